@@ -1,0 +1,72 @@
+# make demo      set up, validate the example scene and say where its report lies
+# make test      set up and run the checks that take seconds
+# make test-all  the same with the slow tests
+# make clean     remove all that this file makes
+#
+# Everything lives in .venv. The files .venv/.* mark what is done, so a second run starts at once.
+
+PYTHON3 ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# As root in a container there is nobody else whose packages pip could disturb.
+export PIP_ROOT_USER_ACTION := ignore
+
+.DEFAULT_GOAL := test
+.PHONY: demo test test-all checks clean
+
+demo: $(VENV)/.installed
+	@$(usable_backend)
+	@$(BIN)/python -m inim.validate scenes/amphora.xml -o out/amphora
+
+test: checks
+	@$(BIN)/python -m pytest -m "not slow"
+
+test-all: checks
+	@$(BIN)/python -m pytest
+
+checks: $(VENV)/.installed-test
+	@$(usable_backend)
+	@echo "ruff, mypy, lint-imports"
+	@$(BIN)/ruff check --quiet .
+	@$(BIN)/ruff format --check --quiet . || { echo "to format: $(BIN)/ruff format ."; exit 1; }
+	@$(BIN)/mypy --no-error-summary
+	@said=$$($(BIN)/lint-imports 2>&1) || { printf '%s\n' "$$said"; exit 1; }
+
+clean:
+	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	find inim tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/.installed: $(VENV)/.made pyproject.toml
+	@echo "installing inim and what it needs into $(VENV) (some 200 MB, a minute or two)"
+	@$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/.installed-test: $(VENV)/.made pyproject.toml
+	@echo "installing inim and its test tools into $(VENV) (some 250 MB, a minute or two)"
+	@$(BIN)/python -m pip install --quiet --editable '.[test]'
+	@touch $@ $(VENV)/.installed
+
+$(VENV)/.made:
+	@$(PYTHON3) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
+	  { echo "Python 3.10 or newer is needed; to name one: make PYTHON3=/path/to/python3"; exit 2; }
+	@$(PYTHON3) -c 'import ensurepip' 2>/dev/null || { $(get_venv); }
+	@echo "creating $(VENV)"
+	@$(PYTHON3) -m venv --clear $(VENV)
+	@touch $@
+
+# Debian and Ubuntu ship Python without what makes virtual environments.
+define get_venv
+if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+    echo "installing python3-venv"; \
+    said=$$(apt-get update -qq 2>&1 && DEBIAN_FRONTEND=noninteractive \
+      apt-get install -y -qq --no-install-recommends python3-venv 2>&1) || \
+      { printf '%s\n' "$$said"; exit 2; }; \
+  else echo "Python cannot make virtual environments here; type: sudo apt-get install python3-venv"; exit 2; fi
+endef
+
+# Asking costs a tenth of a second once the answer is remembered.
+define usable_backend
+$(BIN)/python -c 'from inim.backend import choose_backend; choose_backend()' 2>/dev/null || \
+  $(BIN)/python -m inim.install_llvm
+endef

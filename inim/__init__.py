@@ -1,0 +1,47 @@
+"""A virtual bench for integral-imaging displays: render, generate, reconstruct, score.
+
+Importing this package loads nothing heavy and chooses no renderer variant; each name below is
+loaded when first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from inim.display import DISPLAYS as DISPLAYS
+    from inim.display import Display as Display
+    from inim.generators import generate as generate
+    from inim.jobs.validate import validate as validate
+    from inim.kernel.reconstruct import reconstruct as reconstruct
+    from inim.report import Report as Report
+    from inim.rgbd import RGBD as RGBD
+    from inim.viewpoint import Viewpoint as Viewpoint
+
+_HOME = {
+    "DISPLAYS": "inim.display",
+    "Display": "inim.display",
+    "RGBD": "inim.rgbd",
+    "Report": "inim.report",
+    "Viewpoint": "inim.viewpoint",
+    "generate": "inim.generators",
+    "reconstruct": "inim.kernel.reconstruct",
+    "validate": "inim.jobs.validate",
+}
+
+__all__ = [*_HOME, "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'inim' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

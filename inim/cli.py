@@ -1,0 +1,165 @@
+"""The command line. Imports nothing heavy: `--help` answers at once."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+
+from inim import __version__
+from inim.errors import EXIT_CHECK_FAILED, EXIT_INTERNAL, EXIT_PASSED, EXIT_USAGE, InimError
+
+__all__ = ["main"]
+
+_EXIT_CODES = """exit codes:
+  0 passed    1 a check failed    2 usage, scene or file error
+  3 no usable backend, or out of memory    4 baseline missing or incomparable    5 internal error
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """One line per mistake instead of a page of usage."""
+
+    def error(self, message: str) -> None:  # type: ignore[override]
+        self.exit(EXIT_USAGE, f"inim: error: {message}; see {self.prog} --help\n")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command and return its exit code.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        Arguments after the program's name; the process's own otherwise.
+    """
+    args = _parser().parse_args(argv)
+    try:
+        return int(args.run(args))
+    except InimError as error:
+        print(f"inim: error: {_one_line(str(error))}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("inim: interrupted; nothing was written", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of our output left; that is its right
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_PASSED
+    except Exception as error:
+        if getattr(args, "debug", False):
+            raise
+        text = f"internal error: {type(error).__name__}: {error}"
+        print(f"inim: error: {_one_line(text)}; run again with --debug", file=sys.stderr)
+        return EXIT_INTERNAL
+
+
+def _one_line(text: str) -> str:
+    """Control characters in file names must not break the one-line promise."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="inim",
+        description="A virtual bench for integral-imaging displays.",
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"inim {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_validate(commands)
+    _add_new_scene(commands)
+    _add_backend_commands(commands)
+    settings = commands.add_parser("settings", help="list the inim.* settings of scene files")
+    settings.set_defaults(run=_settings)
+    return parser
+
+
+def _add_validate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "validate",
+        help="render a scene, generate its EIA with each algorithm, score every view",
+        description="Render a scene, generate its elemental image array with each algorithm, "
+        "look at it through the lens array, and score every view against the scene.",
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml) with inim.* settings")
+    parser.add_argument(
+        "-o", "--out", type=Path, help="folder for the report (default: SCENE-report)"
+    )
+    parser.add_argument(
+        "-D",
+        dest="definitions",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override an inim.* setting or a scene parameter; may be repeated",
+    )
+    parser.add_argument("--display", help="display preset: nominal or phone")
+    parser.add_argument("--algorithms", help="generators, separated by commas")
+    parser.add_argument("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
+    parser.add_argument("--lens-model", help="lens model: thick or pinhole")
+    parser.add_argument("--backend", default="auto", choices=("auto", "llvm", "cuda"))
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+    parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
+    parser.set_defaults(run=_validate)
+
+
+def _validate(args: argparse.Namespace) -> int:
+    from inim.jobs.plan import Request
+    from inim.jobs.validate import default_out
+    from inim.jobs.worker import run_in_worker
+
+    request = Request(
+        scene=args.scene,
+        out=args.out or default_out(args.scene),
+        definitions=tuple(args.definitions),
+        display=args.display,
+        algorithms=args.algorithms,
+        viewpoints=args.viewpoints,
+        lens_model=args.lens_model,
+        backend=args.backend,
+    )
+    passed = run_in_worker(request, quiet=args.quiet, debug=args.debug)
+    if not args.quiet:
+        print(f"{'passed' if passed else 'FAILED'}; report: {request.out / 'report.html'}")
+    return EXIT_PASSED if passed else EXIT_CHECK_FAILED
+
+
+def _add_new_scene(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    from inim.jobs import new_scene
+
+    parser = commands.add_parser("new-scene", help="write a lit, fitted scene for a mesh")
+    new_scene.add_arguments(parser)
+    parser.set_defaults(run=new_scene.run)
+
+
+def _add_backend_commands(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    info = commands.add_parser("sys-info", help="what the renderer can run on here")
+    info.add_argument("--json", action="store_true", help="as JSON")
+    info.set_defaults(run=_sys_info)
+    install = commands.add_parser("install-llvm", help="get a usable libLLVM, as root or not")
+    install.set_defaults(run=_install_llvm)
+
+
+def _sys_info(args: argparse.Namespace) -> int:
+    from inim import backend
+
+    print(json.dumps(backend.describe(), indent=1) if args.json else backend.sys_info())
+    return EXIT_PASSED
+
+
+def _install_llvm(_: argparse.Namespace) -> int:
+    from inim.install_llvm import install_llvm
+
+    install_llvm()
+    return EXIT_PASSED
+
+
+def _settings(_: argparse.Namespace) -> int:
+    from inim.settings import setting_table
+
+    print(setting_table())
+    return EXIT_PASSED

@@ -1,0 +1,357 @@
+"""The integral-imaging display: a pixel panel under a microlens array, and what follows from it.
+
+Frame (used by the whole program): origin at the centre of the lens-array plane, +x right and
++y up as the viewer sees it, +z towards the viewer, millimetres. The panel is the plane z = -gap.
+
+Formulas are those of Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4, "the
+paper" from here on, by equation number.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from inim.errors import DisplayError
+
+__all__ = ["DISPLAYS", "Display", "PixelAxis"]
+
+# A ratio this close to a whole number of pixels per lens is one: 1/17 mm is not a float.
+_INTEGER_RATIO_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class PixelAxis:
+    """One axis of the panel: where each pixel is, which lens it lies under, where its ray goes.
+
+    Rays of an unrotated array are separable, so a display is two of these. Pixel `i` sends its
+    chief ray along ``X(z) = centre_mm[i] + slope[i] z`` (Eq. 1).
+
+    Attributes
+    ----------
+    position_mm : (n,) float64
+        Pixel centres, ascending along the display axis for columns, descending for rows.
+    lens : (n,) int64
+        Index of the lens whose elemental image holds the pixel; -1 outside the array.
+    centre_mm : (n,) float64
+        Centre of that lens.
+    slope : (n,) float64
+        Lateral travel of the ray per millimetre towards the viewer, ``(x0 - x) / g``.
+    """
+
+    position_mm: np.ndarray
+    lens: np.ndarray
+    centre_mm: np.ndarray
+    slope: np.ndarray
+
+
+@dataclass(frozen=True)
+class Display:
+    """An integral-imaging display.
+
+    Parameters
+    ----------
+    pitch_mm : float
+        Lens pitch P, the same in x and y.
+    focal_length_mm, gap_mm : float
+        Focal length f and gap g between lens array and panel. g > f shows real images in front
+        of the array, g < f virtual ones behind it; g = f (focused) needs a depth range.
+    pixel_pitch_mm : float
+        Panel pixel P_D. P / P_D need not be an integer.
+    lens_columns, lens_rows : int
+        Lenses across and down, N and M.
+    panel_columns, panel_rows : int, optional
+        Panel size in pixels, centred under the array; by default just enough to cover it.
+    depth_min_mm, depth_max_mm : float, optional
+        The depth range to use instead of the one of Eq. 4's text; both or neither.
+    elemental_pitch_mm : float, optional
+        Pitch of the elemental images on the panel where it differs from the lens pitch
+        (``P (V + g) / V`` aims all lenses at a viewer at distance V).
+    refractive_index, lens_thickness_mm, curved_side :
+        The plano-convex lens of the ``thick`` model: index (PMMA by default), centre thickness
+        (one pitch by default), and which way it bulges, ``"viewer"`` or ``"panel"``.
+    name : str
+        What the display is called in reports.
+
+    Raises
+    ------
+    DisplayError
+        When a value describes no possible display; the message names it.
+    """
+
+    pitch_mm: float
+    focal_length_mm: float
+    gap_mm: float
+    pixel_pitch_mm: float
+    lens_columns: int
+    lens_rows: int
+    panel_columns: int | None = None
+    panel_rows: int | None = None
+    depth_min_mm: float | None = None
+    depth_max_mm: float | None = None
+    elemental_pitch_mm: float | None = None
+    refractive_index: float = 1.4917
+    lens_thickness_mm: float | None = None
+    curved_side: str = "viewer"
+    name: str = "custom"
+
+    def __post_init__(self) -> None:
+        for name in ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm"):
+            self._require_positive(name)
+        for name in ("elemental_pitch_mm", "lens_thickness_mm"):
+            if getattr(self, name) is not None:
+                self._require_positive(name)
+        for name in ("lens_columns", "lens_rows", "panel_columns", "panel_rows"):
+            self._require_count(name, optional=name.startswith("panel"))
+        if not (math.isfinite(self.refractive_index) and self.refractive_index > 1):
+            raise DisplayError(
+                f"refractive_index = {self.refractive_index}: a lens needs an index above 1"
+            )
+        if self.curved_side not in ("viewer", "panel"):
+            raise DisplayError(f"curved_side = {self.curved_side!r}: use 'viewer' or 'panel'")
+        if self.pixel_pitch_mm > self.pitch_mm:
+            raise DisplayError(
+                f"pixel_pitch_mm = {self.pixel_pitch_mm} exceeds pitch_mm = {self.pitch_mm}: "
+                "a lens must cover at least one pixel"
+            )
+        self._check_depth_range()
+
+    def _require_positive(self, name: str) -> None:
+        value = getattr(self, name)
+        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+            raise DisplayError(f"{name} = {value}: must be a positive, finite length")
+
+    def _require_count(self, name: str, *, optional: bool) -> None:
+        value = getattr(self, name)
+        if optional and value is None:
+            return
+        if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 1:
+            raise DisplayError(f"{name} = {value}: must be a whole number of at least 1")
+
+    def _check_depth_range(self) -> None:
+        given = (self.depth_min_mm, self.depth_max_mm)
+        if (given[0] is None) != (given[1] is None):
+            raise DisplayError("give both depth_min_mm and depth_max_mm, or neither")
+        if given[0] is None and math.isinf(self.central_depth_mm):
+            raise DisplayError(
+                f"gap_mm = focal_length_mm = {self.gap_mm}: a focused display has no depth range "
+                "of its own; state depth_min_mm and depth_max_mm"
+            )
+        low, high = self.depth_range_mm
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise DisplayError(
+                f"depth range [{low:g}, {high:g}] mm is empty or not finite: "
+                "depth_min_mm must lie below depth_max_mm"
+            )
+
+    # -- sizes ---------------------------------------------------------------------------------
+
+    @property
+    def width_mm(self) -> float:
+        """Width of the lens array, N P."""
+        return self.lens_columns * self.pitch_mm
+
+    @property
+    def height_mm(self) -> float:
+        """Height of the lens array, M P."""
+        return self.lens_rows * self.pitch_mm
+
+    @property
+    def elemental_image_pitch_mm(self) -> float:
+        """Pitch of the elemental images on the panel; the lens pitch unless given."""
+        return self.pitch_mm if self.elemental_pitch_mm is None else self.elemental_pitch_mm
+
+    @property
+    def pixels_per_lens(self) -> float:
+        """Panel pixels per elemental image along one axis; rarely a whole number in hardware."""
+        return self.elemental_image_pitch_mm / self.pixel_pitch_mm
+
+    @property
+    def has_integer_ratio(self) -> bool:
+        """Whether every elemental image holds the same whole number of pixels."""
+        ratio = self.pixels_per_lens
+        whole = round(ratio)
+        return (
+            abs(ratio - whole) <= _INTEGER_RATIO_TOLERANCE * ratio
+            and self.eia_shape == (self.lens_rows * whole, self.lens_columns * whole)
+        )
+
+    @property
+    def eia_shape(self) -> tuple[int, int]:
+        """Rows and columns of the elemental image array, the panel's pixels."""
+        return (
+            self.panel_rows or self._pixels_to_cover(self.lens_rows),
+            self.panel_columns or self._pixels_to_cover(self.lens_columns),
+        )
+
+    def _pixels_to_cover(self, lenses: int) -> int:
+        exact = lenses * self.pixels_per_lens
+        return math.ceil(exact - _INTEGER_RATIO_TOLERANCE * exact)
+
+    # -- depth ---------------------------------------------------------------------------------
+
+    @property
+    def central_depth_mm(self) -> float:
+        """Central depth plane D = f g / (g - f), text after Eq. 3; infinite when g = f."""
+        f, g = self.focal_length_mm, self.gap_mm
+        return math.inf if g == f else f * g / (g - f)
+
+    @property
+    def scene_pixel_mm(self) -> float:
+        """Size of a panel pixel's image at the central depth plane, P_I = |D| P_D / g (Eq. 3)."""
+        return abs(self.central_depth_mm) * self.pixel_pitch_mm / self.gap_mm
+
+    @property
+    def depth_span_mm(self) -> float:
+        """Displayable depth 2 |D| P_I / P (text after Eq. 4); infinite when g = f."""
+        return 2 * abs(self.central_depth_mm) * self.scene_pixel_mm / self.pitch_mm
+
+    @cached_property
+    def depth_range_mm(self) -> tuple[float, float]:
+        """Depths (z_min, z_max) that pictures are fitted into.
+
+        ``D -+ span / 2``, cut one pitch off the array where the formula would cross it
+        (`depth_range_is_cut`), or the range stated by the user.
+        """
+        if self.depth_min_mm is not None and self.depth_max_mm is not None:
+            return float(self.depth_min_mm), float(self.depth_max_mm)
+        centre, half = self.central_depth_mm, self.depth_span_mm / 2
+        low, high = centre - half, centre + half
+        if centre > 0:
+            return max(low, min(self.pitch_mm, centre / 2)), high
+        return low, min(high, max(-self.pitch_mm, centre / 2))
+
+    @property
+    def depth_range_is_cut(self) -> bool:
+        """Whether the depth formula crossed the array and was cut."""
+        return self.depth_min_mm is None and self.depth_span_mm / 2 >= abs(self.central_depth_mm)
+
+    # -- viewing -------------------------------------------------------------------------------
+
+    @property
+    def viewing_half_angle_deg(self) -> float:
+        """Half of the angle inside which no view repeats, atan(P / 2g)."""
+        return math.degrees(math.atan(self.elemental_image_pitch_mm / (2 * self.gap_mm)))
+
+    def flip_limit_mm(self, distance_mm: float) -> tuple[float, float]:
+        """Farthest eye offset in x and y, at a distance, at which no lens shows a flipped view.
+
+        A lens at x0 shows its own elemental image while the ray from the eye lands inside it;
+        for elemental pitch P that is ``|e - x0| <= V P / 2g``. Negative: too close even on axis.
+        """
+        g, p, q = self.gap_mm, self.pitch_mm, self.elemental_image_pitch_mm
+        walk = abs(1 + g / distance_mm - q / p)
+        limits = []
+        for lenses in (self.lens_columns, self.lens_rows):
+            outermost = (lenses - 1) / 2 * p
+            limits.append((q / 2 - outermost * walk) * distance_mm / g)
+        return limits[0], limits[1]
+
+    @property
+    def nearest_viewing_distance_mm(self) -> float:
+        """Distance at which an eye on the axis just sees no flipped view.
+
+        Raises
+        ------
+        DisplayError
+            When the elemental-image pitch is so far off that no distance works.
+        """
+        g, p, q = self.gap_mm, self.pitch_mm, self.elemental_image_pitch_mm
+        outermost = (max(self.lens_columns, self.lens_rows) - 1) / 2 * p
+        if outermost == 0:
+            return g
+        slack = q / 2 / outermost - (1 - q / p)
+        if slack <= 0:
+            raise DisplayError(
+                f"elemental_pitch_mm = {q:g} against pitch_mm = {p:g}: every viewing distance "
+                "shows flipped views; bring the two closer"
+            )
+        return g / slack
+
+    # -- pixels and rays -----------------------------------------------------------------------
+
+    @cached_property
+    def columns(self) -> PixelAxis:
+        """The panel's columns, left to right."""
+        return self._axis(self.eia_shape[1], self.lens_columns, +1)
+
+    @cached_property
+    def rows(self) -> PixelAxis:
+        """The panel's rows, top to bottom: positions descend, row 0 has the largest y."""
+        return self._axis(self.eia_shape[0], self.lens_rows, -1)
+
+    def _axis(self, pixels: int, lenses: int, sign: int) -> PixelAxis:
+        """Address pixels by position: a running ``int(P / P_D)`` would drift over the array.
+
+        Everything is computed about the axis, so that the two halves mirror each other bit for
+        bit whatever the counts.
+        """
+        position = (np.arange(pixels) - (pixels - 1) / 2) * self.pixel_pitch_mm
+        edge = position / self.elemental_image_pitch_mm + lenses / 2
+        # A pixel centre within rounding of an elemental image's edge (possible for even ratios
+        # only off centre) goes to the side its exact position says, not the rounded one.
+        lens = np.floor(edge + np.where(position < 0, 1, -1) * _INTEGER_RATIO_TOLERANCE)
+        inside = (lens >= 0) & (lens < lenses)
+        lens = np.where(inside, lens, -1).astype(np.int64)
+        centre = (lens - (lenses - 1) / 2) * self.pitch_mm
+        slope = sign * (centre - position) / self.gap_mm
+        return PixelAxis(sign * position, lens, sign * centre, slope)
+
+    # -- plain data ----------------------------------------------------------------------------
+
+    def given(self) -> dict[str, Any]:
+        """The parameters, by name: `Display(**d.given()) == d`."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def derived(self) -> dict[str, Any]:
+        """What follows from them, for reports; infinite values become None (JSON has none)."""
+        low, high = self.depth_range_mm
+        values = {
+            "width_mm": self.width_mm,
+            "height_mm": self.height_mm,
+            "eia_rows": self.eia_shape[0],
+            "eia_columns": self.eia_shape[1],
+            "pixels_per_lens": self.pixels_per_lens,
+            "central_depth_mm": self.central_depth_mm,
+            "scene_pixel_mm": self.scene_pixel_mm,
+            "depth_span_mm": self.depth_span_mm,
+            "depth_min_mm": low,
+            "depth_max_mm": high,
+            "depth_range_is_cut": self.depth_range_is_cut,
+            "viewing_half_angle_deg": self.viewing_half_angle_deg,
+            "nearest_viewing_distance_mm": self.nearest_viewing_distance_mm,
+        }
+        return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in values.items()}
+
+    def replace(self, **changes: Any) -> Display:
+        """A copy with some parameters changed, checked anew."""
+        return replace(self, **changes)
+
+
+DISPLAYS = {
+    "nominal": Display(
+        pitch_mm=1.0,
+        focal_length_mm=3.0,
+        gap_mm=3.3,
+        pixel_pitch_mm=1.0 / 17.0,
+        lens_columns=64,
+        lens_rows=64,
+        name="nominal",
+    ),
+    # The paper's hardware: a 2400 x 1080 phone panel under 1 mm lenses, 15.7 pixels per lens.
+    "phone": Display(
+        pitch_mm=1.0,
+        focal_length_mm=3.0,
+        gap_mm=3.3,
+        pixel_pitch_mm=0.0636,
+        lens_columns=152,
+        lens_rows=68,
+        panel_columns=2400,
+        panel_rows=1080,
+        name="phone",
+    ),
+}

@@ -1,0 +1,81 @@
+"""The error tree: one class per way a run can end badly, each with its exit code.
+
+Every message is one line that names the thing (file, option, plugin), the offending
+value and the way out. The command line prints it as is and exits with `exit_code`.
+
+| code | meaning                                                      |
+|------|--------------------------------------------------------------|
+| 0    | passed                                                       |
+| 1    | a check failed (not an exception: a verdict)                 |
+| 2    | usage, scene or file error                                   |
+| 3    | no usable backend, or out of memory                          |
+| 4    | baseline missing, or made under other conditions             |
+| 5    | internal error                                               |
+"""
+
+from __future__ import annotations
+
+EXIT_PASSED = 0
+EXIT_CHECK_FAILED = 1
+EXIT_USAGE = 2
+EXIT_BACKEND = 3
+EXIT_BASELINE = 4
+EXIT_INTERNAL = 5
+
+
+class InimError(Exception):
+    """Base of all errors raised on purpose; `exit_code` is what the command returns."""
+
+    exit_code = EXIT_INTERNAL
+
+
+class UsageError(InimError):
+    """A command line, setting or argument that cannot be acted on."""
+
+    exit_code = EXIT_USAGE
+
+
+class FileError(InimError):
+    """A file or folder that is missing, unreadable, damaged or not writable."""
+
+    exit_code = EXIT_USAGE
+
+
+class SceneError(InimError):
+    """A scene that loads but cannot be used: unknown key, empty, impossible fit."""
+
+    exit_code = EXIT_USAGE
+
+
+class DisplayError(InimError, ValueError):
+    """Display parameters that describe no possible integral-imaging display."""
+
+    exit_code = EXIT_USAGE
+
+
+class ViewpointError(InimError, ValueError):
+    """A viewpoint from which the display shows flipped (repeated) views."""
+
+    exit_code = EXIT_USAGE
+
+
+class BackendError(InimError):
+    """No renderer backend works here; the message holds the line to type."""
+
+    exit_code = EXIT_BACKEND
+
+
+class OutOfMemoryError(InimError):
+    """The job needs more memory than there is; the message holds the figures."""
+
+    exit_code = EXIT_BACKEND
+
+
+class BaselineError(InimError):
+    """A baseline that is missing or was made under other conditions."""
+
+    exit_code = EXIT_BASELINE
+
+
+class WorkerDied(InimError):
+    """The worker process ended without a result (crash in native code, kill)."""

@@ -1,0 +1,115 @@
+"""`inim_display`: the panel behind its lens array, as an area emitter on a rectangle.
+
+Radiance depends on where and in which direction a ray leaves the array, so any stock camera and
+integrator sees the display as an eye would. The world of such a scene is the display frame: the
+rectangle lies in z = 0, scaled by half the array's size, and faces +z.
+
+The array is one shape and the lens is analytic: thousands of instances hang the renderer, and
+its spawned rays would move by most of a display pixel.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from inim.display import Display
+from inim.lens import LENS_MODELS, LensArray, lens_array
+from inim.lens.array import Ops
+
+__all__ = ["announce", "display_shape"]
+
+
+def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[str, Any]:
+    """The scene dictionary of a display showing an EIA.
+
+    Parameters
+    ----------
+    eia : (rows, columns, 3) float32
+        Linear RGB, row 0 on top.
+    display : Display
+    lens_model : str
+        A key of `inim.lens.LENS_MODELS`.
+    """
+    return {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f().scale([display.width_mm / 2, display.height_mm / 2, 1]),
+        "emitter": {
+            "type": "inim_display",
+            "eia": mi.TensorXf(np.ascontiguousarray(eia, np.float32)),
+            "pixel_mm": display.pixel_pitch_mm,
+            "lens_model": lens_model,
+            **{f"array_{name}": value for name, value in lens_array(display)._asdict().items()},
+        },
+    }
+
+
+def announce() -> None:
+    """Register the plugin in every variant that is set from now on."""
+    mi.detail.add_variant_callback(_register)
+
+
+def _register(_old: str | None = None, _new: str | None = None) -> None:
+    """Define and register the class anew: plugins belong to the variant they were made in."""
+    if mi.variant() is None or mi.variant().startswith("scalar"):
+        return
+
+    ops = Ops(dr.sqrt, dr.floor, dr.select, dr.abs)
+
+    class DisplayEmitter(mi.Emitter):  # type: ignore[misc]
+        """See the module's text."""
+
+        def __init__(self, props: Any) -> None:
+            super().__init__(props)
+            eia = props["eia"]
+            self.panel = mi.Float(eia.array)
+            self.rows = dr.opaque(mi.Float, eia.shape[0])
+            self.columns = dr.opaque(mi.Float, eia.shape[1])
+            self.pixel = dr.opaque(mi.Float, props["pixel_mm"])
+            self.trace = LENS_MODELS[props["lens_model"]]
+            # Run-time values: a literal would compile the kernel anew for every display.
+            self.array = LensArray(
+                *(dr.opaque(mi.Float, props[f"array_{name}"]) for name in LensArray._fields)
+            )
+            self.m_needs_sample_2 = True
+            self.m_needs_sample_3 = True
+            self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
+
+        def radiance(self, point: Any, towards_viewer: Any, active: Any) -> Any:
+            """Radiance leaving a point of the array in a direction, both in the display frame."""
+            steep = towards_viewer.z > 1e-6  # a ray along the array never enters it
+            depth = dr.select(steep, towards_viewer.z, 1.0)
+            sx, sy = -towards_viewer.x / depth, -towards_viewer.y / depth
+            x, y, weight = self.trace(self.array, ops, point.x, point.y, sx, sy)
+            column = dr.floor(x / self.pixel + 0.5 * self.columns)
+            row = dr.floor(0.5 * self.rows - y / self.pixel)  # row 0 is the top
+            lit = active & steep & (weight > 0)
+            lit &= (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
+            index = mi.UInt32(dr.select(lit, row * self.columns + column, 0.0))
+            color = dr.gather(mi.Color3f, self.panel, index, lit)
+            return mi.Spectrum(color * weight) & lit
+
+        def eval(self, si: Any, active: Any = True) -> Any:
+            return self.radiance(si.p, si.to_world(si.wi), active & (si.wi.z > 0))
+
+        def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+            ds = self.get_shape().sample_direction(it, sample, active)
+            active = active & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
+            value = self.eval_direction(it, ds, active)
+            ds.emitter = mi.EmitterPtr(self)
+            return ds, dr.select(active, value / ds.pdf, 0.0)
+
+        def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            seen = active & (dr.dot(ds.d, ds.n) < 0)
+            return dr.select(seen, self.get_shape().pdf_direction(it, ds, seen), 0.0)
+
+        def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            return self.radiance(ds.p, -ds.d, active & (dr.dot(ds.d, ds.n) < 0))
+
+        def to_string(self) -> str:
+            return "DisplayEmitter"
+
+    mi.register_emitter("inim_display", DisplayEmitter)

@@ -1,0 +1,145 @@
+"""What the renderer knows for certain: the RGB-D picture, the true EIA and the true views."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from inim.display import Display
+from inim.kernel.scene import FittedScene
+from inim.kernel.sensors import capture_rays, eye_rays, make_sensor, pickup_rays
+from inim.kernel.trace import Clock, Progress, radiance, surface
+from inim.rgbd import RGBD
+from inim.viewpoint import Viewpoint
+
+__all__ = ["Truth", "capture", "capture_size", "pickup", "true_view"]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A ground-truth picture from two independent halves of its samples.
+
+    The picture is their mean; the score of one half against the other is the noise floor, a
+    cautious one, as each half is noisier than the mean.
+
+    Attributes
+    ----------
+    first, second : (rows, columns, 3) float32, linear RGB
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+
+    @property
+    def image(self) -> np.ndarray:
+        """Mean of the halves, (rows, columns, 3) float32."""
+        return (self.first + self.second) / 2
+
+
+def capture_size(display: Display, pixels_per_pitch: int) -> tuple[int, int]:
+    """Rows and columns of an RGB-D picture that covers what oblique pixel rays can reach.
+
+    The array's width plus the sideways travel P z / 2g of the outermost rays on either side, in
+    whole pixels, so that pixel borders fall alike in every lens.
+    """
+    reach = max(abs(z) for z in display.depth_range_mm)
+    side = display.elemental_image_pitch_mm * reach / (2 * display.gap_mm)
+    pad = math.ceil(side / display.pitch_mm * pixels_per_pitch - 1e-9)
+    return (
+        display.lens_rows * pixels_per_pitch + 2 * pad,
+        display.lens_columns * pixels_per_pitch + 2 * pad,
+    )
+
+
+def capture(
+    fitted: FittedScene,
+    display: Display,
+    *,
+    pixels_per_pitch: int,
+    spp: int,
+    seed: int,
+    clock: Clock | None = None,
+    progress: Progress | None = None,
+) -> RGBD:
+    """Colour by path tracing, depth and coverage by rays at pixel centres; depth never filtered."""
+    rows, columns = capture_size(display, pixels_per_pitch)
+    pixel_mm = display.pitch_mm / pixels_per_pitch
+    rays = capture_rays(columns, rows, pixel_mm, fitted.start_mm)
+    sensor = make_sensor(rays, fitted.fit.world_from_display)
+    found = surface(fitted.scene, sensor, clock)
+    forward = fitted.fit.display_from_world
+    with np.errstate(invalid="ignore"):  # rays that meet nothing end at infinity
+        depth = found.point @ forward[2, :3] + forward[2, 3]
+    color = radiance(
+        fitted.scene,
+        fitted.integrator,
+        sensor,
+        spp=spp,
+        seed=seed,
+        clock=clock,
+        progress=progress,
+    )
+    depth = np.where(found.covered, depth, 0.0).astype(np.float32)
+    return RGBD(color, depth, found.covered, pixel_mm)
+
+
+def pickup(
+    fitted: FittedScene,
+    display: Display,
+    *,
+    spp: int,
+    seed: int,
+    clock: Clock | None = None,
+    progress: Progress | None = None,
+) -> Truth:
+    """The ground-truth EIA: every panel pixel path traced through its lens centre (Eq. 1).
+
+    Panel pixels outside the array lie under no lens and are black.
+    """
+    sensor = make_sensor(pickup_rays(display, fitted.start_mm), fitted.fit.world_from_display)
+    truth = _two_halves(fitted, sensor, spp, seed, clock, progress)
+    lensed = (display.rows.lens >= 0)[:, None] & (display.columns.lens >= 0)[None, :]
+    return Truth(*(np.where(lensed[..., None], half, 0) for half in (truth.first, truth.second)))
+
+
+def true_view(
+    fitted: FittedScene,
+    display: Display,
+    viewpoint: Viewpoint,
+    *,
+    pixels_per_lens: int,
+    spp: int,
+    seed: int,
+    clock: Clock | None = None,
+    progress: Progress | None = None,
+) -> tuple[Truth, np.ndarray]:
+    """The scene itself from an eye, through the window of the array; and where the relic is."""
+    rays = eye_rays(display, viewpoint.position_mm, pixels_per_lens, fitted.start_mm)
+    sensor = make_sensor(rays, fitted.fit.world_from_display)
+    truth = _two_halves(fitted, sensor, spp, seed, clock, progress)
+    return truth, surface(fitted.scene, sensor, clock).covered
+
+
+def _two_halves(
+    fitted: FittedScene,
+    sensor: object,
+    spp: int,
+    seed: int,
+    clock: Clock | None,
+    progress: Progress | None,
+) -> Truth:
+    halves = [
+        radiance(
+            fitted.scene,
+            fitted.integrator,
+            sensor,
+            spp=max(1, spp // 2),
+            seed=2 * seed + half,
+            clock=clock,
+            progress=progress,
+        )
+        for half in (0, 1)
+    ]
+    return Truth(halves[0], halves[1])

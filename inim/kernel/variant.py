@@ -1,0 +1,39 @@
+"""Choosing the Mitsuba variant once per process, with inim's plugins registered in it."""
+
+from __future__ import annotations
+
+from inim import backend as backends
+
+__all__ = ["use"]
+
+# With one thread Mitsuba's own file readers hang, and Embree builds crawl.
+_FEWEST_THREADS = 2
+
+
+def use(wanted: str = "auto") -> backends.Backend:
+    """Activate a backend, set its variant and register the plugins; repeating it is free.
+
+    Parameters
+    ----------
+    wanted : {"auto", "llvm", "cuda"}
+
+    Raises
+    ------
+    BackendError
+        When none works on this machine.
+    """
+    backend = backends.choose_backend(wanted)
+    backends.activate(backend)
+    import drjit as dr
+    import mitsuba as mi
+
+    from inim.kernel import display_emitter, sensors
+
+    if mi.variant() != backend.variant:
+        if dr.thread_count() < _FEWEST_THREADS:
+            dr.set_thread_count(_FEWEST_THREADS)
+        for plugins in (sensors, display_emitter):
+            plugins.announce()
+        mi.set_variant(backend.variant)
+        mi.set_log_level(mi.LogLevel.Error)
+    return backend

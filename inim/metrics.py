@@ -1,0 +1,103 @@
+"""Scores of one picture against another, on display-referred sRGB.
+
+All three are pinned: window, data range, viewing conditions. Scores are compared with the same
+scene's ceiling only, never across scenes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from inim.color import srgb_from_linear
+from inim.errors import UsageError
+
+__all__ = ["flip", "psnr_db", "score", "ssim", "ssim_map"]
+
+# Wang et al. 2004: Gaussian window of 1.5 pixels.
+_SSIM_SIGMA = 1.5
+# A view at about arm's length on an ordinary monitor (0.7 m, 0.7 m wide, 3840 pixels).
+_FLIP_PIXELS_PER_DEGREE = 67.0
+
+
+def ssim_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+    """Structural similarity of each pixel, (rows, columns), mean over the channels.
+
+    Parameters
+    ----------
+    reference, test : (rows, columns, 3) float32, linear RGB
+
+    Source: Wang, Bovik, Sheikh and Simoncelli, IEEE TIP 2004, as in scikit-image, without the
+    sample-covariance correction, as the paper defines it.
+    """
+    from skimage.metrics import structural_similarity
+
+    _check_alike(reference, test)
+    _, local = structural_similarity(
+        srgb_from_linear(reference),
+        srgb_from_linear(test),
+        data_range=1.0,
+        channel_axis=-1,
+        gaussian_weights=True,
+        sigma=_SSIM_SIGMA,
+        use_sample_covariance=False,
+        full=True,
+    )
+    return np.asarray(local.mean(axis=-1))
+
+
+def ssim(reference: np.ndarray, test: np.ndarray, mask: np.ndarray | None = None) -> float:
+    """Mean of `ssim_map`, over a (rows, columns) bool mask if one is given."""
+    local = ssim_map(reference, test)
+    return float(local.mean() if mask is None else local[mask].mean() if mask.any() else math.nan)
+
+
+def psnr_db(reference: np.ndarray, test: np.ndarray) -> float:
+    """Peak signal-to-noise ratio of sRGB in 0..1, dB; infinite for equal pictures."""
+    _check_alike(reference, test)
+    difference = srgb_from_linear(reference).astype(np.float64) - srgb_from_linear(test)
+    error = float(np.mean(np.square(difference)))
+    return math.inf if error == 0 else -10 * math.log10(error)
+
+
+def flip(reference: np.ndarray, test: np.ndarray) -> float:
+    """Mean LDR-FLIP error, 0 (equal) to 1.
+
+    Source: Andersson et al., HPG 2020, at 67 pixels per degree.
+    """
+    import flip_evaluator
+
+    _check_alike(reference, test)
+    # Floats: 8-bit input silently scores 0.
+    _, mean, _ = flip_evaluator.evaluate(
+        srgb_from_linear(reference),
+        srgb_from_linear(test),
+        "LDR",
+        inputsRGB=True,
+        applyMagma=False,
+        computeMeanError=True,
+        parameters={"ppd": _FLIP_PIXELS_PER_DEGREE},
+    )
+    return float(mean)
+
+
+def score(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
+    """SSIM, PSNR and FLIP under their report names."""
+    return {
+        "ssim": ssim(reference, test),
+        "psnr_db": psnr_db(reference, test),
+        "flip": flip(reference, test),
+    }
+
+
+def _check_alike(reference: np.ndarray, test: np.ndarray) -> None:
+    if reference.shape != test.shape or reference.ndim != 3 or reference.shape[2] != 3:
+        raise UsageError(
+            f"pictures of shape {reference.shape} and {test.shape} cannot be compared; "
+            "both must be (rows, columns, 3)"
+        )
+    for name, image in (("reference", reference), ("test", test)):
+        if not np.isfinite(image).all():
+            bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
+            raise UsageError(f"the {name} picture has {bad} pixels that are not finite")

@@ -1,0 +1,209 @@
+"""A plan view of the display, seen from above, as an inline SVG.
+
+Panel and lens array on the left, the viewer on the right; in between the depth range, the
+central depth plane and the zone in which an eye sees no flipped view. Distances from the array
+are to scale. Those across it are stretched by a whole factor where the drawing would
+otherwise be a thin strip, and the drawing says so.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from inim.report.summary import is_number, items, part, plain
+
+__all__ = ["plan_view"]
+
+_WIDTH, _HEIGHT = 900.0, 250.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 24.0, 128.0, 34.0, 46.0
+_MOST_LENSES_DRAWN = 40
+_MOST_EYES_DRAWN = 25
+_SMALLEST_GAP_PX = 5.0
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Millimetres to drawing units: z runs to the right, x (the viewer's right) downwards."""
+
+    low_z_mm: float
+    px_per_mm: float
+    stretch: int
+
+    def z(self, z_mm: float) -> float:
+        return _LEFT + (z_mm - self.low_z_mm) * self.px_per_mm
+
+    def x(self, x_mm: float) -> float:
+        middle = (_TOP + _HEIGHT - _BOTTOM) / 2
+        return middle + x_mm * self.px_per_mm * self.stretch
+
+
+def plan_view(display: Mapping[str, Any], viewpoints: Sequence[Mapping[str, Any]] = ()) -> str:
+    """The plan view, or an empty string where the numbers for one are missing.
+
+    Parameters
+    ----------
+    display : mapping
+        ``{"given": Display.given(), "derived": Display.derived()}``.
+    viewpoints : sequence of mappings
+        Each with ``name`` and ``position_mm``.
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element coloured by the style sheet's classes, with its own description.
+    """
+    given, derived = part(display, "given"), part(display, "derived")
+    needed = [given.get("gap_mm"), derived.get("width_mm"), derived.get("depth_min_mm")]
+    needed += [derived.get("depth_max_mm"), derived.get("viewing_half_angle_deg")]
+    if not all(is_number(v) and math.isfinite(v) for v in needed):
+        return ""
+    eyes = _eyes(viewpoints)
+    frame = _frame(given, derived, eyes)
+    drawn = [
+        _zone(frame, derived),
+        _depth_range(frame, derived),
+        _hardware(frame, given, derived),
+        *_eye_marks(frame, eyes),
+        _scale_bar(frame),
+    ]
+    label = html.escape(_description(given, derived, eyes), quote=True)
+    return (
+        f'<svg class="plan" role="img" aria-label="{label}" '
+        f'viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}">{"".join(drawn)}</svg>'
+    )
+
+
+def _eyes(viewpoints: Sequence[Mapping[str, Any]]) -> dict[tuple[float, float], str]:
+    """Names of the eyes at each (x, z): seen from above, up and down are one place."""
+    eyes: dict[tuple[float, float], str] = {}
+    for viewpoint in viewpoints[:_MOST_EYES_DRAWN]:
+        position = items(viewpoint, "position_mm")
+        if len(position) == 3 and all(is_number(v) and math.isfinite(v) for v in position):
+            where = (round(float(position[0]), 6), round(float(position[2]), 6))
+            name = plain(part(viewpoint).get("name", ""))
+            eyes[where] = f"{eyes[where]}, {name}" if where in eyes else name
+    return eyes
+
+
+def _frame(
+    given: Mapping[str, Any], derived: Mapping[str, Any], eyes: Mapping[tuple[float, float], str]
+) -> _Frame:
+    far = [derived["depth_max_mm"], derived["width_mm"] / 4, *(z for _, z in eyes)]
+    nearest = derived.get("nearest_viewing_distance_mm")
+    if is_number(nearest) and math.isfinite(nearest):
+        far.append(nearest)
+    low = min(-given["gap_mm"], derived["depth_min_mm"])
+    px_per_mm = (_WIDTH - _LEFT - _RIGHT) / (max(far) - low)
+    half = max([derived["width_mm"] / 2, *(abs(x) for x, _ in eyes)])
+    room = (_HEIGHT - _TOP - _BOTTOM) / 2
+    if half * px_per_mm > room:  # a display wider than its viewing distance is drawn smaller
+        px_per_mm = room / half
+    return _Frame(low, px_per_mm, max(1, int(room / (half * px_per_mm))))
+
+
+def _zone(frame: _Frame, derived: Mapping[str, Any]) -> str:
+    """Where an eye may stand: inside the viewing cones of both outermost lenses."""
+    slope = math.tan(math.radians(derived["viewing_half_angle_deg"]))
+    half = derived["width_mm"] / 2
+    end = frame.low_z_mm + (_WIDTH - _LEFT - _RIGHT + 24) / frame.px_per_mm
+    apex, reach = half / slope, slope * end - half
+    lines = [_line(frame, (side * half, 0), (-side * reach, end), "ray") for side in (-1, 1)]
+    if apex >= end:
+        return "".join(lines)
+    corners = [(0.0, apex), (reach, end), (-reach, end)]
+    points = " ".join(f"{frame.z(z):.1f},{frame.x(x):.1f}" for x, z in corners)
+    return f'<polygon class="zone" points="{points}"/>' + "".join(lines)
+
+
+def _depth_range(frame: _Frame, derived: Mapping[str, Any]) -> str:
+    half = derived["width_mm"] / 2
+    low, high = derived["depth_min_mm"], derived["depth_max_mm"]
+    x, width = frame.z(low), max(1.5, (high - low) * frame.px_per_mm)
+    top, height = frame.x(-half), frame.x(half) - frame.x(-half)
+    box = (
+        f'<rect class="range" x="{x:.1f}" y="{top:.1f}" width="{width:.1f}" height="{height:.1f}"/>'
+    )
+    centre = derived.get("central_depth_mm")
+    plane = ""
+    if is_number(centre) and low <= centre <= high:
+        plane = _line(frame, (-half, centre), (half, centre), "cdp")
+    words = f"depth range {_mm(low)} to {_mm(high)} mm"
+    return box + plane + _label(max(x, frame.z(0)), _HEIGHT - 26, words, "start")
+
+
+def _hardware(frame: _Frame, given: Mapping[str, Any], derived: Mapping[str, Any]) -> str:
+    """The panel and the lens array; the gap is widened where it would not be visible."""
+    half = derived["width_mm"] / 2
+    array = frame.z(0)
+    panel = min(frame.z(-given["gap_mm"]), array - _SMALLEST_GAP_PX)
+    top, bottom = frame.x(-half), frame.x(half)
+    body = (
+        f'<line class="panel" x1="{panel:.1f}" x2="{panel:.1f}" y1="{top:.1f}" y2="{bottom:.1f}"/>'
+    )
+    return body + _lenses(array, top, bottom, given) + _label(panel - 4, 20, _HARDWARE, "start")
+
+
+_HARDWARE = "panel and lens array"
+
+
+def _lenses(array: float, top: float, bottom: float, given: Mapping[str, Any]) -> str:
+    """The array as a row of bulges, fewer than there are lenses where they would run together."""
+    columns = given.get("lens_columns")
+    count = int(min(columns, _MOST_LENSES_DRAWN)) if is_number(columns) and columns else 1
+    step = (bottom - top) / count
+    bulges = "".join(f"q4,{step / 2:.2f} 0,{step:.2f}" for _ in range(count))
+    return f'<path class="lenses" d="M{array:.1f},{top:.1f}{bulges}Z"/>'
+
+
+def _eye_marks(frame: _Frame, eyes: Mapping[tuple[float, float], str]) -> Iterable[str]:
+    for (x, z), names in eyes.items():
+        right, down = frame.z(z), frame.x(x)
+        short = names if len(names) <= 22 else names[:21] + "…"
+        yield f'<circle class="eye" cx="{right:.1f}" cy="{down:.1f}" r="4.5"/>'
+        yield _label(right + 11, down + 4, short, "start")
+
+
+def _scale_bar(frame: _Frame) -> str:
+    """A bar of a round length along z, with what is and is not to scale."""
+    longest = 160 / frame.px_per_mm
+    power = 10.0 ** math.floor(math.log10(longest))
+    length = max(n * power for n in (1, 2, 5) if n * power <= longest)
+    end = _WIDTH - _RIGHT
+    start, y = end - length * frame.px_per_mm, _HEIGHT - 30
+    across = "to scale" if frame.stretch == 1 else f"widths drawn × {frame.stretch}"
+    return f'<path class="scale" d="M{start:.1f},{y - 4}v8m0,-4H{end:.1f}m0,-4v8"/>' + _label(
+        end, _HEIGHT - 10, f"{_mm(length)} mm, {across}", "end"
+    )
+
+
+def _description(
+    given: Mapping[str, Any], derived: Mapping[str, Any], eyes: Mapping[tuple[float, float], str]
+) -> str:
+    seen = "; ".join(f"{name} at {_mm(z)} mm" for (_, z), name in eyes.items())
+    low, high = _mm(derived["depth_min_mm"]), _mm(derived["depth_max_mm"])
+    gap, width = _mm(given["gap_mm"]), _mm(derived["width_mm"])
+    return (
+        f"Plan view: panel {gap} mm behind a lens array {width} mm wide; "
+        f"depth range from {low} to {high} mm; eyes: {seen or 'none'}."
+    )
+
+
+def _line(frame: _Frame, start: tuple[float, float], end: tuple[float, float], kind: str) -> str:
+    (x1, z1), (x2, z2) = start, end
+    return (
+        f'<line class="{kind}" x1="{frame.z(z1):.1f}" y1="{frame.x(x1):.1f}" '
+        f'x2="{frame.z(z2):.1f}" y2="{frame.x(x2):.1f}"/>'
+    )
+
+
+def _label(x: float, y: float, words: str, anchor: str) -> str:
+    words = html.escape(words, quote=True)
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{words}</text>'
+
+
+def _mm(length: float) -> str:
+    return f"{length:.4g}".replace("-", "−")

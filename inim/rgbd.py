@@ -1,0 +1,80 @@
+"""RGB-D pictures: what a depth camera in front of the display would hand to a generator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inim.errors import UsageError
+
+__all__ = ["RGBD"]
+
+
+@dataclass(frozen=True)
+class RGBD:
+    """An orthographic colour and depth picture in the display frame, centred on its axis.
+
+    Row 0 is the top. Pixel (r, c) covers x in ``[(c - W/2) p, (c + 1 - W/2) p]`` and y in
+    ``[(H/2 - r - 1) p, (H/2 - r) p]``, p being `pixel_mm`.
+
+    Parameters
+    ----------
+    color : (H, W, 3) float32
+        Linear RGB.
+    depth_mm : (H, W) float32
+        z of the front surface in the display frame, towards the viewer; ignored where not covered.
+    covered : (H, W) bool
+        Whether there is a surface. Background is this flag, never a depth value.
+    pixel_mm : float
+        Side of a pixel.
+
+    Raises
+    ------
+    UsageError
+        Shapes that differ, an empty picture, or a covered pixel whose depth is not finite.
+    """
+
+    color: NDArray[np.float32]
+    depth_mm: NDArray[np.float32]
+    covered: NDArray[np.bool_]
+    pixel_mm: float
+
+    def __post_init__(self) -> None:
+        color = np.asarray(self.color, np.float32)
+        depth = np.asarray(self.depth_mm, np.float32)
+        covered = np.asarray(self.covered, bool)
+        if color.ndim != 3 or color.shape[2] != 3 or color.size == 0:
+            raise UsageError(f"RGBD: color has shape {color.shape}; it must be (H, W, 3)")
+        if depth.shape != color.shape[:2] or covered.shape != color.shape[:2]:
+            raise UsageError(
+                f"RGBD: color is {color.shape[:2]}, depth_mm {depth.shape}, covered "
+                f"{covered.shape}; all three must have the same rows and columns"
+            )
+        if not (np.isfinite(self.pixel_mm) and self.pixel_mm > 0):
+            raise UsageError(f"RGBD: pixel_mm = {self.pixel_mm}; it must be a positive length")
+        if not np.isfinite(depth[covered]).all():
+            bad = int(np.count_nonzero(~np.isfinite(depth[covered])))
+            raise UsageError(
+                f"RGBD: {bad} covered pixels have no finite depth; clear `covered` there"
+            )
+        for name, value in (("color", color), ("depth_mm", depth), ("covered", covered)):
+            view = value.view()
+            view.flags.writeable = False
+            object.__setattr__(self, name, view)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.depth_mm.shape[0], self.depth_mm.shape[1]
+
+    @property
+    def width_mm(self) -> float:
+        """Width of the picture."""
+        return self.shape[1] * self.pixel_mm
+
+    @property
+    def height_mm(self) -> float:
+        """Height of the picture."""
+        return self.shape[0] * self.pixel_mm

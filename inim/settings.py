@@ -1,0 +1,176 @@
+"""The `inim.*` settings of a scene file, in one table: name, type, default, meaning.
+
+They travel as ``<default name="inim.KEY" value="..."/>`` elements, which Mitsuba accepts and
+ignores, and are overridden by ``-D inim.KEY=VALUE``. Text in, a checked `Settings` out.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from inim.display import DISPLAYS, Display
+from inim.errors import SceneError
+
+__all__ = ["PREFIX", "Settings", "setting_table"]
+
+PREFIX = "inim."
+
+# Settings that go to `Display` under the same name.
+_DISPLAY_KEYS = tuple(f.name for f in fields(Display) if f.name != "name")
+
+
+def _setting(default: Any, meaning: str, *, low: float | None = None) -> Any:
+    return field(default=default, metadata={"meaning": meaning, "low": low})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a scene file or the command line says about display, viewer, sampling and criteria.
+
+    Every field is one `inim.*` key; None means "not given".
+    """
+
+    title: str = _setting("", "name of the scene in reports; the file's name if empty")
+    display: str = _setting("nominal", f"preset to start from: {', '.join(DISPLAYS)}")
+    pitch_mm: float | None = _setting(None, "lens pitch P")
+    focal_length_mm: float | None = _setting(None, "lens focal length f")
+    gap_mm: float | None = _setting(None, "gap g between lens array and panel")
+    pixel_pitch_mm: float | None = _setting(None, "panel pixel P_D")
+    lens_columns: int | None = _setting(None, "lenses across")
+    lens_rows: int | None = _setting(None, "lenses down")
+    panel_columns: int | None = _setting(None, "panel pixels across")
+    panel_rows: int | None = _setting(None, "panel pixels down")
+    depth_min_mm: float | None = _setting(None, "far end of the depth range (both or neither)")
+    depth_max_mm: float | None = _setting(None, "near end of the depth range")
+    elemental_pitch_mm: float | None = _setting(None, "elemental-image pitch where it is not P")
+    refractive_index: float | None = _setting(None, "index of the thick lens (1.4917, PMMA)")
+    lens_thickness_mm: float | None = _setting(None, "centre thickness of the thick lens (P)")
+    curved_side: str | None = _setting(None, "side the thick lens bulges to: viewer or panel")
+    fit_share: float = _setting(0.85, "share of the array the relic may fill, 0..1", low=1e-6)
+    lens_model: str = _setting("thick", "lens model of the reconstruction: pinhole or thick")
+    algorithms: str = _setting("wang2024,template", "generators to score, separated by commas")
+    viewpoints: str = _setting(
+        "centre,left,right,up,down", "named ones, or 'name=x y [z]' in mm, separated by commas"
+    )
+    viewing_distance_mm: float | None = _setting(
+        None, "eye distance; twice the nearest usable one", low=1e-9
+    )
+    view_pixels_per_lens: int = _setting(4, "pixels per lens of the views", low=1)
+    capture_pixels_per_pitch: int = _setting(5, "RGB-D pixels per lens pitch", low=1)
+    capture_spp: int = _setting(64, "samples per RGB-D pixel", low=1)
+    eia_spp: int = _setting(32, "samples per ground-truth EIA pixel, both passes", low=2)
+    view_spp: int = _setting(256, "samples per ground-truth view pixel, both passes", low=2)
+    reconstruction_spp: int = _setting(64, "samples per reconstructed view pixel", low=1)
+    seed: int = _setting(0, "random seed of the ground truth", low=0)
+    min_ssim_to_ceiling: str = _setting(
+        "", "criterion: least SSIM to the ceiling, '0.9' for all or 'template:0.9, wang2024:0.5'"
+    )
+
+    @classmethod
+    def parse(cls, values: Mapping[str, str], source: str) -> Settings:
+        """Settings from texts by full key (`inim.pitch_mm`).
+
+        Parameters
+        ----------
+        values : mapping of str to str
+            Keys with the `inim.` prefix.
+        source : str
+            What to name in an error: the scene's path.
+
+        Raises
+        ------
+        SceneError
+            Unknown key (with the nearest known one) or a value of the wrong kind.
+        """
+        known = {f.name: f for f in fields(cls)}
+        parsed: dict[str, Any] = {}
+        for key, text in values.items():
+            name = key.removeprefix(PREFIX)
+            if name not in known:
+                near = difflib.get_close_matches(name, known, n=1)
+                hint = f"did you mean {PREFIX}{near[0]}?" if near else "see `inim settings`"
+                raise SceneError(f"{source}: unknown setting {key!r}; {hint}")
+            parsed[name] = _read(key, text, str(known[name].type), source)
+            low = known[name].metadata["low"]
+            if low is not None and parsed[name] < low:
+                raise SceneError(f"{source}: {key} = {text}: must be at least {low:g}")
+        return cls(**parsed)
+
+    def make_display(self, source: str) -> Display:
+        """The display these settings describe: the preset with the given values changed.
+
+        Raises
+        ------
+        SceneError
+            Unknown preset.
+        DisplayError
+            Values that describe no possible display.
+        """
+        if self.display not in DISPLAYS:
+            raise SceneError(
+                f"{source}: {PREFIX}display = {self.display!r}; use {' or '.join(DISPLAYS)}, "
+                "and change single values with their own keys"
+            )
+        preset = DISPLAYS[self.display]
+        given = {key: getattr(self, key) for key in _DISPLAY_KEYS if getattr(self, key) is not None}
+        if not given:
+            return preset
+        if not {"panel_columns", "panel_rows"} & given.keys() and (
+            given.keys() & {"pitch_mm", "pixel_pitch_mm", "lens_columns", "lens_rows"}
+        ):
+            # The preset's panel belongs to the preset's array; a changed array gets its own.
+            given |= {"panel_columns": None, "panel_rows": None}
+        return preset.replace(name=f"{preset.name}, changed", **given)
+
+    def ssim_limits(self, algorithms: tuple[str, ...], source: str) -> dict[str, float]:
+        """The least SSIM to the ceiling asked of each algorithm; those without a limit left out.
+
+        Raises
+        ------
+        SceneError
+            A limit that is not a number in 0..1, or for an algorithm that is not run.
+        """
+        limits: dict[str, float] = {}
+        for item in filter(None, (part.strip() for part in self.min_ssim_to_ceiling.split(","))):
+            name, colon, text = item.rpartition(":")
+            names = (name.strip(),) if colon else algorithms
+            key = f"{PREFIX}min_ssim_to_ceiling"
+            limit = _read(key, text.strip(), "float", source)
+            if not 0 <= limit <= 1:
+                raise SceneError(f"{source}: {key} = {item!r}: a limit lies in 0..1")
+            for one in names:
+                if one not in algorithms:
+                    raise SceneError(
+                        f"{source}: {key} names {one!r}, which is not among the algorithms run "
+                        f"({', '.join(algorithms)})"
+                    )
+                limits[one] = limit
+        return limits
+
+
+def _read(key: str, text: str, kind: str, source: str) -> Any:
+    """One value from its text, by the field's annotation."""
+    if kind.startswith("str"):
+        return text.strip()
+    try:
+        value = int(text) if kind.startswith("int") else float(text)
+    except ValueError:
+        wanted = "a whole number" if kind.startswith("int") else "a number"
+        raise SceneError(f"{source}: {key} = {text!r}: must be {wanted}") from None
+    if not math.isfinite(value):
+        raise SceneError(f"{source}: {key} = {text!r}: must be finite")
+    return value
+
+
+def setting_table() -> str:
+    """The table of settings as Markdown, for the README and `inim settings`."""
+    rows = ["| key | default | meaning |", "| --- | --- | --- |"]
+    for f in fields(Settings):
+        default = "preset" if f.default is None and f.name in _DISPLAY_KEYS else f.default
+        shown = "" if default in (None, "") else f"`{default}`"
+        rows.append(f"| `{PREFIX}{f.name}` | {shown} | {f.metadata['meaning']} |")
+    return "\n".join(rows)

@@ -1,0 +1,155 @@
+"""Where the eye is, and whether the display shows it an unrepeated picture."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from inim.display import Display
+from inim.errors import ViewpointError
+
+__all__ = ["DEFAULT_VIEWPOINTS", "Viewpoint", "check_viewpoint", "parse_viewpoints"]
+
+#: Direction of each named viewpoint, in shares of the side step below.
+DEFAULT_VIEWPOINTS = {
+    "centre": (0, 0),
+    "left": (-1, 0),
+    "right": (1, 0),
+    "up": (0, 1),
+    "down": (0, -1),
+}
+# Named viewpoints stand at twice the nearest usable distance, where half of the viewing zone is
+# left for moving, and step aside by three quarters of what is left: well inside the zone.
+_DISTANCE_IN_NEAREST = 2.0
+_SIDE_STEP = 0.75
+_NAME = re.compile(r"[\w.+-]{1,64}")
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """A pinhole eye in the display frame, looking at the lens array through an off-axis frustum.
+
+    Parameters
+    ----------
+    name : str
+        Used in file names and reports: letters, digits, ``. _ + -``.
+    x_mm, y_mm, z_mm : float
+        Position; z is the viewing distance and must be positive.
+    """
+
+    name: str
+    x_mm: float
+    y_mm: float
+    z_mm: float
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name) or self.name.startswith("."):
+            raise ViewpointError(
+                f"viewpoint name {self.name!r}: use 1 to 64 letters, digits or . _ + -"
+            )
+        if not all(map(math.isfinite, self.position_mm)) or self.z_mm <= 0:
+            raise ViewpointError(
+                f"viewpoint {self.name}: position {self.position_mm} mm must be finite with z > 0 "
+                "(in front of the display)"
+            )
+
+    @property
+    def position_mm(self) -> tuple[float, float, float]:
+        """(x, y, z) in the display frame."""
+        return self.x_mm, self.y_mm, self.z_mm
+
+
+def check_viewpoint(viewpoint: Viewpoint, display: Display) -> None:
+    """Raise `ViewpointError` where the eye sees flipped (repeated) views or sits in the picture.
+
+    The limit is |e - x_lens| <= V P / 2g for every lens (see `Display.flip_limit_mm`).
+    """
+    x, y, distance = viewpoint.position_mm
+    if distance <= max(display.depth_range_mm[1], 0.0):
+        raise ViewpointError(
+            f"viewpoint {viewpoint.name}: distance {distance:g} mm is inside the picture, which "
+            f"reaches {display.depth_range_mm[1]:g} mm in front of the lens array; move back"
+        )
+    limit_x, limit_y = display.flip_limit_mm(distance)
+    for axis, offset, limit in (("x", x, limit_x), ("y", y, limit_y)):
+        if abs(offset) > limit:
+            way_out = (
+                f"keep |{axis}| <= {limit:.4g} mm at this distance"
+                if limit >= 0
+                else f"move back to at least {display.nearest_viewing_distance_mm:.4g} mm"
+            )
+            raise ViewpointError(
+                f"viewpoint {viewpoint.name}: {axis} = {offset:g} mm at {distance:g} mm is outside "
+                f"the viewing zone (flipped views); {way_out}"
+            )
+
+
+def default_distance_mm(display: Display) -> float:
+    """Twice the nearest distance at which no lens flips, and clear of the picture itself."""
+    in_front = 2 * max(display.depth_range_mm[1], 0.0)
+    return max(_DISTANCE_IN_NEAREST * display.nearest_viewing_distance_mm, in_front)
+
+
+def named_viewpoint(name: str, display: Display, distance_mm: float) -> Viewpoint:
+    """One of `DEFAULT_VIEWPOINTS` placed inside this display's viewing zone."""
+    if name not in DEFAULT_VIEWPOINTS:
+        raise ViewpointError(
+            f"viewpoint {name!r}: not one of {', '.join(DEFAULT_VIEWPOINTS)}; "
+            "give a position as 'name=x y' or 'name=x y z' (mm)"
+        )
+    across, up = DEFAULT_VIEWPOINTS[name]
+    limit_x, limit_y = display.flip_limit_mm(distance_mm)
+    return Viewpoint(
+        name,
+        across * _SIDE_STEP * max(limit_x, 0.0),
+        up * _SIDE_STEP * max(limit_y, 0.0),
+        distance_mm,
+    )
+
+
+def parse_viewpoints(
+    text: str, display: Display, distance_mm: float | None = None
+) -> tuple[Viewpoint, ...]:
+    """Viewpoints from ``"centre, left, mine=10 -5, far=0 0 900"``, each checked.
+
+    Parameters
+    ----------
+    text : str
+        Names of `DEFAULT_VIEWPOINTS`, or ``name=x y [z]`` in millimetres, separated by commas.
+    display : Display
+        Whose viewing zone they must lie in.
+    distance_mm : float, optional
+        Viewing distance where none is given; `default_distance_mm` otherwise.
+
+    Raises
+    ------
+    ViewpointError
+        Unknown or doubled name, unreadable position, or outside the viewing zone.
+    """
+    distance = default_distance_mm(display) if distance_mm is None else distance_mm
+    viewpoints = [
+        _parse_one(item.strip(), display, distance) for item in text.split(",") if item.strip()
+    ]
+    if not viewpoints:
+        raise ViewpointError("viewpoints: none given; name at least one, such as 'centre'")
+    seen: set[str] = set()
+    for viewpoint in viewpoints:
+        if viewpoint.name in seen:
+            raise ViewpointError(f"viewpoint {viewpoint.name!r} is given twice; drop one")
+        seen.add(viewpoint.name)
+        check_viewpoint(viewpoint, display)
+    return tuple(viewpoints)
+
+
+def _parse_one(item: str, display: Display, distance_mm: float) -> Viewpoint:
+    name, equals, position = item.partition("=")
+    if not equals:
+        return named_viewpoint(name, display, distance_mm)
+    try:
+        numbers = [float(word) for word in position.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3):
+        raise ViewpointError(f"viewpoint {item!r}: give 'name=x y' or 'name=x y z' in millimetres")
+    return Viewpoint(name.strip(), *[*numbers, distance_mm][:3])

@@ -1,0 +1,109 @@
+"""A libLLVM that cannot be used never takes the program down with it.
+
+Expected: whatever the library does to a process (cannot be loaded, is no LLVM, aborts),
+only a child dies; the user gets one line and exit code 3.
+"""
+
+from __future__ import annotations
+
+import _ctypes
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from inim.backend import LLVM_VARIABLE, SEARCH_VARIABLE, choose_backend, environment, probe
+from inim.errors import EXIT_BACKEND, BackendError
+
+CHOOSE = """
+import sys
+from inim.backend import choose_backend
+from inim.errors import InimError
+try:
+    print(choose_backend("llvm").libllvm)
+except InimError as error:
+    print(error, file=sys.stderr)
+    sys.exit(error.exit_code)
+"""
+ABORTS = Path("/usr/lib/x86_64-linux-gnu/libLLVM-15.so.1")
+
+
+@pytest.fixture(autouse=True)
+def _fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv(LLVM_VARIABLE, raising=False)
+    monkeypatch.delenv(SEARCH_VARIABLE, raising=False)
+
+
+def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments],
+        env={**os.environ, **variables},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def no_library(path: Path) -> None:
+    path.write_bytes(b"not a library")
+
+
+def other_library(path: Path) -> None:
+    shutil.copy(_ctypes.__file__, path)
+
+
+@pytest.mark.parametrize("make", [no_library, other_library])
+def test_file_that_is_no_llvm_is_refused_with_exit_code_3(tmp_path: Path, make: object) -> None:
+    assert callable(make)
+    make(tmp_path / "libLLVM.so.19.1")
+    ended = run("-c", CHOOSE, INIM_LLVM_SEARCH=str(tmp_path))
+    assert ended.returncode == EXIT_BACKEND
+    assert ended.stderr.count("\n") == 1
+    assert f"{tmp_path / 'libLLVM.so.19.1'} (jit" in ended.stderr
+    assert "inim install-llvm" in ended.stderr
+
+
+def test_named_library_that_is_bad_ends_the_installer_with_exit_code_3(tmp_path: Path) -> None:
+    no_library(tmp_path / "libLLVM-14.so.1")
+    library = str(tmp_path / "libLLVM-14.so.1")
+    ended = run("-m", "inim.install_llvm", DRJIT_LIBLLVM_PATH=library, PATH="")
+    assert ended.returncode == EXIT_BACKEND
+    assert f"DRJIT_LIBLLVM_PATH names {library} (LLVM 14 is too old" in ended.stderr
+
+
+@pytest.mark.skipif(not ABORTS.is_file(), reason=f"needs {ABORTS}")
+def test_version_that_aborts_is_refused_by_name(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / ABORTS.name).symlink_to(ABORTS)
+    monkeypatch.setenv(SEARCH_VARIABLE, str(tmp_path))
+    with pytest.raises(BackendError, match="LLVM 15 aborts the process"):
+        choose_backend("llvm")
+
+
+@pytest.mark.skipif(not ABORTS.is_file(), reason=f"needs {ABORTS}")
+def test_version_that_aborts_kills_only_the_child() -> None:
+    # A CPU that happens to live with it computes correctly; no third outcome.
+    verdict = probe("llvm_ad_rgb", {LLVM_VARIABLE: str(ABORTS)})
+    assert verdict.usable or "SIGABRT" in verdict.reason
+
+
+def test_chosen_backend_renders_in_a_child_that_chooses_nothing() -> None:
+    backend = choose_backend()
+    script = f"import mitsuba as mi; mi.set_variant({backend.variant!r}); print(mi.Float(1) + 1)"
+    ended = run("-c", script, **environment(backend))
+    assert ended.stdout.strip() == "[2]", ended.stderr
+
+
+def test_activated_backend_renders_in_the_same_process() -> None:
+    script = (
+        "from inim.backend import activate, choose_backend; b = choose_backend(); activate(b); "
+        "import mitsuba as mi; mi.set_variant(b.variant); print(mi.Float(1) + 1)"
+    )
+    ended = run("-c", script)
+    assert ended.stdout.strip() == "[2]", ended.stderr

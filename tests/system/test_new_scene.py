@@ -1,0 +1,310 @@
+"""`new-scene` writes scenes that plain Mitsuba opens: upright, lit, whole, on black."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inim.errors import FileError, UsageError
+from inim.formats.mesh import Mesh, check_mesh_file, read_mesh, write_ply
+from inim.jobs.new_scene import add_arguments, new_scene, run, smoothed
+
+
+@pytest.fixture(scope="module")
+def mi() -> Any:
+    from inim.backend import activate, choose_backend
+
+    backend = choose_backend()
+    activate(backend)
+    import mitsuba
+
+    mitsuba.set_variant(backend.variant)
+    return mitsuba
+
+
+def box(size: tuple[float, float, float], **rest: Any) -> Mesh:
+    """A box from 0 to `size`, corners shared, no normals."""
+    corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+    return Mesh(corner * np.float32(size), np.array(faces, np.uint32), **rest)
+
+
+def sphere(rows: int = 24, columns: int = 48) -> Mesh:
+    phi, theta = np.meshgrid(
+        np.linspace(0, 2 * np.pi, columns, endpoint=False), np.linspace(0, np.pi, rows + 1)
+    )
+    ring = np.sin(theta)
+    points = np.stack([ring * np.cos(phi), np.cos(theta), -ring * np.sin(phi)], -1).reshape(-1, 3)
+    k, j = np.meshgrid(np.arange(columns), np.arange(rows))
+    a, b = j * columns + k, j * columns + (k + 1) % columns
+    faces = np.concatenate(
+        [np.stack([a, a + columns, b + columns], -1), np.stack([a, b + columns, b], -1)]
+    ).reshape(-1, 3)
+    return Mesh(points.astype(np.float32), faces.astype(np.uint32))
+
+
+def saved(folder: Path, mesh: Mesh, name: str = "source.ply") -> Path:
+    path = folder / "given" / name
+    write_ply(path, mesh)
+    return path
+
+
+def render(mi: Any, path: Path, spp: int = 16) -> np.ndarray:
+    scene = mi.load_file(str(path))
+    return np.array(mi.render(scene, spp=spp))[..., :3]
+
+
+# --- Units, axes, refusals ----------------------------------------------------------------------
+
+
+def test_missing_unit_and_up_are_asked_for_with_the_extents(tmp_path: Path) -> None:
+    source = saved(tmp_path, box((1.7, 2.1, 3.0)))
+    with pytest.raises(UsageError, match=r"--unit.*--up.*1\.7 x 2\.1 x 3 units"):
+        new_scene(source, tmp_path / "a.xml", unit=None, up=None)
+    with pytest.raises(UsageError, match=r"--unit"):
+        new_scene(source, tmp_path / "a.xml", unit=None, up="y")
+    with pytest.raises(UsageError, match=r"--up"):
+        new_scene(source, tmp_path / "a.xml", unit="mm", up=None)
+    assert not (tmp_path / "a.xml").exists()
+
+
+def test_gltf_is_metres_and_y_up_without_asking(tmp_path: Path) -> None:
+    import trimesh
+
+    source = tmp_path / "relic.glb"
+    block = trimesh.creation.box(extents=(0.1, 0.3, 0.2))
+    trimesh.Scene([block]).export(str(source))
+    out = new_scene(source, tmp_path / "out" / "a.xml", unit=None, up=None)
+    points = read_mesh(out.with_suffix(".ply"))[0].vertices
+    np.testing.assert_allclose(np.ptp(points, axis=0), [100, 300, 200], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("up", "front", "size_mm"),
+    [
+        ("y", None, (10, 20, 30)),
+        ("z", None, (10, 30, 20)),
+        ("z", "x", (20, 30, 10)),
+        ("-x", "y", (30, 10, 20)),
+    ],
+)
+def test_named_axes_end_up_on_y_and_z(
+    tmp_path: Path, up: str, front: str | None, size_mm: tuple[int, ...]
+) -> None:
+    source = saved(tmp_path, box((1, 2, 3)))
+    out = new_scene(source, tmp_path / "a.xml", unit="cm", up=up, front=front)
+    points = read_mesh(out.with_suffix(".ply"))[0].vertices
+    np.testing.assert_allclose(np.ptp(points, axis=0), size_mm, rtol=1e-5)
+    np.testing.assert_allclose(points.max(axis=0) + points.min(axis=0), 0, atol=1e-5)
+
+
+@pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
+def test_turning_never_mirrors(tmp_path: Path, up: str) -> None:
+    source = saved(tmp_path, sphere())
+    out = new_scene(source, tmp_path / "a.xml", unit="mm", up=up)
+    mesh = read_mesh(out.with_suffix(".ply"))[0]
+    a, b, c = (mesh.vertices[mesh.faces[:, k]].astype(float) for k in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+    assert volume == pytest.approx(4 / 3 * np.pi, rel=0.02)  # the sign is the handedness
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"unit": "ft"}, "--unit ft"),
+        ({"up": "w"}, "--up w"),
+        ({"front": "-y"}, "along --up"),
+        ({"display": "cinema"}, "--display cinema"),
+    ],
+)
+def test_impossible_options_are_refused(
+    tmp_path: Path, options: dict[str, str], words: str
+) -> None:
+    source = saved(tmp_path, box((1, 2, 3)))
+    with pytest.raises(UsageError, match=words):
+        new_scene(source, tmp_path / "a.xml", **{"unit": "mm", "up": "y", **options})
+
+
+def test_existing_files_stay_unless_forced(tmp_path: Path) -> None:
+    source = saved(tmp_path, box((1, 2, 3)))
+    bystander = tmp_path / "a.ply"
+    bystander.write_text("mine")
+    with pytest.raises(UsageError, match="--force"):
+        new_scene(source, tmp_path / "a.xml", unit="mm", up="y")
+    assert bystander.read_text() == "mine"
+    assert not (tmp_path / "a.xml").exists()
+    new_scene(source, tmp_path / "a.xml", unit="mm", up="y", force=True)
+    check_mesh_file(bystander)
+
+
+def test_the_mesh_itself_is_never_overwritten(tmp_path: Path) -> None:
+    source = saved(tmp_path, box((1, 2, 3)))
+    before = source.read_bytes()
+    with pytest.raises(UsageError, match="the mesh itself"):
+        new_scene(source, source.with_suffix(".xml"), unit="mm", up="y", force=True)
+    assert source.read_bytes() == before
+
+
+def test_a_failed_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import inim.formats.mesh
+
+    def full(path: Path, mesh: Mesh) -> None:
+        raise OSError(28, "No space left on device")
+
+    source = saved(tmp_path, box((1, 2, 3)))
+    monkeypatch.setattr(inim.formats.mesh, "write_ply", full)
+    with pytest.raises(FileError, match="No space left"):
+        new_scene(source, tmp_path / "out" / "a.xml", unit="mm", up="y")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+# --- Normals ------------------------------------------------------------------------------------
+
+
+def test_box_keeps_its_edges_and_sphere_is_smooth() -> None:
+    cube = smoothed(box((1, 1, 1)))
+    assert len(cube.vertices) == 24
+    assert cube.normals is not None
+    np.testing.assert_allclose(np.abs(cube.normals).max(axis=1), 1, atol=1e-6)
+    ball = smoothed(sphere())
+    assert ball.normals is not None
+    assert np.einsum("ij,ij->i", ball.normals, ball.vertices).min() > 0.995
+
+
+def test_a_soup_of_triangles_is_smoothed_as_one_surface() -> None:
+    ball = sphere()
+    soup = Mesh(ball.vertices[ball.faces.ravel()], np.arange(ball.faces.size).reshape(-1, 3))
+    normals = smoothed(soup).normals
+    assert normals is not None
+    assert np.einsum("ij,ij->i", normals, smoothed(soup).vertices).min() > 0.995
+
+
+def test_normals_of_the_file_are_kept_and_turned(tmp_path: Path) -> None:
+    mesh = box((1, 2, 3), normals=np.tile(np.float32([0, 0, 1]), (8, 1)))
+    out = new_scene(saved(tmp_path, mesh), tmp_path / "a.xml", unit="mm", up="z")
+    normals = read_mesh(out.with_suffix(".ply"))[0].normals
+    np.testing.assert_allclose(normals, np.tile([0, 1, 0], (8, 1)), atol=1e-6)
+
+
+# --- In Mitsuba ---------------------------------------------------------------------------------
+
+
+def test_scene_is_lit_whole_and_on_black(tmp_path: Path, mi: Any) -> None:
+    out = new_scene(saved(tmp_path, sphere()), tmp_path / "a.xml", unit="m", up="y")
+    picture = render(mi, out)
+    assert picture.shape == (512, 512, 3)
+    light = picture.mean(axis=2)
+    assert max(light[0].max(), light[-1].max(), light[:, 0].max(), light[:, -1].max()) == 0
+    rows, columns = np.nonzero(light > 0)
+    disc = light[128:384, 128:384]
+    assert 0.2 < np.median(disc) < 0.7
+    assert np.quantile(disc, 0.99) < 1.2
+    # Centred, and filling most of the picture.
+    assert abs(rows.min() + rows.max() - 511) <= 2
+    assert abs(columns.min() + columns.max() - 511) <= 2
+    assert 380 < np.ptp(rows) < 511
+    # The key comes from the upper left of what the viewer sees.
+    assert light[100:256, 100:256].mean() > 1.5 * light[256:412, 256:412].mean()
+
+
+def test_lamps_are_out_of_sight_within_25_degrees(tmp_path: Path, mi: Any) -> None:
+    """Rays through a field three bounding radii wide, from anywhere in the viewing zone."""
+    out = new_scene(saved(tmp_path, box((1, 3, 2))), tmp_path / "a.xml", unit="m", up="y")
+    scene = mi.load_file(str(out))
+    radius = 500 * np.sqrt(1 + 9 + 4)
+    rng = np.random.default_rng(3)
+    n = 200_000
+    through = rng.uniform(-1, 1, (n, 2)) * [3 * radius, 1.5 * radius]
+    slope = rng.uniform(-1, 1, (n, 2)) * np.tan(np.radians(25))
+    start = np.column_stack([through + slope * 30 * radius, np.full(n, 30 * radius)])
+    along = np.column_stack([-slope, np.full(n, -1.0)])
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    ray = mi.Ray3f(mi.Point3f(start.T), mi.Vector3f(along.T))
+    hit = scene.ray_intersect_preliminary(ray)
+    lamps = [s for s in scene.shapes() if s.is_emitter()]
+    assert len(lamps) == 3
+    seen = np.array(mi.Bool(False) | mi.Mask(hit.shape.is_emitter()))
+    assert np.array(hit.is_valid()).any()
+    assert not seen.any()
+
+
+def test_robust_intersections_and_defaults_are_in_the_scene(tmp_path: Path) -> None:
+    out = new_scene(saved(tmp_path, sphere()), tmp_path / "a.xml", unit="m", up="y", title="T")
+    text = out.read_text(encoding="utf-8")
+    assert '<boolean name="embree_use_robust_intersections" value="true"/>' in text
+    assert '<default name="inim.display" value="nominal"/>' in text
+    assert '<default name="inim.algorithms" value="wang2024,template"/>' in text
+    assert '<default name="inim.title" value="T"/>' in text
+
+
+def quadrants(folder: Path) -> Path:
+    """An OBJ square whose picture is red and green above, blue and white below."""
+    from PIL import Image
+
+    pixels = np.zeros((64, 64, 3), np.uint8)
+    pixels[:32, :32, 0] = pixels[:32, 32:, 1] = pixels[32:, :32, 2] = 255
+    pixels[32:, 32:] = 255
+    folder.mkdir(exist_ok=True)
+    Image.fromarray(pixels).save(folder / "skin.png")
+    (folder / "a.mtl").write_text("newmtl skin\nmap_Kd skin.png\n")
+    text = "mtllib a.mtl\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+    (folder / "a.obj").write_text(text + "usemtl skin\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
+    return folder / "a.obj"
+
+
+def test_texture_is_the_right_way_up(tmp_path: Path, mi: Any) -> None:
+    source = quadrants(tmp_path / "given")
+    picture = render(mi, new_scene(source, tmp_path / "b.xml", unit="mm", up="y"), spp=4)
+    for row, column, channels in ((150, 150, [0]), (150, 360, [1]), (360, 150, [2])):
+        color = picture[row - 20 : row + 20, column - 20 : column + 20].mean(axis=(0, 1))
+        others = [c for c in range(3) if c not in channels]
+        # A dielectric's white highlight is the floor under the other channels.
+        assert color[channels].min() > 3 * color[others].max()
+
+
+def test_vertex_colours_reach_mitsuba(tmp_path: Path, mi: Any) -> None:
+    ball = sphere()
+    color = np.tile(np.float32([0.8, 0.1, 0.1]), (len(ball.vertices), 1))
+    source = saved(tmp_path, Mesh(ball.vertices, ball.faces, color=color))
+    picture = render(mi, new_scene(source, tmp_path / "a.xml", unit="mm", up="y"), spp=4)
+    red, green, _ = picture[200:312, 200:312].mean(axis=(0, 1))
+    assert red > 3 * green
+
+
+@pytest.mark.parametrize(
+    "name", ['a "b" c', "Tom & <Jerry>", "青铜 鼎", "it's", "50$ $off", "a\\b", "tab\tline\nend"]
+)
+def test_odd_names_survive(tmp_path: Path, mi: Any, name: str) -> None:
+    source = saved(tmp_path, box((1, 2, 3)), f"{name}.ply")
+    out = new_scene(source, tmp_path / f"{name}.xml", unit="mm", up="y", title=name)
+    assert out.name == f"{name}.xml"
+    scene = mi.load_file(str(out))
+    assert sum(s.is_mesh() and not s.is_emitter() for s in scene.shapes()) == 1
+
+
+# --- Command line -------------------------------------------------------------------------------
+
+
+def test_command_line_writes_the_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    source = saved(tmp_path, box((1, 2, 3)))
+    line = [str(source), "--unit", "mm", "--up=-z", "--front", "x", "-o", str(tmp_path / "a.xml")]
+    assert run(parser.parse_args(line)) == 0
+    assert str(tmp_path / "a.xml") in capsys.readouterr().out
+    assert (tmp_path / "a.ply").is_file()
+
+
+def test_importing_the_command_loads_nothing_heavy() -> None:
+    code = (
+        "import sys, inim.jobs.new_scene; print({'numpy', 'trimesh', 'mitsuba'} & {*sys.modules})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

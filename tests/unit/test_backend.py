@@ -1,0 +1,520 @@
+"""Choosing a backend: what is looked for, in what order, what is run and what is remembered."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from inim import backend
+from inim.backend import Backend, Verdict
+from inim.errors import BackendError, UsageError
+
+GOOD = Verdict(True, version="19.1.7", device="2 threads", stage="done")
+X86 = os.uname().machine in ("x86_64", "i686")
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """No variable, home or driver of this machine plays a part."""
+    for name in ("DRJIT_LIBLLVM_PATH", "INIM_LLVM_SEARCH", "DRJIT_LIBCUDA_PATH", "LD_LIBRARY_PATH"):
+        monkeypatch.setenv(name, "")
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "venv"))
+    monkeypatch.setattr(backend, "_linker_cache", lambda name: [])
+
+
+@pytest.fixture
+def tried(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What was probed; every probe says yes."""
+    names: list[str] = []
+
+    def answer(variant: str, variables: dict[str, str]) -> Verdict:
+        names.append(Path(variables.get("DRJIT_LIBLLVM_PATH", variant)).name)
+        return GOOD
+
+    monkeypatch.setattr(backend, "probe", answer)
+    return names
+
+
+def libraries(folder: Path, *names: str) -> Path:
+    """A folder with empty files of these names."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        (folder / name).touch()
+    return folder
+
+
+def refuse(monkeypatch: pytest.MonkeyPatch, **verdicts: Verdict) -> None:
+    """Probes refuse, or answer with the verdict given for the backend's first letters."""
+    no = Verdict(False, "it computes wrong numbers")
+    monkeypatch.setattr(backend, "probe", lambda variant, env: verdicts.get(variant[:4], no))
+
+
+# --- Names and order ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("path", "version"),
+    [
+        ("/usr/lib/x/libLLVM.so.19.1", (19, 1)),
+        ("/usr/lib/x/libLLVM-19.so.1", (19,)),
+        ("/usr/lib/x/libLLVM-19.so", (19,)),
+        ("/usr/lib/x/libLLVM-15.so.1", (15,)),
+        ("/usr/lib/x/libLLVM-14.0.6.so.1", (14, 0, 6)),
+        ("/usr/lib/x/libLLVM-14.so", (14,)),
+        ("/home/u/lib/libLLVM.so.22.1-rust-1.91.0-stable", (22, 1)),
+        ("/usr/lib/llvm-18/lib/libLLVM.so.1", (18,)),
+        ("/usr/lib/llvm-18/lib/libLLVM.so", (18,)),
+        ("/opt/homebrew/opt/llvm@18/lib/libLLVM.dylib", (18,)),
+        ("/opt/homebrew/Cellar/llvm/20.1.8/lib/libLLVM.dylib", (20, 1, 8)),
+        ("/opt/homebrew/Cellar/llvm@18/18.1.8/lib/libLLVM.dylib", (18, 1, 8)),
+        ("/opt/homebrew/opt/llvm/lib/libLLVM.dylib", None),
+        ("/usr/local/lib/libLLVM.so", None),
+    ],
+)
+def test_version_is_read_from_the_name_or_else_the_folder(
+    path: str, version: tuple[int, ...] | None
+) -> None:
+    assert backend.llvm_version(Path(path)) == version
+
+
+def test_newest_version_comes_first_and_a_nameless_one_last(tmp_path: Path) -> None:
+    order = ["libLLVM.so.22.1", "libLLVM.so.19.1", "libLLVM-17.so.1", "libLLVM-9.so", "libLLVM.so"]
+    found = backend.find_libllvm([libraries(tmp_path / "lib", *sorted(order))])
+    assert [path.name for path in found] == order
+
+
+def test_other_files_named_alike_are_no_candidates(tmp_path: Path) -> None:
+    names = ["libLLVMX86CodeGen.a", "libLLVM-C.so", "libLLVMgold.so", "libLLVM-19.txt"]
+    assert backend.find_libllvm([libraries(tmp_path / "lib", *names)]) == []
+
+
+def test_aliases_of_one_file_are_one_candidate(tmp_path: Path) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    (folder / "libLLVM-19.so").symlink_to("libLLVM.so.19.1")
+    (folder / "libLLVM-18.so").symlink_to("nowhere")
+    assert backend.find_libllvm([folder, folder]) == [(folder / "libLLVM.so.19.1").resolve()]
+
+
+def test_no_folders_to_search_means_no_candidates() -> None:
+    assert backend.find_libllvm([]) == []
+
+
+def test_missing_folders_are_passed_over(tmp_path: Path) -> None:
+    assert backend.find_libllvm([tmp_path / "none", Path("/dev/null")]) == []
+
+
+def test_search_variable_replaces_the_usual_folders(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    one = libraries(tmp_path / "one", "libLLVM-17.so.1")
+    two = libraries(tmp_path / "two", "libLLVM-18.so.1")
+    monkeypatch.setenv("INIM_LLVM_SEARCH", f"{one}{os.pathsep}{two}")
+    found = [path.name for path in backend.find_libllvm()]
+    assert found == ["libLLVM-18.so.1", "libLLVM-17.so.1"]
+
+
+def test_linker_cache_and_private_copy_are_searched(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    odd = libraries(tmp_path / "odd", "libLLVM.so.97.1") / "libLLVM.so.97.1"
+    monkeypatch.setattr(backend, "_linker_cache", lambda name: [str(odd)])
+    libraries(tmp_path / "data/inim/llvm", "libLLVM.so.98.1")
+    found = [path.name for path in backend.find_libllvm()]
+    assert found[:2] == ["libLLVM.so.98.1", "libLLVM.so.97.1"]
+
+
+def test_library_named_by_the_user_alone_is_tried(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
+) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM.so.22.1", "libLLVM.so.19.1")
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(folder / "libLLVM.so.19.1"))
+    assert backend.choose_backend("llvm", [folder]).libllvm == folder / "libLLVM.so.19.1"
+    assert tried == ["libLLVM.so.19.1"]
+
+
+def test_refusal_of_the_library_named_by_the_user_names_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    refuse(monkeypatch)
+    folder = libraries(tmp_path / "lib", "libLLVM.so.22.1", "libLLVM.so.19.1")
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(folder / "libLLVM.so.19.1"))
+    with pytest.raises(BackendError, match=r"DRJIT_LIBLLVM_PATH names .*libLLVM.so.19.1 .*wrong"):
+        backend.choose_backend("llvm")
+
+
+# --- Choice -------------------------------------------------------------------------------
+
+
+def test_newest_that_works_is_chosen(tmp_path: Path, tried: list[str]) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM-18.so.1", "libLLVM.so.19.1")
+    chosen = backend.choose_backend("llvm", [folder])
+    assert (chosen.name, chosen.variant, chosen.libllvm_version) == (
+        "llvm",
+        "llvm_ad_rgb",
+        "19.1.7",
+    )
+    assert tried == ["libLLVM.so.19.1"]
+
+
+def test_next_is_tried_when_the_newest_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM-18.so.1", "libLLVM.so.19.1")
+
+    def answer(variant: str, variables: dict[str, str]) -> Verdict:
+        return Verdict(False, "bad") if "19" in variables["DRJIT_LIBLLVM_PATH"] else GOOD
+
+    monkeypatch.setattr(backend, "probe", answer)
+    assert backend.choose_backend("llvm", [folder]).libllvm == folder / "libLLVM-18.so.1"
+
+
+@pytest.mark.skipif(not X86, reason="these versions die on x86 only")
+def test_versions_known_to_be_bad_are_never_run(tmp_path: Path, tried: list[str]) -> None:
+    names = ("libLLVM-14.so.1", "libLLVM-15.so.1", "libLLVM-16.so.1")
+    with pytest.raises(BackendError, match="LLVM 15 aborts the process"):
+        backend.choose_backend("llvm", [libraries(tmp_path / "lib", *names)])
+    assert tried == []
+
+
+def test_refusal_is_one_line_with_every_reason_and_the_way_out(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    refuse(monkeypatch)
+    folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
+    with pytest.raises(BackendError) as caught:
+        backend.choose_backend("llvm", [folder])
+    said = str(caught.value)
+    assert "\n" not in said
+    for part in ("libLLVM.so.19.1 (it computes", "libLLVM-14.so.1 (LLVM 14 is too old"):
+        assert part in said
+    assert "inim install-llvm" in said
+
+
+def test_finding_nothing_says_so(tmp_path: Path) -> None:
+    with pytest.raises(BackendError, match="found none; type: inim install-llvm"):
+        backend.choose_backend("auto", [tmp_path])
+
+
+def test_unknown_backend_is_a_usage_error() -> None:
+    with pytest.raises(UsageError, match="'metal' is unknown: choose one of auto, cuda, llvm"):
+        backend.choose_backend("metal")
+
+
+def test_renderer_that_cannot_be_imported_is_not_blamed_on_llvm(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    broken = Verdict(False, "libatomic.so.1: cannot open", stage="import", lasting=False)
+    refuse(monkeypatch, llvm=broken)
+    with pytest.raises(BackendError, match=r"Mitsuba cannot be imported: libatomic.so.1"):
+        backend.choose_backend("llvm", [libraries(tmp_path / "lib", "libLLVM.so.19.1")])
+
+
+# --- CUDA ---------------------------------------------------------------------------------
+
+
+def test_no_cuda_is_tried_without_its_driver(tried: list[str]) -> None:
+    with pytest.raises(BackendError, match=r"no usable CUDA: the driver library libcuda.so.1 was"):
+        backend.choose_backend("cuda")
+    assert tried == []
+
+
+def test_working_cuda_is_preferred(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
+) -> None:
+    folder = libraries(tmp_path / "lib", "libcuda.so.1", "libLLVM.so.19.1")
+    monkeypatch.setenv("LD_LIBRARY_PATH", str(folder))
+    assert backend.choose_backend("auto", [folder]).variant == "cuda_ad_rgb"
+    assert backend.choose_backend("llvm", [folder]).variant == "llvm_ad_rgb"
+    assert tried == ["cuda_ad_rgb", "libLLVM.so.19.1"]
+
+
+def test_broken_cuda_falls_back_to_llvm_unless_asked_for(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    refuse(monkeypatch, llvm=GOOD)
+    folder = libraries(tmp_path / "lib", "libcuda.so.1", "libLLVM.so.19.1")
+    monkeypatch.setenv("DRJIT_LIBCUDA_PATH", str(folder / "libcuda.so.1"))
+    assert backend.choose_backend("auto", [folder]).name == "llvm"
+    with pytest.raises(BackendError, match="no usable CUDA: it computes wrong numbers"):
+        backend.choose_backend("cuda", [folder])
+
+
+# --- Probe --------------------------------------------------------------------------------
+
+
+def probe_of(monkeypatch: pytest.MonkeyPatch, script: str, seconds: float = 20.0) -> Verdict:
+    monkeypatch.setattr(backend, "PROBE", script)
+    return backend.probe("llvm_ad_rgb", {}, seconds)
+
+
+def test_child_that_aborts_is_a_lasting_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+    verdict = probe_of(monkeypatch, "import os; os.abort()")
+    assert not verdict.usable
+    assert "SIGABRT" in verdict.reason
+    assert verdict.lasting
+
+
+def test_child_killed_from_outside_is_tried_again_next_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    verdict = probe_of(monkeypatch, f"import os; os.kill(os.getpid(), {int(signal.SIGKILL)})")
+    assert not verdict.usable
+    assert "SIGKILL" in verdict.reason
+    assert not verdict.lasting
+
+
+def test_child_that_hangs_is_killed_and_tried_again_next_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    verdict = probe_of(monkeypatch, "import time; time.sleep(600)", seconds=0.2)
+    assert (verdict.usable, verdict.lasting) == (False, False)
+    assert "hung" in verdict.reason
+
+
+def test_silent_child_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not probe_of(monkeypatch, "print('all is well')").usable
+
+
+def test_noise_around_the_answer_does_no_harm(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = 'INIM-PROBE {"stage": "done", "reason": "", "version": "19", "device": "d"}'
+    script = f"print('hello'); print({said!r}); print('bye')"
+    assert probe_of(monkeypatch, script) == Verdict(True, "", "19", "d", "done")
+
+
+def test_cause_is_taken_from_the_log_when_the_exception_hides_it() -> None:
+    said = 'INIM-PROBE {"stage": "start", "reason": "could not be found!"}'
+    log = 'jit_find_library(): Unable to load "x": file too short!\n'
+    assert "file too short" in backend._read_answer(0, said, log).reason
+
+
+# --- Memory of verdicts -------------------------------------------------------------------
+
+
+def test_verdict_is_remembered(tmp_path: Path, tried: list[str]) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    first = backend.choose_backend("llvm", [folder])
+    assert backend.choose_backend("llvm", [folder]) == first
+    assert len(tried) == 1
+
+
+def test_warm_choice_starts_no_process(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
+) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    backend.choose_backend("auto", [folder])
+    monkeypatch.setattr(subprocess, "Popen", None)
+    assert backend.choose_backend("auto", [folder]).name == "llvm"
+
+
+def test_changed_library_is_tried_again(tmp_path: Path, tried: list[str]) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    backend.choose_backend("llvm", [folder])
+    (folder / "libLLVM.so.19.1").write_bytes(b"upgraded")
+    backend.choose_backend("llvm", [folder])
+    assert len(tried) == 2
+
+
+@pytest.mark.parametrize("function", ["distribution_version", "_cpu_text"])
+def test_other_renderer_or_processor_is_tried_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str], function: str
+) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    backend.choose_backend("llvm", [folder])
+    monkeypatch.setattr(backend, function, lambda *names: "another")
+    backend.choose_backend("llvm", [folder])
+    assert len(tried) == 2
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"a": 1}', "\0\xff", "42"])
+def test_damaged_memory_is_ignored_and_replaced(
+    tmp_path: Path, tried: list[str], content: str
+) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    path = libraries(tmp_path / "cache/inim") / "backends.json"
+    path.write_text(content, "latin-1")
+    backend.choose_backend("llvm", [folder])
+    assert backend.choose_backend("llvm", [folder]).name == "llvm"
+    assert len(tried) == 1
+
+
+@pytest.mark.parametrize("entry", [None, 7, [], {}, {"usable": "yes"}, {"usable": True, "odd": 1}])
+def test_entry_of_another_shape_is_tried_again(
+    tmp_path: Path, tried: list[str], entry: object
+) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    backend.choose_backend("llvm", [folder])
+    path = tmp_path / "cache/inim/backends.json"
+    path.write_text(json.dumps(dict.fromkeys(json.loads(path.read_text()), entry)))
+    backend.choose_backend("llvm", [folder])
+    assert len(tried) == 2
+
+
+def test_unwritable_cache_does_no_harm(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    assert backend.choose_backend("llvm", [folder]).name == "llvm"
+
+
+def test_missing_home_does_no_harm(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
+) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("XDG_CACHE_HOME", "XDG_DATA_HOME"):
+        monkeypatch.delenv(name)
+    monkeypatch.setattr(Path, "home", homeless)
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    assert backend.choose_backend("llvm", [folder]).name == "llvm"
+    assert backend.cache_file() is None
+    assert len(backend.private_folders()) == 1
+
+
+def test_curable_refusal_is_not_remembered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    refuse(monkeypatch, llvm=Verdict(False, "libz3 is missing", stage="start", lasting=False))
+    with pytest.raises(BackendError):
+        backend.choose_backend("llvm", [folder])
+    refuse(monkeypatch, llvm=GOOD)
+    assert backend.choose_backend("llvm", [folder]).name == "llvm"
+
+
+def test_memory_does_not_grow_without_end(tmp_path: Path, tried: list[str]) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    backend._write_cache({str(number): {} for number in range(5 * backend.REMEMBERED)})
+    backend.choose_backend("llvm", [folder])
+    (path,) = (tmp_path / "cache/inim").iterdir()
+    assert len(json.loads(path.read_text())) == backend.REMEMBERED
+
+
+# --- Use ----------------------------------------------------------------------------------
+
+
+def chosen(library: Path | None) -> Backend:
+    return Backend("llvm", "llvm_ad_rgb", library, "19.1.7", "a processor")
+
+
+def test_environment_names_the_library_and_nothing_else(tmp_path: Path) -> None:
+    library = tmp_path / "libLLVM.so.19.1"
+    assert backend.environment(chosen(library)) == {"DRJIT_LIBLLVM_PATH": str(library)}
+
+
+def test_private_copy_comes_with_its_folder_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    folder = libraries(tmp_path / "mine", "inim-llvm.json", "libLLVM.so.19.1")
+    monkeypatch.setenv("LD_LIBRARY_PATH", f"/before{os.pathsep}{folder}")
+    variables = backend.environment(chosen(folder / "libLLVM.so.19.1"))
+    assert variables["LD_LIBRARY_PATH"] == f"{folder}{os.pathsep}/before"
+
+
+def test_activate_sets_this_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delitem(sys.modules, "drjit", raising=False)
+    backend.activate(chosen(tmp_path / "libLLVM.so.19.1"))
+    assert os.environ["DRJIT_LIBLLVM_PATH"] == str(tmp_path / "libLLVM.so.19.1")
+
+
+def test_activate_refuses_to_be_late(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "drjit", sys)
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/other/libLLVM.so")
+    with pytest.raises(BackendError, match=r"Dr.Jit is loaded already, with /other/libLLVM.so"):
+        backend.activate(chosen(tmp_path / "libLLVM.so.19.1"))
+    backend.activate(chosen(Path("/other/libLLVM.so")))
+
+
+def test_preloading_goes_on_past_what_cannot_be_loaded(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    import ctypes
+
+    folder = libraries(tmp_path / "mine", "liba.so.1", "libb.so.1", "libc.so.9", "libLLVM.so.19.1")
+    loaded: list[str] = []
+
+    def load(path: str) -> None:
+        name = Path(path).name
+        # a needs b; c never loads.
+        if name == "libc.so.9" or (name == "liba.so.1" and "libb.so.1" not in loaded):
+            raise OSError(name)
+        loaded.append(name)
+
+    monkeypatch.setattr(ctypes, "CDLL", load)
+    backend._preload([folder])
+    assert loaded == ["libb.so.1", "liba.so.1"]
+
+
+def test_importing_loads_no_renderer() -> None:
+    script = "import sys, inim.backend; sys.exit(str({'mitsuba', 'drjit'} & set(sys.modules)))"
+    child = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert child.stderr.strip() == "set()"
+
+
+# --- Facts about the machine --------------------------------------------------------------
+
+
+def limit(tmp_path: Path, membership: str, files: dict[str, str]) -> list[int]:
+    (tmp_path / "membership").write_text(membership)
+    for name, text in files.items():
+        libraries((tmp_path / name).parent)
+        (tmp_path / name).write_text(text)
+    paths = backend._limit_files(tmp_path / "membership", tmp_path)
+    return [number for number in map(backend._number_in, paths) if number]
+
+
+def test_every_enclosing_group_limits_the_memory(tmp_path: Path) -> None:
+    files = {"a/b/memory.max": "max\n", "a/memory.max": "5000\n", "memory.max": "7000\n"}
+    assert limit(tmp_path, "0::/a/b\n", files) == [5000, 7000]
+
+
+def test_older_control_groups_limit_the_memory_too(tmp_path: Path) -> None:
+    files = {"memory/a/memory.limit_in_bytes": "5000\n", "cpu/a/memory.limit_in_bytes": "1\n"}
+    assert limit(tmp_path, "4:cpu,cpuacct:/a\n3:memory:/a\n", files) == [5000]
+
+
+def test_group_of_a_container_may_be_the_root(tmp_path: Path) -> None:
+    assert limit(tmp_path, "0::/\n", {"memory.max": "5000\n"}) == [5000]
+    assert limit(tmp_path, "0::/not/here\n", {}) == [5000]
+
+
+def test_memory_limit_is_never_above_what_the_machine_has(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert 0 < backend.memory_limit_bytes() <= machine
+    (tmp_path / "limit").write_text("123456789")
+    monkeypatch.setattr(backend, "_limit_files", lambda path: [tmp_path / "limit"])
+    assert backend.memory_limit_bytes() == 123456789
+
+
+def test_description_is_json_and_gives_each_library_its_reason(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
+) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
+    monkeypatch.setenv("INIM_LLVM_SEARCH", str(folder))
+    facts = json.loads(json.dumps(backend.describe()))
+    assert [found["usable"] for found in facts["libllvm"]] == [True, False]
+    assert facts["libllvm"][1]["reason"] == "LLVM 14 is too old for Dr.Jit"
+    assert facts["chosen"]["libllvm"] == str(folder / "libLLVM.so.19.1")
+    assert facts["memory_bytes"] == backend.memory_limit_bytes()
+
+
+def test_text_form_works_with_and_without_a_backend(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
+) -> None:
+    monkeypatch.setenv("INIM_LLVM_SEARCH", str(tmp_path / "nothing"))
+    assert "no usable libLLVM: found none" in backend.sys_info()
+    folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
+    monkeypatch.setenv("INIM_LLVM_SEARCH", str(folder))
+    text = backend.sys_info()
+    assert "libLLVM.so.19.1  usable" in text
+    assert "libLLVM-14.so.1  refused: LLVM 14 is too old" in text

@@ -1,0 +1,406 @@
+"""Meshes come through whole, and no file takes time, memory or the process with it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+import time
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inim.errors import FileError
+from inim.formats.mesh import UNIT_MM, Mesh, check_mesh_file, read_mesh, write_ply
+
+POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], np.float32)
+FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.uint32)
+OBJ = "".join(f"v {x} {y} {z}\n" for x, y, z in POINTS) + "".join(
+    f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in FACES
+)
+
+
+def ply_header(n: int, m: int, form: str = "binary_little_endian") -> bytes:
+    return (
+        f"ply\nformat {form} 1.0\nelement vertex {n}\nproperty float x\nproperty float y\n"
+        f"property float z\nelement face {m}\nproperty list uchar int vertex_indices\nend_header\n"
+    ).encode()
+
+
+def ply_body(points: np.ndarray, faces: np.ndarray, order: str = "<") -> bytes:
+    table = np.empty(len(faces), [("n", "u1"), ("i", order + "i4", 3)])
+    table["n"], table["i"] = 3, faces
+    return points.astype(order + "f4").tobytes() + table.tobytes()
+
+
+def tetrahedron_ply(points: np.ndarray = POINTS, faces: np.ndarray = FACES) -> bytes:
+    return ply_header(len(points), len(faces)) + ply_body(points, faces)
+
+
+def stl(triangles: np.ndarray, count: int | None = None) -> bytes:
+    table = np.zeros(len(triangles), [("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    table["v"] = triangles
+    return bytes(80) + struct.pack("<I", len(table) if count is None else count) + table.tobytes()
+
+
+def gltf(node: dict[str, object], count: int = 4, **primitive: object) -> bytes:
+    body = POINTS.tobytes() + FACES.astype("<u4").tobytes()
+    tree = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, **node}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, **primitive}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5125, "count": 12, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 48},
+        ],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1.0, 0.2, 0.0, 1.0]}}],
+        "buffers": [
+            {
+                "byteLength": 96,
+                "uri": "data:application/octet-stream;base64," + base64.b64encode(body).decode(),
+            }
+        ],
+    }
+    return json.dumps(tree).encode()
+
+
+def serialized(points: np.ndarray, faces: np.ndarray, vertices: int | None = None) -> bytes:
+    n = len(points) if vertices is None else vertices
+    plain = struct.pack("<I", 0x1000) + b"name\0" + struct.pack("<QQ", n, len(faces))
+    plain += points.astype("<f4").tobytes() + faces.astype("<u4").tobytes()
+    return struct.pack("<HH", 0x041C, 4) + zlib.compress(plain) + struct.pack("<QI", 0, 1)
+
+
+def put(folder: Path, name: str, content: bytes | str) -> Path:
+    path = folder / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def refusal(path: Path) -> str:
+    """The message of `read_mesh`, which must be one line that names the file."""
+    with pytest.raises(FileError) as caught:
+        read_mesh(path)
+    message = str(caught.value)
+    assert str(path) in message
+    assert "\n" not in message
+    return message
+
+
+# --- Round trips --------------------------------------------------------------------------------
+
+
+def test_written_ply_reads_back_bit_for_bit(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    normals = rng.normal(size=(4, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    sent = Mesh(
+        POINTS,
+        FACES,
+        normals.astype(np.float32),
+        rng.random((4, 2), np.float32),
+        rng.random((4, 3), np.float32),
+    )
+    write_ply(tmp_path / "a.ply", sent)
+    (got,) = read_mesh(tmp_path / "a.ply")
+    np.testing.assert_array_equal(got.vertices, sent.vertices)
+    np.testing.assert_array_equal(got.faces, sent.faces)
+    np.testing.assert_array_equal(got.uv, sent.uv)
+    np.testing.assert_array_equal(got.color, sent.color)
+    np.testing.assert_allclose(got.normals, sent.normals, atol=1e-6)
+    assert got.vertices.dtype == np.float32
+    assert got.faces.dtype == np.uint32
+    check_mesh_file(tmp_path / "a.ply")
+
+
+def test_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
+    path = put(tmp_path, "a.ply", "old")
+    with pytest.raises(ValueError, match="dimension"):
+        write_ply(path, Mesh(POINTS, FACES, POINTS[:2]))
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_big_endian", "binary_little_endian"])
+def test_every_ply_format_gives_the_same_mesh(tmp_path: Path, form: str) -> None:
+    if form == "ascii":
+        rows = [" ".join(map(str, p)) for p in POINTS] + [
+            "3 " + " ".join(map(str, f)) for f in FACES
+        ]
+        body = ("\n".join(rows) + "\n").encode()
+    else:
+        body = ply_body(POINTS, FACES, "<" if "little" in form else ">")
+    path = put(tmp_path, "a.ply", ply_header(4, 4, form) + body)
+    check_mesh_file(path)
+    (mesh,) = read_mesh(path)
+    np.testing.assert_array_equal(mesh.vertices, POINTS)
+    np.testing.assert_array_equal(mesh.faces, FACES)
+
+
+def test_quads_are_read_but_not_handed_to_mitsuba(tmp_path: Path) -> None:
+    body = POINTS.tobytes() + struct.pack("<B4i", 4, 0, 1, 2, 3)
+    path = put(tmp_path, "a.ply", ply_header(4, 1) + body)
+    assert len(read_mesh(path)[0].faces) == 2
+    with pytest.raises(FileError, match="new-scene"):
+        check_mesh_file(path)
+
+
+def test_stl_is_known_by_content(tmp_path: Path) -> None:
+    for name in ("a.stl", "a.bin"):
+        (mesh,) = read_mesh(put(tmp_path, name, stl(POINTS[FACES])))
+        assert len(mesh.faces) == 4
+
+
+def test_gltf_node_transform_is_applied(tmp_path: Path) -> None:
+    node = {"translation": [10, 20, 30], "scale": [2, 2, 2]}
+    (mesh,) = read_mesh(put(tmp_path, "a.gltf", gltf(node)))
+    np.testing.assert_allclose(np.sort(mesh.vertices, 0), np.sort(POINTS * 2 + [10, 20, 30], 0))
+
+
+def test_gltf_base_colour_is_linear(tmp_path: Path) -> None:
+    (mesh,) = read_mesh(put(tmp_path, "a.gltf", gltf({}, material=0)))
+    assert mesh.color is not None
+    np.testing.assert_allclose(mesh.color, np.tile([1, 0.2, 0], (4, 1)), atol=1 / 255)
+
+
+def test_ply_byte_colours_are_decoded_from_srgb(tmp_path: Path) -> None:
+    text = (
+        ply_header(4, 4, "ascii")
+        .decode()
+        .replace(
+            "property float z\n",
+            "property float z\n"
+            + "".join(f"property uchar {c}\n" for c in ("red", "green", "blue")),
+        )
+    )
+    text += "".join(f"{x} {y} {z} 255 188 0\n" for x, y, z in POINTS)
+    text += "".join(f"3 {a} {b} {c}\n" for a, b, c in FACES)
+    (mesh,) = read_mesh(put(tmp_path, "a.ply", text))
+    assert mesh.color is not None
+    np.testing.assert_allclose(mesh.color[0], [1.0, 0.5, 0.0], atol=0.01)
+
+
+def textured_obj(folder: Path, picture: str) -> Path:
+    put(folder, "a.mtl", f"newmtl skin\nmap_Kd {picture}\n")
+    uv = "vt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\n"
+    faces = "usemtl skin\n" + "".join(f"f {a}/{a} {b}/{b} {c}/{c}\n" for a, b, c in FACES + 1)
+    points = "".join(f"v {x} {y} {z}\n" for x, y, z in POINTS)
+    return put(folder, "a.obj", "mtllib a.mtl\n" + points + uv + faces)
+
+
+def test_obj_texture_in_the_folder_is_kept(tmp_path: Path) -> None:
+    from PIL import Image
+
+    pixels = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+    Image.fromarray(pixels).save(tmp_path / "skin.png")
+    (mesh,) = read_mesh(textured_obj(tmp_path, "skin.png"))
+    np.testing.assert_array_equal(mesh.texture, pixels)
+    assert mesh.uv is not None
+
+
+def test_obj_texture_outside_the_folder_is_not_opened(tmp_path: Path) -> None:
+    from PIL import Image
+
+    inner = tmp_path / "in"
+    inner.mkdir()
+    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(tmp_path / "secret.png")
+    (mesh,) = read_mesh(textured_obj(inner, "../secret.png"))
+    assert mesh.texture is None
+
+
+# --- Refusals -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("index", [4, -1, 2**31 - 1])
+def test_ply_index_out_of_range_is_refused(tmp_path: Path, index: int) -> None:
+    faces = FACES.astype(np.int64)
+    faces[2, 1] = index
+    path = put(tmp_path, "a.ply", tetrahedron_ply(faces=faces))
+    assert str(index) in refusal(path)
+    with pytest.raises(FileError, match="refers to vertex"):
+        check_mesh_file(path)
+
+
+def test_ply_hidden_behind_comments_is_still_checked_as_ply(tmp_path: Path) -> None:
+    faces = FACES + 4
+    path = put(tmp_path, "a.obj", b"\ncomment v 1 2 3\n" + tetrahedron_ply(faces=faces))
+    with pytest.raises(FileError, match="refers to vertex"):
+        check_mesh_file(path)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_non_finite_vertex_is_refused_in_every_format(tmp_path: Path, value: float) -> None:
+    points = POINTS.copy()
+    points[1, 2] = value
+    lines = OBJ.splitlines()
+    lines[1] = f"v 1 0 {value}"
+    for name, content in (
+        ("a.ply", tetrahedron_ply(points)),
+        ("a.stl", stl(points[FACES])),
+        ("a.obj", "\n".join(lines)),
+    ):
+        assert "not finite" in refusal(put(tmp_path, name, content))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("vertices.ply", ply_header(10**9, 4) + bytes(96), "cut short"),
+        ("faces.ply", ply_header(4, 10**9) + bytes(96), "cut short"),
+        ("huge.ply", ply_header(10**18, 10**18) + bytes(96), "cut short"),
+        ("ascii.ply", ply_header(10**9, 10**9, "ascii") + b"0 0 0\n", "cut short"),
+        ("count.stl", stl(POINTS[FACES], 10**9), "cut short"),
+        ("short.stl", stl(POINTS[FACES])[:-1], "cut short"),
+        ("accessor.gltf", gltf({}, count=10**9), "cut short"),
+    ],
+)
+def test_lying_counts_are_refused_quickly_and_cheaply(
+    tmp_path: Path, name: str, content: bytes, words: str
+) -> None:
+    path = put(tmp_path, name, content)
+    tracemalloc.start()
+    began = time.perf_counter()
+    message = refusal(path)
+    seconds, peak = time.perf_counter() - began, tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert words in message
+    assert seconds < 2
+    assert peak < 32 * 2**20
+
+
+STRIPS = (
+    b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+    b"property float z\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    b"0 0 0\n1 0 0\n0 1 0\n1 1 0\n4 0 1 2 3\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("empty.ply", b"", "empty"),
+        ("blank.obj", b"\n\n", "empty"),
+        ("points.ply", ply_header(4, 0) + POINTS.tobytes(), "no faces"),
+        ("points.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no faces"),
+        ("wire.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 2 3\n", "no faces"),
+        ("strips.ply", STRIPS, "strips"),
+        ("line.ply", tetrahedron_ply(POINTS * [1, 0, 0]), "zero area"),
+        ("far.ply", tetrahedron_ply(POINTS * np.float32(1e30)), "3e+30"),
+        ("range.obj", OBJ + "f 1 2 9\n", "vertex 9"),
+        ("zero.obj", OBJ + "f 0 1 2\n", "vertex 0"),
+        ("relative.obj", OBJ + "f -1 -2 -9\n", "vertex -9"),
+        ("words.obj", OBJ + "v one two three\n", "not made of three numbers"),
+        ("flat.obj", OBJ.replace("v 1.0 0.0 0.0", "v 1.0 0.0"), "not made of three numbers"),
+        ("slash.obj", OBJ + "f 1/1 /2 3\n", "not made of indices"),
+        ("nan.obj", OBJ + "f 1 nan 3\n", "not made of indices"),
+        ("solid.stl", b"solid x\nendsolid x\n", "no triangles"),
+        ("none.stl", b"none" + bytes(80), "no triangles"),
+        ("cut.glb", b"glTF" + struct.pack("<III4s", 2, 999, 900, b"JSON"), "cut short"),
+        ("tree.gltf", b'{"asset": 1, "nodes": ' + b"[" * 10**5, "not a sound glTF"),
+        ("a.txt", b"hello", "not a mesh"),
+        ("a.glb", b"hello", "its content is not"),
+    ],
+)
+def test_what_is_no_surface_is_refused_in_one_line(
+    tmp_path: Path, name: str, content: bytes | str, words: str
+) -> None:
+    assert words in refusal(put(tmp_path, name, content))
+
+
+def test_folder_and_missing_file_are_refused(tmp_path: Path) -> None:
+    assert "no such file" in refusal(tmp_path)
+    assert "no such file" in refusal(tmp_path / "none.ply")
+
+
+def test_gltf_buffer_outside_the_folder_is_refused(tmp_path: Path) -> None:
+    inner = tmp_path / "in"
+    inner.mkdir()
+    put(tmp_path, "b.bin", POINTS.tobytes() + FACES.tobytes())
+    tree = json.loads(gltf({}))
+    tree["buffers"][0]["uri"] = "../b.bin"
+    assert "same folder" in refusal(put(inner, "a.gltf", json.dumps(tree)))
+
+
+@pytest.mark.parametrize("keep", [0.2, 0.5, 0.9, 0.999])
+@pytest.mark.parametrize("name", ["a.ply", "a.stl", "a.gltf", "a.obj"])
+def test_truncated_files_never_raise_anything_else(tmp_path: Path, name: str, keep: float) -> None:
+    whole = {
+        "a.ply": tetrahedron_ply(),
+        "a.stl": stl(POINTS[FACES]),
+        "a.gltf": gltf({}),
+        "a.obj": OBJ.encode(),
+    }[name]
+    path = put(tmp_path, name, whole[: int(len(whole) * keep)])
+    for act in (read_mesh, check_mesh_file):
+        try:
+            act(path)
+        except FileError as error:
+            assert "\n" not in str(error)
+
+
+# --- What a scene's own reference must satisfy --------------------------------------------------
+
+
+def test_check_accepts_sound_files(tmp_path: Path) -> None:
+    check_mesh_file(put(tmp_path, "a.obj", OBJ))
+    check_mesh_file(put(tmp_path, "a.serialized", serialized(POINTS, FACES)))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        serialized(POINTS, FACES + 4),
+        serialized(POINTS, FACES, vertices=10**12),
+        serialized(POINTS, FACES)[:40],
+        serialized(POINTS * np.float32(np.nan), FACES),
+    ],
+)
+def test_unsound_serialized_is_refused(tmp_path: Path, content: bytes) -> None:
+    with pytest.raises(FileError):
+        check_mesh_file(put(tmp_path, "a.serialized", content))
+
+
+def test_relative_indices_are_read_but_not_handed_to_mitsuba(tmp_path: Path) -> None:
+    path = put(tmp_path, "a.obj", OBJ + "f -4 -3 -2\n")
+    assert len(read_mesh(path)[0].faces) == 5
+    with pytest.raises(FileError, match="negative"):
+        check_mesh_file(path)
+
+
+def test_obj_with_normals_on_some_faces_is_not_handed_to_mitsuba(tmp_path: Path) -> None:
+    path = put(tmp_path, "a.obj", OBJ + "vn 0 0 1\nf 1//1 2//1 3//1\n")
+    with pytest.raises(FileError, match="only some faces"):
+        check_mesh_file(path)
+
+
+def test_million_triangles_are_checked_in_half_a_second(tmp_path: Path) -> None:
+    side = 708
+    x, y = np.meshgrid(np.arange(side), np.arange(side))
+    points = np.stack([x.ravel(), y.ravel(), np.zeros(side * side)], 1).astype(np.float32)
+    corner = (y[:-1, :-1] * side + x[:-1, :-1]).ravel()
+    faces = np.concatenate(
+        [
+            np.stack([corner, corner + 1, corner + side], 1),
+            np.stack([corner + 1, corner + side + 1, corner + side], 1),
+        ]
+    )
+    path = put(tmp_path, "a.ply", tetrahedron_ply(points, faces))
+    seconds = []
+    for _ in range(3):
+        began = time.perf_counter()
+        check_mesh_file(path)
+        seconds.append(time.perf_counter() - began)
+    assert min(seconds) < 0.5  # about 0.1 s on one core
+
+
+def test_units_are_exact() -> None:
+    assert UNIT_MM == {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
