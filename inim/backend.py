@@ -206,7 +206,9 @@ def _usual_folders() -> Iterator[Path]:
 
 def _libraries_in(folder: Path) -> list[Path]:
     try:
-        return sorted(path for path in folder.iterdir() if path.name.startswith("libLLVM"))
+        # A system's folder holds thousands of files: make no Path of each.
+        with os.scandir(folder) as entries:
+            return sorted(Path(entry) for entry in entries if entry.name.startswith("libLLVM"))
     except OSError:
         return []
 

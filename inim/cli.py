@@ -7,9 +7,10 @@ import json
 import os
 import sys
 from pathlib import Path
+from typing import Any, NoReturn
 
-from inim import __version__
 from inim.errors import EXIT_CHECK_FAILED, EXIT_INTERNAL, EXIT_PASSED, EXIT_USAGE, InimError
+from inim.version import __version__
 
 __all__ = ["main"]
 
@@ -19,10 +20,13 @@ _EXIT_CODES = """exit codes:
 """
 
 
+Commands = Any  # argparse keeps the type of what add_subparsers returns to itself
+
+
 class _Parser(argparse.ArgumentParser):
     """One line per mistake instead of a page of usage."""
 
-    def error(self, message: str) -> None:  # type: ignore[override]
+    def error(self, message: str) -> NoReturn:
         self.exit(EXIT_USAGE, f"inim: error: {message}; see {self.prog} --help\n")
 
 
@@ -67,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"inim {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    commands: Commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_validate(commands)
     _add_new_scene(commands)
     _add_backend_commands(commands)
@@ -76,7 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_validate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_validate(commands: Commands) -> None:
     parser = commands.add_parser(
         "validate",
         help="render a scene, generate its EIA with each algorithm, score every view",
@@ -128,7 +132,7 @@ def _validate(args: argparse.Namespace) -> int:
     return EXIT_PASSED if passed else EXIT_CHECK_FAILED
 
 
-def _add_new_scene(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_new_scene(commands: Commands) -> None:
     from inim.jobs import new_scene
 
     parser = commands.add_parser("new-scene", help="write a lit, fitted scene for a mesh")
@@ -136,7 +140,7 @@ def _add_new_scene(commands: argparse._SubParsersAction[argparse.ArgumentParser]
     parser.set_defaults(run=new_scene.run)
 
 
-def _add_backend_commands(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_backend_commands(commands: Commands) -> None:
     info = commands.add_parser("sys-info", help="what the renderer can run on here")
     info.add_argument("--json", action="store_true", help="as JSON")
     info.set_defaults(run=_sys_info)

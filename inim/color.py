@@ -27,5 +27,6 @@ def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
 
 
 def srgb_to_uint8(srgb: np.ndarray) -> np.ndarray:
-    """sRGB in 0..1 to the 8-bit code values of a PNG, rounded to nearest."""
-    return np.rint(np.clip(srgb, 0.0, 1.0) * 255.0).astype(np.uint8)
+    """The 8-bit code values of sRGB in 0..1, rounded to nearest."""
+    codes: np.ndarray = np.rint(np.clip(srgb, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return codes

@@ -175,9 +175,9 @@ class Display:
         """Whether every elemental image holds the same whole number of pixels."""
         ratio = self.pixels_per_lens
         whole = round(ratio)
-        return (
-            abs(ratio - whole) <= _INTEGER_RATIO_TOLERANCE * ratio
-            and self.eia_shape == (self.lens_rows * whole, self.lens_columns * whole)
+        return abs(ratio - whole) <= _INTEGER_RATIO_TOLERANCE * ratio and self.eia_shape == (
+            self.lens_rows * whole,
+            self.lens_columns * whole,
         )
 
     @property

@@ -77,5 +77,5 @@ class BaselineError(InimError):
     exit_code = EXIT_BASELINE
 
 
-class WorkerDied(InimError):
+class WorkerError(InimError):
     """The worker process ended without a result (crash in native code, kill)."""

@@ -24,7 +24,7 @@ _DEEPEST = 64
 _MOST_ELEMENTS = 200_000
 _MOST_INCLUDES = 64
 _LARGEST_BYTES = 64 * 2**20
-_MESH_TYPES = frozenset({"ply", "obj"})
+_MESH_TYPES = frozenset({"ply", "obj", "serialized"})
 _PARAMETER = re.compile(r"\$([\w.]+)")
 
 
@@ -39,8 +39,8 @@ class SceneFile:
         `inim.*` texts, the command line's over the file's.
     parameters : dict of str to str
         What to hand to Mitsuba's loader.
-    meshes : tuple of Path
-        Mesh files of the scene's shapes, to be checked before Mitsuba reads them.
+    meshes : tuple of (str, Path)
+        Shape plugin and mesh file of the scene's shapes, to be checked before Mitsuba reads them.
     sha256 : str
         Over the XML and all files it names.
     """
@@ -48,7 +48,7 @@ class SceneFile:
     path: Path
     settings: dict[str, str]
     parameters: dict[str, str]
-    meshes: tuple[Path, ...]
+    meshes: tuple[tuple[str, Path], ...]
     sha256: str
 
 
@@ -109,7 +109,7 @@ class _Scan:
         self.definitions = definitions
         self.defaults: dict[str, str] = {}
         self.used: set[str] = set()
-        self.meshes: list[Path] = []
+        self.meshes: list[tuple[str, Path]] = []
         self.hash = hashlib.sha256()
         self.elements = 0
         self.includes = 0
@@ -170,7 +170,9 @@ class _Scan:
         for text in attributes.values():
             self.used.update(_PARAMETER.findall(text))
         if tag == "default" and "name" in attributes:
-            self.defaults.setdefault(attributes["name"], attributes.get("value", ""))
+            # Mitsuba's escape: a title may hold a dollar sign.
+            value = attributes.get("value", "").replace("\\$", "$")
+            self.defaults.setdefault(attributes["name"], value)
         elif tag == "include":
             self._include(self._substitute(attributes.get("filename", "")), where, level)
         elif tag == "path":
@@ -191,7 +193,7 @@ class _Scan:
             raise FileError(f"{where}: {name!r} is not there; paths start at the scene's folder")
         kind = stack[-1][1].get("type", "") if stack else ""
         if stack and stack[-1][0] == "shape" and kind in _MESH_TYPES:
-            self.meshes.append(path)
+            self.meshes.append((kind, path))
         try:
             self.hash.update(hashlib.sha256(path.read_bytes()).digest())
         except OSError as error:

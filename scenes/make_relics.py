@@ -257,12 +257,14 @@ def write_ply(mesh, name):
         raise ValueError(f"{name}: the mesh is not a closed surface with outward faces")
     if not (np.isfinite(mesh.normals).all() and solid.area_faces.min() > 0):
         raise ValueError(f"{name}: the mesh has degenerate faces or normals")
+    if len(mesh.points) > np.iinfo(np.uint16).max:
+        raise ValueError(f"{name}: too many vertices for 16-bit face indices")
     vertices = np.hstack([mesh.points, mesh.normals, mesh.uv]).astype("<f4")
-    faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("index", "<u2", 3)])
     faces["count"], faces["index"] = 3, mesh.faces
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
     header += [f"property float {axis}" for axis in ("x", "y", "z", "nx", "ny", "nz", "u", "v")]
-    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    header += [f"element face {len(faces)}", "property list uchar ushort vertex_indices", "end_header"]
     data = "\n".join(header).encode("ascii") + b"\n" + vertices.tobytes() + faces.tobytes()
     (SCENES / "meshes" / f"{name}.ply").write_bytes(data)
     print(f"{name}.ply: {len(faces)} triangles, {solid.extents.round(1)} mm")
@@ -1043,7 +1045,7 @@ def make_wine_coin(rng):
     make_goblet(rng)
     height = blurred(coin_relief(), 2.2)
     write_ply(coin_mesh(height), "coin")
-    copper = ((44, 40, 32), (116, 76, 46), (176, 122, 76), (74, 132, 106))
+    copper = ((74, 60, 44), (122, 80, 48), (176, 122, 76), (74, 132, 106))
     write_png(patinated(blurred(height, 0.8), *copper, rng), "coin")
 
 

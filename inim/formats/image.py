@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from inim import __version__
 from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.errors import FileError
 from inim.rgbd import RGBD
+from inim.version import __version__
 
 __all__ = ["read_exr", "read_rgbd", "write_atomically", "write_exr", "write_png", "write_rgbd"]
 
@@ -32,7 +32,7 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write(temporary)
-        os.replace(temporary, path)
+        temporary.replace(path)
     except OSError as error:
         raise FileError(
             f"{path}: cannot be written ({error.strerror or error}); "

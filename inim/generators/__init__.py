@@ -88,9 +88,7 @@ def find_sources(rgbd: RGBD, display: Display, algorithm: str = "template") -> S
     return found
 
 
-def generate(
-    rgbd: RGBD, display: Display, algorithm: str = "template"
-) -> NDArray[np.float32]:
+def generate(rgbd: RGBD, display: Display, algorithm: str = "template") -> NDArray[np.float32]:
     """The elemental image array of a picture.
 
     Parameters

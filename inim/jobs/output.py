@@ -48,18 +48,18 @@ def publish(staging: Path, out: Path) -> None:
         When a file cannot be moved.
     """
     try:
-        os.chmod(staging, 0o755)  # mkdtemp's folders are private
+        staging.chmod(0o755)  # mkdtemp's folders are private
         if not out.exists():
-            os.replace(staging, out)
+            staging.replace(out)
             return
         files = [p.relative_to(staging) for p in sorted(staging.rglob("*")) if p.is_file()]
         earlier = _files_of_earlier_run(out)
         (out / _MARKER).unlink(missing_ok=True)
-        for name in earlier - {str(f) for f in files}:
-            (out / name).unlink(missing_ok=True)
+        for stale in earlier - {str(f) for f in files}:
+            (out / stale).unlink(missing_ok=True)
         for name in sorted(files, key=lambda f: (str(f) == _MARKER, str(f))):
             (out / name).parent.mkdir(parents=True, exist_ok=True)
-            os.replace(staging / name, out / name)
+            (staging / name).replace(out / name)
         shutil.rmtree(staging, ignore_errors=True)
     except OSError as error:
         raise FileError(f"{out}: cannot be written ({error.strerror})") from None

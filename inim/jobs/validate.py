@@ -15,12 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from inim import __version__, metrics
+from inim import metrics
 from inim.formats.image import write_exr, write_png, write_rgbd
 from inim.generators import colour_of, find_sources, hole_fraction
 from inim.jobs.plan import Plan, Request
 from inim.report import SCHEMA, Report
 from inim.rgbd import RGBD
+from inim.version import __version__
 
 __all__ = ["Listener", "default_out", "run", "validate"]
 
@@ -445,5 +446,3 @@ def _print_scores(listener: Listener, data: Mapping[str, Any]) -> None:
                 f"{ceiling['ssim']:.4f})  to ceiling {score['ssim_to_ceiling']:.4f}  "
                 f"PSNR {score['psnr_db']:.2f} dB  FLIP {score['flip']:.4f}"
             )
-
-

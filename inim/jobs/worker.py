@@ -20,7 +20,7 @@ from typing import Any
 
 from inim import backend as backends
 from inim import errors
-from inim.errors import InimError, OutOfMemoryError, WorkerDied
+from inim.errors import InimError, OutOfMemoryError, WorkerError
 from inim.jobs.output import open_staging
 from inim.jobs.plan import Request, make_plan
 
@@ -54,7 +54,7 @@ def run_in_worker(request: Request, *, quiet: bool = True, debug: bool = False) 
     Raises
     ------
     InimError
-        What the worker raised, or `WorkerDied` / `OutOfMemoryError` where it could not say.
+        What the worker raised, or `WorkerError` / `OutOfMemoryError` where it could not say.
     """
     make_plan(request)  # cheap; most mistakes end here, before a process is started
     backend = backends.choose_backend(request.backend)
@@ -110,7 +110,7 @@ def _death(code: int, stage: str, memory_limit: int) -> InimError:
             f"{memory_limit / 2**30:.1f} GiB; lower inim.eia_spp or use a display with fewer pixels"
         )
     how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-    return WorkerDied(
+    return WorkerError(
         f"the worker died during '{stage}' ({how}): a crash in native code; check the scene's "
         "meshes, and run `inim sys-info` to check the backend"
     )

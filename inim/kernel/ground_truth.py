@@ -35,7 +35,8 @@ class Truth:
     @property
     def image(self) -> np.ndarray:
         """Mean of the halves, (rows, columns, 3) float32."""
-        return (self.first + self.second) / 2
+        mean: np.ndarray = (self.first + self.second) / 2
+        return mean
 
 
 def capture_size(display: Display, pixels_per_pitch: int) -> tuple[int, int]:

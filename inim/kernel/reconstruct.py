@@ -97,9 +97,7 @@ class DisplayScene:
         from inim.kernel.trace import radiance
 
         # Rays start a little in front of the array, not at the eye: coordinates stay small.
-        rays = eye_rays(
-            self.display, viewpoint.position_mm, pixels_per_lens, self.display.pitch_mm
-        )
+        rays = eye_rays(self.display, viewpoint.position_mm, pixels_per_lens, self.display.pitch_mm)
         sensor = make_sensor(rays, np.eye(4))
         return radiance(
             self._scene,

@@ -77,15 +77,15 @@ def open_scene(
     SceneError
         A scene with nothing to show.
     """
-    for mesh in file.meshes:
-        check_mesh_file(mesh)
+    for plugin, mesh in file.meshes:
+        check_mesh_file(mesh, plugin)
     started = time.perf_counter()
     scene = _load(file)
     if clock:
         clock.seconds += time.perf_counter() - started
     relic = [shape for shape in scene.shapes() if not shape.is_emitter()]
     if not relic:
-        raise SceneError(f"{file.path}: nothing to show: the scene has no shape that is not a light")
+        raise SceneError(f"{file.path}: nothing to show: the scene has no shape but lights")
     points = np.concatenate([_extent_points(shape) for shape in relic])
     fit = fit_to_display(points, _orientation(scene), display, fit_share, str(file.path))
     low, high = display.depth_range_mm

@@ -175,9 +175,7 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
                 dr.opaque(mi.UInt32, rays.columns), dr.opaque(mi.UInt32, rays.rows)
             )
             # The y axis points up, rows go down.
-            self.corner = pair(
-                (-rays.columns * rays.pixel_mm / 2, rays.rows * rays.pixel_mm / 2)
-            )
+            self.corner = pair((-rays.columns * rays.pixel_mm / 2, rays.rows * rays.pixel_mm / 2))
             self.step = pair((rays.pixel_mm, -rays.pixel_mm))
             self.lens_x = mi.Float(np.asarray(rays.lens_x_mm, np.float32))
             self.lens_y = mi.Float(np.asarray(rays.lens_y_mm, np.float32))

@@ -139,7 +139,8 @@ class Surface:
     @property
     def point(self) -> np.ndarray:
         """World points (rows, columns, 3); not finite where not covered."""
-        return self.origin + self.distance[..., None] * self.direction
+        points: np.ndarray = self.origin + self.distance[..., None] * self.direction
+        return points
 
 
 def surface(scene: Any, sensor: Any, clock: Clock | None = None) -> Surface:

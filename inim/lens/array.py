@@ -59,10 +59,7 @@ def lens_centre(array: LensArray, ops: Ops, x: Any, y: Any) -> tuple[Any, Any, A
     column = ops.floor(x / array.pitch + array.half_columns)
     row = ops.floor(y / array.pitch + array.half_rows)
     inside = (
-        (column >= 0)
-        & (column < 2 * array.half_columns)
-        & (row >= 0)
-        & (row < 2 * array.half_rows)
+        (column >= 0) & (column < 2 * array.half_columns) & (row >= 0) & (row < 2 * array.half_rows)
     )
     centre_x = (column + 0.5 - array.half_columns) * array.pitch
     centre_y = (row + 0.5 - array.half_rows) * array.pitch

@@ -23,7 +23,7 @@ __all__ = ["check", "on_axis_transmittance", "trace"]
 
 
 def check(display: Display) -> None:
-    """Raise `DisplayError` where the lens cannot fill its cell, be that thin, or clear the panel."""
+    """Raise `DisplayError` where the lens cannot fill its cell, be so thin, or clear the panel."""
     array = lens_array(display)
     corner = display.pitch_mm / math.sqrt(2)
     if array.radius <= corner:
@@ -59,9 +59,7 @@ def trace(array: LensArray, ops: Ops, x: Any, y: Any, sx: Any, sy: Any) -> tuple
     bulge_first = _trace_bulge_first(array, ops, x, y, direction)
     flat_first = _trace_flat_first(array, ops, x, y, direction)
     first = array.bulges_to_viewer > 0.5
-    return tuple(  # type: ignore[return-value]
-        ops.where(first, a, b) for a, b in zip(bulge_first, flat_first, strict=True)
-    )
+    return tuple(ops.where(first, a, b) for a, b in zip(bulge_first, flat_first, strict=True))
 
 
 def _trace_bulge_first(array: LensArray, ops: Ops, x: Any, y: Any, d: Any) -> tuple[Any, Any, Any]:
@@ -138,4 +136,4 @@ def _refract(ops: Ops, d: Any, normal: Any, ratio: Any) -> tuple[tuple[Any, Any,
     r_s = (ratio * cos_in - cos_out) / (ratio * cos_in + cos_out)
     r_p = (cos_in - ratio * cos_out) / (cos_in + ratio * cos_out)
     transmittance = 1.0 - 0.5 * (r_s * r_s + r_p * r_p)
-    return out, ops.where(passes, transmittance, 0.0)  # type: ignore[return-value]
+    return out, ops.where(passes, transmittance, 0.0)

@@ -57,9 +57,9 @@ def plan_view(display: Mapping[str, Any], viewpoints: Sequence[Mapping[str, Any]
         An ``<svg>`` element coloured by the style sheet's classes, with its own description.
     """
     given, derived = part(display, "given"), part(display, "derived")
-    needed = [given.get("gap_mm"), derived.get("width_mm"), derived.get("depth_min_mm")]
-    needed += [derived.get("depth_max_mm"), derived.get("viewing_half_angle_deg")]
-    if not all(is_number(v) and math.isfinite(v) for v in needed):
+    sizes = [given.get("gap_mm"), *map(derived.get, ("width_mm", "viewing_half_angle_deg"))]
+    depths = [derived.get("depth_min_mm"), derived.get("depth_max_mm")]
+    if not all(is_number(v) and math.isfinite(v) for v in sizes + depths) or min(sizes) <= 0:
         return ""
     eyes = _eyes(viewpoints)
     frame = _frame(given, derived, eyes)

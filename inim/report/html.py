@@ -815,9 +815,11 @@ def _busiest_window(truth: np.ndarray | None, data: Mapping[str, Any]) -> _Windo
         return _Window(0, 0, size, size)
     tops = _lens_starts(rows, height, pixels_per_lens)
     lefts = _lens_starts(columns, width, pixels_per_lens)
-    grey = truth.mean(axis=2, dtype=np.float64)
-    variance = _window_mean(grey**2, tops, lefts, height, width)
-    variance -= _window_mean(grey, tops, lefts, height, width) ** 2
+    # Only what the windows can reach: an array of 33 million pixels would take gigabytes.
+    reach = np.s_[tops[0] : tops[-1] + height, lefts[0] : lefts[-1] + width]
+    grey = truth[reach].mean(axis=2, dtype=np.float64)
+    inside = tops - tops[0], lefts - lefts[0], height, width
+    variance = _window_mean(grey**2, *inside) - _window_mean(grey, *inside) ** 2
     row, column = np.unravel_index(int(np.argmax(variance)), variance.shape)
     return _Window(int(tops[row]), int(lefts[column]), height, width)
 

@@ -1,0 +1,385 @@
+"""The HTML report: one safe, self-contained page that never shows more than was measured."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.display import DISPLAYS
+from inim.report import html as report_html
+from inim.report.diagram import plan_view
+from inim.report.html import render_html
+
+HOSTILE = "</style><script>alert(1)</script>\"'`\n&amp; 双耳陶罐 \x00\ud800"
+VIEWS = ("centre", "left", "right", "up", "down")
+VOID = {"meta", "img", "br", "link", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """The page's elements and words, and a record of tags that do not pair up."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+        self.open: list[str] = []
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] != "style":
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+    def picture(self, alt: str) -> np.ndarray:
+        source = next(i["src"] for i in self.all("img") if i["alt"] == alt)
+        return np.asarray(Image.open(io.BytesIO(base64.b64decode(source.split(",")[1]))))
+
+
+def scores(ssim: float | None) -> dict[str, Any]:
+    return {"ssim": ssim, "psnr_db": 27.125, "flip": 0.1234}
+
+
+def view_scores(ssim: float) -> dict[str, Any]:
+    own = {"ssim_to_ceiling": ssim, "psnr_to_ceiling_db": 31.0, "flip_to_ceiling": 0.02}
+    return {**scores(0.8), **own, "ssim_on_relic": 0.75}
+
+
+def report(algorithms: dict[str, float], views: tuple[str, ...] = VIEWS) -> dict[str, Any]:
+    display = DISPLAYS["nominal"]
+    places = dict(zip(VIEWS, [(0, 0), (-10, 0), (10, 0), (0, 10), (0, -10)], strict=True))
+    return {
+        "schema": "inim.report/1",
+        "title": "Painted amphora",
+        "created": "2026-11-20T09:00:00Z",
+        "inim_version": "0.1.0",
+        "versions": {"mitsuba": "3.9.1"},
+        "command": "python -m inim.validate scenes/amphora.xml -o OUT",
+        "scene": {"path": "scenes/amphora.xml", "sha256": "9f86", "shapes": 3, "fit": {}},
+        "settings": {"seed": 7},
+        "display": {"given": display.given(), "derived": display.derived()},
+        "backend": {"variant": "llvm_ad_rgb"},
+        "lens_model": "thick",
+        "viewpoints": [{"name": v, "position_mm": [*places.get(v, (0, 0)), 416.0]} for v in views],
+        "rgbd": {"rows": 64, "columns": 64, "pixel_mm": 0.25, "covered_fraction": 0.25},
+        "noise_floor": {"eia": scores(0.9931), "views": {v: scores(0.9962) for v in views}},
+        "ceiling": {"views": {v: scores(0.881) for v in views}},
+        "algorithms": {
+            name: {
+                "seconds": 0.5,
+                "eia": {**scores(0.97), "hole_fraction": 0.0142},
+                "views": {v: view_scores(ssim) for v in views},
+            }
+            for name, ssim in algorithms.items()
+        },
+        "timings": {"pickup": 6.0, "total": 8.0},
+        "warnings": ["the capture was widened"],
+        "verdict": {"passed": True, "checks": [check("template/centre: SSIM to ceiling", 0.97)]},
+        "files": [],
+    }
+
+
+def check(name: str, value: float | None, passed: bool = True) -> dict[str, Any]:
+    return {"name": name, "value": value, "limit": 0.9, "relation": ">=", "passed": passed}
+
+
+def save(path: Path, pixels: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(pixels).save(path)
+
+
+def noise(seed: int, size: int = 64) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (size, size, 3), dtype=np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """All the pictures of a report on `template` and `wang2024`."""
+    folder = tmp_path / "report"
+    for name in ("truth/eia", "eia/template", "eia/wang2024", "rgbd_color"):
+        save(folder / f"{name}.png", noise(1, 272))
+    save(folder / "rgbd_depth.png", noise(2)[..., 0])
+    for seed, place in enumerate(("truth", "views/ceiling", "views/template", "views/wang2024")):
+        for view in VIEWS:
+            save(folder / place / f"{view}.png", noise(seed))
+    return folder
+
+
+ALGORITHMS = {"template": 0.9731, "wang2024": 0.9211}
+
+
+def test_page_is_well_formed_html_with_every_section(folder):
+    page = Page(render_html(report(ALGORITHMS), folder))
+    assert page.open == []
+    titles = {s["id"] for s in page.all("section")}
+    assert {"overview", "display", "views", "eia", "rgbd", "checks", "timings", "warnings"} < titles
+    assert {"reproduce", "meaning"} < titles
+    assert page.all("html") == [{"lang": "en"}]
+
+
+def test_every_link_leads_to_a_place_on_the_page(folder):
+    page = Page(render_html(report(ALGORITHMS), folder))
+    places = {attributes.get("id") for _, attributes in page.elements}
+    assert {link["href"][1:] for link in page.all("a")} <= places
+
+
+def test_every_picture_is_embedded_and_described(folder):
+    page = Page(render_html(report(ALGORITHMS), folder))
+    images = page.all("img")
+    assert len(images) > 30
+    assert all(image["src"].startswith("data:image/png;base64,") for image in images)
+    assert all(image["alt"] and image["width"] and image["height"] for image in images)
+    assert "missing" not in page.text
+
+
+def test_page_needs_nothing_from_outside_and_forbids_it(folder):
+    html = render_html(report(ALGORITHMS), folder)
+    page = Page(html)
+    assert not re.search(r"https?://|@import|url\(", html)
+    assert not {"script", "link", "iframe", "object"} & {name for name, _ in page.elements}
+    policy = [m["content"] for m in page.all("meta") if "http-equiv" in m]
+    assert len(policy) == 1
+    assert policy[0].startswith("default-src 'none'; img-src data:;")
+
+
+def test_hostile_names_are_shown_as_text_and_never_run(folder):
+    data = report({HOSTILE: 0.9}, views=(HOSTILE,))
+    data |= {"title": HOSTILE, "command": HOSTILE, "warnings": [HOSTILE], "lens_model": HOSTILE}
+    data["settings"] = data["versions"] = data["timings"] = data["backend"] = {HOSTILE: HOSTILE}
+    data["verdict"]["checks"] = [{**check(HOSTILE, 0.95), "detail": HOSTILE, "relation": HOSTILE}]
+    data["display"]["given"][HOSTILE] = HOSTILE
+    html = render_html(data, folder)
+    page = Page(html)
+    html.encode("utf-8")
+    assert page.open == []
+    assert page.all("script") == []
+    assert len(page.all("style")) == 1
+    assert "<script>alert(1)</script>" in page.text
+    assert "双耳陶罐" in page.text
+    assert "\x00" not in html
+    allowed = {"src", "alt", "width", "height", "class", "style"}
+    assert {key for image in page.all("img") for key in image} <= allowed
+
+
+def test_names_that_lead_out_of_the_folder_are_not_followed(folder):
+    save(folder.parent / "centre.png", noise(9))
+    page = Page(render_html(report({"../..": 0.9}, views=("centre",)), folder))
+    assert not any(image["alt"].startswith("../..") for image in page.all("img"))
+
+
+@pytest.mark.parametrize("content", [None, b"", b"not a picture", b"\x89PNG\r\n\x1a\n cut"])
+def test_missing_or_damaged_picture_shows_a_box(folder, content):
+    path = folder / "views/template/centre.png"
+    path.unlink()
+    if content is not None:
+        path.write_bytes(content)
+    page = Page(render_html(report(ALGORITHMS), folder))
+    assert "missing template from centre" in page.text
+    assert "missing Difference of template and ceiling from centre" in page.text
+
+
+@pytest.mark.parametrize("data", [{}, {"algorithms": None, "viewpoints": [None, {}, 3]}])
+def test_empty_report_still_renders_and_does_not_pass(tmp_path, data):
+    page = Page(render_html(data, tmp_path / "nowhere"))
+    assert "Failed" in page.text
+    assert "Passed" not in page.text
+
+
+def test_difference_is_the_absolute_srgb_difference_times_four_and_says_so(folder):
+    ceiling = np.full((8, 8, 3), 100, np.uint8)
+    made = ceiling.copy()
+    made[0, 0] = (90, 103, 250)
+    save(folder / "views/ceiling/centre.png", ceiling)
+    save(folder / "views/template/centre.png", made)
+    page = Page(render_html(report(ALGORITHMS), folder))
+    difference = page.picture("Difference of template and ceiling from centre")
+    assert difference[0, 0].tolist() == [40, 12, 255]
+    assert difference[1:].max() == 0
+    assert "amplified × 4" in page.text
+
+
+def test_pictures_of_unlike_sizes_are_not_compared(folder):
+    save(folder / "views/template/centre.png", noise(1, 32))
+    page = Page(render_html(report(ALGORITHMS), folder))
+    assert "missing Difference of template and ceiling from centre" in page.text
+
+
+def test_eia_crop_shows_the_same_busiest_lenses_of_every_array_unscaled(folder):
+    truth = np.full((1088, 1088, 3), 128, np.uint8)
+    top, left, size = 17 * 30, 17 * 22, 6 * 17
+    truth[top : top + size, left : left + size] = noise(5, size)
+    made = noise(6, 1088)
+    save(folder / "truth/eia.png", truth)
+    save(folder / "eia/template.png", made)
+    page = Page(render_html(report(ALGORITHMS), folder))
+    cut = np.s_[top : top + size, left : left + size]
+    crop = page.picture("Magnified elemental images, Ground truth")
+    np.testing.assert_array_equal(crop, truth[cut])
+    crop = page.picture("Magnified elemental images, template")
+    np.testing.assert_array_equal(crop, made[cut])
+
+
+def test_missing_scores_are_dashes_and_the_psnr_of_identical_pictures_is_infinite(folder):
+    data = report({"template": 0.9}, views=("centre",))
+    data["algorithms"]["template"]["views"]["centre"] |= {"ssim_to_ceiling": None, "ssim": math.nan}
+    data["algorithms"]["template"]["views"]["centre"] |= {"psnr_to_ceiling_db": None}
+    data["algorithms"]["template"]["seconds"] = None
+    text = Page(render_html(data, folder)).text
+    assert "SSIM – PSNR ∞\N{NO-BREAK SPACE}dB".replace("\N{NO-BREAK SPACE}", " ") in text
+    assert "nan" not in text.lower().split()
+    assert "None" not in text
+
+
+@pytest.mark.parametrize("value", [None, math.nan, "0.95", True])
+def test_check_without_a_number_never_passes(folder, value):
+    data = report(ALGORITHMS)
+    data["verdict"] = {"passed": True, "checks": [check("template: SSIM", value, passed=True)]}
+    page = Page(render_html(data, folder))
+    assert "Failed" in page.text
+    assert "0 of 1 checks passed" in page.text
+    assert {"class": "badge passed"} not in page.all("span")
+
+
+def test_verdict_is_a_word_and_not_only_a_colour(folder):
+    data = report(ALGORITHMS)
+    assert "✓ Passed 1 of 1 checks passed" in Page(render_html(data, folder)).text
+    data["verdict"] = {"passed": False, "checks": [check("template: SSIM", 0.85, passed=False)]}
+    text = Page(render_html(data, folder)).text
+    assert "✕ Failed 0 of 1 checks passed" in text
+    assert "template: SSIM 0.8500, required ≥ 0.9000" in text
+
+
+def test_nothing_checked_is_not_a_pass(folder):
+    data = report(ALGORITHMS)
+    data["verdict"] = {"passed": True, "checks": []}
+    assert "No verdict" in Page(render_html(data, folder)).text
+
+
+def test_best_algorithm_by_mean_ssim_to_ceiling_is_shown_beside_the_ground_truth(folder):
+    page = Page(render_html(report({"wang2024": 0.91, "template": 0.97}), folder))
+    assert [image["alt"] for image in page.all("img")][:2] == [
+        "Ground truth, viewpoint centre",
+        "template, viewpoint centre",
+    ]
+
+
+def test_algorithm_that_lacks_scores_is_not_the_best(folder):
+    data = report({"wang2024": 0.99, "template": 0.9})
+    data["algorithms"]["wang2024"]["views"]["left"]["ssim_to_ceiling"] = None
+    assert "template best mean" in Page(render_html(data, folder)).text
+
+
+def test_parallax_strips_go_by_position_not_by_order(folder):
+    page = Page(render_html(report(ALGORITHMS), folder))
+    thumbnails = [image["alt"] for image in page.all("img") if " from " in image["alt"]]
+    across = [f"Ground truth from {view}" for view in ("left", "centre", "right")]
+    down = [f"Ground truth from {view}" for view in ("up", "centre", "down")]
+    shown = " ".join(thumbnails)
+    assert " ".join(across) in shown
+    assert " ".join(down) in shown
+
+
+@pytest.mark.parametrize("share", [0.8, 0.3])
+def test_page_too_large_is_built_again_with_smaller_pictures(folder, monkeypatch, share):
+    for place in ("truth", "views/ceiling", "views/template"):
+        save(folder / place / "centre.png", noise(3, 256))
+    data = report({"template": 0.97}, views=("centre",))
+    limit = round(share * len(render_html(data, folder)))
+    monkeypatch.setattr(report_html, "LARGEST_PAGE_BYTES", limit)
+    page = render_html(data, folder)
+    assert len(page.encode()) < limit
+    assert "data:image/jpeg" in page
+
+
+def test_pictures_are_left_out_and_say_so_when_nothing_else_helps(folder, monkeypatch):
+    monkeypatch.setattr(report_html, "LARGEST_PAGE_BYTES", 60_000)
+    page = Page(render_html(report(ALGORITHMS), folder))
+    assert page.all("img") == []
+    assert "left out, the page would be too large Ground truth from centre" in page.text
+
+
+def test_cut_depth_range_is_a_warning(folder):
+    data = report(ALGORITHMS)
+    assert "Depth range cut." not in Page(render_html(data, folder)).text
+    data["display"]["derived"]["depth_range_is_cut"] = True
+    assert "Depth range cut." in Page(render_html(data, folder)).text
+
+
+def test_display_without_a_central_depth_plane_is_called_focused(folder):
+    data = report(ALGORITHMS)
+    data["display"]["derived"]["central_depth_mm"] = None
+    text = Page(render_html(data, folder)).text
+    assert "It is focused (gap = focal length)" in text
+    assert "Central depth plane focused" in text
+
+
+@pytest.mark.parametrize(("gap_mm", "side"), [(3.3, "in front of"), (2.7, "behind")])
+def test_central_depth_plane_is_said_to_be_on_its_side_of_the_array(folder, gap_mm, side):
+    display = DISPLAYS["nominal"].replace(gap_mm=gap_mm)
+    data = report(ALGORITHMS)
+    data["display"] = {"given": display.given(), "derived": display.derived()}
+    assert f"{side} the lens array" in Page(render_html(data, folder)).text
+
+
+def test_settings_are_printed_in_full_to_be_given_again(folder):
+    data = report(ALGORITHMS)
+    data["settings"] = {"exposure": 0.123456789}
+    assert "0.123456789" in Page(render_html(data, folder)).text
+
+
+def test_plan_view_names_the_eyes_and_escapes_them():
+    display = DISPLAYS["nominal"]
+    data = {"given": display.given(), "derived": display.derived()}
+    eyes = [{"name": "<b>", "position_mm": [0, 0, 416]}, {"name": "up", "position_mm": [0, 9, 416]}]
+    drawing = Page(plan_view(data, eyes))
+    assert "<b>, up" in drawing.text
+    assert len(drawing.all("circle")) == 1
+    assert drawing.all("b") == []
+
+
+def test_plan_view_keeps_the_panel_behind_the_array_and_the_depth_range_to_scale():
+    display = DISPLAYS["nominal"]
+    data = {"given": display.given(), "derived": display.derived()}
+    drawing = Page(plan_view(data, [{"name": "centre", "position_mm": [0, 0, 416]}]))
+    lines = {line["class"]: line for line in drawing.all("line")}
+    depth = drawing.all("rect")[0]
+    array = float(re.match(r"M([\d.]+)", drawing.all("path")[0]["d"])[1])
+    eye = float(drawing.all("circle")[0]["cx"])
+    scale = (eye - array) / 416
+    assert float(lines["panel"]["x1"]) < array < float(depth["x"])
+    assert float(depth["x"]) == pytest.approx(array + display.depth_range_mm[0] * scale, abs=0.2)
+    assert float(depth["width"]) == pytest.approx(display.depth_span_mm * scale, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "derived", [{}, {"width_mm": None}, {"width_mm": math.nan}, {"width_mm": 0.0}]
+)
+def test_plan_view_without_numbers_is_left_out(derived):
+    usual = {**DISPLAYS["nominal"].derived(), **derived} if derived else {}
+    assert plan_view({"given": {"gap_mm": 3.3}, "derived": usual}) == ""

@@ -1,0 +1,143 @@
+"""The Markdown summary: short, honest about gaps, and safe to paste into a comment."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from inim.report.summary import (
+    best_algorithm,
+    check_passed,
+    check_value,
+    number,
+    render_summary,
+    score,
+    verdict,
+)
+
+HOSTILE = "<script>alert(1)</script> | `x` *b* [a](b)\n# 双耳陶罐 \x00"
+
+
+def report(**changes: Any) -> dict[str, Any]:
+    views = {"centre": {"ssim": 0.86, "ssim_to_ceiling": 0.9731}}
+    views["left"] = {"ssim": 0.84, "ssim_to_ceiling": 0.9612}
+    eia = {"ssim": 0.9712, "hole_fraction": 0.0142}
+    return {
+        "title": "Painted amphora",
+        "inim_version": "0.1.0",
+        "viewpoints": [{"name": "centre"}, {"name": "left"}],
+        "noise_floor": {"eia": {"ssim": 0.9931}, "views": {"centre": {"ssim": 0.9962}}},
+        "ceiling": {"views": {"centre": {"ssim": 0.881}, "left": {"ssim": 0.875}}},
+        "algorithms": {"template": {"seconds": 0.42, "eia": eia, "views": views}},
+        "verdict": {"passed": True, "checks": [check()]},
+        "warnings": [],
+        **changes,
+    }
+
+
+def check(**changes: Any) -> dict[str, Any]:
+    usual = {"name": "SSIM", "value": 0.97, "limit": 0.9, "relation": ">=", "passed": True}
+    return {**usual, **changes}
+
+
+def rows(summary: str) -> dict[str, list[str]]:
+    lines = [line for line in summary.splitlines() if line.startswith("| ")]
+    cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
+    return {row[0]: row[1:] for row in cells}
+
+
+def test_summary_has_the_verdict_and_a_row_for_each_reference():
+    summary = render_summary(report())
+    assert "✅ **Passed**: 1 of 1 checks passed." in summary
+    table = rows(summary)
+    assert table["template"] == ["0.9731 (0.8600)", "0.9612 (0.8400)", "0.9712", "1.42 %", "0.42"]
+    assert table["*ceiling*"][:2] == ["(0.8810)", "(0.8750)"]
+    assert table["*noise floor*"] == ["(0.9962)", "(–)", "0.9931", "–", "–"]
+
+
+def test_failed_checks_are_listed_with_what_was_asked():
+    data = report(verdict={"passed": False, "checks": [check(value=0.85, passed=False)]})
+    summary = render_summary(data)
+    assert "❌ **Failed**: 0 of 1 checks passed." in summary
+    assert "* SSIM: 0.8500, required ≥ 0.9000" in summary
+
+
+def test_hostile_names_neither_format_nor_break_the_table():
+    data = report(title=HOSTILE, viewpoints=[{"name": HOSTILE}], algorithms={HOSTILE: {}})
+    data["verdict"] = {"passed": False, "checks": [check(name=HOSTILE, value=None)]}
+    summary = render_summary(data)
+    assert "<script>" not in summary
+    assert "\x00" not in summary
+    assert "双耳陶罐" in summary
+    assert "\\`x\\` \\*b\\* \\[a\\]\\(b\\)" in summary
+    bars = {
+        line.replace("\\|", "").count("|") for line in summary.splitlines() if line.startswith("| ")
+    }
+    assert len(bars) == 1
+
+
+def test_summary_of_a_huge_report_stays_small():
+    many = [check(name="x" * 10_000, detail="y" * 10_000, value=0.1, passed=False)] * 500
+    data = report(verdict={"passed": False, "checks": many}, warnings=["w" * 100_000] * 50)
+    summary = render_summary(data)
+    assert len(summary.encode()) < 32_000
+    assert "and 480 more" in summary
+    assert "50 warnings" in summary
+
+
+@pytest.mark.parametrize("data", [{}, {"verdict": None, "viewpoints": None, "algorithms": [1]}])
+def test_damaged_report_is_summed_up_as_failed(data):
+    assert "**Failed**" in render_summary(data)
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.97314, "0.9731"), (-0.5, "−0.5000"), (None, "–"), (math.nan, "–"), (math.inf, "∞"),
+     (-math.inf, "−∞"), (True, "–"), ("0.9", "–"), (1, "1.0000")],
+)  # fmt: skip
+def test_numbers_have_fixed_digits_and_gaps_are_dashes(value, shown):
+    assert number(value, 4) == shown
+
+
+def test_null_psnr_is_infinite_but_an_absent_one_and_a_null_ssim_are_not():
+    assert score({"psnr_db": None}, "psnr_db") == "∞"
+    assert score({"psnr_to_ceiling_db": None}, "psnr_to_ceiling_db") == "∞"
+    assert score({}, "psnr_db") == "–"
+    assert score({"psnr_db": math.nan}, "psnr_db") == "–"
+    assert score({"ssim": None}, "ssim") == "–"
+    assert score({"psnr_db": 31.256}, "psnr_db") == "31.26"
+
+
+def test_check_counts_as_passed_only_when_said_so_about_two_numbers():
+    assert check_passed(check())
+    assert check_passed(check(name="PSNR", value=None))
+    assert not check_passed(check(passed=None))
+    assert not check_passed(check(passed=1))
+    assert not check_passed(check(value=None))
+    assert not check_passed(check(value=math.nan))
+    assert not check_passed(check(limit=None))
+
+
+def test_limit_of_a_psnr_check_is_never_infinite():
+    assert check_value(check(name="PSNR", limit=None), "limit") == "–"
+
+
+def test_verdict_fails_with_any_check_that_does_not_count():
+    assert verdict(report()) == "passed"
+    checks = [check(), check(value=None)]
+    assert verdict(report(verdict={"passed": True, "checks": checks})) == "failed"
+    assert verdict(report(verdict={"passed": True, "checks": []})) == "no verdict"
+    assert verdict(report(verdict={"passed": False, "checks": []})) == "failed"
+
+
+def test_best_algorithm_has_the_highest_mean_over_all_viewpoints():
+    def run(*values: float | None) -> dict[str, Any]:
+        names = ("centre", "left")
+        views = {n: {"ssim_to_ceiling": v} for n, v in zip(names, values, strict=True)}
+        return {"views": views}
+
+    algorithms = {"a": run(0.9, 0.8), "b": run(0.89, 0.9), "c": run(0.99, None), "d": {}}
+    assert best_algorithm(report(algorithms=algorithms)) == "b"
+    assert best_algorithm(report(algorithms={})) is None
