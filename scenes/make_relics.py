@@ -264,7 +264,8 @@ def write_ply(mesh, name):
     faces["count"], faces["index"] = 3, mesh.faces
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
     header += [f"property float {axis}" for axis in ("x", "y", "z", "nx", "ny", "nz", "u", "v")]
-    header += [f"element face {len(faces)}", "property list uchar ushort vertex_indices", "end_header"]
+    header += [f"element face {len(faces)}", "property list uchar ushort vertex_indices"]
+    header += ["end_header"]
     data = "\n".join(header).encode("ascii") + b"\n" + vertices.tobytes() + faces.tobytes()
     (SCENES / "meshes" / f"{name}.ply").write_bytes(data)
     print(f"{name}.ply: {len(faces)} triangles, {solid.extents.round(1)} mm")
@@ -847,9 +848,9 @@ def ding_handles():
 def make_tripod(rng):
     """Bronze ding, 230 mm tall: bowl, relief band, flanges, legs and handles."""
     relief = blurred(taotie_relief(), 1.6)
-    write_ply(ding_bowl(), "tripod_bowl")
     write_ply(ding_band(blurred(relief, 1.5, 2.5)), "tripod_band")
-    write_ply(join([ding_flanges(), ding_legs(), ding_handles()]), "tripod_limbs")
+    vessel = join([ding_bowl(), ding_flanges(), ding_legs(), ding_handles()])
+    write_ply(vessel, "tripod_vessel")
     write_png(patinated(relief, *DING_COLOURS, rng), "tripod_band")
     plain = 0.42 + 0.14 * mottle(512, 512, 6, 4, rng)
     write_png(patinated(plain, *DING_COLOURS, rng), "tripod_bronze")
@@ -1112,10 +1113,13 @@ def jade_colour(height, rng):
     rows, columns = height.shape
     clouds = mottle(rows, columns, 6, 4, rng)
     veins = mottle(rows, columns, 8, 4, rng)
+    y, x = np.mgrid[0:rows, 0:columns]
+    bend = 0.03 * mottle(rows, columns, 10, 3, rng)  # keeps the veins off the grid of the noise
+    veins = sampled(veins, (x + 0.4 * y) / columns + bend, y / rows + bend)
     colour = blend((92, 122, 84), (168, 192, 148), 0.35 + 0.55 * height + 0.1 * clouds)
     colour = blend(colour, (206, 210, 178), 0.55 * clouds - 0.1)
     thin_veins = np.exp(-((veins / 0.07) ** 2)) * np.clip(clouds + 0.1, 0, 1)
-    colour = blend(colour, (140, 92, 54), 0.75 * thin_veins)
+    colour = blend(colour, (140, 92, 54), 0.6 * thin_veins)
     return blend(colour, (146, 104, 66), 0.8 * veins - 0.55)
 
 

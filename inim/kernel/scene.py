@@ -121,9 +121,9 @@ def _load(file: SceneFile) -> Any:
 
 def _extent_points(shape: Any) -> np.ndarray:
     """World points whose hull holds the shape: a mesh's vertices, else its box's corners."""
-    if shape.is_mesh():
-        flat = np.asarray(mi.traverse(shape)["vertex_positions"], np.float64)
-        return flat.reshape(-1, 3)
+    parameters = mi.traverse(shape)
+    if "vertex_positions" in parameters:
+        return np.asarray(parameters["vertex_positions"], np.float64).reshape(-1, 3)
     box = shape.bbox()
     corners = np.array([np.asarray(box.min).ravel(), np.asarray(box.max).ravel()], np.float64)
     picks = np.indices((2, 2, 2)).reshape(3, -1).T
@@ -177,7 +177,7 @@ def fit_to_display(
     flat = extent[2] <= _FLAT * max(extent[:2])
     scale_z = scale if flat else (z_max - z_min - 2 * margin) / extent[2]
     centre_z = (z_min + z_max) / 2
-    if flat and np.isfinite(display.central_depth_mm):
+    if flat and z_min <= display.central_depth_mm <= z_max:
         centre_z = display.central_depth_mm
     forward = np.eye(4)
     forward[:3, :3] = np.diag([scale, scale, scale_z]) @ axes

@@ -23,6 +23,7 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 24.0, 128.0, 34.0, 46.0
 _MOST_LENSES_DRAWN = 40
 _MOST_EYES_DRAWN = 25
 _SMALLEST_GAP_PX = 5.0
+_LABEL_PX = 130.0, 14.0  # room a label takes, across and down
 
 
 @dataclass(frozen=True)
@@ -57,9 +58,7 @@ def plan_view(display: Mapping[str, Any], viewpoints: Sequence[Mapping[str, Any]
         An ``<svg>`` element coloured by the style sheet's classes, with its own description.
     """
     given, derived = part(display, "given"), part(display, "derived")
-    sizes = [given.get("gap_mm"), *map(derived.get, ("width_mm", "viewing_half_angle_deg"))]
-    depths = [derived.get("depth_min_mm"), derived.get("depth_max_mm")]
-    if not all(is_number(v) and math.isfinite(v) for v in sizes + depths) or min(sizes) <= 0:
+    if not _is_complete(given, derived):
         return ""
     eyes = _eyes(viewpoints)
     frame = _frame(given, derived, eyes)
@@ -75,6 +74,14 @@ def plan_view(display: Mapping[str, Any], viewpoints: Sequence[Mapping[str, Any]
         f'<svg class="plan" role="img" aria-label="{label}" '
         f'viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}">{"".join(drawn)}</svg>'
     )
+
+
+def _is_complete(given: Mapping[str, Any], derived: Mapping[str, Any]) -> bool:
+    sizes = [given.get("gap_mm"), *map(derived.get, ("width_mm", "viewing_half_angle_deg"))]
+    depths = [derived.get("depth_min_mm"), derived.get("depth_max_mm")]
+    if not all(is_number(v) and math.isfinite(v) for v in sizes + depths):
+        return False
+    return all(is_number(v) and v > 0 for v in sizes)
 
 
 def _eyes(viewpoints: Sequence[Mapping[str, Any]]) -> dict[tuple[float, float], str]:
@@ -132,7 +139,7 @@ def _depth_range(frame: _Frame, derived: Mapping[str, Any]) -> str:
     if is_number(centre) and low <= centre <= high:
         plane = _line(frame, (-half, centre), (half, centre), "cdp")
     words = f"depth range {_mm(low)} to {_mm(high)} mm"
-    return box + plane + _label(max(x, frame.z(0)), _HEIGHT - 26, words, "start")
+    return box + plane + _label(x, _HEIGHT - 26, words, "start")
 
 
 def _hardware(frame: _Frame, given: Mapping[str, Any], derived: Mapping[str, Any]) -> str:
@@ -144,10 +151,11 @@ def _hardware(frame: _Frame, given: Mapping[str, Any], derived: Mapping[str, Any
     body = (
         f'<line class="panel" x1="{panel:.1f}" x2="{panel:.1f}" y1="{top:.1f}" y2="{bottom:.1f}"/>'
     )
-    return body + _lenses(array, top, bottom, given) + _label(panel - 4, 20, _HARDWARE, "start")
-
-
-_HARDWARE = "panel and lens array"
+    return (
+        body
+        + _lenses(array, top, bottom, given)
+        + _label(panel - 4, 20, "panel and lens array", "start")
+    )
 
 
 def _lenses(array: float, top: float, bottom: float, given: Mapping[str, Any]) -> str:
@@ -160,11 +168,15 @@ def _lenses(array: float, top: float, bottom: float, given: Mapping[str, Any]) -
 
 
 def _eye_marks(frame: _Frame, eyes: Mapping[tuple[float, float], str]) -> Iterable[str]:
+    """A ring for each eye, and its names where they do not run into others."""
+    labelled: list[tuple[float, float]] = []
     for (x, z), names in eyes.items():
         right, down = frame.z(z), frame.x(x)
-        short = names if len(names) <= 22 else names[:21] + "…"
         yield f'<circle class="eye" cx="{right:.1f}" cy="{down:.1f}" r="4.5"/>'
-        yield _label(right + 11, down + 4, short, "start")
+        if all(abs(right - r) > _LABEL_PX[0] or abs(down - d) > _LABEL_PX[1] for r, d in labelled):
+            labelled.append((right, down))
+            short = names if len(names) <= 22 else names[:21] + "…"
+            yield _label(right + 11, down + 4, short, "start")
 
 
 def _scale_bar(frame: _Frame) -> str:

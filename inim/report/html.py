@@ -617,8 +617,8 @@ def _algorithm_figure(
         ("PSNR", _db(scores, "psnr_to_ceiling_db")),
         ("FLIP", score(scores, "flip_to_ceiling")),
     ]
-    to_scene = [*_triple(scores), ("SSIM on the relic", score(scores, "ssim_on_relic"))]
-    facts = [("To ceiling", to_ceiling), ("To scene", to_scene)]
+    on_relic = [("SSIM", score(scores, "ssim_on_relic"))]
+    facts = [("To ceiling", to_ceiling), ("To scene", _triple(scores)), ("On the relic", on_relic)]
     return _captioned(name, "and difference to the ceiling", pair, facts)
 
 

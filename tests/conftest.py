@@ -1,0 +1,77 @@
+"""Fixtures shared by all tiers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from inim.display import Display
+
+LIT = """
+<integrator type="path"><integer name="max_depth" value="2"/></integrator>
+<sensor type="perspective">
+    <transform name="to_world"><lookat origin="0,0,100" target="0,0,0" up="0,1,0"/></transform>
+</sensor>
+<emitter type="directional">
+    <vector name="direction" value="0,0,-1"/><rgb name="irradiance" value="2.5"/>
+</emitter>
+"""
+
+
+def scene_text(*shapes: str) -> str:
+    """A scene lit straight from the viewer: no noise but that of the pixel's area."""
+    return f'<scene version="3.0.0">{LIT}{"".join(shapes)}</scene>'
+
+
+def square(centre: tuple[float, float, float], half: float | tuple[float, float], rgb: str) -> str:
+    """A flat square facing the viewer."""
+    half_x, half_y = (half, half) if isinstance(half, (int, float)) else half
+    x, y, z = centre
+    return f"""<shape type="rectangle">
+        <transform name="to_world"><scale x="{half_x}" y="{half_y}"/>
+        <translate x="{x}" y="{y}" z="{z}"/></transform>
+        <bsdf type="diffuse"><rgb name="reflectance" value="{rgb}"/></bsdf></shape>"""
+
+
+def sphere(centre: tuple[float, float, float], radius: float, rgb: str = "0.8") -> str:
+    """A diffuse sphere."""
+    x, y, z = centre
+    return f"""<shape type="sphere"><point name="center" x="{x}" y="{y}" z="{z}"/>
+        <float name="radius" value="{radius}"/>
+        <bsdf type="diffuse"><rgb name="reflectance" value="{rgb}"/></bsdf></shape>"""
+
+
+def small_display(columns: int = 12, rows: int = 10, pixels: int = 8, **changes: object) -> Display:
+    """A display small enough to render in a blink: 1 mm lenses of a whole number of pixels."""
+    values: dict[str, object] = {
+        "pitch_mm": 1.0,
+        "focal_length_mm": 3.0,
+        "gap_mm": 3.3,
+        "pixel_pitch_mm": 1.0 / pixels,
+        "lens_columns": columns,
+        "lens_rows": rows,
+    }
+    return Display(**(values | changes))  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="session")
+def renderer() -> object:
+    """The renderer with a variant set; tests that render ask for it."""
+    from inim.kernel import variant
+
+    return variant.use()
+
+
+@pytest.fixture
+def open_fitted(renderer: object, tmp_path: Path):  # noqa: ANN201
+    """Open scene text fitted to a display."""
+    from inim.kernel.scene import open_scene
+    from inim.scene_file import read_scene_file
+
+    def opened(text: str, display: Display, fit_share: float = 0.85):  # noqa: ANN202
+        path = tmp_path / "scene.xml"
+        path.write_text(text, encoding="utf-8")
+        return open_scene(read_scene_file(path), display, fit_share)
+
+    return opened

@@ -1,0 +1,229 @@
+"""Two independent answers to "which pixel of the picture does this panel pixel show".
+
+Both are written from the definition of the `template` generator and share no code and no method
+with it: neither follows the ray step by step.
+
+* `exact_sources` works in rational numbers: no rounding anywhere, so ties are decided by the
+  definition. Each axis is cut into runs (a stretch of depth spent in one column, or in one row);
+  a ray's cells are the intersections of its column runs with its row runs.
+* `float_sources` works in float64 and arrays: gather every depth at which the ray meets a grid
+  line of either axis, sort, and name each interval's cell by its midpoint. For large displays and
+  arbitrary lengths, where no tie is expected; `doubtful` says which pixels a push of a
+  ten-millionth of a cell would change.
+
+What a length means. A panel pitch given as ``1 / 17`` or ``0.0636`` stands for that number, not
+for the binary fraction next to it: `stated` recovers the simplest fraction that rounds to the
+float. With lengths that are binary fractions the two readings coincide. Depths are measurements:
+a float32 depth is taken as exactly the value it holds.
+
+What the definition leaves open, and how it is read here. A cell counts when the ray spends a
+stretch of depth in it, not when it touches it in one point; the end of the ray at z_max and z_min
+is no exception. A panel pixel centred exactly on the line between two elemental images belongs to
+the one nearer the axis, and on the axis to the left or upper one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from inim.display import Display
+from inim.rgbd import RGBD
+
+HOLE = -1
+NO_LENS = -2
+
+
+def stated(value: float) -> Fraction:
+    """The fraction a person meant: the simplest one that rounds to this float."""
+    simple = Fraction(value).limit_denominator(10**6)
+    return simple if float(simple) == value else Fraction(value)
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Rays of one axis, in cells of the picture: ``cell(z) = start + slope z``, lens -1: none."""
+
+    lens: list[int]
+    start: list[Fraction]
+    slope: list[Fraction]
+
+
+def panel_pixels(display: Display) -> tuple[int, int]:
+    """Rows and columns of the panel: as given, or the fewest that cover the elemental images."""
+    ratio = _elemental_pitch(display) / stated(display.pixel_pitch_mm)
+    return (
+        display.panel_rows or math.ceil(display.lens_rows * ratio),
+        display.panel_columns or math.ceil(display.lens_columns * ratio),
+    )
+
+
+def _elemental_pitch(display: Display) -> Fraction:
+    given = display.elemental_pitch_mm
+    return stated(display.pitch_mm if given is None else given)
+
+
+def lens_of_pixel(pixel: int, pixels: int, lenses: int, ratio: Fraction) -> int:
+    """Lens over one pixel of an axis of `pixels`, `ratio` pixels to the lens; -1 outside."""
+    from_axis = (Fraction(pixel) - Fraction(pixels - 1, 2)) / ratio
+    place = from_axis + Fraction(lenses, 2)
+    lens = math.floor(place)
+    if place == lens and from_axis >= 0:  # on a border: to the axis side
+        lens -= 1
+    return lens if 0 <= lens < lenses else -1
+
+
+def rays(display: Display, pixels: int, lenses: int, cells: int, cell_mm: float) -> Rays:
+    """Rays of one axis; x to the right for columns, downwards for rows, both alike."""
+    pitch, gap, cell = stated(display.pitch_mm), stated(display.gap_mm), stated(cell_mm)
+    pixel_pitch = stated(display.pixel_pitch_mm)
+    ratio = _elemental_pitch(display) / pixel_pitch
+    lens, start, slope = [], [], []
+    for i in range(pixels):
+        n = lens_of_pixel(i, pixels, lenses, ratio)
+        x = (i - Fraction(pixels - 1, 2)) * pixel_pitch
+        x0 = (n - Fraction(lenses - 1, 2)) * pitch
+        lens.append(n)
+        start.append(x0 / cell + Fraction(cells, 2))
+        slope.append((x0 - x) / gap / cell)
+    return Rays(lens, start, slope)
+
+
+def all_rays(rgbd: RGBD, display: Display) -> tuple[Rays, Rays]:
+    """Rays of the panel's rows and of its columns."""
+    rows, columns = panel_pixels(display)
+    high, wide = rgbd.shape
+    return (
+        rays(display, rows, display.lens_rows, high, rgbd.pixel_mm),
+        rays(display, columns, display.lens_columns, wide, rgbd.pixel_mm),
+    )
+
+
+def depth_range(display: Display) -> tuple[Fraction, Fraction]:
+    """z_min and z_max as stated lengths."""
+    low, high = display.depth_range_mm
+    return stated(low), stated(high)
+
+
+# -- exact --------------------------------------------------------------------------------------
+
+
+def runs(
+    start: Fraction, slope: Fraction, low: Fraction, high: Fraction
+) -> list[tuple[Fraction, int]]:
+    """From `high` down: the depth at which the ray leaves each cell of one axis, and the cell."""
+    at_high, at_low = start + slope * high, start + slope * low
+    left, right = min(at_high, at_low), max(at_high, at_low)
+    borders = range(math.floor(left) + 1, math.ceil(right))  # strictly between the two ends
+    ends = sorted(((k - start) / slope for k in borders), reverse=True) + [low]
+    found, top = [], high
+    for end in ends:
+        found.append((end, math.floor(start + slope * (top + end) / 2)))
+        top = end
+    return found
+
+
+def exact_sources(rgbd: RGBD, display: Display) -> np.ndarray:
+    """Source map in rational arithmetic."""
+    low, high = depth_range(display)
+    row_rays, column_rays = all_rays(rgbd, display)
+    row_runs = [runs(s, d, low, high) for s, d in zip(row_rays.start, row_rays.slope, strict=True)]
+    column_runs = [
+        runs(s, d, low, high) for s, d in zip(column_rays.start, column_rays.slope, strict=True)
+    ]
+    # Whole numbers compare faster: every leaving depth in units of 1 / scale.
+    scale = math.lcm(*{end.denominator for r in row_runs + column_runs for end, _ in r})
+    row_runs = [[(int(end * scale), cell) for end, cell in r] for r in row_runs]
+    column_runs = [[(int(end * scale), cell) for end, cell in r] for r in column_runs]
+    # depth >= end for a whole `end` exactly when floor(depth) >= end.
+    depth = {
+        (r, c): math.floor(Fraction(float(rgbd.depth_mm[r, c])) * scale)
+        for r, c in zip(*np.nonzero(rgbd.covered), strict=True)
+    }
+    wide = rgbd.shape[1]
+    found = np.full((len(row_runs), len(column_runs)), NO_LENS, np.int32)
+    for i, by_row in enumerate(row_runs):
+        for j, by_column in enumerate(column_runs):
+            if row_rays.lens[i] >= 0 and column_rays.lens[j] >= 0:
+                found[i, j] = _first_cell(by_row, by_column, depth, wide)
+    return found
+
+
+def _first_cell(
+    by_row: list[tuple[int, int]],
+    by_column: list[tuple[int, int]],
+    depth: dict[tuple[int, int], int],
+    wide: int,
+) -> int:
+    """Walk the overlaps of two lists of runs; borders met together are left together."""
+    a = b = 0
+    while a < len(by_row) and b < len(by_column):
+        row_end, row = by_row[a]
+        column_end, column = by_column[b]
+        end = max(row_end, column_end)
+        reach = depth.get((row, column))
+        if reach is not None and reach >= end:
+            return row * wide + column
+        a += row_end == end
+        b += column_end == end
+    return HOLE
+
+
+# -- float64 ------------------------------------------------------------------------------------
+
+
+def float_sources(
+    rgbd: RGBD, display: Display, push: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> np.ndarray:
+    """Source map in float64, the picture moved by `push` (rows, columns, mm of depth)."""
+    low, high = map(float, depth_range(display))
+    row_rays, column_rays = all_rays(rgbd, display)
+    v0, dv = np.array(row_rays.start, float) + push[0], np.array(row_rays.slope, float)
+    u0, du = np.array(column_rays.start, float) + push[1], np.array(column_rays.slope, float)
+    depth = np.where(rgbd.covered, rgbd.depth_mm.astype(float) + push[2], -np.inf)
+    depth = np.pad(depth, 1, constant_values=-np.inf)  # a frame of nothing catches what leaves
+    rows, columns = rgbd.shape
+    by_row = _crossings(v0, dv, low, high)
+    by_column = _crossings(u0, du, low, high)
+    ends = np.array([high, low])
+    found = np.empty((len(v0), len(u0)), np.int32)
+    for i in range(len(v0)):
+        same = np.broadcast_to(np.concatenate([ends, by_row[i]]), (len(u0), 2 + by_row.shape[1]))
+        z = -np.sort(-np.concatenate([same, by_column], axis=1), axis=1)
+        top, end = z[:, :-1], z[:, 1:]
+        middle = (top + end) / 2
+        r = np.clip(np.floor(v0[i] + dv[i] * middle), -1, rows).astype(int)
+        c = np.clip(np.floor(u0[:, None] + du[:, None] * middle), -1, columns).astype(int)
+        hit = (depth[r + 1, c + 1] >= end) & (top > end)
+        first = np.argmax(hit, axis=1)
+        each = np.arange(len(u0))
+        found[i] = np.where(hit.any(axis=1), r[each, first] * columns + c[each, first], HOLE)
+    found[np.array(row_rays.lens) < 0, :] = NO_LENS
+    found[:, np.array(column_rays.lens) < 0] = NO_LENS
+    return found
+
+
+def _crossings(start: np.ndarray, slope: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Depths at which each ray meets grid lines, padded with `high`: (rays, most crossings)."""
+    left = np.minimum(start + slope * low, start + slope * high)
+    right = np.maximum(start + slope * low, start + slope * high)
+    count = int((np.ceil(right) - np.floor(left)).max()) + 1
+    k = np.floor(left)[:, None] + np.arange(count)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = (k - start[:, None]) / slope[:, None]
+    inside = (z > low) & (z < high)
+    return np.where(inside, z, high)
+
+
+def doubtful(rgbd: RGBD, display: Display, push: float = 1e-7) -> np.ndarray:
+    """Pixels whose source changes when the picture moves by `push` of a cell or of a mm."""
+    answers = [
+        float_sources(rgbd, display, (a * push, b * push, c * push))
+        for a in (-1, 1)
+        for b in (-1.0, 1.1)
+        for c in (-1, 1)
+    ]
+    return np.any([answer != answers[0] for answer in answers[1:]], axis=0)

@@ -1,0 +1,177 @@
+"""The sensors' rays against the display's own geometry, and stock use of the plugins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inim.display import DISPLAYS
+from tests.conftest import scene_text, small_display, sphere
+
+pytestmark = pytest.mark.usefixtures("renderer")
+
+
+def rays_at_centres(family, world_from_display=None):
+    import drjit as dr
+    import mitsuba as mi
+
+    from inim.kernel.sensors import make_sensor
+
+    sensor = make_sensor(family, np.eye(4) if world_from_display is None else world_from_display)
+    lane = dr.arange(mi.UInt32, family.rows * family.columns)
+    pixel = mi.Point2u(lane % family.columns, lane // family.columns)
+    ray = sensor.rays_through(pixel, mi.Point2f(0.5))
+    shape = (family.rows, family.columns)
+    origin = np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.o], -1)
+    direction = np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.d], -1)
+    return origin, direction
+
+
+def at_depth(origin, direction, z):
+    """Where rays cross a plane of constant z."""
+    t = (z - origin[..., 2]) / direction[..., 2]
+    return (origin + t[..., None] * direction)[..., :2]
+
+
+@pytest.mark.parametrize("name", ["nominal", "phone"])
+def test_pickup_rays_join_the_panel_pixel_and_its_lens_centre(name):
+    from inim.kernel.sensors import pickup_rays
+
+    display = DISPLAYS[name]
+    origin, direction = rays_at_centres(pickup_rays(display, 53.0))
+    rows, columns = display.rows, display.columns
+    lensed = (rows.lens >= 0)[:, None] & (columns.lens >= 0)[None, :]
+    at_lens = at_depth(origin, direction, 0.0)
+    at_panel = at_depth(origin, direction, -display.gap_mm)
+    # float32 at 76 mm from the axis resolves 8e-6 mm; the ray crosses 53 mm from its start.
+    tolerance = 1e-4
+    for axis, expected in ((0, columns.centre_mm[None, :]), (1, rows.centre_mm[:, None])):
+        assert np.abs(at_lens[..., axis] - expected)[lensed].max() < tolerance
+    for axis, expected in ((0, columns.position_mm[None, :]), (1, rows.position_mm[:, None])):
+        assert np.abs(at_panel[..., axis] - expected)[lensed].max() < tolerance
+    assert (direction[..., 2] < 0).all(), "rays run away from the viewer"
+    assert np.allclose(origin[..., 2], 53.0)
+
+
+def test_eye_rays_pass_through_the_eye_and_the_array():
+    from inim.kernel.sensors import eye_rays
+
+    display = small_display()
+    eye = (7.0, -3.0, 150.0)
+    origin, direction = rays_at_centres(eye_rays(display, eye, 2, start_mm=20.0))
+    assert np.abs(at_depth(origin, direction, eye[2]) - np.array(eye[:2])).max() < 1e-3
+    at_array = at_depth(origin, direction, 0.0)
+    assert np.allclose(at_array[0, 0], (-5.75, 4.75), atol=1e-4), "row 0 is the top, left first"
+    assert np.allclose(at_array[-1, -1], (5.75, -4.75), atol=1e-4)
+
+
+def test_capture_rays_are_parallel_and_on_pixel_centres():
+    from inim.kernel.sensors import capture_rays
+
+    origin, direction = rays_at_centres(capture_rays(6, 4, 0.5, start_mm=10.0))
+    assert np.allclose(direction, (0, 0, -1))
+    assert np.allclose(origin[0, 0], (-1.25, 0.75, 10.0))
+    assert np.allclose(origin[3, 5], (1.25, -0.75, 10.0))
+
+
+def test_an_affine_map_moves_rays_and_keeps_them_lines():
+    from inim.kernel.sensors import pickup_rays
+
+    display = small_display()
+    world = np.array([[2.0, 0, 0, 5], [0, 0, -3.0, 1], [0, 2.0, 0, -7], [0, 0, 0, 1]])
+    origin, direction = rays_at_centres(pickup_rays(display, 40.0), world)
+    back = np.linalg.inv(world)
+    start = origin @ back[:3, :3].T + back[:3, 3]
+    run = direction @ back[:3, :3].T
+    reference = rays_at_centres(pickup_rays(display, 40.0))
+    assert np.allclose(start, reference[0], atol=1e-4)
+    assert np.allclose(run / run[..., 2:], reference[1] / reference[1][..., 2:], atol=1e-5)
+
+
+def test_depth_of_a_sphere_is_its_closed_form(open_fitted):
+    from inim.kernel.ground_truth import capture
+
+    display = small_display()
+    fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
+    rgbd = capture(fitted, display, pixels_per_pitch=5, spp=1, seed=0)
+    rows, columns = rgbd.shape
+    x = (np.arange(columns) + 0.5 - columns / 2) * rgbd.pixel_mm / fitted.fit.scale_xy
+    y = (rows / 2 - np.arange(rows) - 0.5) * rgbd.pixel_mm / fitted.fit.scale_xy
+    inside = 25.0 - x[None, :] ** 2 - y[:, None] ** 2
+    front = np.sqrt(np.maximum(inside, 0))
+    expected = fitted.fit.display_from_world[2, 2] * front + fitted.fit.display_from_world[2, 3]
+    assert (rgbd.covered == (inside > 0)).mean() > 0.999
+    clear = inside > 0.5  # the rim is ill-conditioned
+    error = np.abs(rgbd.depth_mm - expected)[clear]
+    assert error.max() < 1e-3 * (display.depth_range_mm[1] - display.depth_range_mm[0])
+
+
+def test_the_pickup_plugin_renders_with_the_stock_renderer(open_fitted):
+    """The own pass planner and `mi.render` see the same picture through the same plugin."""
+    import mitsuba as mi
+
+    from inim.kernel.sensors import make_sensor, pickup_rays
+    from inim.kernel.trace import radiance
+
+    display = small_display()
+    fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
+    sensor = make_sensor(pickup_rays(display, fitted.start_mm), fitted.fit.world_from_display)
+    stock = np.asarray(
+        mi.render(fitted.scene, sensor=sensor, integrator=fitted.integrator, spp=256, seed=3)
+    )
+    own = radiance(fitted.scene, fitted.integrator, sensor, spp=256, seed=4)
+    assert stock.shape == own.shape
+    # Delta light: the only noise is where inside a pixel the sample lies, largest at the rim.
+    assert np.abs(stock - own).mean() < 2e-3
+    assert own.max() > 0.1
+
+
+def test_passes_of_any_size_give_the_same_mean(open_fitted, monkeypatch):
+    from inim.kernel import trace
+    from inim.kernel.sensors import make_sensor, pickup_rays
+
+    display = small_display()
+    fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
+    sensor = make_sensor(pickup_rays(display, fitted.start_mm), fitted.fit.world_from_display)
+    whole = trace.radiance(fitted.scene, fitted.integrator, sensor, spp=48, seed=1)
+    monkeypatch.setattr(trace, "_RAYS_PER_PASS", 20)
+    monkeypatch.setattr(trace, "_passes", lambda n, spp: _odd_passes(n, spp))
+    split = trace.radiance(fitted.scene, fitted.integrator, sensor, spp=48, seed=1)
+    assert np.abs(whole - split).mean() < 5e-3
+    again = trace.radiance(fitted.scene, fitted.integrator, sensor, spp=48, seed=1)
+    assert np.array_equal(split, again), "equal seeds give equal pictures"
+
+
+def _odd_passes(pixels, spp):
+    """Sizes that divide neither the pixels nor the samples."""
+    return [
+        (first, min(1777, pixels - first), sample, min(11, spp - sample))
+        for first in range(0, pixels, 1777)
+        for sample in range(0, spp, 11)
+    ]
+
+
+@pytest.mark.parametrize(("pixels", "spp"), [(1, 1), (10, 3), (1088 * 1088, 32), (7, 10**7)])
+def test_passes_cover_every_sample_once(pixels, spp):
+    from inim.kernel.trace import _RAYS_PER_PASS, _passes
+
+    passes = _passes(pixels, spp)
+    assert sum(p[1] * p[3] for p in passes) == pixels * spp
+    assert max(p[1] * p[3] for p in passes) <= max(_RAYS_PER_PASS, 1)
+    assert len({(p[0], p[2]) for p in passes}) == len(passes)
+
+
+def test_lights_are_hidden_from_depth_and_colour(open_fitted):
+    """A lamp in front of the relic lights it, hides nothing and is not seen."""
+    from inim.kernel.ground_truth import capture
+
+    lamp = """<shape type="rectangle"><transform name="to_world"><scale value="2"/>
+        <rotate y="1" angle="180"/><translate z="4.5"/></transform>
+        <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>"""
+    display = small_display()
+    plain = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
+    lit = open_fitted(scene_text(sphere((0, 0, 0), 5.0), lamp), display)
+    pictures = [capture(f, display, pixels_per_pitch=5, spp=16, seed=0) for f in (plain, lit)]
+    assert np.array_equal(pictures[0].covered, pictures[1].covered)
+    seen = pictures[0].covered & pictures[1].covered
+    assert np.abs(pictures[0].depth_mm - pictures[1].depth_mm)[seen].max() < 1e-2
