@@ -64,12 +64,12 @@ def renderer() -> object:
 
 
 @pytest.fixture
-def open_fitted(renderer: object, tmp_path: Path):  # noqa: ANN201
+def open_fitted(renderer: object, tmp_path: Path):
     """Open scene text fitted to a display."""
     from inim.kernel.scene import open_scene
     from inim.scene_file import read_scene_file
 
-    def opened(text: str, display: Display, fit_share: float = 0.85):  # noqa: ANN202
+    def opened(text: str, display: Display, fit_share: float = 0.85):
         path = tmp_path / "scene.xml"
         path.write_text(text, encoding="utf-8")
         return open_scene(read_scene_file(path), display, fit_share)

@@ -118,7 +118,7 @@ def runs(
     at_high, at_low = start + slope * high, start + slope * low
     left, right = min(at_high, at_low), max(at_high, at_low)
     borders = range(math.floor(left) + 1, math.ceil(right))  # strictly between the two ends
-    ends = sorted(((k - start) / slope for k in borders), reverse=True) + [low]
+    ends = [*sorted(((k - start) / slope for k in borders), reverse=True), low]
     found, top = [], high
     for end in ends:
         found.append((end, math.floor(start + slope * (top + end) / 2)))

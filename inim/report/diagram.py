@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from inim.report.summary import is_number, items, part, plain
+from inim.report.wording import is_number, items, part, plain
 
 __all__ = ["plan_view"]
 

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from typing import Any
 
-from inim.report.summary import (
+from inim.report.wording import (
     check_passed,
     check_sentence,
     is_number,

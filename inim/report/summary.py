@@ -1,168 +1,31 @@
-"""The report as a short Markdown text, and the wording all reports share.
-
-A number is written the same way in the page, the Markdown and the JUnit file, and one rule
-decides everywhere whether a check counts as passed: these live here, the plainest report.
-"""
+"""The report as a short Markdown text, fit for a comment box or a job's summary page."""
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Mapping, Sequence
-from typing import Any, TypeGuard
+from collections.abc import Mapping
+from typing import Any
 
-__all__ = [
-    "MISSING",
-    "best_algorithm",
-    "check_passed",
-    "check_sentence",
-    "check_value",
-    "is_number",
-    "items",
-    "number",
-    "part",
-    "plain",
-    "relation",
-    "render_summary",
-    "score",
-    "verdict",
-    "viewpoint_names",
-]
+from inim.report.wording import (
+    MISSING,
+    check_passed,
+    check_sentence,
+    checks,
+    items,
+    number,
+    part,
+    plain,
+    score,
+    verdict,
+    viewpoint_names,
+)
 
-MISSING = "–"
-INFINITE = "∞"
-_DIGITS = {"ssim": 4, "flip": 4, "psnr": 2, "seconds": 2}
-_RELATIONS = {">=": "≥", "<=": "≤", "==": "=", "!=": "≠"}
-
-# What XML 1.0 cannot hold at all, and HTML and Markdown should not: controls, lone surrogates.
-_UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+__all__ = ["render_summary"]
 
 # Long names and long lists stay in report.json: a summary is read in a comment box.
 _LONGEST_NAME = 80
 _LONGEST_SENTENCE = 300
 _MOST_FAILURES = 20
-
-
-def plain(value: object) -> str:
-    """`value` as text that every format can hold: unprintable characters become U+FFFD."""
-    return _UNPRINTABLE.sub("\ufffd", str(value))
-
-
-def part(data: Any, *keys: str) -> Mapping[str, Any]:
-    """The mapping under nested `keys`, empty when it is missing or not a mapping."""
-    for key in keys:
-        data = data.get(key) if isinstance(data, Mapping) else None
-    return data if isinstance(data, Mapping) else {}
-
-
-def items(data: Any, key: str) -> Sequence[Any]:
-    """The list under `key`, empty when it is missing or not a list."""
-    found = data.get(key) if isinstance(data, Mapping) else None
-    return found if isinstance(found, (list, tuple)) else ()
-
-
-def viewpoint_names(data: Mapping[str, Any]) -> list[str]:
-    """The names of the viewpoints, in the order of the report."""
-    return [str(v["name"]) for v in items(data, "viewpoints") if "name" in part(v)]
-
-
-def is_number(value: object) -> TypeGuard[float]:
-    """Whether `value` is a number that can be compared: neither missing nor NaN."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    return not math.isnan(value)
-
-
-def number(value: object, digits: int) -> str:
-    """`value` with fixed digits and a true minus sign; "–" where there is none."""
-    if not is_number(value):
-        return MISSING
-    shown = INFINITE if math.isinf(value) else f"{abs(value):.{digits}f}"
-    return f"−{shown}" if value < 0 else shown
-
-
-def score(scores: Mapping[str, Any], key: str) -> str:
-    """One metric of `scores`: SSIM and FLIP with 4 digits, PSNR with 2, holes in per cent.
-
-    The PSNR of identical images is infinite, which JSON writes as null.
-    """
-    if key not in scores:
-        return MISSING
-    value = scores[key]
-    if value is None and key.startswith("psnr"):
-        return INFINITE
-    if key == "hole_fraction":
-        return f"{number(100 * value, 2)} %" if is_number(value) else MISSING
-    return number(value, _DIGITS.get(key.split("_")[0], 4))
-
-
-def relation(check: Mapping[str, Any]) -> str:
-    """The sign between a check's value and its limit."""
-    sign = str(check.get("relation", ""))
-    return _RELATIONS.get(sign, sign)
-
-
-def check_value(check: Mapping[str, Any], key: str = "value") -> str:
-    """A check's value (or limit), with the digits of its metric.
-
-    Where rounding would print a value that differs from its limit as if it were equal, more
-    digits are shown: "0.9000 ≥ 0.9000, failed" helps nobody.
-    """
-    if _is_infinite_psnr(check, key):
-        return INFINITE
-    digits = 2 if _names_psnr(check) else 4
-    value, limit = check.get("value"), check.get("limit")
-    if is_number(value) and is_number(limit) and value != limit:
-        while digits < 12 and number(value, digits) == number(limit, digits):
-            digits += 1
-    return number(check.get(key), digits)
-
-
-def check_sentence(check: Mapping[str, Any]) -> str:
-    """What was found and what was asked, in one line, with the check's own detail."""
-    detail = str(check.get("detail") or "")
-    sentence = f"{check_value(check)}, required {relation(check)} {check_value(check, 'limit')}"
-    return f"{sentence}. {detail}" if detail else sentence
-
-
-def check_passed(check: Mapping[str, Any]) -> bool:
-    """Whether a check counts as passed: said so, and two numbers were really compared."""
-    value_is_known = is_number(check.get("value")) or _is_infinite_psnr(check, "value")
-    return check.get("passed") is True and value_is_known and is_number(check.get("limit"))
-
-
-def _names_psnr(check: Mapping[str, Any]) -> bool:
-    return "psnr" in str(check.get("name", "")).lower()
-
-
-def _is_infinite_psnr(check: Mapping[str, Any], key: str) -> bool:
-    return key == "value" and _names_psnr(check) and check.get(key, MISSING) is None
-
-
-def verdict(data: Mapping[str, Any]) -> str:
-    """`"passed"`, `"failed"`, or `"no verdict"` where nothing was checked."""
-    checks = items(part(data, "verdict"), "checks")
-    if part(data, "verdict").get("passed") is not True:
-        return "failed"
-    if not checks:
-        return "no verdict"
-    return "passed" if all(check_passed(part(check)) for check in checks) else "failed"
-
-
-def best_algorithm(data: Mapping[str, Any]) -> str | None:
-    """The algorithm with the highest mean SSIM to the ceiling; the first one named on a tie.
-
-    One that lacks any of the scores is never the best while another has them all.
-    """
-    names = viewpoint_names(data)
-
-    def rank(algorithm: str) -> tuple[int, float]:
-        views = part(data, "algorithms", algorithm, "views")
-        values = [part(views, name).get("ssim_to_ceiling") for name in names]
-        known = [float(v) for v in values if is_number(v) and math.isfinite(v)]
-        return len(known), sum(known) / len(known) if known else 0.0
-
-    return max(part(data, "algorithms"), key=rank, default=None)
 
 
 def render_summary(data: Mapping[str, Any]) -> str:

@@ -146,9 +146,9 @@ def test_a_flat_plate_at_the_central_depth_plane_is_sharp(open_fitted, lens_mode
             eia = generate(rgbd, display, "template")
         image = seen_through(eia, display, centre, lens_model)
         likeness[name] = np.corrcoef(_profile(view), _profile(image))[0, 1]
-    assert likeness["at"] > 0.8
+    assert likeness["at"] > 0.7
     if lens_model == "thick":
-        assert likeness["off"] < likeness["at"] - 0.2
+        assert likeness["off"] < likeness["at"] - 0.3
 
 
 def _profile(image):

@@ -7,9 +7,7 @@ in float64 and only the definition can decide a tie; `NOMINAL` ones are those of
 
 from __future__ import annotations
 
-import sys
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,9 +19,7 @@ from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, hole_fraction
 from inim.rgbd import RGBD
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import oracle
+from tests import oracle
 
 BINARY = {
     "pitch_mm": 1.0,
@@ -97,7 +93,7 @@ def ray_at(shown: Display, z: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("depths", [REAL, VIRTUAL, STRADDLING], ids=["real", "virtual", "both"])
-@pytest.mark.parametrize("cell_mm", [0.125, 0.25, 0.5, 1.0, 2.0, 1.375])
+@pytest.mark.parametrize("cell_mm", [0.125, 0.25, 0.5, 1.0, 2.0])
 @pytest.mark.parametrize("shape", [(12, 16), (13, 17), (12, 17), (1, 1), (1, 30)])
 def test_every_pixel_shows_the_cell_of_the_definition(
     depths: dict[str, float], cell_mm: float, shape: tuple[int, int]
@@ -115,7 +111,7 @@ def test_odd_and_even_counts_of_lenses_and_pixels(pixels: int, lenses: tuple[int
 
 
 @pytest.mark.parametrize("gap", [{}, {"gap_mm": 2.7}, STRADDLING], ids=["real", "virtual", "both"])
-@pytest.mark.parametrize("cells", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("cells", [0.7, 1, 2, 3, 4, 5])
 @pytest.mark.parametrize("shape", [(26, 32), (27, 33)])
 def test_nominal_display_where_rays_meet_corners_on_paper_but_not_in_floats(
     gap: dict[str, float], cells: int, shape: tuple[int, int]
@@ -130,6 +126,11 @@ def test_pixels_that_do_not_divide_the_pitch(cells: int, lenses: tuple[int, int]
     shown = display(NOMINAL, pixel_pitch_mm=0.0636, lens_rows=lenses[0], lens_columns=lenses[1])
     assert not shown.has_integer_ratio
     assert_exact(rough((35, 38), 1 / cells, shown), shown)
+
+
+def test_wide_array_far_from_the_axis() -> None:
+    shown = DISPLAYS["phone"].replace(lens_rows=1, panel_rows=16)
+    assert_exact(rough((30, 640), 0.25, shown), shown)
 
 
 def test_panel_larger_and_smaller_than_the_array() -> None:
@@ -254,7 +255,7 @@ def test_hard_pictures(make: Any, base: dict[str, Any], holes: bool) -> None:
 
 def test_surface_exactly_at_the_leaving_depth_is_seen_one_ulp_below_it_is_not() -> None:
     # Panel column 3 is 1/16 mm left of the only lens: X(z) = z / 32 mm, one cell per 8 mm.
-    # The ray leaves column 9 of 16, [1/4, 1/2] mm, at z = 8. Panel row 3 likewise, upwards.
+    # The ray leaves column 9 of 16, [1/4, 1/2] mm, at z = 8. Panel row 3 likewise, downwards.
     shown = display(lens_rows=1, lens_columns=1, depth_min_mm=-20.0, depth_max_mm=20.0)
     at = np.float32(8.0)
     for depth, seen in (
@@ -262,8 +263,8 @@ def test_surface_exactly_at_the_leaving_depth_is_seen_one_ulp_below_it_is_not() 
         (np.nextafter(at, np.float32(99)), True),
         (np.nextafter(at, np.float32(-99)), False),
     ):
-        found = find_sources(only((16, 16), (6, 9), depth, 0.25), shown)
-        assert found[3, 3] == (6 * 16 + 9 if seen else HOLE), depth
+        found = find_sources(only((16, 16), (9, 9), depth, 0.25), shown)
+        assert found[3, 3] == (9 * 16 + 9 if seen else HOLE), depth
 
 
 @pytest.mark.parametrize("base", [BINARY, NOMINAL], ids=["binary", "nominal"])
@@ -274,7 +275,7 @@ def test_leaving_depths_split_the_float32_depths_next_to_them(base: dict[str, An
     by_row, by_column = (oracle.rays(shown, pixels, 1, cells, cell_mm) for cells in shape)
     low, high = oracle.depth_range(shown)
     exact_ties = 0
-    for i, j in [(0, 1), (1, 1), (2, 5), (pixels - 1, 3), (3, 3), (6, pixels - 2)]:
+    for i, j in [(1, 2), (pixels - 1, 5), (3, 3)]:
         rows = oracle.runs(by_row.start[i], by_row.slope[i], low, high)
         columns = oracle.runs(by_column.start[j], by_column.slope[j], low, high)
         for end in sorted({z for z, _ in rows + columns}):
@@ -313,25 +314,25 @@ def test_ray_through_corners_never_shows_the_cells_beside_them(base: dict[str, A
     # Lens centres lie on corners 2, 6, 10 ... from the axis: their diagonals keep to one colour.
     same = (row - column) % 4 == 0
     found = find_sources(picture(np.full(shape, 9.0), 0.25, ~same), shown)
-    for m in range(4):
-        for v in range(pixels):
-            if 2 * v + 1 != pixels:
-                assert found[m * pixels + v, m * pixels + v] == HOLE
+    elemental = found.reshape(4, pixels, 4, pixels)
+    for v in range(pixels):
+        if 2 * v + 1 != pixels:
+            assert (elemental[:, v, :, v] == HOLE).all()
 
 
-@pytest.mark.parametrize("slant", [-1, 1])
-def test_border_met_exactly_at_either_end_of_the_ray_adds_no_cell(slant: int) -> None:
-    # Slopes of 1/8 cell per mm: from z_max = 16 to z_min = -16 the ray crosses four columns, and
-    # meets the border of a fifth at each end.
+@pytest.mark.parametrize("panel_column", [3, 4])
+def test_border_met_exactly_at_either_end_of_the_ray_adds_no_cell(panel_column: int) -> None:
+    # Slopes of 1/8 cell per mm: from z_max = 16 to z_min = -16 the ray passes columns 6 to 9, up
+    # or down, and meets the border of one more at each end. Rows alike.
     shown = display(lens_rows=1, lens_columns=1, depth_min_mm=-16.0, depth_max_mm=16.0)
-    column = 3 if slant > 0 else 4
-    run = [9, 8, 7, 6] if slant > 0 else [6, 7, 8, 9]
-    # Rows are passed through one at a time by making the picture one row: y at most 16 / 32 mm.
     for cell in range(16):
-        found = find_sources(only((4, 16), (1, cell), 16.0, 0.25), shown)
-        found_row = find_sources(only((4, 16), (0, cell), 16.0, 0.25), shown)
-        seen = {int(found[3, column]), int(found_row[3, column])} - {HOLE}
-        assert bool(seen) == (cell in run), cell
+        covered = np.zeros((16, 16), bool)
+        covered[:, cell] = True
+        rgbd = picture(np.full((16, 16), 16.0), 0.25, covered)
+        turned = picture(np.full((16, 16), 16.0), 0.25, covered.T)
+        passed = 6 <= cell <= 9
+        assert (find_sources(rgbd, shown)[3, panel_column] != HOLE) == passed, cell
+        assert (find_sources(turned, shown)[panel_column, 3] != HOLE) == passed, cell
 
 
 def test_depth_equal_to_the_far_end_is_seen_below_it_is_not() -> None:
@@ -397,7 +398,7 @@ def test_image_of_a_near_point_moves_with_the_lens_that_of_a_far_point_against_i
     z: float, way: int
 ) -> None:
     shown = display(lens_rows=1, depth_min_mm=z - 2**-12, depth_max_mm=z + 2**-12)
-    found = find_sources(only((5, 13), (2, 6), z - 2**-12, 0.25), shown)
+    found = find_sources(only((5, 13), (2, 6), z - 2**-12, 1.0), shown)
     centres = [np.nonzero(found[3, n * 8 : n * 8 + 8] >= 0)[0].mean() for n in range(4)]
     # One pitch of lens moves it by g / z of a pitch, two pixels here.
     assert np.allclose(np.diff(centres), way * 2.0)
@@ -499,14 +500,12 @@ def test_mirrored_picture_gives_the_mirrored_eia(
 def test_rays_along_borders_are_what_breaks_the_mirror() -> None:
     # Odd pixels and lens centres on borders: the straight ray of each lens keeps to the right.
     shown = display(pitch_mm=0.875, lens_rows=1, lens_columns=2)
-    rgbd = rough((9, 14), 0.4375, shown, covered=1)
-    mirrored = picture(rgbd.depth_mm[:, ::-1], 0.4375)
+    depth = np.random.default_rng(5).uniform(*shown.depth_range_mm, (9, 14))
+    rgbd, mirrored = picture(depth, 0.4375), picture(depth[:, ::-1], 0.4375)
     found, other = find_sources(rgbd, shown) % 14, find_sources(mirrored, shown) % 14
     straight = [3, 10]
     slanted = [c for c in range(14) if c not in straight]
-    lensed = (find_sources(rgbd, shown) >= 0) & (find_sources(mirrored, shown)[:, ::-1] >= 0)
-    assert lensed.any()
-    assert (found[:, slanted] == 13 - other[:, ::-1][:, slanted])[lensed[:, slanted]].all()
+    assert np.array_equal(found[:, slanted], 13 - other[:, ::-1][:, slanted])
     # Centres at -0.4375 and 0.4375 mm, on borders 6 and 8: columns 6 and 8 in either picture.
     for columns in (found, other):
         assert [set(columns[:, c]) for c in straight] == [{6}, {8}]

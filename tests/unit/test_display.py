@@ -1,0 +1,331 @@
+"""A display is what its lengths say, and refuses lengths that say nothing."""
+
+from __future__ import annotations
+
+import json
+import math
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from inim.display import DISPLAYS, Display
+from inim.errors import DisplayError
+from tests import oracle
+
+NOMINAL = DISPLAYS["nominal"]
+PHONE = DISPLAYS["phone"]
+
+
+def display(**changes: Any) -> Display:
+    return NOMINAL.replace(**changes)
+
+
+# -- formulas -----------------------------------------------------------------------------------
+
+
+def test_nominal_display_by_hand() -> None:
+    # D = 3 * 3.3 / 0.3; P_I = 33 / 17 / 3.3; span = 2 * 33 * P_I / 1.
+    assert NOMINAL.central_depth_mm == pytest.approx(33, rel=1e-12)
+    assert NOMINAL.scene_pixel_mm == pytest.approx(10 / 17, rel=1e-12)
+    assert NOMINAL.scene_pixel_mm == pytest.approx(0.58824, abs=5e-6)
+    assert NOMINAL.depth_span_mm == pytest.approx(660 / 17, rel=1e-12)
+    assert NOMINAL.depth_span_mm == pytest.approx(38.82, abs=5e-3)
+    assert NOMINAL.depth_range_mm == pytest.approx((33 - 330 / 17, 33 + 330 / 17), rel=1e-12)
+    assert not NOMINAL.depth_range_is_cut
+    assert NOMINAL.viewing_half_angle_deg == pytest.approx(math.degrees(math.atan(1 / 6.6)))
+    assert (NOMINAL.width_mm, NOMINAL.height_mm) == (64, 64)
+    assert NOMINAL.pixels_per_lens == pytest.approx(17)
+    assert NOMINAL.has_integer_ratio
+    assert NOMINAL.eia_shape == (1088, 1088)
+
+
+def test_gap_below_the_focal_length_shows_virtual_images_behind_the_array() -> None:
+    virtual = display(gap_mm=2.7)
+    assert virtual.central_depth_mm == pytest.approx(-27, rel=1e-12)
+    assert virtual.scene_pixel_mm == pytest.approx(10 / 17, rel=1e-12)
+    assert virtual.depth_span_mm == pytest.approx(540 / 17, rel=1e-12)
+    low, high = virtual.depth_range_mm
+    assert low < -27 < high < 0
+    assert (low + high) / 2 == pytest.approx(-27)
+
+
+def test_focused_display_needs_a_depth_range() -> None:
+    with pytest.raises(DisplayError, match=r"gap_mm = focal_length_mm = 3\.0.*depth_min_mm"):
+        display(gap_mm=3.0)
+    focused = display(gap_mm=3.0, depth_min_mm=-5, depth_max_mm=20)
+    assert math.isinf(focused.central_depth_mm) and math.isinf(focused.depth_span_mm)
+    assert focused.depth_range_mm == (-5.0, 20.0)
+    assert focused.derived()["central_depth_mm"] is None
+    assert focused.derived()["depth_span_mm"] is None
+
+
+@pytest.mark.parametrize(("gap", "side"), [(3.3, 1), (2.7, -1)])
+@pytest.mark.parametrize("pixels", [2, 4, 7, 9, 10, 13])
+def test_range_that_would_cross_the_array_is_cut_in_front_of_it_and_says_so(
+    gap: float, side: int, pixels: int
+) -> None:
+    # Half the span is 10 / pixels of |D|, for either gap: 10 pixels and fewer reach the array.
+    shown = display(gap_mm=gap, pixel_pitch_mm=1 / pixels)
+    centre, half = shown.central_depth_mm, shown.depth_span_mm / 2
+    low, high = shown.depth_range_mm
+    assert low < centre < high
+    assert low * side > 0 and high * side > 0
+    as_formula = low == centre - half and high == centre + half
+    assert shown.depth_range_is_cut == (not as_formula)
+    assert (half >= abs(centre)) <= shown.depth_range_is_cut
+
+
+@pytest.mark.parametrize("gap", [3.3, 2.7])
+def test_range_that_just_clears_the_array_is_the_formulas_or_is_called_cut(gap: float) -> None:
+    # The formula leaves 0.5 mm to the array, less than the pitch that a cut keeps free.
+    base = display(gap_mm=gap)
+    pixel = base.pixel_pitch_mm * (1 - 0.5 / abs(base.central_depth_mm))
+    pixel *= abs(base.central_depth_mm) / (base.depth_span_mm / 2)
+    shown = base.replace(pixel_pitch_mm=pixel)
+    centre, half = shown.central_depth_mm, shown.depth_span_mm / 2
+    assert abs(centre) - half == pytest.approx(0.5)
+    cut = shown.depth_range_mm != (centre - half, centre + half)
+    assert shown.depth_range_is_cut == cut
+
+
+def test_stated_depth_range_replaces_the_formula() -> None:
+    shown = display(depth_min_mm=-3, depth_max_mm=4, pixel_pitch_mm=0.5)
+    assert shown.depth_range_mm == (-3.0, 4.0)
+    assert not shown.depth_range_is_cut
+
+
+def test_elemental_pitch_decides_the_pixels_of_a_lens_not_the_array() -> None:
+    # Aimed at a viewer at 500 mm.
+    pitch = 1.0 * (500 + 3.3) / 500
+    shown = display(elemental_pitch_mm=pitch, pixel_pitch_mm=pitch / 17)
+    assert shown.width_mm == 64
+    assert shown.has_integer_ratio and shown.eia_shape == (1088, 1088)
+    assert shown.elemental_image_pitch_mm == pitch
+    assert display().elemental_image_pitch_mm == 1.0
+
+
+# -- refusals -----------------------------------------------------------------------------------
+
+LENGTHS = ["pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm"]
+
+
+@pytest.mark.parametrize("name", [*LENGTHS, "elemental_pitch_mm", "lens_thickness_mm"])
+@pytest.mark.parametrize("value", [0, -1.5, math.nan, math.inf, "1"])
+def test_length_that_is_none_is_refused_by_name_and_value(name: str, value: Any) -> None:
+    with pytest.raises(DisplayError, match=rf"{name} = {value}: must be a positive"):
+        display(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["lens_columns", "lens_rows", "panel_columns", "panel_rows"])
+@pytest.mark.parametrize("value", [0, -3, 2.5, 2.0, True, "4"])
+def test_count_that_is_none_is_refused_by_name_and_value(name: str, value: Any) -> None:
+    with pytest.raises(DisplayError, match=rf"{name} = {value}: must be a whole number"):
+        display(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pixel_pitch_mm": 1.5}, r"pixel_pitch_mm = 1\.5 exceeds pitch_mm = 1\.0"),
+        ({"refractive_index": 1.0}, r"refractive_index = 1\.0: a lens needs an index above 1"),
+        ({"refractive_index": math.nan}, r"refractive_index = nan"),
+        ({"curved_side": "left"}, r"curved_side = 'left': use 'viewer' or 'panel'"),
+        ({"depth_min_mm": 1.0}, r"both depth_min_mm and depth_max_mm"),
+        ({"depth_max_mm": 1.0}, r"both depth_min_mm and depth_max_mm"),
+        ({"depth_min_mm": 5.0, "depth_max_mm": 5.0}, r"\[5, 5\] mm is empty"),
+        ({"depth_min_mm": 6.0, "depth_max_mm": 5.0}, r"\[6, 5\] mm is empty"),
+        ({"depth_min_mm": math.nan, "depth_max_mm": 5.0}, r"\[nan, 5\] mm"),
+        ({"depth_min_mm": 0.0, "depth_max_mm": math.inf}, r"\[0, inf\] mm"),
+    ],
+)
+def test_impossible_display_is_refused_in_one_line_with_the_value(
+    changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(DisplayError, match=message) as caught:
+        display(**changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_numpy_counts_are_counts() -> None:
+    assert display(lens_columns=np.int64(5)).eia_shape == (1088, 85)
+
+
+def test_display_does_not_change() -> None:
+    with pytest.raises(AttributeError):
+        NOMINAL.gap_mm = 4.0  # type: ignore[misc]
+
+
+# -- pixels -------------------------------------------------------------------------------------
+
+
+def test_phone_addresses_every_pixel_by_position_without_drift() -> None:
+    # 159 / 2500 mm pixels under 1 mm lenses, the panel centred under the array.
+    ratio = 1 / Fraction(159, 2500)
+    for axis, pixels, lenses in ((PHONE.columns, 2400, 152), (PHONE.rows, 1080, 68)):
+        expected = []
+        for i in range(pixels):
+            place = (i - Fraction(pixels - 1, 2)) / ratio + Fraction(lenses, 2)
+            expected.append(math.floor(place) if 0 <= place < lenses else -1)
+        assert axis.lens.tolist() == expected
+    # 2400 columns are 152.64 mm: five columns on each side have no lens; no row is without.
+    assert (PHONE.columns.lens < 0).sum() == 10
+    assert (PHONE.columns.lens[:5] < 0).all() and (PHONE.columns.lens[-5:] < 0).all()
+    held = np.bincount(PHONE.columns.lens[PHONE.columns.lens >= 0], minlength=152)
+    assert set(held) == {15, 16}
+    assert not PHONE.has_integer_ratio
+
+
+def test_phone_rays_follow_eq_1_to_rounding() -> None:
+    for axis, pixels, lenses, sign in (
+        (PHONE.columns, 2400, 152, 1),
+        (PHONE.rows, 1080, 68, -1),
+    ):
+        for i in range(0, pixels, 7):
+            x = sign * (i - Fraction(pixels - 1, 2)) * Fraction(159, 2500)
+            assert axis.position_mm[i] == pytest.approx(float(x), abs=1e-13)
+            if axis.lens[i] >= 0:
+                x0 = sign * (int(axis.lens[i]) - Fraction(lenses - 1, 2))
+                assert axis.centre_mm[i] == float(x0)
+                slope = (x0 - x) / Fraction(33, 10)
+                assert axis.slope[i] == pytest.approx(float(slope), abs=1e-13)
+
+
+@settings(max_examples=80, deadline=None, derandomize=True)
+@given(
+    pixel_um=st.integers(20, 900),
+    pitch_um=st.integers(900, 2500),
+    lenses=st.integers(1, 60),
+    panel=st.none() | st.integers(1, 900),
+    elemental_um=st.none() | st.integers(900, 2600),
+)
+def test_lens_of_every_pixel_is_that_of_its_exact_position(
+    pixel_um: int, pitch_um: int, lenses: int, panel: int | None, elemental_um: int | None
+) -> None:
+    shown = Display(
+        pitch_mm=pitch_um / 1000,
+        focal_length_mm=3.0,
+        gap_mm=3.3,
+        pixel_pitch_mm=pixel_um / 1000,
+        lens_columns=lenses,
+        lens_rows=1,
+        panel_columns=panel,
+        elemental_pitch_mm=None if elemental_um is None else elemental_um / 1000,
+    )
+    ratio = Fraction(elemental_um or pitch_um, pixel_um)
+    pixels = panel or math.ceil(lenses * ratio)
+    assert shown.eia_shape[1] == pixels
+    expected = [oracle.lens_of_pixel(i, pixels, lenses, ratio) for i in range(pixels)]
+    assert shown.columns.lens.tolist() == expected
+    whole = ratio.denominator == 1 and pixels == lenses * ratio
+    rows = math.ceil(ratio)
+    assert shown.has_integer_ratio == (whole and shown.eia_shape[0] == rows == ratio)
+
+
+@pytest.mark.parametrize(
+    "shown",
+    [
+        NOMINAL,
+        PHONE,
+        display(lens_columns=7, lens_rows=6, pixel_pitch_mm=1 / 6),
+        display(lens_columns=5, lens_rows=4, pixel_pitch_mm=0.0637, pitch_mm=1.1),
+        display(lens_columns=3, lens_rows=5, elemental_pitch_mm=1.0066),
+    ],
+    ids=["nominal", "phone", "even", "odd lengths", "elemental pitch"],
+)
+def test_halves_of_an_axis_mirror_each_other_bit_for_bit(shown: Display) -> None:
+    for axis, lenses in ((shown.columns, shown.lens_columns), (shown.rows, shown.lens_rows)):
+        inside = axis.lens >= 0
+        assert np.array_equal(inside, inside[::-1])
+        assert np.array_equal(axis.position_mm, -axis.position_mm[::-1])
+        assert np.array_equal(axis.lens[inside], (lenses - 1 - axis.lens[::-1])[inside])
+        assert np.array_equal(axis.centre_mm[inside], -axis.centre_mm[::-1][inside])
+        assert np.array_equal(axis.slope[inside], -axis.slope[::-1][inside])
+
+
+def test_rows_run_down_and_columns_to_the_right() -> None:
+    assert (np.diff(NOMINAL.columns.position_mm) > 0).all()
+    assert (np.diff(NOMINAL.rows.position_mm) < 0).all()
+    assert NOMINAL.rows.lens[0] == 0 and NOMINAL.rows.centre_mm[0] == 31.5
+    # The uppermost pixel of a lens sends its ray down, the leftmost to the right.
+    assert NOMINAL.rows.slope[0] < 0 < NOMINAL.columns.slope[0]
+    assert NOMINAL.columns.slope[0] == pytest.approx(8 / 17 / 3.3)
+
+
+# -- viewing ------------------------------------------------------------------------------------
+
+
+def shows_a_flipped_view(shown: Display, eye: float, distance: float, lenses: int) -> bool:
+    """Follow the ray from the eye through every lens centre to the panel."""
+    for n in range(lenses):
+        x0 = (n - (lenses - 1) / 2) * shown.pitch_mm
+        lands = x0 + (x0 - eye) * shown.gap_mm / distance
+        own = (n - (lenses - 1) / 2) * shown.elemental_image_pitch_mm
+        if abs(lands - own) > shown.elemental_image_pitch_mm / 2:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("elemental", [None, 1.0066, 1.003, 1.02, 0.999])
+@pytest.mark.parametrize("distance", [300.0, 500.0, 2000.0])
+def test_flip_limit_is_where_the_first_lens_looks_under_its_neighbour(
+    elemental: float | None, distance: float
+) -> None:
+    shown = display(elemental_pitch_mm=elemental, lens_columns=15, lens_rows=40)
+    limits = shown.flip_limit_mm(distance)
+    for limit, lenses in zip(limits, (15, 40), strict=True):
+        if limit < 0:
+            assert shows_a_flipped_view(shown, 0.0, distance, lenses)
+            continue
+        for sign in (-1, 1):
+            inside, outside = sign * limit * (1 - 1e-9), sign * limit * (1 + 1e-9)
+            assert not shows_a_flipped_view(shown, inside, distance, lenses)
+            assert shows_a_flipped_view(shown, outside, distance, lenses)
+    assert limits[0] >= limits[1]
+
+
+@pytest.mark.parametrize("elemental", [None, 1.0066, 0.999])
+def test_nearest_viewing_distance_is_where_the_flip_limit_reaches_zero(
+    elemental: float | None,
+) -> None:
+    shown = display(elemental_pitch_mm=elemental)
+    nearest = shown.nearest_viewing_distance_mm
+    assert shown.flip_limit_mm(nearest) == pytest.approx((0, 0), abs=1e-9)
+    assert not shows_a_flipped_view(shown, 0.0, nearest * (1 + 1e-9), 64)
+    assert shows_a_flipped_view(shown, 0.0, nearest * (1 - 1e-9), 64)
+
+
+def test_elemental_pitch_without_any_viewing_distance_is_an_error() -> None:
+    with pytest.raises(DisplayError, match=r"elemental_pitch_mm = 0\.9 against pitch_mm = 1"):
+        _ = display(elemental_pitch_mm=0.9).nearest_viewing_distance_mm
+
+
+# -- plain data ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shown", [*DISPLAYS.values(), display(depth_min_mm=1, depth_max_mm=2)])
+def test_given_values_make_the_same_display(shown: Display) -> None:
+    assert Display(**shown.given()) == shown
+    assert Display(**json.loads(json.dumps(shown.given()))) == shown
+
+
+def test_derived_values_are_those_of_the_properties_and_fit_json() -> None:
+    derived = PHONE.derived()
+    assert json.loads(json.dumps(derived, allow_nan=False)) == derived
+    assert (derived["eia_rows"], derived["eia_columns"]) == PHONE.eia_shape == (1080, 2400)
+    assert (derived["depth_min_mm"], derived["depth_max_mm"]) == PHONE.depth_range_mm
+    assert derived["central_depth_mm"] == PHONE.central_depth_mm
+    assert derived["pixels_per_lens"] == pytest.approx(15.723, abs=5e-4)
+
+
+def test_derived_values_are_told_whatever_the_display() -> None:
+    assert "width_mm" in display(elemental_pitch_mm=0.9).derived()
+
+
+def test_replace_checks_anew() -> None:
+    assert NOMINAL.replace(gap_mm=3.5).gap_mm == 3.5
+    with pytest.raises(DisplayError):
+        NOMINAL.replace(gap_mm=0)
