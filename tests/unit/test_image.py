@@ -1,0 +1,173 @@
+"""Pictures in and out, whole or not at all; scores against known values."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from inim import metrics
+from inim.color import srgb_from_linear, srgb_to_uint8
+from inim.errors import FileError, UsageError
+from inim.formats import image
+from inim.jobs.output import open_staging, publish
+from inim.rgbd import RGBD
+
+RANDOM = np.random.default_rng(3)
+
+
+def picture(rows=9, columns=13):
+    return RANDOM.random((rows, columns, 3)).astype(np.float32)
+
+
+def test_exr_and_rgbd_come_back_bit_for_bit(tmp_path):
+    linear = picture() * 50
+    image.write_exr(tmp_path / "a.exr", linear)
+    assert np.array_equal(image.read_exr(tmp_path / "a.exr"), linear)
+    covered = RANDOM.random((9, 13)) > 0.5
+    depth = np.where(covered, RANDOM.random((9, 13)) * 40, 0).astype(np.float32)
+    rgbd = RGBD(linear, depth, covered, 0.2)
+    image.write_rgbd(tmp_path / "b.exr", rgbd)
+    again = image.read_rgbd(tmp_path / "b.exr")
+    assert np.array_equal(again.color, rgbd.color)
+    assert np.array_equal(again.covered, covered)
+    assert np.array_equal(again.depth_mm[covered], depth[covered])
+    assert again.pixel_mm == rgbd.pixel_mm
+
+
+def test_the_rgbd_file_has_a_colour_part_and_a_depth_part(tmp_path):
+    import OpenEXR
+
+    covered = np.array([[True, False]])
+    rgbd = RGBD(np.ones((1, 2, 3)), np.array([[5.0, 7.0]]), covered, 1.0)
+    image.write_rgbd(tmp_path / "a.exr", rgbd)
+    parts = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).parts
+    assert [sorted(p.channels) for p in parts] == [["A", "B", "G", "R"], ["Z"]]
+    depth = parts[1].channels["Z"].pixels
+    assert depth[0, 0] == 5 and math.isnan(depth[0, 1]), "background is no depth"
+
+
+def test_png_is_srgb_and_upright(tmp_path):
+    from PIL import Image
+
+    linear = np.zeros((2, 3, 3), np.float32)
+    linear[0, 2] = (1.0, 0.21404114, 0.0)
+    image.write_png(tmp_path / "a.png", linear)
+    shown = np.asarray(Image.open(tmp_path / "a.png"))
+    assert shown.dtype == np.uint8 and shown.shape == (2, 3, 3)
+    assert tuple(shown[0, 2]) == (255, 128, 0), "linear 0.214 is middle grey"
+    assert shown.sum() == 383
+
+
+def test_srgb_is_the_standard_s_at_known_points():
+    known = {0.0: 0.0, 0.0031308: 0.0404499, 0.18: 0.4613561, 0.5: 0.7353570, 1.0: 1.0, 7.0: 1.0}
+    for linear, expected in known.items():
+        assert srgb_from_linear(np.array([linear]))[0] == pytest.approx(expected, abs=2e-6)
+    assert srgb_to_uint8(np.array([0.5 / 255, 0.51 / 255, -1, 2])).tolist() == [0, 1, 0, 255]
+
+
+@pytest.mark.parametrize("cut", [0, 10, 200, -20])
+def test_a_cut_exr_is_refused_by_name(tmp_path, cut):
+    image.write_exr(tmp_path / "a.exr", picture(64, 64))
+    data = (tmp_path / "a.exr").read_bytes()
+    (tmp_path / "a.exr").write_bytes(data[:cut])
+    with pytest.raises(FileError, match=r"a\.exr"):
+        image.read_exr(tmp_path / "a.exr")
+
+
+def test_an_exr_of_another_kind_is_no_rgbd(tmp_path):
+    image.write_exr(tmp_path / "a.exr", picture())
+    with pytest.raises(FileError, match="RGB-D"):
+        image.read_rgbd(tmp_path / "a.exr")
+    with pytest.raises(FileError, match="no such file"):
+        image.read_rgbd(tmp_path / "b.exr")
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
+    (tmp_path / "a.png").write_text("old")
+
+    def fail(path):
+        path.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(FileError, match=r"a\.png.*No space left"):
+        image.write_atomically(tmp_path / "a.png", fail)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
+    assert (tmp_path / "a.png").read_text() == "old"
+
+
+def test_publishing_replaces_one_s_own_files_and_keeps_others(tmp_path):
+    out = tmp_path / "out"
+    for names in (("a.png", "sub/b.png"), ("a.png", "sub/c.png")):
+        staging = open_staging(out)
+        for name in names:
+            (staging / name).parent.mkdir(exist_ok=True)
+            (staging / name).write_text(names[1])
+        listed = ", ".join(f'"{n}"' for n in (*names, "report.json", "../precious"))
+        (staging / "report.json").write_text(f'{{"files": [{listed}]}}')
+        publish(staging, out)
+        (out / "notes.txt").write_text("mine")
+        (tmp_path / "precious").write_text("mine")
+    found = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
+    assert found == {"a.png", "sub/c.png", "report.json", "notes.txt"}
+    assert (out / "a.png").read_text() == "sub/c.png"
+    assert (tmp_path / "precious").exists(), "a report cannot name files outside its folder"
+    assert not list(tmp_path.glob(".*partial"))
+
+
+def test_ssim_is_the_oracle_s():
+    """Gaussian SSIM of two pictures, recomputed with an explicit 2D window in float64."""
+    from scipy.ndimage import correlate1d
+
+    a, b = picture(40, 50), picture(40, 50) * 0.7
+    x, y = (srgb_from_linear(i).astype(np.float64) for i in (a, b))
+    radius = 5  # 3.5 sigma, as scikit-image truncates
+    weight = np.exp(-(np.arange(-radius, radius + 1) ** 2) / (2 * 1.5**2))
+    weight /= weight.sum()
+
+    def blur(image):
+        for axis in (0, 1):
+            image = correlate1d(image, weight, axis=axis, mode="reflect")
+        return image
+
+    mx, my = blur(x), blur(y)
+    vx, vy, vxy = blur(x * x) - mx**2, blur(y * y) - my**2, blur(x * y) - mx * my
+    c1, c2 = 0.01**2, 0.03**2
+    local = ((2 * mx * my + c1) * (2 * vxy + c2)) / ((mx**2 + my**2 + c1) * (vx + vy + c2))
+    assert np.allclose(metrics.ssim_map(a, b), local.mean(axis=-1), atol=1e-4)
+
+
+def test_scores_of_equal_pictures_are_perfect_and_worse_ones_lower():
+    a = picture(32, 32)
+    assert metrics.score(a, a) == {"ssim": 1.0, "psnr_db": math.inf, "flip": 0.0}
+    near, far = (np.clip(a + d, 0, 1).astype(np.float32) for d in (0.02, 0.2))
+    for name, sign in (("ssim", 1), ("psnr_db", 1), ("flip", -1)):
+        assert sign * metrics.score(a, near)[name] > sign * metrics.score(a, far)[name]
+
+
+def test_psnr_is_its_formula():
+    a = np.zeros((4, 4, 3), np.float32)
+    b = np.full((4, 4, 3), 0.0031308 / 2, np.float32)  # sRGB 12.92 x
+    assert metrics.psnr_db(a, b) == pytest.approx(-20 * math.log10(12.92 * 0.0031308 / 2), abs=1e-4)
+
+
+@pytest.mark.parametrize("scorer", [metrics.ssim, metrics.psnr_db, metrics.flip])
+def test_what_is_not_comparable_is_refused(scorer):
+    a = picture(16, 16)
+    with pytest.raises(UsageError, match="compared"):
+        scorer(a, a[:8])
+    b = a.copy()
+    b[3, 3] = np.nan
+    with pytest.raises(UsageError, match="1 pixels that are not finite"):
+        scorer(a, b)
+
+
+def test_a_masked_score_sees_only_the_mask():
+    a = picture(40, 40)
+    b = a.copy()
+    b[:, 20:] = 0
+    mask = np.zeros((40, 40), bool)
+    mask[:, :12] = True
+    assert metrics.ssim(a, b, mask) == pytest.approx(1.0, abs=1e-5)
+    assert math.isnan(metrics.ssim(a, b, np.zeros((40, 40), bool)))
