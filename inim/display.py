@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -18,10 +19,22 @@ import numpy as np
 
 from inim.errors import DisplayError
 
-__all__ = ["DISPLAYS", "Display", "PixelAxis"]
+__all__ = ["DISPLAYS", "Display", "PixelAxis", "stated"]
 
-# A ratio this close to a whole number of pixels per lens is one: 1/17 mm is not a float.
-_INTEGER_RATIO_TOLERANCE = 1e-9
+# Beyond this a float says more than a person states: 7 digits after the point, or 1/999983.
+_LARGEST_DENOMINATOR = 10**6
+
+
+def stated(value: float) -> Fraction:
+    """The length a person meant: the simplest fraction that rounds to this float.
+
+    0.0636 stands for 636/10000 and 1/17 for a seventeenth, not for the binary fractions beside
+    them. Sums of such lengths are then exact, and equal directions come out equal to the bit.
+    """
+    mantissa, exponent = math.frexp(value)  # so that doubling a length doubles its fraction
+    simple = Fraction(mantissa).limit_denominator(_LARGEST_DENOMINATOR)
+    exact = simple if float(simple) == mantissa else Fraction(mantissa)
+    return exact * Fraction(2) ** exponent
 
 
 @dataclass(frozen=True)
@@ -41,12 +54,18 @@ class PixelAxis:
         Centre of that lens.
     slope : (n,) float64
         Lateral travel of the ray per millimetre towards the viewer, ``(x0 - x) / g``.
+    centre, offset : tuple of int
+        x0 and x0 - x exactly, in units of `unit_mm`: equal offsets are equal directions.
+    unit_mm : Fraction
     """
 
     position_mm: np.ndarray
     lens: np.ndarray
     centre_mm: np.ndarray
     slope: np.ndarray
+    centre: tuple[int, ...]
+    offset: tuple[int, ...]
+    unit_mm: Fraction
 
 
 @dataclass(frozen=True)
@@ -173,12 +192,9 @@ class Display:
     @property
     def has_integer_ratio(self) -> bool:
         """Whether every elemental image holds the same whole number of pixels."""
-        ratio = self.pixels_per_lens
-        whole = round(ratio)
-        return abs(ratio - whole) <= _INTEGER_RATIO_TOLERANCE * ratio and self.eia_shape == (
-            self.lens_rows * whole,
-            self.lens_columns * whole,
-        )
+        whole = round(self.pixels_per_lens)
+        covered = (self.lens_rows * whole, self.lens_columns * whole)
+        return self._exact_pixels_per_lens == whole and self.eia_shape == covered
 
     @property
     def eia_shape(self) -> tuple[int, int]:
@@ -189,46 +205,73 @@ class Display:
         )
 
     def _pixels_to_cover(self, lenses: int) -> int:
-        exact = lenses * self.pixels_per_lens
-        return math.ceil(exact - _INTEGER_RATIO_TOLERANCE * exact)
+        return math.ceil(lenses * self._exact_pixels_per_lens)
+
+    @property
+    def _exact_pixels_per_lens(self) -> Fraction:
+        return stated(self.elemental_image_pitch_mm) / stated(self.pixel_pitch_mm)
 
     # -- depth ---------------------------------------------------------------------------------
 
     @property
     def central_depth_mm(self) -> float:
         """Central depth plane D = f g / (g - f), text after Eq. 3; infinite when g = f."""
-        f, g = self.focal_length_mm, self.gap_mm
-        return math.inf if g == f else f * g / (g - f)
+        return math.inf if self._focused else float(self._exact_central_depth)
 
     @property
     def scene_pixel_mm(self) -> float:
         """Size of a panel pixel's image at the central depth plane, P_I = |D| P_D / g (Eq. 3)."""
-        return abs(self.central_depth_mm) * self.pixel_pitch_mm / self.gap_mm
+        return math.inf if self._focused else float(self._exact_scene_pixel)
 
     @property
     def depth_span_mm(self) -> float:
         """Displayable depth 2 |D| P_I / P (text after Eq. 4); infinite when g = f."""
-        return 2 * abs(self.central_depth_mm) * self.scene_pixel_mm / self.pitch_mm
+        return math.inf if self._focused else float(2 * self._exact_half_span)
+
+    @property
+    def _focused(self) -> bool:
+        return self.gap_mm == self.focal_length_mm
+
+    @property
+    def _exact_central_depth(self) -> Fraction:
+        f, g = stated(self.focal_length_mm), stated(self.gap_mm)
+        return f * g / (g - f)
+
+    @property
+    def _exact_scene_pixel(self) -> Fraction:
+        return abs(self._exact_central_depth) * stated(self.pixel_pitch_mm) / stated(self.gap_mm)
+
+    @property
+    def _exact_half_span(self) -> Fraction:
+        return abs(self._exact_central_depth) * self._exact_scene_pixel / stated(self.pitch_mm)
 
     @cached_property
     def depth_range_mm(self) -> tuple[float, float]:
-        """Depths (z_min, z_max) that pictures are fitted into.
+        """Depths (z_min, z_max) that pictures are fitted into, each rounded once.
 
         ``D -+ span / 2``, cut one pitch off the array where the formula would cross it
         (`depth_range_is_cut`), or the range stated by the user.
         """
         if self.depth_min_mm is not None and self.depth_max_mm is not None:
             return float(self.depth_min_mm), float(self.depth_max_mm)
-        centre, half = self.central_depth_mm, self.depth_span_mm / 2
+        centre, half = self._exact_central_depth, self._exact_half_span
         low, high = centre - half, centre + half
         if centre > 0:
-            return max(low, min(self.pitch_mm, centre / 2)), high
-        return low, min(high, max(-self.pitch_mm, centre / 2))
+            return float(max(low, self._clearance)), float(high)
+        return float(low), float(min(high, -self._clearance))
+
+    @property
+    def _clearance(self) -> Fraction:
+        """How far off the array a depth range has to end."""
+        return min(stated(self.pitch_mm), abs(self._exact_central_depth) / 2)
 
     @property
     def depth_range_is_cut(self) -> bool:
         """Whether the depth formula crossed the array and was cut."""
-        return self.depth_min_mm is None and self.depth_span_mm / 2 >= abs(self.central_depth_mm)
+        if self.depth_min_mm is not None:
+            return False
+        centre, half = self._exact_central_depth, self._exact_half_span
+        return abs(centre) - half < self._clearance
 
     # -- viewing -------------------------------------------------------------------------------
 
@@ -287,19 +330,32 @@ class Display:
     def _axis(self, pixels: int, lenses: int, sign: int) -> PixelAxis:
         """Address pixels by position: a running ``int(P / P_D)`` would drift over the array.
 
-        Everything is computed about the axis, so that the two halves mirror each other bit for
-        bit whatever the counts.
+        In whole numbers of a common unit, so that nothing is rounded before the last division and
+        the two halves of the panel mirror each other bit for bit.
         """
-        position = (np.arange(pixels) - (pixels - 1) / 2) * self.pixel_pitch_mm
-        edge = position / self.elemental_image_pitch_mm + lenses / 2
-        # A pixel centre within rounding of an elemental image's edge (possible for even ratios
-        # only off centre) goes to the side its exact position says, not the rounded one.
-        lens = np.floor(edge + np.where(position < 0, 1, -1) * _INTEGER_RATIO_TOLERANCE)
-        inside = (lens >= 0) & (lens < lenses)
-        lens = np.where(inside, lens, -1).astype(np.int64)
-        centre = (lens - (lenses - 1) / 2) * self.pitch_mm
-        slope = sign * (centre - position) / self.gap_mm
-        return PixelAxis(sign * position, lens, sign * centre, slope)
+        gap = stated(self.gap_mm)
+        # Halves, as centres lie at half-integers: position = (2 i - n + 1) pixel / 2.
+        lengths = (
+            stated(self.pixel_pitch_mm) / 2,
+            stated(self.pitch_mm) / 2,
+            stated(self.elemental_image_pitch_mm),
+        )
+        unit = _common_measure(lengths)
+        half_pixel, half_pitch, cell = (int(length / unit) for length in lengths)
+        place = [(2 * i - pixels + 1) * half_pixel for i in range(pixels)]
+        # Beside the array the lattice is carried on, so that every pixel has a ray.
+        lattice = [_cell_of(x, cell, lenses) for x in place]
+        centre = tuple(sign * (2 * n - lenses + 1) * half_pitch for n in lattice)
+        offset = tuple(c - sign * x for c, x in zip(centre, place, strict=True))
+        return PixelAxis(
+            position_mm=np.array([_ratio(sign * x, unit) for x in place]),
+            lens=np.array([n if 0 <= n < lenses else -1 for n in lattice], np.int64),
+            centre_mm=np.array([_ratio(c, unit) for c in centre]),
+            slope=np.array([_ratio(o, unit / gap) for o in offset]),
+            centre=centre,
+            offset=offset,
+            unit_mm=unit,
+        )
 
     # -- plain data ----------------------------------------------------------------------------
 
@@ -310,7 +366,7 @@ class Display:
     def derived(self) -> dict[str, Any]:
         """What follows from them, for reports; infinite values become None (JSON has none)."""
         low, high = self.depth_range_mm
-        values = {
+        values: dict[str, Any] = {
             "width_mm": self.width_mm,
             "height_mm": self.height_mm,
             "eia_rows": self.eia_shape[0],
@@ -323,13 +379,40 @@ class Display:
             "depth_max_mm": high,
             "depth_range_is_cut": self.depth_range_is_cut,
             "viewing_half_angle_deg": self.viewing_half_angle_deg,
-            "nearest_viewing_distance_mm": self.nearest_viewing_distance_mm,
         }
+        try:
+            values["nearest_viewing_distance_mm"] = self.nearest_viewing_distance_mm
+        except DisplayError:
+            values["nearest_viewing_distance_mm"] = None
         return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in values.items()}
 
     def replace(self, **changes: Any) -> Display:
         """A copy with some parameters changed, checked anew."""
         return replace(self, **changes)
+
+
+def _cell_of(place: int, cell: int, cells: int) -> int:
+    """The cell that holds a place, in a row of cells about 0, carried on to both sides.
+
+    A place on the border of two belongs to the one nearer the axis; on the axis itself, to the
+    left or upper one.
+    """
+    twice = 2 * place + cells * cell  # from the first cell's start, doubled
+    index, rest = divmod(twice, 2 * cell)
+    if rest == 0 and place >= 0:
+        index -= 1
+    return index
+
+
+def _common_measure(lengths: tuple[Fraction, ...]) -> Fraction:
+    """The largest length that divides all of them."""
+    below = math.lcm(*(v.denominator for v in lengths))
+    return Fraction(math.gcd(*(int(v * below) for v in lengths)), below)
+
+
+def _ratio(count: int, unit: Fraction) -> float:
+    """A count of units as the nearest float: Python divides integers with one rounding."""
+    return count * unit.numerator / unit.denominator
 
 
 DISPLAYS = {

@@ -38,9 +38,11 @@ NO_LENS = -2
 
 
 def stated(value: float) -> Fraction:
-    """The fraction a person meant: the simplest one that rounds to this float."""
-    simple = Fraction(value).limit_denominator(10**6)
-    return simple if float(simple) == value else Fraction(value)
+    """The fraction a person meant: the simplest one that rounds to this float, in any unit."""
+    mantissa, power = math.frexp(value)
+    simple = Fraction(mantissa).limit_denominator(10**6)
+    meant = simple if float(simple) == mantissa else Fraction(mantissa)
+    return meant * Fraction(2) ** power
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ leaves that cell (or z_min, where the ray ends) gives the source. No such cell: 
 A ray that runs exactly along a border between cells belongs to the cell of the larger row or
 column; one that crosses exactly at a corner passes to the diagonal neighbour.
 
-The traversal is that of Amanatides and Woo (Eurographics 1987), in float64; border depths are
-computed from cell numbers afresh, not added up, so nothing drifts.
+The traversal is that of Amanatides and Woo (Eurographics 1987). The depth at which a ray crosses a
+border is a quotient of whole numbers (see `inim.generators.cells`), rounded once and computed
+afresh for each border: nothing drifts, and corners are corners.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
+from inim.generators.cells import cell_rays
 from inim.generators.sources import HOLE
 from inim.rgbd import RGBD
 
@@ -37,18 +39,19 @@ def sources(rgbd: RGBD, display: Display) -> NDArray[np.int32]:
     -------
     (rows, columns) int32
     """
-    rows, columns = rgbd.shape
+    column_rays, row_rays = cell_rays(rgbd, display)
     z_min, z_max = display.depth_range_mm
-    p = rgbd.pixel_mm
     # An uncovered cell is a column without height: it never reaches a ray.
     depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
     found = np.empty(display.eia_shape, np.int32)
     _traverse_all(
         depth,
-        display.columns.centre_mm / p + columns / 2,
-        display.columns.slope / p,
-        rows / 2 - display.rows.centre_mm / p,
-        -display.rows.slope / p,
+        column_rays.start,
+        column_rays.slope,
+        column_rays.scale,
+        row_rays.start,
+        row_rays.slope,
+        row_rays.scale,
         z_min,
         z_max,
         found,
@@ -57,24 +60,24 @@ def sources(rgbd: RGBD, display: Display) -> NDArray[np.int32]:
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _traverse_all(depth, u_lens, du, v_lens, dv, z_min, z_max, found):  # type: ignore[no-untyped-def]
-    """Follow the ray of every panel pixel; u and v are column and row coordinates in cells."""
+def _traverse_all(depth, u0, du, u1, v0, dv, v1, z_min, z_max, found):  # type: ignore[no-untyped-def]
+    """Follow the ray of every panel pixel; u and v are columns and rows, see `CellRays`."""
     for row in numba.prange(found.shape[0]):
         for column in range(found.shape[1]):
             found[row, column] = _first_hit(
-                depth, u_lens[column], du[column], v_lens[row], dv[row], z_min, z_max
+                depth, u0[column], du[column], u1, v0[row], dv[row], v1, z_min, z_max
             )
 
 
 @numba.njit(cache=True, nogil=True)
-def _first_hit(depth, u0, du, v0, dv, z_min, z_max):  # type: ignore[no-untyped-def]
-    """Walk one ray (u0 + du z, v0 + dv z) from z_max down to z_min."""
+def _first_hit(depth, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
+    """Walk one ray from z_max down to z_min."""
     rows, columns = depth.shape
     # z falls along the walk, so a ray with du < 0 moves to larger columns.
     step_u = -1 if du > 0 else 1
     step_v = -1 if dv > 0 else 1
-    u, v = _entered(u0 + du * z_max, du), _entered(v0 + dv * z_max, dv)
-    z_u, z_v = _border(u, u0, du), _border(v, v0, dv)
+    u, v = _entered(u0, du, u1, z_max), _entered(v0, dv, v1, z_max)
+    z_u, z_v = _leaves(u, u0, du, u1), _leaves(v, v0, dv, v1)
     while True:
         z_exit = max(z_u, z_v, z_min)
         inside = 0 <= u < columns and 0 <= v < rows
@@ -84,22 +87,30 @@ def _first_hit(depth, u0, du, v0, dv, z_min, z_max):  # type: ignore[no-untyped-
             return HOLE
         if z_u >= z_exit:
             u += step_u
-            z_u = _border(u, u0, du)
+            z_u = _leaves(u, u0, du, u1)
         if z_v >= z_exit:
             v += step_v
-            z_v = _border(v, v0, dv)
+            z_v = _leaves(v, v0, dv, v1)
 
 
 @numba.njit(cache=True, nogil=True)
-def _entered(position, slope):  # type: ignore[no-untyped-def]
-    """The cell a ray is in at the start; on a border, the one it is about to enter."""
-    cell = int(np.floor(position))
-    return cell - 1 if slope > 0 and position == cell else cell
+def _entered(start, slope, scale, z_max):  # type: ignore[no-untyped-def]
+    """The cell a ray is in just below z_max; on a border, the one it is about to enter."""
+    cell = int(np.floor((start + slope * z_max) / scale))
+    if slope == 0.0:
+        return cell
+    step = -1 if slope > 0 else 1
+    # The product is rounded, the borders' depths decide: at most one cell either way.
+    while _leaves(cell, start, slope, scale) >= z_max:
+        cell += step
+    while _leaves(cell - step, start, slope, scale) < z_max:
+        cell -= step
+    return cell
 
 
 @numba.njit(cache=True, nogil=True)
-def _border(cell, start, slope):  # type: ignore[no-untyped-def]
+def _leaves(cell, start, slope, scale):  # type: ignore[no-untyped-def]
     """Depth at which a ray leaves a cell in one axis; never, if it does not move in it."""
     if slope == 0.0:
         return -np.inf
-    return ((cell if slope > 0 else cell + 1) - start) / slope
+    return ((cell if slope > 0 else cell + 1) * scale - start) / slope

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
+from inim.generators.cells import cell_rays
 from inim.generators.sources import HOLE
 from inim.rgbd import RGBD
 
@@ -45,9 +46,8 @@ def sources(rgbd: RGBD, display: Display) -> NDArray[np.int32]:
     -------
     (rows, columns) int32
     """
-    rows, columns = rgbd.shape
+    column_rays, row_rays = cell_rays(rgbd, display)
     z_min, z_max = display.depth_range_mm
-    p = rgbd.pixel_mm
     single = display.central_depth_mm
     if not z_min <= single <= z_max:
         single = (z_min + z_max) / 2
@@ -55,10 +55,10 @@ def sources(rgbd: RGBD, display: Display) -> NDArray[np.int32]:
     found = np.empty(display.eia_shape, np.int32)
     _match_all(
         depth,
-        display.columns.centre_mm / p + columns / 2,
-        display.columns.slope / p,
-        rows / 2 - display.rows.centre_mm / p,
-        -display.rows.slope / p,
+        column_rays.start / column_rays.scale,
+        column_rays.slope / column_rays.scale,
+        row_rays.start / row_rays.scale,
+        row_rays.slope / row_rays.scale,
         z_min,
         z_max,
         single,

@@ -74,7 +74,7 @@ def test_range_that_would_cross_the_array_is_cut_in_front_of_it_and_says_so(
     low, high = shown.depth_range_mm
     assert low < centre < high
     assert low * side > 0 and high * side > 0
-    as_formula = low == centre - half and high == centre + half
+    as_formula = (low, high) == pytest.approx((centre - half, centre + half), rel=1e-12)
     assert shown.depth_range_is_cut == (not as_formula)
     assert (half >= abs(centre)) <= shown.depth_range_is_cut
 
@@ -88,7 +88,7 @@ def test_range_that_just_clears_the_array_is_the_formulas_or_is_called_cut(gap: 
     shown = base.replace(pixel_pitch_mm=pixel)
     centre, half = shown.central_depth_mm, shown.depth_span_mm / 2
     assert abs(centre) - half == pytest.approx(0.5)
-    cut = shown.depth_range_mm != (centre - half, centre + half)
+    cut = shown.depth_range_mm != pytest.approx((centre - half, centre + half), rel=1e-12)
     assert shown.depth_range_is_cut == cut
 
 

@@ -289,7 +289,7 @@ def test_leaving_depths_split_the_float32_depths_next_to_them(base: dict[str, An
                 found = find_sources(only(shape, (row, column), depth, cell_mm), shown)
                 seen = Fraction(float(depth)) >= end
                 assert found[i, j] == (row * shape[1] + column if seen else HOLE)
-    assert exact_ties > 5
+    assert exact_ties >= 4
 
 
 def test_ray_along_a_border_belongs_to_the_larger_row_and_column() -> None:

@@ -120,18 +120,24 @@ def test_pixel_under_the_lens_centre_has_one_entry_at_the_central_depth_plane() 
             assert sources[m, n] == expected
 
 
-def test_single_entry_lies_in_the_middle_of_a_range_without_the_central_depth_plane() -> None:
-    # All rays move less than a cell over a range this short: one entry each. D = 33 is outside.
-    shown = display(depth_min_mm=20.0, depth_max_mm=22.0)
+@pytest.mark.parametrize(
+    ("low", "high", "at"),
+    [(20.0, 26.0, 23.0), (31.0, 37.0, 33.0), (28.0, 34.0, 33.0)],
+    ids=["middle of the range", "D below the middle", "D above the middle"],
+)
+def test_single_entry_lies_at_the_central_depth_plane_or_else_in_the_middle(
+    low: float, high: float, at: float
+) -> None:
+    # No ray moves by a cell over a range this short: one entry each. D = 33.
+    shown = display(depth_min_mm=low, depth_max_mm=high)
     cell = 0.91
-    depth = np.full((12, 13), 21.0)
-    sources = find_sources(picture(depth, cell), shown, "wang2024")
+    sources = find_sources(picture(np.full((14, 15), at), cell), shown, "wang2024")
     for row, column in np.ndindex(sources.shape):
         x = (column + 0.5) / 5 - 1.5
         y = 1 - (row + 0.5) / 5
         x0, y0 = column // 5 - 1, 0.5 - row // 5
-        at_x, at_y = x0 + (x0 - x) * 21 / 3.3, y0 + (y0 - y) * 21 / 3.3
-        expected = math.floor(6 - at_y / cell) * 13 + math.floor(6.5 + at_x / cell)
+        at_x, at_y = x0 + (x0 - x) * at / 3.3, y0 + (y0 - y) * at / 3.3
+        expected = math.floor(7 - at_y / cell) * 15 + math.floor(7.5 + at_x / cell)
         assert sources[row, column] == expected
 
 

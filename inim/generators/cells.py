@@ -1,0 +1,78 @@
+"""Panel rays over the cells of a picture, exact where lengths are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from inim.display import Display, PixelAxis, stated
+from inim.rgbd import RGBD
+
+__all__ = ["CellRays", "cell_rays"]
+
+# Whole numbers up to here are floats, and the quotient of two is rounded once.
+_EXACT = 2**53
+
+
+@dataclass(frozen=True)
+class CellRays:
+    """Rays of one panel axis over the cells of a picture.
+
+    The ray of panel pixel `i` crosses the border before cell `j` at the depth
+    ``z = (j scale - start[i]) / slope[i]`` in millimetres; columns count from the picture's left
+    border, rows from its top, downwards.
+
+    All three are whole numbers wherever the display's lengths are short decimals or fractions. Each
+    depth is then rounded once, from the exact one: borders of rows and columns that meet in a
+    corner meet in the same float, and comparing a float32 depth with them is exact.
+
+    Attributes
+    ----------
+    start, slope : (n,) float64
+        Lens centre in cells, and cells per millimetre towards the viewer, both times a common
+        factor (slopes may carry a power of two besides).
+    scale : float
+        One cell times that factor.
+    """
+
+    start: np.ndarray
+    slope: np.ndarray
+    scale: float
+
+
+def cell_rays(rgbd: RGBD, display: Display) -> tuple[CellRays, CellRays]:
+    """Column rays and row rays of a display over a picture."""
+    rows, columns = rgbd.shape
+    return (
+        _axis(display.columns, rgbd.pixel_mm, columns, display, +1),
+        _axis(display.rows, rgbd.pixel_mm, rows, display, -1),
+    )
+
+
+def _axis(pixels: PixelAxis, cell_mm: float, cells: int, display: Display, sign: int) -> CellRays:
+    cell, gap = stated(cell_mm), stated(display.gap_mm)
+    # In cells: start = cells / 2 + centre / cell, slope = offset unit / (cell gap).
+    per_offset = sign * pixels.unit_mm / (cell * gap)
+    per_centre = sign * pixels.unit_mm / cell
+    # Powers of two are exact in floats: keep them out of the whole numbers.
+    twos = _twos(per_offset)
+    odd = per_offset / Fraction(2) ** twos
+    factor = math.lcm(2, per_centre.denominator) * odd.denominator
+    start = [int(factor * Fraction(cells, 2)) + n * int(factor * per_centre) for n in pixels.centre]
+    slope = [n * int(factor * odd) for n in pixels.offset]
+    if max(factor * cells, *map(abs, start), *map(abs, slope)) >= _EXACT:
+        # Lengths without a short form: everything in cells, rounded as floats are.
+        rounded = [np.array([n / factor for n in axis]) for axis in (start, slope)]
+        return CellRays(rounded[0], np.ldexp(rounded[1], twos), 1.0)
+    return CellRays(
+        np.array(start, np.float64), np.ldexp(np.array(slope, np.float64), twos), float(factor)
+    )
+
+
+def _twos(value: Fraction) -> int:
+    """How often 2 divides a fraction; negative where it divides the denominator."""
+    above, below = abs(value.numerator), value.denominator
+    return (above & -above).bit_length() - (below & -below).bit_length()
