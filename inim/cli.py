@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
-from inim.errors import EXIT_CHECK_FAILED, EXIT_INTERNAL, EXIT_PASSED, EXIT_USAGE, InimError
+from inim.errors import (
+    EXIT_CHECK_FAILED,
+    EXIT_INTERNAL,
+    EXIT_PASSED,
+    EXIT_USAGE,
+    InimError,
+    UsageError,
+)
 from inim.version import __version__
 
 __all__ = ["main"]
@@ -38,6 +47,14 @@ def main(argv: list[str] | None = None) -> int:
     argv : list of str, optional
         Arguments after the program's name; the process's own otherwise.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name must not fail for the terminal's encoding
+            stream.reconfigure(errors="backslashreplace")
+    for number in range(3):  # closed ones would be handed out again, to pipes and files
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     args = _parser().parse_args(argv)
     try:
         return int(args.run(args))
@@ -116,6 +133,14 @@ def _validate(args: argparse.Namespace) -> int:
     from inim.jobs.validate import default_out
     from inim.jobs.worker import run_in_worker
 
+    # An asked-for end takes the worker and its half-written files along, as Ctrl-C does.
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    for word in (str(args.scene), str(args.out), *args.definitions, str(args.viewpoints)):
+        if not word.isascii() and any("\ud800" <= c <= "\udfff" for c in word):
+            raise UsageError(
+                f"{word!a}: is no text in this locale ({sys.getfilesystemencoding()}); "
+                "rename it, or set PYTHONUTF8=1"
+            )
     request = Request(
         scene=args.scene,
         out=args.out or default_out(args.scene),
@@ -128,7 +153,11 @@ def _validate(args: argparse.Namespace) -> int:
     )
     passed = run_in_worker(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:
-        print(f"{'passed' if passed else 'FAILED'}; report: {request.out / 'report.html'}")
+        verdict = f"{'passed' if passed else 'FAILED'}; report: {request.out / 'report.html'}"
+        try:
+            print(verdict, flush=True)
+        except OSError:  # the reader left, or its disk is full; the verdict stands
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return EXIT_PASSED if passed else EXIT_CHECK_FAILED
 
 

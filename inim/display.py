@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cached_property
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,24 @@ from inim.errors import DisplayError
 
 __all__ = ["DISPLAYS", "Display", "PixelAxis", "stated"]
 
+_LENGTHS = (
+    "pitch_mm",
+    "focal_length_mm",
+    "gap_mm",
+    "pixel_pitch_mm",
+    "elemental_pitch_mm",
+    "lens_thickness_mm",
+)
+_OPTIONAL = frozenset(
+    {
+        "depth_max_mm",
+        "depth_min_mm",
+        "elemental_pitch_mm",
+        "lens_thickness_mm",
+        "panel_columns",
+        "panel_rows",
+    }
+)
 # Beyond this a float says more than a person states: 7 digits after the point, or 1/999983.
 _LARGEST_DENOMINATOR = 10**6
 
@@ -119,37 +138,44 @@ class Display:
     name: str = "custom"
 
     def __post_init__(self) -> None:
-        for name in ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm"):
-            self._require_positive(name)
-        for name in ("elemental_pitch_mm", "lens_thickness_mm"):
-            if getattr(self, name) is not None:
-                self._require_positive(name)
+        for name in _LENGTHS:
+            self._take_number(name)
+            if getattr(self, name) is not None and not getattr(self, name) > 0:
+                raise DisplayError(f"{name} = {getattr(self, name)}: must be a positive length")
+        for name in ("refractive_index", "depth_min_mm", "depth_max_mm"):
+            self._take_number(name)
         for name in ("lens_columns", "lens_rows", "panel_columns", "panel_rows"):
-            self._require_count(name, optional=name.startswith("panel"))
-        if not (math.isfinite(self.refractive_index) and self.refractive_index > 1):
+            self._take_count(name)
+        if self.refractive_index <= 1:
             raise DisplayError(
                 f"refractive_index = {self.refractive_index}: a lens needs an index above 1"
             )
         if self.curved_side not in ("viewer", "panel"):
             raise DisplayError(f"curved_side = {self.curved_side!r}: use 'viewer' or 'panel'")
-        if self.pixel_pitch_mm > self.pitch_mm:
-            raise DisplayError(
-                f"pixel_pitch_mm = {self.pixel_pitch_mm} exceeds pitch_mm = {self.pitch_mm}: "
-                "a lens must cover at least one pixel"
-            )
+        for name in ("pitch_mm", "elemental_image_pitch_mm"):
+            if self.pixel_pitch_mm > getattr(self, name):
+                raise DisplayError(
+                    f"pixel_pitch_mm = {self.pixel_pitch_mm} exceeds {name} = "
+                    f"{getattr(self, name)}: a lens must cover at least one pixel"
+                )
         self._check_depth_range()
 
-    def _require_positive(self, name: str) -> None:
+    def _take_number(self, name: str) -> None:
+        """Make a float of any real number, NumPy's included; refuse the rest by name."""
         value = getattr(self, name)
-        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
-            raise DisplayError(f"{name} = {value}: must be a positive, finite length")
-
-    def _require_count(self, name: str, *, optional: bool) -> None:
-        value = getattr(self, name)
-        if optional and value is None:
+        if value is None and name in _OPTIONAL:
             return
-        if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 1:
-            raise DisplayError(f"{name} = {value}: must be a whole number of at least 1")
+        if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+            raise DisplayError(f"{name} = {value!r}: must be a finite number")
+        object.__setattr__(self, name, float(value))
+
+    def _take_count(self, name: str) -> None:
+        value = getattr(self, name)
+        if value is None and name in _OPTIONAL:
+            return
+        if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+            raise DisplayError(f"{name} = {value!r}: must be a whole number of at least 1")
+        object.__setattr__(self, name, int(value))
 
     def _check_depth_range(self) -> None:
         given = (self.depth_min_mm, self.depth_max_mm)
@@ -277,7 +303,7 @@ class Display:
 
     @property
     def viewing_half_angle_deg(self) -> float:
-        """Half of the angle inside which no view repeats, atan(P / 2g)."""
+        """Half of the angle inside which no view repeats, atan(Q / 2g) for elemental pitch Q."""
         return math.degrees(math.atan(self.elemental_image_pitch_mm / (2 * self.gap_mm)))
 
     def flip_limit_mm(self, distance_mm: float) -> tuple[float, float]:
@@ -331,7 +357,8 @@ class Display:
         """Address pixels by position: a running ``int(P / P_D)`` would drift over the array.
 
         In whole numbers of a common unit, so that nothing is rounded before the last division and
-        the two halves of the panel mirror each other bit for bit.
+        the two halves of the panel mirror each other bit for bit (all but a pixel on the axis that
+        lies on a border between lenses: it has to go one way).
         """
         gap = stated(self.gap_mm)
         # Halves, as centres lie at half-integers: position = (2 i - n + 1) pixel / 2.

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +45,10 @@ class RGBD:
     pixel_mm: float
 
     def __post_init__(self) -> None:
-        color = np.asarray(self.color, np.float32)
-        depth = np.asarray(self.depth_mm, np.float32)
-        covered = np.asarray(self.covered, bool)
+        # Copies: a caller's later changes must not slip past these checks.
+        color = np.array(self.color, np.float32)
+        depth = np.array(self.depth_mm, np.float32)
+        covered = np.array(self.covered, bool)
         if color.ndim != 3 or color.shape[2] != 3 or color.size == 0:
             raise UsageError(f"RGBD: color has shape {color.shape}; it must be (H, W, 3)")
         if depth.shape != color.shape[:2] or covered.shape != color.shape[:2]:
@@ -52,17 +56,18 @@ class RGBD:
                 f"RGBD: color is {color.shape[:2]}, depth_mm {depth.shape}, covered "
                 f"{covered.shape}; all three must have the same rows and columns"
             )
-        if not (np.isfinite(self.pixel_mm) and self.pixel_mm > 0):
-            raise UsageError(f"RGBD: pixel_mm = {self.pixel_mm}; it must be a positive length")
+        pixel: Any = self.pixel_mm
+        if not (isinstance(pixel, Real) and 0 < float(pixel) < math.inf):
+            raise UsageError(f"RGBD: pixel_mm = {self.pixel_mm!r}; it must be a positive length")
         if not np.isfinite(depth[covered]).all():
             bad = int(np.count_nonzero(~np.isfinite(depth[covered])))
             raise UsageError(
                 f"RGBD: {bad} covered pixels have no finite depth; clear `covered` there"
             )
         for name, value in (("color", color), ("depth_mm", depth), ("covered", covered)):
-            view = value.view()
-            view.flags.writeable = False
-            object.__setattr__(self, name, view)
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "pixel_mm", float(self.pixel_mm))
 
     @property
     def shape(self) -> tuple[int, int]:

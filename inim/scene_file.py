@@ -89,7 +89,11 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
         Too deep, too large, or naming files outside its own folder; an unknown `-D` key.
     """
     definitions = dict(definitions or {})
-    scan = _Scan(path.resolve().parent, definitions)
+    try:
+        folder = path.resolve().parent
+    except OSError as error:  # a relative path, and the current folder was deleted
+        raise FileError(f"{path}: cannot be found ({error.strerror}); give its full path") from None
+    scan = _Scan(folder, definitions)
     scan.read(path, shown=str(path), level=0)
     own = {k: v for k, v in definitions.items() if k.startswith(PREFIX)}
     for key in definitions.keys() - own.keys() - scan.defaults.keys():

@@ -19,12 +19,19 @@ __all__ = ["PREFIX", "Settings", "setting_table"]
 
 PREFIX = "inim."
 
+# Far above any sensible length, count or seed, and far below where arithmetic overflows.
+_LARGEST = 1e18
+# More samples than this per pixel is a slip of the keyboard that would run for days.
+_MOST_SAMPLES = 2**20
+
 # Settings that go to `Display` under the same name.
 _DISPLAY_KEYS = tuple(f.name for f in fields(Display) if f.name != "name")
 
 
-def _setting(default: Any, meaning: str, *, low: float | None = None) -> Any:
-    return field(default=default, metadata={"meaning": meaning, "low": low})
+def _setting(
+    default: Any, meaning: str, *, low: float | None = None, high: float = math.inf
+) -> Any:
+    return field(default=default, metadata={"meaning": meaning, "low": low, "high": high})
 
 
 @dataclass(frozen=True)
@@ -50,7 +57,9 @@ class Settings:
     refractive_index: float | None = _setting(None, "index of the thick lens (1.4917, PMMA)")
     lens_thickness_mm: float | None = _setting(None, "centre thickness of the thick lens (P)")
     curved_side: str | None = _setting(None, "side the thick lens bulges to: viewer or panel")
-    fit_share: float = _setting(0.85, "share of the array the relic may fill, 0..1", low=1e-6)
+    fit_share: float = _setting(
+        0.85, "share of the array the relic may fill, 0..1", low=1e-6, high=1
+    )
     lens_model: str = _setting("thick", "lens model of the reconstruction: pinhole or thick")
     algorithms: str = _setting("wang2024,template", "generators to score, separated by commas")
     viewpoints: str = _setting(
@@ -61,10 +70,16 @@ class Settings:
     )
     view_pixels_per_lens: int = _setting(4, "pixels per lens of the views", low=1)
     capture_pixels_per_pitch: int = _setting(5, "RGB-D pixels per lens pitch", low=1)
-    capture_spp: int = _setting(64, "samples per RGB-D pixel", low=1)
-    eia_spp: int = _setting(32, "samples per ground-truth EIA pixel, both passes", low=2)
-    view_spp: int = _setting(256, "samples per ground-truth view pixel, both passes", low=2)
-    reconstruction_spp: int = _setting(64, "samples per reconstructed view pixel", low=1)
+    capture_spp: int = _setting(64, "samples per RGB-D pixel", low=1, high=_MOST_SAMPLES)
+    eia_spp: int = _setting(
+        32, "samples per ground-truth EIA pixel, both passes", low=2, high=_MOST_SAMPLES
+    )
+    view_spp: int = _setting(
+        256, "samples per ground-truth view pixel, both passes", low=2, high=_MOST_SAMPLES
+    )
+    reconstruction_spp: int = _setting(
+        64, "samples per reconstructed view pixel", low=1, high=_MOST_SAMPLES
+    )
     seed: int = _setting(0, "random seed of the ground truth", low=0)
     min_ssim_to_ceiling: str = _setting(
         "", "criterion: least SSIM to the ceiling, '0.9' for all or 'template:0.9, wang2024:0.5'"
@@ -98,6 +113,9 @@ class Settings:
             low = known[name].metadata["low"]
             if low is not None and parsed[name] < low:
                 raise SceneError(f"{source}: {key} = {text}: must be at least {low:g}")
+            high = known[name].metadata["high"]
+            if high < math.inf and parsed[name] > high:
+                raise SceneError(f"{source}: {key} = {text}: must be at most {high:.7g}")
         return cls(**parsed)
 
     def make_display(self, source: str) -> Display:
@@ -148,6 +166,8 @@ class Settings:
                         f"{source}: {key} names {one!r}, which is not among the algorithms run "
                         f"({', '.join(algorithms)})"
                     )
+                if one in limits:
+                    raise SceneError(f"{source}: {key} limits {one!r} twice; keep one limit")
                 limits[one] = limit
         return limits
 
@@ -160,9 +180,9 @@ def _read(key: str, text: str, kind: str, source: str) -> Any:
         value = int(text) if kind.startswith("int") else float(text)
     except ValueError:
         wanted = "a whole number" if kind.startswith("int") else "a number"
-        raise SceneError(f"{source}: {key} = {text!r}: must be {wanted}") from None
-    if not math.isfinite(value):
-        raise SceneError(f"{source}: {key} = {text!r}: must be finite")
+        raise SceneError(f"{source}: {key} = {text[:40]!r}: must be {wanted}") from None
+    if not abs(value) < _LARGEST:
+        raise SceneError(f"{source}: {key} = {text[:40]!r}: must be finite and below {_LARGEST:g}")
     return value
 
 

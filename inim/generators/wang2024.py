@@ -13,6 +13,7 @@ the row alone (a match may lie off the ray); and the best match wins wherever it
 
 Where the print cannot be followed (see `_steps` and `sources`):
 
+* Eq. 6 rounds up, so the last sample may lie up to one step beyond z_max.
 * Eq. 5 divides by |x0 - x|, which is zero under the lens centre: one entry, z_len = 1, at the
   central depth plane. It is printed for x; the larger of the two offsets is used here, so that
   neither axis skips a pixel.

@@ -24,12 +24,13 @@ def open_staging(out: Path) -> Path:
         When `out` is a file or its place cannot be written, found out before any work is done.
     """
     try:
-        if out.exists() and not out.is_dir():
+        if os.path.lexists(out) and not out.is_dir():  # a link to nowhere is no folder either
             raise FileError(f"{out}: is a file; choose a folder with -o")
         out.parent.mkdir(parents=True, exist_ok=True)
         if out.is_dir() and not os.access(out, os.W_OK):
             raise FileError(f"{out}: the folder is read-only; choose another with -o")
-        return Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".partial", dir=out.parent))
+        prefix = f".{out.name[:32]}."  # a name may be as long as the file system allows
+        return Path(tempfile.mkdtemp(prefix=prefix, suffix=".partial", dir=out.parent))
     except OSError as error:
         raise FileError(
             f"{out}: cannot be written ({error.strerror}); choose another folder with -o"
@@ -53,6 +54,12 @@ def publish(staging: Path, out: Path) -> None:
             staging.replace(out)
             return
         files = [p.relative_to(staging) for p in sorted(staging.rglob("*")) if p.is_file()]
+        for name in files:  # found out before anything in `out` is touched
+            folders = [out / folder for folder in name.parents]
+            blocked = [p for p in folders if os.path.lexists(p) and not p.is_dir()]
+            if blocked or (out / name).is_dir():
+                path = blocked[0] if blocked else out / name
+                raise FileError(f"{path}: is in the way of the report; choose another -o")
         earlier = _files_of_earlier_run(out)
         (out / _MARKER).unlink(missing_ok=True)
         for stale in earlier - {str(f) for f in files}:
@@ -70,7 +77,11 @@ def _files_of_earlier_run(out: Path) -> set[str]:
     try:
         listed = json.loads((out / _MARKER).read_text(encoding="utf-8"))["files"]
         names = {str(name) for name in listed}
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return set()
     root = out.resolve()
-    return {name for name in names if (root / name).resolve().is_relative_to(root)}
+    return {
+        name
+        for name in names
+        if (root / name).is_file() and (root / name).resolve().is_relative_to(root)
+    }

@@ -7,6 +7,8 @@ exit code and a sentence, and clears away what was half written.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import resource
@@ -14,6 +16,8 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
+import warnings
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -82,7 +86,7 @@ def _spawn(
     process = subprocess.Popen(
         [sys.executable, "-m", "inim.jobs.worker", json.dumps(job), str(write_end)],
         env={**os.environ, **backends.environment(backend)},
-        stdin=subprocess.DEVNULL,
+        stdin=subprocess.PIPE,  # nothing is sent: it closes when this process ends, however
         pass_fds=(write_end,),
     )
     os.close(write_end)
@@ -157,6 +161,61 @@ def work(job: dict[str, Any], channel: Any) -> None:
         )
 
 
+class _Patient(io.StringIO):
+    """A stdout whose reader may leave and whose disk may fill: the report is what counts."""
+
+    def __init__(self, stream: Any) -> None:
+        super().__init__()
+        self._stream = stream
+        if isinstance(stream, io.TextIOWrapper):  # a name must not fail for its encoding
+            stream.reconfigure(errors="backslashreplace")
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError):
+            self._stream.write(text)
+            self._stream.flush()
+        return len(text)
+
+
+class _OwnWords:
+    """A stderr without Dr.Jit's remarks, such as one on a missing home folder."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+        self._dropping = False
+
+    def write(self, text: str) -> int:
+        # The line's end may come by itself.
+        self._dropping = text.startswith("jit_") or (self._dropping and text == "\n")
+        return len(text) if self._dropping else int(self._stream.write(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def _end_with_parent(staging: str) -> None:
+    """Wait for the parent's end of stdin to close: it died, and nobody else would clear away."""
+    while os.read(0, 1):
+        pass
+    shutil.rmtree(staging, ignore_errors=True)
+    os._exit(1)
+
+
+def _main(job: dict[str, Any], channel: int) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to both; the parent acts
+    threading.Thread(target=_end_with_parent, args=(job["staging"],), daemon=True).start()
+    sys.stdout = _Patient(sys.stdout)
+    if not job["debug"]:
+        # What libraries mutter would break the one-line promise; our own stderr stays.
+        warnings.simplefilter("ignore")
+        own = os.fdopen(os.dup(2), "w", errors="backslashreplace", buffering=1)
+        sys.stderr = _OwnWords(own)
+        silence = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(silence, 2)
+        os.close(silence)
+    with os.fdopen(channel, "w", encoding="utf-8") as outcome_channel:
+        work(job, outcome_channel)
+
+
 if __name__ == "__main__":
-    with os.fdopen(int(sys.argv[2]), "w", encoding="utf-8") as outcome_channel:
-        work(json.loads(sys.argv[1]), outcome_channel)
+    _main(json.loads(sys.argv[1]), int(sys.argv[2]))

@@ -50,6 +50,7 @@ def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[st
 def announce() -> None:
     """Register the plugin in every variant that is set from now on."""
     mi.detail.add_variant_callback(_register)
+    _register()
 
 
 def _register(_old: str | None = None, _new: str | None = None) -> None:

@@ -42,7 +42,6 @@ def reconstruct(
         Samples per view pixel; few alias with the lens lattice.
     seed : int
     backend : {"auto", "llvm", "cuda"}
-        Used when no variant is active yet.
 
     Returns
     -------
@@ -54,8 +53,7 @@ def reconstruct(
     """
     from inim.kernel import variant
 
-    if mi.variant() is None:
-        variant.use(backend)
+    variant.use(backend)
     check_viewpoint(viewpoint, display)
     scene = DisplayScene(eia, display, lens_model)
     return scene.view(viewpoint, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed)

@@ -154,6 +154,7 @@ def make_sensor(rays: RayFamily, world_from_display: np.ndarray) -> Any:
 def announce() -> None:
     """Register the plugins in every variant that is set from now on."""
     mi.detail.add_variant_callback(_register)
+    _register()
 
 
 def _register(_old: str | None = None, _new: str | None = None) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from inim import backend as backends
 
 __all__ = ["use"]
@@ -27,13 +29,19 @@ def use(wanted: str = "auto") -> backends.Backend:
     import drjit as dr
     import mitsuba as mi
 
-    from inim.kernel import display_emitter, sensors
-
+    _announce_once()
     if mi.variant() != backend.variant:
         if dr.thread_count() < _FEWEST_THREADS:
             dr.set_thread_count(_FEWEST_THREADS)
-        for plugins in (sensors, display_emitter):
-            plugins.announce()
         mi.set_variant(backend.variant)
         mi.set_log_level(mi.LogLevel.Error)
     return backend
+
+
+@cache
+def _announce_once() -> None:
+    """Register the plugins in the variant there is, if any, and in all that follow."""
+    from inim.kernel import display_emitter, sensors
+
+    for plugins in (sensors, display_emitter):
+        plugins.announce()

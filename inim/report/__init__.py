@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
 from inim.errors import FileError
 from inim.formats.image import write_atomically
+from inim.report.strict_json import from_strict, to_strict
+from inim.report.wording import verdict
 
 __all__ = ["SCHEMA", "Report"]
 
 SCHEMA = "inim.report/1"
+# Tall enough for verdict, scores and pictures; the rest scrolls.
+_NOTEBOOK_HEIGHT_PX = 900
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,14 @@ class Report:
         Holds `report.json`, `report.html`, `junit.xml`, `summary.md` and the pictures.
     data : mapping
         Schema `inim.report/1`; see the README.
+
+    Notes
+    -----
+    JSON has no number that is not finite. `write` puts null in its place; the paths of those that
+    were NaN or −infinity it lists under the top-level key ``not_finite``, each as the list of keys
+    that lead there, and `load` puts NaN back at them. They show as "–" and pass no check. A null
+    PSNR that is not listed was +infinity, of two identical pictures, and shows as "∞"; any other
+    null is a value there was none of.
     """
 
     folder: Path
@@ -34,8 +46,8 @@ class Report:
 
     @property
     def passed(self) -> bool:
-        """Whether every check passed; False too when there is no verdict at all."""
-        return self.data.get("verdict", {}).get("passed") is True
+        """Whether every check passed; False too when there is no verdict or no check at all."""
+        return verdict(self.data) == "passed"
 
     @property
     def html_path(self) -> Path:
@@ -60,7 +72,10 @@ class Report:
             raise FileError(f"{path}: not a JSON report ({error})") from None
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
             raise FileError(f"{path}: not of schema {SCHEMA}; make it anew with inim validate")
-        return cls(path.parent, data)
+        try:
+            return cls(path.parent, from_strict(data))
+        except ValueError as error:
+            raise FileError(f"{path}: {error}; make it anew with inim validate") from None
 
     def write(self) -> None:
         """Write all four forms into the folder, `report.json` last: it marks a whole report."""
@@ -68,18 +83,29 @@ class Report:
         from inim.report.junit import render_junit
         from inim.report.summary import render_summary
 
-        data = dict(self.data)
+        strict = to_strict(self.data)
+        data = from_strict(strict)  # what a reader of report.json has, so that all four agree
         texts = {
             "report.html": render_html(data, self.folder),
             "junit.xml": render_junit(data),
             "summary.md": render_summary(data),
-            "report.json": json.dumps(_plain(data), indent=1, allow_nan=False, ensure_ascii=False),
+            "report.json": json.dumps(strict, indent=1, allow_nan=False, ensure_ascii=False),
         }
         for name, text in texts.items():
             _write_text(self.folder / name, text)
 
-    def _repr_html_(self) -> str:
-        return self.html_path.read_text(encoding="utf-8")
+    def _repr_html_(self) -> str | None:
+        """The page in a frame of its own: its styles must not reach the notebook around it."""
+        try:
+            page = self.html_path.read_text(encoding="utf-8")
+        except OSError:
+            return None
+        # A framed page takes its links to be relative to the notebook unless told otherwise.
+        page = page.replace("<head>", '<head><base href="about:srcdoc">', 1)
+        return (
+            f'<iframe srcdoc="{escape(page)}" title="inim report" sandbox '
+            f'style="width:100%;height:{_NOTEBOOK_HEIGHT_PX}px;border:0"></iframe>'
+        )
 
 
 def _write_text(path: Path, text: str) -> None:
@@ -87,15 +113,6 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def _put(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
-
-
-def _plain(value: Any) -> Any:
-    """JSON has no infinity and no NaN: both become null."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
+    # A path may hold bytes that are no UTF-8, which Python keeps as lone surrogates. Written as
+    # backslash and number they are valid UTF-8, and in JSON the very escape that reads back.
+    path.write_text(text, encoding="utf-8", errors="backslashreplace")

@@ -9,8 +9,8 @@ from typing import Any
 from inim.report.wording import (
     check_passed,
     check_sentence,
+    checks,
     is_number,
-    items,
     part,
     plain,
     verdict,
@@ -35,8 +35,7 @@ def render_junit(data: Mapping[str, Any]) -> str:
         A well-formed XML document, whatever the names of the checks.
     """
     suite = ET.Element("testsuite")
-    checks = [part(check) for check in items(part(data, "verdict"), "checks")]
-    failures = sum(_add_case(suite, check) for check in checks)
+    failures = sum(_add_case(suite, check) for check in checks(data))
     if verdict(data) == "failed" and not failures:
         # A run that failed must not show as green because no single check says why.
         _add_failure(_case(suite, "verdict"), "the run did not pass, and no check says why")

@@ -58,13 +58,12 @@ def _markdown(value: object, longest: int = _LONGEST_NAME) -> str:
 
 
 def _verdict_line(data: Mapping[str, Any]) -> str:
-    checks = items(part(data, "verdict"), "checks")
-    passed = sum(check_passed(part(check)) for check in checks)
+    passed = sum(map(check_passed, checks(data)))
     mark = {"passed": "✅", "failed": "❌"}.get(verdict(data), "⚪")
     backend = part(data, "backend").get("variant", MISSING)
     display = part(data, "display", "given").get("name", MISSING)
     return (
-        f"{mark} **{verdict(data).capitalize()}**: {passed} of {len(checks)} checks passed. "
+        f"{mark} **{verdict(data).capitalize()}**: {passed} of {len(checks(data))} checks passed. "
         f"Display {_markdown(display)}, lens model {_markdown(data.get('lens_model', MISSING))}, "
         f"{_markdown(backend)}, inim {_markdown(data.get('inim_version', MISSING))}."
     )
@@ -95,8 +94,7 @@ def _reference_row(label: str, scores: Mapping[str, Any], names: list[str]) -> l
 
 
 def _failures(data: Mapping[str, Any]) -> list[str]:
-    checks = [part(check) for check in items(part(data, "verdict"), "checks")]
-    failed = [check for check in checks if not check_passed(check)]
+    failed = [check for check in checks(data) if not check_passed(check)]
     lines = [_failure_line(check) for check in failed[:_MOST_FAILURES]]
     if len(failed) > _MOST_FAILURES:
         lines.append(f"* and {len(failed) - _MOST_FAILURES} more, in report.json")

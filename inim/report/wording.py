@@ -83,6 +83,27 @@ def number(value: object, digits: int) -> str:
     return f"−{shown}" if value < 0 else shown
 
 
+def short(value: object) -> str:
+    """Any scalar, numbers with at most four significant digits."""
+    if value is None:
+        return MISSING
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if not isinstance(value, float):
+        return plain(value)
+    return f"{value:.4g}".replace("-", "−") if math.isfinite(value) else number(value, 0)
+
+
+def mm(value: object) -> str:
+    """A length with four significant digits."""
+    return f"{short(value)}{NBSP}mm" if is_number(value) else MISSING
+
+
+def per_cent(share: object, digits: int) -> str:
+    """A share of one in per cent."""
+    return f"{number(100 * share, digits)}{NBSP}%" if is_number(share) else MISSING
+
+
 def score(scores: Mapping[str, Any], key: str) -> str:
     """One metric of `scores`: SSIM and FLIP with 4 digits, PSNR with 2, holes in per cent.
 
@@ -94,7 +115,7 @@ def score(scores: Mapping[str, Any], key: str) -> str:
     if value is None and key.startswith("psnr"):
         return INFINITE
     if key == "hole_fraction":
-        return f"{number(100 * value, 2)} %" if is_number(value) else MISSING
+        return per_cent(value, 2)
     return number(value, _DIGITS.get(key.split("_")[0], 4))
 
 
@@ -104,27 +125,43 @@ def relation(check: Mapping[str, Any]) -> str:
     return _RELATIONS.get(sign, sign)
 
 
-def check_value(check: Mapping[str, Any], key: str = "value") -> str:
-    """A check's value (or limit), with the digits of its metric.
+def checks(data: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Every check of the verdict, in the order of the report."""
+    return [part(check) for check in items(part(data, "verdict"), "checks")]
 
-    Where rounding would print a value that differs from its limit as if it were equal, more
-    digits are shown: "0.9000 ≥ 0.9000, failed" helps nobody.
+
+def check_value(check: Mapping[str, Any], key: str = "value") -> str:
+    """A check's value (or limit), with the digits of its metric, or more where those mislead.
+
+    "0.9000 ≥ 0.9000, failed" helps nobody, nor does a limit of 0.000001 printed as "0.0000".
     """
     if _is_infinite_psnr(check, key):
         return INFINITE
     digits = 2 if _names_psnr(check) else 4
-    value, limit = check.get("value"), check.get("limit")
-    if is_number(value) and is_number(limit) and value != limit:
-        while digits < 12 and number(value, digits) == number(limit, digits):
-            digits += 1
+    while digits < _MOST_DIGITS and _misleads(check, key, digits):
+        digits += 1
     return number(check.get(key), digits)
+
+
+def _misleads(check: Mapping[str, Any], key: str, digits: int) -> bool:
+    """Whether so few digits make a value look like its limit, or like zero."""
+    value, limit, shown = check.get("value"), check.get("limit"), check.get(key)
+    if is_number(shown) and shown != 0 and number(abs(shown), digits) == number(0, digits):
+        return True
+    if not (is_number(value) and is_number(limit)) or value == limit:
+        return False
+    return number(value, digits) == number(limit, digits)
+
+
+def check_finding(check: Mapping[str, Any]) -> str:
+    """What was found and what was asked."""
+    return f"{check_value(check)}, required {relation(check)} {check_value(check, 'limit')}"
 
 
 def check_sentence(check: Mapping[str, Any]) -> str:
     """What was found and what was asked, in one line, with the check's own detail."""
     detail = str(check.get("detail") or "")
-    sentence = f"{check_value(check)}, required {relation(check)} {check_value(check, 'limit')}"
-    return f"{sentence}. {detail}" if detail else sentence
+    return f"{check_finding(check)}. {detail}" if detail else check_finding(check)
 
 
 def check_passed(check: Mapping[str, Any]) -> bool:
@@ -143,12 +180,11 @@ def _is_infinite_psnr(check: Mapping[str, Any], key: str) -> bool:
 
 def verdict(data: Mapping[str, Any]) -> str:
     """`"passed"`, `"failed"`, or `"no verdict"` where nothing was checked."""
-    checks = items(part(data, "verdict"), "checks")
     if part(data, "verdict").get("passed") is not True:
         return "failed"
-    if not checks:
+    if not checks(data):
         return "no verdict"
-    return "passed" if all(check_passed(part(check)) for check in checks) else "failed"
+    return "passed" if all(map(check_passed, checks(data))) else "failed"
 
 
 def best_algorithm(data: Mapping[str, Any]) -> str | None:

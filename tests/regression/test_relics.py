@@ -34,5 +34,5 @@ def test_template_beats_wang2024_and_has_no_wrong_source(name):
     sources = {a: find_sources(rgbd, NOMINAL, a) for a in ("template", "wang2024")}
     ssim = {a: metrics.ssim(truth, colour_of(s, rgbd)) for a, s in sources.items()}
     assert ssim["template"] > ssim["wang2024"] + 0.05
-    expected = oracle.float_sources(rgbd, NOMINAL)
+    expected = oracle.exact_sources(rgbd, NOMINAL)
     assert np.count_nonzero(sources["template"] != expected) == 0

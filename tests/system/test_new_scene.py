@@ -13,7 +13,8 @@ import pytest
 
 from inim.errors import FileError, UsageError
 from inim.formats.mesh import Mesh, check_mesh_file, read_mesh, write_ply
-from inim.jobs.new_scene import add_arguments, new_scene, run, smoothed
+from inim.formats.smoothing import smoothed
+from inim.jobs.new_scene import add_arguments, new_scene, run
 
 
 @pytest.fixture(scope="module")
@@ -144,6 +145,44 @@ def test_existing_files_stay_unless_forced(tmp_path: Path) -> None:
     check_mesh_file(bystander)
 
 
+def test_forcing_removes_the_parts_that_only_the_earlier_scene_had(tmp_path: Path) -> None:
+    from PIL import Image
+
+    skins = [f"newmtl {name}\nmap_Kd {name}.png\n" for name in ("one", "two")]
+    given = tmp_path / "given"
+    given.mkdir()
+    for value, name in ((0, "one"), (255, "two")):
+        Image.fromarray(np.full((4, 4, 3), value, np.uint8)).save(given / f"{name}.png")
+    (given / "a.mtl").write_text("".join(skins))
+    points = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+    faces = "usemtl one\nf 1/1 2/2 3/3\nusemtl two\nf 1/1 3/3 2/2\n"
+    (given / "a.obj").write_text(points + faces)
+    new_scene(given / "a.obj", tmp_path / "b.xml", unit="mm", up="y")
+    assert (tmp_path / "b-2.ply").is_file()
+    bystanders = [tmp_path / "b-3.ply", tmp_path / "b-notes.png", tmp_path / "bb-2.ply"]
+    for path in bystanders:
+        path.write_text("mine")
+    new_scene(saved(tmp_path, sphere()), tmp_path / "b.xml", unit="mm", up="y", force=True)
+    assert not (tmp_path / "b-2.ply").exists()
+    assert not (tmp_path / "b-2.png").exists()
+    assert (tmp_path / "b.ply").is_file()
+    assert [path.read_text() for path in bystanders] == ["mine"] * 3
+
+
+def test_forcing_leaves_the_parts_of_a_scene_of_their_own_name(tmp_path: Path) -> None:
+    source = saved(tmp_path, sphere())
+    new_scene(source, tmp_path / "b-2.xml", unit="mm", up="y")
+    (tmp_path / "b.xml").write_text('<scene><string name="filename" value="b-2.ply"/></scene>')
+    new_scene(source, tmp_path / "b.xml", unit="mm", up="y", force=True)
+    check_mesh_file(tmp_path / "b-2.ply")
+
+
+def test_a_scene_never_takes_the_name_of_its_parts(tmp_path: Path) -> None:
+    source = saved(tmp_path, box((1, 2, 3)))
+    with pytest.raises(UsageError, match=r"name the scene a\.xml"):
+        new_scene(source, tmp_path / "a.ply", unit="mm", up="y")
+
+
 def test_the_mesh_itself_is_never_overwritten(tmp_path: Path) -> None:
     source = saved(tmp_path, box((1, 2, 3)))
     before = source.read_bytes()
@@ -267,6 +306,39 @@ def test_texture_is_the_right_way_up(tmp_path: Path, mi: Any) -> None:
         others = [c for c in range(3) if c not in channels]
         # A dielectric's white highlight is the floor under the other channels.
         assert color[channels].min() > 3 * color[others].max()
+
+
+def no_picture(folder: Path) -> None:
+    (folder / "skin.png").unlink()
+
+
+def broken_picture(folder: Path) -> None:
+    (folder / "skin.png").write_bytes(b"no picture")
+
+
+def no_material(folder: Path) -> None:
+    (folder / "a.mtl").unlink()
+
+
+@pytest.mark.parametrize(
+    ("lose", "name"),
+    [(no_picture, "skin.png"), (broken_picture, "skin.png"), (no_material, "a.mtl")],
+)
+def test_a_texture_that_is_lost_is_named_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], lose: Any, name: str
+) -> None:
+    source = quadrants(tmp_path / "given")
+    lose(tmp_path / "given")
+    new_scene(source, tmp_path / "b.xml", unit="mm", up="y")
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"inim: warning: {source}: '{name}' is missing")
+
+
+def test_a_whole_mesh_is_taken_without_a_word(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    new_scene(quadrants(tmp_path / "given"), tmp_path / "b.xml", unit="mm", up="y")
+    assert capsys.readouterr().err == ""
 
 
 def test_vertex_colours_reach_mitsuba(tmp_path: Path, mi: Any) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from inim import backend
-from inim.backend import Backend, Verdict
+from inim.backend import Backend, Verdict, activation, libllvm, machine, trial, verdicts
 from inim.errors import BackendError, UsageError
 
 GOOD = Verdict(True, version="19.1.7", device="2 threads", stage="done")
@@ -28,7 +28,7 @@ def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "venv"))
-    monkeypatch.setattr(backend, "_linker_cache", lambda name: [])
+    monkeypatch.setattr(machine, "linker_cache", lambda name: [])
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def tried(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         names.append(Path(variables.get("DRJIT_LIBLLVM_PATH", variant)).name)
         return GOOD
 
-    monkeypatch.setattr(backend, "probe", answer)
+    monkeypatch.setattr(verdicts, "probe", answer)
     return names
 
 
@@ -52,10 +52,10 @@ def libraries(folder: Path, *names: str) -> Path:
     return folder
 
 
-def refuse(monkeypatch: pytest.MonkeyPatch, **verdicts: Verdict) -> None:
+def refuse(monkeypatch: pytest.MonkeyPatch, **answers: Verdict) -> None:
     """Probes refuse, or answer with the verdict given for the backend's first letters."""
     no = Verdict(False, "it computes wrong numbers")
-    monkeypatch.setattr(backend, "probe", lambda variant, env: verdicts.get(variant[:4], no))
+    monkeypatch.setattr(verdicts, "probe", lambda variant, env: answers.get(variant[:4], no))
 
 
 # --- Names and order ----------------------------------------------------------------------
@@ -83,33 +83,33 @@ def refuse(monkeypatch: pytest.MonkeyPatch, **verdicts: Verdict) -> None:
 def test_version_is_read_from_the_name_or_else_the_folder(
     path: str, version: tuple[int, ...] | None
 ) -> None:
-    assert backend.llvm_version(Path(path)) == version
+    assert libllvm.llvm_version(Path(path)) == version
 
 
 def test_newest_version_comes_first_and_a_nameless_one_last(tmp_path: Path) -> None:
     order = ["libLLVM.so.22.1", "libLLVM.so.19.1", "libLLVM-17.so.1", "libLLVM-9.so", "libLLVM.so"]
-    found = backend.find_libllvm([libraries(tmp_path / "lib", *sorted(order))])
+    found = libllvm.find_libllvm([libraries(tmp_path / "lib", *sorted(order))])
     assert [path.name for path in found] == order
 
 
 def test_other_files_named_alike_are_no_candidates(tmp_path: Path) -> None:
     names = ["libLLVMX86CodeGen.a", "libLLVM-C.so", "libLLVMgold.so", "libLLVM-19.txt"]
-    assert backend.find_libllvm([libraries(tmp_path / "lib", *names)]) == []
+    assert libllvm.find_libllvm([libraries(tmp_path / "lib", *names)]) == []
 
 
 def test_aliases_of_one_file_are_one_candidate(tmp_path: Path) -> None:
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     (folder / "libLLVM-19.so").symlink_to("libLLVM.so.19.1")
     (folder / "libLLVM-18.so").symlink_to("nowhere")
-    assert backend.find_libllvm([folder, folder]) == [(folder / "libLLVM.so.19.1").resolve()]
+    assert libllvm.find_libllvm([folder, folder]) == [(folder / "libLLVM.so.19.1").resolve()]
 
 
 def test_no_folders_to_search_means_no_candidates() -> None:
-    assert backend.find_libllvm([]) == []
+    assert libllvm.find_libllvm([]) == []
 
 
 def test_missing_folders_are_passed_over(tmp_path: Path) -> None:
-    assert backend.find_libllvm([tmp_path / "none", Path("/dev/null")]) == []
+    assert libllvm.find_libllvm([tmp_path / "none", Path("/dev/null")]) == []
 
 
 def test_search_variable_replaces_the_usual_folders(
@@ -118,7 +118,7 @@ def test_search_variable_replaces_the_usual_folders(
     one = libraries(tmp_path / "one", "libLLVM-17.so.1")
     two = libraries(tmp_path / "two", "libLLVM-18.so.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", f"{one}{os.pathsep}{two}")
-    found = [path.name for path in backend.find_libllvm()]
+    found = [path.name for path in libllvm.find_libllvm()]
     assert found == ["libLLVM-18.so.1", "libLLVM-17.so.1"]
 
 
@@ -126,9 +126,9 @@ def test_linker_cache_and_private_copy_are_searched(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     odd = libraries(tmp_path / "odd", "libLLVM.so.97.1") / "libLLVM.so.97.1"
-    monkeypatch.setattr(backend, "_linker_cache", lambda name: [str(odd)])
+    monkeypatch.setattr(machine, "linker_cache", lambda name: [str(odd)])
     libraries(tmp_path / "data/inim/llvm", "libLLVM.so.98.1")
-    found = [path.name for path in backend.find_libllvm()]
+    found = [path.name for path in libllvm.find_libllvm()]
     assert found[:2] == ["libLLVM.so.98.1", "libLLVM.so.97.1"]
 
 
@@ -173,7 +173,7 @@ def test_next_is_tried_when_the_newest_is_refused(
     def answer(variant: str, variables: dict[str, str]) -> Verdict:
         return Verdict(False, "bad") if "19" in variables["DRJIT_LIBLLVM_PATH"] else GOOD
 
-    monkeypatch.setattr(backend, "probe", answer)
+    monkeypatch.setattr(verdicts, "probe", answer)
     assert backend.choose_backend("llvm", [folder]).libllvm == folder / "libLLVM-18.so.1"
 
 
@@ -252,7 +252,7 @@ def test_broken_cuda_falls_back_to_llvm_unless_asked_for(
 
 
 def probe_of(monkeypatch: pytest.MonkeyPatch, script: str, seconds: float = 20.0) -> Verdict:
-    monkeypatch.setattr(backend, "PROBE", script)
+    monkeypatch.setattr(trial, "PROBE", script)
     return backend.probe("llvm_ad_rgb", {}, seconds)
 
 
@@ -293,7 +293,7 @@ def test_noise_around_the_answer_does_no_harm(monkeypatch: pytest.MonkeyPatch) -
 def test_cause_is_taken_from_the_log_when_the_exception_hides_it() -> None:
     said = 'INIM-PROBE {"stage": "start", "reason": "could not be found!"}'
     log = 'jit_find_library(): Unable to load "x": file too short!\n'
-    assert "file too short" in backend._read_answer(0, said, log).reason
+    assert "file too short" in trial._read_answer(0, said, log).reason
 
 
 # --- Memory of verdicts -------------------------------------------------------------------
@@ -323,13 +323,27 @@ def test_changed_library_is_tried_again(tmp_path: Path, tried: list[str]) -> Non
     assert len(tried) == 2
 
 
-@pytest.mark.parametrize("function", ["distribution_version", "_cpu_text"])
+@pytest.mark.parametrize(("module", "function"), [(verdicts, "_renderer"), (machine, "cpu_text")])
 def test_other_renderer_or_processor_is_tried_again(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str], function: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str], module: object, function: str
 ) -> None:
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     backend.choose_backend("llvm", [folder])
-    monkeypatch.setattr(backend, function, lambda *names: "another")
+    monkeypatch.setattr(module, function, lambda *names: "another")
+    backend.choose_backend("llvm", [folder])
+    assert len(tried) == 2
+
+
+def test_renderer_installed_anew_is_tried_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
+) -> None:
+    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
+    monkeypatch.setattr(sys, "path", [str(tmp_path / "site"), *sys.path])
+    metadata = libraries(tmp_path / "site/drjit-1.5.0.dist-info")
+    backend.choose_backend("llvm", [folder])
+    backend.choose_backend("llvm", [folder])
+    assert len(tried) == 1
+    metadata.rename(tmp_path / "site/drjit-1.5.1.dist-info")
     backend.choose_backend("llvm", [folder])
     assert len(tried) == 2
 
@@ -377,7 +391,7 @@ def test_missing_home_does_no_harm(
     monkeypatch.setattr(Path, "home", homeless)
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     assert backend.choose_backend("llvm", [folder]).name == "llvm"
-    assert backend.cache_file() is None
+    assert verdicts.cache_file() is None
     assert len(backend.private_folders()) == 1
 
 
@@ -392,10 +406,10 @@ def test_curable_refusal_is_not_remembered(monkeypatch: pytest.MonkeyPatch, tmp_
 
 def test_memory_does_not_grow_without_end(tmp_path: Path, tried: list[str]) -> None:
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
-    backend._write_cache({str(number): {} for number in range(5 * backend.REMEMBERED)})
+    verdicts._write_cache({str(number): {} for number in range(5 * verdicts.REMEMBERED)})
     backend.choose_backend("llvm", [folder])
     (path,) = (tmp_path / "cache/inim").iterdir()
-    assert len(json.loads(path.read_text())) == backend.REMEMBERED
+    assert len(json.loads(path.read_text())) == verdicts.REMEMBERED
 
 
 # --- Use ----------------------------------------------------------------------------------
@@ -449,7 +463,7 @@ def test_preloading_goes_on_past_what_cannot_be_loaded(
         loaded.append(name)
 
     monkeypatch.setattr(ctypes, "CDLL", load)
-    backend._preload([folder])
+    activation._preload([folder])
     assert loaded == ["libb.so.1", "liba.so.1"]
 
 
@@ -467,8 +481,8 @@ def limit(tmp_path: Path, membership: str, files: dict[str, str]) -> list[int]:
     for name, text in files.items():
         libraries((tmp_path / name).parent)
         (tmp_path / name).write_text(text)
-    paths = backend._limit_files(tmp_path / "membership", tmp_path)
-    return [number for number in map(backend._number_in, paths) if number]
+    paths = machine._limit_files(tmp_path / "membership", tmp_path)
+    return [number for number in map(machine._number_in, paths) if number]
 
 
 def test_every_enclosing_group_limits_the_memory(tmp_path: Path) -> None:
@@ -489,10 +503,10 @@ def test_group_of_a_container_may_be_the_root(tmp_path: Path) -> None:
 def test_memory_limit_is_never_above_what_the_machine_has(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    assert 0 < backend.memory_limit_bytes() <= machine
+    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert 0 < backend.memory_limit_bytes() <= total
     (tmp_path / "limit").write_text("123456789")
-    monkeypatch.setattr(backend, "_limit_files", lambda path: [tmp_path / "limit"])
+    monkeypatch.setattr(machine, "_limit_files", lambda path: [tmp_path / "limit"])
     assert backend.memory_limit_bytes() == 123456789
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from fractions import Fraction
 from typing import Any
 
@@ -114,16 +115,18 @@ LENGTHS = ["pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm"]
 
 
 @pytest.mark.parametrize("name", [*LENGTHS, "elemental_pitch_mm", "lens_thickness_mm"])
-@pytest.mark.parametrize("value", [0, -1.5, math.nan, math.inf, "1"])
+@pytest.mark.parametrize("value", [0, -1.5, math.nan, math.inf, True, "1"])
 def test_length_that_is_none_is_refused_by_name_and_value(name: str, value: Any) -> None:
-    with pytest.raises(DisplayError, match=rf"{name} = {value}: must be a positive"):
+    what = "must be a (positive length|finite number)"
+    wanted = rf"^{name} = '?{re.escape(str(value))}(\.0)?'?: {what}$"
+    with pytest.raises(DisplayError, match=wanted):
         display(**{name: value})
 
 
 @pytest.mark.parametrize("name", ["lens_columns", "lens_rows", "panel_columns", "panel_rows"])
 @pytest.mark.parametrize("value", [0, -3, 2.5, 2.0, True, "4"])
 def test_count_that_is_none_is_refused_by_name_and_value(name: str, value: Any) -> None:
-    with pytest.raises(DisplayError, match=rf"{name} = {value}: must be a whole number"):
+    with pytest.raises(DisplayError, match=rf"^{name} = {value!r}: must be a whole number"):
         display(**{name: value})
 
 
@@ -138,8 +141,8 @@ def test_count_that_is_none_is_refused_by_name_and_value(name: str, value: Any) 
         ({"depth_max_mm": 1.0}, r"both depth_min_mm and depth_max_mm"),
         ({"depth_min_mm": 5.0, "depth_max_mm": 5.0}, r"\[5, 5\] mm is empty"),
         ({"depth_min_mm": 6.0, "depth_max_mm": 5.0}, r"\[6, 5\] mm is empty"),
-        ({"depth_min_mm": math.nan, "depth_max_mm": 5.0}, r"\[nan, 5\] mm"),
-        ({"depth_min_mm": 0.0, "depth_max_mm": math.inf}, r"\[0, inf\] mm"),
+        ({"depth_min_mm": math.nan, "depth_max_mm": 5.0}, r"depth_min_mm = nan"),
+        ({"depth_min_mm": 0.0, "depth_max_mm": math.inf}, r"depth_max_mm = inf"),
     ],
 )
 def test_impossible_display_is_refused_in_one_line_with_the_value(

@@ -8,6 +8,7 @@ import struct
 import time
 import tracemalloc
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -215,6 +216,36 @@ def test_obj_texture_outside_the_folder_is_not_opened(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(tmp_path / "secret.png")
     (mesh,) = read_mesh(textured_obj(inner, "../secret.png"))
     assert mesh.texture is None
+
+
+def textured_ply(folder: Path, picture: str) -> Path:
+    text = ply_header(4, 4, "ascii").decode()
+    text = text.replace("1.0\n", f"1.0\ncomment TextureFile {picture}\n", 1)
+    text = text.replace("float z\n", "float z\nproperty float s\nproperty float t\n")
+    text += "".join(f"{x} {y} {z} 0 0\n" for x, y, z in POINTS)
+    return put(folder, "a.ply", text + "".join(f"3 {a} {b} {c}\n" for a, b, c in FACES))
+
+
+def textured_gltf(folder: Path, picture: str) -> Path:
+    tree = json.loads(gltf({}, material=0))
+    tree["images"], tree["textures"] = [{"uri": picture}], [{"source": 0}]
+    tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
+    return put(folder, "a.gltf", json.dumps(tree))
+
+
+@pytest.mark.parametrize("textured", [textured_obj, textured_ply, textured_gltf])
+def test_a_missing_picture_is_told_and_leaves_no_stand_in(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], textured: Callable[[Path, str], Path]
+) -> None:
+    said: list[str] = []
+    path = textured(tmp_path, "gone.png")
+    (mesh,) = read_mesh(path, said.append)
+    assert mesh.texture is None
+    assert said == [
+        f"{path}: 'gone.png' is missing, unreadable or outside the mesh's folder; "
+        "the relic goes without it"
+    ]
+    assert capfd.readouterr().err == ""
 
 
 # --- Refusals -----------------------------------------------------------------------------------

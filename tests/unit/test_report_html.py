@@ -15,9 +15,12 @@ import pytest
 from PIL import Image
 
 from inim.display import DISPLAYS
+from inim.formats.image import write_rgbd
 from inim.report import html as report_html
+from inim.report.depth_profile import depth_profile
 from inim.report.diagram import plan_view
 from inim.report.html import render_html
+from inim.rgbd import RGBD
 
 HOSTILE = "</style><script>alert(1)</script>\"'`\n&amp; 双耳陶罐 \x00\ud800"
 VIEWS = ("centre", "left", "right", "up", "down")
@@ -232,7 +235,7 @@ def test_pictures_of_unlike_sizes_are_not_compared(folder):
 
 def test_eia_crop_shows_the_same_busiest_lenses_of_every_array_unscaled(folder):
     truth = np.full((1088, 1088, 3), 128, np.uint8)
-    top, left, size = 17 * 30, 17 * 22, 6 * 17
+    top, left, size = 17 * 30, 17 * 22, 5 * 17
     truth[top : top + size, left : left + size] = noise(5, size)
     made = noise(6, 1088)
     save(folder / "truth/eia.png", truth)
@@ -281,10 +284,11 @@ def test_nothing_checked_is_not_a_pass(folder):
     assert "No verdict" in Page(render_html(data, folder)).text
 
 
-def test_best_algorithm_by_mean_ssim_to_ceiling_is_shown_beside_the_ground_truth(folder):
+def test_first_pictures_are_ground_truth_ceiling_and_best_algorithm(folder):
     page = Page(render_html(report({"wang2024": 0.91, "template": 0.97}), folder))
-    assert [image["alt"] for image in page.all("img")][:2] == [
+    assert [image["alt"] for image in page.all("img")][:3] == [
         "Ground truth, viewpoint centre",
+        "Ceiling, viewpoint centre",
         "template, viewpoint centre",
     ]
 
@@ -322,6 +326,70 @@ def test_pictures_are_left_out_and_say_so_when_nothing_else_helps(folder, monkey
     page = Page(render_html(report(ALGORITHMS), folder))
     assert page.all("img") == []
     assert "left out, the page would be too large Ground truth from centre" in page.text
+
+
+def test_parallax_is_left_out_with_its_link_when_nothing_stands_in_a_line(folder):
+    page = Page(render_html(report(ALGORITHMS, views=("centre",)), folder))
+    assert "parallax" not in {section["id"] for section in page.all("section")}
+    assert "#parallax" not in {link["href"] for link in page.all("a")}
+
+
+def test_timings_say_how_much_the_renderer_took_and_do_not_count_it_as_a_stage(folder):
+    data = report(ALGORITHMS)
+    data["timings"] = {"pickup": 6.0, "score": 2.0, "mitsuba_render": 4.0, "total": 8.0}
+    text = Page(render_html(data, folder)).text
+    assert "8.00 s in all, of which the renderer took 4.00 s (50 %)." in text
+    assert "pickup 6.00 75.0 %" in text
+    assert "mitsuba render" not in text
+
+
+@pytest.mark.parametrize("timings", [{}, {"pickup": None}, {"pickup": 1.0, "total": math.nan}])
+def test_timings_without_a_total_still_show(folder, timings):
+    data = report(ALGORITHMS) | {"timings": timings}
+    assert "in all" in Page(render_html(data, folder)).text
+
+
+def depth_step(folder: Path, near_mm: float) -> dict[str, Any]:
+    """A report whose relic is a step: its left half at 20 mm, its right half at `near_mm`."""
+    depth = np.full((40, 40), 20.0, np.float32)
+    depth[:, 20:] = near_mm
+    covered = np.zeros((40, 40), bool)
+    covered[10:30, 10:30] = True
+    write_rgbd(folder / "rgbd.exr", RGBD(np.ones((40, 40, 3)), depth, covered, 2.0))
+    data = report(ALGORITHMS)
+    data["rgbd"] |= {"depth_min_mm": 20.0, "depth_max_mm": near_mm}
+    return data
+
+
+def test_depth_profile_has_the_nearer_half_nearer_to_the_viewer_and_to_the_right(folder):
+    derived = depth_step(folder, 40.0)["display"]["derived"]
+    drawing = Page(depth_profile(folder, derived))
+    surface = next(path for path in drawing.all("path") if path["class"] == "surface")
+    bars = re.findall(r"M([\d.]+),([\d.]+)V([\d.]+)h", surface["d"])
+    assert len(bars) == 20
+    tops = [float(top) for _, _, top in bars]
+    assert float(bars[0][0]) < float(bars[-1][0])
+    assert set(tops[:10]) != set(tops[10:])
+    array = next(float(line["y1"]) for line in drawing.all("line") if line["class"] == "panel")
+    assert (array - tops[-1]) / (array - tops[0]) == pytest.approx(2.0, rel=0.02)
+
+
+@pytest.mark.parametrize(("near_mm", "words"), [(40.0, "lies inside"), (60.0, "leaves")])
+def test_depth_profile_says_whether_the_relic_is_in_the_depth_range(folder, near_mm, words):
+    data = depth_step(folder, near_mm)
+    text = Page(render_html(data, folder)).text
+    assert f"the relic {words} the display's depth range" in text
+
+
+@pytest.mark.parametrize("content", [None, b"not a picture"])
+def test_depth_profile_without_a_depth_picture_is_left_out(folder, content):
+    if content is not None:
+        (folder / "rgbd.exr").write_bytes(content)
+    assert depth_profile(folder, DISPLAYS["nominal"].derived()) == ""
+
+
+def test_depth_picture_says_that_lighter_is_nearer(folder):
+    assert "lighter is nearer to the viewer" in Page(render_html(report(ALGORITHMS), folder)).text
 
 
 def test_cut_depth_range_is_a_warning(folder):

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from inim.report.summary import (
+from inim.report.summary import render_summary
+from inim.report.wording import (
     best_algorithm,
     check_passed,
     check_value,
     number,
-    render_summary,
     score,
     verdict,
 )
@@ -52,7 +52,13 @@ def test_summary_has_the_verdict_and_a_row_for_each_reference():
     summary = render_summary(report())
     assert "✅ **Passed**: 1 of 1 checks passed." in summary
     table = rows(summary)
-    assert table["template"] == ["0.9731 (0.8600)", "0.9612 (0.8400)", "0.9712", "1.42 %", "0.42"]
+    assert table["template"] == [
+        "0.9731 (0.8600)",
+        "0.9612 (0.8400)",
+        "0.9712",
+        "1.42\u00a0%",
+        "0.42",
+    ]
     assert table["*ceiling*"][:2] == ["(0.8810)", "(0.8750)"]
     assert table["*noise floor*"] == ["(0.9962)", "(–)", "0.9931", "–", "–"]
 
@@ -118,6 +124,14 @@ def test_check_counts_as_passed_only_when_said_so_about_two_numbers():
     assert not check_passed(check(value=None))
     assert not check_passed(check(value=math.nan))
     assert not check_passed(check(limit=None))
+
+
+def test_small_limit_is_not_printed_as_zero():
+    tiny = check(value=0.201025, limit=1e-6)
+    assert check_value(tiny, "limit") == "0.000001"
+    assert check_value(tiny) == "0.2010"
+    assert check_value(check(value=0.0), "value") == "0.0000"
+    assert check_value(check(value=1e-300), "value") == "0.000000000000"
 
 
 def test_limit_of_a_psnr_check_is_never_infinite():

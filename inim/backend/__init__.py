@@ -1,0 +1,39 @@
+"""Which renderer backend works on this machine: CUDA, or LLVM with a usable libLLVM.
+
+Nothing here imports Mitsuba or Dr.Jit. A bad libLLVM does not raise, it aborts the
+process (LLVM 15 and 16 on x86), so each candidate is tried in a child process first and
+the verdict is remembered. Call `activate` before Mitsuba is first imported.
+"""
+
+from __future__ import annotations
+
+from inim.backend.activation import Backend, activate, environment
+from inim.backend.choice import BACKENDS, choose_backend
+from inim.backend.description import describe, sys_info
+from inim.backend.libllvm import (
+    LLVM_VARIABLE,
+    PRIVATE_MARKER,
+    SEARCH_VARIABLE,
+    known_bad,
+    private_folders,
+)
+from inim.backend.machine import memory_limit_bytes
+from inim.backend.trial import Verdict, probe
+
+__all__ = [
+    "BACKENDS",
+    "LLVM_VARIABLE",
+    "PRIVATE_MARKER",
+    "SEARCH_VARIABLE",
+    "Backend",
+    "Verdict",
+    "activate",
+    "choose_backend",
+    "describe",
+    "environment",
+    "known_bad",
+    "memory_limit_bytes",
+    "private_folders",
+    "probe",
+    "sys_info",
+]

@@ -1,0 +1,107 @@
+"""HTML elements, tables and figures. Whatever comes from outside is escaped here and only here."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from inim.report.wording import MISSING, NBSP, plain, score
+
+__all__ = [
+    "captioned",
+    "decibels",
+    "element",
+    "figure",
+    "mark",
+    "section",
+    "table",
+    "text",
+    "triple",
+]
+
+_SIGNS = {"passed": "✓", "failed": "✕"}
+
+
+def text(value: object) -> str:
+    """`value` as HTML text or attribute: the one place where escaping happens."""
+    return html.escape(plain(value), quote=True)
+
+
+def element(name: str, *content: str, **attributes: object) -> str:
+    """An element around HTML `content`; attributes are escaped, ``class_`` becomes class."""
+    given = {key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()}
+    written = "".join(f' {k}="{text(v)}"' for k, v in given.items() if v is not None)
+    return f"<{name}{written}>{''.join(content)}</{name}>"
+
+
+def section(anchor: str, title: str, content: str) -> str:
+    """A part of the page that can be linked to, under its heading."""
+    heading = element("h2", text(title), id=f"{anchor}-title")
+    return element("section", heading, content, id=anchor, aria_labelledby=f"{anchor}-title")
+
+
+def table(
+    caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]], class_: str = ""
+) -> str:
+    """A table of HTML cells; the first cell of a row names it."""
+    head = "".join(element("th", cell, scope="col") for cell in heads)
+    body = "".join(_row(row) for row in rows)
+    whole = (
+        f"<table><caption>{text(caption)}</caption>"
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    )
+    # Focusable, so that a wide table can be scrolled from the keyboard.
+    reach = {"tabindex": 0, "role": "region", "aria_label": caption}
+    return element("div", whole, class_=f"scroll {class_}".strip(), **reach)
+
+
+def _row(cells: Sequence[str]) -> str:
+    rest = "".join(element("td", cell) for cell in cells[1:])
+    return element("tr", element("th", cells[0], scope="row"), rest)
+
+
+def mark(word: str) -> str:
+    """A tick or a cross before a verdict's word, so that colour is never the only sign."""
+    return element("span", _SIGNS.get(word, "?"), class_="mark", aria_hidden="true")
+
+
+def figure(picture: str, name: str, remark: str = "") -> str:
+    """One picture under which stand its name and a remark."""
+    words = element("b", text(name)) + (f" {text(remark)}" if remark else "")
+    return element("figure", picture, element("figcaption", words))
+
+
+def captioned(
+    name: str,
+    remark: str,
+    images: Sequence[str],
+    facts: Iterable[tuple[str, Sequence[tuple[str, str]]]],
+) -> str:
+    """A figure of one or two pictures; under its name, per reference, the scores against it."""
+    title = element("b", text(name)) + " " + element("span", text(remark))
+    rows = "".join(element("div", element("dt", text(k)), _measured(v)) for k, v in facts)
+    caption = element("figcaption", title, element("dl", rows))
+    kind = "pair" if len(images) == 2 else "single"
+    return element("figure", element("div", *images, class_=kind), caption)
+
+
+def _measured(scores: Iterable[tuple[str, str]]) -> str:
+    return "".join(
+        element("dd", text(f"{metric} "), element("b", text(value))) for metric, value in scores
+    )
+
+
+def triple(scores: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """SSIM, PSNR and FLIP of `scores`, as `captioned` takes them."""
+    return [
+        ("SSIM", score(scores, "ssim")),
+        ("PSNR", decibels(scores, "psnr_db")),
+        ("FLIP", score(scores, "flip")),
+    ]
+
+
+def decibels(scores: Mapping[str, Any], key: str) -> str:
+    """A PSNR with its unit."""
+    shown = score(scores, key)
+    return shown if shown == MISSING else f"{shown}{NBSP}dB"

@@ -1,0 +1,122 @@
+"""The display: its figures in words, drawn, and listed as given and as derived."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from inim.report.diagram import plan_view
+from inim.report.markup import element, table, text
+from inim.report.wording import MISSING, NBSP, is_number, items, mm, part, short
+
+__all__ = ["display"]
+
+# key: (label, unit, what it means)
+_GIVEN = {
+    "name": ("Name", "", ""),
+    "pitch_mm": ("Lens pitch P", "mm", "from one lens to the next"),
+    "focal_length_mm": ("Focal length f", "mm", "of each lens"),
+    "gap_mm": ("Gap g", "mm", "between lens array and panel"),
+    "pixel_pitch_mm": ("Panel pixel", "mm", "from one pixel to the next"),
+    "lens_columns": ("Lenses across", "", ""),
+    "lens_rows": ("Lenses down", "", ""),
+    "panel_columns": ("Panel columns", "px", "as many as cover the array unless given"),
+    "panel_rows": ("Panel rows", "px", "as many as cover the array unless given"),
+    "depth_min_mm": ("Depth range from", "mm", "from the formula unless given"),
+    "depth_max_mm": ("Depth range to", "mm", "from the formula unless given"),
+    "elemental_pitch_mm": ("Elemental image pitch", "mm", "the lens pitch unless given"),
+    "refractive_index": ("Refractive index", "", "of the lenses"),
+    "lens_thickness_mm": ("Lens thickness", "mm", "one pitch unless given"),
+    "curved_side": ("Curved side", "", "which way the lenses bulge"),
+}
+_DERIVED = {
+    "width_mm": ("Width", "mm", "of the lens array"),
+    "height_mm": ("Height", "mm", "of the lens array"),
+    "eia_columns": ("EIA columns", "px", "panel pixels across"),
+    "eia_rows": ("EIA rows", "px", "panel pixels down"),
+    "pixels_per_lens": ("Pixels per lens", "px", "directions each lens can show, along one axis"),
+    "central_depth_mm": ("Central depth plane", "mm", "where the lenses focus the panel"),
+    "scene_pixel_mm": ("Scene pixel", "mm", "a panel pixel's image on that plane"),
+    "depth_span_mm": ("Depth span", "mm", "depth the display can show, by the formula"),
+    "depth_min_mm": ("Depth range from", "mm", "what the relic is fitted into"),
+    "depth_max_mm": ("Depth range to", "mm", "what the relic is fitted into"),
+    "depth_range_is_cut": ("Depth range cut", "", "whether the formula crossed the array"),
+    "viewing_half_angle_deg": ("Viewing half-angle", "°", "beyond it views repeat"),
+    "nearest_viewing_distance_mm": ("Nearest viewing distance", "mm", "nearer eyes see flips"),
+}
+
+
+def display(data: Mapping[str, Any]) -> str:
+    """The section on the display."""
+    whole = part(data, "display")
+    given, derived = part(whole, "given"), part(whole, "derived")
+    focus = "focused" if _is_focused(derived) else MISSING
+    tables = [
+        _quantities("Given", given, _GIVEN, "default"),
+        _quantities("Derived", derived, _DERIVED, focus),
+    ]
+    words = _display_words(given, derived) + _display_warnings(derived)
+    return words + _plan(data) + element("div", *tables, class_="columns")
+
+
+def _plan(data: Mapping[str, Any]) -> str:
+    drawing = plan_view(part(data, "display"), items(data, "viewpoints"))
+    if not drawing:
+        return ""
+    caption = "Seen from above. Shaded: where an eye sees no flipped view."
+    scrolled = element("div", drawing, class_="scroll")
+    return element("figure", scrolled, element("figcaption", caption), class_="plan")
+
+
+def _is_focused(derived: Mapping[str, Any]) -> bool:
+    return "central_depth_mm" in derived and derived["central_depth_mm"] is None
+
+
+def _display_words(given: Mapping[str, Any], derived: Mapping[str, Any]) -> str:
+    """What the figures mean, in sentences."""
+    lenses = f"{short(given.get('lens_columns'))} × {short(given.get('lens_rows'))}"
+    size = f"{short(derived.get('width_mm'))} × {mm(derived.get('height_mm'))}"
+    pixels = f"{short(derived.get('eia_columns'))} × {short(derived.get('eia_rows'))}"
+    words = (
+        f"{lenses} lenses of {mm(given.get('pitch_mm'))} make a display of {size} with {pixels} "
+        f"pixels, {short(derived.get('pixels_per_lens'))} across each lens. "
+        f"{_focus_words(derived)} Each lens sends its directions within "
+        f"±{short(derived.get('viewing_half_angle_deg'))}°; an eye on the axis sees one unbroken "
+        f"picture from {mm(derived.get('nearest_viewing_distance_mm'))} onwards."
+    )
+    return element("p", text(words), class_="lead")
+
+
+def _focus_words(derived: Mapping[str, Any]) -> str:
+    low, high = (mm(derived.get(f"depth_{end}_mm")) for end in ("min", "max"))
+    relic = f"the relic is fitted into {low} to {high}."
+    centre = derived.get("central_depth_mm")
+    if _is_focused(derived):
+        return f"It is focused (gap = focal length), so it has no central depth plane; {relic}"
+    if not is_number(centre):
+        return f"Its central depth plane is not known; {relic}"
+    side = "in front of" if centre > 0 else "behind"
+    return f"It is sharpest {mm(abs(centre))} {side} the lens array; {relic}"
+
+
+def _display_warnings(derived: Mapping[str, Any]) -> str:
+    if derived.get("depth_range_is_cut") is not True:
+        return ""
+    words = (
+        "The depth formula crosses the lens array, so the depth range was cut just off it. "
+        "More pixels under each lens would give this display a proper range."
+    )
+    return element("p", element("b", "Depth range cut."), " ", text(words), class_="caution")
+
+
+def _quantities(
+    caption: str, values: Mapping[str, Any], known: Mapping[str, tuple[str, str, str]], none: str
+) -> str:
+    rows = []
+    for key in [*(k for k in known if k in values), *(k for k in values if k not in known)]:
+        value = values[key]
+        label, unit, meaning = known.get(key, (key, "", ""))
+        space = "" if unit == "°" else NBSP
+        shown = none if value is None else short(value) + (space + unit if unit else "")
+        rows.append([text(label), text(shown), text(meaning)])
+    return table(caption, ["Quantity", "Value", "Meaning"], rows, "quantities")

@@ -1,0 +1,116 @@
+"""The first screen: every score, what failed, and one viewpoint as it is and as it looks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from inim.report.markup import element, figure, table, text
+from inim.report.pictures import Pictures, is_wide
+from inim.report.wording import (
+    MISSING,
+    best_algorithm,
+    check_finding,
+    check_passed,
+    checks,
+    number,
+    part,
+    score,
+    viewpoint_names,
+)
+
+__all__ = ["overview"]
+
+_FAILURES_ON_TOP = 3
+_NOTE = (
+    "Large: SSIM to the ceiling, what the algorithm keeps of what this display can show. "
+    "Small: SSIM to the scene, what the viewer gets. "
+)
+
+
+def overview(data: Mapping[str, Any], pictures: Pictures) -> str:
+    """The table of scores above the pictures of the centre viewpoint."""
+    link = element("a", "What the numbers mean", href="#meaning")
+    note = element("p", text(_NOTE), link, class_="note")
+    return _failures(data) + _scores(data) + note + _hero(data, pictures)
+
+
+def _failures(data: Mapping[str, Any]) -> str:
+    """The first failed checks, to be read without scrolling."""
+    failed = [check for check in checks(data) if not check_passed(check)]
+    if not failed:
+        return ""
+    lines = [
+        element("li", element("b", text(c.get("name", MISSING))), " ", text(check_finding(c)))
+        for c in failed[:_FAILURES_ON_TOP]
+    ]
+    if len(failed) > _FAILURES_ON_TOP:
+        more = f"and {len(failed) - _FAILURES_ON_TOP} more failed checks"
+        lines.append(element("li", element("a", text(more), href="#checks")))
+    return element("ul", *lines, class_="failures", aria_label="Failed checks")
+
+
+def _scores(data: Mapping[str, Any]) -> str:
+    names, best = viewpoint_names(data), best_algorithm(data)
+    heads = ["Algorithm", *names, "EIA SSIM", "Holes", "Seconds"]
+    several = len(part(data, "algorithms")) > 1
+    rows = [
+        _algorithm_row(data, name, names, several and name == best)
+        for name in part(data, "algorithms")
+    ]
+    rows.append(_reference_row("Ceiling", "to scene", part(data, "ceiling"), names))
+    rows.append(_reference_row("Noise floor", "to itself", part(data, "noise_floor"), names))
+    return table("SSIM to the ceiling, per viewpoint", [text(h) for h in heads], rows, "scores")
+
+
+def _algorithm_row(
+    data: Mapping[str, Any], name: str, names: Sequence[str], is_best: bool
+) -> list[str]:
+    run = part(data, "algorithms", name)
+    views = [part(run, "views", viewpoint) for viewpoint in names]
+    label = text(name) + (element("small", "best mean") if is_best else "")
+    cells = [_score_cell(score(v, "ssim_to_ceiling"), f"{score(v, 'ssim')} scene") for v in views]
+    eia = part(run, "eia")
+    last = [score(eia, "ssim"), score(eia, "hole_fraction"), number(run.get("seconds"), 2)]
+    return [label, *cells, *map(text, last)]
+
+
+def _score_cell(main: str, small: str) -> str:
+    return element("span", text(main)) + element("small", text(small))
+
+
+def _reference_row(
+    label: str, against: str, scores: Mapping[str, Any], names: Sequence[str]
+) -> list[str]:
+    cells = [element("span", text(score(part(scores, "views", name), "ssim"))) for name in names]
+    eia = score(part(scores, "eia"), "ssim")
+    head = element("em", text(label)) + " " + element("span", text(against), class_="aside")
+    return [head, *cells, text(eia), MISSING, MISSING]
+
+
+def _hero(data: Mapping[str, Any], pictures: Pictures) -> str:
+    """One viewpoint as the scene shows it, as the display could, and as the best algorithm does."""
+    names, best = viewpoint_names(data), best_algorithm(data)
+    if not names:
+        return ""
+    view = "centre" if "centre" in names else names[0]
+    truth = pictures.read("truth", f"{view}.png")
+    shots = [_shot(pictures, truth, view, "Ground truth", f"from {view}: the scene itself")]
+    ceiling = f"SSIM {score(part(data, 'ceiling', 'views', view), 'ssim')} to the scene"
+    shown = pictures.read("views", "ceiling", f"{view}.png")
+    shots.append(_shot(pictures, shown, view, "Ceiling", ceiling))
+    if best is not None:
+        made = pictures.read("views", best, f"{view}.png")
+        shots.append(_shot(pictures, made, view, best, _best_words(data, best, view)))
+    return element("div", *shots, class_="hero wide" if is_wide(truth) else "hero")
+
+
+def _best_words(data: Mapping[str, Any], best: str, view: str) -> str:
+    scores = part(data, "algorithms", best, "views", view)
+    several = len(part(data, "algorithms")) > 1
+    words = f"SSIM {score(scores, 'ssim_to_ceiling')} to the ceiling"
+    return f"{words}, best on average" if several else words
+
+
+def _shot(pictures: Pictures, pixels: Any, view: str, name: str, remark: str) -> str:
+    return figure(pictures.embed(pixels, f"{name}, viewpoint {view}"), name, remark)
