@@ -384,6 +384,20 @@ class Display:
             unit_mm=unit,
         )
 
+    def capture_shape(self, pixels_per_pitch: int) -> tuple[int, int]:
+        """Rows and columns of an RGB-D picture that covers what oblique pixel rays can reach.
+
+        The array plus the sideways travel Q z / 2g of the outermost rays on either side, in whole
+        pixels, so that pixel borders fall alike in every lens.
+        """
+        reach = max(abs(z) for z in self.depth_range_mm)
+        side = self.elemental_image_pitch_mm * reach / (2 * self.gap_mm)
+        pad = math.ceil(side / self.pitch_mm * pixels_per_pitch - 1e-9)
+        return (
+            self.lens_rows * pixels_per_pitch + 2 * pad,
+            self.lens_columns * pixels_per_pitch + 2 * pad,
+        )
+
     # -- plain data ----------------------------------------------------------------------------
 
     def given(self) -> dict[str, Any]:

@@ -41,6 +41,8 @@ class SceneFile:
         What to hand to Mitsuba's loader.
     meshes : tuple of (str, Path)
         Shape plugin and mesh file of the scene's shapes, to be checked before Mitsuba reads them.
+    exrs : tuple of Path
+        EXR pictures it names, to be checked likewise: the renderer's own reader is an old one.
     sha256 : str
         Over the XML and all files it names.
     """
@@ -49,6 +51,7 @@ class SceneFile:
     settings: dict[str, str]
     parameters: dict[str, str]
     meshes: tuple[tuple[str, Path], ...]
+    exrs: tuple[Path, ...]
     sha256: str
 
 
@@ -102,7 +105,14 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
     # Mitsuba refuses parameters that a scene does not use; the inim.* ones mostly are not.
     wanted = {k: v for k, v in definitions.items() if k not in own or k in scan.used}
     in_file = {k: v for k, v in scan.defaults.items() if k.startswith(PREFIX)}
-    return SceneFile(path, {**in_file, **own}, wanted, tuple(scan.meshes), scan.hash.hexdigest())
+    return SceneFile(
+        path,
+        {**in_file, **own},
+        wanted,
+        tuple(scan.meshes),
+        tuple(scan.exrs),
+        scan.hash.hexdigest(),
+    )
 
 
 class _Scan:
@@ -114,6 +124,7 @@ class _Scan:
         self.defaults: dict[str, str] = {}
         self.used: set[str] = set()
         self.meshes: list[tuple[str, Path]] = []
+        self.exrs: list[Path] = []
         self.hash = hashlib.sha256()
         self.elements = 0
         self.includes = 0
@@ -198,6 +209,8 @@ class _Scan:
         kind = stack[-1][1].get("type", "") if stack else ""
         if stack and stack[-1][0] == "shape" and kind in _MESH_TYPES:
             self.meshes.append((kind, path))
+        elif path.suffix.lower() == ".exr":
+            self.exrs.append(path)
         try:
             self.hash.update(hashlib.sha256(path.read_bytes()).digest())
         except OSError as error:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from inim.display import DISPLAYS, Display
-from inim.errors import SceneError
+from inim.errors import DisplayError, SceneError
 
 __all__ = ["PREFIX", "Settings", "setting_table"]
 
@@ -72,7 +72,7 @@ class Settings:
     capture_pixels_per_pitch: int = _setting(5, "RGB-D pixels per lens pitch", low=1)
     capture_spp: int = _setting(64, "samples per RGB-D pixel", low=1, high=_MOST_SAMPLES)
     eia_spp: int = _setting(
-        32, "samples per ground-truth EIA pixel, both passes", low=2, high=_MOST_SAMPLES
+        64, "samples per ground-truth EIA pixel, both passes", low=2, high=_MOST_SAMPLES
     )
     view_spp: int = _setting(
         256, "samples per ground-truth view pixel, both passes", low=2, high=_MOST_SAMPLES
@@ -142,7 +142,10 @@ class Settings:
         ):
             # The preset's panel belongs to the preset's array; a changed array gets its own.
             given |= {"panel_columns": None, "panel_rows": None}
-        return preset.replace(name=f"{preset.name}, changed", **given)
+        try:
+            return preset.replace(name=f"{preset.name}, changed", **given)
+        except DisplayError as error:
+            raise DisplayError(f"{source}: {error}") from None
 
     def ssim_limits(self, algorithms: tuple[str, ...], source: str) -> dict[str, float]:
         """The least SSIM to the ceiling asked of each algorithm; those without a limit left out.

@@ -133,11 +133,14 @@ def parse_viewpoints(
     ]
     if not viewpoints:
         raise ViewpointError("viewpoints: none given; name at least one, such as 'centre'")
-    seen: set[str] = set()
+    seen = {"eia"}  # the ground-truth EIA lies beside the views
     for viewpoint in viewpoints:
-        if viewpoint.name in seen:
-            raise ViewpointError(f"viewpoint {viewpoint.name!r} is given twice; drop one")
-        seen.add(viewpoint.name)
+        # Case apart, two names may be one file.
+        if viewpoint.name.lower() in seen:
+            raise ViewpointError(
+                f"viewpoint {viewpoint.name!r} is given twice, or its name is taken; rename it"
+            )
+        seen.add(viewpoint.name.lower())
         check_viewpoint(viewpoint, display)
     return tuple(viewpoints)
 

@@ -14,7 +14,15 @@ from inim.errors import FileError
 from inim.rgbd import RGBD
 from inim.version import __version__
 
-__all__ = ["read_exr", "read_rgbd", "write_atomically", "write_exr", "write_png", "write_rgbd"]
+__all__ = [
+    "check_exr",
+    "read_exr",
+    "read_rgbd",
+    "write_atomically",
+    "write_exr",
+    "write_png",
+    "write_rgbd",
+]
 
 # A picture beyond this is a bomb or a mistake; 8K panels have 33 million pixels.
 _MOST_PIXELS = 2**28
@@ -111,6 +119,11 @@ def read_exr(path: Path) -> np.ndarray:
             f"{path}: no channel {', '.join(missing)}; it has {', '.join(channels) or 'none'}"
         )
     return np.stack([channels[name] for name in "RGB"], axis=-1)
+
+
+def check_exr(path: Path) -> None:
+    """Raise `FileError` unless the EXR decodes whole; for files that others will read."""
+    _read_parts(path)
 
 
 def _write_parts(

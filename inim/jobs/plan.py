@@ -6,18 +6,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from inim.display import Display
-from inim.errors import OutOfMemoryError, UsageError
+from inim.errors import OutOfMemoryError, SceneError, UsageError
 from inim.generators import check_algorithm
 from inim.lens import check_lens_model
+from inim.metrics import SSIM_WINDOW
 from inim.scene_file import SceneFile, parse_definitions, read_scene_file
 from inim.settings import Settings
 from inim.viewpoint import Viewpoint, parse_viewpoints
 
 __all__ = ["Plan", "Request", "make_plan"]
 
-# Bytes per panel pixel at the fullest moment: two float32 halves of the ground truth, their mean,
-# the generators' EIAs and source maps, and the scorer's float64 copies.
-_BYTES_PER_PIXEL = 320
+# Bytes per pixel at the fullest moment. EIA: two float32 halves of the ground truth, their mean,
+# generators' EIAs and source maps, float64 sums, the scorer's copies.
+_EIA_BYTES = 320
+# RGB-D: float64 rays and points of the depth pass, colour sums.
+_CAPTURE_BYTES = 240
+# A view: float64 sums, rays of the coverage pass, the scorer's copies; and what each view keeps.
+_VIEW_BYTES = 400
+_KEPT_BYTES = 12
 # The renderer, its kernels, a scene and the rays in flight.
 _BASE_BYTES = 3 * 2**30
 
@@ -103,7 +109,8 @@ def make_plan(request: Request) -> Plan:
     viewpoints = parse_viewpoints(settings.viewpoints, display, settings.viewing_distance_mm)
     algorithms = _algorithms(settings.algorithms)
     limits = settings.ssim_limits(algorithms, source)
-    _check_memory(display)
+    _check_sizes(display, settings, source)
+    _check_memory(display, settings, len(viewpoints), len(algorithms))
     return Plan(request, file, settings, display, viewpoints, algorithms, limits)
 
 
@@ -118,16 +125,45 @@ def _algorithms(text: str) -> tuple[str, ...]:
     return names
 
 
-def _check_memory(display: Display) -> None:
+def _check_sizes(display: Display, settings: Settings, source: str) -> None:
+    """SSIM needs its window: pictures smaller than it cannot be scored."""
+    per_lens = settings.view_pixels_per_lens
+    for what, shape, key in (
+        ("the EIA", display.eia_shape, "lens_columns, inim.lens_rows or the panel"),
+        ("a view", _view_shape(display, per_lens), "view_pixels_per_lens"),
+    ):
+        if min(shape) < SSIM_WINDOW:
+            raise SceneError(
+                f"{source}: {what} has {shape[1]} x {shape[0]} pixels, fewer than SSIM's window of "
+                f"{SSIM_WINDOW}; raise inim.{key}"
+            )
+
+
+def _view_shape(display: Display, pixels_per_lens: int) -> tuple[int, int]:
+    return display.lens_rows * pixels_per_lens, display.lens_columns * pixels_per_lens
+
+
+def _check_memory(display: Display, settings: Settings, views: int, algorithms: int) -> None:
     """Refuse what cannot fit before it takes the machine down: running out is a native death."""
     from inim.backend import memory_limit_bytes
 
-    rows, columns = display.eia_shape
-    needed = _BASE_BYTES + rows * columns * _BYTES_PER_PIXEL
-    limit = memory_limit_bytes()
+    pictures = {
+        "use a display with fewer pixels": (display.eia_shape, _EIA_BYTES),
+        "lower inim.capture_pixels_per_pitch": (
+            display.capture_shape(settings.capture_pixels_per_pitch),
+            _CAPTURE_BYTES,
+        ),
+        "lower inim.view_pixels_per_lens": (
+            _view_shape(display, settings.view_pixels_per_lens),
+            _VIEW_BYTES + views * (3 + algorithms) * _KEPT_BYTES,
+        ),
+    }
+    needs = {key: shape[0] * shape[1] * each for key, (shape, each) in pictures.items()}
+    needed, limit = _BASE_BYTES + sum(needs.values()), memory_limit_bytes()
     if limit and needed > limit:
+        way_out = max(needs, key=lambda name: needs[name])
+        rows, columns = pictures[way_out][0]
         raise OutOfMemoryError(
-            f"display {display.name}: {columns} x {rows} pixels need about "
-            f"{needed / 2**30:.1f} GiB of the {limit / 2**30:.1f} GiB there are; "
-            "use a display with fewer pixels"
+            f"pictures of {columns} x {rows} pixels bring the run to about "
+            f"{needed / 2**30:.1f} GiB of the {limit / 2**30:.1f} GiB there are; {way_out}"
         )

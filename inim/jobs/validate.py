@@ -7,7 +7,7 @@ import shlex
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
@@ -85,12 +85,19 @@ class _Run:
             }
         )
 
-    def save(self, name: str, linear: np.ndarray) -> None:
-        """Write a picture as PNG and EXR; count what is not finite and show it black."""
-        bad = int(np.count_nonzero(~np.isfinite(linear).all(axis=-1)))
+    def finite(self, name: str, *images: np.ndarray) -> list[np.ndarray]:
+        """Pictures whose pixels are finite: others are counted, fail a check and turn black."""
+        wrong = [~np.isfinite(image).all(axis=-1) for image in images]
+        bad = sum(int(np.count_nonzero(w)) for w in wrong)
         if bad:
-            self.check(f"{name}: pixels not finite", bad, "<=", 0, "shown black")
-            np.nan_to_num(linear, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+            self.check(f"{name}: pixels not finite", bad, "<=", 0, "taken as black")
+        return [
+            np.where(w[..., None], np.float32(0), image) if w.any() else image
+            for w, image in zip(wrong, images, strict=True)
+        ]
+
+    def save(self, name: str, linear: np.ndarray) -> None:
+        """Write a picture as PNG and EXR."""
         write_png(self.folder / f"{name}.png", linear)
         write_exr(self.folder / f"{name}.exr", linear, self._attributes())
 
@@ -197,10 +204,8 @@ def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:
 
 
 def _planned_rays(plan: Plan) -> int:
-    from inim.kernel.ground_truth import capture_size
-
     s, d = plan.settings, plan.display
-    capture = np.prod(capture_size(d, s.capture_pixels_per_pitch)) * s.capture_spp
+    capture = np.prod(d.capture_shape(s.capture_pixels_per_pitch)) * s.capture_spp
     eia = np.prod(d.eia_shape) * 2 * max(1, s.eia_spp // 2)
     view = d.lens_rows * d.lens_columns * s.view_pixels_per_lens**2
     looks = len(plan.algorithms) + 1
@@ -239,13 +244,15 @@ def _ground_truth(job: _Run) -> _GroundTruth:
             seed=seeds["capture"],
             **common,
         )
+        rgbd = replace(rgbd, color=job.finite("RGB-D", rgbd.color)[0])
     with job.stage("ground-truth EIA"):
         eia = ground_truth.pickup(fitted, plan.display, spp=s.eia_spp, seed=seeds["eia"], **common)
+        eia = ground_truth.Truth(*job.finite("truth/eia", eia.first, eia.second))
     views: dict[str, Any] = {}
     relic: dict[str, np.ndarray] = {}
     for viewpoint in plan.viewpoints:
         with job.stage("ground-truth views"):
-            views[viewpoint.name], relic[viewpoint.name] = ground_truth.true_view(
+            view, relic[viewpoint.name] = ground_truth.true_view(
                 fitted,
                 plan.display,
                 viewpoint,
@@ -254,6 +261,8 @@ def _ground_truth(job: _Run) -> _GroundTruth:
                 seed=seeds["views"],
                 **common,
             )
+            halves = job.finite(f"truth/{viewpoint.name}", view.first, view.second)
+            views[viewpoint.name] = ground_truth.Truth(*halves)
     ceiling = _reconstruct(job, eia.image, "ceiling")
     with job.stage("write pictures"):
         _save_truth(job, rgbd, eia, views)
@@ -345,8 +354,7 @@ def _score(truth: _GroundTruth, eia: np.ndarray, seen: dict[str, np.ndarray]) ->
     for name, view in seen.items():
         reference = truth.views[name].image
         to_ceiling = metrics.score(truth.ceiling[name], view)
-        views[name] = metrics.score(reference, view) | {
-            "ssim_on_relic": metrics.ssim(reference, view, truth.relic[name]),
+        views[name] = metrics.score(reference, view, truth.relic[name]) | {
             "ssim_to_ceiling": to_ceiling["ssim"],
             "psnr_to_ceiling_db": to_ceiling["psnr_db"],
             "flip_to_ceiling": to_ceiling["flip"],

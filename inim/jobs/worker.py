@@ -30,7 +30,7 @@ from inim.jobs.plan import Request, make_plan
 
 __all__ = ["run_in_worker", "work"]
 
-# A worker that was killed while holding this share of the memory was killed for it.
+# A worker that died while holding this share of the memory died of it.
 _MEMORY_SHARE = 0.8
 _ERRORS = {
     cls.__name__: cls
@@ -108,12 +108,19 @@ def _spawn(
 def _death(code: int, stage: str, memory_limit: int) -> InimError:
     """The error for a worker that ended without a word."""
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
-    if code == -signal.SIGKILL or (memory_limit and peak > _MEMORY_SHARE * memory_limit):
+    if memory_limit and peak > _MEMORY_SHARE * memory_limit:
         return OutOfMemoryError(
             f"the worker was killed during '{stage}' with {peak / 2**30:.1f} GiB in use of "
             f"{memory_limit / 2**30:.1f} GiB; lower inim.eia_spp or use a display with fewer pixels"
         )
     how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    if code == -signal.SIGKILL:  # what the system does when memory is short, whoever took it
+        return OutOfMemoryError(
+            f"the worker was killed during '{stage}' with {peak / 2**30:.1f} GiB in use, by hand "
+            "or for lack of memory; free some, or use a display with fewer pixels"
+        )
+    if code == -signal.SIGTERM:
+        return WorkerError(f"the worker was ended from outside during '{stage}'; run it again")
     return WorkerError(
         f"the worker died during '{stage}' ({how}): a crash in native code; check the scene's "
         "meshes, and run `inim sys-info` to check the backend"

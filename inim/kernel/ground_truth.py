@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,7 @@ from inim.kernel.trace import Clock, Progress, radiance, surface
 from inim.rgbd import RGBD
 from inim.viewpoint import Viewpoint
 
-__all__ = ["Truth", "capture", "capture_size", "pickup", "true_view"]
+__all__ = ["Truth", "capture", "pickup", "true_view"]
 
 
 @dataclass(frozen=True)
@@ -39,21 +38,6 @@ class Truth:
         return mean
 
 
-def capture_size(display: Display, pixels_per_pitch: int) -> tuple[int, int]:
-    """Rows and columns of an RGB-D picture that covers what oblique pixel rays can reach.
-
-    The array's width plus the sideways travel P z / 2g of the outermost rays on either side, in
-    whole pixels, so that pixel borders fall alike in every lens.
-    """
-    reach = max(abs(z) for z in display.depth_range_mm)
-    side = display.elemental_image_pitch_mm * reach / (2 * display.gap_mm)
-    pad = math.ceil(side / display.pitch_mm * pixels_per_pitch - 1e-9)
-    return (
-        display.lens_rows * pixels_per_pitch + 2 * pad,
-        display.lens_columns * pixels_per_pitch + 2 * pad,
-    )
-
-
 def capture(
     fitted: FittedScene,
     display: Display,
@@ -65,7 +49,7 @@ def capture(
     progress: Progress | None = None,
 ) -> RGBD:
     """Colour by path tracing, depth and coverage by rays at pixel centres; depth never filtered."""
-    rows, columns = capture_size(display, pixels_per_pitch)
+    rows, columns = display.capture_shape(pixels_per_pitch)
     pixel_mm = display.pitch_mm / pixels_per_pitch
     rays = capture_rays(columns, rows, pixel_mm, fitted.start_mm)
     sensor = make_sensor(rays, fitted.fit.world_from_display)

@@ -11,6 +11,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import FileError, SceneError
+from inim.formats.image import check_exr
 from inim.formats.mesh import check_mesh_file
 from inim.kernel.trace import Clock
 from inim.scene_file import SceneFile
@@ -22,8 +23,9 @@ __all__ = ["Fit", "FittedScene", "fit_to_display", "open_scene"]
 _DEPTH_MARGIN = 0.01
 # Thinner than this against its width, a relic is a plate and goes to the central depth plane.
 _FLAT = 1e-6
-# Integrators that know `hide_emitters`.
-_HIDING = frozenset({"path", "direct", "volpath", "volpathmis"})
+# Integrators that return radiance ray by ray, and know `hide_emitters`. Others trace from the
+# lights, or return depth or moments, which would be scored as colour.
+_INTEGRATORS = ("path", "direct", "volpath", "volpathmis")
 _DEFAULT_INTEGRATOR = {"type": "path", "max_depth": 8, "hide_emitters": True}
 
 
@@ -79,6 +81,8 @@ def open_scene(
     """
     for plugin, mesh in file.meshes:
         check_mesh_file(mesh, plugin)
+    for picture in file.exrs:
+        check_exr(picture)
     started = time.perf_counter()
     scene = _load(file)
     if clock:
@@ -90,10 +94,6 @@ def open_scene(
     fit = fit_to_display(points, _orientation(scene), display, fit_share, str(file.path))
     low, high = display.depth_range_mm
     integrator = scene.integrator() or mi.load_dict(_DEFAULT_INTEGRATOR)
-    if not hasattr(integrator, "sample"):
-        raise SceneError(
-            f"{file.path}: its integrator cannot trace single rays; use 'path' or 'volpath'"
-        )
     return FittedScene(scene, integrator, fit, high + _DEPTH_MARGIN * (high - low), len(relic))
 
 
@@ -107,16 +107,27 @@ def _load(file: SceneFile) -> Any:
         # lets some of them slip between triangles.
         state.root.props["embree_use_robust_intersections"] = True
         for node in state.nodes:
-            if node.type == mi.ObjectType.Integrator and node.props.plugin_name() in _HIDING:
+            if node.type == mi.ObjectType.Integrator:
+                _check_integrator(file, node.props.plugin_name())
                 node.props["hide_emitters"] = True
         mi.parser.transform_all(config, state)
         loaded = mi.parser.instantiate(config, state)
+    except SceneError:
+        raise
     except Exception as error:  # Mitsuba raises bare RuntimeErrors for everything
         cause = " ".join(str(error).split())
         raise FileError(f"{file.path}: the renderer refuses it: {cause[:400]}") from error
     finally:
         del resolver[0]
     return loaded[0] if isinstance(loaded, list) else loaded
+
+
+def _check_integrator(file: SceneFile, name: str) -> None:
+    if name not in _INTEGRATORS:
+        raise SceneError(
+            f"{file.path}: integrator {name!r} gives no radiance ray by ray; use 'path' or "
+            "'volpath'"
+        )
 
 
 def _extent_points(shape: Any) -> np.ndarray:

@@ -159,7 +159,6 @@ def test_display_too_large_for_memory_is_refused_before_it_is_allocated(
     refused(capsys, tiny_scene.parent, *words, code=EXIT_BACKEND, says=("GiB", "with fewer pixels"))
 
 
-@pytest.mark.xfail(reason="the memory budget counts the panel's pixels only", strict=True)
 @pytest.mark.parametrize("key", ["view_pixels_per_lens", "capture_pixels_per_pitch"])
 def test_pictures_too_large_for_memory_are_refused_before_they_are_allocated(
     tiny_scene: Path, key: str
@@ -169,7 +168,6 @@ def test_pictures_too_large_for_memory_are_refused_before_they_are_allocated(
         make_plan(request)
 
 
-@pytest.mark.xfail(reason="the ground-truth EIA and a view 'eia' share truth/eia", strict=True)
 def test_viewpoint_cannot_take_the_name_of_another_picture(tiny_scene: Path) -> None:
     with pytest.raises(ViewpointError, match="eia"):
         make_plan(Request(tiny_scene, tiny_scene.parent / "out", ("inim.viewpoints=eia=0 0",)))
@@ -277,7 +275,6 @@ def test_damaged_content_is_named(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.xfail(reason="seen as an internal error", strict=True)
 @pytest.mark.parametrize("integrator", ["ptracer", "prb"])
 def test_integrator_that_traces_no_single_rays_is_refused(
     tmp_path: Path, run_inim: Run, integrator: str
@@ -289,7 +286,6 @@ def test_integrator_that_traces_no_single_rays_is_refused(
     assert_one_line(ended.stderr, ["integrator", "use 'path' or 'volpath'"])
 
 
-@pytest.mark.xfail(reason="ends inside the scorer as an internal error", strict=True)
 def test_pictures_too_small_to_score_are_refused(tmp_path: Path, run_inim: Run) -> None:
     one = {"lens_columns": "1", "lens_rows": "1"}
     ended = run_inim(write_scene(tmp_path), "-o", "out", folder=tmp_path, **one)
