@@ -24,8 +24,8 @@ class RGBD:
 
     Parameters
     ----------
-    color : (H, W, 3) float32
-        Linear RGB.
+    color : (H, W, 3) float32, or (H, W, 4) uint8
+        Linear RGB, for verification; or sRGB with alpha, as a player sends it to the panel.
     depth_mm : (H, W) float32
         z of the front surface in the display frame, towards the viewer; ignored where not covered.
     covered : (H, W) bool
@@ -39,18 +39,23 @@ class RGBD:
         Shapes that differ, an empty picture, or a covered pixel whose depth is not finite.
     """
 
-    color: NDArray[np.float32]
+    color: NDArray[np.float32] | NDArray[np.uint8]
     depth_mm: NDArray[np.float32]
     covered: NDArray[np.bool_]
     pixel_mm: float
 
     def __post_init__(self) -> None:
         # Copies: a caller's later changes must not slip past these checks.
-        color = np.array(self.color, np.float32)
+        as_shown = np.asarray(self.color).dtype == np.uint8
+        color = np.array(self.color, np.uint8 if as_shown else np.float32)
+        channels = 4 if as_shown else 3
         depth = np.array(self.depth_mm, np.float32)
         covered = np.array(self.covered, bool)
-        if color.ndim != 3 or color.shape[2] != 3 or color.size == 0:
-            raise UsageError(f"RGBD: color has shape {color.shape}; it must be (H, W, 3)")
+        if color.ndim != 3 or color.shape[2] != channels or color.size == 0:
+            raise UsageError(
+                f"RGBD: color is {color.dtype} of shape {color.shape}; it must be (H, W, 3) float "
+                "or (H, W, 4) uint8"
+            )
         if depth.shape != color.shape[:2] or covered.shape != color.shape[:2]:
             raise UsageError(
                 f"RGBD: color is {color.shape[:2]}, depth_mm {depth.shape}, covered "

@@ -1,66 +1,165 @@
 """Generators: from one RGB-D picture to an elemental image array.
 
-A generator is one file with one function and one line in `GENERATORS`::
+A generator is one file with one function, ``prepare(display, shape, pixel_mm, **options)``, which
+returns a `Generator`, and one line in `GENERATORS`. Other packages announce theirs through the
+entry-point group ``inim.generators``, by the same function::
 
-    sources(rgbd, display) -> (rows, columns) int32
-
-For every panel pixel it names the picture's pixel whose colour is shown, as ``row * W + column``,
-or `HOLE` where its ray meets nothing. Naming sources instead of colours keeps holes apart from
-black, and lets algorithms be compared source by source.
+    [project.entry-points."inim.generators"]
+    mine = "my_package.eia:prepare"
 """
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
+from importlib import import_module, metadata
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.sources import HOLE, NO_LENS, colour_of, hole_fraction
+from inim.generators.base import Generator, PictureShape, SourceGenerator
+from inim.generators.sources import HOLE, NO_LENS, Sources, colour_of, hole_fraction
 from inim.rgbd import RGBD
 
 __all__ = [
     "GENERATORS",
     "HOLE",
     "NO_LENS",
+    "Generator",
+    "SourceGenerator",
+    "Sources",
+    "algorithm_names",
     "check_algorithm",
     "colour_of",
     "find_sources",
     "generate",
     "hole_fraction",
+    "parse_algorithm",
+    "prepare",
 ]
 
-Sources = NDArray[np.int32]
-
-
-def _template(rgbd: RGBD, display: Display) -> Sources:
-    from inim.generators.template import sources
-
-    return sources(rgbd, display)
-
-
-def _wang2024(rgbd: RGBD, display: Display) -> Sources:
-    from inim.generators.wang2024 import sources
-
-    return sources(rgbd, display)
-
+Prepare = Callable[..., Generator]
 
 # Loaded when used: numba takes half a second to import, and not every run needs it.
-GENERATORS: dict[str, Callable[[RGBD, Display], Sources]] = {
-    "template": _template,
-    "wang2024": _wang2024,
+GENERATORS: dict[str, str] = {
+    "template": "inim.generators.template",
+    "wang2024": "inim.generators.wang2024",
 }
+_ENTRY_POINTS = "inim.generators"
 
 
-def check_algorithm(name: str) -> None:
-    """Raise `UsageError` unless a generator of that name exists."""
-    if name not in GENERATORS:
-        raise UsageError(f"algorithm {name!r}: use {' or '.join(sorted(GENERATORS))}")
+def algorithm_names() -> list[str]:
+    """All generators there are: the project's own, then those other packages announce."""
+    others = sorted({point.name for point in metadata.entry_points(group=_ENTRY_POINTS)})
+    return [*GENERATORS, *(name for name in others if name not in GENERATORS)]
 
 
-def find_sources(rgbd: RGBD, display: Display, algorithm: str = "template") -> Sources:
+def parse_algorithm(text: str) -> tuple[str, dict[str, str]]:
+    """An algorithm with options, ``name`` or ``name:key=value:key=value``.
+
+    Raises
+    ------
+    UsageError
+        An option without a value.
+    """
+    name, *items = (part.strip() for part in text.split(":"))
+    options: dict[str, str] = {}
+    for item in items:
+        key, equals, value = item.partition("=")
+        if not (equals and key.strip() and value.strip()):
+            raise UsageError(f"algorithm {text!r}: write options as name:key=value")
+        options[key.strip()] = value.strip()
+    return name, options
+
+
+def check_algorithm(text: str) -> None:
+    """Raise `UsageError` unless a generator of that name exists and has those options."""
+    name, options = parse_algorithm(text)
+    if name not in GENERATORS or options:
+        _check_options(name, _find(name), options)
+
+
+def _find(name: str) -> Prepare:
+    """The `prepare` of a name.
+
+    Raises
+    ------
+    UsageError
+        Unknown, announced twice, or an announced one that cannot be loaded.
+    """
+    if name in GENERATORS:
+        prepare_own: Prepare = import_module(GENERATORS[name]).prepare
+        return prepare_own
+    points = list(metadata.entry_points(group=_ENTRY_POINTS, name=name))
+    if not points:
+        raise UsageError(f"algorithm {name!r}: use {' or '.join(algorithm_names())}")
+    if len({point.value for point in points}) > 1:
+        raise UsageError(
+            f"algorithm {name!r} is announced by several packages "
+            f"({', '.join(sorted(point.value for point in points))}); uninstall all but one"
+        )
+    try:
+        announced: Prepare = points[0].load()
+    except Exception as error:
+        raise UsageError(
+            f"algorithm {name!r} ({points[0].value}) cannot be loaded: {error}"
+        ) from error
+    return announced
+
+
+def _check_options(name: str, prepare_one: Prepare, options: dict[str, Any]) -> None:
+    known = list(inspect.signature(prepare_one).parameters.values())[3:]
+    if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in known):
+        return
+    names = [p.name for p in known]
+    for key in options:
+        if key not in names:
+            has = f"its options are {', '.join(names)}" if names else "it has none"
+            raise UsageError(f"algorithm {name!r} has no option {key!r}; {has}")
+
+
+def prepare(
+    display: Display,
+    algorithm: str = "template",
+    *,
+    shape: PictureShape,
+    pixel_mm: float,
+    **options: Any,
+) -> Generator:
+    """A generator ready for pictures of one size on one display; reusable for a stream of them.
+
+    Parameters
+    ----------
+    display : Display
+    algorithm : str
+        One of `algorithm_names`, with options if need be: ``"template:samples=4"``.
+    shape : (rows, columns)
+        Of the pictures to come.
+    pixel_mm : float
+        Their pixel.
+    **options
+        The algorithm's own; see its module.
+
+    Raises
+    ------
+    UsageError
+        Unknown algorithm or option, or an option's value that makes no sense.
+    """
+    name, written = parse_algorithm(algorithm)
+    found = _find(name)
+    merged = {**written, **options}
+    _check_options(name, found, merged)
+    made = found(display, tuple(shape), float(pixel_mm), **merged)
+    if not isinstance(made, Generator):
+        raise UsageError(f"algorithm {name!r} made a {type(made).__name__}, which cannot generate")
+    return made
+
+
+def find_sources(
+    rgbd: RGBD, display: Display, algorithm: str = "template", **options: Any
+) -> Sources:
     """Which pixel of the picture each panel pixel shows.
 
     Parameters
@@ -68,8 +167,8 @@ def find_sources(rgbd: RGBD, display: Display, algorithm: str = "template") -> S
     rgbd : RGBD
         Picture of H x W pixels in the display frame.
     display : Display
-    algorithm : str
-        A key of `GENERATORS`.
+    algorithm, **options :
+        See `prepare`.
 
     Returns
     -------
@@ -79,33 +178,47 @@ def find_sources(rgbd: RGBD, display: Display, algorithm: str = "template") -> S
     Raises
     ------
     UsageError
-        Unknown algorithm.
+        As `prepare`; or the algorithm does not say where its colours come from.
     """
-    check_algorithm(algorithm)
-    found = GENERATORS[algorithm](rgbd, display)
-    found[display.rows.lens < 0, :] = NO_LENS
-    found[:, display.columns.lens < 0] = NO_LENS
-    return found
+    made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
+    if not isinstance(made, SourceGenerator):
+        raise UsageError(f"algorithm {algorithm!r} does not say where its colours come from")
+    return made.sources(rgbd)
 
 
-def generate(rgbd: RGBD, display: Display, algorithm: str = "template") -> NDArray[np.float32]:
-    """The elemental image array of a picture.
+def generate(
+    rgbd: RGBD,
+    display: Display,
+    algorithm: str = "template",
+    *,
+    out: np.ndarray | None = None,
+    **options: Any,
+) -> np.ndarray:
+    """The elemental image array of a picture, in its colour's type.
 
     Parameters
     ----------
     rgbd : RGBD
-        Colour and depth in the display frame.
+        Colour and depth in the display frame: float32 linear RGB (verification) or uint8 sRGB RGBA
+        (display-ready).
     display : Display
-    algorithm : {"template", "wang2024"}
+    algorithm : str
+        One of `algorithm_names`, with options if need be: ``"template:samples=4"``.
+    out : array, optional
+        Where to write the result.
+    **options
+        The algorithm's own; see its module.
 
     Returns
     -------
-    (rows, columns, 3) float32, linear RGB; black at holes and outside the array. Use
-    `find_sources` where black must be told from nothing.
+    (rows, columns, 3) float32 linear RGB, black at holes and outside the array; or
+    (rows, columns, 4) uint8 sRGB, alpha 0 there. Use `find_sources` where black must be told from
+    nothing in linear RGB.
 
     Raises
     ------
     UsageError
-        Unknown algorithm.
+        As `prepare`, or an `out` that does not fit.
     """
-    return colour_of(find_sources(rgbd, display, algorithm), rgbd)
+    made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
+    return made.generate(rgbd, out)

@@ -9,7 +9,6 @@ from fractions import Fraction
 import numpy as np
 
 from inim.display import Display, PixelAxis, stated
-from inim.rgbd import RGBD
 
 __all__ = ["CellRays", "cell_rays"]
 
@@ -43,12 +42,14 @@ class CellRays:
     scale: float
 
 
-def cell_rays(rgbd: RGBD, display: Display) -> tuple[CellRays, CellRays]:
-    """Column rays and row rays of a display over a picture."""
-    rows, columns = rgbd.shape
+def cell_rays(
+    shape: tuple[int, int], pixel_mm: float, display: Display
+) -> tuple[CellRays, CellRays]:
+    """Column rays and row rays of a display over a picture of `shape` with pixels of `pixel_mm`."""
+    rows, columns = shape
     return (
-        _axis(display.columns, rgbd.pixel_mm, columns, display, +1),
-        _axis(display.rows, rgbd.pixel_mm, rows, display, -1),
+        _axis(display.columns, pixel_mm, columns, display, +1),
+        _axis(display.rows, pixel_mm, rows, display, -1),
     )
 
 

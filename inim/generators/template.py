@@ -17,46 +17,41 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from inim.display import Display
+from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.cells import cell_rays
-from inim.generators.sources import HOLE
+from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
-__all__ = ["sources"]
+__all__ = ["prepare"]
 
 
-def sources(rgbd: RGBD, display: Display) -> NDArray[np.int32]:
-    """Source map of the exact first hit; see the module's text.
+def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
+    """A generator of exact first hits; see the module's text."""
+    return _Template(display, shape, pixel_mm)
 
-    Parameters
-    ----------
-    rgbd : RGBD
-    display : Display
 
-    Returns
-    -------
-    (rows, columns) int32
-    """
-    column_rays, row_rays = cell_rays(rgbd, display)
-    z_min, z_max = display.depth_range_mm
-    # An uncovered cell is a column without height: it never reaches a ray.
-    depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
-    found = np.empty(display.eia_shape, np.int32)
-    _traverse_all(
-        depth,
-        column_rays.start,
-        column_rays.slope,
-        column_rays.scale,
-        row_rays.start,
-        row_rays.slope,
-        row_rays.scale,
-        z_min,
-        z_max,
-        found,
-    )
-    return found
+class _Template(SourceGenerator):
+    def find(self, rgbd: RGBD) -> Sources:
+        column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display)
+        z_min, z_max = self.display.depth_range_mm
+        # An uncovered cell is a column without height: it never reaches a ray.
+        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
+        found = np.empty(self.display.eia_shape, np.int32)
+        _traverse_all(
+            depth,
+            column_rays.start,
+            column_rays.slope,
+            column_rays.scale,
+            row_rays.start,
+            row_rays.slope,
+            row_rays.scale,
+            z_min,
+            z_max,
+            found,
+        )
+        return found
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)

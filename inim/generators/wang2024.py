@@ -25,47 +25,42 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from inim.display import Display
+from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.cells import cell_rays
-from inim.generators.sources import HOLE
+from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
-__all__ = ["sources"]
+__all__ = ["prepare"]
 
 
-def sources(rgbd: RGBD, display: Display) -> NDArray[np.int32]:
-    """Source map by template matching; see the module's text.
+def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
+    """A generator by local depth template matching; see the module's text."""
+    return _Wang2024(display, shape, pixel_mm)
 
-    Parameters
-    ----------
-    rgbd : RGBD
-    display : Display
 
-    Returns
-    -------
-    (rows, columns) int32
-    """
-    column_rays, row_rays = cell_rays(rgbd, display)
-    z_min, z_max = display.depth_range_mm
-    single = display.central_depth_mm
-    if not z_min <= single <= z_max:
-        single = (z_min + z_max) / 2
-    depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(np.inf))
-    found = np.empty(display.eia_shape, np.int32)
-    _match_all(
-        depth,
-        column_rays.start / column_rays.scale,
-        column_rays.slope / column_rays.scale,
-        row_rays.start / row_rays.scale,
-        row_rays.slope / row_rays.scale,
-        z_min,
-        z_max,
-        single,
-        found,
-    )
-    return found
+class _Wang2024(SourceGenerator):
+    def find(self, rgbd: RGBD) -> Sources:
+        column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display)
+        z_min, z_max = self.display.depth_range_mm
+        single = self.display.central_depth_mm
+        if not z_min <= single <= z_max:
+            single = (z_min + z_max) / 2
+        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(np.inf))
+        found = np.empty(self.display.eia_shape, np.int32)
+        _match_all(
+            depth,
+            column_rays.start / column_rays.scale,
+            column_rays.slope / column_rays.scale,
+            row_rays.start / row_rays.scale,
+            row_rays.slope / row_rays.scale,
+            z_min,
+            z_max,
+            single,
+            found,
+        )
+        return found
 
 
 @numba.njit(cache=True, nogil=True)

@@ -48,8 +48,8 @@ def test_arrays_of_the_caller_stay_writable() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"color": COLOR[..., :2]}, r"color has shape \(2, 3, 2\)"),
-        ({"color": COLOR[..., 0]}, r"color has shape \(2, 3\)"),
+        ({"color": COLOR[..., :2]}, r"of shape \(2, 3, 2\)"),
+        ({"color": COLOR[..., 0]}, r"of shape \(2, 3\)"),
         ({"color": COLOR[:0], "depth_mm": DEPTH[:0], "covered": COVERED[:0]}, r"shape \(0, 3, 3\)"),
         ({"depth_mm": DEPTH.T}, r"depth_mm \(3, 2\)"),
         ({"covered": COVERED[:1]}, r"covered \(1, 3\)"),

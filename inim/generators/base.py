@@ -1,0 +1,112 @@
+"""What a generator is: something prepared once for a display, then fed RGB-D pictures."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inim.display import Display
+from inim.errors import UsageError
+from inim.generators.sources import NO_LENS, Sources, colour_of
+from inim.rgbd import RGBD
+
+__all__ = ["Generator", "PictureShape", "SourceGenerator", "check_out"]
+
+#: Rows, columns of a picture.
+PictureShape = tuple[int, int]
+
+
+@runtime_checkable
+class Generator(Protocol):
+    """A generator prepared for one display and one size of picture; reusable for a stream.
+
+    Whoever announces a generator (`inim.generators`) provides a callable
+    ``prepare(display, shape, pixel_mm, **options)`` that returns one of these.
+    """
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """The EIA of a picture, in its colour's type.
+
+        Parameters
+        ----------
+        rgbd : RGBD
+            Of the shape and pixel size it was prepared for.
+        out : array, optional
+            Where to write it: (rows, columns, channels) of the colour's type.
+
+        Returns
+        -------
+        (rows, columns, 3) float32 linear RGB, or (rows, columns, 4) uint8 sRGB with alpha 0 where
+        there is nothing to show.
+        """
+        ...
+
+
+class SourceGenerator(ABC):
+    """A generator that names, for each panel pixel, the picture's pixel it shows.
+
+    Subclasses implement `find`; sources keep holes apart from black and let algorithms be compared
+    pixel by pixel.
+
+    Parameters
+    ----------
+    display : Display
+    shape : (rows, columns)
+        Of the pictures to come.
+    pixel_mm : float
+        Their pixel.
+    """
+
+    def __init__(self, display: Display, shape: PictureShape, pixel_mm: float) -> None:
+        self.display = display
+        self.shape = shape
+        self.pixel_mm = pixel_mm
+
+    @abstractmethod
+    def find(self, rgbd: RGBD) -> Sources:
+        """Sources of all panel pixels; those under no lens may hold anything."""
+
+    def sources(self, rgbd: RGBD) -> Sources:
+        """``row * W + column`` of each panel pixel's source, or `HOLE`, or `NO_LENS`."""
+        self.check(rgbd)
+        found = self.find(rgbd)
+        found[self.display.rows.lens < 0, :] = NO_LENS
+        found[:, self.display.columns.lens < 0] = NO_LENS
+        return found
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`."""
+        return colour_of(self.sources(rgbd), rgbd, check_out(out, rgbd, self.display))
+
+    def check(self, rgbd: RGBD) -> None:
+        """Raise `UsageError` for a picture of another size than prepared for."""
+        if rgbd.shape != self.shape or rgbd.pixel_mm != self.pixel_mm:
+            raise UsageError(
+                f"picture of {rgbd.shape[0]} x {rgbd.shape[1]} pixels of {rgbd.pixel_mm:g} mm; "
+                f"this generator was prepared for {self.shape[0]} x {self.shape[1]} of "
+                f"{self.pixel_mm:g} mm: prepare another"
+            )
+
+
+def check_out(out: np.ndarray | None, rgbd: RGBD, display: Display) -> NDArray[Any]:
+    """The array to write into: `out` if it fits, a new one if there is none.
+
+    Raises
+    ------
+    UsageError
+        Wrong shape, type or layout, or not writable.
+    """
+    wanted = (*display.eia_shape, rgbd.color.shape[2])
+    if out is None:
+        return np.empty(wanted, rgbd.color.dtype)
+    if out.shape != wanted or out.dtype != rgbd.color.dtype:
+        raise UsageError(
+            f"out is {out.dtype} of shape {out.shape}; this picture and display need "
+            f"{rgbd.color.dtype} of shape {wanted}"
+        )
+    if not (out.flags.c_contiguous and out.flags.writeable):
+        raise UsageError("out must be writable and contiguous in C order")
+    return out
