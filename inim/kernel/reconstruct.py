@@ -9,6 +9,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
+from inim.kernel import variant
 from inim.lens import check_lens_model
 from inim.viewpoint import Viewpoint, check_viewpoint
 
@@ -51,8 +52,6 @@ def reconstruct(
     ------
     UsageError, ViewpointError, DisplayError, BackendError
     """
-    from inim.kernel import variant
-
     variant.use(backend)
     check_viewpoint(viewpoint, display)
     scene = DisplayScene(eia, display, lens_model)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from functools import cache
 
+import drjit as dr
+import mitsuba as mi
+
 from inim import backend as backends
 
 __all__ = ["use"]
@@ -25,10 +28,8 @@ def use(wanted: str = "auto") -> backends.Backend:
         When none works on this machine.
     """
     backend = backends.choose_backend(wanted)
-    backends.activate(backend)
-    import drjit as dr
-    import mitsuba as mi
-
+    if mi.variant() != backend.variant:  # else it works already, with whatever library
+        backends.activate(backend)
     _announce_once()
     if mi.variant() != backend.variant:
         if dr.thread_count() < _FEWEST_THREADS:

@@ -1,0 +1,48 @@
+"""Importing the package, and its names in any order, in fresh processes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+
+def fresh(code: str) -> str:
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout.strip()
+
+
+def test_importing_the_package_loads_nothing_heavy_and_sets_no_variant() -> None:
+    loaded = fresh(
+        "import sys, inim; dir(inim); print([m for m in "
+        "('numpy', 'mitsuba', 'drjit', 'numba', 'skimage', 'trimesh') if m in sys.modules])"
+    )
+    assert loaded == "[]"
+
+
+VIEW = """
+import numpy as np
+display = inim.Display(pitch_mm=1, focal_length_mm=3, gap_mm=3.3, pixel_pitch_mm=0.125,
+                       lens_columns=4, lens_rows=3)
+eia = np.ones((24, 32, 3), np.float32)
+print(inim.reconstruct(eia, display, inim.Viewpoint("eye", 0, 0, 200), spp=4).shape)
+"""
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        "import inim",
+        "import inim; inim.reconstruct",
+        "import inim; inim.backend = __import__('inim.backend').backend; "
+        "inim.backend.activate(inim.backend.choose_backend()); "
+        "import mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
+        "from inim import reconstruct, Display; import inim",
+    ],
+)
+def test_a_view_can_be_the_first_thing_asked_for(before: str) -> None:
+    assert fresh(before + VIEW) == "(12, 16, 3)"
