@@ -7,12 +7,14 @@ from numpy.typing import NDArray
 
 from inim.rgbd import RGBD
 
-__all__ = ["HOLE", "NO_LENS", "Sources", "colour_of", "hole_fraction"]
+__all__ = ["HOLE", "NOT_ASKED", "NO_LENS", "Sources", "colour_of", "hole_fraction"]
 
 #: A panel pixel whose ray meets no surface.
 HOLE = -1
 #: A panel pixel outside the lens array: dark by construction, not a hole.
 NO_LENS = -2
+#: A panel pixel that was not asked for.
+NOT_ASKED = -3
 
 #: (rows, columns) int32: ``row * W + column`` of the picture's pixel, `HOLE` or `NO_LENS`.
 Sources = NDArray[np.int32]
@@ -31,6 +33,6 @@ def colour_of(sources: Sources, rgbd: RGBD, out: np.ndarray | None = None) -> np
 
 
 def hole_fraction(sources: Sources) -> float:
-    """Share of the lensed panel pixels that show nothing."""
-    lensed = np.count_nonzero(sources != NO_LENS)
+    """Share of the lensed panel pixels asked for that show nothing."""
+    lensed = np.count_nonzero(sources > NO_LENS)
     return np.count_nonzero(sources == HOLE) / lensed if lensed else 0.0

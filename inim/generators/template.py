@@ -8,104 +8,134 @@ leaves that cell (or z_min, where the ray ends) gives the source. No such cell: 
 A ray that runs exactly along a border between cells belongs to the cell of the larger row or
 column; one that crosses exactly at a corner passes to the diagonal neighbour.
 
-The traversal is that of Amanatides and Woo (Eurographics 1987). The depth at which a ray crosses a
-border is a quotient of whole numbers (see `inim.generators.cells`), rounded once and computed
-afresh for each border: nothing drifts, and corners are corners.
+Two ways lead to the same sources, bit for bit:
+
+* where co-located pixels of all lenses are parallel and the picture has a whole number of pixels
+  per pitch, one list of cells per direction serves all lenses (`inim.generators.direction_lists`),
+  and runs over the picture's phases without a gather (`inim.generators.polyphase`);
+* anywhere else (15.7 pixels per lens, an elemental-image pitch of its own, any picture), and where
+  only some pixels are asked for, each ray is walked by itself (`inim.generators.traversal`).
 """
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from inim.display import Display
-from inim.generators.base import PictureShape, SourceGenerator
+from inim.errors import UsageError
+from inim.generators.base import PictureShape, SourceGenerator, check_out
 from inim.generators.cells import cell_rays
-from inim.generators.sources import HOLE, Sources
+from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
+from inim.generators.polyphase import Phases, index_payload, run_templates
+from inim.generators.sources import HOLE, NOT_ASKED, Sources
+from inim.generators.traversal import first_hits, first_hits_at
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
 
 
-def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
-    """A generator of exact first hits; see the module's text."""
-    return _Template(display, shape, pixel_mm)
+def prepare(
+    display: Display,
+    shape: PictureShape,
+    pixel_mm: float,
+    *,
+    samples: int | str = 1,
+    mask: np.ndarray | None = None,
+) -> SourceGenerator:
+    """A generator of exact first hits.
 
+    Parameters
+    ----------
+    display, shape, pixel_mm :
+        See `inim.generators.prepare`.
+    samples : {1, 2, 4}
+        Rays per panel pixel: through its centre; through two points on its diagonal; through the
+        centres of its quarters. Colours are averaged in linear light, a hole counting as black.
+    mask : (rows, columns) bool, optional
+        Panel pixels asked for; the others are left black and cost nothing.
 
-class _Template(SourceGenerator):
-    def find(self, rgbd: RGBD) -> Sources:
-        column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display)
-        z_min, z_max = self.display.depth_range_mm
-        # An uncovered cell is a column without height: it never reaches a ray.
-        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
-        found = np.empty(self.display.eia_shape, np.int32)
-        _traverse_all(
-            depth,
-            column_rays.start,
-            column_rays.slope,
-            column_rays.scale,
-            row_rays.start,
-            row_rays.slope,
-            row_rays.scale,
-            z_min,
-            z_max,
-            found,
+    Raises
+    ------
+    UsageError
+        Another number of samples, or a mask of another shape.
+    """
+    if str(samples) not in ("1", "2", "4"):
+        raise UsageError(f"template: samples = {samples!r}; use 1, 2 or 4")
+    if mask is not None and np.shape(mask) != display.eia_shape:
+        raise UsageError(
+            f"template: mask of shape {np.shape(mask)}; the panel has {display.eia_shape}"
         )
+    centre = _first_hits(display, shape, pixel_mm, mask)
+    if int(samples) == 1:
+        return centre
+    from inim.generators.supersampling import Supersampled
+
+    return Supersampled(centre, lambda finer: _first_hits(finer, shape, pixel_mm, None), samples)
+
+
+def _first_hits(
+    display: Display, shape: PictureShape, pixel_mm: float, mask: np.ndarray | None
+) -> SourceGenerator:
+    if mask is None and shares_directions(display) and cells_per_pitch(display, pixel_mm):
+        return _Shared(display, shape, pixel_mm)
+    return _RayByRay(display, shape, pixel_mm, mask)
+
+
+class _Shared(SourceGenerator):
+    """One template per direction for all lenses."""
+
+    def __init__(self, display: Display, shape: PictureShape, pixel_mm: float) -> None:
+        super().__init__(display, shape, pixel_mm)
+        self._lists = build_lists(display, shape, pixel_mm)
+        self._phases = Phases.make(self._lists, display.lens_rows, display.lens_columns)
+        self._index = index_payload(shape)
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        found = np.empty(self.display.eia_shape, np.int32)
+        self._run(rgbd, self._index, HOLE % 2**32, found.view(np.uint32))
         return found
 
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`; RGBA goes to the panel without a source map between."""
+        if rgbd.color.dtype != np.uint8:
+            return super().generate(rgbd, out)
+        self.check(rgbd)
+        out = check_out(out, rgbd, self.display)
+        self._run(rgbd, rgbd.color.view(np.uint32)[..., 0], 0, out.view(np.uint32)[..., 0])
+        return out
 
-@numba.njit(parallel=True, cache=True, nogil=True)
-def _traverse_all(depth, u0, du, u1, v0, dv, v1, z_min, z_max, found):  # type: ignore[no-untyped-def]
-    """Follow the ray of every panel pixel; u and v are columns and rows, see `CellRays`."""
-    for row in numba.prange(found.shape[0]):
-        for column in range(found.shape[1]):
-            found[row, column] = _first_hit(
-                depth, u0[column], du[column], u1, v0[row], dv[row], v1, z_min, z_max
-            )
-
-
-@numba.njit(cache=True, nogil=True)
-def _first_hit(depth, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
-    """Walk one ray from z_max down to z_min."""
-    rows, columns = depth.shape
-    # z falls along the walk, so a ray with du < 0 moves to larger columns.
-    step_u = -1 if du > 0 else 1
-    step_v = -1 if dv > 0 else 1
-    u, v = _entered(u0, du, u1, z_max), _entered(v0, dv, v1, z_max)
-    z_u, z_v = _leaves(u, u0, du, u1), _leaves(v, v0, dv, v1)
-    while True:
-        z_exit = max(z_u, z_v, z_min)
-        inside = 0 <= u < columns and 0 <= v < rows
-        if inside and depth[v, u] >= z_exit:
-            return v * columns + u
-        if z_exit <= z_min:
-            return HOLE
-        if z_u >= z_exit:
-            u += step_u
-            z_u = _leaves(u, u0, du, u1)
-        if z_v >= z_exit:
-            v += step_v
-            z_v = _leaves(v, v0, dv, v1)
+    def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
+        run_templates(self._lists, self._phases, rgbd.depth_mm, rgbd.covered, payload, empty, out)
 
 
-@numba.njit(cache=True, nogil=True)
-def _entered(start, slope, scale, z_max):  # type: ignore[no-untyped-def]
-    """The cell a ray is in just below z_max; on a border, the one it is about to enter."""
-    cell = int(np.floor((start + slope * z_max) / scale))
-    if slope == 0.0:
-        return cell
-    step = -1 if slope > 0 else 1
-    # The product is rounded, the borders' depths decide: at most one cell either way.
-    while _leaves(cell, start, slope, scale) >= z_max:
-        cell += step
-    while _leaves(cell - step, start, slope, scale) < z_max:
-        cell -= step
-    return cell
+class _RayByRay(SourceGenerator):
+    """Every ray, or those asked for, by itself."""
 
+    def __init__(
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        mask: np.ndarray | None = None,
+    ) -> None:
+        super().__init__(display, shape, pixel_mm)
+        self._asked = None if mask is None else np.flatnonzero(mask)
+        columns, rows = cell_rays(shape, pixel_mm, display)
+        self._rays = (
+            *(columns.start, columns.slope, columns.scale),
+            *(rows.start, rows.slope, rows.scale),
+            *display.depth_range_mm,
+        )
 
-@numba.njit(cache=True, nogil=True)
-def _leaves(cell, start, slope, scale):  # type: ignore[no-untyped-def]
-    """Depth at which a ray leaves a cell in one axis; never, if it does not move in it."""
-    if slope == 0.0:
-        return -np.inf
-    return ((cell if slope > 0 else cell + 1) * scale - start) / slope
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        # An uncovered cell is a column without height: it never reaches a ray.
+        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
+        if self._asked is None:
+            found = np.empty(self.display.eia_shape, np.int32)
+            first_hits(depth, *self._rays, found)
+        else:
+            found = np.full(self.display.eia_shape, NOT_ASKED, np.int32)
+            first_hits_at(self._asked, depth, *self._rays, found)
+        return found

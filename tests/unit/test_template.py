@@ -617,5 +617,5 @@ def test_hole_fraction_counts_lensed_pixels_only() -> None:
 
 def test_unknown_algorithm_is_refused_with_its_name_and_the_known_ones() -> None:
     shown = display()
-    with pytest.raises(UsageError, match=r"'li2012'.*template.*wang2024"):
-        find_sources(rough((4, 4), 1.0, shown), shown, "li2012")
+    with pytest.raises(UsageError, match=r"'li2013'.*template.*wang2024"):
+        find_sources(rough((4, 4), 1.0, shown), shown, "li2013")
