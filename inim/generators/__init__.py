@@ -27,10 +27,12 @@ __all__ = [
     "GENERATORS",
     "HOLE",
     "NO_LENS",
+    "PICKUP",
     "Generator",
     "SourceGenerator",
     "Sources",
     "algorithm_names",
+    "algorithm_summary",
     "check_algorithm",
     "colour_of",
     "find_sources",
@@ -45,15 +47,34 @@ Prepare = Callable[..., Generator]
 # Loaded when used: numba takes half a second to import, and not every run needs it.
 GENERATORS: dict[str, str] = {
     "template": "inim.generators.template",
+    "li2012": "inim.generators.li2012",
+    "gu2020": "inim.generators.gu2020",
     "wang2024": "inim.generators.wang2024",
 }
 _ENTRY_POINTS = "inim.generators"
+#: Ray tracing the scene itself, which a validation can score beside the generators.
+PICKUP = "pickup"
 
 
 def algorithm_names() -> list[str]:
     """All generators there are: the project's own, then those other packages announce."""
     others = sorted({point.name for point in metadata.entry_points(group=_ENTRY_POINTS)})
-    return [*GENERATORS, *(name for name in others if name not in GENERATORS)]
+    return [*GENERATORS, *(n for n in others if n not in GENERATORS and n != PICKUP)]
+
+
+def algorithm_summary(name: str) -> tuple[str, str]:
+    """How to write a generator with all its options' defaults, and its docstring's first line.
+
+    Raises
+    ------
+    UsageError
+        Unknown, or cannot be loaded.
+    """
+    found = _find(name)
+    unsaid = (inspect.Parameter.empty, None)
+    defaults = ((p.name, "..." if p.default in unsaid else p.default) for p in _options(found))
+    written = ":".join([name, *(f"{key}={value}" for key, value in defaults)])
+    return written, (inspect.getdoc(found) or "").partition("\n")[0]
 
 
 def parse_algorithm(text: str) -> tuple[str, dict[str, str]]:
@@ -62,7 +83,7 @@ def parse_algorithm(text: str) -> tuple[str, dict[str, str]]:
     Raises
     ------
     UsageError
-        An option without a value.
+        An option without a value, or given twice.
     """
     name, *items = (part.strip() for part in text.split(":"))
     options: dict[str, str] = {}
@@ -70,6 +91,8 @@ def parse_algorithm(text: str) -> tuple[str, dict[str, str]]:
         key, equals, value = item.partition("=")
         if not (equals and key.strip() and value.strip()):
             raise UsageError(f"algorithm {text!r}: write options as name:key=value")
+        if key.strip() in options:
+            raise UsageError(f"algorithm {text!r}: option {key.strip()!r} is given twice; drop one")
         options[key.strip()] = value.strip()
     return name, options
 
@@ -92,6 +115,8 @@ def _find(name: str) -> Prepare:
     if name in GENERATORS:
         prepare_own: Prepare = import_module(GENERATORS[name]).prepare
         return prepare_own
+    if name == PICKUP:
+        raise UsageError(f"algorithm {name!r} needs the scene, not a picture: use `inim validate`")
     points = list(metadata.entry_points(group=_ENTRY_POINTS, name=name))
     if not points:
         raise UsageError(f"algorithm {name!r}: use {' or '.join(algorithm_names())}")
@@ -102,15 +127,22 @@ def _find(name: str) -> Prepare:
         )
     try:
         announced: Prepare = points[0].load()
-    except Exception as error:
+        _options(announced)
+    except (Exception, SystemExit) as error:
         raise UsageError(
-            f"algorithm {name!r} ({points[0].value}) cannot be loaded: {error}"
+            f"algorithm {name!r} ({points[0].value}) cannot be loaded: "
+            f"{type(error).__name__}: {error}"
         ) from error
     return announced
 
 
+def _options(prepare_one: Prepare) -> list[inspect.Parameter]:
+    """The parameters of a `prepare` after display, shape and pixel_mm."""
+    return list(inspect.signature(prepare_one).parameters.values())[3:]
+
+
 def _check_options(name: str, prepare_one: Prepare, options: dict[str, Any]) -> None:
-    known = list(inspect.signature(prepare_one).parameters.values())[3:]
+    known = _options(prepare_one)
     if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in known):
         return
     names = [p.name for p in known]

@@ -182,21 +182,33 @@ def _run(  # type: ignore[no-untyped-def]
     """All lens rows, shared among the threads."""
     for m in numba.prange(low.shape[0]):
         strip = np.empty(pixels * _STRIP, np.uint32)
-        for v in range(pixels):
-            for s in range(low.shape[1]):
-                start = max(min(s * _STRIP, lenses - _STRIP), 0)
-                base = m * row_stride + start
-                for u in range(pixels):
-                    near, far = _useful(
-                        exits, first[v * pixels + u], first[v * pixels + u + 1] - 1,
-                        low[m, s], high[m, s],
-                    )  # fmt: skip
-                    _apply(depth, payload, base, offset, exits, near, far, empty, strip, u)
-                place = ((m * pixels + v) * lenses + start) * pixels
-                _interleave(strip, pixels, min(_STRIP, lenses), out, place)
+        _run_row(
+            m, depth, payload, row_stride, first, offset, exits, pixels, lenses, low, high, empty,
+            strip, out,
+        )  # fmt: skip
 
 
+# A function of its own: inside the parallel loop's body the compiler gives up on vectors.
 @numba.njit(cache=True, nogil=True)
+def _run_row(  # type: ignore[no-untyped-def]
+    m, depth, payload, row_stride, first, offset, exits, pixels, lenses, low, high, empty, strip, out
+):
+    """One row of lenses, a panel row and a strip at a time."""
+    for v in range(pixels):
+        for s in range(low.shape[1]):
+            start = max(min(s * _STRIP, lenses - _STRIP), 0)
+            base = m * row_stride + start
+            for u in range(pixels):
+                direction = v * pixels + u
+                near, far = _useful(
+                    exits, first[direction], first[direction + 1] - 1, low[m, s], high[m, s]
+                )
+                _apply(depth, payload, base, offset, exits, near, far, empty, strip, u)
+            place = ((m * pixels + v) * lenses + start) * pixels
+            _interleave(strip, pixels, min(_STRIP, lenses), out, place)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
 def _useful(exits, near, far, low, high):  # type: ignore[no-untyped-def]
     """The entries that can decide: between the first that can hit and the first that must."""
     while near < far and exits[near] > high:
@@ -207,12 +219,12 @@ def _useful(exits, near, far, low, high):  # type: ignore[no-untyped-def]
     return near, must
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, inline="always")
 def _apply(depth, payload, base, offset, exits, near, far, empty, strip, u):  # type: ignore[no-untyped-def]
     """Apply entries far..near of one direction to a strip of lenses, four at a time.
 
-    In a group that is not full the nearest entry is applied again, which changes nothing. Loads
-    are unconditional: every address lies within the phases.
+    In a group that is not full the nearest entry is applied again, which changes nothing. Every
+    load is unconditional, and lies within the phases: a conditional one would not become a vector.
     """
     at = np.uintp(u * _STRIP)
     for n in range(_LANES):
@@ -220,20 +232,31 @@ def _apply(depth, payload, base, offset, exits, near, far, empty, strip, u):  # 
     k = far
     while k >= near:
         k1, k2, k3 = max(k - 1, near), max(k - 2, near), max(k - 3, near)
-        a0, a1 = np.uintp(base + offset[k]), np.uintp(base + offset[k1])
-        a2, a3 = np.uintp(base + offset[k2]), np.uintp(base + offset[k3])
-        z0, z1, z2, z3 = exits[k], exits[k1], exits[k2], exits[k3]
-        for n in range(_LANES):
-            d0, d1, d2, d3 = depth[a0 + n], depth[a1 + n], depth[a2 + n], depth[a3 + n]
-            p0, p1, p2, p3 = payload[a0 + n], payload[a1 + n], payload[a2 + n], payload[a3 + n]
-            shown = p0 if d0 >= z0 else strip[at + n]
-            shown = p1 if d1 >= z1 else shown
-            shown = p2 if d2 >= z2 else shown
-            strip[at + n] = p3 if d3 >= z3 else shown
+        _overwrite(
+            depth, payload, strip, at,
+            np.uintp(base + offset[k]), np.uintp(base + offset[k1]),
+            np.uintp(base + offset[k2]), np.uintp(base + offset[k3]),
+            exits[k], exits[k1], exits[k2], exits[k3],
+        )  # fmt: skip
         k -= 4
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, inline="always")
+def _overwrite(depth, payload, strip, at, a0, a1, a2, a3, z0, z1, z2, z3):  # type: ignore[no-untyped-def]
+    """Four entries, the farthest first, over a strip."""
+    for n in range(_LANES):
+        shown = strip[at + n]
+        reached, candidate = depth[a0 + n], payload[a0 + n]
+        shown = candidate if reached >= z0 else shown
+        reached, candidate = depth[a1 + n], payload[a1 + n]
+        shown = candidate if reached >= z1 else shown
+        reached, candidate = depth[a2 + n], payload[a2 + n]
+        shown = candidate if reached >= z2 else shown
+        reached, candidate = depth[a3 + n], payload[a3 + n]
+        strip[at + n] = candidate if reached >= z3 else shown
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
 def _interleave(strip, pixels, lanes, out, place):  # type: ignore[no-untyped-def]
     """Write a strip, one run of lenses per pixel column, as the panel's row."""
     at, width = np.uintp(place), np.uintp(pixels)

@@ -21,14 +21,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from inim.display import Display
+from inim.display import Display, PixelAxis
 from inim.errors import UsageError
 from inim.generators.base import PictureShape, SourceGenerator, check_out
-from inim.generators.cells import cell_rays
+from inim.generators.cells import CellRays, cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
 from inim.generators.polyphase import Phases, index_payload, run_templates
 from inim.generators.sources import HOLE, NOT_ASKED, Sources
-from inim.generators.traversal import first_hits, first_hits_at
+from inim.generators.traversal import first_hits, first_hits_at, starts
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
@@ -125,17 +125,38 @@ class _RayByRay(SourceGenerator):
         self._rays = (
             *(columns.start, columns.slope, columns.scale),
             *(rows.start, rows.slope, rows.scale),
-            *display.depth_range_mm,
+        )
+        self._reach = (
+            *_reach(columns, display.columns, display),
+            *_reach(rows, display.rows, display),
         )
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
         # An uncovered cell is a column without height: it never reaches a ray.
         depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
-        if self._asked is None:
-            found = np.empty(self.display.eia_shape, np.int32)
-            first_hits(depth, *self._rays, found)
-        else:
+        z_min, z_max = self.display.depth_range_mm
+        if self._asked is not None:
             found = np.full(self.display.eia_shape, NOT_ASKED, np.int32)
-            first_hits_at(self._asked, depth, *self._rays, found)
+            first_hits_at(self._asked, depth, self._rays, z_min, z_max, found)
+            return found
+        found = np.empty(self.display.eia_shape, np.int32)
+        lens_u, lens_v = (axis.lens for axis in (self.display.columns, self.display.rows))
+        start = starts(depth, *self._reach, z_max)
+        first_hits(depth, self._rays, lens_u, lens_v, start, z_min, found)
         return found
+
+
+def _reach(rays: CellRays, pixels: PixelAxis, display: Display) -> tuple[np.ndarray, np.ndarray]:
+    """First cell and one past the last that any ray of each lens can visit, along one axis."""
+    ends = np.array(display.depth_range_mm)
+    at = (rays.start + rays.slope * ends[:, None]) / rays.scale
+    low, high = np.floor(at.min(axis=0)) - 1, np.floor(at.max(axis=0)) + 2  # a cell for rounding
+    lenses = int(pixels.lens.max()) + 1
+    first, last = np.full(lenses, np.inf), np.full(lenses, -np.inf)
+    lensed = pixels.lens >= 0
+    np.minimum.at(first, pixels.lens[lensed], low[lensed])
+    np.maximum.at(last, pixels.lens[lensed], high[lensed])
+    bare = first > last  # a lens over no pixel of this panel
+    first[bare], last[bare] = 0, 0
+    return first.astype(np.int64), last.astype(np.int64)

@@ -11,7 +11,7 @@ z_len x z_len matrix is searched although the ray only crosses its diagonal, wit
 the row alone (a match may lie off the ray); and the best match wins wherever it is on the ray
 (occlusion plays no part).
 
-Where the print cannot be followed (see `_steps` and `sources`):
+Where the print cannot be followed (see `_steps` and `_match`):
 
 * Eq. 6 rounds up, so the last sample may lie up to one step beyond z_max.
 * Eq. 5 divides by |x0 - x|, which is zero under the lens centre: one entry, z_len = 1, at the
@@ -19,38 +19,88 @@ Where the print cannot be followed (see `_steps` and `sources`):
   neither axis skips a pixel.
 * The paper's picture has no background. Here uncovered pixels match nothing, and a best match
   farther from its surface than one step is no match: a hole.
+
+Option ``matching="ray"`` searches the diagonal only, where the row sample and the column sample
+are of the same depth and the entry is on the ray. Nothing else changes: still the best match wins,
+not the first hit.
 """
 
 from __future__ import annotations
 
+import math
+
 import numba
 import numpy as np
+from numba.extending import register_jitable
 
 from inim.display import Display
 from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.cells import cell_rays
+from inim.generators.options import one_of
+from inim.generators.plain import IMPLEMENTATIONS, run
 from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
 
+_MATCHINGS = ("matrix", "ray")
 
-def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
-    """A generator by local depth template matching; see the module's text."""
-    return _Wang2024(display, shape, pixel_mm)
+
+def prepare(
+    display: Display,
+    shape: PictureShape,
+    pixel_mm: float,
+    matching: str = "matrix",
+    implementation: str = "compiled",
+) -> SourceGenerator:
+    """A generator by local depth template matching; see the module's text.
+
+    Parameters
+    ----------
+    display, shape, pixel_mm :
+        See `inim.generators.prepare`.
+    matching : {"matrix", "ray"}
+        Search the whole matrix, as printed, or only the entries on the ray.
+    implementation : {"compiled", "python"}
+        The same result, by numba on all threads or by plain Python on one.
+
+    Raises
+    ------
+    UsageError
+        An option of another value.
+    """
+    along_ray = one_of("matching", matching, _MATCHINGS) == "ray"
+    chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
+    return _Wang2024(display, shape, pixel_mm, along_ray, chosen)
 
 
 class _Wang2024(SourceGenerator):
+    def __init__(
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        along_ray: bool,
+        implementation: str,
+    ) -> None:
+        super().__init__(display, shape, pixel_mm)
+        self._along_ray = along_ray
+        self._implementation = implementation
+
     def find(self, rgbd: RGBD) -> Sources:
         column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display)
         z_min, z_max = self.display.depth_range_mm
         single = self.display.central_depth_mm
         if not z_min <= single <= z_max:
             single = (z_min + z_max) / 2
-        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(np.inf))
-        found = np.empty(self.display.eia_shape, np.int32)
-        _match_all(
-            depth,
+        depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), np.inf)
+        return run(
+            _match_all,
+            self._implementation,
+            self.display.eia_shape,
+            HOLE,
+            depth.ravel(),
+            *self.shape,
             column_rays.start / column_rays.scale,
             column_rays.slope / column_rays.scale,
             row_rays.start / row_rays.scale,
@@ -58,48 +108,51 @@ class _Wang2024(SourceGenerator):
             z_min,
             z_max,
             single,
-            found,
+            self._along_ray,
         )
-        return found
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _match_all(  # type: ignore[no-untyped-def]
+    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, along_ray, found
+):
+    """Match every panel pixel; u and v are column and row coordinates in picture pixels."""
+    for i in numba.prange(len(v0)):
+        for j in range(len(u0)):
+            step, z_len = _steps(du[j], dv[i], z_min, z_max)
+            start = single if z_len == 1 else z_min
+            found[i * len(u0) + j] = _match(
+                depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len, along_ray
+            )
+
+
+@register_jitable
 def _steps(du, dv, z_min, z_max):  # type: ignore[no-untyped-def]
     """Depth step of Eq. 5, one picture pixel of sideways travel, and z_len of Eq. 6."""
     travel = max(abs(du), abs(dv))
     if travel * (z_max - z_min) < 1.0:
         return z_max - z_min, 1
     step = 1.0 / travel
-    return step, int(np.ceil((z_max - z_min) / step)) + 1
+    return step, math.ceil((z_max - z_min) / step) + 1
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
-def _match_all(depth, u_lens, du, v_lens, dv, z_min, z_max, single, found):  # type: ignore[no-untyped-def]
-    """Match every panel pixel; u and v are column and row coordinates in picture pixels."""
-    for row in numba.prange(found.shape[0]):
-        for column in range(found.shape[1]):
-            step, z_len = _steps(du[column], dv[row], z_min, z_max)
-            start = single if z_len == 1 else z_min
-            found[row, column] = _match(
-                depth, u_lens[column], du[column], v_lens[row], dv[row], start, step, z_len
-            )
-
-
-@numba.njit(cache=True, nogil=True)
-def _match(depth, u0, du, v0, dv, start, step, z_len):  # type: ignore[no-untyped-def]
+@register_jitable
+def _match(  # type: ignore[no-untyped-def]
+    depth, rows, columns, u0, du, v0, dv, start, step, z_len, along_ray
+):
     """Eq. 7 to 10: the entry of the z_len x z_len matrix nearest to its template depth."""
-    rows, columns = depth.shape
     best, source = step, HOLE
     for i in range(z_len):
         z = start + i * step
-        v = int(np.floor(v0 + dv * z))
+        v = math.floor(v0 + dv * z)
         if v < 0 or v >= rows:
             continue
-        for j in range(z_len):
-            u = int(np.floor(u0 + du * (start + j * step)))
+        first, end = (i, i + 1) if along_ray else (0, z_len)
+        for j in range(first, end):
+            u = math.floor(u0 + du * (start + j * step))
             if u < 0 or u >= columns:
                 continue
-            mismatch = abs(depth[v, u] - z)
+            mismatch = abs(depth[v * columns + u] - z)
             if mismatch < best:
                 best, source = mismatch, v * columns + u
     return source

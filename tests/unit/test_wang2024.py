@@ -52,7 +52,7 @@ def two_squares(shown: Display, cell_mm: float = 0.2371) -> RGBD:
 
 
 def entries(
-    rgbd: RGBD, shown: Display, row: int, column: int
+    rgbd: RGBD, shown: Display, row: int, column: int, along_ray: bool = False
 ) -> tuple[float, list[tuple[float, int]]]:
     """Eq. 5 to 10 for one panel pixel, read off the text: the step, and each entry's mismatch."""
     g, cell = shown.gap_mm, rgbd.pixel_mm
@@ -74,7 +74,7 @@ def entries(
     found = []
     for z in depths:
         r = math.floor(high / 2 - (y0 + dy / g * z) / cell)
-        for across in depths:
+        for across in [z] if along_ray else depths:
             c = math.floor(wide / 2 + (x0 + dx / g * across) / cell)
             if 0 <= r < high and 0 <= c < wide and rgbd.covered[r, c]:
                 found.append((abs(float(rgbd.depth_mm[r, c]) - z), r * wide + c))
@@ -86,15 +86,16 @@ def entries(
 )
 @pytest.mark.parametrize("pixels", [3, 4, 5])
 @pytest.mark.parametrize("shape", [(14, 17), (23, 20)])
-def test_best_entry_of_the_whole_matrix_wins(
-    gap: dict[str, float], pixels: int, shape: tuple[int, int]
+@pytest.mark.parametrize("matching", ["matrix", "ray"])
+def test_best_entry_of_the_whole_matrix_or_of_the_ray_wins(
+    gap: dict[str, float], pixels: int, shape: tuple[int, int], matching: str
 ) -> None:
     shown = display(pixel_pitch_mm=1 / pixels, **gap)
     rgbd = rough(shape, 0.2717, shown, seed=pixels)
-    sources = find_sources(rgbd, shown, "wang2024")
+    sources = find_sources(rgbd, shown, "wang2024", matching=matching)
     seen = holes = 0
     for row, column in np.ndindex(sources.shape):
-        step, found = entries(rgbd, shown, row, column)
+        step, found = entries(rgbd, shown, row, column, matching == "ray")
         best = min((mismatch for mismatch, _ in found), default=math.inf)
         if best >= step:
             assert sources[row, column] == HOLE
@@ -193,3 +194,23 @@ def test_farther_surface_can_win_because_occlusion_plays_no_part() -> None:
     exact, printed = (find_sources(rgbd, shown, name) for name in ("template", "wang2024"))
     behind = near.ravel()[np.maximum(exact, 0)] & (exact >= 0) & (printed >= 0)
     assert (~near.ravel()[printed[behind]]).any()
+
+
+def test_the_whole_matrix_is_searched_unless_asked_otherwise() -> None:
+    shown = display()
+    rgbd = rough((20, 24), 0.2717, shown)
+    as_printed = find_sources(rgbd, shown, "wang2024")
+    assert np.array_equal(find_sources(rgbd, shown, "wang2024:matching=matrix"), as_printed)
+    assert not np.array_equal(find_sources(rgbd, shown, "wang2024:matching=ray"), as_printed)
+
+
+def test_along_the_ray_fewer_pixels_come_from_the_wrong_cell_than_from_the_whole_matrix() -> None:
+    shown = Display(**{**DISPLAYS["nominal"].given(), "lens_columns": 7, "lens_rows": 6})
+    rgbd = two_squares(shown)
+    right = oracle.float_sources(rgbd, shown)
+    seen = right >= 0
+    share = {
+        matching: np.mean((find_sources(rgbd, shown, "wang2024", matching=matching) != right)[seen])
+        for matching in ("matrix", "ray")
+    }
+    assert 0 < share["ray"] < 0.7 * share["matrix"]
