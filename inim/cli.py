@@ -8,6 +8,7 @@ import json
 import os
 import signal
 import sys
+import traceback
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -59,6 +60,8 @@ def main(argv: list[str] | None = None) -> int:
     try:
         return int(args.run(args))
     except InimError as error:
+        if getattr(args, "debug", False) and error.__cause__:
+            traceback.print_exception(error.__cause__)
         print(f"inim: error: {_one_line(str(error))}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
@@ -91,7 +94,10 @@ def _parser() -> argparse.ArgumentParser:
     commands: Commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_validate(commands)
     _add_new_scene(commands)
+    _add_bench(commands)
     _add_backend_commands(commands)
+    algorithms = commands.add_parser("algorithms", help="list the algorithms and their options")
+    algorithms.set_defaults(run=_algorithms)
     settings = commands.add_parser("settings", help="list the inim.* settings of scene files")
     settings.set_defaults(run=_settings)
     return parser
@@ -119,7 +125,19 @@ def _add_validate(commands: Commands) -> None:
         help="override an inim.* setting or a scene parameter; may be repeated",
     )
     parser.add_argument("--display", help="display preset: nominal or phone")
-    parser.add_argument("--algorithms", help="generators, separated by commas")
+    parser.add_argument(
+        "--algorithms",
+        help="algorithms with options, separated by commas; see `inim algorithms`; "
+        "'none' to score finished EIAs only",
+    )
+    parser.add_argument(
+        "--eia",
+        dest="eias",
+        action="append",
+        default=[],
+        metavar="NAME=FILE",
+        help="score a finished EIA, .png (sRGB) or .exr (linear), too; may be repeated",
+    )
     parser.add_argument("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
     parser.add_argument("--lens-model", help="lens model: thick or pinhole")
     parser.add_argument("--backend", default="auto", choices=("auto", "llvm", "cuda"))
@@ -135,7 +153,8 @@ def _validate(args: argparse.Namespace) -> int:
 
     # An asked-for end takes the worker and its half-written files along, as Ctrl-C does.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    for word in (str(args.scene), str(args.out), *args.definitions, str(args.viewpoints)):
+    texts = (args.scene, args.out, *args.definitions, args.algorithms, *args.eias, args.viewpoints)
+    for word in map(str, texts):
         if not word.isascii() and any("\ud800" <= c <= "\udfff" for c in word):
             raise UsageError(
                 f"{word!a}: is no text in this locale ({sys.getfilesystemencoding()}); "
@@ -149,6 +168,7 @@ def _validate(args: argparse.Namespace) -> int:
         algorithms=args.algorithms,
         viewpoints=args.viewpoints,
         lens_model=args.lens_model,
+        eias=tuple(args.eias),
         backend=args.backend,
     )
     passed = run_in_worker(request, quiet=args.quiet, debug=args.debug)
@@ -167,6 +187,19 @@ def _add_new_scene(commands: Commands) -> None:
     parser = commands.add_parser("new-scene", help="write a lit, fitted scene for a mesh")
     new_scene.add_arguments(parser)
     parser.set_defaults(run=new_scene.run)
+
+
+def _add_bench(commands: Commands) -> None:
+    from inim.jobs.bench import command
+
+    parser = commands.add_parser(
+        "bench",
+        help="time the algorithms against their error, in yardsticks",
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.add_arguments(parser)
+    parser.set_defaults(run=command.run)
 
 
 def _add_backend_commands(commands: Commands) -> None:
@@ -188,6 +221,13 @@ def _install_llvm(_: argparse.Namespace) -> int:
     from inim.install_llvm import install_llvm
 
     install_llvm()
+    return EXIT_PASSED
+
+
+def _algorithms(_: argparse.Namespace) -> int:
+    from inim.jobs.contenders import algorithm_table
+
+    print(algorithm_table())
     return EXIT_PASSED
 
 

@@ -61,7 +61,7 @@ class Settings:
         0.85, "share of the array the relic may fill, 0..1", low=1e-6, high=1
     )
     lens_model: str = _setting("thick", "lens model of the reconstruction: pinhole or thick")
-    algorithms: str = _setting("wang2024,template", "generators to score, separated by commas")
+    algorithms: str = _setting("wang2024,template", "algorithms to score, separated by commas")
     viewpoints: str = _setting(
         "centre,left,right,up,down", "named ones, or 'name=x y [z]' in mm, separated by commas"
     )

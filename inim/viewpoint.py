@@ -9,7 +9,13 @@ from dataclasses import dataclass
 from inim.display import Display
 from inim.errors import ViewpointError
 
-__all__ = ["DEFAULT_VIEWPOINTS", "Viewpoint", "check_viewpoint", "parse_viewpoints"]
+__all__ = [
+    "DEFAULT_VIEWPOINTS",
+    "Viewpoint",
+    "check_viewpoint",
+    "is_file_safe",
+    "parse_viewpoints",
+]
 
 #: Direction of each named viewpoint, in shares of the side step below.
 DEFAULT_VIEWPOINTS = {
@@ -44,7 +50,7 @@ class Viewpoint:
     z_mm: float
 
     def __post_init__(self) -> None:
-        if not _NAME.fullmatch(self.name) or self.name.startswith("."):
+        if not is_file_safe(self.name):
             raise ViewpointError(
                 f"viewpoint name {self.name!r}: use 1 to 64 letters, digits or . _ + -"
             )
@@ -58,6 +64,11 @@ class Viewpoint:
     def position_mm(self) -> tuple[float, float, float]:
         """(x, y, z) in the display frame."""
         return self.x_mm, self.y_mm, self.z_mm
+
+
+def is_file_safe(name: str) -> bool:
+    """Whether a name can be that of a file: 1 to 64 letters, digits or ``. _ + -``."""
+    return bool(_NAME.fullmatch(name)) and not name.startswith(".")
 
 
 def check_viewpoint(viewpoint: Viewpoint, display: Display) -> None:

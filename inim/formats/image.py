@@ -16,7 +16,9 @@ from inim.version import __version__
 
 __all__ = [
     "check_exr",
+    "exr_size",
     "read_exr",
+    "read_exr_channels",
     "read_rgbd",
     "write_atomically",
     "write_exr",
@@ -121,6 +123,34 @@ def read_exr(path: Path) -> np.ndarray:
     return np.stack([channels[name] for name in "RGB"], axis=-1)
 
 
+def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
+    """Read all channels of an EXR's first part, (H, W) float32 each where not subsampled.
+
+    Raises
+    ------
+    FileError
+        Missing, damaged or too large.
+    """
+    return _read_parts(path)[0][0]
+
+
+def exr_size(path: Path) -> tuple[int, int]:
+    """Columns and rows of an EXR's first part, from its header alone.
+
+    Raises
+    ------
+    FileError
+        Missing or damaged.
+    """
+    import OpenEXR
+
+    try:
+        return _size(OpenEXR.File(str(path), header_only=True).parts[0].header)
+    except Exception as error:
+        cause = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise FileError(f"{path}: not a readable EXR ({cause})") from error
+
+
 def check_exr(path: Path) -> None:
     """Raise `FileError` unless the EXR decodes whole; for files that others will read."""
     _read_parts(path)
@@ -181,7 +211,11 @@ def _read_parts(path: Path) -> list[tuple[dict[str, np.ndarray], dict[str, Any]]
 
 
 def _check_size(path: Path, header: Mapping[str, Any]) -> None:
-    low, high = header["dataWindow"]
-    columns, rows = (int(high[i]) - int(low[i]) + 1 for i in (0, 1))
+    columns, rows = _size(header)
     if columns < 1 or rows < 1 or columns * rows > _MOST_PIXELS:
         raise FileError(f"{path}: declares {columns} x {rows} pixels; refused as damaged")
+
+
+def _size(header: Mapping[str, Any]) -> tuple[int, int]:
+    low, high = header["dataWindow"]
+    return int(high[0]) - int(low[0]) + 1, int(high[1]) - int(low[1]) + 1

@@ -191,7 +191,20 @@ def _run(  # type: ignore[no-untyped-def]
 # A function of its own: inside the parallel loop's body the compiler gives up on vectors.
 @numba.njit(cache=True, nogil=True)
 def _run_row(  # type: ignore[no-untyped-def]
-    m, depth, payload, row_stride, first, offset, exits, pixels, lenses, low, high, empty, strip, out
+    m,
+    depth,
+    payload,
+    row_stride,
+    first,
+    offset,
+    exits,
+    pixels,
+    lenses,
+    low,
+    high,
+    empty,
+    strip,
+    out,
 ):
     """One row of lenses, a panel row and a strip at a time."""
     for v in range(pixels):

@@ -37,10 +37,10 @@ def open_staging(out: Path) -> Path:
         ) from None
 
 
-def publish(staging: Path, out: Path) -> None:
+def publish(staging: Path, out: Path, marker: str = _MARKER) -> None:
     """Move a finished result into `out`, replacing what an earlier run put there.
 
-    Files of other origin in `out` are left alone. The report's JSON goes last and its
+    Files of other origin in `out` are left alone. The report's JSON, `marker`, goes last and its
     predecessor is removed first, so that a killed run never leaves a report of mixed origin.
 
     Raises
@@ -60,11 +60,11 @@ def publish(staging: Path, out: Path) -> None:
             if blocked or (out / name).is_dir():
                 path = blocked[0] if blocked else out / name
                 raise FileError(f"{path}: is in the way of the report; choose another -o")
-        earlier = _files_of_earlier_run(out)
-        (out / _MARKER).unlink(missing_ok=True)
+        earlier = _files_of_earlier_run(out, marker)
+        (out / marker).unlink(missing_ok=True)
         for stale in earlier - {str(f) for f in files}:
             (out / stale).unlink(missing_ok=True)
-        for name in sorted(files, key=lambda f: (str(f) == _MARKER, str(f))):
+        for name in sorted(files, key=lambda f: (str(f) == marker, str(f))):
             (out / name).parent.mkdir(parents=True, exist_ok=True)
             (staging / name).replace(out / name)
         shutil.rmtree(staging, ignore_errors=True)
@@ -72,10 +72,10 @@ def publish(staging: Path, out: Path) -> None:
         raise FileError(f"{out}: cannot be written ({error.strerror})") from None
 
 
-def _files_of_earlier_run(out: Path) -> set[str]:
+def _files_of_earlier_run(out: Path, marker: str) -> set[str]:
     """Files that the report in `out` lists as its own, and that lie inside `out`."""
     try:
-        listed = json.loads((out / _MARKER).read_text(encoding="utf-8"))["files"]
+        listed = json.loads((out / marker).read_text(encoding="utf-8"))["files"]
         names = {str(name) for name in listed}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return set()

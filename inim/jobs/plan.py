@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from inim.display import Display
-from inim.errors import OutOfMemoryError, SceneError, UsageError
-from inim.generators import check_algorithm
+from inim.errors import OutOfMemoryError, SceneError
+from inim.jobs.contenders import Contender, parse_contenders
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW
 from inim.scene_file import SceneFile, parse_definitions, read_scene_file
@@ -39,6 +39,8 @@ class Request:
         `key=value` overrides, as after -D.
     display, algorithms, viewpoints, lens_model : str, optional
         Shorthands for the `inim.*` settings of those names.
+    eias : tuple of str
+        Finished EIAs to score beside the algorithms, as `NAME=FILE`.
     backend : {"auto", "llvm", "cuda"}
     """
 
@@ -49,6 +51,7 @@ class Request:
     algorithms: str | None = None
     viewpoints: str | None = None
     lens_model: str | None = None
+    eias: tuple[str, ...] = ()
     backend: str = "auto"
 
     def command(self) -> list[str]:
@@ -60,6 +63,8 @@ class Request:
             value = getattr(self, name)
             if value is not None:
                 words += [f"--{name.replace('_', '-')}", value]
+        for item in self.eias:
+            words += ["--eia", item]
         if self.backend != "auto":
             words += ["--backend", self.backend]
         return words
@@ -76,9 +81,10 @@ class Plan:
     settings : Settings
     display : Display
     viewpoints : tuple of Viewpoint
-    algorithms : tuple of str
+    contenders : tuple of Contender
+        Whose EIAs are scored, in the report's order.
     ssim_limits : dict of str to float
-        Least SSIM to the ceiling, by algorithm.
+        Least SSIM to the ceiling, by contender.
     """
 
     request: Request
@@ -86,7 +92,7 @@ class Plan:
     settings: Settings
     display: Display
     viewpoints: tuple[Viewpoint, ...]
-    algorithms: tuple[str, ...]
+    contenders: tuple[Contender, ...]
     ssim_limits: dict[str, float]
 
 
@@ -107,22 +113,13 @@ def make_plan(request: Request) -> Plan:
     display = settings.make_display(source)
     check_lens_model(settings.lens_model, display)
     viewpoints = parse_viewpoints(settings.viewpoints, display, settings.viewing_distance_mm)
-    algorithms = _algorithms(settings.algorithms)
-    limits = settings.ssim_limits(algorithms, source)
+    contenders = parse_contenders(settings.algorithms, request.eias)
+    limits = settings.ssim_limits(tuple(c.name for c in contenders), source)
     _check_sizes(display, settings, source)
-    _check_memory(display, settings, len(viewpoints), len(algorithms))
-    return Plan(request, file, settings, display, viewpoints, algorithms, limits)
-
-
-def _algorithms(text: str) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in text.split(",") if name.strip())
-    if not names:
-        raise UsageError("algorithms: none given; name at least one, such as 'template'")
-    for name in names:
-        check_algorithm(name)
-        if names.count(name) > 1:
-            raise UsageError(f"algorithm {name!r} is given twice; drop one")
-    return names
+    _check_memory(display, settings, len(viewpoints), len(contenders))
+    for contender in contenders:
+        contender.check(display)
+    return Plan(request, file, settings, display, viewpoints, contenders, limits)
 
 
 def _check_sizes(display: Display, settings: Settings, source: str) -> None:
@@ -143,7 +140,7 @@ def _view_shape(display: Display, pixels_per_lens: int) -> tuple[int, int]:
     return display.lens_rows * pixels_per_lens, display.lens_columns * pixels_per_lens
 
 
-def _check_memory(display: Display, settings: Settings, views: int, algorithms: int) -> None:
+def _check_memory(display: Display, settings: Settings, views: int, contenders: int) -> None:
     """Refuse what cannot fit before it takes the machine down: running out is a native death."""
     from inim.backend import memory_limit_bytes
 
@@ -155,7 +152,7 @@ def _check_memory(display: Display, settings: Settings, views: int, algorithms: 
         ),
         "lower inim.view_pixels_per_lens": (
             _view_shape(display, settings.view_pixels_per_lens),
-            _VIEW_BYTES + views * (3 + algorithms) * _KEPT_BYTES,
+            _VIEW_BYTES + views * (3 + contenders) * _KEPT_BYTES,
         ),
     }
     needs = {key: shape[0] * shape[1] * each for key, (shape, each) in pictures.items()}

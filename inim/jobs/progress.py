@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from inim.jobs.validate import Listener
+from inim.jobs.listener import Listener
 
 __all__ = ["ConsoleListener"]
 

@@ -17,7 +17,9 @@ import signal
 import subprocess
 import sys
 import threading
+import traceback
 import warnings
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -28,7 +30,10 @@ from inim.errors import InimError, OutOfMemoryError, WorkerError
 from inim.jobs.output import open_staging
 from inim.jobs.plan import Request, make_plan
 
-__all__ = ["run_in_worker", "work"]
+__all__ = ["outcome_of", "run_in_worker", "serve", "supervise", "work"]
+
+#: What a worker does with its job and a listener: publish, and say whether every check passed.
+CarryOut = Callable[[dict[str, Any], Any], bool]
 
 # A worker that died while holding this share of the memory died of it.
 _MEMORY_SHARE = 0.8
@@ -67,9 +72,14 @@ def run_in_worker(request: Request, *, quiet: bool = True, debug: bool = False) 
         outcome = _spawn(request, staging, backend, quiet=quiet, debug=debug)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
-    if "error" in outcome:
-        raise _ERRORS.get(outcome["error"], InimError)(outcome["message"])
-    return bool(outcome["passed"])
+    return outcome_of(outcome)
+
+
+def outcome_of(said: dict[str, Any]) -> bool:
+    """Whether the worker's last words were that all is well; raises the error if they were one."""
+    if "error" in said:
+        raise _ERRORS.get(said["error"], InimError)(said["message"])
+    return bool(said["passed"])
 
 
 def _spawn(
@@ -82,9 +92,20 @@ def _spawn(
         "quiet": quiet,
         "debug": debug,
     }
+    return supervise("inim.jobs.worker", job, backend)
+
+
+def supervise(module: str, job: dict[str, Any], backend: Any) -> dict[str, Any]:
+    """Run `python -m module` on a job, which it hands to `serve`; what it said last.
+
+    Raises
+    ------
+    InimError
+        Made from how it died, where it could not say.
+    """
     read_end, write_end = os.pipe()
     process = subprocess.Popen(
-        [sys.executable, "-m", "inim.jobs.worker", json.dumps(job), str(write_end)],
+        [sys.executable, "-m", module, json.dumps(job), str(write_end)],
         env={**os.environ, **backends.environment(backend)},
         stdin=subprocess.PIPE,  # nothing is sent: it closes when this process ends, however
         pass_fds=(write_end,),
@@ -127,15 +148,10 @@ def _death(code: int, stage: str, memory_limit: int) -> InimError:
     )
 
 
-def work(job: dict[str, Any], channel: Any) -> None:
-    """The worker's side: carry out the request, saying stages and the outcome on the channel."""
+def work(job: dict[str, Any], listener: Any) -> bool:
+    """The worker's side: carry out the request and publish; whether every check passed."""
     from inim.jobs.output import publish
-    from inim.jobs.progress import ConsoleListener
     from inim.jobs.validate import run
-
-    def say(message: dict[str, Any]) -> None:
-        channel.write(json.dumps(message) + "\n")
-        channel.flush()
 
     raw = job["request"]
     request = Request(
@@ -144,14 +160,29 @@ def work(job: dict[str, Any], channel: Any) -> None:
             "scene": Path(raw["scene"]),
             "out": Path(raw["out"]),
             "definitions": tuple(raw["definitions"]),
+            "eias": tuple(raw["eias"]),
         }
     )
+    report = run(make_plan(request), Path(job["staging"]), listener)
+    publish(Path(job["staging"]), request.out)
+    return report.passed
+
+
+def answer(job: dict[str, Any], channel: Any, carry_out: CarryOut) -> None:
+    """Carry out a job, saying stages and the outcome on the channel."""
+    from inim.jobs.progress import ConsoleListener
+
+    def say(message: dict[str, Any]) -> None:
+        channel.write(json.dumps(message) + "\n")
+        channel.flush()
+
     try:
         with ConsoleListener(job["quiet"], lambda stage: say({"stage": stage})) as listener:
-            report = run(make_plan(request), Path(job["staging"]), listener)
-        publish(Path(job["staging"]), request.out)
-        say({"passed": report.passed})
+            passed = carry_out(job, listener)
+        say({"passed": passed})
     except InimError as error:
+        if job["debug"] and error.__cause__:
+            traceback.print_exception(error.__cause__)
         say({"error": type(error).__name__, "message": str(error)})
     except MemoryError:
         say({"error": "OutOfMemoryError", "message": "out of memory; use fewer pixels or samples"})
@@ -208,7 +239,8 @@ def _end_with_parent(staging: str) -> None:
     os._exit(1)
 
 
-def _main(job: dict[str, Any], channel: int) -> None:
+def serve(job: dict[str, Any], channel: int, carry_out: CarryOut) -> None:
+    """A worker's whole life: `carry_out` the job under a listener, in silence but for results."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to both; the parent acts
     threading.Thread(target=_end_with_parent, args=(job["staging"],), daemon=True).start()
     sys.stdout = _Patient(sys.stdout)
@@ -221,8 +253,8 @@ def _main(job: dict[str, Any], channel: int) -> None:
         os.dup2(silence, 2)
         os.close(silence)
     with os.fdopen(channel, "w", encoding="utf-8") as outcome_channel:
-        work(job, outcome_channel)
+        answer(job, outcome_channel, carry_out)
 
 
 if __name__ == "__main__":
-    _main(json.loads(sys.argv[1]), int(sys.argv[2]))
+    serve(json.loads(sys.argv[1]), int(sys.argv[2]), work)

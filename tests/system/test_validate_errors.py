@@ -90,7 +90,7 @@ SETTINGS = [
     (f"inim.lens_columns={'9' * 400}", "inim.lens_columns = '999"),
     ("inim.display=tv", "nominal or phone"),
     ("inim.lens_model=thin", "pinhole or thick"),
-    ("inim.algorithms=foo", "algorithm 'foo': use template or wang2024"),
+    ("inim.algorithms=foo", "algorithm 'foo': use template or "),
     ("inim.algorithms=,", "name at least one"),
     ("inim.algorithms=template,template", "algorithm 'template' is given twice"),
     ("inim.fit_share=0", "inim.fit_share = 0: must be at least"),

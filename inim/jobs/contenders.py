@@ -1,0 +1,288 @@
+"""Contenders: whatever yields an EIA to be scored.
+
+| kind           | what                                        | asked for with                 |
+| -------------- | ------------------------------------------- | ------------------------------ |
+| `Generated`    | a generator's, from the RGB-D picture       | ``--algorithms template``      |
+| `Pickup`       | ray traced from the scene, where one has it | ``--algorithms pickup:spp=16`` |
+| `FinishedFile` | a file's, made by any program               | ``--eia mine=mine.png``        |
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from inim.display import Display
+from inim.errors import UsageError
+from inim.formats.eia_file import read_eia
+from inim.generators import (
+    PICKUP,
+    algorithm_names,
+    algorithm_summary,
+    check_algorithm,
+    parse_algorithm,
+    prepare,
+)
+from inim.jobs.foreign import blamed, run_generator
+from inim.viewpoint import is_file_safe
+
+if TYPE_CHECKING:
+    from inim.jobs.ledger import Ledger
+    from inim.jobs.plan import Plan
+    from inim.jobs.truth import GroundTruth
+
+__all__ = ["Contender", "Entry", "algorithm_table", "parse_contenders"]
+
+#: In place of algorithms, where only finished EIAs are to be scored.
+_NONE = "none"
+# The ceiling's views lie beside the contenders'.
+_TAKEN = ("ceiling", _NONE)
+# An algorithm's name with its options also names files.
+_LABEL = re.compile(r"[\w+-][\w.+:=-]{0,99}")
+# More samples than this per pixel is a slip of the keyboard.
+_MOST_SAMPLES = 2**20
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What a contender yields.
+
+    Attributes
+    ----------
+    eia : (rows, columns, 3) float32
+        Linear RGB; it may hold values that are not finite.
+    seconds : float or None
+        What it took; None where nobody measured it.
+    hole_fraction : float or None
+        Share of the lensed panel pixels that show nothing; None where it cannot be told.
+    """
+
+    eia: np.ndarray
+    seconds: float | None = None
+    hole_fraction: float | None = None
+
+
+#: Makes the entry, once the ground truth is there.
+Make = Callable[["Ledger", "GroundTruth"], Entry]
+
+
+@dataclass(frozen=True)
+class Contender(ABC):
+    """Something that yields an EIA to be scored.
+
+    Parameters
+    ----------
+    name : str
+        In the report and its files: the algorithm as asked for, options and all.
+    """
+
+    name: str
+
+    #: What its stage is called in front of its name.
+    doing: ClassVar[str] = "generate"
+
+    def check(self, display: Display) -> None:  # noqa: B027 (most have nothing to check)
+        """Raise an `InimError` for what can be found out without the renderer."""
+
+    def rays(self, plan: Plan) -> int:  # noqa: ARG002
+        """How many rays its making will trace."""
+        return 0
+
+    @abstractmethod
+    def prepare(self, plan: Plan) -> Make:
+        """Get ready before anything is rendered: mistakes found here cost no rendering time."""
+
+
+@dataclass(frozen=True)
+class Generated(Contender):
+    """A generator's EIA: the project's own or one announced by another package."""
+
+    def prepare(self, plan: Plan) -> Make:
+        """See `Contender`."""
+        display, per_pitch = plan.display, plan.settings.capture_pixels_per_pitch
+        started = time.perf_counter()
+        with blamed(self.name, "prepare"):
+            shape, pixel_mm = display.capture_shape(per_pitch), display.pitch_mm / per_pitch
+            generator = prepare(display, self.name, shape=shape, pixel_mm=pixel_mm)
+        preparing = time.perf_counter() - started
+
+        def make(_: Ledger, truth: GroundTruth) -> Entry:
+            eia, seconds, empty = run_generator(self.name, generator, truth.rgbd, display)
+            return Entry(eia, preparing + seconds, _hole_fraction(empty, display))
+
+        return make
+
+
+@dataclass(frozen=True)
+class FinishedFile(Contender):
+    """A finished EIA from a file."""
+
+    path: Path
+
+    doing: ClassVar[str] = "read"
+
+    def check(self, display: Display) -> None:
+        """See `Contender`; the file is read to its end."""
+        read_eia(self.path, display)
+
+    def prepare(self, plan: Plan) -> Make:
+        """See `Contender`."""
+
+        def make(_: Ledger, __: GroundTruth) -> Entry:
+            eia, shown = read_eia(self.path, plan.display)
+            empty = None if shown is None else ~shown
+            return Entry(eia, None, _hole_fraction(empty, plan.display))
+
+        return make
+
+
+@dataclass(frozen=True)
+class Pickup(Contender):
+    """The ground truth as an algorithm: ray tracing of the scene, for those who have the scene.
+
+    Parameters
+    ----------
+    spp : int, optional
+        Samples per panel pixel; as `inim.eia_spp` otherwise.
+    """
+
+    spp: int | None = None
+
+    doing: ClassVar[str] = "trace"
+
+    def rays(self, plan: Plan) -> int:
+        """See `Contender`."""
+        rows, columns = plan.display.eia_shape
+        return rows * columns * 2 * max(1, self._spp(plan) // 2)
+
+    def _spp(self, plan: Plan) -> int:
+        return self.spp or plan.settings.eia_spp
+
+    def prepare(self, plan: Plan) -> Make:
+        """See `Contender`."""
+
+        def make(job: Ledger, truth: GroundTruth) -> Entry:
+            from inim.jobs.truth import render_pickup
+
+            started = time.perf_counter()
+            eia = render_pickup(job, truth.fitted, self._spp(plan), PICKUP).image
+            seconds = time.perf_counter() - started
+            return Entry(eia, seconds, _hole_fraction(_misses(job, truth), plan.display))
+
+        return make
+
+
+def _misses(job: Ledger, truth: GroundTruth) -> np.ndarray:
+    """Panel pixels whose centre ray meets nothing of the scene, (rows, columns) bool."""
+    from inim.kernel.sensors import make_sensor, pickup_rays
+    from inim.kernel.trace import surface
+
+    fitted = truth.fitted
+    rays = pickup_rays(job.plan.display, fitted.start_mm)
+    sensor = make_sensor(rays, fitted.fit.world_from_display)
+    return ~surface(fitted.scene, sensor, job.clock).covered
+
+
+def _hole_fraction(empty: np.ndarray | None, display: Display) -> float | None:
+    if empty is None:
+        return None
+    lensed = (display.rows.lens >= 0)[:, None] & (display.columns.lens >= 0)[None, :]
+    pixels = np.count_nonzero(lensed)
+    return np.count_nonzero(empty & lensed) / pixels if pixels else 0.0
+
+
+def parse_contenders(algorithms: str, eias: tuple[str, ...]) -> tuple[Contender, ...]:
+    """Contenders from the texts that ask for them.
+
+    Parameters
+    ----------
+    algorithms : str
+        Names with options, separated by commas; or "none", where there is a finished EIA.
+    eias : tuple of str
+        Finished EIAs as ``NAME=FILE``.
+
+    Raises
+    ------
+    UsageError
+        None, an unknown or doubled one, or one whose name cannot be that of a file.
+    """
+    texts = [t.strip() for t in algorithms.split(",") if t.strip()]
+    if texts == [_NONE] and eias:
+        texts = []
+    elif not texts or _NONE in texts:
+        raise UsageError(
+            "algorithms: none given; name at least one, such as 'template', or write 'none' and "
+            "give a finished EIA with --eia NAME=FILE"
+        )
+    found = [*map(_parse_algorithm, texts), *map(_parse_file, eias)]
+    seen: set[str] = set()
+    for contender in found:
+        if contender.name.lower() in seen:  # case apart, two names may be one file
+            what = "EIA" if isinstance(contender, FinishedFile) else "algorithm"
+            raise UsageError(f"{what} {contender.name!r} is given twice; drop one")
+        seen.add(contender.name.lower())
+    return tuple(found)
+
+
+def _parse_algorithm(text: str) -> Contender:
+    name, options = parse_algorithm(text)
+    label = ":".join([name, *(f"{key}={value}" for key, value in options.items())])
+    if name == PICKUP:
+        return _parse_pickup(label, options)
+    if name not in (names := algorithm_names()):
+        raise UsageError(f"algorithm {name!r}: use {' or '.join([*names, PICKUP])}")
+    check_algorithm(text)
+    if not _LABEL.fullmatch(label):
+        raise UsageError(
+            f"algorithm {label!r} also names files of the report: use up to 100 letters, digits "
+            "or . _ + - in names and values"
+        )
+    return Generated(label)
+
+
+def _parse_pickup(label: str, options: dict[str, str]) -> Contender:
+    for key in options.keys() - {"spp"}:
+        raise UsageError(f"algorithm {PICKUP!r} has no option {key!r}; its options are spp")
+    if not options:
+        return Pickup(label)
+    text = options["spp"]
+    if not (text.isascii() and text.isdigit() and 2 <= int(text[:9]) <= _MOST_SAMPLES):
+        raise UsageError(
+            f"algorithm {label!r}: spp must be a whole number in 2..{_MOST_SAMPLES}, half of it "
+            "for each of two passes"
+        )
+    return Pickup(label, int(text))
+
+
+def _parse_file(text: str) -> Contender:
+    name, equals, path = (part.strip() for part in text.partition("="))
+    if not (name and equals and path):
+        raise UsageError(f"--eia {text!r}: write --eia NAME=FILE")
+    if not is_file_safe(name):
+        raise UsageError(f"--eia name {name!r}: use 1 to 64 letters, digits or . _ + -")
+    taken = (*_TAKEN, PICKUP, *algorithm_names())
+    if name.lower() in (word.lower() for word in taken):
+        raise UsageError(f"--eia name {name!r} is taken; rename it")
+    return FinishedFile(name, Path(path))
+
+
+def algorithm_table() -> str:
+    """All algorithms as text, one a line: how to write them with their options, and what they do.
+
+    One that cannot be loaded has its error beside its name.
+    """
+    rows = [(f"{PICKUP}:spp=EIA_SPP", (Pickup.__doc__ or "").partition("\n")[0])]
+    for name in reversed(algorithm_names()):
+        try:
+            rows.append(algorithm_summary(name))
+        except UsageError as error:
+            rows.append((name, " ".join(str(error).split())))
+    width = max(len(written) for written, _ in rows)
+    return "\n".join(f"{written:{width}}  {what}".rstrip() for written, what in reversed(rows))

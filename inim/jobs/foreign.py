@@ -1,0 +1,133 @@
+"""Generators by others: whatever they do, the user gets a picture that fits or one clear line."""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.errors import InimError, OutOfMemoryError, UsageError
+from inim.generators import (
+    GENERATORS,
+    NO_LENS,
+    Generator,
+    SourceGenerator,
+    colour_of,
+    parse_algorithm,
+)
+from inim.rgbd import RGBD
+
+__all__ = ["blamed", "run_generator"]
+
+
+@contextmanager
+def blamed(name: str, doing: str) -> Iterator[None]:
+    """Turn what a foreign generator raises into a line that names it; our own stay as they are.
+
+    Raises
+    ------
+    UsageError
+        In place of any exception but want of memory.
+    """
+    bare = parse_algorithm(name)[0]
+    if bare in GENERATORS:
+        yield
+        return
+    try:
+        with redirect_stdout(sys.stderr):  # stdout is for results
+            yield
+    except (MemoryError, OutOfMemoryError):
+        raise
+    except InimError as error:
+        if str(error).startswith((f"algorithm {bare!r}", f"algorithm {name!r}")):
+            raise
+        raise UsageError(f"algorithm {name!r}: {error}") from error
+    except (Exception, SystemExit) as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        raise UsageError(
+            f"algorithm {name!r} failed in {doing}: {type(error).__name__}: "
+            f"{' '.join(str(error).split())[:400]} ({last.filename}, line {last.lineno}); "
+            "--debug shows the traceback"
+        ) from error
+
+
+def run_generator(
+    name: str, generator: Generator, rgbd: RGBD, display: Display
+) -> tuple[np.ndarray, float, np.ndarray | None]:
+    """Let a generator make its EIA, and look at what it made.
+
+    Parameters
+    ----------
+    name : str
+        What to call it in an error.
+    generator : Generator
+    rgbd : RGBD
+        In float32.
+    display : Display
+
+    Returns
+    -------
+    eia : (rows, columns, 3) float32
+        Linear RGB; it may hold values that are not finite.
+    seconds : float
+        What it took.
+    empty : (rows, columns) bool, or None
+        Panel pixels that show nothing; None where the generator does not say.
+
+    Raises
+    ------
+    UsageError
+        It raised, or made something that is no EIA for this display.
+    """
+    started = time.perf_counter()
+    # Sources are asked for once, where the colours are no more than theirs.
+    if _is_plain(generator):
+        sources = _sources(name, generator, rgbd, display)
+        eia = colour_of(sources, rgbd)
+        return eia, time.perf_counter() - started, sources < 0
+    with blamed(name, "generate"):
+        eia = generator.generate(rgbd)
+    seconds = time.perf_counter() - started
+    _check(name, eia, (*display.eia_shape, 3), "float32")
+    if not isinstance(generator, SourceGenerator):
+        return eia, seconds, None
+    return eia, seconds, _sources(name, generator, rgbd, display) < 0
+
+
+def _is_plain(generator: Generator) -> bool:
+    return (
+        isinstance(generator, SourceGenerator)
+        and type(generator).generate is SourceGenerator.generate
+    )
+
+
+def _sources(name: str, generator: Any, rgbd: RGBD, display: Display) -> np.ndarray:
+    with blamed(name, "sources"):
+        sources = generator.sources(rgbd)
+    _check(name, sources, display.eia_shape, "int32")
+    low, high, pixels = int(sources.min()), int(sources.max()), rgbd.shape[0] * rgbd.shape[1]
+    if low < NO_LENS or high >= pixels:
+        raise UsageError(
+            f"algorithm {name!r} names sources {low} to {high}; this picture has 0 to {pixels - 1},"
+            f" and {NO_LENS} and -1 mean none"
+        )
+    return np.asarray(sources)
+
+
+def _check(name: str, made: Any, shape: tuple[int, ...], kind: str) -> None:
+    if not isinstance(made, np.ndarray):
+        raise UsageError(
+            f"algorithm {name!r} made a {type(made).__name__}; it must be a {kind} array of shape "
+            f"{shape}"
+        )
+    if made.shape != shape or made.dtype != kind:
+        raise UsageError(
+            f"algorithm {name!r} made {made.dtype} of shape {made.shape}; this display needs "
+            f"{kind} of shape {shape}"
+        )

@@ -1,0 +1,89 @@
+"""The ledger of a run: what its stages took, what was checked, which pictures were written."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim.formats.image import write_exr, write_png
+from inim.jobs.listener import Listener
+from inim.jobs.plan import Plan
+
+__all__ = ["Ledger"]
+
+
+@dataclass
+class Ledger:
+    """What accumulates while a plan is carried out; the report is made from it.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+        Where the pictures go.
+    listener : Listener
+    clock : Clock
+        Of `inim.kernel.trace`: time inside the renderer.
+    """
+
+    plan: Plan
+    folder: Path
+    listener: Listener
+    clock: Any
+    timings: dict[str, float] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    checks: list[dict[str, Any]] = field(default_factory=list)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time a stage under its name; the same name adds up."""
+        self.listener.stage(name)
+        started = time.perf_counter()
+        yield
+        self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - started
+
+    def check(
+        self, name: str, value: float | None, relation: str, limit: float, detail: str = ""
+    ) -> None:
+        """Add a row to the verdict. A value that is missing or not finite never passes."""
+        known = value is not None and bool(np.isfinite(value))
+        passed = bool(known and (value >= limit if relation == ">=" else value <= limit))  # type: ignore[operator]
+        self.checks.append(
+            {
+                "name": name,
+                "value": value,
+                "relation": relation,
+                "limit": limit,
+                "passed": passed,
+                "detail": detail,
+            }
+        )
+
+    def finite(self, name: str, *images: np.ndarray) -> list[np.ndarray]:
+        """Pictures whose pixels are finite: others are counted, fail a check and turn black."""
+        wrong = [~np.isfinite(image).all(axis=-1) for image in images]
+        bad = sum(int(np.count_nonzero(w)) for w in wrong)
+        if bad:
+            self.check(f"{name}: pixels not finite", bad, "<=", 0, "taken as black")
+        return [
+            np.where(w[..., None], np.float32(0), image) if w.any() else image
+            for w, image in zip(wrong, images, strict=True)
+        ]
+
+    def save(self, name: str, linear: np.ndarray) -> None:
+        """Write a picture as PNG and EXR."""
+        write_png(self.folder / f"{name}.png", linear)
+        write_exr(self.folder / f"{name}.exr", linear, self.attributes())
+
+    def attributes(self) -> dict[str, str]:
+        """What the pictures of this run say about where they come from."""
+        return {
+            "inim:scene_sha256": self.plan.file.sha256,
+            "inim:seed": str(self.plan.settings.seed),
+        }

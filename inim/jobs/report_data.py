@@ -1,0 +1,123 @@
+"""The content of `report.json`, schema `inim.report/1`, from what a run found."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+from collections.abc import Mapping
+from dataclasses import asdict
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from inim import metrics
+from inim.jobs.ledger import Ledger
+from inim.jobs.truth import GroundTruth
+from inim.report import SCHEMA
+from inim.version import __version__
+
+__all__ = ["report_data"]
+
+_VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "OpenEXR", "scikit-image")
+
+
+def report_data(
+    job: Ledger, truth: GroundTruth, algorithms: Mapping[str, Any], backend: Any
+) -> dict[str, Any]:
+    """Everything a report holds, but the run's total time.
+
+    Parameters
+    ----------
+    job : Ledger
+    truth : GroundTruth
+    algorithms : mapping
+        Scores by name.
+    backend : Backend
+        What it was rendered on.
+    """
+    plan = job.plan
+    with job.stage("score"):
+        noise_floor = _noise_floor(truth)
+        ceiling = {n: metrics.score(t.image, truth.ceiling[n]) for n, t in truth.views.items()}
+    return {
+        "schema": SCHEMA,
+        "title": plan.settings.title or plan.request.scene.stem,
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "inim_version": __version__,
+        "versions": _versions(),
+        "command": shlex.join(["python", "-m", "inim.validate", *plan.request.command()]),
+        "scene": _scene(job, truth),
+        "settings": asdict(plan.settings),
+        "display": {"given": plan.display.given(), "derived": plan.display.derived()},
+        "backend": {
+            "variant": backend.variant,
+            "libllvm": backend.libllvm_version,
+            "device": backend.device,
+        },
+        "lens_model": plan.settings.lens_model,
+        "viewpoints": [
+            {"name": v.name, "position_mm": list(v.position_mm)} for v in plan.viewpoints
+        ],
+        "rgbd": _rgbd(truth),
+        "noise_floor": noise_floor,
+        "ceiling": {"views": ceiling},
+        "algorithms": algorithms,
+        "timings": job.timings,
+        "warnings": job.warnings,
+        "verdict": {"passed": all(c["passed"] for c in job.checks), "checks": job.checks},
+        "files": _listed_files(job.folder),
+    }
+
+
+def _noise_floor(truth: GroundTruth) -> dict[str, Any]:
+    eia = truth.eia
+    return {
+        "eia": {
+            "ssim": metrics.ssim(eia.first, eia.second),
+            "psnr_db": metrics.psnr_db(eia.first, eia.second),
+        },
+        "views": {n: metrics.score(t.first, t.second) for n, t in truth.views.items()},
+    }
+
+
+def _scene(job: Ledger, truth: GroundTruth) -> dict[str, Any]:
+    fit = truth.fitted.fit
+    return {
+        "path": str(job.plan.request.scene),
+        "sha256": job.plan.file.sha256,
+        "shapes": truth.fitted.shapes,
+        "fit": {
+            "scale_xy": fit.scale_xy,
+            "scale_z": fit.scale_z,
+            "display_from_world": fit.display_from_world.tolist(),
+        },
+    }
+
+
+def _rgbd(truth: GroundTruth) -> dict[str, Any]:
+    covered = truth.rgbd.depth_mm[truth.rgbd.covered]
+    return {
+        "rows": truth.rgbd.shape[0],
+        "columns": truth.rgbd.shape[1],
+        "pixel_mm": truth.rgbd.pixel_mm,
+        "covered_fraction": float(truth.rgbd.covered.mean()),
+        "depth_min_mm": float(covered.min()) if covered.size else None,
+        "depth_max_mm": float(covered.max()) if covered.size else None,
+    }
+
+
+def _listed_files(folder: Path) -> list[str]:
+    """Every file of the report, so that a later run can tell its own from the user's."""
+    pictures = (str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+    return sorted([*pictures, "report.html", "report.json", "junit.xml", "summary.md"])
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for name in _VERSIONS:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "unknown"
+    return found

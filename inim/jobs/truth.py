@@ -1,0 +1,154 @@
+"""The ground truth of a run: everything the contenders are compared with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from inim.formats.image import write_png, write_rgbd
+from inim.jobs.ledger import Ledger
+from inim.jobs.reconstruction import reconstruct_views
+from inim.rgbd import RGBD
+
+__all__ = ["BLACK", "CLIPPED_SHARE", "GroundTruth", "render_pickup", "render_truth"]
+
+#: A truth view or EIA whose brightest value is below this shows nothing.
+BLACK = 1e-4
+#: Above this share of clipped pixels, scores say more about exposure than about the algorithm.
+CLIPPED_SHARE = 0.01
+
+# Each picture's seed is its own, so that adding a viewpoint changes no other picture. New ones go
+# to the end.
+_PICTURES = ("capture", "eia", "views", "pickup")
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """Everything the contenders are compared with.
+
+    Attributes
+    ----------
+    fitted : FittedScene
+    rgbd : RGBD
+        The picture generators start from.
+    eia : Truth
+    views : dict of str to Truth
+        The scene itself, by viewpoint.
+    relic : dict of str to (rows, columns) bool
+        Where the relic is in each view.
+    ceiling : dict of str to (rows, columns, 3) float32
+        Views of the ground-truth EIA.
+    """
+
+    fitted: Any
+    rgbd: RGBD
+    eia: Any
+    views: dict[str, Any]
+    relic: dict[str, np.ndarray]
+    ceiling: dict[str, np.ndarray]
+
+
+def render_truth(job: Ledger) -> GroundTruth:
+    """Render the RGB-D picture, the true EIA, the true views; look at the true EIA."""
+    from inim.kernel.scene import open_scene
+
+    with job.stage("open scene"):
+        s = job.plan.settings
+        fitted = open_scene(job.plan.file, job.plan.display, s.fit_share, job.clock)
+    rgbd, eia = _capture(job, fitted), _pickup(job, fitted)
+    views: dict[str, Any] = {}
+    relic: dict[str, np.ndarray] = {}
+    for viewpoint in job.plan.viewpoints:
+        views[viewpoint.name], relic[viewpoint.name] = _view(job, fitted, viewpoint)
+    ceiling = reconstruct_views(job, eia.image, "ceiling")
+    with job.stage("write pictures"):
+        _save(job, rgbd, eia, views)
+    _check(job, rgbd, eia, views)
+    return GroundTruth(fitted, rgbd, eia, views, relic, ceiling)
+
+
+def _seed(picture: str, run_seed: int) -> int:
+    """The seed of one of the run's rendered pictures."""
+    return 1000 * (run_seed + 1) + _PICTURES.index(picture)
+
+
+def _common(job: Ledger) -> dict[str, Any]:
+    return {"clock": job.clock, "progress": job.listener.rays}
+
+
+def _capture(job: Ledger, fitted: Any) -> RGBD:
+    from inim.kernel import ground_truth
+
+    s = job.plan.settings
+    with job.stage("capture RGB-D"):
+        rgbd = ground_truth.capture(
+            fitted,
+            job.plan.display,
+            pixels_per_pitch=s.capture_pixels_per_pitch,
+            spp=s.capture_spp,
+            seed=_seed("capture", s.seed),
+            **_common(job),
+        )
+        return replace(rgbd, color=job.finite("RGB-D", rgbd.color)[0])
+
+
+def _pickup(job: Ledger, fitted: Any) -> Any:
+    from inim.kernel.ground_truth import Truth
+
+    with job.stage("ground-truth EIA"):
+        eia = render_pickup(job, fitted, job.plan.settings.eia_spp, "eia")
+        return Truth(*job.finite("truth/eia", eia.first, eia.second))
+
+
+def render_pickup(job: Ledger, fitted: Any, spp: int, picture: str) -> Any:
+    """The EIA ray traced from the scene, with the seed of `picture`: a `Truth` of two halves."""
+    from inim.kernel.ground_truth import pickup
+
+    seed = _seed(picture, job.plan.settings.seed)
+    return pickup(fitted, job.plan.display, spp=spp, seed=seed, **_common(job))
+
+
+def _view(job: Ledger, fitted: Any, viewpoint: Any) -> tuple[Any, np.ndarray]:
+    from inim.kernel import ground_truth
+
+    s = job.plan.settings
+    with job.stage("ground-truth views"):
+        view, relic = ground_truth.true_view(
+            fitted,
+            job.plan.display,
+            viewpoint,
+            pixels_per_lens=s.view_pixels_per_lens,
+            spp=s.view_spp,
+            seed=_seed("views", s.seed),
+            **_common(job),
+        )
+        halves = job.finite(f"truth/{viewpoint.name}", view.first, view.second)
+        return ground_truth.Truth(*halves), relic
+
+
+def _save(job: Ledger, rgbd: RGBD, eia: Any, views: dict[str, Any]) -> None:
+    low, high = job.plan.display.depth_range_mm
+    grey = np.where(rgbd.covered, 0.1 + 0.9 * (rgbd.depth_mm - low) / (high - low), 0.0)
+    write_rgbd(job.folder / "rgbd.exr", rgbd, job.attributes())
+    write_png(job.folder / "rgbd_color.png", rgbd.color)
+    write_png(job.folder / "rgbd_depth.png", np.repeat(grey[..., None], 3, axis=-1))
+    job.save("truth/eia", eia.image)
+    for name, truth in views.items():
+        job.save(f"truth/{name}", truth.image)
+
+
+def _check(job: Ledger, rgbd: RGBD, eia: Any, views: dict[str, Any]) -> None:
+    """A ground truth that shows nothing is a failure to report, not a picture to score."""
+    job.check("RGB-D: covered share", float(rgbd.covered.mean()), ">=", 1e-6, "the relic is seen")
+    pictures = {"truth/eia": eia.image, **{f"truth/{n}": t.image for n, t in views.items()}}
+    for name, image in pictures.items():
+        job.check(f"{name}: brightest value", float(image.max()), ">=", BLACK, "not black")
+    clipped = {name: float((image > 1).any(axis=-1).mean()) for name, image in pictures.items()}
+    worst = max(clipped, key=lambda name: clipped[name])
+    if clipped[worst] > CLIPPED_SHARE:
+        job.warnings.append(
+            f"{worst}: {clipped[worst]:.1%} of the pixels are brighter than the panel's white and "
+            "clipped; dim the scene's lights"
+        )

@@ -1,0 +1,493 @@
+"""Contenders that are no generators of the project: files, the pickup, packages of others.
+
+Expected: each is scored like any algorithm; what it cannot say (seconds, holes) is null; what is
+wrong with it is one line that names it, before anything is rendered where that can be known.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import inim
+from inim.cli import main
+from inim.color import linear_from_srgb
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, UsageError
+from inim.formats.eia_file import read_eia
+from inim.formats.image import read_exr, write_exr
+from inim.generators import SourceGenerator
+from inim.jobs.contenders import parse_contenders
+from inim.jobs.foreign import run_generator
+from inim.jobs.plan import Request, make_plan
+from tests.conftest import small_display, square
+from tests.system.conftest import TINY, Ended, assert_one_line, nothing_left, write_scene
+
+Run = Callable[..., Ended]
+EXAMPLE = Path(__file__).parents[1] / "example_package"
+BRIGHT, HALF = "example", "example:brightness=0.5"
+NAMES = ["template", "pickup:spp=8", BRIGHT, HALF]
+FAULTY = '''
+import numpy as np
+from inim.errors import UsageError
+
+class Faulty:
+    def __init__(self, how, shape):
+        self.how, self.shape = how, (*shape, 3)
+
+    def generate(self, rgbd, out=None):
+        print("generating")
+        eia = np.full(self.shape, 0.5, np.float32)
+        if self.how == 1:
+            eia[3, 4] = np.nan
+        if self.how == 2:
+            eia[...] = 0
+        return eia[1:] if self.how == 3 else eia
+
+def prepare(display, shape, pixel_mm, how="well"):
+    """A generator with a fault to choose."""
+    if how == "raise":
+        raise RuntimeError("no such\\nweights")
+    if how == "leave":
+        raise SystemExit(0)
+    if how == "refuse":
+        raise UsageError("a picture of 4 pixels is too small")
+    if how == "none":
+        return None
+    return Faulty({"well": 0, "nan": 1, "dark": 2, "shape": 3}[how], display.eia_shape)
+'''
+
+
+def install(folder: Path, name: str, points: str) -> None:
+    """What pip leaves behind for a package's metadata, made by hand: no network is needed."""
+    info = folder / f"{name}-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[inim.generators]\n{points}\n")
+
+
+@pytest.fixture(scope="session")
+def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Variables of a process in which the example and three bad packages are installed."""
+    folder = tmp_path_factory.mktemp("site")
+    project = (EXAMPLE / "pyproject.toml").read_text()
+    written = re.search(r'\[project\.entry-points\."inim\.generators"\]\n(.*)', project)
+    assert written
+    install(folder, "inim_example", written[1].replace('"', ""))
+    install(folder, "inim_faulty", "faulty = faulty:prepare")
+    install(folder, "inim_gone", "gone = no_such_module:prepare")
+    shutil.copy(EXAMPLE / "inim_example.py", folder)
+    (folder / "faulty.py").write_text(FAULTY)
+    paths = [str(folder), os.environ.get("PYTHONPATH", "")]
+    return {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+
+
+class Finished:
+    """One run: its data, its folder and how it ended."""
+
+    def __init__(self, ended: Ended, out: Path) -> None:
+        self.ended, self.out = ended, out
+        self.data: dict[str, Any] = json.loads((out / "report.json").read_text(encoding="utf-8"))
+        self.results = self.data["algorithms"]
+
+
+@pytest.fixture(scope="session")
+def raced(
+    tmp_path_factory: pytest.TempPathFactory, run_inim: Run, others: Mapping[str, str]
+) -> Finished:
+    """A generator of the project, the pickup, and another's generator twice."""
+    folder = tmp_path_factory.mktemp("raced")
+    scene = write_scene(folder)
+    words = ("--algorithms", ",".join(NAMES), "--viewpoints", "centre")
+    limit = {"min_ssim_to_ceiling": f"{HALF}:0"}
+    ended = run_inim(scene, "-o", "out", *words, folder=folder, variables=others, **limit)
+    assert ended.code == EXIT_PASSED, ended.stderr
+    return Finished(ended, folder / "out")
+
+
+@pytest.fixture(scope="session")
+def files_scored(tmp_path_factory: pytest.TempPathFactory, raced: Finished) -> inim.Report:
+    """The template's EIA again, from files, and nothing else."""
+    folder = tmp_path_factory.mktemp("files")
+    rgb = np.asarray(Image.open(raced.out / "eia" / "template.png"))
+    shown = np.full(rgb.shape[:2], 255, np.uint8)
+    shown[: len(shown) // 2] = 0
+    Image.fromarray(np.dstack([rgb, shown])).save(folder / "holes.PNG")
+    eias = {
+        "linear": raced.out / "eia" / "template.exr",
+        "srgb": raced.out / "eia" / "template.png",
+        "holes": folder / "holes.PNG",
+    }
+    scene = write_scene(folder)
+    return inim.validate(
+        scene, folder / "out", definitions=TINY, viewpoints="centre", algorithms="none", eias=eias
+    )
+
+
+# --- Finished EIAs ------------------------------------------------------------------------------
+
+
+def test_finished_eia_scores_as_the_algorithm_it_came_from(
+    raced: Finished, files_scored: inim.Report
+) -> None:
+    results = files_scored.data["algorithms"]
+    assert list(results) == ["linear", "srgb", "holes"]
+    assert results["linear"]["views"] == raced.results["template"]["views"]
+    for key, value in raced.results["template"]["views"]["centre"].items():
+        assert results["srgb"]["views"]["centre"][key] == pytest.approx(value, rel=0.02), key
+
+
+def test_finished_eia_has_no_seconds_and_holes_only_with_alpha(files_scored: inim.Report) -> None:
+    results = files_scored.data["algorithms"]
+    assert {result["seconds"] for result in results.values()} == {None}
+    holes = {name: result["eia"]["hole_fraction"] for name, result in results.items()}
+    assert holes == {"linear": None, "srgb": None, "holes": 0.5}
+
+
+def test_where_alpha_is_0_the_panel_is_black(files_scored: inim.Report) -> None:
+    eia = read_exr(files_scored.folder / "eia" / "holes.exr")
+    assert eia[: len(eia) // 2].max() == 0 < eia[len(eia) // 2 :].max()
+
+
+def test_report_of_finished_eias_says_how_to_repeat_it(files_scored: inim.Report) -> None:
+    words = files_scored.data["command"].split()
+    assert words[words.index("--algorithms") + 1] == "none"
+    assert words.count("--eia") == 3
+    assert "seconds" in (files_scored.folder / "summary.md").read_text()
+
+
+def test_eia_with_values_that_are_no_numbers_fails_a_check(tmp_path: Path, run_inim: Run) -> None:
+    scene = write_scene(tmp_path)
+    eia = np.full((*make_plan(request(scene)).display.eia_shape, 3), 0.5, np.float32)
+    eia[5, 6:8] = np.nan, np.inf, 1
+    write_exr(tmp_path / "mine.exr", eia)
+    words = ("--algorithms", "none", "--eia", "mine=mine.exr", "--viewpoints", "centre")
+    ended = run_inim(scene, "-o", "out", *words, folder=tmp_path)
+    assert ended.code == EXIT_CHECK_FAILED, ended.stderr
+    failed = failed_checks(tmp_path / "out")
+    assert [(check["name"], check["value"]) for check in failed] == [
+        ("eia/mine: pixels not finite", 2)
+    ]
+
+
+def failed_checks(out: Path) -> list[dict[str, Any]]:
+    checks = json.loads((out / "report.json").read_text())["verdict"]["checks"]
+    return [check for check in checks if not check["passed"]]
+
+
+def request(scene: Path, *eias: str, algorithms: str = "none") -> Request:
+    """A request for a tiny display."""
+    definitions = tuple(f"{key}={value}" for key, value in TINY.items())
+    asked = algorithms if eias else "template"
+    return Request(scene, scene.parent / "out", definitions, algorithms=asked, eias=eias)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("gone.png", "gone.png: no such file"),
+        ("folder.png", "folder.png: no such file"),
+        ("gone.exr", "gone.exr: no such file"),
+        ("mine.tif", "is a .png"),
+        ("text.png", "text.png: not a readable PNG"),
+        ("text.exr", "text.exr: not a readable EXR"),
+        ("cut.png", "cut.png: not a readable PNG"),
+        ("cut.exr", "cut.exr: "),
+        ("jpeg.png", "jpeg.png: not a readable PNG"),
+        ("small.png", "small.png: has 9 x 7 pixels, display nominal, changed needs 136 x 102"),
+        ("small.exr", "small.exr: has 9 x 7 pixels, display nominal, changed needs 136 x 102"),
+        ("bomb.png", "bomb.png: not a readable PNG (Image size (3600000000 pixels)"),
+    ],
+)
+def test_bad_file_is_found_before_anything_is_rendered(
+    tiny_scene: Path, name: str, says: str
+) -> None:
+    folder = tiny_scene.parent
+    write_bad_files(folder, make_plan(request(tiny_scene)).display.eia_shape)
+    with pytest.raises(FileError) as caught:
+        make_plan(request(tiny_scene, f"mine={folder / name}"))
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def write_bad_files(folder: Path, shape: tuple[int, int]) -> None:
+    (folder / "folder.png").mkdir()
+    for name in ("text.png", "text.exr", "mine.tif"):
+        (folder / name).write_text("no picture")
+    noise = np.random.default_rng(1).integers(0, 255, (*shape, 3), np.uint8)
+    Image.fromarray(noise).save(folder / "cut.png")
+    Image.fromarray(noise).save(folder / "jpeg.png", "JPEG")
+    write_exr(folder / "cut.exr", noise / np.float32(255))
+    for name in ("cut.png", "cut.exr"):
+        whole = (folder / name).read_bytes()
+        (folder / name).write_bytes(whole[: len(whole) // 2])
+    Image.fromarray(noise[:7, :9]).save(folder / "small.png")
+    write_exr(folder / "small.exr", noise[:7, :9] / np.float32(255))
+    # Eight bytes of signature, length and name of the first chunk, then width and height.
+    whole = (folder / "small.png").read_bytes()
+    chunk = b"IHDR" + struct.pack(">II", 60000, 60000) + whole[24:29]
+    bomb = whole[:12] + chunk + struct.pack(">I", zlib.crc32(chunk)) + whole[33:]
+    (folder / "bomb.png").write_bytes(bomb)
+
+
+@pytest.mark.parametrize(
+    ("mode", "alpha"),
+    [("1", False), ("L", False), ("P", False), ("LA", True), ("RGB", False), ("RGBA", True)],
+)
+def test_png_of_any_kind_is_read_as_srgb(tmp_path: Path, mode: str, alpha: bool) -> None:
+    shown = small_display()
+    picture = Image.new("RGBA", shown.eia_shape[::-1], (255, 255, 255, 255))
+    picture.paste((0, 0, 0, 0), (0, 0, 10, 20))
+    (picture if alpha else picture.convert("RGB")).convert(mode).save(tmp_path / "mine.png")
+    eia, seen = read_eia(tmp_path / "mine.png", shown)
+    assert (eia.shape, eia.dtype) == ((*shown.eia_shape, 3), np.float32)
+    assert eia[:20, :10].max() == 0
+    assert eia[20:].min() == eia[:, 10:].min() == 1
+    assert (seen is not None) == alpha
+    if seen is not None:
+        assert np.count_nonzero(~seen) == 200
+
+
+def test_grey_of_16_bits_keeps_them(tmp_path: Path) -> None:
+    shown = small_display()
+    rows, columns = shown.eia_shape
+    codes = np.arange(rows * columns, dtype=np.uint16).reshape(rows, columns) * 7
+    Image.fromarray(codes).save(tmp_path / "mine.png")
+    eia, _ = read_eia(tmp_path / "mine.png", shown)
+    wanted = linear_from_srgb(codes / np.float32(65535))
+    assert np.array_equal(eia, np.repeat(wanted[..., None], 3, axis=-1))
+
+
+@pytest.mark.parametrize(
+    ("algorithms", "eias", "says"),
+    [
+        ("none", (), "--eia NAME=FILE"),
+        ("", ("mine=a.png",), "none given"),
+        ("none,template", ("mine=a.png",), "none given"),
+        ("template", ("mine",), "write --eia NAME=FILE"),
+        ("template", ("=a.png",), "write --eia NAME=FILE"),
+        ("template", ("a/b=a.png",), "--eia name 'a/b': use 1 to 64"),
+        ("template", ("..=a.png",), "--eia name '..'"),
+        ("template", ("ceiling=a.png",), "'ceiling' is taken"),
+        ("wang2024", ("Template=a.png",), "'Template' is taken"),
+        ("wang2024", ("pickup=a.png",), "'pickup' is taken"),
+        ("template", ("mine=a.png", "Mine=b.png"), "EIA 'Mine' is given twice"),
+        ("pickup,pickup", (), "algorithm 'pickup' is given twice"),
+        ("pickup:spp=1", (), "spp must be a whole number in 2.."),
+        ("pickup:spp=9999999999", (), "spp must be a whole number in 2.."),
+        ("pickup:spp=x", (), "spp must be a whole number in 2.."),
+        ("pickup:spp=4:spp=8", (), "option 'spp' is given twice"),
+        ("pickup:samples=4", (), "'pickup' has no option 'samples'; its options are spp"),
+    ],
+)
+def test_bad_contender_is_named_with_the_way_out(
+    algorithms: str, eias: tuple[str, ...], says: str
+) -> None:
+    with pytest.raises(UsageError) as caught:
+        parse_contenders(algorithms, eias)
+    assert says in str(caught.value)
+
+
+def test_bad_file_is_one_line_of_the_command(
+    tiny_scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gone = tiny_scene.parent / "gone.png"
+    assert main(["validate", str(tiny_scene), "--eia", f"mine={gone}"]) == EXIT_USAGE
+    assert_one_line(capsys.readouterr().err, [f"{gone}: no such file"])
+    assert list(tiny_scene.parent.iterdir()) == [tiny_scene]
+
+
+# --- The pickup ---------------------------------------------------------------------------------
+
+
+def test_pickup_is_a_ground_truth_of_its_own(raced: Finished) -> None:
+    """Its noise is its own: not the truth again, yet nearer to it than one half to the other.
+
+    The truth has two samples a pixel, the pickup eight.
+    """
+    pickup, floor = raced.results["pickup:spp=8"], raced.data["noise_floor"]
+    assert floor["eia"]["psnr_db"] < pickup["eia"]["psnr_db"] < 60
+    assert pickup["eia"]["ssim"] > raced.results["template"]["eia"]["ssim"]
+    made, truth = (read_exr(raced.out / p) for p in ("eia/pickup:spp=8.exr", "truth/eia.exr"))
+    assert not np.array_equal(made, truth)
+    assert pickup["seconds"] > 0
+
+
+def test_holes_of_the_pickup_are_where_the_scene_is_not(tmp_path: Path, run_inim: Run) -> None:
+    """A square lit from the front casts no shadow on itself: what is black met nothing."""
+    scene = write_scene(tmp_path, square((0, 0, 0), 1, "0.8"))
+    words = ("-o", "out", "--algorithms", "pickup", "--viewpoints", "centre")
+    ended = run_inim(scene, *words, folder=tmp_path)
+    assert ended.code == EXIT_PASSED, ended.stderr
+    finished = Finished(ended, tmp_path / "out")
+    lit = read_exr(finished.out / "truth" / "eia.exr").max(axis=-1)
+    holes = finished.results["pickup"]["eia"]["hole_fraction"]
+    at_edges = float(((lit > 0) & (lit < 0.9 * lit.max())).mean())
+    assert 0.1 < holes < 0.9
+    assert abs(holes - (lit == 0).mean()) <= at_edges < 0.1
+
+
+def test_pickup_without_a_scene_says_what_it_needs() -> None:
+    shown = small_display()
+    rgbd = some_picture()
+    with pytest.raises(UsageError, match=r"'pickup' needs the scene.*inim validate"):
+        inim.generate(rgbd, shown, "pickup")
+
+
+# --- Generators of other packages ---------------------------------------------------------------
+
+
+def test_generator_of_another_package_is_scored_with_its_options(raced: Finished) -> None:
+    assert list(raced.results) == NAMES
+    bright, half = (read_exr(raced.out / "eia" / f"{name}.exr") for name in (BRIGHT, HALF))
+    assert bright.max() > 0.1
+    assert np.array_equal(half, bright * np.float32(0.5))
+    assert raced.results[HALF]["seconds"] > 0
+    assert raced.results[HALF]["eia"]["hole_fraction"] is None
+
+
+def test_name_with_options_works_in_every_form_of_the_report(raced: Finished) -> None:
+    assert {f"eia/{HALF}.png", f"views/{HALF}/centre.exr"} <= set(raced.data["files"])
+    assert all((raced.out / name).is_file() for name in raced.data["files"])
+    page = (raced.out / "report.html").read_text(encoding="utf-8")
+    assert HALF in page
+    assert 'class="missing"' not in page
+    assert HALF in (raced.out / "summary.md").read_text(encoding="utf-8")
+    cases = ElementTree.parse(raced.out / "junit.xml").getroot().findall(".//testcase")
+    assert f"{HALF}/centre: SSIM to ceiling" in {case.get("name") for case in cases}
+    assert [line.split()[0] for line in raced.ended.stdout.splitlines()[:-1]] == NAMES
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "says"),
+    [
+        ("example:contrast=2", "'example' has no option 'contrast'; its options are brightness"),
+        ("example:brightness=a/b", "names files of the report"),
+        ("example:brightness=much", "'example:brightness=much' failed in prepare: ValueError: "),
+        ("faulty:how=raise", "failed in prepare: RuntimeError: no such weights ("),
+        ("faulty:how=leave", "failed in prepare: SystemExit: 0 ("),
+        ("faulty:how=badly", "failed in prepare: KeyError: 'badly' ("),
+        ("faulty:how=refuse", "'faulty:how=refuse': a picture of 4 pixels"),
+        ("faulty:how=none", "'faulty' made a NoneType, which cannot generate"),
+        ("faulty:how=shape", "'faulty:how=shape' made float32 of shape (101, 136, 3); this"),
+        ("gone", "'gone' (no_such_module:prepare) cannot be loaded: ModuleNotFoundError"),
+    ],
+)
+def test_fault_of_another_s_generator_is_one_line_that_names_it(
+    tiny_scene: Path, run_inim: Run, others: Mapping[str, str], algorithm: str, says: str
+) -> None:
+    words = ("-o", "out", "--algorithms", algorithm, "--viewpoints", "centre")
+    ended = run_inim(tiny_scene, *words, folder=tiny_scene.parent, variables=others)
+    assert (ended.code, ended.stdout) == (EXIT_USAGE, "")
+    said = ended.stderr.removeprefix("generating\n")
+    assert_one_line(said, [f"algorithm '{algorithm.partition(':')[0]}", says])
+    assert said.count("algorithm '") == 1
+    assert nothing_left(tiny_scene.parent)
+    assert not (tiny_scene.parent / "out").exists()
+
+
+def test_debug_shows_where_another_s_generator_failed(
+    tiny_scene: Path, run_inim: Run, others: Mapping[str, str]
+) -> None:
+    words = ("-o", "out", "--algorithms", "faulty:how=raise", "--debug")
+    ended = run_inim(tiny_scene, *words, folder=tiny_scene.parent, variables=others)
+    assert ended.code == EXIT_USAGE
+    assert 'raise RuntimeError("no such\\nweights")' in ended.stderr
+    assert ended.stderr.splitlines()[-1].startswith("inim: error: algorithm 'faulty:how=raise'")
+
+
+@pytest.mark.parametrize(
+    ("how", "check"), [("nan", "pixels not finite"), ("dark", "brightest value")]
+)
+def test_picture_that_cannot_be_scored_fails_a_check(
+    tiny_scene: Path, run_inim: Run, others: Mapping[str, str], how: str, check: str
+) -> None:
+    words = ("-o", "out", "--algorithms", f"faulty:how={how}", "--viewpoints", "centre")
+    ended = run_inim(tiny_scene, *words, folder=tiny_scene.parent, variables=others)
+    assert (ended.code, ended.stderr) == (EXIT_CHECK_FAILED, "generating\n")
+    assert [line.split()[0] for line in ended.stdout.splitlines()] == [
+        f"faulty:how={how}",
+        "FAILED;",
+    ]
+    (failed,) = failed_checks(tiny_scene.parent / "out")
+    assert f"faulty:how={how}: {check}" in failed["name"]
+
+
+class Wrong:
+    """A generator that hands back what it was given."""
+
+    def __init__(self, made: object) -> None:
+        self.made = made
+
+    def generate(self, rgbd: inim.RGBD, out: object = None) -> Any:
+        return self.made
+
+
+class WrongSources(SourceGenerator):
+    """A generator whose sources are one number."""
+
+    def __init__(self, shown: inim.Display, source: int, kind: str) -> None:
+        super().__init__(shown, (4, 4), 1.0)
+        self.source, self.kind = source, kind
+
+    def find(self, rgbd: inim.RGBD) -> Any:
+        return np.full(self.display.eia_shape, self.source, self.kind)
+
+
+def some_picture() -> inim.RGBD:
+    return inim.RGBD(np.zeros((4, 4, 3)), np.ones((4, 4)), np.ones((4, 4), bool), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("generator", "says"),
+    [
+        (Wrong(None), "'x' made a NoneType"),
+        (Wrong(np.zeros((80, 96, 3))), "'x' made float64 of shape (80, 96, 3)"),
+        (Wrong(np.zeros((80, 96, 4), np.float32)), "needs float32 of shape (80, 96, 3)"),
+        (Wrong(np.zeros((80, 96, 3), np.uint8)), "'x' made uint8"),
+        (WrongSources(small_display(), 16, "int32"), "'x' names sources 16 to 16"),
+        (WrongSources(small_display(), -3, "int32"), "'x' names sources -3 to -3"),
+        (WrongSources(small_display(), 1, "float64"), "'x' made float64"),
+    ],
+)
+def test_result_of_a_generator_is_looked_at(generator: Any, says: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        run_generator("x", generator, some_picture(), small_display())
+    assert says in str(caught.value)
+
+
+# --- What there is ------------------------------------------------------------------------------
+
+
+def test_list_of_algorithms_names_options_and_what_cannot_be_loaded(
+    tmp_path: Path, others: Mapping[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "inim", "algorithms"],
+        env={**os.environ, **others}, cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    rows = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
+    assert rows["example:brightness=1.0"].startswith("The picture as if all of it lay")
+    assert "cannot be loaded" in rows["gone"]
+    assert list(rows)[-1].startswith("pickup:spp=")
+    assert {"template", "wang2024"} <= {written.partition(":")[0] for written in rows}
+    assert done.stderr == ""
+
+
+def test_example_of_the_readme_is_the_one_tested_here() -> None:
+    readme = (EXAMPLE.parents[1] / "README.md").read_text(encoding="utf-8")
+    assert (EXAMPLE / "inim_example.py").read_text(encoding="utf-8") in readme
+    assert '"inim.generators"]\nexample = "inim_example:prepare"' in readme
