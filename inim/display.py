@@ -75,6 +75,8 @@ class PixelAxis:
         Lateral travel of the ray per millimetre towards the viewer, ``(x0 - x) / g``.
     centre, offset : tuple of int
         x0 and x0 - x exactly, in units of `unit_mm`: equal offsets are equal directions.
+    step : int
+        From one pixel to the next, in the same units; negative for rows.
     unit_mm : Fraction
     """
 
@@ -84,7 +86,16 @@ class PixelAxis:
     slope: np.ndarray
     centre: tuple[int, ...]
     offset: tuple[int, ...]
+    step: int
     unit_mm: Fraction
+
+    def moved_offset(self, pixels: Fraction) -> tuple[int, ...]:
+        """Offsets of points moved inside their pixels, in ``unit_mm / pixels.denominator``.
+
+        Each keeps its pixel's lens: the pixel's whole area shines through it.
+        """
+        fold, by = pixels.denominator, pixels.numerator * self.step
+        return tuple(fold * offset - by for offset in self.offset)
 
 
 @dataclass(frozen=True)
@@ -381,6 +392,7 @@ class Display:
             slope=np.array([_ratio(o, unit / gap) for o in offset]),
             centre=centre,
             offset=offset,
+            step=2 * sign * half_pixel,
             unit_mm=unit,
         )
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from inim.display import Display, PixelAxis, stated
 
-__all__ = ["CellRays", "cell_rays"]
+__all__ = ["CENTRE", "Aside", "CellRays", "cell_rays"]
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53
@@ -42,28 +42,45 @@ class CellRays:
     scale: float
 
 
+Aside = tuple[Fraction, Fraction]
+CENTRE: Aside = (Fraction(0), Fraction(0))
+
+
 def cell_rays(
-    shape: tuple[int, int], pixel_mm: float, display: Display
+    shape: tuple[int, int], pixel_mm: float, display: Display, aside: Aside = CENTRE
 ) -> tuple[CellRays, CellRays]:
-    """Column rays and row rays of a display over a picture of `shape` with pixels of `pixel_mm`."""
+    """Column rays and row rays of a display over a picture.
+
+    Parameters
+    ----------
+    shape : (rows, columns)
+    pixel_mm : float
+        The picture's pixel.
+    display : Display
+    aside : (down, right) of Fraction
+        Where in its pixel each ray starts, in panel pixels from the centre.
+    """
     rows, columns = shape
+    down, right = aside
     return (
-        _axis(display.columns, pixel_mm, columns, display, +1),
-        _axis(display.rows, pixel_mm, rows, display, -1),
+        _axis(display.columns, pixel_mm, columns, display, +1, right),
+        _axis(display.rows, pixel_mm, rows, display, -1, down),
     )
 
 
-def _axis(pixels: PixelAxis, cell_mm: float, cells: int, display: Display, sign: int) -> CellRays:
+def _axis(
+    pixels: PixelAxis, cell_mm: float, cells: int, display: Display, sign: int, aside: Fraction
+) -> CellRays:
     cell, gap = stated(cell_mm), stated(display.gap_mm)
     # In cells: start = cells / 2 + centre / cell, slope = offset unit / (cell gap).
-    per_offset = sign * pixels.unit_mm / (cell * gap)
+    per_offset = sign * pixels.unit_mm / aside.denominator / (cell * gap)
     per_centre = sign * pixels.unit_mm / cell
     # Powers of two are exact in floats: keep them out of the whole numbers.
     twos = _twos(per_offset)
     odd = per_offset / Fraction(2) ** twos
     factor = math.lcm(2, per_centre.denominator) * odd.denominator
     start = [int(factor * Fraction(cells, 2)) + n * int(factor * per_centre) for n in pixels.centre]
-    slope = [n * int(factor * odd) for n in pixels.offset]
+    slope = [n * int(factor * odd) for n in pixels.moved_offset(aside)]
     if max(factor * cells, *map(abs, start), *map(abs, slope)) >= _EXACT:
         # Lengths without a short form: everything in cells, rounded as floats are.
         rounded = [np.array([n / factor for n in axis]) for axis in (start, slope)]

@@ -15,7 +15,7 @@ import numpy as np
 
 from inim.display import Display, stated
 from inim.generators.base import PictureShape
-from inim.generators.cells import CellRays, cell_rays
+from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.traversal import walk
 
 __all__ = ["DirectionLists", "build_lists", "cells_per_pitch", "shares_directions"]
@@ -65,12 +65,14 @@ def shares_directions(display: Display) -> bool:
     )
 
 
-def build_lists(display: Display, shape: PictureShape, pixel_mm: float) -> DirectionLists:
+def build_lists(
+    display: Display, shape: PictureShape, pixel_mm: float, aside: Aside = CENTRE
+) -> DirectionLists:
     """Templates by exact traversal, in float64, from the rays of the first lens."""
     per_pitch = cells_per_pitch(display, pixel_mm)
     assert per_pitch is not None and shares_directions(display)
     pixels = round(display.pixels_per_lens)
-    column_rays, row_rays = cell_rays(shape, pixel_mm, display)
+    column_rays, row_rays = cell_rays(shape, pixel_mm, display, aside)
     longest = _longest(column_rays, display) + _longest(row_rays, display)
     cells, exits = np.empty((longest, 2), np.int64), np.empty(longest)
     visited, left, first = [], [], [0]

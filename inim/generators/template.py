@@ -24,7 +24,7 @@ import numpy as np
 from inim.display import Display, PixelAxis
 from inim.errors import UsageError
 from inim.generators.base import PictureShape, SourceGenerator, check_out
-from inim.generators.cells import CellRays, cell_rays
+from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
 from inim.generators.polyphase import Phases, index_payload, run_templates
 from inim.generators.sources import HOLE, NOT_ASKED, Sources
@@ -65,28 +65,28 @@ def prepare(
         raise UsageError(
             f"template: mask of shape {np.shape(mask)}; the panel has {display.eia_shape}"
         )
-    centre = _first_hits(display, shape, pixel_mm, mask)
+    alike = mask is None and shares_directions(display) and cells_per_pitch(display, pixel_mm)
+
+    def first_hits_through(aside: Aside) -> SourceGenerator:
+        if alike:
+            return _Shared(display, shape, pixel_mm, aside)
+        return _RayByRay(display, shape, pixel_mm, aside, mask)
+
     if int(samples) == 1:
-        return centre
+        return first_hits_through(CENTRE)
     from inim.generators.supersampling import Supersampled
 
-    return Supersampled(centre, lambda finer: _first_hits(finer, shape, pixel_mm, None), samples)
-
-
-def _first_hits(
-    display: Display, shape: PictureShape, pixel_mm: float, mask: np.ndarray | None
-) -> SourceGenerator:
-    if mask is None and shares_directions(display) and cells_per_pitch(display, pixel_mm):
-        return _Shared(display, shape, pixel_mm)
-    return _RayByRay(display, shape, pixel_mm, mask)
+    return Supersampled(first_hits_through, int(samples))
 
 
 class _Shared(SourceGenerator):
     """One template per direction for all lenses."""
 
-    def __init__(self, display: Display, shape: PictureShape, pixel_mm: float) -> None:
+    def __init__(
+        self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside = CENTRE
+    ) -> None:
         super().__init__(display, shape, pixel_mm)
-        self._lists = build_lists(display, shape, pixel_mm)
+        self._lists = build_lists(display, shape, pixel_mm, aside)
         self._phases = Phases.make(self._lists, display.lens_rows, display.lens_columns)
         self._index = index_payload(shape)
 
@@ -117,11 +117,12 @@ class _RayByRay(SourceGenerator):
         display: Display,
         shape: PictureShape,
         pixel_mm: float,
+        aside: Aside = CENTRE,
         mask: np.ndarray | None = None,
     ) -> None:
         super().__init__(display, shape, pixel_mm)
         self._asked = None if mask is None else np.flatnonzero(mask)
-        columns, rows = cell_rays(shape, pixel_mm, display)
+        columns, rows = cell_rays(shape, pixel_mm, display, aside)
         self._rays = (
             *(columns.start, columns.slope, columns.scale),
             *(rows.start, rows.slope, rows.scale),

@@ -1,0 +1,124 @@
+"""The bench's arithmetic: who runs when, medians, ratios, the front."""
+
+from __future__ import annotations
+
+import pytest
+
+from inim.errors import UsageError
+from inim.jobs.bench.scaling import growth
+from inim.jobs.bench.scene import marked
+from inim.jobs.bench.timing import Rounds, Timing, in_turn, pareto, ratios
+
+
+class Bench:
+    """Calls that take as long as they are told, on a clock of their own."""
+
+    def __init__(self, seconds):
+        self.now, self.order, self.seconds = 0.0, [], seconds
+
+    def calls(self):
+        return {name: lambda name=name: self._work(name) for name in self.seconds}
+
+    def _work(self, name):
+        self.order.append(name)
+        self.now += self.seconds[name]
+
+    def run(self, rounds, interpreted=()):
+        return in_turn(
+            self.calls(), rounds, interpreted, clock=lambda: self.now, pause=lambda _: None
+        )
+
+
+def test_all_take_turns_in_every_round():
+    bench = Bench({"yardstick": 0.1, "a": 0.2, "b": 0.3})
+    times = bench.run(Rounds(runs=4, warmups=2))
+    # A cold start, two warm-ups, four runs: always in the same order, never twice in a row.
+    assert bench.order == ["yardstick", "a", "b"] * (1 + 2 + 4)
+    assert [len(t.times_s) for t in times.values()] == [4, 4, 4]
+    assert not any(t.slow for t in times.values())
+
+
+def test_slow_ones_run_less_and_say_so():
+    bench = Bench({"quick": 0.5, "slow": 3.0, "slower": 11.0})
+    times = bench.run(Rounds(runs=9, warmups=2))
+    assert {name: len(t.times_s) for name, t in times.items()} == {
+        "quick": 9, "slow": 3, "slower": 1,
+    }  # fmt: skip
+    assert [name for name, t in times.items() if t.slow] == ["slow", "slower"]
+    assert bench.order.count("slower") == 2  # cold, then the one that counts
+
+
+def test_an_interpreted_slow_one_needs_no_second_start():
+    bench = Bench({"quick": 0.5, "python": 11.0})
+    times = bench.run(Rounds(), interpreted=["python"])
+    assert bench.order.count("python") == 1
+    assert times["python"].times_s == (11.0,)
+
+
+def test_the_cold_start_is_no_run():
+    clock = iter([9.0, 1.0, 1.0, 2.0, 4.0])
+    bench = Bench({"a": 0.0})
+    bench._work = lambda name: setattr(bench, "now", bench.now + next(clock))
+    times = bench.run(Rounds(runs=2, warmups=2))["a"]
+    assert (times.cold_s, times.times_s) == (9.0, (2.0, 4.0))
+
+
+@pytest.mark.parametrize("wrong", [{"runs": 0}, {"warmups": 0}, {"runs": -1}])
+def test_nothing_is_timed_without_a_warm_up_and_a_run(wrong):
+    with pytest.raises(UsageError, match=f"--{next(iter(wrong))}"):
+        Rounds(**wrong)
+
+
+def test_garbage_is_collected_again_afterwards_even_after_an_error():
+    import gc
+
+    def fails():
+        raise RuntimeError
+
+    assert gc.isenabled()
+    with pytest.raises(RuntimeError):
+        in_turn({"a": fails}, Rounds(), pause=lambda _: None)
+    assert gc.isenabled()
+
+
+def test_median_minimum_and_spread_of_known_runs():
+    timing = Timing(1.0, (5.0, 1.0, 3.0, 2.0, 4.0))
+    assert (timing.median_s, timing.min_s) == (3.0, 1.0)
+    assert timing.spread == pytest.approx((4 - 2) / 2 / 3)
+    assert Timing(1.0, (7.0,)).spread == 0
+
+
+def test_ratios_are_median_to_median_and_fastest_to_fastest():
+    found = ratios(Timing(0, (8.0, 6.0, 9.0)), Timing(0, (2.0, 4.0, 3.0)))
+    assert found == {"ratio": 8.0 / 3.0, "ratio_min": 3.0}
+
+
+def test_front_holds_those_that_none_beats():
+    points = [(1.0, 9.0), (2.0, 5.0), (3.0, 5.0), (4.0, 1.0), (5.0, 2.0), (6.0, None), (0.1, 99.0)]
+    assert pareto(points) == [True, True, False, True, False, False, True]
+
+
+def test_equal_points_are_both_on_the_front():
+    assert pareto([(1.0, 1.0), (1.0, 1.0), (1.0, 2.0)]) == [True, True, False]
+
+
+def test_a_contender_without_sources_can_still_be_on_another_front():
+    def one(name, ms, wrong, psnr):
+        return {
+            "name": name, "median_ms": ms, "wrong_source": wrong, "eia_psnr_db": psnr,
+            "eia_ssim": 0.5, "view_ssim_to_ceiling": 0.5,
+        }  # fmt: skip
+
+    found = {
+        c["name"]: c
+        for c in marked([one("a", 1.0, 0.1, 20), one("b", 2.0, None, 30), one("c", 3.0, 0.1, 20)])
+    }
+    assert found["a"]["fronts"][0] == "wrong_source"
+    assert found["b"]["fronts"] == ["eia_psnr_db"]
+    assert (found["b"]["pareto"], found["c"]["pareto"], found["c"]["fronts"]) == (True, False, [])
+
+
+def test_growth_is_the_power_of_the_size():
+    points = [{"n": n, "min_ms": 0.5 * n**1.5} for n in (4, 1, 64, 16)]
+    assert growth(points, "n") == pytest.approx(1.5)
+    assert growth(points[:1], "n") is None
