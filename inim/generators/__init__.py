@@ -50,6 +50,7 @@ GENERATORS: dict[str, str] = {
     "li2012": "inim.generators.li2012",
     "gu2020": "inim.generators.gu2020",
     "wang2024": "inim.generators.wang2024",
+    "template_jit": "inim.kernel.template_jit",
 }
 _ENTRY_POINTS = "inim.generators"
 #: Ray tracing the scene itself, which a validation can score beside the generators.

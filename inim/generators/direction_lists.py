@@ -18,7 +18,13 @@ from inim.generators.base import PictureShape
 from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.traversal import walk
 
-__all__ = ["DirectionLists", "build_lists", "cells_per_pitch", "shares_directions"]
+__all__ = [
+    "DirectionLists",
+    "build_lists",
+    "cells_per_pitch",
+    "rounded_up",
+    "shares_directions",
+]
 
 
 @dataclass(frozen=True)
@@ -91,7 +97,7 @@ def build_lists(
         np.array(first, np.int32),
         np.ascontiguousarray(place[:, 0]),
         np.ascontiguousarray(place[:, 1]),
-        _rounded_up(np.concatenate(left)),
+        rounded_up(np.concatenate(left)),
     )
 
 
@@ -105,7 +111,7 @@ def _longest(rays: CellRays, display: Display) -> int:
     return math.ceil(float(np.abs(rays.slope).max()) / rays.scale * (z_max - z_min)) + 3
 
 
-def _rounded_up(values: np.ndarray) -> np.ndarray:
+def rounded_up(values: np.ndarray) -> np.ndarray:
     """The smallest float32 that is not below each float64."""
     near = values.astype(np.float32)
     above = np.nextafter(near, np.float32(np.inf))

@@ -20,12 +20,12 @@ import numpy as np
 from inim.generators.base import PictureShape
 from inim.generators.direction_lists import DirectionLists
 
-__all__ = ["Phases", "run_templates"]
+__all__ = ["STRIP", "Phases", "index_payload", "run_templates"]
 
-# Lenses per strip: three 512-bit vectors, or six of 256. Longer strips have looser depth bounds.
-_STRIP = 48
-_LANES = np.uintp(_STRIP)
-_ONE = np.uintp(1)
+# Lenses per strip, a constant for the compiler: four 512-bit vectors, or eight of 256. Longer
+# strips have looser depth bounds, shorter ones more overhead.
+STRIP = 64
+_LANES = np.uintp(STRIP)
 
 
 @dataclass(frozen=True)
@@ -38,61 +38,86 @@ class Phases:
         Depths by phase, -inf where nothing is covered, and around the picture.
     payload : same shape, uint32
         What a hit shows: an RGBA colour, or an index.
-    offset : (n,) int64
-        Flat distance from a lens's slot to each template entry's cell.
     origin : (row, column) of int
         Picture cell of slot (0, 0), phase (0, 0); negative where slots reach beyond the picture.
-    lens_rows, lens_columns : int
     window : (slots down, slots across) of int
-        Slots that the templates of one lens can reach.
+        Slots that the rays of one lens can reach.
+    strip : int
+        Lenses per strip.
     low, high : (lens rows, strips) float32
         Depth bounds of what a strip of lenses can reach.
     """
 
     depth: np.ndarray
     payload: np.ndarray
-    offset: np.ndarray
     origin: tuple[int, int]
-    lens_rows: int
-    lens_columns: int
     window: tuple[int, int]
+    strip: int
     low: np.ndarray
     high: np.ndarray
 
     @classmethod
-    def make(cls, lists: DirectionLists, lens_rows: int, lens_columns: int) -> Phases:
-        """Lay out the phases for a display's lens counts."""
-        k = lists.per_pitch
-        slot = [np.floor_divide(cells, k) for cells in (lists.row, lists.column)]
-        low = [int(s.min()) for s in slot]
-        window = (int(slot[0].max()) - low[0] + 1, int(slot[1].max()) - low[1] + 1)
-        down = lens_rows + window[0] - 1
-        across = max(lens_columns, _STRIP) + window[1] - 1
-        shape = (down, k, k, across)
-        phase = [cells - s * k for cells, s in zip((lists.row, lists.column), slot, strict=True)]
-        offset = np.ravel_multi_index(
-            (slot[0] - low[0], phase[0], phase[1], slot[1] - low[1]), shape
-        )
-        strips = -(-lens_columns // _STRIP)
+    def make(
+        cls,
+        per_pitch: int,
+        rows: np.ndarray,
+        columns: np.ndarray,
+        lenses: tuple[int, int],
+        strip: int,
+    ) -> Phases:
+        """Lay out the phases.
+
+        Parameters
+        ----------
+        per_pitch : int
+            Picture cells per lens pitch.
+        rows, columns : int arrays
+            All cells that rays of the lens (0, 0) visit.
+        lenses : (rows, columns)
+        strip : int
+            Neighbouring lenses that are worked on at once.
+        """
+        first = [int(cells.min()) // per_pitch for cells in (rows, columns)]
+        last = [int(cells.max()) // per_pitch for cells in (rows, columns)]
+        window = (last[0] - first[0] + 1, last[1] - first[1] + 1)
+        down = lenses[0] + window[0] - 1
+        across = max(lenses[1], strip) + window[1] - 1
+        shape = (down, per_pitch, per_pitch, across)
+        strips = -(-lenses[1] // strip)
         return cls(
             np.full(shape, -np.inf, np.float32),
             np.zeros(shape, np.uint32),
-            offset.astype(np.int64),
-            (low[0] * k, low[1] * k),
-            lens_rows,
-            lens_columns,
+            (first[0] * per_pitch, first[1] * per_pitch),
             window,
-            np.empty((lens_rows, strips), np.float32),
-            np.empty((lens_rows, strips), np.float32),
+            strip,
+            np.empty((lenses[0], strips), np.float32),
+            np.empty((lenses[0], strips), np.float32),
         )
+
+    def row_offset(self, rows: np.ndarray) -> np.ndarray:
+        """Flat distance of picture rows of lens row 0 from slot row 0; add a column's."""
+        _, k, _, across = self.depth.shape
+        # Slots and the phases inside them follow one another, row by row.
+        offset: np.ndarray = (np.asarray(rows, np.int64) - self.origin[0]) * (k * across)
+        return offset
+
+    def column_offset(self, columns: np.ndarray) -> np.ndarray:
+        """Flat distance of picture columns of lens column 0 from slot column 0."""
+        _, k, _, across = self.depth.shape
+        slot, phase = np.divmod(np.asarray(columns, np.int64) - self.origin[1], k)
+        offset: np.ndarray = phase * across + slot
+        return offset
+
+    def fill(self, depth_mm: np.ndarray, covered: np.ndarray, payload: np.ndarray) -> None:
+        """Take in a picture: (H, W) float32, bool, uint32."""
+        _fill(depth_mm, covered, payload, *self.origin, self.depth, self.payload)
+        _bound(self.depth, *self.window, self.strip, self.low, self.high)
 
 
 def run_templates(
     lists: DirectionLists,
+    offset: np.ndarray,
     phases: Phases,
-    depth_mm: np.ndarray,
-    covered: np.ndarray,
-    payload: np.ndarray,
     empty: int,
     out: np.ndarray,
 ) -> None:
@@ -100,24 +125,24 @@ def run_templates(
 
     Parameters
     ----------
-    lists, phases :
-        Made for each other and for the picture's size.
-    depth_mm, covered, payload : (H, W) float32, bool, uint32
+    lists : DirectionLists
+    offset : (n,) int64
+        Flat distance from a lens's slot to each entry's cell.
+    phases : Phases
+        Holding the picture.
     empty : int
         What a hole shows.
     out : (rows, columns) uint32
     """
-    _fill(depth_mm, covered, payload, *phases.origin, phases.depth, phases.payload)
-    _bound(phases.depth, *phases.window, phases.low, phases.high)
     _run(
         phases.depth.reshape(-1),
         phases.payload.reshape(-1),
         phases.depth[0].size,
         lists.first,
-        phases.offset,
+        offset,
         lists.exit_mm,
         lists.pixels,
-        phases.lens_columns,
+        out.shape[1] // lists.pixels,
         phases.low,
         phases.high,
         np.uint32(empty),
@@ -152,7 +177,7 @@ def _fill(depth, covered, payload, row0, column0, phase_depth, phase_payload):  
 
 
 @numba.njit(cache=True, nogil=True)
-def _bound(depth, reach_down, reach_across, low, high):  # type: ignore[no-untyped-def]
+def _bound(depth, reach_down, reach_across, strip, low, high):  # type: ignore[no-untyped-def]
     """Least and greatest depth within reach of each strip of each lens row."""
     lens_rows, strips = low.shape
     down, k, _, across = depth.shape
@@ -160,11 +185,11 @@ def _bound(depth, reach_down, reach_across, low, high):  # type: ignore[no-untyp
     row_high = np.empty((down, strips), np.float32)
     for i in range(down):
         for s in range(strips):
-            start = min(s * _STRIP, across - _STRIP - reach_across + 1)
+            start = min(s * strip, across - strip - reach_across + 1)
             least, most = np.float32(np.inf), np.float32(-np.inf)
             for p in range(k):
                 for q in range(k):
-                    for j in range(start, start + _STRIP + reach_across - 1):
+                    for j in range(start, start + strip + reach_across - 1):
                         z = depth[i, p, q, j]
                         least = z if z < least else least
                         most = z if z > most else most
@@ -181,7 +206,7 @@ def _run(  # type: ignore[no-untyped-def]
 ):
     """All lens rows, shared among the threads."""
     for m in numba.prange(low.shape[0]):
-        strip = np.empty(pixels * _STRIP, np.uint32)
+        strip = np.empty(pixels * STRIP, np.uint32)
         _run_row(
             m, depth, payload, row_stride, first, offset, exits, pixels, lenses, low, high, empty,
             strip, out,
@@ -209,7 +234,7 @@ def _run_row(  # type: ignore[no-untyped-def]
     """One row of lenses, a panel row and a strip at a time."""
     for v in range(pixels):
         for s in range(low.shape[1]):
-            start = max(min(s * _STRIP, lenses - _STRIP), 0)
+            start = max(min(s * STRIP, lenses - STRIP), 0)
             base = m * row_stride + start
             for u in range(pixels):
                 direction = v * pixels + u
@@ -218,7 +243,7 @@ def _run_row(  # type: ignore[no-untyped-def]
                 )
                 _apply(depth, payload, base, offset, exits, near, far, empty, strip, u)
             place = ((m * pixels + v) * lenses + start) * pixels
-            _interleave(strip, pixels, min(_STRIP, lenses), out, place)
+            _interleave(strip, pixels, min(STRIP, lenses), out, place)
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -239,7 +264,7 @@ def _apply(depth, payload, base, offset, exits, near, far, empty, strip, u):  # 
     In a group that is not full the nearest entry is applied again, which changes nothing. Every
     load is unconditional, and lies within the phases: a conditional one would not become a vector.
     """
-    at = np.uintp(u * _STRIP)
+    at = np.uintp(u * STRIP)
     for n in range(_LANES):
         strip[at + n] = empty
     k = far

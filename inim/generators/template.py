@@ -8,26 +8,33 @@ leaves that cell (or z_min, where the ray ends) gives the source. No such cell: 
 A ray that runs exactly along a border between cells belongs to the cell of the larger row or
 column; one that crosses exactly at a corner passes to the diagonal neighbour.
 
-Two ways lead to the same sources, bit for bit:
+Three ways lead to the same sources, bit for bit:
 
 * where co-located pixels of all lenses are parallel and the picture has a whole number of pixels
   per pitch, one list of cells per direction serves all lenses (`inim.generators.direction_lists`),
   and runs over the picture's phases without a gather (`inim.generators.polyphase`);
-* anywhere else (15.7 pixels per lens, an elemental-image pitch of its own, any picture), and where
-  only some pixels are asked for, each ray is walked by itself (`inim.generators.traversal`).
+* where only the picture is so (15.7 pixels per lens, an elemental-image pitch of its own), strips
+  of lenses share cells but not exit depths (`inim.generators.strips`);
+* anywhere else, and where only some pixels are asked for, each ray is walked by itself
+  (`inim.generators.traversal`).
 """
 
 from __future__ import annotations
+
+from abc import abstractmethod
 
 import numpy as np
 
 from inim.display import Display, PixelAxis
 from inim.errors import UsageError
+from inim.generators import polyphase, strips
+from inim.generators.axis_runs import AxisRuns, axis_runs, doubtful_pixels
 from inim.generators.base import PictureShape, SourceGenerator, check_out
 from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
 from inim.generators.polyphase import Phases, index_payload, run_templates
 from inim.generators.sources import HOLE, NOT_ASKED, Sources
+from inim.generators.strips import row_runs, run_strips, strip_columns
 from inim.generators.traversal import first_hits, first_hits_at, starts
 from inim.rgbd import RGBD
 
@@ -65,12 +72,12 @@ def prepare(
         raise UsageError(
             f"template: mask of shape {np.shape(mask)}; the panel has {display.eia_shape}"
         )
-    alike = mask is None and shares_directions(display) and cells_per_pitch(display, pixel_mm)
 
     def first_hits_through(aside: Aside) -> SourceGenerator:
-        if alike:
-            return _Shared(display, shape, pixel_mm, aside)
-        return _RayByRay(display, shape, pixel_mm, aside, mask)
+        if mask is not None or not cells_per_pitch(display, pixel_mm):
+            return _RayByRay(display, shape, pixel_mm, aside, mask)
+        kind = _Shared if shares_directions(display) else _Strips
+        return kind(display, shape, pixel_mm, aside)
 
     if int(samples) == 1:
         return first_hits_through(CENTRE)
@@ -79,16 +86,16 @@ def prepare(
     return Supersampled(first_hits_through, int(samples))
 
 
-class _Shared(SourceGenerator):
-    """One template per direction for all lenses."""
+class _Aligned(SourceGenerator):
+    """Whole cells per lens pitch: lenses meet the same cells, moved by whole lenses."""
 
-    def __init__(
-        self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside = CENTRE
-    ) -> None:
+    def __init__(self, display: Display, shape: PictureShape, pixel_mm: float) -> None:
         super().__init__(display, shape, pixel_mm)
-        self._lists = build_lists(display, shape, pixel_mm, aside)
-        self._phases = Phases.make(self._lists, display.lens_rows, display.lens_columns)
         self._index = index_payload(shape)
+
+    @abstractmethod
+    def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
+        """Show each panel pixel the payload of its first hit, all uint32."""
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
@@ -105,8 +112,71 @@ class _Shared(SourceGenerator):
         self._run(rgbd, rgbd.color.view(np.uint32)[..., 0], 0, out.view(np.uint32)[..., 0])
         return out
 
+
+class _Shared(_Aligned):
+    """One template per direction for all lenses."""
+
+    def __init__(
+        self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside = CENTRE
+    ) -> None:
+        super().__init__(display, shape, pixel_mm)
+        self._lists = build_lists(display, shape, pixel_mm, aside)
+        self._phases = Phases.make(
+            self._lists.per_pitch,
+            self._lists.row,
+            self._lists.column,
+            (display.lens_rows, display.lens_columns),
+            polyphase.STRIP,
+        )
+        self._offset = self._phases.row_offset(self._lists.row) + self._phases.column_offset(
+            self._lists.column
+        )
+
     def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
-        run_templates(self._lists, self._phases, rgbd.depth_mm, rgbd.covered, payload, empty, out)
+        self._phases.fill(rgbd.depth_mm, rgbd.covered, payload)
+        run_templates(self._lists, self._offset, self._phases, empty, out)
+
+
+class _Strips(_Aligned):
+    """Directions differ from lens to lens: exit depths are vectors along a strip of lenses."""
+
+    def __init__(
+        self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside = CENTRE
+    ) -> None:
+        super().__init__(display, shape, pixel_mm)
+        per_pitch = cells_per_pitch(display, pixel_mm)
+        assert per_pitch is not None
+        rays = cell_rays(shape, pixel_mm, display, aside)
+        columns, rows = (axis_runs(axis, display.depth_range_mm) for axis in rays)
+        self._phases = Phases.make(
+            per_pitch,
+            _relative(rows, display.rows, per_pitch),
+            _relative(columns, display.columns, per_pitch),
+            (display.lens_rows, display.lens_columns),
+            strips.STRIP,
+        )
+        self._rows = row_runs(display, rows, per_pitch, self._phases)
+        self._columns = strip_columns(display, columns, per_pitch, self._phases)
+        doubtful = doubtful_pixels(rows, columns)
+        mask = np.zeros(display.eia_shape, bool)
+        mask.flat[doubtful] = True
+        self._doubtful = _RayByRay(display, shape, pixel_mm, aside, mask) if len(doubtful) else None
+
+    def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
+        self._phases.fill(rgbd.depth_mm, rgbd.covered, payload)
+        run_strips(self._rows, self._columns, self._phases, empty, out)
+        if self._doubtful is not None:
+            sources = self._doubtful.sources(rgbd)
+            known = np.append(payload.reshape(-1), np.uint32(empty))
+            asked = sources > NOT_ASKED
+            out[asked] = known[np.maximum(sources[asked], HOLE)]
+
+
+def _relative(runs: AxisRuns, pixels: PixelAxis, per_pitch: int) -> np.ndarray:
+    """Cells of all lensed runs, as if under the lens 0."""
+    owner = np.repeat(pixels.lens, np.diff(runs.first))
+    cells: np.ndarray = (runs.cell - per_pitch * owner)[owner >= 0]
+    return cells
 
 
 class _RayByRay(SourceGenerator):

@@ -12,9 +12,10 @@ from inim.color import linear_from_srgb, srgb_from_linear
 from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
+from inim.generators.axis_runs import AxisRuns, doubtful_pixels
 from inim.generators.direction_lists import shares_directions
 from inim.generators.sources import NO_LENS, NOT_ASKED
-from inim.generators.template import _RayByRay, _Shared
+from inim.generators.template import _RayByRay, _Shared, _Strips
 from inim.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
@@ -51,6 +52,45 @@ def test_lists_shared_by_all_lenses_give_every_ray_its_own_source(per_pitch, len
     shared = _Shared(display, rgbd.shape, rgbd.pixel_mm)
     alone = _RayByRay(display, rgbd.shape, rgbd.pixel_mm)
     assert np.array_equal(shared.sources(rgbd), alone.sources(rgbd))
+
+
+@pytest.mark.parametrize("per_pitch", [1, 2, 5])
+@pytest.mark.parametrize("lenses", [(1, 1), (7, 5), (81, 3), (163, 2)])
+@pytest.mark.parametrize("pixel_mm", [0.0636, 1 / 8, 1 / 7, 0.21])
+@pytest.mark.parametrize("mode", [{}, VIRTUAL, STRADDLING], ids=["real", "virtual", "straddling"])
+def test_strips_give_every_ray_its_own_source(per_pitch, lenses, pixel_mm, mode):
+    """Any pixel ratio, whole ones among them: every corner is a tie there."""
+    display = small_display(*lenses, pixel_pitch_mm=pixel_mm, **mode)
+    rgbd = picture(display, per_pitch)
+    strips = _Strips(display, rgbd.shape, rgbd.pixel_mm)
+    alone = _RayByRay(display, rgbd.shape, rgbd.pixel_mm)
+    assert np.array_equal(strips.sources(rgbd), alone.sources(rgbd))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"elemental_pitch_mm": 1.013},
+        {"elemental_pitch_mm": 0.99, "pixel_pitch_mm": 0.07},
+        {"panel_columns": 70, "panel_rows": 40},
+        {"panel_columns": 140, "panel_rows": 111},
+    ],
+)
+def test_strips_serve_panels_and_elemental_images_of_any_size(changes):
+    display = small_display(12, 10, **changes)
+    rgbd = picture(display, 4)
+    strips = _Strips(display, rgbd.shape, rgbd.pixel_mm)
+    alone = _RayByRay(display, rgbd.shape, rgbd.pixel_mm)
+    assert np.array_equal(strips.sources(rgbd), alone.sources(rgbd))
+
+
+def test_exits_that_float32_cannot_order_are_walked_in_float64():
+    """Two borders met 1e-8 mm apart: one float32, two depths; the ray is found and done apart."""
+    rows = AxisRuns(np.array([0, 2]), np.array([0, 1]), np.array([20.0, 10.0]))
+    near, same = 20.0 - 1e-8, 20.0
+    for exit_mm, doubtful in ((near, [0]), (same, []), (21.0, [])):
+        columns = AxisRuns(np.array([0, 2]), np.array([0, 1]), np.array([exit_mm, 10.0]))
+        assert doubtful_pixels(rows, columns).tolist() == doubtful
 
 
 def test_a_prepared_generator_forgets_the_picture_before():

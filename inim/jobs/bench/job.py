@@ -1,0 +1,113 @@
+"""A whole bench: everything asked for is measured, then written as data, table, page and plots."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from inim import backend as backends
+from inim.jobs.bench.contenders import chosen
+from inim.jobs.bench.machine import describe, load_average, most_threads, versions, warn_of_load
+from inim.jobs.bench.paper import bench_paper
+from inim.jobs.bench.request import BenchRequest, check_request, scene_plan
+from inim.jobs.bench.scaling import bench_scaling
+from inim.jobs.bench.scene import bench_scene
+from inim.jobs.output import open_staging, publish
+from inim.jobs.worker import outcome_of, supervise
+from inim.report.bench import SCHEMA, write_bench
+from inim.version import __version__
+
+__all__ = ["run_bench", "work"]
+
+_MARKER = "bench.json"
+
+
+def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False) -> None:
+    """Measure in a worker process; `bench.json` and its kin are in `request.out` afterwards.
+
+    Raises
+    ------
+    InimError
+        What the worker raised, or `WorkerError` / `OutOfMemoryError` where it could not say.
+    """
+    check_request(request)
+    backend = backends.choose_backend("llvm")
+    staging = open_staging(request.out)
+    job = {
+        "request": request.as_json(),
+        "staging": str(staging),
+        "quiet": quiet,
+        "debug": debug,
+        # Before the worker starts to load: what others do.
+        "load": load_average(),
+    }
+    try:
+        outcome_of(supervise("inim.jobs.bench", job, backend))
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def work(job: dict[str, Any], listener: Any) -> bool:
+    """The worker's side: measure, write, publish."""
+    request, staging = BenchRequest.from_json(job["request"]), Path(job["staging"])
+    data = _measured(request, job["load"], listener)
+    listener.stage("write")
+    write_bench(data, staging)
+    publish(staging, request.out, _MARKER)
+    return True
+
+
+def _measured(request: BenchRequest, load: float | None, listener: Any) -> dict[str, Any]:
+    """The content of bench.json."""
+    listener.stage("start")
+    from inim.kernel import variant
+
+    backend = variant.use("llvm")
+    thread_count = request.threads or most_threads()
+    data = _record(request, backend, thread_count)
+    data["warnings"] = warn_of_load(load)
+    data["load"] = {"start": load, "cores": os.cpu_count()}
+    data |= {"scaling": None, "paper": None, "contenders": [], "notes": []}
+    if request.scene is not None:
+        names, data["notes"] = chosen(request.algorithms)
+        data |= bench_scene(scene_plan(request), names, request.rounds, listener)
+        _print_contenders(listener, data)
+    if request.scaling:
+        data["scaling"] = bench_scaling(request.rounds, listener)
+    if request.paper:
+        data["paper"] = bench_paper(request.rounds, listener)
+        for claim in data["paper"]["claims"]:
+            listener.line(f"{'yes' if claim['holds'] else 'NO '}  {claim['claim']}")
+    data["load"]["end"] = load_average()
+    return data
+
+
+def _record(request: BenchRequest, backend: Any, thread_count: int) -> dict[str, Any]:
+    """What made it and how to make it again."""
+    named = request.scene.stem if request.scene else "synthetic pictures"
+    return {
+        "schema": SCHEMA,
+        "title": f"Bench: {named}",
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "inim_version": __version__,
+        "versions": versions(),
+        "command": shlex.join(["python", "-m", "inim.bench", *request.command()]),
+        "backend": describe(backend),
+        "threads": thread_count,
+        "rounds": {"runs": request.runs, "warmups": request.warmups},
+    }
+
+
+def _print_contenders(listener: Any, data: dict[str, Any]) -> None:
+    width = max(len(c["name"]) for c in data["contenders"])
+    for c in data["contenders"]:
+        wrong = "   –   " if c["wrong_source"] is None else f"{c['wrong_source']:7.2%}"
+        listener.line(
+            f"{c['name']:{width}}  {c['median_ms']:9.2f} ms  {c['ratio']:8.2f} yardsticks  wrong "
+            f"source {wrong}  EIA PSNR {c['eia_psnr_db']:.2f} dB  view SSIM to ceiling "
+            f"{c['view_ssim_to_ceiling']:.4f}{'  *' if c['pareto'] else ''}"
+        )

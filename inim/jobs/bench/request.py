@@ -1,0 +1,112 @@
+"""What a bench was asked to do, checked before anything heavy is loaded."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from inim.errors import UsageError
+from inim.jobs.bench.timing import Rounds
+from inim.jobs.plan import Plan, Request, make_plan
+
+__all__ = ["BenchRequest", "check_request", "default_out", "scene_plan"]
+
+
+@dataclass(frozen=True)
+class BenchRequest:
+    """What the user asked for; None and empty mean "as the scene says".
+
+    Attributes
+    ----------
+    out : Path
+    scene : Path, optional
+        Without one, `scaling` or `paper` must be asked for.
+    definitions : tuple of str
+        `key=value` overrides, as after -D.
+    display, algorithms : str, optional
+    runs, warmups : int
+    threads : int, optional
+        All there are if None.
+    scaling, paper : bool
+    """
+
+    out: Path
+    scene: Path | None = None
+    definitions: tuple[str, ...] = ()
+    display: str | None = None
+    algorithms: str | None = None
+    runs: int = Rounds.runs
+    warmups: int = Rounds.warmups
+    threads: int | None = None
+    scaling: bool = False
+    paper: bool = False
+
+    @property
+    def rounds(self) -> Rounds:
+        """How often everything runs, and on how many threads."""
+        return Rounds(self.runs, self.warmups, self.threads)
+
+    def command(self) -> list[str]:
+        """The command line that repeats this request, after `python -m inim.bench`."""
+        words = [] if self.scene is None else [str(self.scene)]
+        words += ["-o", str(self.out)]
+        for item in self.definitions:
+            words += ["-D", item]
+        for name in ("display", "algorithms", "threads"):
+            if getattr(self, name) is not None:
+                words += [f"--{name}", str(getattr(self, name))]
+        words += [f"--{name}" for name in ("scaling", "paper") if getattr(self, name)]
+        defaults = Rounds()
+        for name in ("runs", "warmups"):
+            if getattr(self, name) != getattr(defaults, name):
+                words += [f"--{name}", str(getattr(self, name))]
+        return words
+
+    def as_json(self) -> dict[str, Any]:
+        """For the worker's command line; `from_json` reads it."""
+        return {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
+
+    @classmethod
+    def from_json(cls, raw: dict[str, Any]) -> BenchRequest:
+        """The request that `as_json` wrote."""
+        scene = raw["scene"]
+        paths = {"out": Path(raw["out"]), "scene": None if scene is None else Path(scene)}
+        return cls(**{**raw, **paths, "definitions": tuple(raw["definitions"])})
+
+
+def default_out(scene: Path | None) -> Path:
+    """Where a bench goes when nobody says: beside where the command is typed."""
+    return Path("bench" if scene is None else f"{scene.stem}-bench")
+
+
+def check_request(request: BenchRequest) -> None:
+    """Raise the `InimError` that fits where a request cannot be carried out; costs no rendering."""
+    from inim.jobs.bench.contenders import chosen
+    from inim.jobs.bench.machine import most_threads
+
+    if request.scene is None and not (request.scaling or request.paper):
+        raise UsageError("bench: name a scene, or ask for --scaling or --paper")
+    if request.scene is None and (request.definitions or request.display or request.algorithms):
+        raise UsageError("bench: -D, --display and --algorithms belong to a scene; name one")
+    Rounds(request.runs, request.warmups)  # checks both
+    if request.threads is not None and not 1 <= request.threads <= most_threads():
+        raise UsageError(f"--threads {request.threads}: this machine has 1 to {most_threads()}")
+    if request.scene is not None:
+        scene_plan(request)
+        if request.algorithms is not None:
+            chosen(request.algorithms)
+
+
+def scene_plan(request: BenchRequest) -> Plan:
+    """The plan of a validation of the scene: its display, viewpoints and sampling."""
+    assert request.scene is not None
+    return make_plan(
+        Request(
+            request.scene,
+            request.out,
+            request.definitions,
+            request.display,
+            algorithms="template",  # contenders are chosen apart: their options are not settings
+        )
+    )
