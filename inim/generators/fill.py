@@ -68,7 +68,7 @@ def _spread(
 ) -> tuple[Sources, NDArray[np.bool_]]:
     """Sources with the nearest one everywhere, and the holes inside that have one."""
     # Slow to import, and most runs paint nothing.
-    from scipy.ndimage import distance_transform_edt  # type: ignore[import-untyped]
+    from scipy.ndimage import distance_transform_edt
 
     around, paintable = sources.copy(), inside.copy()
     for window in _elemental_images(display):

@@ -104,8 +104,9 @@ def test_a_fractional_number_of_picture_pixels_per_pitch_shows_the_same_bits():
     assert_same(display, RGBD(whole.color, whole.depth_mm, whole.covered, 0.3))
 
 
-def test_a_picture_smaller_than_the_array_shows_the_same_bits_and_holes_beyond_it():
-    display = small_display(60, 9)
+@pytest.mark.parametrize("changes", [{}, CONVERGING], ids=["shared", "by themselves"])
+def test_a_picture_smaller_than_the_array_shows_the_same_bits_and_holes_beyond_it(changes):
+    display = small_display(60, 9, **STRADDLING, **changes)
     whole = picture(display, 2, rgba=True)
     parts = (a[6:-6, 40:-40] for a in (whole.color, whole.depth_mm, whole.covered))
     found = assert_same(display, RGBD(*parts, whole.pixel_mm))
