@@ -44,8 +44,8 @@ class Phases:
         Slots that the rays of one lens can reach.
     strip : int
         Lenses per strip.
-    low, high : (lens rows, strips) float32
-        Depth bounds of what a strip of lenses can reach.
+    low, high : (slots down, strips) float32
+        Depth bounds, in a row of slots, of what a strip of lenses can reach.
     """
 
     depth: np.ndarray
@@ -90,8 +90,8 @@ class Phases:
             (first[0] * per_pitch, first[1] * per_pitch),
             window,
             strip,
-            np.empty((lenses[0], strips), np.float32),
-            np.empty((lenses[0], strips), np.float32),
+            np.empty((down, strips), np.float32),
+            np.empty((down, strips), np.float32),
         )
 
     def row_offset(self, rows: np.ndarray) -> np.ndarray:
@@ -111,12 +111,13 @@ class Phases:
     def fill(self, depth_mm: np.ndarray, covered: np.ndarray, payload: np.ndarray) -> None:
         """Take in a picture: (H, W) float32, bool, uint32."""
         _fill(depth_mm, covered, payload, *self.origin, self.depth, self.payload)
-        _bound(self.depth, *self.window, self.strip, self.low, self.high)
+        _bound(self.depth, self.window[1], self.strip, self.low, self.high)
 
 
 def run_templates(
     lists: DirectionLists,
     offset: np.ndarray,
+    reach: np.ndarray,
     phases: Phases,
     empty: int,
     out: np.ndarray,
@@ -128,6 +129,8 @@ def run_templates(
     lists : DirectionLists
     offset : (n,) int64
         Flat distance from a lens's slot to each entry's cell.
+    reach : (pixels, 2) int64
+        First and last row of slots, from the lens's own, that each pixel row's rays visit.
     phases : Phases
         Holding the picture.
     empty : int
@@ -140,6 +143,7 @@ def run_templates(
         phases.depth[0].size,
         lists.first,
         offset,
+        reach,
         lists.exit_mm,
         lists.pixels,
         out.shape[1] // lists.pixels,
@@ -177,39 +181,32 @@ def _fill(depth, covered, payload, row0, column0, phase_depth, phase_payload):  
 
 
 @numba.njit(cache=True, nogil=True)
-def _bound(depth, reach_down, reach_across, strip, low, high):  # type: ignore[no-untyped-def]
-    """Least and greatest depth within reach of each strip of each lens row."""
-    lens_rows, strips = low.shape
+def _bound(depth, reach, strip, low, high):  # type: ignore[no-untyped-def]
+    """Least and greatest depth that each strip can reach in each row of slots."""
     down, k, _, across = depth.shape
-    row_low = np.empty((down, strips), np.float32)
-    row_high = np.empty((down, strips), np.float32)
     for i in range(down):
-        for s in range(strips):
-            start = min(s * strip, across - strip - reach_across + 1)
+        for s in range(low.shape[1]):
+            start = min(s * strip, across - strip - reach + 1)
             least, most = np.float32(np.inf), np.float32(-np.inf)
             for p in range(k):
                 for q in range(k):
-                    for j in range(start, start + strip + reach_across - 1):
+                    for j in range(start, start + strip + reach - 1):
                         z = depth[i, p, q, j]
                         least = z if z < least else least
                         most = z if z > most else most
-            row_low[i, s], row_high[i, s] = least, most
-    for m in range(lens_rows):
-        for s in range(strips):
-            low[m, s] = row_low[m : m + reach_down, s].min()
-            high[m, s] = row_high[m : m + reach_down, s].max()
+            low[i, s], high[i, s] = least, most
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _run(  # type: ignore[no-untyped-def]
-    depth, payload, row_stride, first, offset, exits, pixels, lenses, low, high, empty, out
+    depth, payload, row_stride, first, offset, reach, exits, pixels, lenses, low, high, empty, out
 ):
     """All lens rows, shared among the threads."""
-    for m in numba.prange(low.shape[0]):
+    for m in numba.prange(out.size // (pixels * pixels * lenses)):
         strip = np.empty(pixels * STRIP, np.uint32)
         _run_row(
-            m, depth, payload, row_stride, first, offset, exits, pixels, lenses, low, high, empty,
-            strip, out,
+            m, depth, payload, row_stride, first, offset, reach, exits, pixels, lenses, low, high,
+            empty, strip, out,
         )  # fmt: skip
 
 
@@ -222,6 +219,7 @@ def _run_row(  # type: ignore[no-untyped-def]
     row_stride,
     first,
     offset,
+    reach,
     exits,
     pixels,
     lenses,
@@ -236,11 +234,11 @@ def _run_row(  # type: ignore[no-untyped-def]
         for s in range(low.shape[1]):
             start = max(min(s * STRIP, lenses - STRIP), 0)
             base = m * row_stride + start
+            least = low[m + reach[v, 0] : m + reach[v, 1] + 1, s].min()
+            most = high[m + reach[v, 0] : m + reach[v, 1] + 1, s].max()
             for u in range(pixels):
                 direction = v * pixels + u
-                near, far = _useful(
-                    exits, first[direction], first[direction + 1] - 1, low[m, s], high[m, s]
-                )
+                near, far = _useful(exits, first[direction], first[direction + 1] - 1, least, most)
                 _apply(depth, payload, base, offset, exits, near, far, empty, strip, u)
             place = ((m * pixels + v) * lenses + start) * pixels
             _interleave(strip, pixels, min(STRIP, lenses), out, place)
@@ -265,9 +263,14 @@ def _apply(depth, payload, base, offset, exits, near, far, empty, strip, u):  # 
     load is unconditional, and lies within the phases: a conditional one would not become a vector.
     """
     at = np.uintp(u * STRIP)
-    for n in range(_LANES):
-        strip[at + n] = empty
-    k = far
+    k1, k2, k3 = max(far - 1, near), max(far - 2, near), max(far - 3, near)
+    _show(
+        depth, payload, empty, strip, at,
+        np.uintp(base + offset[far]), np.uintp(base + offset[k1]),
+        np.uintp(base + offset[k2]), np.uintp(base + offset[k3]),
+        exits[far], exits[k1], exits[k2], exits[k3],
+    )  # fmt: skip
+    k = far - 4
     while k >= near:
         k1, k2, k3 = max(k - 1, near), max(k - 2, near), max(k - 3, near)
         _overwrite(
@@ -280,8 +283,22 @@ def _apply(depth, payload, base, offset, exits, near, far, empty, strip, u):  # 
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
+def _show(depth, payload, empty, strip, at, a0, a1, a2, a3, z0, z1, z2, z3):  # type: ignore[no-untyped-def]
+    """Four entries, the farthest first, over an empty strip."""
+    for n in range(_LANES):
+        reached, candidate = depth[a0 + n], payload[a0 + n]
+        shown = candidate if reached >= z0 else empty
+        reached, candidate = depth[a1 + n], payload[a1 + n]
+        shown = candidate if reached >= z1 else shown
+        reached, candidate = depth[a2 + n], payload[a2 + n]
+        shown = candidate if reached >= z2 else shown
+        reached, candidate = depth[a3 + n], payload[a3 + n]
+        strip[at + n] = candidate if reached >= z3 else shown
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
 def _overwrite(depth, payload, strip, at, a0, a1, a2, a3, z0, z1, z2, z3):  # type: ignore[no-untyped-def]
-    """Four entries, the farthest first, over a strip."""
+    """Four entries, the farthest first, over what a strip shows."""
     for n in range(_LANES):
         shown = strip[at + n]
         reached, candidate = depth[a0 + n], payload[a0 + n]

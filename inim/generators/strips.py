@@ -40,6 +40,8 @@ class RowRuns:
         -1 where none.
     offset : (n,) int64
     exit, entry : (n,) float32
+    reach : (panel rows, 2) int64
+        First and last row of slots, from the lens's own, that each panel row's rays visit.
     """
 
     first: np.ndarray
@@ -47,6 +49,7 @@ class RowRuns:
     offset: np.ndarray
     exit: np.ndarray
     entry: np.ndarray
+    reach: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,10 @@ def row_runs(display: Display, runs: AxisRuns, per_pitch: int, phases: Phases) -
     lens = display.rows.lens
     owner = np.repeat(lens, np.diff(runs.first))
     offset = phases.row_offset(runs.cell - per_pitch * owner)
-    return RowRuns(runs.first, lens, offset, runs.exit32(), runs.entry32())
+    slots = (runs.cell - per_pitch * owner - phases.origin[0]) // per_pitch
+    begin = runs.first[:-1]
+    reach = np.stack([np.minimum.reduceat(slots, begin), np.maximum.reduceat(slots, begin)], 1)
+    return RowRuns(runs.first, lens, offset, runs.exit32(), runs.entry32(), reach)
 
 
 def strip_columns(display: Display, runs: AxisRuns, per_pitch: int, phases: Phases) -> StripColumns:
@@ -185,7 +191,7 @@ def run_strips(
     _run(
         phases.depth.reshape(-1), phases.payload.reshape(-1), phases.depth[0].size,
         phases.low, phases.high,
-        rows.first, rows.lens, rows.offset, rows.exit, rows.entry,
+        rows.first, rows.lens, rows.offset, rows.exit, rows.entry, rows.reach,
         columns.strip_first, columns.pixel, columns.pass_first, columns.offset,
         columns.exit.reshape(-1), columns.nearest_exit, columns.farthest_entry,
         columns.lens_first, columns.lens_pixels, np.uint32(empty), out,
@@ -195,7 +201,7 @@ def run_strips(
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _run(  # type: ignore[no-untyped-def]
     depth, payload, row_stride, low, high, row_first, row_lens, row_offset, row_exit, row_entry,
-    strip_first, pixel, pass_first, offset, exits, nearest, farthest,
+    row_reach, strip_first, pixel, pass_first, offset, exits, nearest, farthest,
     lens_first, lens_pixels, empty, out,
 ):  # fmt: skip
     """All panel rows, shared among the threads."""
@@ -205,7 +211,7 @@ def _run(  # type: ignore[no-untyped-def]
             strip = np.empty(int(lens_pixels.max()) * STRIP, np.uint32)
             _run_row(
                 r, depth, payload, row_stride, low, high, row_first, row_lens, row_offset,
-                row_exit, row_entry, strip_first, pixel, pass_first, offset, exits,
+                row_exit, row_entry, row_reach, strip_first, pixel, pass_first, offset, exits,
                 nearest, farthest, lens_first, lens_pixels, empty, strip, out,
             )  # fmt: skip
 
@@ -214,7 +220,7 @@ def _run(  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 def _run_row(  # type: ignore[no-untyped-def]
     r, depth, payload, row_stride, low, high, row_first, row_lens, row_offset, row_exit,
-    row_entry, strip_first, pixel, pass_first, offset, exits, nearest, farthest,
+    row_entry, row_reach, strip_first, pixel, pass_first, offset, exits, nearest, farthest,
     lens_first, lens_pixels, empty, strip, out,
 ):  # fmt: skip
     """One panel row, a strip of lenses and a pass at a time."""
@@ -223,7 +229,8 @@ def _run_row(  # type: ignore[no-untyped-def]
     for s in range(len(strip_first) - 1):
         start = max(min(s * STRIP, lenses - STRIP), 0)
         strip[:] = empty
-        least, most = low[m, s], high[m, s]
+        top, bottom = m + row_reach[r, 0], m + row_reach[r, 1] + 1
+        least, most = low[top:bottom, s].min(), high[top:bottom, s].max()
         near, far = row_first[r], row_first[r + 1] - 1
         while near < far and row_exit[near] > most:
             near += 1

@@ -131,10 +131,15 @@ class _Shared(_Aligned):
         self._offset = self._phases.row_offset(self._lists.row) + self._phases.column_offset(
             self._lists.column
         )
+        slots = (self._lists.row - self._phases.origin[0]) // self._lists.per_pitch
+        by_row = self._lists.first[:: self._lists.pixels]  # where each pixel row's entries begin
+        self._reach = np.stack(
+            [np.minimum.reduceat(slots, by_row[:-1]), np.maximum.reduceat(slots, by_row[:-1])], 1
+        )
 
     def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
         self._phases.fill(rgbd.depth_mm, rgbd.covered, payload)
-        run_templates(self._lists, self._offset, self._phases, empty, out)
+        run_templates(self._lists, self._offset, self._reach, self._phases, empty, out)
 
 
 class _Strips(_Aligned):

@@ -282,7 +282,7 @@ def algorithm_table() -> str:
     for name in reversed(algorithm_names()):
         try:
             rows.append(algorithm_summary(name))
-        except UsageError as error:
+        except InimError as error:
             rows.append((name, " ".join(str(error).split())))
     width = max(len(written) for written, _ in rows)
     return "\n".join(f"{written:{width}}  {what}".rstrip() for written, what in reversed(rows))

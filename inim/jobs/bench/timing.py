@@ -22,9 +22,12 @@ _SLOW_S = 2.0
 _RUNS_WHEN_SLOW = 3
 # Above this, one more run would only try the reader's patience.
 _VERY_SLOW_S = 10.0
-# The thread pools of Dr.Jit and numba wait busily for a moment after their work: let them fall
-# asleep, or the next in turn has fewer cores (without it, 1.2 ms became 6 ms on two of them).
-_SETTLE_S = 0.002
+# The thread pools of Dr.Jit and numba wait busily after their work, and the next in turn has fewer
+# cores: 14 ms became 22 ms with pauses of 3 ms, still 18 ms with 10 ms. So let them fall asleep,
+# and wake the next one's own by a run that is not counted, the same for all.
+_SETTLE_S = 0.03
+# A longer run wakes its pool by itself.
+_LEAD_IN_BELOW_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -119,8 +122,10 @@ def in_turn(
         Stand-ins for tests.
     """
 
-    def timed(name: str) -> float:
+    def timed(name: str, lead_in: bool = False) -> float:
         pause(_SETTLE_S)
+        if lead_in:
+            calls[name]()
         start = clock()
         calls[name]()
         return clock() - start
@@ -138,7 +143,7 @@ def in_turn(
         for _ in range(rounds.runs):
             for name in calls:
                 if len(times[name]) < _wanted(warm[name], rounds.runs):
-                    times[name].append(timed(name))
+                    times[name].append(timed(name, lead_in=warm[name] < _LEAD_IN_BELOW_S))
     finally:
         if collecting:
             gc.enable()
