@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from inim.display import Display
-from inim.errors import UsageError
+from inim.errors import InimError, UsageError
 from inim.formats.eia_file import read_eia
 from inim.generators import (
     PICKUP,
