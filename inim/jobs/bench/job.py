@@ -98,6 +98,7 @@ def _record(request: BenchRequest, backend: Any, thread_count: int) -> dict[str,
         "command": shlex.join(["python", "-m", "inim.bench", *request.command()]),
         "backend": describe(backend),
         "threads": thread_count,
+        "threading_layer": os.environ.get("NUMBA_THREADING_LAYER", "default"),
         "rounds": {"runs": request.runs, "warmups": request.warmups},
     }
 
