@@ -20,7 +20,7 @@ import numpy as np
 from inim.generators.base import PictureShape
 from inim.generators.direction_lists import DirectionLists
 
-__all__ = ["STRIP", "Phases", "index_payload", "run_templates"]
+__all__ = ["STRIP", "Phases", "depth_bounds", "index_payload", "run_templates"]
 
 # Lenses per strip, a constant for the compiler: four 512-bit vectors, or eight of 256. Longer
 # strips have looser depth bounds, shorter ones more overhead.
@@ -204,9 +204,10 @@ def _run(  # type: ignore[no-untyped-def]
     """All lens rows, shared among the threads."""
     for m in numba.prange(out.size // (pixels * pixels * lenses)):
         strip = np.empty(pixels * STRIP, np.uint32)
+        # The loop's own index is unsigned: passed on as it is, the row is compiled twice.
         _run_row(
-            m, depth, payload, row_stride, first, offset, reach, exits, pixels, lenses, low, high,
-            empty, strip, out,
+            np.int64(m), depth, payload, row_stride, first, offset, reach, exits, pixels, lenses,
+            low, high, empty, strip, out,
         )  # fmt: skip
 
 
@@ -234,14 +235,26 @@ def _run_row(  # type: ignore[no-untyped-def]
         for s in range(low.shape[1]):
             start = max(min(s * STRIP, lenses - STRIP), 0)
             base = m * row_stride + start
-            least = low[m + reach[v, 0] : m + reach[v, 1] + 1, s].min()
-            most = high[m + reach[v, 0] : m + reach[v, 1] + 1, s].max()
+            least, most = depth_bounds(low, high, m + reach[v, 0], m + reach[v, 1], s)
             for u in range(pixels):
                 direction = v * pixels + u
                 near, far = _useful(exits, first[direction], first[direction + 1] - 1, least, most)
                 _apply(depth, payload, base, offset, exits, near, far, empty, strip, u)
             place = ((m * pixels + v) * lenses + start) * pixels
             _interleave(strip, pixels, min(STRIP, lenses), out, place)
+
+
+@numba.njit(cache=True, nogil=True)
+def depth_bounds(low, high, top, bottom, strip):  # type: ignore[no-untyped-def]
+    """Least and greatest depth of a strip's bounds over slot rows top to bottom, both counted.
+
+    Loops: reductions over slices take the compiler a second.
+    """
+    least, most = low[top, strip], high[top, strip]
+    for i in range(top + 1, bottom + 1):
+        least = min(least, low[i, strip])
+        most = max(most, high[i, strip])
+    return least, most
 
 
 @numba.njit(cache=True, nogil=True, inline="always")

@@ -19,7 +19,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.generators.axis_runs import AxisRuns
-from inim.generators.polyphase import Phases
+from inim.generators.polyphase import Phases, depth_bounds
 
 __all__ = ["STRIP", "RowRuns", "StripColumns", "row_runs", "run_strips", "strip_columns"]
 
@@ -210,7 +210,7 @@ def _run(  # type: ignore[no-untyped-def]
         if row_lens[r] >= 0:
             strip = np.empty(int(lens_pixels.max()) * STRIP, np.uint32)
             _run_row(
-                r, depth, payload, row_stride, low, high, row_first, row_lens, row_offset,
+                np.int64(r), depth, payload, row_stride, low, high, row_first, row_lens, row_offset,
                 row_exit, row_entry, row_reach, strip_first, pixel, pass_first, offset, exits,
                 nearest, farthest, lens_first, lens_pixels, empty, strip, out,
             )  # fmt: skip
@@ -229,8 +229,7 @@ def _run_row(  # type: ignore[no-untyped-def]
     for s in range(len(strip_first) - 1):
         start = max(min(s * STRIP, lenses - STRIP), 0)
         strip[:] = empty
-        top, bottom = m + row_reach[r, 0], m + row_reach[r, 1] + 1
-        least, most = low[top:bottom, s].min(), high[top:bottom, s].max()
+        least, most = depth_bounds(low, high, m + row_reach[r, 0], m + row_reach[r, 1], s)
         near, far = row_first[r], row_first[r + 1] - 1
         while near < far and row_exit[near] > most:
             near += 1
