@@ -364,6 +364,12 @@ class Display:
         """The panel's rows, top to bottom: positions descend, row 0 has the largest y."""
         return self._axis(self.eia_shape[0], self.lens_rows, -1)
 
+    @cached_property
+    def lensed(self) -> np.ndarray:
+        """Panel pixels that lie under a lens, (rows, columns) bool."""
+        under: np.ndarray = (self.rows.lens >= 0)[:, None] & (self.columns.lens >= 0)[None, :]
+        return under
+
     def _axis(self, pixels: int, lenses: int, sign: int) -> PixelAxis:
         """Address pixels by position: a running ``int(P / P_D)`` would drift over the array.
 

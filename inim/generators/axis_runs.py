@@ -49,7 +49,7 @@ class AxisRuns:
 def axis_runs(rays: CellRays, depth_range_mm: tuple[float, float]) -> AxisRuns:
     """The runs of all rays of one axis."""
     z_min, z_max = depth_range_mm
-    most = int(np.abs(rays.slope).max() / rays.scale * (z_max - z_min)) + 3
+    most = rays.most_cells(depth_range_mm)
     cells = np.empty((len(rays.start), most), np.int64)
     exits = np.empty((len(rays.start), most))
     counts = np.empty(len(rays.start), np.int64)

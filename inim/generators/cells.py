@@ -41,6 +41,11 @@ class CellRays:
     slope: np.ndarray
     scale: float
 
+    def most_cells(self, depth_range_mm: tuple[float, float]) -> int:
+        """More cells than any of the rays can visit along this axis."""
+        z_min, z_max = depth_range_mm
+        return math.ceil(float(np.abs(self.slope).max()) / self.scale * (z_max - z_min)) + 3
+
 
 Aside = tuple[Fraction, Fraction]
 CENTRE: Aside = (Fraction(0), Fraction(0))

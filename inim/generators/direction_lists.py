@@ -8,7 +8,6 @@ direction (v, u) and serves every lens.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,7 +78,7 @@ def build_lists(
     assert per_pitch is not None and shares_directions(display)
     pixels = round(display.pixels_per_lens)
     column_rays, row_rays = cell_rays(shape, pixel_mm, display, aside)
-    longest = _longest(column_rays, display) + _longest(row_rays, display)
+    longest = sum(rays.most_cells(display.depth_range_mm) for rays in (column_rays, row_rays))
     cells, exits = np.empty((longest, 2), np.int64), np.empty(longest)
     visited, left, first = [], [], [0]
     for v in range(pixels):
@@ -103,12 +102,6 @@ def build_lists(
 
 def _ray(rays: CellRays, index: int) -> tuple[float, float, float]:
     return float(rays.start[index]), float(rays.slope[index]), rays.scale
-
-
-def _longest(rays: CellRays, display: Display) -> int:
-    """More cells than any ray of an axis can visit."""
-    z_min, z_max = display.depth_range_mm
-    return math.ceil(float(np.abs(rays.slope).max()) / rays.scale * (z_max - z_min)) + 3
 
 
 def rounded_up(values: np.ndarray) -> np.ndarray:

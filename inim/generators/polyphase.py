@@ -108,6 +108,23 @@ class Phases:
         offset: np.ndarray = phase * across + slot
         return offset
 
+    def row_reach(self, rows: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """First and last row of slots, from a lens's own, of runs of picture rows of lens row 0.
+
+        Parameters
+        ----------
+        rows : (n,) int array
+        first : (m,) int array
+            Where each run begins.
+
+        Returns
+        -------
+        (m, 2) int array
+        """
+        slots = (rows - self.origin[0]) // self.depth.shape[1]
+        ends = [extreme.reduceat(slots, first) for extreme in (np.minimum, np.maximum)]
+        return np.stack(ends, axis=1)
+
     def fill(self, depth_mm: np.ndarray, covered: np.ndarray, payload: np.ndarray) -> None:
         """Take in a picture: (H, W) float32, bool, uint32."""
         _fill(depth_mm, covered, payload, *self.origin, self.depth, self.payload)

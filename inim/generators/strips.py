@@ -93,10 +93,9 @@ def row_runs(display: Display, runs: AxisRuns, per_pitch: int, phases: Phases) -
     """Address the row runs of a display in its phases."""
     lens = display.rows.lens
     owner = np.repeat(lens, np.diff(runs.first))
-    offset = phases.row_offset(runs.cell - per_pitch * owner)
-    slots = (runs.cell - per_pitch * owner - phases.origin[0]) // per_pitch
-    begin = runs.first[:-1]
-    reach = np.stack([np.minimum.reduceat(slots, begin), np.maximum.reduceat(slots, begin)], 1)
+    own = runs.cell - per_pitch * owner
+    offset = phases.row_offset(own)
+    reach = phases.row_reach(own, runs.first[:-1])
     return RowRuns(runs.first, lens, offset, runs.exit32(), runs.entry32(), reach)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -41,9 +42,14 @@ class Supersampled(SourceGenerator):
     """
 
     def __init__(self, make: Callable[[Aside], SourceGenerator], samples: int) -> None:
-        self._centre = make(CENTRE)
-        super().__init__(self._centre.display, self._centre.shape, self._centre.pixel_mm)
+        self._make = make
         self._each = [make(place) for place in _PLACES[samples]]
+        super().__init__(self._each[0].display, self._each[0].shape, self._each[0].pixel_mm)
+
+    @cached_property
+    def _centre(self) -> SourceGenerator:
+        """Made when sources are asked for: pictures do without."""
+        return self._make(CENTRE)
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""

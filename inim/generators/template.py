@@ -131,11 +131,8 @@ class _Shared(_Aligned):
         self._offset = self._phases.row_offset(self._lists.row) + self._phases.column_offset(
             self._lists.column
         )
-        slots = (self._lists.row - self._phases.origin[0]) // self._lists.per_pitch
-        by_row = self._lists.first[:: self._lists.pixels]  # where each pixel row's entries begin
-        self._reach = np.stack(
-            [np.minimum.reduceat(slots, by_row[:-1]), np.maximum.reduceat(slots, by_row[:-1])], 1
-        )
+        by_pixel_row = self._lists.first[: -1 : self._lists.pixels]
+        self._reach = self._phases.row_reach(self._lists.row, by_pixel_row)
 
     def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
         self._phases.fill(rgbd.depth_mm, rgbd.covered, payload)
@@ -202,10 +199,11 @@ class _RayByRay(SourceGenerator):
             *(columns.start, columns.slope, columns.scale),
             *(rows.start, rows.slope, rows.scale),
         )
-        self._reach = (
-            *_reach(columns, display.columns, display),
-            *_reach(rows, display.rows, display),
-        )
+        if mask is None:
+            self._reach = (
+                *_reach(columns, display.columns, display),
+                *_reach(rows, display.rows, display),
+            )
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""

@@ -193,9 +193,8 @@ def _misses(job: Ledger, truth: GroundTruth) -> np.ndarray:
 def _hole_fraction(empty: np.ndarray | None, display: Display) -> float | None:
     if empty is None:
         return None
-    lensed = (display.rows.lens >= 0)[:, None] & (display.columns.lens >= 0)[None, :]
-    pixels = np.count_nonzero(lensed)
-    return np.count_nonzero(empty & lensed) / pixels if pixels else 0.0
+    pixels = np.count_nonzero(display.lensed)
+    return np.count_nonzero(empty & display.lensed) / pixels if pixels else 0.0
 
 
 def parse_contenders(algorithms: str, eias: tuple[str, ...]) -> tuple[Contender, ...]:

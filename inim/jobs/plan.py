@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from inim.display import Display
 from inim.errors import OutOfMemoryError, SceneError
@@ -68,6 +69,17 @@ class Request:
         if self.backend != "auto":
             words += ["--backend", self.backend]
         return words
+
+    def as_json(self) -> dict[str, Any]:
+        """For the worker's command line; `from_json` reads it."""
+        return {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
+
+    @classmethod
+    def from_json(cls, raw: dict[str, Any]) -> Request:
+        """The request that `as_json` wrote."""
+        paths = {name: Path(raw[name]) for name in ("scene", "out")}
+        lists = {name: tuple(raw[name]) for name in ("definitions", "eias")}
+        return cls(**{**raw, **paths, **lists})
 
 
 @dataclass(frozen=True)

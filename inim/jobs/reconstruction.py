@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from inim.jobs.ledger import Ledger
+from inim.lens import white_exposure
 
 __all__ = ["reconstruct_views"]
 
@@ -25,10 +26,9 @@ def reconstruct_views(job: Ledger, eia: np.ndarray, name: str) -> dict[str, np.n
         Linear RGB, by viewpoint.
     """
     from inim.kernel.reconstruct import DisplayScene
-    from inim.lens.thick import on_axis_transmittance
 
     plan, s = job.plan, job.plan.settings
-    exposure = 1.0 if s.lens_model != "thick" else 1 / on_axis_transmittance(plan.display)
+    exposure = white_exposure(plan.display, s.lens_model)
     seen: dict[str, np.ndarray] = {}
     with job.stage("reconstruct views"):
         shown = DisplayScene(eia, plan.display, s.lens_model)
@@ -41,7 +41,7 @@ def reconstruct_views(job: Ledger, eia: np.ndarray, name: str) -> dict[str, np.n
                 clock=job.clock,
                 progress=job.listener.rays,
             )
-            seen[viewpoint.name] = view * np.float32(exposure)
+            seen[viewpoint.name] = view * exposure
     with job.stage("write pictures"):
         for view_name, view in seen.items():
             job.save(f"views/{name}/{view_name}", view)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import platform
 import shlex
 from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import datetime, timezone
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from inim import metrics
 from inim.jobs.ledger import Ledger
+from inim.jobs.provenance import backend_data, versions
 from inim.jobs.truth import GroundTruth
 from inim.report import SCHEMA
 from inim.version import __version__
@@ -45,16 +44,12 @@ def report_data(
         "title": plan.settings.title or plan.request.scene.stem,
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "inim_version": __version__,
-        "versions": _versions(),
+        "versions": versions(_VERSIONS),
         "command": shlex.join(["python", "-m", "inim.validate", *plan.request.command()]),
         "scene": _scene(job, truth),
         "settings": asdict(plan.settings),
         "display": {"given": plan.display.given(), "derived": plan.display.derived()},
-        "backend": {
-            "variant": backend.variant,
-            "libllvm": backend.libllvm_version,
-            "device": backend.device,
-        },
+        "backend": backend_data(backend),
         "lens_model": plan.settings.lens_model,
         "viewpoints": [
             {"name": v.name, "position_mm": list(v.position_mm)} for v in plan.viewpoints
@@ -111,13 +106,3 @@ def _listed_files(folder: Path) -> list[str]:
     """Every file of the report, so that a later run can tell its own from the user's."""
     pictures = (str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
     return sorted([*pictures, "report.html", "report.json", "junit.xml", "summary.md"])
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for name in _VERSIONS:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "unknown"
-    return found

@@ -20,7 +20,6 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -71,11 +70,16 @@ def run_in_worker(request: Request, *, quiet: bool = True, debug: bool = False) 
     make_plan(request)  # cheap; most mistakes end here, before a process is started
     backend = backends.choose_backend(request.backend)
     staging = open_staging(request.out)
+    job = {
+        "request": request.as_json(),
+        "staging": str(staging),
+        "quiet": quiet,
+        "debug": debug,
+    }
     try:
-        outcome = _spawn(request, staging, backend, quiet=quiet, debug=debug)
+        return outcome_of(supervise("inim.jobs.worker", job, backend))
     finally:
         shutil.rmtree(staging, ignore_errors=True)
-    return outcome_of(outcome)
 
 
 def outcome_of(said: dict[str, Any]) -> bool:
@@ -83,19 +87,6 @@ def outcome_of(said: dict[str, Any]) -> bool:
     if "error" in said:
         raise _ERRORS.get(said["error"], InimError)(said["message"])
     return bool(said["passed"])
-
-
-def _spawn(
-    request: Request, staging: Path, backend: Any, *, quiet: bool, debug: bool
-) -> dict[str, Any]:
-    """Run the worker to its end; what it said last, or an error made from how it died."""
-    job = {
-        "request": {k: str(v) if isinstance(v, Path) else v for k, v in asdict(request).items()},
-        "staging": str(staging),
-        "quiet": quiet,
-        "debug": debug,
-    }
-    return supervise("inim.jobs.worker", job, backend)
 
 
 def supervise(module: str, job: dict[str, Any], backend: Any) -> dict[str, Any]:
@@ -156,16 +147,7 @@ def work(job: dict[str, Any], listener: Any) -> bool:
     from inim.jobs.output import publish
     from inim.jobs.validate import run
 
-    raw = job["request"]
-    request = Request(
-        **{
-            **raw,
-            "scene": Path(raw["scene"]),
-            "out": Path(raw["out"]),
-            "definitions": tuple(raw["definitions"]),
-            "eias": tuple(raw["eias"]),
-        }
-    )
+    request = Request.from_json(job["request"])
     report = run(make_plan(request), Path(job["staging"]), listener)
     publish(Path(job["staging"]), request.out)
     return report.passed

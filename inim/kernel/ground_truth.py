@@ -85,8 +85,9 @@ def pickup(
     """
     sensor = make_sensor(pickup_rays(display, fitted.start_mm), fitted.fit.world_from_display)
     truth = _two_halves(fitted, sensor, spp, seed, clock, progress)
-    lensed = (display.rows.lens >= 0)[:, None] & (display.columns.lens >= 0)[None, :]
-    return Truth(*(np.where(lensed[..., None], half, 0) for half in (truth.first, truth.second)))
+    return Truth(
+        *(np.where(display.lensed[..., None], half, 0) for half in (truth.first, truth.second))
+    )
 
 
 def true_view(

@@ -10,6 +10,9 @@ import numpy as np
 from inim.display import Display
 from inim.errors import UsageError
 from inim.kernel import variant
+from inim.kernel.display_emitter import display_shape
+from inim.kernel.sensors import eye_rays, make_sensor
+from inim.kernel.trace import radiance
 from inim.lens import check_lens_model
 from inim.viewpoint import Viewpoint, check_viewpoint
 
@@ -65,8 +68,6 @@ class DisplayScene:
     """
 
     def __init__(self, eia: np.ndarray, display: Display, lens_model: str) -> None:
-        from inim.kernel.display_emitter import display_shape
-
         if eia.shape != (*display.eia_shape, 3):
             raise UsageError(
                 f"EIA of shape {eia.shape}; display {display.name} needs {(*display.eia_shape, 3)}"
@@ -90,9 +91,6 @@ class DisplayScene:
         progress: Any = None,
     ) -> np.ndarray:
         """One view, (rows, columns, 3) float32; see `reconstruct`."""
-        from inim.kernel.sensors import eye_rays, make_sensor
-        from inim.kernel.trace import radiance
-
         # Rays start a little in front of the array, not at the eye: coordinates stay small.
         rays = eye_rays(self.display, viewpoint.position_mm, pixels_per_lens, self.display.pitch_mm)
         sensor = make_sensor(rays, np.eye(4))

@@ -23,7 +23,14 @@ from inim.errors import UsageError
 from inim.lens import pinhole, thick
 from inim.lens.array import NUMPY_OPS, LensArray, lens_array
 
-__all__ = ["LENS_MODELS", "LensArray", "check_lens_model", "lens_array", "trace_to_panel"]
+__all__ = [
+    "LENS_MODELS",
+    "LensArray",
+    "check_lens_model",
+    "lens_array",
+    "trace_to_panel",
+    "white_exposure",
+]
 
 LensModel = Callable[[LensArray, Any, Any, Any, Any, Any], tuple[Any, Any, Any]]
 
@@ -47,6 +54,15 @@ def check_lens_model(name: str, display: Display) -> None:
         raise UsageError(f"lens model {name!r}: use {' or '.join(LENS_MODELS)}")
     if name == "thick":
         thick.check(display)
+
+
+def white_exposure(display: Display, model: str) -> np.float32:
+    """What a view is multiplied by so that the panel's white looks white on the axis.
+
+    No viewer compares a display with its scene side by side: the loss at a lens's two faces is set
+    right with the panel's brightness.
+    """
+    return np.float32(1 / thick.on_axis_transmittance(display) if model == "thick" else 1.0)
 
 
 def trace_to_panel(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -34,7 +33,6 @@ __all__ = [
     "is_interpreted",
     "linear_picture",
     "prepared",
-    "sources_of",
     "wrong_source_share",
 ]
 
@@ -80,6 +78,12 @@ class Contender:
     def run(self) -> None:
         """Generate once: what is timed."""
         self.generator.generate(self.rgbd, self.out)
+
+    def sources(self) -> Sources | None:
+        """Where the colours come from; None if the algorithm does not say."""
+        if isinstance(self.generator, SourceGenerator):
+            return self.generator.sources(self.rgbd)
+        return None
 
 
 def available(names: Iterable[str]) -> tuple[list[str], list[str]]:
@@ -128,17 +132,6 @@ def linear_picture(rgba: np.ndarray) -> np.ndarray:
     """A display-ready EIA as a dark panel shows it: linear RGB, float32."""
     linear = linear_from_srgb(rgba[..., :3].astype(np.float32) / 255)
     return np.where(rgba[..., 3:] > 0, linear, np.float32(0))
-
-
-def sources_of(name: str, rgbd: RGBD, display: Display) -> Sources | None:
-    """Where an algorithm's colours come from; None if it does not say."""
-    made: Any = prepare(display, name, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
-    if not isinstance(made, SourceGenerator):
-        return None
-    try:
-        return made.sources(rgbd)
-    except UsageError:  # a mix of several pixels has no one source
-        return None
 
 
 def wrong_source_share(sources: Sources | None, exact: Sources) -> float | None:

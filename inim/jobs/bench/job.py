@@ -11,12 +11,13 @@ from typing import Any
 
 from inim import backend as backends
 from inim.jobs.bench.contenders import chosen
-from inim.jobs.bench.machine import describe, load_average, most_threads, versions, warn_of_load
+from inim.jobs.bench.machine import load_average, most_threads, warn_of_load
 from inim.jobs.bench.paper import bench_paper
 from inim.jobs.bench.request import BenchRequest, check_request, scene_plan
 from inim.jobs.bench.scaling import bench_scaling
 from inim.jobs.bench.scene import bench_scene
 from inim.jobs.output import open_staging, publish
+from inim.jobs.provenance import backend_data, versions
 from inim.jobs.worker import outcome_of, supervise
 from inim.report.bench import SCHEMA, write_bench
 from inim.version import __version__
@@ -24,6 +25,7 @@ from inim.version import __version__
 __all__ = ["run_bench", "work"]
 
 _MARKER = "bench.json"
+_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
 
 
 def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False) -> None:
@@ -94,9 +96,9 @@ def _record(request: BenchRequest, backend: Any, thread_count: int) -> dict[str,
         "title": f"Bench: {named}",
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "inim_version": __version__,
-        "versions": versions(),
+        "versions": versions(_VERSIONS),
         "command": shlex.join(["python", "-m", "inim.bench", *request.command()]),
-        "backend": describe(backend),
+        "backend": backend_data(backend),
         "threads": thread_count,
         "threading_layer": os.environ.get("NUMBA_THREADING_LAYER", "default"),
         "rounds": {"runs": request.runs, "warmups": request.warmups},

@@ -1,19 +1,15 @@
-"""The conditions of a measurement: threads, load, versions."""
+"""The conditions of a measurement: threads and load."""
 
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import metadata
-from typing import Any
 
 from inim.errors import UsageError
 
-__all__ = ["load_average", "most_threads", "threads", "versions", "warn_of_load"]
+__all__ = ["load_average", "most_threads", "threads", "warn_of_load"]
 
-_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
 # Share of the cores that others may keep busy before times are in doubt.
 _BUSY = 0.25
 
@@ -70,23 +66,3 @@ def warn_of_load(before: float | None) -> list[str]:
         f"the machine was busy: load average {before:.2f} on {cores} cores at the start; "
         "trust ratios and fastest runs more than medians, and run it again alone"
     ]
-
-
-def versions() -> dict[str, str]:
-    """Of Python and of what takes part in a measurement."""
-    found = {"python": platform.python_version()}
-    for name in _VERSIONS:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "unknown"
-    return found
-
-
-def describe(backend: Any) -> dict[str, Any]:
-    """The backend as bench.json tells it."""
-    return {
-        "variant": backend.variant,
-        "libllvm": backend.libllvm_version,
-        "device": backend.device,
-    }

@@ -15,9 +15,9 @@ from inim.jobs.bench.contenders import (
     Contender,
     hole_share,
     linear_picture,
-    sources_of,
     wrong_source_share,
 )
+from inim.lens import white_exposure
 from inim.rgbd import RGBD
 from inim.settings import Settings
 from inim.viewpoint import Viewpoint
@@ -59,13 +59,11 @@ class Looks:
     def at(self, eia: np.ndarray) -> list[np.ndarray]:
         """Views of an EIA, exposed so that the panel's white looks white."""
         from inim.kernel.reconstruct import DisplayScene
-        from inim.lens.thick import on_axis_transmittance
 
-        thick = self.lens_model == "thick"
-        exposure = 1 / on_axis_transmittance(self.display) if thick else 1.0
+        exposure = white_exposure(self.display, self.lens_model)
         shown = DisplayScene(eia, self.display, self.lens_model)
         sampling = {"pixels_per_lens": self.pixels_per_lens, "spp": self.spp, "seed": self.seed}
-        return [shown.view(v, **sampling) * np.float32(exposure) for v in self.viewpoints]
+        return [shown.view(v, **sampling) * exposure for v in self.viewpoints]
 
 
 @dataclass(frozen=True)
@@ -94,7 +92,7 @@ class Judge:
     def errors(self, contender: Contender) -> dict[str, Any]:
         """Errors of the very picture that was timed, under the names of bench.json."""
         made = linear_picture(contender.out)
-        sources = sources_of(contender.name, self.rgbd, self.looks.display)
+        sources = contender.sources()
         return {
             "wrong_source": wrong_source_share(sources, self.exact),
             "hole_fraction": hole_share(sources, contender.out, self.exact),

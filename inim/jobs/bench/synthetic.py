@@ -55,7 +55,6 @@ def two_spheres(display: Display, shape: PictureShape, pixel_mm: float) -> RGBD:
 
 def two_spheres_eia(display: Display) -> np.ndarray:
     """The true EIA, (rows, columns, 3) float32 linear RGB, means over the pixels' areas."""
-    lensed = (display.rows.lens >= 0)[:, None] & (display.columns.lens >= 0)[None, :]
     total = np.zeros((*display.eia_shape, 3))
     steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
     # A place in the pixel moves the panel's end of the ray; the lens centre stays.
@@ -70,7 +69,9 @@ def two_spheres_eia(display: Display) -> np.ndarray:
                 rows.centre_mm,
                 rows.slope - up,
             ).color
-    mean: np.ndarray = np.where(lensed[..., None], total / _SUBPIXELS**2, 0.0).astype(np.float32)
+    mean: np.ndarray = np.where(display.lensed[..., None], total / _SUBPIXELS**2, 0.0).astype(
+        np.float32
+    )
     return mean
 
 
