@@ -8,7 +8,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from inim.display import Display, PixelAxis, stated
+from inim.display import Display
+from inim.pixel_axis import PixelAxis, stated
 
 __all__ = ["CENTRE", "Aside", "CellRays", "cell_rays"]
 

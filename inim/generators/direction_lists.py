@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inim.display import Display, stated
+from inim.display import Display
 from inim.generators.base import PictureShape
 from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.traversal import walk
+from inim.pixel_axis import stated
 
 __all__ = [
     "DirectionLists",

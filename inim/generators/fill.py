@@ -14,8 +14,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.display import Display, PixelAxis
+from inim.display import Display
 from inim.generators.sources import Sources, colour_of
+from inim.pixel_axis import PixelAxis
 from inim.rgbd import RGBD
 
 __all__ = ["FILLS", "filled"]

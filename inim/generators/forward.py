@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.display import Display, PixelAxis, stated
+from inim.display import Display
+from inim.pixel_axis import PixelAxis, stated
 
 __all__ = ["ForwardAxis", "forward_axes"]
 

@@ -26,13 +26,14 @@ import numba
 import numpy as np
 from numba.extending import register_jitable
 
-from inim.display import Display, stated
+from inim.display import Display
 from inim.errors import UsageError
 from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.cells import cell_rays
 from inim.generators.options import one_of, positive_mm
 from inim.generators.plain import IMPLEMENTATIONS, run
 from inim.generators.sources import HOLE, Sources
+from inim.pixel_axis import stated
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]

@@ -25,7 +25,7 @@ from abc import abstractmethod
 
 import numpy as np
 
-from inim.display import Display, PixelAxis
+from inim.display import Display
 from inim.errors import UsageError
 from inim.generators import polyphase, strips
 from inim.generators.axis_runs import AxisRuns, axis_runs, doubtful_pixels
@@ -36,6 +36,7 @@ from inim.generators.polyphase import Phases, index_payload, run_templates
 from inim.generators.sources import HOLE, NOT_ASKED, Sources
 from inim.generators.strips import row_runs, run_strips, strip_columns
 from inim.generators.traversal import first_hits, first_hits_at, starts
+from inim.pixel_axis import PixelAxis
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]

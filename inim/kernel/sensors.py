@@ -25,7 +25,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from inim.display import Display, PixelAxis
+from inim.display import Display
+from inim.pixel_axis import PixelAxis
 
 __all__ = [
     "AxisRays",

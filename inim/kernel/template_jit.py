@@ -21,7 +21,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from inim.display import Display, PixelAxis
+from inim.display import Display
 from inim.generators.base import PictureShape, SourceGenerator, check_out
 from inim.generators.cells import CellRays, cell_rays
 from inim.generators.direction_lists import (
@@ -33,6 +33,7 @@ from inim.generators.direction_lists import (
 from inim.generators.sources import HOLE, Sources
 from inim.generators.traversal import entered, leaves
 from inim.kernel import variant
+from inim.pixel_axis import PixelAxis
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]

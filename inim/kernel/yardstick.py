@@ -19,9 +19,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from inim.display import Display, stated
+from inim.display import Display
 from inim.generators.base import PictureShape
 from inim.kernel import variant
+from inim.pixel_axis import stated
 
 __all__ = ["AxisAddress", "Yardstick", "axis_addresses", "drjit_threads", "plane_mm"]
 
