@@ -1,13 +1,12 @@
 """Running direction templates over all lenses at once, without a gather.
 
 The picture is copied into *phases*: cells at the same place of every lens pitch lie side by side,
-so what one template entry reads for a row of lenses is contiguous, and the inner loop is loads,
-compares and selects over neighbouring lenses, which compilers turn into vector instructions.
+so what one template entry reads for a row of lenses is contiguous: a vector of depths, one of
+colours.
 
-For a strip of lenses and a direction, entries are applied from far to near, each overwriting what
-its cells hide: no early exit, no branch. What shortens the work is the picture's depth bounds near
-the strip: entries left above the nearest surface cannot hit, and behind the first entry left below
-the farthest one everything is hidden.
+A strip of lenses (`inim.generators.lanes`) follows a direction's list from near to far until each
+has hit. Entries left above the nearest surface that the strip can reach cannot hit, and are passed
+over first.
 """
 
 from __future__ import annotations
@@ -19,13 +18,29 @@ import numpy as np
 
 from inim.generators.base import PictureShape
 from inim.generators.direction_lists import DirectionLists
+from inim.generators.lanes import (
+    BLOCK,
+    LANES,
+    all_lanes,
+    any_lane,
+    at_least,
+    both,
+    but_not,
+    choose,
+    load,
+    same,
+    store,
+    transpose,
+)
 
-__all__ = ["STRIP", "Phases", "depth_bounds", "index_payload", "run_templates"]
+__all__ = ["Phases", "index_payload", "nearest_surface", "run_templates", "write_strip"]
 
-# Lenses per strip, a constant for the compiler: four 512-bit vectors, or eight of 256. Longer
-# strips have looser depth bounds, shorter ones more overhead.
-STRIP = 64
-_LANES = np.uintp(STRIP)
+# Of the compiler's own type: a Python integer would make addresses signed, and checked.
+_LANES = np.uintp(LANES)
+
+# Cells from which on waking the other threads pays off: filling takes about 2 ns a cell, waking
+# them about 0.1 ms.
+_WORTH_SHARING = 200_000
 
 
 @dataclass(frozen=True)
@@ -42,19 +57,15 @@ class Phases:
         Picture cell of slot (0, 0), phase (0, 0); negative where slots reach beyond the picture.
     window : (slots down, slots across) of int
         Slots that the rays of one lens can reach.
-    strip : int
-        Lenses per strip.
-    low, high : (slots down, strips) float32
-        Depth bounds, in a row of slots, of what a strip of lenses can reach.
+    nearest : (slots down, strips) float32
+        Greatest depth, in a row of slots, of what a strip of lenses can reach.
     """
 
     depth: np.ndarray
     payload: np.ndarray
     origin: tuple[int, int]
     window: tuple[int, int]
-    strip: int
-    low: np.ndarray
-    high: np.ndarray
+    nearest: np.ndarray
 
     @classmethod
     def make(
@@ -63,7 +74,6 @@ class Phases:
         rows: np.ndarray,
         columns: np.ndarray,
         lenses: tuple[int, int],
-        strip: int,
     ) -> Phases:
         """Lay out the phases.
 
@@ -74,23 +84,19 @@ class Phases:
         rows, columns : int arrays
             All cells that rays of the lens (0, 0) visit.
         lenses : (rows, columns)
-        strip : int
-            Neighbouring lenses that are worked on at once.
         """
         first = [int(cells.min()) // per_pitch for cells in (rows, columns)]
         last = [int(cells.max()) // per_pitch for cells in (rows, columns)]
         window = (last[0] - first[0] + 1, last[1] - first[1] + 1)
         down = lenses[0] + window[0] - 1
-        across = max(lenses[1], strip) + window[1] - 1
+        across = max(lenses[1], LANES) + window[1] - 1
         shape = (down, per_pitch, per_pitch, across)
-        strips = -(-lenses[1] // strip)
+        strips = -(-lenses[1] // LANES)
         return cls(
             np.full(shape, -np.inf, np.float32),
             np.zeros(shape, np.uint32),
             (first[0] * per_pitch, first[1] * per_pitch),
             window,
-            strip,
-            np.empty((down, strips), np.float32),
             np.empty((down, strips), np.float32),
         )
 
@@ -127,8 +133,11 @@ class Phases:
 
     def fill(self, depth_mm: np.ndarray, covered: np.ndarray, payload: np.ndarray) -> None:
         """Take in a picture: (H, W) float32, bool, uint32."""
-        _fill(depth_mm, covered, payload, *self.origin, self.depth, self.payload)
-        _bound(self.depth, self.window[1], self.strip, self.low, self.high)
+        fill = _fill if self.depth.size < _WORTH_SHARING else _fill_shared
+        fill(
+            depth_mm, covered, payload, *self.origin, self.depth, self.payload,
+            self.window[1], self.nearest,
+        )  # fmt: skip
 
 
 def run_templates(
@@ -154,21 +163,13 @@ def run_templates(
         What a hole shows.
     out : (rows, columns) uint32
     """
+    lenses = out.shape[1] // lists.pixels
     _run(
-        phases.depth.reshape(-1),
-        phases.payload.reshape(-1),
-        phases.depth[0].size,
-        lists.first,
-        offset,
-        reach,
-        lists.exit_mm,
-        lists.pixels,
-        out.shape[1] // lists.pixels,
-        phases.low,
-        phases.high,
-        np.uint32(empty),
-        out.reshape(-1),
-    )
+        phases.depth.reshape(-1), phases.payload.reshape(-1), phases.depth[0].size, phases.nearest,
+        lists.first, offset, reach, lists.exit_mm,
+        np.arange(lenses) * lists.pixels, np.full(lenses, lists.pixels),
+        np.uint32(empty), out,
+    )  # fmt: skip
 
 
 def index_payload(shape: PictureShape) -> np.ndarray:
@@ -176,176 +177,146 @@ def index_payload(shape: PictureShape) -> np.ndarray:
     return np.arange(shape[0] * shape[1], dtype=np.uint32).reshape(shape)
 
 
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _fill_shared(  # type: ignore[no-untyped-def]
+    depth, covered, payload, row0, column0, phase_depth, phase_payload, reach, nearest
+):
+    """`_fill`, shared among the threads."""
+    for i in numba.prange(phase_depth.shape[0]):
+        row = np.int64(i)
+        _fill_row(row, depth, covered, payload, row0, column0, phase_depth, phase_payload)
+        _bound_row(row, phase_depth, reach, nearest)
+
+
 @numba.njit(cache=True, nogil=True)
-def _fill(depth, covered, payload, row0, column0, phase_depth, phase_payload):  # type: ignore[no-untyped-def]
-    """Copy a picture into phases; cells beyond it were set once and stay."""
+def _fill(depth, covered, payload, row0, column0, phase_depth, phase_payload, reach, nearest):  # type: ignore[no-untyped-def]
+    """Copy a picture into phases, and find the nearest surface that each strip can reach.
+
+    Cells beyond the picture were set once and stay.
+    """
+    for i in range(phase_depth.shape[0]):
+        _fill_row(i, depth, covered, payload, row0, column0, phase_depth, phase_payload)
+        _bound_row(i, phase_depth, reach, nearest)
+
+
+@numba.njit(cache=True, nogil=True)
+def _fill_row(i, depth, covered, payload, row0, column0, phase_depth, phase_payload):  # type: ignore[no-untyped-def]
     rows, columns = depth.shape
-    down, k, _, across = phase_depth.shape
-    for i in range(down):
-        for p in range(k):
-            row = row0 + i * k + p
-            if row < 0 or row >= rows:
-                continue
-            for q in range(k):
-                first = max(0, -(-(-column0 - q) // k) if column0 + q < 0 else 0)
-                for j in range(first, across):
-                    column = column0 + j * k + q
-                    if column >= columns:
-                        break
-                    hit = covered[row, column]
-                    phase_depth[i, p, q, j] = depth[row, column] if hit else np.float32(-np.inf)
-                    phase_payload[i, p, q, j] = payload[row, column]
+    _, k, _, across = phase_depth.shape
+    for p in range(k):
+        row = row0 + i * k + p
+        if row < 0 or row >= rows:
+            continue
+        for q in range(k):
+            first = max(0, -(-(-column0 - q) // k) if column0 + q < 0 else 0)
+            for j in range(first, across):
+                column = column0 + j * k + q
+                if column >= columns:
+                    break
+                hit = covered[row, column]
+                phase_depth[i, p, q, j] = depth[row, column] if hit else np.float32(-np.inf)
+                phase_payload[i, p, q, j] = payload[row, column]
 
 
 @numba.njit(cache=True, nogil=True)
-def _bound(depth, reach, strip, low, high):  # type: ignore[no-untyped-def]
-    """Least and greatest depth that each strip can reach in each row of slots."""
-    down, k, _, across = depth.shape
-    for i in range(down):
-        for s in range(low.shape[1]):
-            start = min(s * strip, across - strip - reach + 1)
-            least, most = np.float32(np.inf), np.float32(-np.inf)
-            for p in range(k):
-                for q in range(k):
-                    for j in range(start, start + strip + reach - 1):
-                        z = depth[i, p, q, j]
-                        least = z if z < least else least
-                        most = z if z > most else most
-            low[i, s], high[i, s] = least, most
+def _bound_row(i, depth, reach, nearest):  # type: ignore[no-untyped-def]
+    _, k, _, across = depth.shape
+    for s in range(nearest.shape[1]):
+        start = min(s * LANES, across - LANES - reach + 1)
+        most = np.float32(-np.inf)
+        for p in range(k):
+            for q in range(k):
+                for j in range(start, start + LANES + reach - 1):
+                    z = depth[i, p, q, j]
+                    most = z if z > most else most
+        nearest[i, s] = most
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _run(  # type: ignore[no-untyped-def]
-    depth, payload, row_stride, first, offset, reach, exits, pixels, lenses, low, high, empty, out
+    depth, payload, row_stride, nearest, first, offset, reach, exits, columns, widths, empty, out
 ):
     """All lens rows, shared among the threads."""
-    for m in numba.prange(out.size // (pixels * pixels * lenses)):
-        strip = np.empty(pixels * STRIP, np.uint32)
+    pixels = widths[0]
+    for m in numba.prange(out.shape[0] // pixels):
+        strip = np.empty(pixels * LANES, np.uint32)
         # The loop's own index is unsigned: passed on as it is, the row is compiled twice.
         _run_row(
-            np.int64(m), depth, payload, row_stride, first, offset, reach, exits, pixels, lenses,
-            low, high, empty, strip, out,
+            np.int64(m), depth, payload, row_stride, nearest, first, offset, reach, exits,
+            columns, widths, empty, strip, out,
         )  # fmt: skip
 
 
-# A function of its own: inside the parallel loop's body the compiler gives up on vectors.
 @numba.njit(cache=True, nogil=True)
 def _run_row(  # type: ignore[no-untyped-def]
-    m,
-    depth,
-    payload,
-    row_stride,
-    first,
-    offset,
-    reach,
-    exits,
-    pixels,
-    lenses,
-    low,
-    high,
-    empty,
-    strip,
-    out,
-):
+    m, depth, payload, row_stride, nearest, first, offset, reach, exits, columns, widths, empty,
+    strip, out,
+):  # fmt: skip
     """One row of lenses, a panel row and a strip at a time."""
+    pixels, lenses = widths[0], len(widths)
     for v in range(pixels):
-        for s in range(low.shape[1]):
-            start = max(min(s * STRIP, lenses - STRIP), 0)
+        for s in range(nearest.shape[1]):
+            start = max(min(s * LANES, lenses - LANES), 0)
             base = m * row_stride + start
-            least, most = depth_bounds(low, high, m + reach[v, 0], m + reach[v, 1], s)
+            most = nearest_surface(nearest, m + reach[v, 0], m + reach[v, 1], s)
             for u in range(pixels):
                 direction = v * pixels + u
-                near, far = _useful(exits, first[direction], first[direction + 1] - 1, least, most)
-                _apply(depth, payload, base, offset, exits, near, far, empty, strip, u)
-            place = ((m * pixels + v) * lenses + start) * pixels
-            _interleave(strip, pixels, min(STRIP, lenses), out, place)
+                k, end = np.uintp(first[direction]), np.uintp(first[direction + 1])
+                while k < end and exits[k] > most:
+                    k += np.uintp(1)
+                searching, shown = all_lanes(), same(empty)
+                while k < end:
+                    cell = np.uintp(base + offset[k])
+                    hit = both(searching, at_least(load(depth, cell), same(exits[k])))
+                    shown = choose(hit, load(payload, cell), shown)
+                    searching = but_not(searching, hit)
+                    if not any_lane(searching):
+                        break
+                    k += np.uintp(1)
+                store(strip, np.uintp(u) * _LANES, shown)
+            write_strip(strip, columns, widths, start, pixels, out[m * pixels + v])
 
 
 @numba.njit(cache=True, nogil=True)
-def depth_bounds(low, high, top, bottom, strip):  # type: ignore[no-untyped-def]
-    """Least and greatest depth of a strip's bounds over slot rows top to bottom, both counted.
+def nearest_surface(nearest, top, bottom, strip):  # type: ignore[no-untyped-def]
+    """Greatest depth that a strip can reach in slot rows top to bottom, both counted.
 
-    Loops: reductions over slices take the compiler a second.
+    A loop: reductions over slices take the compiler a second.
     """
-    least, most = low[top, strip], high[top, strip]
+    most = nearest[top, strip]
     for i in range(top + 1, bottom + 1):
-        least = min(least, low[i, strip])
-        most = max(most, high[i, strip])
-    return least, most
+        most = max(most, nearest[i, strip])
+    return most
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
-def _useful(exits, near, far, low, high):  # type: ignore[no-untyped-def]
-    """The entries that can decide: between the first that can hit and the first that must."""
-    while near < far and exits[near] > high:
-        near += 1
-    must = near
-    while must < far and exits[must] > low:
-        must += 1
-    return near, must
+@numba.njit(cache=True, nogil=True)
+def write_strip(strip, columns, widths, start, shared, row):  # type: ignore[no-untyped-def]
+    """Write a strip to its panel row.
 
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _apply(depth, payload, base, offset, exits, near, far, empty, strip, u):  # type: ignore[no-untyped-def]
-    """Apply entries far..near of one direction to a strip of lenses, four at a time.
-
-    In a group that is not full the nearest entry is applied again, which changes nothing. Every
-    load is unconditional, and lies within the phases: a conditional one would not become a vector.
+    Parameters
+    ----------
+    strip : (most pixels per lens x LANES,) uint32
+    columns, widths : (lenses,) int64
+        First panel column of each lens, and how many it has.
+    start : int
+        The strip's first lens.
+    shared : int
+        Pixels that every lens has at least.
+    row : (panel columns,) uint32
     """
-    at = np.uintp(u * STRIP)
-    k1, k2, k3 = max(far - 1, near), max(far - 2, near), max(far - 3, near)
-    _show(
-        depth, payload, empty, strip, at,
-        np.uintp(base + offset[far]), np.uintp(base + offset[k1]),
-        np.uintp(base + offset[k2]), np.uintp(base + offset[k3]),
-        exits[far], exits[k1], exits[k2], exits[k3],
-    )  # fmt: skip
-    k = far - 4
-    while k >= near:
-        k1, k2, k3 = max(k - 1, near), max(k - 2, near), max(k - 3, near)
-        _overwrite(
-            depth, payload, strip, at,
-            np.uintp(base + offset[k]), np.uintp(base + offset[k1]),
-            np.uintp(base + offset[k2]), np.uintp(base + offset[k3]),
-            exits[k], exits[k1], exits[k2], exits[k3],
-        )  # fmt: skip
-        k -= 4
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _show(depth, payload, empty, strip, at, a0, a1, a2, a3, z0, z1, z2, z3):  # type: ignore[no-untyped-def]
-    """Four entries, the farthest first, over an empty strip."""
-    for n in range(_LANES):
-        reached, candidate = depth[a0 + n], payload[a0 + n]
-        shown = candidate if reached >= z0 else empty
-        reached, candidate = depth[a1 + n], payload[a1 + n]
-        shown = candidate if reached >= z1 else shown
-        reached, candidate = depth[a2 + n], payload[a2 + n]
-        shown = candidate if reached >= z2 else shown
-        reached, candidate = depth[a3 + n], payload[a3 + n]
-        strip[at + n] = candidate if reached >= z3 else shown
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _overwrite(depth, payload, strip, at, a0, a1, a2, a3, z0, z1, z2, z3):  # type: ignore[no-untyped-def]
-    """Four entries, the farthest first, over what a strip shows."""
-    for n in range(_LANES):
-        shown = strip[at + n]
-        reached, candidate = depth[a0 + n], payload[a0 + n]
-        shown = candidate if reached >= z0 else shown
-        reached, candidate = depth[a1 + n], payload[a1 + n]
-        shown = candidate if reached >= z1 else shown
-        reached, candidate = depth[a2 + n], payload[a2 + n]
-        shown = candidate if reached >= z2 else shown
-        reached, candidate = depth[a3 + n], payload[a3 + n]
-        strip[at + n] = candidate if reached >= z3 else shown
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _interleave(strip, pixels, lanes, out, place):  # type: ignore[no-untyped-def]
-    """Write a strip, one run of lenses per pixel column, as the panel's row."""
-    at, width = np.uintp(place), np.uintp(pixels)
-    for n in range(np.uintp(lanes)):
-        for u in range(width):
-            out[at + u] = strip[u * _LANES + n]
-        at += width
+    lanes = min(LANES, len(widths))
+    blocked = lanes - lanes % BLOCK
+    whole = shared - shared % BLOCK
+    # A last block that covers some pixels again is cheaper than three or more one by one.
+    again = shared >= BLOCK and shared - whole > 2
+    for n in range(0, blocked, BLOCK):
+        lens = np.uintp(start + n)
+        for u in range(0, whole, BLOCK):
+            transpose(strip, np.uintp(u * LANES + n), row, np.uintp(u), columns, lens)
+        if again:
+            u = shared - BLOCK
+            transpose(strip, np.uintp(u * LANES + n), row, np.uintp(u), columns, lens)
+    for n in range(lanes):
+        written = 0 if n >= blocked else shared if again else whole
+        for u in range(written, widths[start + n]):
+            row[columns[start + n] + u] = strip[u * LANES + n]

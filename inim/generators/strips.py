@@ -3,9 +3,9 @@
 With a whole number of picture cells per pitch, lenses still meet the same cells, moved by whole
 lenses; only the depths at which the u-th pixel of each lens leaves them differ a little from lens
 to lens. So a strip of neighbouring lenses is worked on at once, as in `inim.generators.polyphase`,
-over every cell that any lens of the strip visits, with exit depths that are vectors along the
-strip. A cell counts for a lens if its ray is in the row and in the column at once:
-``max(exits) < min(entries)``.
+over every cell that any lens of the strip visits, from near to far, with exit depths that are
+vectors along the strip. A cell counts for a lens if its ray is in the row and in the column at
+once: ``max(exits) < min(entries)``.
 
 Rays are separable, so all that is stored is per panel row and per panel column.
 """
@@ -19,14 +19,25 @@ import numpy as np
 
 from inim.display import Display
 from inim.generators.axis_runs import AxisRuns
-from inim.generators.polyphase import Phases, depth_bounds
+from inim.generators.lanes import (
+    LANES,
+    any_lane,
+    at_least,
+    both,
+    but_not,
+    choose,
+    greater,
+    greatest,
+    least,
+    load,
+    same,
+    store,
+)
+from inim.generators.polyphase import Phases, nearest_surface, write_strip
 
-__all__ = ["STRIP", "RowRuns", "StripColumns", "row_runs", "run_strips", "strip_columns"]
+__all__ = ["RowRuns", "StripColumns", "row_runs", "run_strips", "strip_columns"]
 
-# Lenses per strip, a constant for the compiler. Longer than in `polyphase`: each step costs more
-# besides, and half of a phone's 152 lenses fit.
-STRIP = 80
-_LANES = np.uintp(STRIP)
+_LANES = np.uintp(LANES)
 
 
 @dataclass(frozen=True)
@@ -68,12 +79,13 @@ class StripColumns:
     pass_first : (passes + 1,) int64
         Cells of each pass, nearest first.
     offset : (cells,) int64
-    exit : (cells + passes, STRIP) float32
+    exit : (cells + passes, LANES) float32
         Per lens; infinite where a lens does not visit a cell. Each pass begins with a row of
-        infinities, so that the row before a cell's own says where it is entered.
+        infinities, so that the row before a cell's own says where it is entered; negative ones
+        for lenses that do not take part.
     nearest_exit, farthest_entry : (cells,) float32
         The least exit among this cell and the nearer ones; the greatest entry among this and the
-        farther ones: what ends a search early.
+        farther ones: between them lie the cells that can be in a row.
     lens_first, lens_pixels : (lens columns,) int64
         First panel column of each lens, and how many it has.
     """
@@ -108,9 +120,9 @@ def strip_columns(display: Display, runs: AxisRuns, per_pitch: int, phases: Phas
     begin = np.array([np.argmax(lens == n) if count[n] else 0 for n in range(lenses)])
     strip_first, pixel, pass_first = [0], [], [0]
     cells, exit_rows = [], []
-    for strip in range(-(-lenses // STRIP)):
-        start = max(min(strip * STRIP, lenses - STRIP), 0)
-        members = range(start, min(start + STRIP, lenses))
+    for strip in range(-(-lenses // LANES)):
+        start = max(min(strip * LANES, lenses - LANES), 0)
+        members = range(start, min(start + LANES, lenses))
         for u in range(max(count[n] for n in members)):
             for side in (-1, 1):
                 lanes = _leaning(runs, begin, count, members, u, side)
@@ -166,9 +178,11 @@ def _one_pass(
     relative = [runs.cell[s] - per_pitch * n for s, n in zip(spans, lanes, strict=True)]
     low, high = min(int(c.min()) for c in relative), max(int(c.max()) for c in relative)
     cells = np.arange(low, high + 1)[::side]
-    exit_mm = np.full((1 + len(cells), STRIP), np.inf, np.float32)
+    exit_mm = np.full((1 + len(cells), LANES), np.inf, np.float32)
+    exit_mm[0] = -np.inf
     for n, span, own in zip(lanes, spans, relative, strict=True):
         rank = (own - low) if side > 0 else (high - own)
+        exit_mm[0, n - start] = np.inf
         exit_mm[1 + rank, n - start] = exits[span]
     return cells, exit_mm
 
@@ -188,8 +202,7 @@ def run_strips(
 ) -> None:
     """Show each lensed panel pixel the payload of its first hit, the others `empty`."""
     _run(
-        phases.depth.reshape(-1), phases.payload.reshape(-1), phases.depth[0].size,
-        phases.low, phases.high,
+        phases.depth.reshape(-1), phases.payload.reshape(-1), phases.depth[0].size, phases.nearest,
         rows.first, rows.lens, rows.offset, rows.exit, rows.entry, rows.reach,
         columns.strip_first, columns.pixel, columns.pass_first, columns.offset,
         columns.exit.reshape(-1), columns.nearest_exit, columns.farthest_entry,
@@ -199,87 +212,80 @@ def run_strips(
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _run(  # type: ignore[no-untyped-def]
-    depth, payload, row_stride, low, high, row_first, row_lens, row_offset, row_exit, row_entry,
-    row_reach, strip_first, pixel, pass_first, offset, exits, nearest, farthest,
+    depth, payload, row_stride, nearest, row_first, row_lens, row_offset, row_exit, row_entry,
+    row_reach, strip_first, pixel, pass_first, offset, exits, nearest_exit, farthest_entry,
     lens_first, lens_pixels, empty, out,
 ):  # fmt: skip
     """All panel rows, shared among the threads."""
     for r in numba.prange(out.shape[0]):
         out[r, :] = empty
         if row_lens[r] >= 0:
-            strip = np.empty(int(lens_pixels.max()) * STRIP, np.uint32)
+            strip = np.empty(int(lens_pixels.max()) * LANES, np.uint32)
             _run_row(
-                np.int64(r), depth, payload, row_stride, low, high, row_first, row_lens, row_offset,
+                np.int64(r), depth, payload, row_stride, nearest, row_first, row_lens, row_offset,
                 row_exit, row_entry, row_reach, strip_first, pixel, pass_first, offset, exits,
-                nearest, farthest, lens_first, lens_pixels, empty, strip, out,
+                nearest_exit, farthest_entry, lens_first, lens_pixels, empty, strip, out,
             )  # fmt: skip
 
 
-# A function of its own: inside the parallel loop's body the compiler gives up on vectors.
 @numba.njit(cache=True, nogil=True)
 def _run_row(  # type: ignore[no-untyped-def]
-    r, depth, payload, row_stride, low, high, row_first, row_lens, row_offset, row_exit,
-    row_entry, row_reach, strip_first, pixel, pass_first, offset, exits, nearest, farthest,
+    r, depth, payload, row_stride, nearest, row_first, row_lens, row_offset, row_exit, row_entry,
+    row_reach, strip_first, pixel, pass_first, offset, exits, nearest_exit, farthest_entry,
     lens_first, lens_pixels, empty, strip, out,
 ):  # fmt: skip
     """One panel row, a strip of lenses and a pass at a time."""
     m = row_lens[r]
-    lenses = len(lens_first)
+    lenses, shared = len(lens_first), lens_pixels.min()
     for s in range(len(strip_first) - 1):
-        start = max(min(s * STRIP, lenses - STRIP), 0)
+        start = max(min(s * LANES, lenses - LANES), 0)
         strip[:] = empty
-        least, most = depth_bounds(low, high, m + row_reach[r, 0], m + row_reach[r, 1], s)
-        near, far = row_first[r], row_first[r + 1] - 1
-        while near < far and row_exit[near] > most:
+        most = nearest_surface(nearest, m + row_reach[r, 0], m + row_reach[r, 1], s)
+        near, end = row_first[r], row_first[r + 1]
+        while near < end and row_exit[near] > most:
             near += 1
-        while far > near and row_entry[far] <= least:
-            far -= 1
         for p in range(strip_first[s], strip_first[s + 1]):
-            first, last = pass_first[p], pass_first[p + 1] - 1
-            while first < last and nearest[first] > most:
-                first += 1
-            while last > first and farthest[last] <= least:
-                last -= 1
-            at, lane = np.uintp(pixel[p] * STRIP), p + 1  # past the rows of infinities so far
-            for i in range(far, near - 1, -1):
-                z_exit, z_entry = row_exit[i], row_entry[i]
-                while last > first and farthest[last] < z_exit:
-                    last -= 1
-                base = m * row_stride + start + row_offset[i]
-                q = last
-                while q >= first and nearest[q] <= z_entry:
-                    # In a pair that is not full the nearer cell is applied twice: no matter.
-                    nearer = max(q - 1, first)
-                    _overwrite(
-                        depth, payload, np.uintp(base + offset[q]),
-                        np.uintp(base + offset[nearer]), exits, np.uintp((lane + q) * STRIP),
-                        np.uintp((lane + nearer) * STRIP), z_exit, z_entry, strip, at,
-                    )  # fmt: skip
-                    q -= 2
-        for n in range(min(STRIP, lenses)):
-            column = lens_first[start + n]
-            for u in range(lens_pixels[start + n]):
-                out[r, column + u] = strip[u * STRIP + n]
+            at = np.uintp(pixel[p] * LANES)
+            shown = _search(
+                depth, payload, m * row_stride + start, row_offset, row_exit, row_entry, near, end,
+                offset, exits, nearest_exit, farthest_entry, p, pass_first[p], pass_first[p + 1],
+                most, load(strip, at),
+            )  # fmt: skip
+            store(strip, at, shown)
+        write_strip(strip, lens_first, lens_pixels, start, shared, out[r])
 
 
 @numba.njit(cache=True, nogil=True)
-def _overwrite(depth, payload, cell, nearer, exits, lane, nearer_lane, z_exit, z_entry, strip, at):  # type: ignore[no-untyped-def]
-    """Two cells over a strip, the farther first: lenses that hit one show its payload.
+def _search(  # type: ignore[no-untyped-def]
+    depth, payload, base, row_offset, row_exit, row_entry, near, end,
+    offset, exits, nearest_exit, farthest_entry, before, first, last, most, shown,
+):  # fmt: skip
+    """What a strip shows after a pass: rows near to far, in each the columns it can be in.
 
-    Nested selects: a conjunction of conditions would not become a vector.
+    `before` passes precede this one, each with a row of exits more than it has cells.
     """
-    before, nearer_before = lane - _LANES, nearer_lane - _LANES
-    for n in range(_LANES):
-        shown = strip[at + n]
-        left, came = exits[lane + n], exits[before + n]
-        left = left if left > z_exit else z_exit
-        came = came if came < z_entry else z_entry
-        reached, candidate = depth[cell + n], payload[cell + n]
-        candidate = candidate if reached >= left else shown
-        shown = candidate if left < came else shown
-        left, came = exits[nearer_lane + n], exits[nearer_before + n]
-        left = left if left > z_exit else z_exit
-        came = came if came < z_entry else z_entry
-        reached, candidate = depth[nearer + n], payload[nearer + n]
-        candidate = candidate if reached >= left else shown
-        strip[at + n] = candidate if left < came else shown
+    searching = greater(load(exits, np.uintp(before + first) * _LANES), same(np.float32(0)))
+    while first < last and nearest_exit[first] > most:
+        first += 1
+    for i in range(near, end):
+        z_exit, z_entry = row_exit[i], row_entry[i]
+        while first < last and nearest_exit[first] >= z_entry:
+            first += 1
+        row_left, row_entered = same(z_exit), same(z_entry)
+        lane = np.uintp(before + first) * _LANES
+        entered = load(exits, lane)
+        for q in range(first, last):
+            if farthest_entry[q] <= z_exit:
+                break
+            lane += _LANES
+            left = load(exits, lane)
+            cell = np.uintp(base + row_offset[i] + offset[q])
+            both_left = greatest(left, row_left)
+            visited = greater(least(entered, row_entered), both_left)
+            hit = both(both(searching, visited), at_least(load(depth, cell), both_left))
+            shown = choose(hit, load(payload, cell), shown)
+            searching = but_not(searching, hit)
+            entered = left
+        if not any_lane(searching):
+            break
+    return shown

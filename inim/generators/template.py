@@ -27,7 +27,6 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators import polyphase, strips
 from inim.generators.axis_runs import AxisRuns, axis_runs, doubtful_pixels
 from inim.generators.base import PictureShape, SourceGenerator, check_out
 from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
@@ -127,7 +126,6 @@ class _Shared(_Aligned):
             self._lists.row,
             self._lists.column,
             (display.lens_rows, display.lens_columns),
-            polyphase.STRIP,
         )
         self._offset = self._phases.row_offset(self._lists.row) + self._phases.column_offset(
             self._lists.column
@@ -156,7 +154,6 @@ class _Strips(_Aligned):
             _relative(rows, display.rows, per_pitch),
             _relative(columns, display.columns, per_pitch),
             (display.lens_rows, display.lens_columns),
-            strips.STRIP,
         )
         self._rows = row_runs(display, rows, per_pitch, self._phases)
         self._columns = strip_columns(display, columns, per_pitch, self._phases)

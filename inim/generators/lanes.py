@@ -1,0 +1,236 @@
+"""Vectors of neighbouring lenses, for compiled kernels.
+
+`LANES` lenses are worked on at once: their depths, colours and decisions are values of their own
+in a kernel (`Lanes`), which the compiler keeps in vector registers, whatever their width on the
+machine. Written as loops over arrays, the same work goes through memory after every step, and only
+some forms of it become vectors at all.
+
+Nothing here checks bounds: a load or store reaches `LANES` elements from its index.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, models, register_model
+
+__all__ = [
+    "LANES",
+    "all_lanes",
+    "any_lane",
+    "at_least",
+    "both",
+    "but_not",
+    "choose",
+    "greater",
+    "greatest",
+    "least",
+    "load",
+    "same",
+    "store",
+    "transpose",
+]
+
+# Two 512-bit vectors, or four of 256. More lenses have looser depth bounds and fewer searches that
+# end early; fewer have more overhead and more loads that straddle cache lines.
+LANES = 32
+
+# Edge of the square blocks that `transpose` turns: eight words fill a 256-bit vector.
+BLOCK = 8
+
+_FLOATS = ir.VectorType(ir.FloatType(), LANES)
+_WORDS = ir.VectorType(ir.IntType(32), LANES)
+_FLAGS = ir.VectorType(ir.IntType(1), LANES)
+_INDEX = ir.IntType(64)
+
+
+class Lanes(types.Type):  # type: ignore[misc]
+    """One number (float32, uint32) or flag for each lane."""
+
+    def __init__(self, name: str, vector: ir.VectorType) -> None:
+        self.vector = vector
+        super().__init__(f"{name}x{LANES}")
+
+
+_floats, _words, _flags = (
+    Lanes("float32", _FLOATS),
+    Lanes("uint32", _WORDS),
+    Lanes("flag", _FLAGS),
+)
+_OF_SCALAR = {types.float32: _floats, types.uint32: _words}
+
+
+@register_model(Lanes)
+class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Lanes) -> None:
+        super().__init__(manager, kind, kind.vector)
+
+
+def _simple(build: Callable[..., Any]) -> Callable[..., Any]:
+    """Code generation from what the instructions are, given the arguments."""
+    return lambda context, builder, signature, arguments: build(builder, *arguments)
+
+
+def _data(context: Any, builder: Any, kind: Any, array: Any) -> Any:
+    """Pointer to an array's first element."""
+    return context.make_array(kind)(context, builder, array).data
+
+
+@intrinsic
+def load(typing, array, index):  # type: ignore[no-untyped-def]
+    """The elements of a flat array from an index on, one for each lane."""
+    lanes = _OF_SCALAR[array.dtype]
+
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        data = _data(context, builder, signature.args[0], arguments[0])
+        place = builder.gep(data, [arguments[1]])
+        return builder.load(builder.bitcast(place, lanes.vector.as_pointer()), align=4)
+
+    return lanes(array, types.uintp), build
+
+
+@intrinsic
+def store(typing, array, index, lanes):  # type: ignore[no-untyped-def]
+    """Write lanes to a flat array from an index on."""
+
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        data = _data(context, builder, signature.args[0], arguments[0])
+        place = builder.gep(data, [arguments[1]])
+        builder.store(arguments[2], builder.bitcast(place, lanes.vector.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.uintp, lanes), build
+
+
+@intrinsic
+def same(typing, number):  # type: ignore[no-untyped-def]
+    """A float32 or uint32 in every lane."""
+    lanes = _OF_SCALAR[number]
+
+    def build(builder, value):  # type: ignore[no-untyped-def]
+        undefined = ir.Constant(lanes.vector, ir.Undefined)
+        zero = ir.Constant(ir.IntType(32), 0)
+        one = builder.insert_element(undefined, value, zero)
+        return _shuffle(builder, one, undefined, [0] * LANES)
+
+    return lanes(number), _simple(build)
+
+
+@intrinsic
+def all_lanes(typing):  # type: ignore[no-untyped-def]
+    """A flag set in every lane."""
+    return _flags(), _simple(lambda builder: ir.Constant(_FLAGS, [1] * LANES))
+
+
+@intrinsic
+def at_least(typing, a, b):  # type: ignore[no-untyped-def]
+    """Where a >= b."""
+    return _flags(_floats, _floats), _simple(lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
+
+
+@intrinsic
+def greater(typing, a, b):  # type: ignore[no-untyped-def]
+    """Where a > b."""
+    return _flags(_floats, _floats), _simple(lambda builder, a, b: builder.fcmp_ordered(">", a, b))
+
+
+@intrinsic
+def both(typing, a, b):  # type: ignore[no-untyped-def]
+    """Where two flags are set."""
+    return _flags(_flags, _flags), _simple(lambda builder, a, b: builder.and_(a, b))
+
+
+@intrinsic
+def but_not(typing, a, b):  # type: ignore[no-untyped-def]
+    """Where the first flag is set and the second is not."""
+    return _flags(_flags, _flags), _simple(lambda builder, a, b: builder.and_(a, builder.not_(b)))
+
+
+@intrinsic
+def any_lane(typing, flags):  # type: ignore[no-untyped-def]
+    """Whether a flag is set in any lane."""
+    bits = ir.IntType(LANES)
+
+    def build(builder, flags):  # type: ignore[no-untyped-def]
+        return builder.icmp_unsigned("!=", builder.bitcast(flags, bits), ir.Constant(bits, 0))
+
+    return types.boolean(_flags), _simple(build)
+
+
+@intrinsic
+def choose(typing, flags, a, b):  # type: ignore[no-untyped-def]
+    """Lanes of a where the flag is set, of b elsewhere."""
+    return a(_flags, a, a), _simple(lambda builder, flags, a, b: builder.select(flags, a, b))
+
+
+@intrinsic
+def least(typing, a, b):  # type: ignore[no-untyped-def]
+    """The lesser of two numbers, lane by lane; no NaN among them."""
+
+    def build(builder, a, b):  # type: ignore[no-untyped-def]
+        return builder.select(builder.fcmp_ordered("<", a, b), a, b)
+
+    return _floats(_floats, _floats), _simple(build)
+
+
+@intrinsic
+def greatest(typing, a, b):  # type: ignore[no-untyped-def]
+    """The greater of two numbers, lane by lane; no NaN among them."""
+
+    def build(builder, a, b):  # type: ignore[no-untyped-def]
+        return builder.select(builder.fcmp_ordered(">", a, b), a, b)
+
+    return _floats(_floats, _floats), _simple(build)
+
+
+@intrinsic
+def transpose(typing, strip, source, out, target, columns, lens):  # type: ignore[no-untyped-def]
+    """Write `BLOCK` pixels under each of `BLOCK` lenses, from their lanes.
+
+    ``out[target + columns[lens + n] + u] = strip[source + u * LANES + n]`` for n, u < `BLOCK`;
+    flat uint32 arrays, and int64 columns.
+    """
+
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        strip, source, out, target, columns, lens = arguments
+        kinds = signature.args
+        strip_data = _data(context, builder, kinds[0], strip)
+        out_data = _data(context, builder, kinds[2], out)
+        column_data = _data(context, builder, kinds[4], columns)
+        block = ir.VectorType(ir.IntType(32), BLOCK)
+        rows = []
+        for u in range(BLOCK):
+            place = builder.gep(strip_data, [builder.add(source, _INDEX(u * LANES))])
+            rows.append(builder.load(builder.bitcast(place, block.as_pointer()), align=4))
+        for n, row in enumerate(_transposed(builder, rows)):
+            column = builder.load(builder.gep(column_data, [builder.add(lens, _INDEX(n))]))
+            place = builder.gep(out_data, [builder.add(target, column)])
+            builder.store(row, builder.bitcast(place, block.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    index = types.uintp
+    return types.void(strip, index, out, index, columns, index), build
+
+
+def _transposed(builder: Any, rows: list[Any]) -> list[Any]:
+    """A square block's columns: quarters of it change places, then quarters of those."""
+    half = 1
+    while half < BLOCK:
+        upper = [k if not k & half else BLOCK + (k ^ half) for k in range(BLOCK)]
+        lower = [k | half if not k & half else BLOCK + k for k in range(BLOCK)]
+        for i in range(BLOCK):
+            if not i & half:
+                a, b = rows[i], rows[i | half]
+                rows[i] = _shuffle(builder, a, b, upper)
+                rows[i | half] = _shuffle(builder, a, b, lower)
+        half *= 2
+    return rows
+
+
+def _shuffle(builder: Any, a: Any, b: Any, order: list[int]) -> Any:
+    """Lanes of a, then of b, in another order."""
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), len(order)), order)
+    return builder.shuffle_vector(a, b, mask)
