@@ -6,6 +6,9 @@ machine. Written as loops over arrays, the same work goes through memory after e
 some forms of it become vectors at all.
 
 Nothing here checks bounds: a load or store reaches `LANES` elements from its index.
+
+Numba keeps compiled kernels by the file they stand in, whatever they call: after a change here run
+`make clean`, or old kernels meet new ones.
 """
 
 from __future__ import annotations
@@ -25,17 +28,17 @@ __all__ = [
     "both",
     "but_not",
     "choose",
-    "greater",
     "greatest",
-    "least",
+    "lanes_of",
     "load",
     "same",
     "store",
     "transpose",
 ]
 
-# Two 512-bit vectors, or four of 256. More lenses have looser depth bounds and fewer searches that
-# end early; fewer have more overhead and more loads that straddle cache lines.
+# Two 512-bit vectors, or four of 256; as many as a word has bits. More lenses have looser depth
+# bounds and fewer searches that end early; fewer have more overhead, and more loads that straddle
+# cache lines.
 LANES = 32
 
 # Edge of the square blocks that `transpose` turns: eight words fill a 256-bit vector.
@@ -126,15 +129,15 @@ def all_lanes(typing):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def at_least(typing, a, b):  # type: ignore[no-untyped-def]
-    """Where a >= b."""
-    return _flags(_floats, _floats), _simple(lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
+def lanes_of(typing, bits):  # type: ignore[no-untyped-def]
+    """Flags from the bits of a uint32, the lowest for the first lane."""
+    return _flags(types.uint32), _simple(lambda builder, bits: builder.bitcast(bits, _FLAGS))
 
 
 @intrinsic
-def greater(typing, a, b):  # type: ignore[no-untyped-def]
-    """Where a > b."""
-    return _flags(_floats, _floats), _simple(lambda builder, a, b: builder.fcmp_ordered(">", a, b))
+def at_least(typing, a, b):  # type: ignore[no-untyped-def]
+    """Where a >= b."""
+    return _flags(_floats, _floats), _simple(lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
 
 
 @intrinsic
@@ -164,16 +167,6 @@ def any_lane(typing, flags):  # type: ignore[no-untyped-def]
 def choose(typing, flags, a, b):  # type: ignore[no-untyped-def]
     """Lanes of a where the flag is set, of b elsewhere."""
     return a(_flags, a, a), _simple(lambda builder, flags, a, b: builder.select(flags, a, b))
-
-
-@intrinsic
-def least(typing, a, b):  # type: ignore[no-untyped-def]
-    """The lesser of two numbers, lane by lane; no NaN among them."""
-
-    def build(builder, a, b):  # type: ignore[no-untyped-def]
-        return builder.select(builder.fcmp_ordered("<", a, b), a, b)
-
-    return _floats(_floats, _floats), _simple(build)
 
 
 @intrinsic

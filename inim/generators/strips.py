@@ -4,10 +4,11 @@ With a whole number of picture cells per pitch, lenses still meet the same cells
 lenses; only the depths at which the u-th pixel of each lens leaves them differ a little from lens
 to lens. So a strip of neighbouring lenses is worked on at once, as in `inim.generators.polyphase`,
 over every cell that any lens of the strip visits, from near to far, with exit depths that are
-vectors along the strip. A cell counts for a lens if its ray is in the row and in the column at
-once: ``max(exits) < min(entries)``.
+vectors along the strip.
 
-Rays are separable, so all that is stored is per panel row and per panel column.
+Rays are separable, so exit depths are stored per panel row and per panel column. A lens visits a
+cell if its ray is in the row and in the column at once, ``max(exits) < min(entries)``; that does
+not depend on the picture, and is stored as pairs of a row and a column, and which lenses visit it.
 """
 
 from __future__ import annotations
@@ -26,16 +27,23 @@ from inim.generators.lanes import (
     both,
     but_not,
     choose,
-    greater,
     greatest,
-    least,
+    lanes_of,
     load,
     same,
     store,
 )
 from inim.generators.polyphase import Phases, nearest_surface, write_strip
 
-__all__ = ["RowRuns", "StripColumns", "row_runs", "run_strips", "strip_columns"]
+__all__ = [
+    "CellPairs",
+    "RowRuns",
+    "StripColumns",
+    "cell_pairs",
+    "row_runs",
+    "run_strips",
+    "strip_columns",
+]
 
 _LANES = np.uintp(LANES)
 
@@ -81,11 +89,11 @@ class StripColumns:
     offset : (cells,) int64
     exit : (cells + passes, LANES) float32
         Per lens; infinite where a lens does not visit a cell. Each pass begins with a row of
-        infinities, so that the row before a cell's own says where it is entered; negative ones
-        for lenses that do not take part.
-    nearest_exit, farthest_entry : (cells,) float32
-        The least exit among this cell and the nearer ones; the greatest entry among this and the
-        farther ones: between them lie the cells that can be in a row.
+        infinities, so that the row before a cell's own says where it is entered.
+    lanes : (passes,) uint32
+        Lenses that take part, a bit each.
+    nearest_exit : (cells,) float32
+        The least exit from each cell.
     lens_first, lens_pixels : (lens columns,) int64
         First panel column of each lens, and how many it has.
     """
@@ -95,10 +103,30 @@ class StripColumns:
     pass_first: np.ndarray
     offset: np.ndarray
     exit: np.ndarray
+    lanes: np.ndarray
     nearest_exit: np.ndarray
-    farthest_entry: np.ndarray
     lens_first: np.ndarray
     lens_pixels: np.ndarray
+
+
+@dataclass(frozen=True)
+class CellPairs:
+    """The cells that each pass visits on each panel row, nearest first.
+
+    Attributes
+    ----------
+    first : (panel rows x passes + 1,) int64
+        Where the pairs of a panel row and a pass begin.
+    row, column : (pairs,) unsigned integers, as narrow as they can be
+        The cell's row among the panel row's runs, and its column among the pass's cells.
+    lanes : (pairs,) uint32
+        Lenses that visit it, a bit each.
+    """
+
+    first: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    lanes: np.ndarray
 
 
 def row_runs(display: Display, runs: AxisRuns, per_pitch: int, phases: Phases) -> RowRuns:
@@ -119,7 +147,7 @@ def strip_columns(display: Display, runs: AxisRuns, per_pitch: int, phases: Phas
     count = np.bincount(lens[lens >= 0], minlength=lenses)
     begin = np.array([np.argmax(lens == n) if count[n] else 0 for n in range(lenses)])
     strip_first, pixel, pass_first = [0], [], [0]
-    cells, exit_rows = [], []
+    cells, exit_rows, bits = [], [], []
     for strip in range(-(-lenses // LANES)):
         start = max(min(strip * LANES, lenses - LANES), 0)
         members = range(start, min(start + LANES, lenses))
@@ -131,18 +159,18 @@ def strip_columns(display: Display, runs: AxisRuns, per_pitch: int, phases: Phas
                 own, exit_mm = _one_pass(runs, lanes, exits, begin, u, side, start, per_pitch)
                 cells.append(own)
                 exit_rows.append(exit_mm)
+                bits.append(sum(1 << (n - start) for n in lanes))
                 pixel.append(u)
                 pass_first.append(pass_first[-1] + len(own))
         strip_first.append(len(pixel))
-    nearest, farthest = zip(*map(_search_bounds, exit_rows), strict=True)
     return StripColumns(
         np.array(strip_first),
         np.array(pixel),
         np.array(pass_first),
         phases.column_offset(np.concatenate(cells)),
         np.concatenate(exit_rows),
-        np.concatenate(nearest),
-        np.concatenate(farthest),
+        np.array(bits, np.uint32),
+        np.concatenate([exit_mm[1:].min(axis=1) for exit_mm in exit_rows]),
         begin,
         count,
     )
@@ -179,42 +207,87 @@ def _one_pass(
     low, high = min(int(c.min()) for c in relative), max(int(c.max()) for c in relative)
     cells = np.arange(low, high + 1)[::side]
     exit_mm = np.full((1 + len(cells), LANES), np.inf, np.float32)
-    exit_mm[0] = -np.inf
     for n, span, own in zip(lanes, spans, relative, strict=True):
         rank = (own - low) if side > 0 else (high - own)
-        exit_mm[0, n - start] = np.inf
         exit_mm[1 + rank, n - start] = exits[span]
     return cells, exit_mm
 
 
-def _search_bounds(exit_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`nearest_exit` and `farthest_entry` of one pass's cells."""
-    own, before = exit_mm[1:], exit_mm[:-1]
-    entry = np.where(np.isfinite(own), before, -np.inf).max(axis=1)
-    return (
-        np.minimum.accumulate(own.min(axis=1)),
-        np.maximum.accumulate(entry[::-1])[::-1].astype(np.float32),
-    )
+def cell_pairs(rows: RowRuns, columns: StripColumns) -> CellPairs:
+    """Find every cell that some lens of a pass visits, on every panel row."""
+    pieces = (
+        rows.first, rows.exit, rows.entry, rows.lens, columns.pass_first, columns.exit,
+    )  # fmt: skip
+    longest = max(np.diff(rows.first).max(), np.diff(columns.pass_first).max())
+    narrow = np.min_scalar_type(int(longest))
+    count = np.zeros((len(rows.lens), len(columns.pixel)), np.int64)
+    none, no_lanes = np.empty(0, narrow), np.empty(0, np.uint32)
+    _find_pairs(*pieces, count, count.reshape(-1), none, none, no_lanes, False)
+    first = np.concatenate([[0], np.cumsum(count)])
+    row, column = np.empty(first[-1], narrow), np.empty(first[-1], narrow)
+    lanes = np.empty(first[-1], np.uint32)
+    _find_pairs(*pieces, count, first, row, column, lanes, True)
+    return CellPairs(first, row, column, lanes)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _find_pairs(  # type: ignore[no-untyped-def]
+    row_first, row_exit, row_entry, row_lens, pass_first, exits, count, first, row, column, lanes,
+    write,
+):  # fmt: skip
+    """Count the pairs of each panel row and pass, or write them."""
+    passes = len(pass_first) - 1
+    for r in numba.prange(len(row_lens)):
+        if row_lens[r] >= 0:
+            for p in range(passes):
+                at = first[r * passes + p]
+                found = 0
+                for i in range(row_first[r], row_first[r + 1]):
+                    for q in range(pass_first[p], pass_first[p + 1]):
+                        bits = _visiting(exits[p + q], exits[p + q + 1], row_exit[i], row_entry[i])
+                        if bits:
+                            if write:
+                                row[at + found] = i - row_first[r]
+                                column[at + found] = q - pass_first[p]
+                                lanes[at + found] = bits
+                            found += 1
+                count[r, p] = found
+
+
+@numba.njit(cache=True, nogil=True)
+def _visiting(entered, left, z_exit, z_entry):  # type: ignore[no-untyped-def]
+    """Lenses that are in a column between two depths, a bit each."""
+    bits = np.uint32(0)
+    for n in range(LANES):
+        visits = max(left[n], z_exit) < min(entered[n], z_entry)
+        bits |= np.uint32(visits) << np.uint32(n)
+    return bits
 
 
 def run_strips(
-    rows: RowRuns, columns: StripColumns, phases: Phases, empty: int, out: np.ndarray
+    rows: RowRuns,
+    columns: StripColumns,
+    pairs: CellPairs,
+    phases: Phases,
+    empty: int,
+    out: np.ndarray,
 ) -> None:
     """Show each lensed panel pixel the payload of its first hit, the others `empty`."""
     _run(
         phases.depth.reshape(-1), phases.payload.reshape(-1), phases.depth[0].size, phases.nearest,
-        rows.first, rows.lens, rows.offset, rows.exit, rows.entry, rows.reach,
+        rows.first, rows.lens, rows.offset, rows.exit, rows.reach,
         columns.strip_first, columns.pixel, columns.pass_first, columns.offset,
-        columns.exit.reshape(-1), columns.nearest_exit, columns.farthest_entry,
+        columns.exit.reshape(-1), columns.lanes, columns.nearest_exit,
+        pairs.first, pairs.row, pairs.column, pairs.lanes,
         columns.lens_first, columns.lens_pixels, np.uint32(empty), out,
     )  # fmt: skip
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _run(  # type: ignore[no-untyped-def]
-    depth, payload, row_stride, nearest, row_first, row_lens, row_offset, row_exit, row_entry,
-    row_reach, strip_first, pixel, pass_first, offset, exits, nearest_exit, farthest_entry,
-    lens_first, lens_pixels, empty, out,
+    depth, payload, row_stride, nearest, row_first, row_lens, row_offset, row_exit, row_reach,
+    strip_first, pixel, pass_first, offset, exits, lanes, nearest_exit, pair_first, pair_row,
+    pair_column, pair_lanes, lens_first, lens_pixels, empty, out,
 ):  # fmt: skip
     """All panel rows, shared among the threads."""
     for r in numba.prange(out.shape[0]):
@@ -223,69 +296,49 @@ def _run(  # type: ignore[no-untyped-def]
             strip = np.empty(int(lens_pixels.max()) * LANES, np.uint32)
             _run_row(
                 np.int64(r), depth, payload, row_stride, nearest, row_first, row_lens, row_offset,
-                row_exit, row_entry, row_reach, strip_first, pixel, pass_first, offset, exits,
-                nearest_exit, farthest_entry, lens_first, lens_pixels, empty, strip, out,
+                row_exit, row_reach, strip_first, pixel, pass_first, offset, exits, lanes,
+                nearest_exit, pair_first, pair_row, pair_column, pair_lanes, lens_first,
+                lens_pixels, empty, strip, out,
             )  # fmt: skip
 
 
 @numba.njit(cache=True, nogil=True)
 def _run_row(  # type: ignore[no-untyped-def]
-    r, depth, payload, row_stride, nearest, row_first, row_lens, row_offset, row_exit, row_entry,
-    row_reach, strip_first, pixel, pass_first, offset, exits, nearest_exit, farthest_entry,
-    lens_first, lens_pixels, empty, strip, out,
+    r, depth, payload, row_stride, nearest, row_first, row_lens, row_offset, row_exit, row_reach,
+    strip_first, pixel, pass_first, offset, exits, lanes, nearest_exit, pair_first, pair_row,
+    pair_column, pair_lanes, lens_first, lens_pixels, empty, strip, out,
 ):  # fmt: skip
-    """One panel row, a strip of lenses and a pass at a time."""
+    """One panel row, a strip of lenses and a pass at a time, near to far until all have hit."""
     m = row_lens[r]
-    lenses, shared = len(lens_first), lens_pixels.min()
+    lenses, shared, passes = len(lens_first), lens_pixels.min(), len(pixel)
     for s in range(len(strip_first) - 1):
         start = max(min(s * LANES, lenses - LANES), 0)
-        strip[:] = empty
+        base = m * row_stride + start
         most = nearest_surface(nearest, m + row_reach[r, 0], m + row_reach[r, 1], s)
-        near, end = row_first[r], row_first[r + 1]
-        while near < end and row_exit[near] > most:
-            near += 1
+        strip[:] = empty
         for p in range(strip_first[s], strip_first[s + 1]):
+            first_row, first_cell = np.uintp(row_first[r]), np.uintp(pass_first[p])
+            # `p` passes precede this one, each with a row of exits more than it has cells.
+            first_left = first_cell + np.uintp(p + 1)
+            k = np.uintp(pair_first[r * passes + p])
+            end = np.uintp(pair_first[r * passes + p + 1])
+            while k < end and (
+                row_exit[first_row + np.uintp(pair_row[k])] > most
+                or nearest_exit[first_cell + np.uintp(pair_column[k])] > most
+            ):
+                k += np.uintp(1)
             at = np.uintp(pixel[p] * LANES)
-            shown = _search(
-                depth, payload, m * row_stride + start, row_offset, row_exit, row_entry, near, end,
-                offset, exits, nearest_exit, farthest_entry, p, pass_first[p], pass_first[p + 1],
-                most, load(strip, at),
-            )  # fmt: skip
+            searching, shown = lanes_of(lanes[p]), load(strip, at)
+            while k < end:
+                i, q = first_row + np.uintp(pair_row[k]), np.uintp(pair_column[k])
+                left = greatest(load(exits, (first_left + q) * _LANES), same(row_exit[i]))
+                cell = np.uintp(base + row_offset[i] + offset[first_cell + q])
+                visiting = both(searching, lanes_of(pair_lanes[k]))
+                hit = both(visiting, at_least(load(depth, cell), left))
+                shown = choose(hit, load(payload, cell), shown)
+                searching = but_not(searching, hit)
+                if not any_lane(searching):
+                    break
+                k += np.uintp(1)
             store(strip, at, shown)
         write_strip(strip, lens_first, lens_pixels, start, shared, out[r])
-
-
-@numba.njit(cache=True, nogil=True)
-def _search(  # type: ignore[no-untyped-def]
-    depth, payload, base, row_offset, row_exit, row_entry, near, end,
-    offset, exits, nearest_exit, farthest_entry, before, first, last, most, shown,
-):  # fmt: skip
-    """What a strip shows after a pass: rows near to far, in each the columns it can be in.
-
-    `before` passes precede this one, each with a row of exits more than it has cells.
-    """
-    searching = greater(load(exits, np.uintp(before + first) * _LANES), same(np.float32(0)))
-    while first < last and nearest_exit[first] > most:
-        first += 1
-    for i in range(near, end):
-        z_exit, z_entry = row_exit[i], row_entry[i]
-        while first < last and nearest_exit[first] >= z_entry:
-            first += 1
-        row_left, row_entered = same(z_exit), same(z_entry)
-        lane = np.uintp(before + first) * _LANES
-        entered = load(exits, lane)
-        for q in range(first, last):
-            if farthest_entry[q] <= z_exit:
-                break
-            lane += _LANES
-            left = load(exits, lane)
-            cell = np.uintp(base + row_offset[i] + offset[q])
-            both_left = greatest(left, row_left)
-            visited = greater(least(entered, row_entered), both_left)
-            hit = both(both(searching, visited), at_least(load(depth, cell), both_left))
-            shown = choose(hit, load(payload, cell), shown)
-            searching = but_not(searching, hit)
-            entered = left
-        if not any_lane(searching):
-            break
-    return shown

@@ -33,7 +33,7 @@ from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
 from inim.generators.polyphase import Phases, index_payload, run_templates
 from inim.generators.sources import HOLE, NOT_ASKED, Sources
-from inim.generators.strips import row_runs, run_strips, strip_columns
+from inim.generators.strips import cell_pairs, row_runs, run_strips, strip_columns
 from inim.generators.traversal import first_hits, first_hits_at, starts
 from inim.pixel_axis import PixelAxis
 from inim.rgbd import RGBD
@@ -157,6 +157,7 @@ class _Strips(_Aligned):
         )
         self._rows = row_runs(display, rows, per_pitch, self._phases)
         self._columns = strip_columns(display, columns, per_pitch, self._phases)
+        self._pairs = cell_pairs(self._rows, self._columns)
         doubtful = doubtful_pixels(rows, columns)
         mask = np.zeros(display.eia_shape, bool)
         mask.flat[doubtful] = True
@@ -164,7 +165,7 @@ class _Strips(_Aligned):
 
     def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
         self._phases.fill(rgbd.depth_mm, rgbd.covered, payload)
-        run_strips(self._rows, self._columns, self._phases, empty, out)
+        run_strips(self._rows, self._columns, self._pairs, self._phases, empty, out)
         if self._doubtful is not None:
             sources = self._doubtful.sources(rgbd)
             known = np.append(payload.reshape(-1), np.uint32(empty))

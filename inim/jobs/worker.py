@@ -34,9 +34,6 @@ __all__ = ["outcome_of", "run_in_worker", "serve", "supervise", "work"]
 #: What a worker does with its job and a listener: publish, and say whether every check passed.
 CarryOut = Callable[[dict[str, Any], Any], bool]
 
-# OpenMP's threads wait busily, or sleep and wake late: 1 ms became 5 ms beside Dr.Jit's own pool.
-# Numba's plain pool does neither; it wants one caller at a time, which a worker is.
-_WORKER_VARIABLES = {"NUMBA_THREADING_LAYER": "workqueue"}
 # A worker that died while holding this share of the memory died of it.
 _MEMORY_SHARE = 0.8
 _ERRORS = {
@@ -100,7 +97,7 @@ def supervise(module: str, job: dict[str, Any], backend: Any) -> dict[str, Any]:
     read_end, write_end = os.pipe()
     process = subprocess.Popen(
         [sys.executable, "-m", module, json.dumps(job), str(write_end)],
-        env={**_WORKER_VARIABLES, **os.environ, **backends.environment(backend)},
+        env={**os.environ, **backends.environment(backend)},
         stdin=subprocess.PIPE,  # nothing is sent: it closes when this process ends, however
         pass_fds=(write_end,),
     )

@@ -23,10 +23,12 @@ _RUNS_WHEN_SLOW = 3
 # Above this, one more run would only try the reader's patience.
 _VERY_SLOW_S = 10.0
 # The thread pools of Dr.Jit and numba wait busily after their work, and the next in turn has fewer
-# cores: 14 ms became 22 ms with pauses of 3 ms, still 18 ms with 10 ms. So let them fall asleep,
-# and wake the next one's own by a run that is not counted, the same for all.
+# cores: 14 ms became 22 ms with pauses of 3 ms, still 18 ms with 10 ms. So let them fall asleep.
 _SETTLE_S = 0.03
-# A longer run wakes its pool by itself.
+# Just woken, a pool's threads often share a core until the system's next look at the load, some
+# milliseconds later: 1 ms became 5 ms. So each gets uncounted runs first, the same time for all.
+_LEAD_IN_S = 0.02
+# A longer run is past that by itself.
 _LEAD_IN_BELOW_S = 0.2
 
 
@@ -124,8 +126,10 @@ def in_turn(
 
     def timed(name: str, lead_in: bool = False) -> float:
         pause(_SETTLE_S)
-        if lead_in:
+        woken = clock()
+        while lead_in:
             calls[name]()
+            lead_in = clock() - woken < _LEAD_IN_S
         start = clock()
         calls[name]()
         return clock() - start
