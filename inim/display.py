@@ -25,14 +25,42 @@ __all__ = ["DISPLAYS", "Display"]
 
 _LENGTHS = (
     "pitch_mm",
+    "pitch_y_mm",
     "focal_length_mm",
     "gap_mm",
     "pixel_pitch_mm",
     "elemental_pitch_mm",
     "lens_thickness_mm",
 )
+_NUMBERS = (
+    "refractive_index",
+    "depth_min_mm",
+    "depth_max_mm",
+    "shift_x_mm",
+    "shift_y_mm",
+    "rotation_deg",
+    "tilt_x_deg",
+    "tilt_y_deg",
+    "fill_factor",
+    "pixel_fill",
+    "conic",
+    "asphere_a4",
+    "asphere_a6",
+    "abbe_number",
+)
+_WORDS = {
+    "curved_side": ("viewer", "panel"),
+    "lattice": ("square", "hexagonal"),
+    "aperture": ("square", "round"),
+    "between_lenses": ("dark", "clear"),
+    "subpixels": ("none", "rgb-stripe", "pentile"),
+}
+# Far above what a sheet glued by hand misses, and far below where a tilted panel meets its array.
+_STEEPEST_TILT_DEG = 10.0
 _OPTIONAL = frozenset(
     {
+        "abbe_number",
+        "pitch_y_mm",
         "depth_max_mm",
         "depth_min_mm",
         "elemental_pitch_mm",
@@ -50,7 +78,7 @@ class Display:
     Parameters
     ----------
     pitch_mm : float
-        Lens pitch P, the same in x and y.
+        Lens pitch P: from one lens to the next in a row.
     focal_length_mm, gap_mm : float
         Focal length f and gap g between lens array and panel. g > f shows real images in front
         of the array, g < f virtual ones behind it; g = f (focused) needs a depth range.
@@ -68,6 +96,31 @@ class Display:
     refractive_index, lens_thickness_mm, curved_side :
         The plano-convex lens of the ``thick`` model: index (PMMA by default), centre thickness
         (one pitch by default), and which way it bulges, ``"viewer"`` or ``"panel"``.
+    conic, asphere_a4, asphere_a6 : float
+        Its curved face beside a sphere: conic constant k, and even terms ``a4 r^4 + a6 r^6`` of
+        the sag, mm^-3 and mm^-5, positive where they deepen the bulge.
+    abbe_number : float, optional
+        V of the lens's material; without one, all colours are refracted alike.
+    pitch_y_mm : float, optional
+        From one row of lenses to the next: P by default, ``P sqrt(3) / 2`` on a hexagonal lattice.
+    lattice : {"square", "hexagonal"}
+        Hexagonal: every other row, the second from the top first, is half a pitch to the right.
+    aperture : {"square", "round"}
+    fill_factor : float
+        Width of a lens's aperture in pitches, 0..1.
+    between_lenses : {"dark", "clear"}
+        What lies outside the apertures: paint, or the sheet's bare flat surface.
+    shift_x_mm, shift_y_mm, rotation_deg : float
+        Where the array lies over the panel: moved right and up, then turned about its own centre,
+        counter-clockwise as the viewer sees it. Panel, eye and picture stay.
+    tilt_x_deg, tilt_y_deg : float
+        Tilt of the panel against the array: the gap grows to the right, and upwards.
+    subpixels : {"none", "rgb-stripe", "pentile"}
+        Where a pixel's colours come from: all from all of it; red, green and blue thirds from left
+        to right; or green right halves, and left halves red or blue in turn (red at the top left,
+        as on a chessboard).
+    pixel_fill : float
+        Width and height of what shines, in pixels or sub-pixels, 0..1; the rest is black.
     name : str
         What the display is called in reports.
 
@@ -91,6 +144,22 @@ class Display:
     refractive_index: float = 1.4917
     lens_thickness_mm: float | None = None
     curved_side: str = "viewer"
+    conic: float = 0.0
+    asphere_a4: float = 0.0
+    asphere_a6: float = 0.0
+    abbe_number: float | None = None
+    pitch_y_mm: float | None = None
+    lattice: str = "square"
+    aperture: str = "square"
+    fill_factor: float = 1.0
+    between_lenses: str = "dark"
+    shift_x_mm: float = 0.0
+    shift_y_mm: float = 0.0
+    rotation_deg: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    subpixels: str = "none"
+    pixel_fill: float = 1.0
     name: str = "custom"
 
     def __post_init__(self) -> None:
@@ -98,7 +167,7 @@ class Display:
             self._take_number(name)
             if getattr(self, name) is not None and not getattr(self, name) > 0:
                 raise DisplayError(f"{name} = {getattr(self, name)}: must be a positive length")
-        for name in ("refractive_index", "depth_min_mm", "depth_max_mm"):
+        for name in _NUMBERS:
             self._take_number(name)
         for name in ("lens_columns", "lens_rows", "panel_columns", "panel_rows"):
             self._take_count(name)
@@ -106,8 +175,20 @@ class Display:
             raise DisplayError(
                 f"refractive_index = {self.refractive_index}: a lens needs an index above 1"
             )
-        if self.curved_side not in ("viewer", "panel"):
-            raise DisplayError(f"curved_side = {self.curved_side!r}: use 'viewer' or 'panel'")
+        for name, words in _WORDS.items():
+            if getattr(self, name) not in words:
+                allowed = " or ".join(repr(word) for word in words)
+                raise DisplayError(f"{name} = {getattr(self, name)!r}: use {allowed}")
+        for name in ("fill_factor", "pixel_fill"):
+            if not 0 < getattr(self, name) <= 1:
+                raise DisplayError(f"{name} = {getattr(self, name)}: must lie in 0..1, above 0")
+        for name in ("tilt_x_deg", "tilt_y_deg"):
+            if abs(getattr(self, name)) > _STEEPEST_TILT_DEG:
+                raise DisplayError(
+                    f"{name} = {getattr(self, name)}: at most {_STEEPEST_TILT_DEG:g} degrees"
+                )
+        if self.abbe_number is not None and self.abbe_number <= 0:
+            raise DisplayError(f"abbe_number = {self.abbe_number}: must be above 0")
         for name in ("pitch_mm", "elemental_image_pitch_mm"):
             if self.pixel_pitch_mm > getattr(self, name):
                 raise DisplayError(
@@ -153,13 +234,46 @@ class Display:
 
     @property
     def width_mm(self) -> float:
-        """Width of the lens array, N P."""
-        return self.lens_columns * self.pitch_mm
+        """Width of the lens array, N P, and half a pitch more where rows are staggered."""
+        staggered = 0.5 if self.lattice == "hexagonal" and self.lens_rows > 1 else 0.0
+        return (self.lens_columns + staggered) * self.pitch_mm
 
     @property
     def height_mm(self) -> float:
-        """Height of the lens array, M P."""
-        return self.lens_rows * self.pitch_mm
+        """Height of the lens array, its rows times their distance."""
+        return self.lens_rows * self.row_pitch_mm
+
+    @property
+    def row_pitch_mm(self) -> float:
+        """From one row of lenses to the next."""
+        if self.pitch_y_mm is not None:
+            return self.pitch_y_mm
+        return self.pitch_mm * (math.sqrt(3) / 2 if self.lattice == "hexagonal" else 1.0)
+
+    @property
+    def elemental_row_pitch_mm(self) -> float:
+        """From one row of elemental images to the next: in proportion to the lenses'."""
+        if self.elemental_pitch_mm is None:
+            return self.row_pitch_mm
+        return self.row_pitch_mm * (self.elemental_pitch_mm / self.pitch_mm)
+
+    @property
+    def is_separable(self) -> bool:
+        """Whether a panel pixel's lens and ray follow from its row and its column apart."""
+        return self.lattice == "square" and not (
+            self.rotation_deg or self.tilt_x_deg or self.tilt_y_deg
+        )
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether the array lies over the panel as designed: neither moved, turned nor tilted."""
+        return not (
+            self.shift_x_mm
+            or self.shift_y_mm
+            or self.rotation_deg
+            or self.tilt_x_deg
+            or self.tilt_y_deg
+        )
 
     @property
     def elemental_image_pitch_mm(self) -> float:
