@@ -76,7 +76,7 @@ class Settings:
     fit_share: float = _setting(
         0.85, "share of the array the relic may fill, 0..1", low=1e-6, high=1
     )
-    lens_model: str = _setting("thick", "lens model of the reconstruction: pinhole or thick")
+    lens_model: str = _setting("thick", "lens model of the reconstruction: pinhole, thin or thick")
     algorithms: str = _setting("wang2024,template", "algorithms to score, separated by commas")
     viewpoints: str = _setting(
         "centre,left,right,up,down", "named ones, or 'name=x y [z]' in mm, separated by commas"

@@ -17,8 +17,16 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.lens import LENS_MODELS, LensArray, lens_array
+from inim.lens import (
+    LensArray,
+    LensTraits,
+    channel_indices,
+    lens_array,
+    lens_traits,
+    through_array,
+)
 from inim.lens.array import Ops
+from inim.panel import SUBPIXELS, shining
 
 __all__ = ["announce", "display_shape"]
 
@@ -34,17 +42,37 @@ def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[st
     lens_model : str
         A key of `inim.lens.LENS_MODELS`.
     """
+    half_x, half_y = _half_extent_mm(display)
+    indices = channel_indices(display)
+    # What a display does not have is not compiled: one index for all colours means one ray.
+    colored = len(set(indices)) > 1 and lens_model != "pinhole"
+    patterned = display.subpixels != "none" or display.pixel_fill < 1
     return {
         "type": "rectangle",
-        "to_world": mi.ScalarTransform4f().scale([display.width_mm / 2, display.height_mm / 2, 1]),
+        "to_world": mi.ScalarTransform4f().scale([half_x, half_y, 1]),
         "emitter": {
             "type": "inim_display",
             "eia": mi.TensorXf(np.ascontiguousarray(eia, np.float32)),
             "pixel_mm": display.pixel_pitch_mm,
+            "pixel_fill": display.pixel_fill,
+            "subpixels": display.subpixels if patterned else "",
             "lens_model": lens_model,
+            "colored": colored,
+            **{f"index_{name}": n for name, n in zip("rgb", indices, strict=True)},
             **{f"array_{name}": value for name, value in lens_array(display)._asdict().items()},
+            **{f"trait_{name}": value for name, value in lens_traits(display)._asdict().items()},
         },
     }
+
+
+def _half_extent_mm(display: Display) -> tuple[float, float]:
+    """Half the width and height, about the panel's centre, that hold the array as it lies."""
+    array = lens_array(display)
+    c, s = abs(array.cosine), abs(array.sine)
+    half_x, half_y = display.width_mm / 2, display.height_mm / 2
+    return c * half_x + s * half_y + abs(array.shift_x), c * half_y + s * half_x + abs(
+        array.shift_y
+    )
 
 
 def announce() -> None:
@@ -69,12 +97,18 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
             self.panel = mi.Float(eia.array)
             self.rows = dr.opaque(mi.Float, eia.shape[0])
             self.columns = dr.opaque(mi.Float, eia.shape[1])
-            self.pixel = dr.opaque(mi.Float, props["pixel_mm"])
-            self.trace = LENS_MODELS[props["lens_model"]]
+            self.pixel_mm = dr.opaque(mi.Float, props["pixel_mm"])
+            self.fill = dr.opaque(mi.Float, props["pixel_fill"])
+            self.subpixels = SUBPIXELS[props["subpixels"]] if props["subpixels"] else None
+            self.lens_model = props["lens_model"]
             # Run-time values: a literal would compile the kernel anew for every display.
+            self.indices = [dr.opaque(mi.Float, props[f"index_{name}"]) for name in "rgb"]
+            if not props["colored"]:
+                self.indices = self.indices[:1]
             self.array = LensArray(
                 *(dr.opaque(mi.Float, props[f"array_{name}"]) for name in LensArray._fields)
             )
+            self.traits = LensTraits(*(props[f"trait_{name}"] for name in LensTraits._fields))
             self.m_needs_sample_2 = True
             self.m_needs_sample_3 = True
             self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
@@ -84,14 +118,42 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
             steep = towards_viewer.z > 1e-6  # a ray along the array never enters it
             depth = dr.select(steep, towards_viewer.z, 1.0)
             sx, sy = -towards_viewer.x / depth, -towards_viewer.y / depth
-            x, y, weight = self.trace(self.array, ops, point.x, point.y, sx, sy)
-            column = dr.floor(x / self.pixel + 0.5 * self.columns)
-            row = dr.floor(0.5 * self.rows - y / self.pixel)  # row 0 is the top
-            lit = active & steep & (weight > 0)
+            lit = active & steep
+            # Red stands for all colours where nothing tells them apart.
+            rays = [
+                through_array(
+                    self.lens_model, self.array, self.traits, ops, point.x, point.y, sx, sy, index
+                )
+                for index in self.indices
+            ]
+            if len(rays) == 1 and self.subpixels is None:
+                place, weight, lit = self.pixel(*rays[0], lit)
+                color = dr.gather(mi.Color3f, self.panel, place, lit)
+                return mi.Spectrum(color * weight) & lit
+            color = mi.Color3f(0.0)
+            for channel in range(3):
+                place, weight, shown = self.pixel(*rays[channel % len(rays)], lit, channel)
+                value = dr.gather(mi.Float, self.panel, 3 * place + channel, shown)
+                color[channel] = dr.select(shown, value * weight, 0.0)
+            return mi.Spectrum(color)
+
+        def pixel(
+            self, x: Any, y: Any, weight: Any, lit: Any, channel: int = 0
+        ) -> tuple[Any, Any, Any]:
+            """Flat index of the pixel under a panel point, the light it sends, whether any."""
+            across = x / self.pixel_mm + 0.5 * self.columns
+            along = 0.5 * self.rows - y / self.pixel_mm  # row 0 is the top
+            column, row = dr.floor(across), dr.floor(along)
+            lit = lit & (weight > 0)
             lit &= (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
-            index = mi.UInt32(dr.select(lit, row * self.columns + column, 0.0))
-            color = dr.gather(mi.Color3f, self.panel, index, lit)
-            return mi.Spectrum(color * weight) & lit
+            place = mi.UInt32(dr.select(lit, row * self.columns + column, 0.0))
+            if self.subpixels is not None:
+                turn = mi.UInt32(dr.select(lit, row + column, 0.0)) & 1
+                weight = weight * shining(
+                    self.subpixels[channel], self.fill, dr.select,
+                    across - column - 0.5, along - row - 0.5, turn,
+                )  # fmt: skip
+            return place, weight, lit
 
         def eval(self, si: Any, active: Any = True) -> Any:
             return self.radiance(si.p, si.to_world(si.wi), active & (si.wi.z > 0))

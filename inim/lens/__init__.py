@@ -2,13 +2,14 @@
 
 A lens model is one pure function, one file and one line in `LENS_MODELS`::
 
-    trace(array, ops, x, y, sx, sy) -> (panel_x, panel_y, weight)
+    trace(array, traits, ops, x, y, sx, sy, index) -> PanelRay
 
-`(x, y)` is where the ray crosses the principal plane z = 0 and `(sx, sy)` how far it travels
-sideways per millimetre away from the viewer. What comes back is the point of the panel plane and
-the share of light that gets through: 0 where nothing does. A ray may land under a neighbour's
-elemental image; that is crosstalk, and stays. The arithmetic comes in as `ops`, so the same code
-runs in float64 NumPy and in a Dr.Jit kernel.
+In the array frame (`inim.lens.array`), `(x, y)` is where the ray crosses the principal plane z = 0
+and `(sx, sy)` how far it travels sideways per millimetre away from the viewer; `index` is the
+material's refractive index for the ray's colour. What comes back is the ray at z = -gap, behind the
+lens, and the share of light that gets through: 0 where nothing does. A ray may land under a
+neighbour's elemental image; that is crosstalk, and stays. The arithmetic comes in as `ops`, so the
+same code runs in float64 NumPy and in a Dr.Jit kernel.
 """
 
 from __future__ import annotations
@@ -20,24 +21,47 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.lens import pinhole, thick
-from inim.lens.array import NUMPY_OPS, LensArray, lens_array
+from inim.lens import pinhole, thick, thin
+from inim.lens.array import NUMPY_OPS, LensArray, LensTraits, Ops, lens_array, lens_traits
+from inim.lens.dispersion import channel_indices
+from inim.lens.ray import PanelRay, to_array, to_panel
 
 __all__ = [
     "LENS_MODELS",
     "LensArray",
+    "LensTraits",
+    "channel_indices",
     "check_lens_model",
     "lens_array",
+    "lens_traits",
+    "through_array",
     "trace_to_panel",
     "white_exposure",
 ]
 
-LensModel = Callable[[LensArray, Any, Any, Any, Any, Any], tuple[Any, Any, Any]]
+LensModel = Callable[[LensArray, LensTraits, Ops, Any, Any, Any, Any, Any], PanelRay]
 
 LENS_MODELS: dict[str, LensModel] = {
     "pinhole": pinhole.trace,
+    "thin": thin.trace,
     "thick": thick.trace,
 }
+
+
+def through_array(
+    model: str,
+    array: LensArray,
+    traits: LensTraits,
+    ops: Ops,
+    x: Any,
+    y: Any,
+    sx: Any,
+    sy: Any,
+    index: Any,
+) -> tuple[Any, Any, Any]:
+    """Panel point and weight of a display-frame ray that crosses z = 0 at (x, y)."""
+    ray = LENS_MODELS[model](array, traits, ops, *to_array(array, traits, x, y, sx, sy), index)
+    return to_panel(array, traits, ray)
 
 
 def check_lens_model(name: str, display: Display) -> None:
@@ -66,9 +90,17 @@ def white_exposure(display: Display, model: str) -> np.float32:
 
 
 def trace_to_panel(
-    display: Display, model: str, x_mm: Any, y_mm: Any, slope_x: Any, slope_y: Any
+    display: Display,
+    model: str,
+    x_mm: Any,
+    y_mm: Any,
+    slope_x: Any,
+    slope_y: Any,
+    *,
+    index: float | None = None,
+    dtype: type = np.float64,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Trace viewer's rays to the panel in float64.
+    """Trace viewer's rays to the panel, in NumPy.
 
     Parameters
     ----------
@@ -76,18 +108,26 @@ def trace_to_panel(
     model : str
         A key of `LENS_MODELS`.
     x_mm, y_mm : (...) array
-        Where the rays cross the array plane z = 0.
+        Where the rays cross the array plane z = 0, display frame.
     slope_x, slope_y : (...) array
         Sideways travel per millimetre away from the viewer.
+    index : float, optional
+        Refractive index, where it is not the display's own.
+    dtype : float type
+        What to compute in.
 
     Returns
     -------
-    panel_x_mm, panel_y_mm, weight : (...) float64 arrays
+    panel_x_mm, panel_y_mm, weight : (...) arrays of `dtype`
     """
     check_lens_model(model, display)
-    inputs = [np.asarray(v, np.float64) for v in (x_mm, y_mm, slope_x, slope_y)]
+    x, y, sx, sy = np.broadcast_arrays(
+        *(np.asarray(value, dtype) for value in (x_mm, y_mm, slope_x, slope_y))
+    )
+    array = LensArray(*(dtype(value) for value in lens_array(display)))
+    n = dtype(display.refractive_index if index is None else index)
     with np.errstate(invalid="ignore"):  # lanes of total reflection carry weight 0
-        x, y, weight = LENS_MODELS[model](
-            lens_array(display), NUMPY_OPS, *np.broadcast_arrays(*inputs)
+        panel_x, panel_y, weight = through_array(
+            model, array, lens_traits(display), NUMPY_OPS, x, y, sx, sy, n
         )
-    return x, y, weight
+    return panel_x, panel_y, np.asarray(weight, dtype)

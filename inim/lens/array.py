@@ -1,14 +1,29 @@
-"""The lens array as numbers, and the arithmetic that lens models are written in."""
+"""The lens array as numbers, and the arithmetic that lens models are written in.
+
+Lens models work in the *array frame*: the display frame, moved to the array's centre and turned
+with it. Kinds of lens and lattice are Python values (`LensTraits`): what a display does not have is
+not compiled. Lengths may be Dr.Jit scalars (`LensArray`): changing one compiles nothing anew.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from inim.display import Display
 
-__all__ = ["NUMPY_OPS", "LensArray", "Ops", "lens_array", "lens_centre"]
+__all__ = [
+    "NUMPY_OPS",
+    "LensArray",
+    "LensTraits",
+    "Ops",
+    "in_aperture",
+    "lens_array",
+    "lens_centre",
+    "lens_traits",
+]
 
 
 class Ops(NamedTuple):
@@ -23,44 +38,155 @@ class Ops(NamedTuple):
 NUMPY_OPS = Ops(np.sqrt, np.floor, np.where, np.abs)
 
 
+class LensTraits(NamedTuple):
+    """What kind of lenses a display has: Python values, fixed when a kernel is compiled."""
+
+    hexagonal: bool
+    round_aperture: bool
+    full_aperture: bool
+    clear_between: bool
+    bulges_to_viewer: bool
+    conic: bool
+    asphere: bool
+    turned: bool
+    tilted: bool
+
+
 class LensArray(NamedTuple):
     """What lens models need of a `Display`; each value may be a float or a Dr.Jit scalar.
 
-    Lengths in millimetres. `half_columns` and `half_rows` are N / 2 and M / 2.
+    Lengths in millimetres.
+
+    Attributes
+    ----------
+    pitch_x, pitch_y :
+        Between neighbours of a row; between rows.
+    half_columns, half_rows :
+        N / 2 and M / 2.
+    gap, focal_length :
+        g and f.
+    radius, thickness :
+        Of the plano-convex lens.
+    conic, a4, a6 :
+        Of its curved face.
+    half_aperture :
+        Half the aperture's width.
+    shift_x, shift_y, cosine, sine :
+        Where the array lies over the panel.
+    tilt_x, tilt_y :
+        Growth of the gap per millimetre.
     """
 
-    pitch: Any
+    pitch_x: Any
+    pitch_y: Any
     half_columns: Any
     half_rows: Any
     gap: Any
-    index: Any
+    focal_length: Any
     radius: Any
     thickness: Any
-    bulges_to_viewer: Any
+    conic: Any
+    a4: Any
+    a6: Any
+    half_aperture: Any
+    shift_x: Any
+    shift_y: Any
+    cosine: Any
+    sine: Any
+    tilt_x: Any
+    tilt_y: Any
+
+
+def lens_traits(display: Display) -> LensTraits:
+    """The kind of a display's lenses."""
+    return LensTraits(
+        hexagonal=display.lattice == "hexagonal",
+        round_aperture=display.aperture == "round",
+        full_aperture=display.aperture == "square" and display.fill_factor == 1,
+        clear_between=display.between_lenses == "clear",
+        bulges_to_viewer=display.curved_side == "viewer",
+        conic=display.conic != 0,
+        asphere=display.asphere_a4 != 0 or display.asphere_a6 != 0,
+        turned=bool(display.rotation_deg or display.shift_x_mm or display.shift_y_mm),
+        tilted=bool(display.tilt_x_deg or display.tilt_y_deg),
+    )
 
 
 def lens_array(display: Display) -> LensArray:
     """The numbers of a display's lens array; radius R = f (n - 1) of a plano-convex lens."""
     thickness = display.lens_thickness_mm
+    angle = math.radians(display.rotation_deg)
     return LensArray(
-        pitch=display.pitch_mm,
+        pitch_x=display.pitch_mm,
+        pitch_y=display.row_pitch_mm,
         half_columns=display.lens_columns / 2,
         half_rows=display.lens_rows / 2,
         gap=display.gap_mm,
-        index=display.refractive_index,
+        focal_length=display.focal_length_mm,
         radius=display.focal_length_mm * (display.refractive_index - 1),
         thickness=display.pitch_mm if thickness is None else thickness,
-        bulges_to_viewer=1.0 if display.curved_side == "viewer" else 0.0,
+        conic=display.conic,
+        a4=display.asphere_a4,
+        a6=display.asphere_a6,
+        half_aperture=display.fill_factor * display.pitch_mm / 2,
+        shift_x=display.shift_x_mm,
+        shift_y=display.shift_y_mm,
+        cosine=math.cos(angle),
+        sine=math.sin(angle),
+        tilt_x=math.tan(math.radians(display.tilt_x_deg)),
+        tilt_y=math.tan(math.radians(display.tilt_y_deg)),
     )
 
 
-def lens_centre(array: LensArray, ops: Ops, x: Any, y: Any) -> tuple[Any, Any, Any]:
-    """Centre of the lens whose cell holds (x, y), and whether the array reaches that far."""
-    column = ops.floor(x / array.pitch + array.half_columns)
-    row = ops.floor(y / array.pitch + array.half_rows)
-    inside = (
-        (column >= 0) & (column < 2 * array.half_columns) & (row >= 0) & (row < 2 * array.half_rows)
+def lens_centre(
+    array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any
+) -> tuple[Any, Any, Any]:
+    """Centre of the lens whose cell holds (x, y), and whether the array reaches that far.
+
+    Array frame. A square lattice's cells are rectangles, a hexagonal one's the points nearest a
+    centre.
+    """
+    if not traits.hexagonal:
+        column = ops.floor(x / array.pitch_x + array.half_columns)
+        row = ops.floor(y / array.pitch_y + array.half_rows)
+        inside = (column >= 0) & (column < 2 * array.half_columns)
+        inside &= (row >= 0) & (row < 2 * array.half_rows)
+        centre_x = (column + 0.5 - array.half_columns) * array.pitch_x
+        return centre_x, (row + 0.5 - array.half_rows) * array.pitch_y, inside
+    # A point's nearest centre lies in the row of centres above it or in the one below.
+    lower = ops.floor(y / array.pitch_y + array.half_rows - 0.5)
+    below = _in_row(array, ops, x, y, lower)
+    above = _in_row(array, ops, x, y, lower + 1)
+    nearer = above[3] < below[3]
+    centre_x, centre_y, inside, _ = (
+        ops.where(nearer, a, b) for a, b in zip(above, below, strict=True)
     )
-    centre_x = (column + 0.5 - array.half_columns) * array.pitch
-    centre_y = (row + 0.5 - array.half_rows) * array.pitch
     return centre_x, centre_y, inside
+
+
+def _in_row(array: LensArray, ops: Ops, x: Any, y: Any, row: Any) -> tuple[Any, Any, Any, Any]:
+    """Nearest centre in a row counted from the bottom, whether it exists, and its distance^2."""
+    # Rows count from the top where they are staggered: the second one is moved to the right.
+    from_top = 2 * array.half_rows - 1 - row
+    odd = from_top - 2 * ops.floor(from_top / 2)
+    # About the axis: all rows lie a quarter of a pitch to one side or the other.
+    aside = (odd / 2 - 0.25) * ops.where(array.half_rows > 0.5, 1.0, 0.0)
+    column = ops.floor(x / array.pitch_x + array.half_columns - aside)
+    centre_x = (column + 0.5 - array.half_columns + aside) * array.pitch_x
+    centre_y = (row + 0.5 - array.half_rows) * array.pitch_y
+    inside = (column >= 0) & (column < 2 * array.half_columns)
+    inside &= (row >= 0) & (row < 2 * array.half_rows)
+    return centre_x, centre_y, inside, (x - centre_x) ** 2 + (y - centre_y) ** 2
+
+
+def in_aperture(array: LensArray, traits: LensTraits, dx: Any, dy: Any) -> Any:
+    """Whether a point lies in a lens's aperture, given its place from the lens's centre."""
+    if traits.round_aperture:
+        return dx * dx + dy * dy <= array.half_aperture * array.half_aperture
+    half_y = array.half_aperture * (array.pitch_y / array.pitch_x)
+    return (
+        (dx <= array.half_aperture)
+        & (dx >= -array.half_aperture)
+        & (dy <= half_y)
+        & (dy >= -half_y)
+    )

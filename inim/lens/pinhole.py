@@ -7,13 +7,24 @@ from __future__ import annotations
 
 from typing import Any
 
-from inim.lens.array import LensArray, Ops, lens_centre
+from inim.lens.array import LensArray, LensTraits, Ops, in_aperture, lens_centre
+from inim.lens.ray import PanelRay, pass_straight
 
 __all__ = ["trace"]
 
 
-def trace(array: LensArray, ops: Ops, x: Any, y: Any, sx: Any, sy: Any) -> tuple[Any, Any, Any]:
-    """See `inim.lens`: (panel_x, panel_y, weight) of a viewer's ray."""
-    centre_x, centre_y, inside = lens_centre(array, ops, x, y)
-    weight = ops.where(inside, 1.0, 0.0)
-    return centre_x + array.gap * sx, centre_y + array.gap * sy, weight
+def trace(
+    array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, sx: Any, sy: Any, index: Any
+) -> PanelRay:
+    """See `inim.lens`: where a viewer's ray meets the panel."""
+    del index  # nothing is refracted
+    centre_x, centre_y, inside = lens_centre(array, traits, ops, x, y)
+    ray = PanelRay(
+        centre_x + array.gap * sx,
+        centre_y + array.gap * sy,
+        sx,
+        sy,
+        ops.where(inside, 1.0, 0.0),
+    )
+    within = in_aperture(array, traits, x - centre_x, y - centre_y)
+    return pass_straight(array, traits, ops, ray, within, inside, (x, y, sx, sy), 1.0)

@@ -17,7 +17,8 @@ from typing import Any
 
 from inim.display import Display
 from inim.errors import DisplayError
-from inim.lens.array import LensArray, Ops, lens_array, lens_centre
+from inim.lens.array import LensArray, LensTraits, Ops, lens_array, lens_centre
+from inim.lens.ray import PanelRay
 
 __all__ = ["check", "on_axis_transmittance", "trace"]
 
@@ -38,7 +39,7 @@ def check(display: Display) -> None:
             f"lens_thickness_mm = {array.thickness:g}: the bulge alone is {sag:.4g} mm high at "
             "the corner of the cell; make the lens thicker"
         )
-    behind = array.thickness / array.index if array.bulges_to_viewer else 0.0
+    behind = array.thickness / display.refractive_index if display.curved_side == "viewer" else 0.0
     if display.gap_mm <= behind:
         raise DisplayError(
             f"gap_mm = {display.gap_mm:g}: the lens's flat face lies {behind:.4g} mm behind its "
@@ -52,22 +53,24 @@ def on_axis_transmittance(display: Display) -> float:
     return (4 * n / (n + 1) ** 2) ** 2
 
 
-def trace(array: LensArray, ops: Ops, x: Any, y: Any, sx: Any, sy: Any) -> tuple[Any, Any, Any]:
-    """See `inim.lens`: (panel_x, panel_y, weight) of a viewer's ray."""
+def trace(
+    array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, sx: Any, sy: Any, index: Any
+) -> PanelRay:
+    """See `inim.lens`: where a viewer's ray meets the panel."""
     length = ops.sqrt(sx * sx + sy * sy + 1.0)
     direction = (sx / length, sy / length, -1.0 / length)
-    bulge_first = _trace_bulge_first(array, ops, x, y, direction)
-    flat_first = _trace_flat_first(array, ops, x, y, direction)
-    first = array.bulges_to_viewer > 0.5
-    return tuple(ops.where(first, a, b) for a, b in zip(bulge_first, flat_first, strict=True))
+    through = _trace_bulge_first if traits.bulges_to_viewer else _trace_flat_first
+    return through(array, traits, ops, x, y, direction, index)
 
 
-def _trace_bulge_first(array: LensArray, ops: Ops, x: Any, y: Any, d: Any) -> tuple[Any, Any, Any]:
+def _trace_bulge_first(
+    array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, d: Any, index: Any
+) -> PanelRay:
     """Curved face at z = 0, flat face at z = -t."""
-    centre_x, centre_y, _ = lens_centre(array, ops, x, y)
+    centre_x, centre_y, _ = lens_centre(array, traits, ops, x, y)
     path, _ = _meet_sphere(ops, x - centre_x, y - centre_y, d, array.radius, near=True)
     # The sag lets an oblique ray slip past its own cell's edge and meet the neighbour's bulge.
-    centre_x, centre_y, inside = lens_centre(array, ops, x + path * d[0], y + path * d[1])
+    centre_x, centre_y, inside = lens_centre(array, traits, ops, x + path * d[0], y + path * d[1])
     path, hit = _meet_sphere(ops, x - centre_x, y - centre_y, d, array.radius, near=True)
     px, py, pz = x + path * d[0], y + path * d[1], path * d[2]
     normal = (
@@ -75,21 +78,23 @@ def _trace_bulge_first(array: LensArray, ops: Ops, x: Any, y: Any, d: Any) -> tu
         (py - centre_y) / array.radius,
         (pz + array.radius) / array.radius,
     )
-    d, front = _refract(ops, d, normal, 1.0 / array.index)
+    d, front = _refract(ops, d, normal, 1.0 / index)
     px, py = _carry(px, py, d, array.thickness + pz)
-    d, back = _refract(ops, d, (0.0, 0.0, 1.0), array.index)
-    px, py = _carry(px, py, d, array.gap - array.thickness / array.index)
-    return px, py, ops.where(inside & hit, front * back, 0.0)
+    d, back = _refract(ops, d, (0.0, 0.0, 1.0), index)
+    px, py = _carry(px, py, d, array.gap - array.thickness / index)
+    return PanelRay(px, py, -d[0] / d[2], -d[1] / d[2], ops.where(inside & hit, front * back, 0.0))
 
 
-def _trace_flat_first(array: LensArray, ops: Ops, x: Any, y: Any, d: Any) -> tuple[Any, Any, Any]:
+def _trace_flat_first(
+    array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, d: Any, index: Any
+) -> PanelRay:
     """Flat face at z = t/n, vertex of the curved face at z = t/n - t."""
-    x, y = _carry(x, y, d, -array.thickness / array.index)
-    d, front = _refract(ops, d, (0.0, 0.0, 1.0), 1.0 / array.index)
+    x, y = _carry(x, y, d, -array.thickness / index)
+    d, front = _refract(ops, d, (0.0, 0.0, 1.0), 1.0 / index)
     x, y = _carry(x, y, d, array.thickness)  # on the vertex plane, inside a neighbour maybe
-    centre_x, centre_y, _ = lens_centre(array, ops, x, y)
+    centre_x, centre_y, _ = lens_centre(array, traits, ops, x, y)
     path, _ = _meet_sphere(ops, x - centre_x, y - centre_y, d, array.radius, near=False)
-    centre_x, centre_y, inside = lens_centre(array, ops, x + path * d[0], y + path * d[1])
+    centre_x, centre_y, inside = lens_centre(array, traits, ops, x + path * d[0], y + path * d[1])
     path, hit = _meet_sphere(ops, x - centre_x, y - centre_y, d, array.radius, near=False)
     px, py, pz = x + path * d[0], y + path * d[1], path * d[2]
     normal = (
@@ -97,9 +102,9 @@ def _trace_flat_first(array: LensArray, ops: Ops, x: Any, y: Any, d: Any) -> tup
         (centre_y - py) / array.radius,
         (array.radius - pz) / array.radius,
     )
-    d, back = _refract(ops, d, normal, array.index)
+    d, back = _refract(ops, d, normal, index)
     px, py = _carry(px, py, d, array.gap + pz)
-    return px, py, ops.where(inside & hit, front * back, 0.0)
+    return PanelRay(px, py, -d[0] / d[2], -d[1] / d[2], ops.where(inside & hit, front * back, 0.0))
 
 
 def _meet_sphere(ops: Ops, x: Any, y: Any, d: Any, radius: Any, *, near: bool) -> tuple[Any, Any]:
