@@ -139,7 +139,12 @@ def _add_validate(commands: Commands) -> None:
         help="score a finished EIA, .png (sRGB) or .exr (linear), too; may be repeated",
     )
     parser.add_argument("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
-    parser.add_argument("--lens-model", help="lens model: thick or pinhole")
+    parser.add_argument("--lens-model", help="lens model: pinhole, thin or thick")
+    parser.add_argument(
+        "--misalign",
+        metavar="KEY=NUMBER,...",
+        help="how far the array lies off what generators know, such as 'rotation_deg=0.5'",
+    )
     parser.add_argument("--backend", default="auto", choices=("auto", "llvm", "cuda"))
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
@@ -168,6 +173,7 @@ def _validate(args: argparse.Namespace) -> int:
         algorithms=args.algorithms,
         viewpoints=args.viewpoints,
         lens_model=args.lens_model,
+        misalign=args.misalign,
         eias=tuple(args.eias),
         backend=args.backend,
     )

@@ -73,6 +73,9 @@ class Settings:
     tilt_y_deg: float | None = _setting(None, "panel tilted: the gap grows upwards (0)")
     subpixels: str | None = _setting(None, "none, rgb-stripe or pentile (none)")
     pixel_fill: float | None = _setting(None, "width of what shines, in (sub-)pixels (1)")
+    misalign: str = _setting(
+        "", "what the array is off by where generators do not know: 'rotation_deg=0.5, gap_mm=0.1'"
+    )
     fit_share: float = _setting(
         0.85, "share of the array the relic may fill, 0..1", low=1e-6, high=1
     )

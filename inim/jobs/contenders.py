@@ -172,7 +172,7 @@ class Pickup(Contender):
             from inim.jobs.truth import render_pickup
 
             started = time.perf_counter()
-            eia = render_pickup(job, truth.fitted, self._spp(plan), PICKUP).image
+            eia = render_pickup(job, truth.fitted, plan.display, self._spp(plan), PICKUP).image
             seconds = time.perf_counter() - started
             return Entry(eia, seconds, _hole_fraction(_misses(job, truth), plan.display))
 

@@ -11,11 +11,15 @@ from inim.errors import OutOfMemoryError, SceneError
 from inim.jobs.contenders import Contender, parse_contenders
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW
+from inim.misalignment import mounted
 from inim.scene_file import SceneFile, parse_definitions, read_scene_file
 from inim.settings import Settings
 from inim.viewpoint import Viewpoint, parse_viewpoints
 
 __all__ = ["Plan", "Request", "make_plan"]
+
+# Settings that a request can also name directly.
+_SHORTHANDS = ("display", "algorithms", "viewpoints", "lens_model", "misalign")
 
 # Bytes per pixel at the fullest moment. EIA: two float32 halves of the ground truth, their mean,
 # generators' EIAs and source maps, float64 sums, the scorer's copies.
@@ -38,7 +42,7 @@ class Request:
     scene, out : Path
     definitions : tuple of str
         `key=value` overrides, as after -D.
-    display, algorithms, viewpoints, lens_model : str, optional
+    display, algorithms, viewpoints, lens_model, misalign : str, optional
         Shorthands for the `inim.*` settings of those names.
     eias : tuple of str
         Finished EIAs to score beside the algorithms, as `NAME=FILE`.
@@ -52,6 +56,7 @@ class Request:
     algorithms: str | None = None
     viewpoints: str | None = None
     lens_model: str | None = None
+    misalign: str | None = None
     eias: tuple[str, ...] = ()
     backend: str = "auto"
 
@@ -60,7 +65,7 @@ class Request:
         words = [str(self.scene), "-o", str(self.out)]
         for item in self.definitions:
             words += ["-D", item]
-        for name in ("display", "algorithms", "viewpoints", "lens_model"):
+        for name in _SHORTHANDS:
             value = getattr(self, name)
             if value is not None:
                 words += [f"--{name.replace('_', '-')}", value]
@@ -92,6 +97,9 @@ class Plan:
     file : SceneFile
     settings : Settings
     display : Display
+        As designed: what generators know.
+    mounted : Display
+        As its array really lies: what the viewer looks at, and the ground truth is made for.
     viewpoints : tuple of Viewpoint
     contenders : tuple of Contender
         Whose EIAs are scored, in the report's order.
@@ -103,6 +111,7 @@ class Plan:
     file: SceneFile
     settings: Settings
     display: Display
+    mounted: Display
     viewpoints: tuple[Viewpoint, ...]
     contenders: tuple[Contender, ...]
     ssim_limits: dict[str, float]
@@ -119,11 +128,12 @@ def make_plan(request: Request) -> Plan:
     file = read_scene_file(request.scene, parse_definitions(list(request.definitions)))
     source = str(request.scene)
     settings = Settings.parse(file.settings, source)
-    for name in ("display", "algorithms", "viewpoints", "lens_model"):
+    for name in _SHORTHANDS:
         if getattr(request, name) is not None:
             settings = replace(settings, **{name: getattr(request, name)})
     display = settings.make_display(source)
-    check_lens_model(settings.lens_model, display)
+    real = mounted(display, settings.misalign)
+    check_lens_model(settings.lens_model, real)
     viewpoints = parse_viewpoints(settings.viewpoints, display, settings.viewing_distance_mm)
     contenders = parse_contenders(settings.algorithms, request.eias)
     limits = settings.ssim_limits(tuple(c.name for c in contenders), source)
@@ -131,7 +141,7 @@ def make_plan(request: Request) -> Plan:
     _check_memory(display, settings, len(viewpoints), len(contenders))
     for contender in contenders:
         contender.check(display)
-    return Plan(request, file, settings, display, viewpoints, contenders, limits)
+    return Plan(request, file, settings, display, real, viewpoints, contenders, limits)
 
 
 def _check_sizes(display: Display, settings: Settings, source: str) -> None:

@@ -28,10 +28,10 @@ def reconstruct_views(job: Ledger, eia: np.ndarray, name: str) -> dict[str, np.n
     from inim.kernel.reconstruct import DisplayScene
 
     plan, s = job.plan, job.plan.settings
-    exposure = white_exposure(plan.display, s.lens_model)
+    exposure = white_exposure(plan.mounted, s.lens_model)
     seen: dict[str, np.ndarray] = {}
     with job.stage("reconstruct views"):
-        shown = DisplayScene(eia, plan.display, s.lens_model)
+        shown = DisplayScene(eia, plan.mounted, s.lens_model)
         for viewpoint in plan.viewpoints:
             view = shown.view(
                 viewpoint,

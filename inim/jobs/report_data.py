@@ -49,6 +49,7 @@ def report_data(
         "scene": _scene(job, truth),
         "settings": asdict(plan.settings),
         "display": {"given": plan.display.given(), "derived": plan.display.derived()},
+        "misalign": plan.settings.misalign,
         "backend": backend_data(backend),
         "lens_model": plan.settings.lens_model,
         "viewpoints": [

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from inim.display import Display
 from inim.formats.image import write_png, write_rgbd
 from inim.jobs.ledger import Ledger
 from inim.jobs.reconstruction import reconstruct_views
@@ -98,16 +99,19 @@ def _pickup(job: Ledger, fitted: Any) -> Any:
     from inim.kernel.ground_truth import Truth
 
     with job.stage("ground-truth EIA"):
-        eia = render_pickup(job, fitted, job.plan.settings.eia_spp, "eia")
+        eia = render_pickup(job, fitted, job.plan.mounted, job.plan.settings.eia_spp, "eia")
         return Truth(*job.finite("truth/eia", eia.first, eia.second))
 
 
-def render_pickup(job: Ledger, fitted: Any, spp: int, picture: str) -> Any:
-    """The EIA ray traced from the scene, with the seed of `picture`: a `Truth` of two halves."""
+def render_pickup(job: Ledger, fitted: Any, display: Display, spp: int, picture: str) -> Any:
+    """The EIA ray traced from the scene, with the seed of `picture`: a `Truth` of two halves.
+
+    The ground truth is made for the display as it is mounted, a contender for the one designed.
+    """
     from inim.kernel.ground_truth import pickup
 
     seed = _seed(picture, job.plan.settings.seed)
-    return pickup(fitted, job.plan.display, spp=spp, seed=seed, **_common(job))
+    return pickup(fitted, display, spp=spp, seed=seed, **_common(job))
 
 
 def _view(job: Ledger, fitted: Any, viewpoint: Any) -> tuple[Any, np.ndarray]:

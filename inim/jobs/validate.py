@@ -31,6 +31,7 @@ def validate(
     algorithms: str | None = None,
     viewpoints: str | None = None,
     lens_model: str | None = None,
+    misalign: str | None = None,
     eias: Mapping[str, str | Path] | None = None,
     backend: str = "auto",
 ) -> Report:
@@ -44,7 +45,7 @@ def validate(
         Folder for the report; `<scene>-report` in the current folder otherwise.
     definitions : mapping, optional
         Settings and scene parameters to override, like ``{"inim.pitch_mm": 0.5}``.
-    display, algorithms, viewpoints, lens_model : str, optional
+    display, algorithms, viewpoints, lens_model, misalign : str, optional
         Shorthands for the settings of those names.
     eias : mapping, optional
         Finished EIAs to score beside the algorithms: ``{"mine": "mine.png"}``.
@@ -71,6 +72,7 @@ def validate(
         algorithms=algorithms,
         viewpoints=viewpoints,
         lens_model=lens_model,
+        misalign=misalign,
         eias=tuple(f"{name}={path}" for name, path in (eias or {}).items()),
         backend=backend,
     )

@@ -29,6 +29,25 @@ _GIVEN = {
     "lens_thickness_mm": ("Lens thickness", "mm", "one pitch unless given"),
     "curved_side": ("Curved side", "", "which way the lenses bulge"),
 }
+# Listed where they are not what a plain array has.
+_PECULIAR = {
+    "conic": (0, "Conic constant", "", "of the curved face"),
+    "asphere_a4": (0, "Asphere a4", "mm⁻³", "of the curved face"),
+    "asphere_a6": (0, "Asphere a6", "mm⁻⁵", "of the curved face"),
+    "abbe_number": (None, "Abbe number", "", "of the lenses' material"),
+    "pitch_y_mm": (None, "Row pitch", "mm", "from one row of lenses to the next"),
+    "lattice": ("square", "Lattice", "", "of the lenses"),
+    "aperture": ("square", "Aperture", "", "of each lens"),
+    "fill_factor": (1, "Fill factor", "", "width of an aperture in pitches"),
+    "between_lenses": ("dark", "Between lenses", "", "outside the apertures"),
+    "shift_x_mm": (0, "Shift to the right", "mm", "of the array over the panel"),
+    "shift_y_mm": (0, "Shift upwards", "mm", "of the array over the panel"),
+    "rotation_deg": (0, "Rotation", "°", "of the array, counter-clockwise"),
+    "tilt_x_deg": (0, "Tilt across", "°", "the gap grows to the right"),
+    "tilt_y_deg": (0, "Tilt along", "°", "the gap grows upwards"),
+    "subpixels": ("none", "Sub-pixels", "", "where a pixel's colours come from"),
+    "pixel_fill": (1, "Pixel fill", "", "width of what shines, in (sub-)pixels"),
+}
 _DERIVED = {
     "width_mm": ("Width", "mm", "of the lens array"),
     "height_mm": ("Height", "mm", "of the lens array"),
@@ -51,11 +70,14 @@ def display(data: Mapping[str, Any]) -> str:
     whole = part(data, "display")
     given, derived = part(whole, "given"), part(whole, "derived")
     focus = "focused" if _is_focused(derived) else MISSING
+    plain = {k for k, row in _PECULIAR.items() if k in given and given[k] == row[0]}
+    listed = {k: v for k, v in given.items() if k not in plain}
+    known = _GIVEN | {k: row[1:] for k, row in _PECULIAR.items()}
     tables = [
-        _quantities("Given", given, _GIVEN, "default"),
+        _quantities("Given", listed, known, "default"),
         _quantities("Derived", derived, _DERIVED, focus),
     ]
-    words = _display_words(given, derived) + _display_warnings(derived)
+    words = _display_words(given, derived) + _display_warnings(derived) + _off(data)
     return words + _plan(data) + element("div", *tables, class_="columns")
 
 
@@ -107,6 +129,18 @@ def _display_warnings(derived: Mapping[str, Any]) -> str:
         "More pixels under each lens would give this display a proper range."
     )
     return element("p", element("b", "Depth range cut."), " ", text(words), class_="caution")
+
+
+def _off(data: Mapping[str, Any]) -> str:
+    """What the array is off by, where generators do not know."""
+    misalign = data.get("misalign")
+    if not (isinstance(misalign, str) and misalign.strip()):
+        return ""
+    words = (
+        f"The array lies off this design by {misalign}. Ground truth and views are those of the "
+        "display as it lies; the algorithms know only the design."
+    )
+    return element("p", element("b", "Misaligned."), " ", text(words), class_="caution")
 
 
 def _quantities(

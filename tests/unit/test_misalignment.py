@@ -1,0 +1,57 @@
+"""How an array lies off its design."""
+
+from __future__ import annotations
+
+import pytest
+
+from inim.display import DISPLAYS
+from inim.errors import DisplayError, UsageError
+from inim.misalignment import MISALIGNMENTS, mounted
+
+NOMINAL = DISPLAYS["nominal"]
+
+
+def test_nothing_off_is_the_design_itself():
+    assert mounted(NOMINAL, "") is NOMINAL
+    assert mounted(NOMINAL, " , ") is NOMINAL
+
+
+def test_offsets_add_to_the_design_s_own():
+    turned = NOMINAL.replace(rotation_deg=2.0, shift_y_mm=-0.3)
+    off = mounted(turned, "rotation_deg = -0.5, shift_y_mm=0.1,gap_mm=0.2")
+    assert off.rotation_deg == 1.5
+    assert off.shift_y_mm == pytest.approx(-0.2)
+    assert off.gap_mm == pytest.approx(3.5)
+
+
+def test_picture_and_panel_stay_as_designed():
+    off = mounted(NOMINAL, "gap_mm=0.2, shift_x_mm=3")
+    assert off.depth_range_mm == NOMINAL.depth_range_mm
+    assert off.eia_shape == NOMINAL.eia_shape
+    assert off.central_depth_mm != NOMINAL.central_depth_mm
+
+
+@pytest.mark.parametrize("key", MISALIGNMENTS)
+def test_every_key_moves_something(key):
+    assert getattr(mounted(NOMINAL, f"{key}=0.25"), key) == getattr(NOMINAL, key) + 0.25
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("rotation=1", "did you mean rotation_deg"),
+        ("rotation_deg", "KEY=NUMBER"),
+        ("pitch_mm=1", "misalign 'pitch_mm=1'"),
+        ("gap_mm=wide", "'wide' is not a number"),
+        ("gap_mm=1, gap_mm=1", "given twice"),
+    ],
+)
+def test_what_cannot_be_read_is_named(text, says):
+    with pytest.raises(UsageError, match=says):
+        mounted(NOMINAL, text)
+
+
+@pytest.mark.parametrize("text", ["gap_mm=-4", "tilt_x_deg=80", "shift_x_mm=nan"])
+def test_what_cannot_be_mounted_names_misalignment_and_value(text):
+    with pytest.raises(DisplayError, match=f"misalign '{text}'"):
+        mounted(NOMINAL, text)
