@@ -10,6 +10,9 @@ material's refractive index for the ray's colour. What comes back is the ray at 
 lens, and the share of light that gets through: 0 where nothing does. A ray may land under a
 neighbour's elemental image; that is crosstalk, and stays. The arithmetic comes in as `ops`, so the
 same code runs in float64 NumPy and in a Dr.Jit kernel.
+
+One model is no function: `FULL` is the array as a mesh (`inim.lens.sheet_mesh`) that the renderer
+traces rays through, the independent check of `thick`.
 """
 
 from __future__ import annotations
@@ -21,12 +24,13 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.lens import pinhole, thick, thin
+from inim.lens import pinhole, sheet_mesh, thick, thin
 from inim.lens.array import NUMPY_OPS, LensArray, LensTraits, Ops, lens_array, lens_traits
 from inim.lens.dispersion import channel_indices
 from inim.lens.ray import PanelRay, to_array, to_panel
 
 __all__ = [
+    "FULL",
     "LENS_MODELS",
     "LensArray",
     "LensTraits",
@@ -46,6 +50,10 @@ LENS_MODELS: dict[str, LensModel] = {
     "thin": thin.trace,
     "thick": thick.trace,
 }
+
+
+#: The model that is a mesh; there is no tracing it here.
+FULL = "full"
 
 
 def through_array(
@@ -74,10 +82,12 @@ def check_lens_model(name: str, display: Display) -> None:
     DisplayError
         A prescription that cannot be ground or does not fit the gap.
     """
-    if name not in LENS_MODELS:
-        raise UsageError(f"lens model {name!r}: use {' or '.join(LENS_MODELS)}")
+    if name not in (*LENS_MODELS, FULL):
+        raise UsageError(f"lens model {name!r}: use {' or '.join((*LENS_MODELS, FULL))}")
     if name == "thick":
         thick.check(display)
+    if name == FULL:
+        sheet_mesh.check(display)
 
 
 def white_exposure(display: Display, model: str) -> np.float32:
@@ -86,7 +96,7 @@ def white_exposure(display: Display, model: str) -> np.float32:
     No viewer compares a display with its scene side by side: the loss at a lens's two faces is set
     right with the panel's brightness.
     """
-    return np.float32(1 / thick.on_axis_transmittance(display) if model == "thick" else 1.0)
+    return np.float32(1 / thick.on_axis_transmittance(display) if model in ("thick", FULL) else 1.0)
 
 
 def trace_to_panel(
@@ -120,6 +130,8 @@ def trace_to_panel(
     -------
     panel_x_mm, panel_y_mm, weight : (...) arrays of `dtype`
     """
+    if model == FULL:
+        raise UsageError(f"lens model {FULL!r} is traced by the renderer only; use 'thick' here")
     check_lens_model(model, display)
     x, y, sx, sy = np.broadcast_arrays(
         *(np.asarray(value, dtype) for value in (x_mm, y_mm, slope_x, slope_y))

@@ -67,6 +67,8 @@ class LensArray(NamedTuple):
         g and f.
     radius, thickness :
         Of the plano-convex lens.
+    design_index :
+        The index it is designed for, which places its principal planes for all colours.
     conic, a4, a6 :
         Of its curved face.
     half_aperture :
@@ -85,6 +87,7 @@ class LensArray(NamedTuple):
     focal_length: Any
     radius: Any
     thickness: Any
+    design_index: Any
     conic: Any
     a4: Any
     a6: Any
@@ -125,6 +128,7 @@ def lens_array(display: Display) -> LensArray:
         focal_length=display.focal_length_mm,
         radius=display.focal_length_mm * (display.refractive_index - 1),
         thickness=display.pitch_mm if thickness is None else thickness,
+        design_index=display.refractive_index,
         conic=display.conic,
         a4=display.asphere_a4,
         a6=display.asphere_a6,
@@ -170,7 +174,7 @@ def _in_row(array: LensArray, ops: Ops, x: Any, y: Any, row: Any) -> tuple[Any, 
     from_top = 2 * array.half_rows - 1 - row
     odd = from_top - 2 * ops.floor(from_top / 2)
     # About the axis: all rows lie a quarter of a pitch to one side or the other.
-    aside = (odd / 2 - 0.25) * ops.where(array.half_rows > 0.5, 1.0, 0.0)
+    aside = ops.where(array.half_rows > 0.5, odd / 2 - 0.25, 0.0)
     column = ops.floor(x / array.pitch_x + array.half_columns - aside)
     centre_x = (column + 0.5 - array.half_columns + aside) * array.pitch_x
     centre_y = (row + 0.5 - array.half_rows) * array.pitch_y

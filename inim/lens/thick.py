@@ -4,7 +4,18 @@ Where it stands: the front principal plane is the plane z = 0 that rays arrive o
 lies the gap g behind the rear principal plane, so f and g mean what they mean for a thin lens.
 With the bulge towards the viewer the vertex is at z = 0 and the rear principal plane t - t/n
 behind it; with the bulge towards the panel the flat face is at z = t/n and the vertex is the rear
-principal plane, t - t/n behind z = 0 (Hecht, Optics, thick lenses: h = f (n - 1) t / (R n)).
+principal plane, t - t/n behind z = 0 (Hecht, Optics, thick lenses: h = f (n - 1) t / (R n)). The
+planes are those of the design index: nothing moves with a ray's colour.
+
+The bulges of lenses that fill their cells make one relief, and a ray meets its first bulge: one
+that would reach its lens through a neighbour's bulge is the neighbour's. None leaves a bulge and
+strikes the next: at a slope b it would have to leave at more than 90 - b degrees off the axis, so
+n sin(a - b) >= cos(2 b) for its angle a in the glass. That takes rays 70 degrees off the axis in
+PMMA, 45 at n = 1.3, and there are none from n = 1.6.
+
+Lenses with gaps between them are sunk in a sheet of thickness t, their vertices flush with its
+surface: beside the apertures that surface is painted dark, or is the bare face of a plane-parallel
+plate; what strikes the walls of a lens's hole is lost.
 
 Weights are the unpolarised Fresnel transmittances of the two faces; the factor n^2 of radiance
 inside glass cancels between them.
@@ -13,33 +24,63 @@ inside glass cancels between them.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from inim.display import Display
 from inim.errors import DisplayError
-from inim.lens.array import LensArray, LensTraits, Ops, lens_array, lens_centre
-from inim.lens.ray import PanelRay
+from inim.lens.array import (
+    NUMPY_OPS,
+    LensArray,
+    LensTraits,
+    Ops,
+    in_aperture,
+    lens_array,
+    lens_centre,
+    lens_traits,
+)
+from inim.lens.ray import PanelRay, pass_straight
+from inim.lens.surface import Face, carry, meet, normal, refract, sag, steepness
 
 __all__ = ["check", "on_axis_transmittance", "trace"]
 
+_AGAINST_THE_LIGHT = (0.0, 0.0, -1.0)  # a flat face's normal
+# Below this a ray runs along the array and never reaches the panel.
+_ALONG_THE_ARRAY = 1e-6
+# From the foot of the relief to a ray's bulge: the cell there and one more. A third is crossed only
+# at a corner, where the foot itself is; none was needed by millions of rays up to 40 degrees.
+_CELLS_ON_THE_WAY = 2
+# Heights at which an asphere is looked at for where it turns back.
+_HEIGHTS = 512
+
 
 def check(display: Display) -> None:
-    """Raise `DisplayError` where the lens cannot fill its cell, be so thin, or clear the panel."""
-    array = lens_array(display)
-    corner = display.pitch_mm / math.sqrt(2)
-    if array.radius <= corner:
+    """Raise `DisplayError` where a lens cannot fill its aperture, be this thin, or this thick."""
+    array, traits = lens_array(display), lens_traits(display)
+    face = _bulge(array, traits._replace(bulges_to_viewer=True))  # its sag counts as height
+    reach = math.sqrt(_reach_squared(array, traits, NUMPY_OPS))
+    where = f"the aperture's edge ({reach:.4g} mm from the lens's axis)"
+    if (1 + array.conic) * reach**2 >= array.radius**2:
+        conic = f" and conic {array.conic:g}" if traits.conic else ""
         raise DisplayError(
-            f"thick lens: radius f (n - 1) = {array.radius:.4g} mm cannot fill a square cell of "
-            f"pitch {display.pitch_mm:g} mm (corner at {corner:.4g} mm); use a longer "
-            "focal_length_mm or a higher refractive_index"
+            f"thick lens: a face of radius f (n - 1) = {array.radius:.4g} mm{conic} does not "
+            f"reach {where}; use a longer focal_length_mm or a higher refractive_index"
         )
-    sag = array.radius - math.sqrt(array.radius**2 - corner**2)
-    if array.thickness < sag:
+    heights = np.linspace(0, reach, _HEIGHTS + 1)[1:]
+    turned = heights[steepness(NUMPY_OPS, face, heights**2) <= 0]
+    if turned.size:
         raise DisplayError(
-            f"lens_thickness_mm = {array.thickness:g}: the bulge alone is {sag:.4g} mm high at "
-            "the corner of the cell; make the lens thicker"
+            f"asphere_a4 = {array.a4:g}, asphere_a6 = {array.a6:g}: the face turns back at "
+            f"{turned[0]:.4g} mm, inside {where}; use smaller terms or a smaller fill_factor"
         )
-    behind = array.thickness / display.refractive_index if display.curved_side == "viewer" else 0.0
+    height = float(sag(NUMPY_OPS, face, reach**2))
+    if array.thickness < height:
+        raise DisplayError(
+            f"lens_thickness_mm = {array.thickness:g}: the bulge alone is {height:.4g} mm high at "
+            f"{where}; make the lens thicker"
+        )
+    behind = array.thickness / array.design_index if traits.bulges_to_viewer else 0.0
     if display.gap_mm <= behind:
         raise DisplayError(
             f"gap_mm = {display.gap_mm:g}: the lens's flat face lies {behind:.4g} mm behind its "
@@ -58,87 +99,143 @@ def trace(
 ) -> PanelRay:
     """See `inim.lens`: where a viewer's ray meets the panel."""
     length = ops.sqrt(sx * sx + sy * sy + 1.0)
-    direction = (sx / length, sy / length, -1.0 / length)
+    d = (sx / length, sy / length, 1.0 / length)  # in the faces' frame: z is depth
     through = _trace_bulge_first if traits.bulges_to_viewer else _trace_flat_first
-    return through(array, traits, ops, x, y, direction, index)
+    return through(array, traits, ops, x, y, d, index)
 
 
 def _trace_bulge_first(
-    array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, d: Any, index: Any
+    array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, arriving: Any, index: Any
 ) -> PanelRay:
-    """Curved face at z = 0, flat face at z = -t."""
-    centre_x, centre_y, _ = lens_centre(array, traits, ops, x, y)
-    path, _ = _meet_sphere(ops, x - centre_x, y - centre_y, d, array.radius, near=True)
-    # The sag lets an oblique ray slip past its own cell's edge and meet the neighbour's bulge.
-    centre_x, centre_y, inside = lens_centre(array, traits, ops, x + path * d[0], y + path * d[1])
-    path, hit = _meet_sphere(ops, x - centre_x, y - centre_y, d, array.radius, near=True)
-    px, py, pz = x + path * d[0], y + path * d[1], path * d[2]
-    normal = (
-        (px - centre_x) / array.radius,
-        (py - centre_y) / array.radius,
-        (pz + array.radius) / array.radius,
-    )
-    d, front = _refract(ops, d, normal, 1.0 / index)
-    px, py = _carry(px, py, d, array.thickness + pz)
-    d, back = _refract(ops, d, (0.0, 0.0, 1.0), index)
-    px, py = _carry(px, py, d, array.gap - array.thickness / index)
-    return PanelRay(px, py, -d[0] / d[2], -d[1] / d[2], ops.where(inside & hit, front * back, 0.0))
+    """Curved face with its vertex at z = 0, flat face at z = -t."""
+    face = _bulge(array, traits)
+    centre_x, centre_y, on_array = lens_centre(array, traits, ops, x, y)
+    within = in_aperture(array, traits, x - centre_x, y - centre_y)
+    if traits.full_aperture:
+        lens = _first_bulge(array, traits, ops, face, x, y, arriving)
+    else:
+        lens = _bulge_of(ops, face, x, y, arriving, (centre_x, centre_y, on_array))
+        lens = lens._replace(met=lens.met & within & in_aperture(array, traits, lens.x, lens.y))
+    d, front = refract(ops, arriving, normal(ops, face, lens.x, lens.y, lens.z), 1.0 / index)
+    u, v = carry(lens.x, lens.y, d, array.thickness - lens.z)
+    d, back = refract(ops, d, _AGAINST_THE_LIGHT, index)
+    u, v = carry(u, v, d, array.gap - array.thickness / array.design_index)
+    ray = _on_panel(ops, lens, u, v, d, lens.met, front * back)
+    past, clear = _through_plate(array, ops, x, y, arriving, index)
+    return pass_straight(array, traits, ops, ray, within, on_array, past, clear)
 
 
 def _trace_flat_first(
-    array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, d: Any, index: Any
+    array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, arriving: Any, index: Any
 ) -> PanelRay:
     """Flat face at z = t/n, vertex of the curved face at z = t/n - t."""
-    x, y = _carry(x, y, d, -array.thickness / index)
-    d, front = _refract(ops, d, (0.0, 0.0, 1.0), 1.0 / index)
-    x, y = _carry(x, y, d, array.thickness)  # on the vertex plane, inside a neighbour maybe
-    centre_x, centre_y, _ = lens_centre(array, traits, ops, x, y)
-    path, _ = _meet_sphere(ops, x - centre_x, y - centre_y, d, array.radius, near=False)
-    centre_x, centre_y, inside = lens_centre(array, traits, ops, x + path * d[0], y + path * d[1])
-    path, hit = _meet_sphere(ops, x - centre_x, y - centre_y, d, array.radius, near=False)
-    px, py, pz = x + path * d[0], y + path * d[1], path * d[2]
-    normal = (
-        (centre_x - px) / array.radius,
-        (centre_y - py) / array.radius,
-        (array.radius - pz) / array.radius,
+    face = _bulge(array, traits)
+    past, clear = _through_plate(array, ops, x, y, arriving, index)
+    x, y = carry(x, y, arriving, -array.thickness / array.design_index)
+    inner, front = refract(ops, arriving, _AGAINST_THE_LIGHT, 1.0 / index)
+    x, y = carry(x, y, inner, array.thickness)  # on the vertex plane, beyond the face
+    lens = _first_bulge(array, traits, ops, face, x, y, inner)
+    d, back = refract(ops, inner, normal(ops, face, lens.x, lens.y, lens.z), index)
+    leaves = lens.met & (d[2] > _ALONG_THE_ARRAY)
+    d = (d[0], d[1], ops.where(leaves, d[2], 1.0))
+    u, v = carry(lens.x, lens.y, d, -lens.z)
+    if traits.full_aperture:
+        within, on_array = True, True
+    else:
+        centre_x, centre_y, on_array = lens_centre(array, traits, ops, x, y)
+        within = in_aperture(array, traits, lens.x, lens.y) & lens.met
+        leaves &= within & in_aperture(array, traits, u, v)
+        # A ray of the sheet that ends up in an aperture but on no lens has met a wall.
+        within |= in_aperture(array, traits, x - centre_x, y - centre_y)
+    u, v = carry(u, v, d, array.gap)
+    ray = _on_panel(ops, lens, u, v, d, leaves, front * back)
+    return pass_straight(array, traits, ops, ray, within, on_array, past, clear)
+
+
+class _Met(NamedTuple):
+    """Where a ray meets a bulge: the lens's centre, the point seen from its vertex, whether."""
+
+    centre_x: Any
+    centre_y: Any
+    x: Any
+    y: Any
+    z: Any
+    met: Any
+
+
+def _bulge(array: LensArray, traits: LensTraits) -> Face:
+    """The curved face; light goes down into the glass or out of it, hence the sign."""
+    side = 1.0 if traits.bulges_to_viewer else -1.0
+    return Face(
+        side / array.radius,
+        array.conic if traits.conic else None,
+        (side * array.a4, side * array.a6) if traits.asphere else None,
     )
-    d, back = _refract(ops, d, normal, index)
-    px, py = _carry(px, py, d, array.gap + pz)
-    return PanelRay(px, py, -d[0] / d[2], -d[1] / d[2], ops.where(inside & hit, front * back, 0.0))
 
 
-def _meet_sphere(ops: Ops, x: Any, y: Any, d: Any, radius: Any, *, near: bool) -> tuple[Any, Any]:
-    """Path from the vertex plane to a sphere whose vertex is the origin, and whether it is met.
+def _reach_squared(array: LensArray, traits: LensTraits, ops: Ops) -> Any:
+    """Square of how far a bulge reaches from its axis: to its aperture's corner, or its cell's."""
+    p, q = array.pitch_x, array.pitch_y
+    cell = (p * p + q * q) / 4.0
+    if traits.hexagonal:
+        # Circumradius of two neighbours and the lens between them in the next row; where rows are
+        # very close, the point of a row that is as far from both.
+        corner = (p * p / 4.0 + q * q) / ops.where(2.0 * q > p, 2.0 * q, p)
+        cell = corner * corner
+    if traits.full_aperture:
+        return cell
+    half = array.half_aperture
+    edge = half * half * (1.0 if traits.round_aperture else 1.0 + (q / p) * (q / p))
+    return ops.where(edge < cell, edge, cell)
 
-    The sphere bulges towards the viewer (`near`, met going in) or towards the panel (met going
-    out, so the path is negative). The root next to the vertex, written without cancellation.
+
+def _bulge_of(ops: Ops, face: Face, x: Any, y: Any, d: Any, lens: tuple[Any, Any, Any]) -> _Met:
+    """Where a ray through (x, y) of the vertex plane meets the face of a given lens."""
+    centre_x, centre_y, exists = lens
+    x, y = x - centre_x, y - centre_y
+    path, met = meet(ops, face, x, y, d)
+    return _Met(centre_x, centre_y, x + path * d[0], y + path * d[1], path * d[2], met & exists)
+
+
+def _first_bulge(
+    array: LensArray, traits: LensTraits, ops: Ops, face: Face, x: Any, y: Any, d: Any
+) -> _Met:
+    """Where a ray meets the relief of all bulges, one solid of overlapping caps.
+
+    At the foot of the relief a ray is inside the glass for certain. The cap of the cell it is in
+    there is the deepest around it; where the ray crosses that cap it may lie within the next one's,
+    whose cell it is in then, and so on. The relief sinks less steeply than rays do, so there is
+    one crossing only: the angle of a ray and that of a bulge's edge add up to less than 90 degrees.
     """
-    side = 1.0 if near else -1.0
-    half_b = x * d[0] + y * d[1] + side * radius * d[2]
-    height_squared = x * x + y * y
-    discriminant = half_b * half_b - height_squared
-    root = ops.sqrt(ops.where(discriminant > 0, discriminant, 0.0))
-    path = height_squared / (-half_b + root) if near else -height_squared / (half_b + root)
-    return path, discriminant > 0
+    path = sag(ops, face, _reach_squared(array, traits, ops)) / d[2]
+    at_x, at_y = x + path * d[0], y + path * d[1]
+    for _ in range(_CELLS_ON_THE_WAY):
+        lens = _bulge_of(ops, face, x, y, d, lens_centre(array, traits, ops, at_x, at_y))
+        at_x, at_y = lens.centre_x + lens.x, lens.centre_y + lens.y
+    return lens
 
 
-def _carry(x: Any, y: Any, d: Any, depth: Any) -> tuple[Any, Any]:
-    """Follow a ray for a depth away from the viewer."""
-    return x - d[0] / d[2] * depth, y - d[1] / d[2] * depth
+def _through_plate(
+    array: LensArray, ops: Ops, x: Any, y: Any, d: Any, index: Any
+) -> tuple[tuple[Any, Any, Any, Any], Any]:
+    """A ray past the lenses, through a plate of the sheet's thickness, and what gets through.
 
-
-def _refract(ops: Ops, d: Any, normal: Any, ratio: Any) -> tuple[tuple[Any, Any, Any], Any]:
-    """Snell's law in vector form and the Fresnel transmittance; 0 under total reflection.
-
-    `ratio` is the index in front over the index behind; `normal` points against the ray.
+    As if it went straight on from the plane z = 0.
     """
-    cos_in = -(d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2])
-    under = 1.0 - ratio * ratio * (1.0 - cos_in * cos_in)
-    passes = under > 0
-    cos_out = ops.sqrt(ops.where(passes, under, 1.0))
-    bend = ratio * cos_in - cos_out
-    out = tuple(ratio * a + bend * b for a, b in zip(d, normal, strict=True))
-    r_s = (ratio * cos_in - cos_out) / (ratio * cos_in + cos_out)
-    r_p = (cos_in - ratio * cos_out) / (cos_in + ratio * cos_out)
-    transmittance = 1.0 - 0.5 * (r_s * r_s + r_p * r_p)
-    return out, ops.where(passes, transmittance, 0.0)
+    inner, one_face = refract(ops, d, _AGAINST_THE_LIGHT, 1.0 / index)
+    x, y = carry(x, y, d, -array.thickness / array.design_index)
+    x, y = carry(x, y, inner, array.thickness)
+    return (x, y, d[0] / d[2], d[1] / d[2]), one_face * one_face
+
+
+def _on_panel(
+    ops: Ops, lens: _Met, u: Any, v: Any, d: Any, passes: Any, transmittance: Any
+) -> PanelRay:
+    """The ray of a lens at the panel; `u` and `v` are seen from the lens's axis."""
+    return PanelRay(
+        lens.centre_x + u,
+        lens.centre_y + v,
+        d[0] / d[2],
+        d[1] / d[2],
+        ops.where(passes, transmittance, 0.0),
+    )

@@ -36,8 +36,10 @@ def single_lens(aperture_over_f, curved_side, gap_over_f=1.0):
 
 def crossing_mm(curved_side, height_over_f):
     """Where a collimated ray crosses the axis, behind the rear principal plane."""
-    display = single_lens(height_over_f, curved_side)
-    height = 100 * height_over_f
+    return crossing_of(single_lens(height_over_f, curved_side), 100 * height_over_f)
+
+
+def crossing_of(display, height):
     near, _, weight = trace_to_panel(display, "thick", height, 0.0, 0.0, 0.0)
     far, _, _ = trace_to_panel(display.replace(gap_mm=110.0), "thick", height, 0.0, 0.0, 0.0)
     assert weight > 0.9
@@ -56,10 +58,27 @@ def test_spherical_aberration_tends_to_the_third_order_form(side, third_order):
     assert error[1] / error[2] == pytest.approx(4, rel=0.15)
 
 
-def test_exact_aberration_of_the_flat_first_lens():
-    """At h / f = 0.1 an exact trace gives 4.58202 (flat side first, n = 1.5)."""
-    k = (100 - crossing_mm("panel", 0.1)) / (100 * 0.1**2)
-    assert k == pytest.approx(4.58202, abs=1e-5)
+@pytest.mark.parametrize(("height", "exact"), [(0.1, 4.58202), (0.2, 4.87841)])
+def test_exact_aberration_of_the_flat_first_lens(height, exact):
+    """Of an exact trace, flat side first, n = 1.5: k f h^2 short of the focus."""
+    k = (100 - crossing_mm("panel", height)) / (100 * height**2)
+    assert k == pytest.approx(exact, abs=1e-5)
+
+
+@pytest.mark.parametrize(("height", "exact"), [(0.1, 1.18047), (0.2, 1.22643)])
+def test_exact_aberration_of_the_bulge_first_lens(height, exact):
+    """Of an exact trace with no glass between the faces.
+
+    Aberration depends on the glass by its length times tangents: in a straight line. Two thick
+    lenses point at the one that cannot be made.
+    """
+    lens = single_lens(height, "viewer")
+    thickness, k = np.array([1.0, 2.0]) * lens.lens_thickness_mm, []
+    for t in thickness:
+        crossing = crossing_of(lens.replace(lens_thickness_mm=float(t)), 100 * height)
+        k.append((100 - crossing) / (100 * height**2))
+    assert 2 * k[0] - k[1] == pytest.approx(exact, abs=1e-5)
+    assert k[0] - k[1] > 1e-3, "thickness matters"
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -171,11 +190,194 @@ def test_an_oblique_ray_lands_under_the_neighbour():
         ({"focal_length_mm": 1.0, "gap_mm": 1.2}, "radius"),
         ({"lens_thickness_mm": 0.1}, "thicker"),
         ({"lens_thickness_mm": 6.0}, "gap"),
+        ({"conic": 4.0}, "conic 4"),
+        ({"asphere_a4": -1.0}, "turns back at"),
+        ({"asphere_a6": 2.0, "lens_thickness_mm": 0.3}, "thicker"),
+        # A cell of other corners than a square one of this pitch.
+        ({"focal_length_mm": 1.5, "gap_mm": 1.8, "pitch_y_mm": 1.3}, "radius"),
+        ({"focal_length_mm": 1.1, "gap_mm": 1.8, "lattice": "hexagonal"}, "radius"),
+        ({"focal_length_mm": 1.0, "gap_mm": 1.2, "aperture": "round"}, "radius"),
     ],
 )
 def test_an_impossible_lens_is_refused(changes, word):
     with pytest.raises(DisplayError, match=word):
         check_lens_model("thick", NOMINAL.replace(**changes))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"conic": -4.0},
+        {"conic": 2.0},
+        {"asphere_a4": -0.1},
+        # Refused above for wider cells: the corner of a hexagon lies nearer than a square's.
+        {"focal_length_mm": 1.3, "gap_mm": 1.8, "lattice": "hexagonal"},
+        {"focal_length_mm": 1.1, "gap_mm": 1.8, "aperture": "round"},
+        {"focal_length_mm": 1.1, "gap_mm": 1.8, "fill_factor": 0.7},
+        {"focal_length_mm": 1.3, "gap_mm": 1.8, "pitch_y_mm": 0.6},
+    ],
+)
+def test_a_lens_that_can_be_ground_is_taken_and_fills_its_aperture(changes):
+    """No ray is lost inside an aperture: straight down its whole width light passes."""
+    display = NOMINAL.replace(**changes)
+    check_lens_model("thick", display)
+    half_x, half_y = display.pitch_mm / 2, display.row_pitch_mm / 2
+    shift = 0.25 if display.lattice == "hexagonal" else 0.0
+    x = np.linspace(-half_x, half_x, 101) * 0.999 * display.fill_factor
+    y = np.linspace(-half_y, half_y, 101) * 0.999 * display.fill_factor
+    x, y = np.meshgrid(x, y)
+    if display.aperture == "round":
+        x, y = x[x**2 + y**2 < half_x**2 * 0.998], y[x**2 + y**2 < half_x**2 * 0.998]
+    _, _, weight = trace_to_panel(display, "thick", x + 0.5 + shift, y + half_y, 0.0, 0.0)
+    assert (weight > 0.8).all()
+
+
+def test_the_corner_of_a_cell_decides_what_radius_fills_it():
+    """A hexagon of pitch P reaches P / sqrt(3), a rectangle half its diagonal."""
+    n = NOMINAL.refractive_index
+    for changes, corner in (
+        ({}, np.sqrt(0.5)),
+        ({"pitch_y_mm": 0.75}, 0.625),
+        ({"lattice": "hexagonal"}, 1 / np.sqrt(3)),
+        ({"aperture": "round", "fill_factor": 0.8}, 0.4),
+        ({"fill_factor": 0.8}, 0.8 * np.sqrt(0.5)),
+        ({"conic": 3.0}, 2 * np.sqrt(0.5)),
+    ):
+        for factor, fits in ((1.001, True), (0.999, False)):
+            display = NOMINAL.replace(
+                focal_length_mm=factor * corner / (n - 1),
+                gap_mm=9.0,
+                lens_thickness_mm=3,
+                **changes,
+            )
+            if fits:
+                check_lens_model("thick", display)
+            else:
+                with pytest.raises(DisplayError, match="radius"):
+                    check_lens_model("thick", display)
+
+
+# -- apertures, and the sheet between them -----------------------------------------------------
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_the_bare_sheet_moves_rays_aside_as_a_plate_does(side):
+    """Plane-parallel plate: t sin(a) (1 - cos(a) / (n cos(b))) across the ray, tan(b) t inside."""
+    display = NOMINAL.replace(
+        aperture="round", fill_factor=0.6, between_lenses="clear", curved_side=side
+    )
+    n, t, g = display.refractive_index, display.pitch_mm, display.gap_mm
+    angle = np.radians([0.0, 3.0, 6.0])
+    inside = np.arcsin(np.sin(angle) / n)
+    # Four lenses' corner: 0.41 mm from the nearest aperture.
+    px, py, weight = trace_to_panel(display, "thick", 0.0, 0.0, np.tan(angle), 0.0)
+    assert px == pytest.approx(t * np.tan(inside) + (g - t / n) * np.tan(angle), abs=1e-14)
+    assert py == pytest.approx(0.0, abs=1e-15)
+    s = ((np.cos(angle) - n * np.cos(inside)) / (np.cos(angle) + n * np.cos(inside))) ** 2
+    p = ((n * np.cos(angle) - np.cos(inside)) / (n * np.cos(angle) + np.cos(inside))) ** 2
+    assert weight == pytest.approx((1 - (s + p) / 2) ** 2, rel=1e-12)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_dark_paint_between_lenses_takes_the_light_beside_apertures(side):
+    """Straight rays: light within the circle, with the lens's own landing; none beside it."""
+    painted = NOMINAL.replace(aperture="round", fill_factor=0.8, curved_side=side)
+    random = np.random.default_rng(8)
+    x, y = random.uniform(0, 1, (2, 1000))
+    px, py, weight = trace_to_panel(painted, "thick", x, y, 0.0, 0.0)
+    hole = np.hypot(x - 0.5, y - 0.5) < 0.4
+    assert ((weight > 0) == hole).all()
+    qx, qy, filled = trace_to_panel(NOMINAL.replace(curved_side=side), "thick", x, y, 0.0, 0.0)
+    assert np.allclose(px[hole], qx[hole], atol=1e-14)
+    assert np.allclose(py[hole], qy[hole], atol=1e-14)
+    assert np.allclose(weight[hole], filled[hole], atol=1e-14)
+
+
+# -- the panel as a furnace --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"conic": -0.8}, {"asphere_a4": 0.03}, {"aperture": "round", "between_lenses": "clear"}],
+)
+def test_a_white_panel_is_seen_with_both_faces_loss_and_never_brighter(side, changes):
+    """Radiance over n^2 is kept: all that is lost is Fresnel's share, at least that of the axis."""
+    display = NOMINAL.replace(curved_side=side, **changes)
+    random = np.random.default_rng(9)
+    x, y = random.uniform(-20, 20, (2, 5000))
+    sx, sy = random.uniform(-0.8, 0.8, (2, 5000))
+    _, _, weight = trace_to_panel(display, "thick", x, y, sx, sy)
+    axis = on_axis_transmittance(display)
+    # Unpolarised transmittance of one face is greatest upright.
+    assert (weight <= axis * (1 + 1e-12)).all() and (weight >= 0).all()
+    assert weight.max() > 0.999 * axis
+
+
+# -- the renderer's arithmetic -----------------------------------------------------------------
+
+
+KINDS = {
+    "square": {},
+    "hexagonal": {"lattice": "hexagonal"},
+    "asphere": {"conic": -0.6, "asphere_a4": 0.03, "asphere_a6": -0.02},
+    "round, clear between": {
+        "aperture": "round",
+        "fill_factor": 0.8,
+        "between_lenses": "clear",
+    },
+    "colours": {"abbe_number": 57.4},
+}
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("name", KINDS)
+def test_the_renderer_s_emitter_sees_what_numpy_traces(renderer, name, side):
+    """Same rays, one in the Dr.Jit kernel in float32, one here in float64, on a panel of noise.
+
+    A landing point is known to 1e-4 mm in float32: rays that come closer than that to a pixel's
+    border, or to an edge of the relief, may see the next pixel, and are few.
+    """
+    import mitsuba as mi
+
+    from inim.kernel.display_emitter import display_shape
+    from inim.lens import channel_indices
+    from tests.conftest import small_display
+
+    display = small_display(8, 8, pixels=8, curved_side=side, **KINDS[name])
+    random = np.random.default_rng(10)
+    eia = random.uniform(0.1, 1.0, (*display.eia_shape, 3)).astype(np.float32)
+    scene = mi.load_dict({"type": "scene", "display": display_shape(eia, display, "thick")})
+    count = 4000
+    at = random.uniform(-2.5, 2.5, (2, count)).astype(np.float32)
+    slope = random.uniform(-0.5, 0.5, (2, count)).astype(np.float32)
+    towards = mi.Vector3f(mi.Float(slope[0]), mi.Float(slope[1]), mi.Float(-1.0))
+    away = mi.Point3f(mi.Float(at[0]), mi.Float(at[1]), mi.Float(0.0)) - towards
+    si = scene.ray_intersect(mi.Ray3f(away, mi.Vector3f(towards / mi.Float(_length(slope)))))
+    seen = np.array(si.emitter(scene).eval(si)).T
+    where = np.array(si.p, np.float64)
+    direction = np.array(si.to_world(si.wi), np.float64)
+    sx, sy = -direction[0] / direction[2], -direction[1] / direction[2]
+    expected, doubtful = np.zeros((count, 3)), np.zeros(count, bool)
+    for channel, index in enumerate(channel_indices(display)):
+        x, y, weight = trace_to_panel(display, "thick", where[0], where[1], sx, sy, index=index)
+        columns, rows = x / display.pixel_pitch_mm, -y / display.pixel_pitch_mm
+        column = np.floor(columns + eia.shape[1] / 2).astype(int)
+        row = np.floor(rows + eia.shape[0] / 2).astype(int)
+        inside = (column >= 0) & (column < eia.shape[1]) & (row >= 0) & (row < eia.shape[0])
+        lit = inside & (weight > 0)
+        expected[lit, channel] = eia[row[lit], column[lit], channel] * weight[lit]
+        border = np.abs(np.stack([columns, rows]) - np.round([columns, rows])).min(axis=0)
+        doubtful |= border * display.pixel_pitch_mm < 1e-4
+    same = (np.abs(seen - expected) < 2e-5).all(axis=1)
+    assert expected.max(axis=1).astype(bool).mean() > 0.5
+    assert same[~doubtful].mean() > 0.998, "all but rays at the relief's edges"
+    assert doubtful.mean() < 0.02
+    assert (np.abs(seen[::-1] - expected) > 0.01).any(axis=1).mean() > 0.5, "noise tells rays apart"
+
+
+def _length(slope):
+    return np.sqrt(1 + slope[0] ** 2 + slope[1] ** 2)
 
 
 def test_an_unknown_lens_model_is_named():
