@@ -19,7 +19,9 @@ from typing import Any
 import numpy as np
 
 from inim.errors import DisplayError
+from inim.panel import SUBPIXELS
 from inim.pixel_axis import PixelAxis, pixel_axis, stated
+from inim.pixel_rays import least_gap_mm, pixel_rays, row_blocks
 
 __all__ = ["DISPLAYS", "Display"]
 
@@ -287,25 +289,49 @@ class Display:
 
     @property
     def has_integer_ratio(self) -> bool:
-        """Whether every elemental image holds the same whole number of pixels."""
+        """Whether the panel is made of elemental images of one square, whole number of pixels."""
         whole = round(self.pixels_per_lens)
         covered = (self.lens_rows * whole, self.lens_columns * whole)
-        return self._exact_pixels_per_lens == whole and self.eia_shape == covered
+        return (
+            self.is_separable
+            and not (self.shift_x_mm or self.shift_y_mm)
+            and all(exact == whole for exact in self._exact_pixels_per_lens)
+            and self.eia_shape == covered
+        )
 
     @property
     def eia_shape(self) -> tuple[int, int]:
-        """Rows and columns of the elemental image array, the panel's pixels."""
-        return (
-            self.panel_rows or self._pixels_to_cover(self.lens_rows),
-            self.panel_columns or self._pixels_to_cover(self.lens_columns),
-        )
+        """Rows and columns of the elemental image array, the panel's pixels.
 
-    def _pixels_to_cover(self, lenses: int) -> int:
-        return math.ceil(lenses * self._exact_pixels_per_lens)
+        By default those that cover the array where it is designed to be, not moved nor turned.
+        """
+        rows, columns = self._pixels_to_cover
+        return self.panel_rows or rows, self.panel_columns or columns
+
+    @cached_property
+    def _pixels_to_cover(self) -> tuple[int, int]:
+        down, across = self._exact_pixels_per_lens
+        return math.ceil(self.lens_rows * down), math.ceil(self._lenses_across * across)
 
     @property
-    def _exact_pixels_per_lens(self) -> Fraction:
-        return stated(self.elemental_image_pitch_mm) / stated(self.pixel_pitch_mm)
+    def _lenses_across(self) -> Fraction:
+        """Pitches from the array's left end to its right one; staggered rows add a half."""
+        return Fraction(round(2 * self.width_mm / self.pitch_mm), 2)
+
+    @property
+    def _exact_pixels_per_lens(self) -> tuple[Fraction, Fraction]:
+        """Down and across."""
+        pixel, across = stated(self.pixel_pitch_mm), stated(self.elemental_image_pitch_mm)
+        return self._exact_row_pitch * self._exact_magnification / pixel, across / pixel
+
+    @property
+    def _exact_row_pitch(self) -> Fraction:
+        return stated(self.row_pitch_mm)
+
+    @property
+    def _exact_magnification(self) -> Fraction:
+        """Of the elemental images' lattice against that of the lenses, Q / P."""
+        return stated(self.elemental_image_pitch_mm) / stated(self.pitch_mm)
 
     # -- depth ---------------------------------------------------------------------------------
 
@@ -381,14 +407,21 @@ class Display:
 
         A lens at x0 shows its own elemental image while the ray from the eye lands inside it;
         for elemental pitch P that is ``|e - x0| <= V P / 2g``. Negative: too close even on axis.
+        Offsets count from the array's own centre and along its own axes.
         """
-        g, p, q = self.gap_mm, self.pitch_mm, self.elemental_image_pitch_mm
-        walk = abs(1 + g / distance_mm - q / p)
         limits = []
-        for lenses in (self.lens_columns, self.lens_rows):
+        for lenses, p, q in self._axes():
+            walk = abs(1 + self.gap_mm / distance_mm - q / p)
             outermost = (lenses - 1) / 2 * p
-            limits.append((q / 2 - outermost * walk) * distance_mm / g)
+            limits.append((q / 2 - outermost * walk) * distance_mm / self.gap_mm)
         return limits[0], limits[1]
+
+    def _axes(self) -> tuple[tuple[int, float, float], tuple[int, float, float]]:
+        """Lenses, their distance and that of their elemental images, across and down."""
+        return (
+            (self.lens_columns, self.pitch_mm, self.elemental_image_pitch_mm),
+            (self.lens_rows, self.row_pitch_mm, self.elemental_row_pitch_mm),
+        )
 
     @property
     def nearest_viewing_distance_mm(self) -> float:
@@ -399,60 +432,133 @@ class Display:
         DisplayError
             When the elemental-image pitch is so far off that no distance works.
         """
-        g, p, q = self.gap_mm, self.pitch_mm, self.elemental_image_pitch_mm
-        outermost = (max(self.lens_columns, self.lens_rows) - 1) / 2 * p
-        if outermost == 0:
-            return g
-        slack = q / 2 / outermost - (1 - q / p)
-        if slack <= 0:
-            raise DisplayError(
-                f"elemental_pitch_mm = {q:g} against pitch_mm = {p:g}: every viewing distance "
-                "shows flipped views; bring the two closer"
-            )
-        return g / slack
+        nearest = self.gap_mm
+        for lenses, p, q in self._axes():
+            outermost = (lenses - 1) / 2 * p
+            if outermost == 0:
+                continue
+            slack = q / 2 / outermost - (1 - q / p)
+            if slack <= 0:
+                raise DisplayError(
+                    f"elemental_pitch_mm = {self.elemental_image_pitch_mm:g} against pitch_mm = "
+                    f"{self.pitch_mm:g}: every viewing distance shows flipped views; bring the two "
+                    "closer"
+                )
+            nearest = max(nearest, self.gap_mm / slack)
+        return nearest
 
     # -- pixels and rays -----------------------------------------------------------------------
 
     @cached_property
     def columns(self) -> PixelAxis:
-        """The panel's columns, left to right."""
+        """The panel's columns, left to right, of a display that `is_separable`.
+
+        Raises
+        ------
+        DisplayError
+            Of any other: its pixels' rays are those of `inim.pixel_rays`.
+        """
         return self._axis(self.eia_shape[1], self.lens_columns, +1)
 
     @cached_property
     def rows(self) -> PixelAxis:
-        """The panel's rows, top to bottom: positions descend, row 0 has the largest y."""
+        """The panel's rows, top to bottom: positions descend, row 0 has the largest y.
+
+        See `columns`.
+        """
         return self._axis(self.eia_shape[0], self.lens_rows, -1)
+
+    @property
+    def not_separable_by(self) -> str:
+        """The settings that couple rows and columns, for messages; empty where `is_separable`."""
+        found = ["lattice = 'hexagonal'"] if self.lattice == "hexagonal" else []
+        for name in ("rotation_deg", "tilt_x_deg", "tilt_y_deg"):
+            if getattr(self, name):
+                found.append(f"{name} = {getattr(self, name):g}")
+        return ", ".join(found)
 
     @cached_property
     def lensed(self) -> np.ndarray:
         """Panel pixels that lie under a lens, (rows, columns) bool."""
-        under: np.ndarray = (self.rows.lens >= 0)[:, None] & (self.columns.lens >= 0)[None, :]
-        return under
+        if self.is_separable:
+            under: np.ndarray = (self.rows.lens >= 0)[:, None] & (self.columns.lens >= 0)[None, :]
+            return under
+        return np.concatenate([pixel_rays(self, rows).lens >= 0 for rows in row_blocks(self)])
 
     def _axis(self, pixels: int, lenses: int, sign: int) -> PixelAxis:
-        return pixel_axis(
+        if not self.is_separable:
+            raise DisplayError(
+                f"display {self.name}: with {self.not_separable_by} a pixel's lens does not follow "
+                "from its row and its column apart; use a generator that traces every pixel's ray, "
+                "such as 'template' or 'gu2020'"
+            )
+        pitch = stated(self.pitch_mm) if sign > 0 else self._exact_row_pitch
+        name = "shift_x_mm" if sign > 0 else "shift_y_mm"
+        axis = pixel_axis(
             pixels,
             lenses,
             sign,
             pixel=stated(self.pixel_pitch_mm),
-            pitch=stated(self.pitch_mm),
-            elemental=stated(self.elemental_image_pitch_mm),
+            pitch=pitch,
+            elemental=pitch * self._exact_magnification,
             gap=stated(self.gap_mm),
+            shift=stated(getattr(self, name)),
         )
+        if (axis.lens < 0).all():
+            raise DisplayError(
+                f"{name} = {getattr(self, name):g}: the array lies wholly beside its panel"
+            )
+        return axis
 
     def capture_shape(self, pixels_per_pitch: int) -> tuple[int, int]:
         """Rows and columns of an RGB-D picture that covers what oblique pixel rays can reach.
 
-        The array plus the sideways travel Q z / 2g of the outermost rays on either side, in whole
-        pixels, so that pixel borders fall alike in every lens.
+        The array as designed plus, on either side, what it juts out where it is moved or turned
+        and the sideways travel Q z / 2g of the outermost rays, in whole pixels, so that pixel
+        borders fall alike in every lens.
         """
-        reach = max(abs(z) for z in self.depth_range_mm)
-        side = self.elemental_image_pitch_mm * reach / (2 * self.gap_mm)
-        pad = math.ceil(side / self.pitch_mm * pixels_per_pitch - 1e-9)
+        pads = [
+            math.ceil(max(side + beyond, 0.0) / self.pitch_mm * pixels_per_pitch - 1e-9)
+            for side, beyond in zip(self._side_travel_mm, self._overhang_mm, strict=True)
+        ]
+        down = self.lens_rows * self._exact_row_pitch / stated(self.pitch_mm) * pixels_per_pitch
         return (
-            self.lens_rows * pixels_per_pitch + 2 * pad,
-            self.lens_columns * pixels_per_pitch + 2 * pad,
+            math.ceil(down) + 2 * pads[1],
+            math.ceil(self._lenses_across * pixels_per_pitch) + 2 * pads[0],
         )
+
+    @property
+    def _side_travel_mm(self) -> tuple[float, float]:
+        """Farthest that a pixel's ray gets from its lens's axis, in x and y, in the depth range."""
+        cell_x, cell_y = self.elemental_image_pitch_mm, self.elemental_row_pitch_mm
+        if self.lattice == "hexagonal":
+            # Where three cells of the lattice meet; those of rows far apart are that tall.
+            cell_y = min((cell_x**2 / 4 + cell_y**2) / cell_y, 2 * cell_y)
+        # Elemental images closer together than lenses: the outer ones are off their lenses' axes.
+        closer = max(1 - self.elemental_image_pitch_mm / self.pitch_mm, 0.0)
+        cell_x, cell_y = cell_x + closer * self.width_mm, cell_y + closer * self.height_mm
+        c, s = self._turn
+        aside = max(abs(float(colour.right)) for colour in SUBPIXELS[self.subpixels])
+        across = c * cell_x + s * cell_y + 2 * aside * self.pixel_pitch_mm
+        reach = max(abs(z) for z in self.depth_range_mm)
+        gap = least_gap_mm(self)
+        return across * reach / (2 * gap), (c * cell_y + s * cell_x) * reach / (2 * gap)
+
+    @property
+    def _overhang_mm(self) -> tuple[float, float]:
+        """How far the array juts out, in x and y, of where it is designed to be."""
+        c, s = self._turn
+        width, height = self.width_mm, self.height_mm
+        return (
+            (c * width + s * height - width) / 2 + abs(self.shift_x_mm),
+            (c * height + s * width - height) / 2 + abs(self.shift_y_mm),
+        )
+
+    @property
+    def _turn(self) -> tuple[float, float]:
+        """Sizes of the cosine and the sine of the array's rotation."""
+        angle = math.radians(self.rotation_deg)
+        return abs(math.cos(angle)), abs(math.sin(angle))
 
     # -- plain data ----------------------------------------------------------------------------
 

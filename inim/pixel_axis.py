@@ -30,8 +30,9 @@ def stated(value: float) -> Fraction:
 class PixelAxis:
     """One axis of the panel: where each pixel is, which lens it lies under, where its ray goes.
 
-    Rays of an unrotated array are separable, so a display is two of these. Pixel `i` sends its
-    chief ray along ``X(z) = centre_mm[i] + slope[i] z`` (Eq. 1).
+    Rays of a square lattice that is neither turned nor tilted are separable, so such a display is
+    two of these; `inim.pixel_rays` is for the others. Pixel `i` sends its chief ray along
+    ``X(z) = centre_mm[i] + slope[i] z`` (Eq. 1).
 
     Attributes
     ----------
@@ -77,6 +78,7 @@ def pixel_axis(
     pitch: Fraction,
     elemental: Fraction,
     gap: Fraction,
+    shift: Fraction = Fraction(0),
 ) -> PixelAxis:
     """Address pixels by position: a running ``int(P / P_D)`` would drift over the array.
 
@@ -87,20 +89,22 @@ def pixel_axis(
     Parameters
     ----------
     pixels, lenses : int
-        Of the panel and of the array, both centred on the axis.
+        Of the panel, centred on the axis, and of the array, centred at `shift`.
     sign : {+1, -1}
         Whether positions ascend with the index, as columns do, or descend, as rows do.
     pixel, pitch, elemental, gap : Fraction
         P_D, P, the elemental images' pitch and g in millimetres.
+    shift : Fraction
+        Where the array's centre lies on the display axis: lenses and elemental images move with it.
     """
     # Halves, as centres lie at half-integers: position = (2 i - n + 1) pixel / 2.
-    lengths = (pixel / 2, pitch / 2, elemental)
+    lengths = (pixel / 2, pitch / 2, elemental, shift)
     unit = _common_measure(lengths)
-    half_pixel, half_pitch, cell = (int(length / unit) for length in lengths)
+    half_pixel, half_pitch, cell, aside = (int(length / unit) for length in lengths)
     place = [(2 * i - pixels + 1) * half_pixel for i in range(pixels)]
     # Beside the array the lattice is carried on, so that every pixel has a ray.
-    lattice = [_cell_of(x, cell, lenses) for x in place]
-    centre = tuple(sign * (2 * n - lenses + 1) * half_pitch for n in lattice)
+    lattice = [_cell_of(x - sign * aside, cell, lenses) for x in place]
+    centre = tuple(sign * (2 * n - lenses + 1) * half_pitch + aside for n in lattice)
     offset = tuple(c - sign * x for c, x in zip(centre, place, strict=True))
     return PixelAxis(
         position_mm=np.array([_ratio(sign * x, unit) for x in place]),
@@ -117,8 +121,8 @@ def pixel_axis(
 def _cell_of(place: int, cell: int, cells: int) -> int:
     """The cell that holds a place, in a row of cells about 0, carried on to both sides.
 
-    A place on the border of two belongs to the one nearer the axis; on the axis itself, to the
-    left or upper one.
+    A place on the border of two belongs to the one nearer the array's centre; on the centre
+    itself, to the left or upper one.
     """
     twice = 2 * place + cells * cell  # from the first cell's start, doubled
     index, rest = divmod(twice, 2 * cell)

@@ -80,6 +80,11 @@ class RGBD:
         return self.depth_mm.shape[0], self.depth_mm.shape[1]
 
     @property
+    def palette(self) -> np.ndarray:
+        """The colours that source numbers point into, row by row."""
+        return self.color
+
+    @property
     def width_mm(self) -> float:
         """Width of the picture."""
         return self.shape[1] * self.pixel_mm

@@ -79,13 +79,19 @@ class Settings:
     fit_share: float = _setting(
         0.85, "share of the array the relic may fill, 0..1", low=1e-6, high=1
     )
-    lens_model: str = _setting("thick", "lens model of the reconstruction: pinhole, thin or thick")
+    lens_model: str = _setting(
+        "thick", "lens model of the reconstruction: pinhole, thin, thick or full"
+    )
     algorithms: str = _setting("wang2024,template", "algorithms to score, separated by commas")
     viewpoints: str = _setting(
         "centre,left,right,up,down", "named ones, or 'name=x y [z]' in mm, separated by commas"
     )
     viewing_distance_mm: float | None = _setting(
         None, "eye distance; twice the nearest usable one", low=1e-9
+    )
+    pupil_mm: float = _setting(0.0, "diameter of the eye's pupil; 0 is a pinhole", low=0)
+    focus_mm: float | None = _setting(
+        None, "distance from the eye it is focused at; the central depth plane", low=1e-9
     )
     view_pixels_per_lens: int = _setting(4, "pixels per lens of the views", low=1)
     capture_pixels_per_pitch: int = _setting(5, "RGB-D pixels per lens pitch", low=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from inim.display import Display
 from inim.errors import ViewpointError
@@ -13,6 +13,7 @@ __all__ = [
     "DEFAULT_VIEWPOINTS",
     "Viewpoint",
     "check_viewpoint",
+    "focus_distance_mm",
     "is_file_safe",
     "parse_viewpoints",
 ]
@@ -34,20 +35,26 @@ _NAME = re.compile(r"[\w.+-]{1,64}")
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pinhole eye in the display frame, looking at the lens array through an off-axis frustum.
+    """An eye in the display frame, looking at the lens array through an off-axis frustum.
 
     Parameters
     ----------
     name : str
         Used in file names and reports: letters, digits, ``. _ + -``.
     x_mm, y_mm, z_mm : float
-        Position; z is the viewing distance and must be positive.
+        Position of the pupil's centre; z is the viewing distance and must be positive.
+    pupil_mm : float
+        Diameter of the pupil, a disc parallel to the array; 0 is a pinhole, to which all is sharp.
+    focus_mm : float, optional
+        Distance from the eye to the plane it is focused on; see `focus_distance_mm`.
     """
 
     name: str
     x_mm: float
     y_mm: float
     z_mm: float
+    pupil_mm: float = 0.0
+    focus_mm: float | None = None
 
     def __post_init__(self) -> None:
         if not is_file_safe(self.name):
@@ -58,6 +65,15 @@ class Viewpoint:
             raise ViewpointError(
                 f"viewpoint {self.name}: position {self.position_mm} mm must be finite with z > 0 "
                 "(in front of the display)"
+            )
+        if not (math.isfinite(self.pupil_mm) and self.pupil_mm >= 0):
+            raise ViewpointError(
+                f"viewpoint {self.name}: pupil_mm = {self.pupil_mm}: a diameter, 0 for a pinhole"
+            )
+        if self.focus_mm is not None and not (math.isfinite(self.focus_mm) and self.focus_mm > 0):
+            raise ViewpointError(
+                f"viewpoint {self.name}: focus_mm = {self.focus_mm}: must be a positive distance "
+                "from the eye"
             )
 
     @property
@@ -74,7 +90,8 @@ def is_file_safe(name: str) -> bool:
 def check_viewpoint(viewpoint: Viewpoint, display: Display) -> None:
     """Raise `ViewpointError` where the eye sees flipped (repeated) views or sits in the picture.
 
-    The limit is |e - x_lens| <= V P / 2g for every lens (see `Display.flip_limit_mm`).
+    The limit is |e - x_lens| <= V P / 2g for every lens (see `Display.flip_limit_mm`), and holds
+    for the pupil's edge too.
     """
     x, y, distance = viewpoint.position_mm
     if distance <= max(display.depth_range_mm[1], 0.0):
@@ -82,18 +99,48 @@ def check_viewpoint(viewpoint: Viewpoint, display: Display) -> None:
             f"viewpoint {viewpoint.name}: distance {distance:g} mm is inside the picture, which "
             f"reaches {display.depth_range_mm[1]:g} mm in front of the lens array; move back"
         )
+    half_pupil = viewpoint.pupil_mm / 2
+    edge = f" with a pupil of {viewpoint.pupil_mm:g} mm" if half_pupil else ""
     limit_x, limit_y = display.flip_limit_mm(distance)
     for axis, offset, limit in (("x", x, limit_x), ("y", y, limit_y)):
-        if abs(offset) > limit:
+        if abs(offset) + half_pupil > limit:
             way_out = (
-                f"keep |{axis}| <= {limit:.4g} mm at this distance"
-                if limit >= 0
+                f"keep |{axis}| <= {limit - half_pupil:.4g} mm at this distance"
+                if limit >= half_pupil
+                else f"take a pupil_mm of at most {2 * limit:.4g}, or move back"
+                if limit > 0
                 else f"move back to at least {display.nearest_viewing_distance_mm:.4g} mm"
             )
             raise ViewpointError(
-                f"viewpoint {viewpoint.name}: {axis} = {offset:g} mm at {distance:g} mm is outside "
-                f"the viewing zone (flipped views); {way_out}"
+                f"viewpoint {viewpoint.name}: {axis} = {offset:g} mm at {distance:g} mm{edge} is "
+                f"outside the viewing zone (flipped views); {way_out}"
             )
+
+
+def focus_distance_mm(viewpoint: Viewpoint, display: Display) -> float:
+    """Distance from the eye to the plane it is focused on.
+
+    Where the viewpoint does not say: the display's central depth plane, where its picture is
+    sharpest, or the array itself if that plane is infinitely far (a focused display). A pinhole
+    eye is focused on everything; the array stands for it.
+
+    Raises
+    ------
+    ViewpointError
+        When the central depth plane is not in front of an eye that has a pupil.
+    """
+    if viewpoint.focus_mm is not None:
+        return viewpoint.focus_mm
+    if viewpoint.pupil_mm == 0 or math.isinf(display.central_depth_mm):
+        return viewpoint.z_mm
+    distance = viewpoint.z_mm - display.central_depth_mm
+    if distance <= 0:
+        raise ViewpointError(
+            f"viewpoint {viewpoint.name}: the central depth plane z = "
+            f"{display.central_depth_mm:g} mm is behind the eye at {viewpoint.z_mm:g} mm, which "
+            "cannot focus on it; state focus_mm"
+        )
+    return distance
 
 
 def default_distance_mm(display: Display) -> float:
@@ -120,7 +167,11 @@ def named_viewpoint(name: str, display: Display, distance_mm: float) -> Viewpoin
 
 
 def parse_viewpoints(
-    text: str, display: Display, distance_mm: float | None = None
+    text: str,
+    display: Display,
+    distance_mm: float | None = None,
+    pupil_mm: float = 0.0,
+    focus_mm: float | None = None,
 ) -> tuple[Viewpoint, ...]:
     """Viewpoints from ``"centre, left, mine=10 -5, far=0 0 900"``, each checked.
 
@@ -132,6 +183,9 @@ def parse_viewpoints(
         Whose viewing zone they must lie in.
     distance_mm : float, optional
         Viewing distance where none is given; `default_distance_mm` otherwise.
+    pupil_mm, focus_mm : float
+        Of every eye; see `Viewpoint`. Eyes with a pupil come back with their focus stated: what
+        they look at later may be a display that is not quite `display`.
 
     Raises
     ------
@@ -140,7 +194,9 @@ def parse_viewpoints(
     """
     distance = default_distance_mm(display) if distance_mm is None else distance_mm
     viewpoints = [
-        _parse_one(item.strip(), display, distance) for item in text.split(",") if item.strip()
+        replace(_parse_one(item.strip(), display, distance), pupil_mm=pupil_mm, focus_mm=focus_mm)
+        for item in text.split(",")
+        if item.strip()
     ]
     if not viewpoints:
         raise ViewpointError("viewpoints: none given; name at least one, such as 'centre'")
@@ -153,6 +209,8 @@ def parse_viewpoints(
             )
         seen.add(viewpoint.name.lower())
         check_viewpoint(viewpoint, display)
+    if pupil_mm:
+        viewpoints = [replace(v, focus_mm=focus_distance_mm(v, display)) for v in viewpoints]
     return tuple(viewpoints)
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from importlib import import_module, metadata
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from inim.display import Display
 from inim.errors import UsageError
 from inim.generators.base import Generator, PictureShape, SourceGenerator
 from inim.generators.sources import HOLE, NO_LENS, Sources, colour_of, hole_fraction
+from inim.numba_cache import settle_cache
 from inim.rgbd import RGBD
 
 __all__ = [
@@ -44,9 +46,13 @@ __all__ = [
 
 Prepare = Callable[..., Generator]
 
+# Before any of the modules below is imported: numba would refuse to where nothing can be written.
+settle_cache(Path(__file__).parent)
+
 # Loaded when used: numba takes half a second to import, and not every run needs it.
 GENERATORS: dict[str, str] = {
     "template": "inim.generators.template",
+    "layered": "inim.generators.layered",
     "li2012": "inim.generators.li2012",
     "gu2020": "inim.generators.gu2020",
     "wang2024": "inim.generators.wang2024",
@@ -193,7 +199,7 @@ def prepare(
 def find_sources(
     rgbd: RGBD, display: Display, algorithm: str = "template", **options: Any
 ) -> Sources:
-    """Which pixel of the picture each panel pixel shows.
+    """Which pixel of the picture each panel pixel shows at its centre.
 
     Parameters
     ----------

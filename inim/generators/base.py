@@ -13,7 +13,7 @@ from inim.errors import UsageError
 from inim.generators.sources import NO_LENS, Sources, colour_of
 from inim.rgbd import RGBD
 
-__all__ = ["Generator", "PictureShape", "SourceGenerator", "check_out"]
+__all__ = ["Generator", "PictureShape", "SourceGenerator", "check_out", "require_separable"]
 
 #: Rows, columns of a picture.
 PictureShape = tuple[int, int]
@@ -49,7 +49,8 @@ class SourceGenerator(ABC):
     """A generator that names, for each panel pixel, the picture's pixel it shows.
 
     Subclasses implement `find`; sources keep holes apart from black and let algorithms be compared
-    pixel by pixel.
+    pixel by pixel. They are what a pixel's centre shows, also where several rays, or sub-pixels
+    beside the centre, make its colour.
 
     Parameters
     ----------
@@ -73,8 +74,11 @@ class SourceGenerator(ABC):
         """``row * W + column`` of each panel pixel's source, or `HOLE`, or `NO_LENS`."""
         self.check(rgbd)
         found = self.find(rgbd)
-        found[self.display.rows.lens < 0, :] = NO_LENS
-        found[:, self.display.columns.lens < 0] = NO_LENS
+        if self.display.is_separable:  # whole rows and columns: faster than pixel by pixel
+            found[self.display.rows.lens < 0, :] = NO_LENS
+            found[:, self.display.columns.lens < 0] = NO_LENS
+        else:
+            found[~self.display.lensed] = NO_LENS
         return found
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
@@ -89,6 +93,15 @@ class SourceGenerator(ABC):
                 f"this generator was prepared for {self.shape[0]} x {self.shape[1]} of "
                 f"{self.pixel_mm:g} mm: prepare another"
             )
+
+
+def require_separable(display: Display, name: str) -> None:
+    """Raise `UsageError` where a generator that counts rows and columns apart cannot serve."""
+    if not display.is_separable:
+        raise UsageError(
+            f"{name}: needs pixels whose rows and columns are independent, and this display has "
+            f"{display.not_separable_by}; use template or gu2020"
+        )
 
 
 def check_out(out: np.ndarray | None, rgbd: RGBD, display: Display) -> NDArray[Any]:

@@ -10,8 +10,9 @@ import numpy as np
 
 from inim.display import Display
 from inim.pixel_axis import PixelAxis, stated
+from inim.pixel_rays import PixelRays
 
-__all__ = ["CENTRE", "Aside", "CellRays", "cell_rays"]
+__all__ = ["CENTRE", "Aside", "CellRays", "cell_rays", "free_cell_rays"]
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53
@@ -71,6 +72,32 @@ def cell_rays(
     return (
         _axis(display.columns, pixel_mm, columns, display, +1, right),
         _axis(display.rows, pixel_mm, rows, display, -1, down),
+    )
+
+
+def free_cell_rays(
+    shape: tuple[int, int], pixel_mm: float, rays: PixelRays
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Rays of a block of panel pixels over a picture, where no two of them share a coordinate.
+
+    Parameters
+    ----------
+    shape : (rows, columns)
+    pixel_mm : float
+        The picture's pixel.
+    rays : PixelRays
+
+    Returns
+    -------
+    u0, du, v0, dv : (block rows, panel columns) float64
+        Column ``u0 + du z`` and row ``v0 + dv z`` at depth z in millimetres: rounded as floats are.
+    """
+    rows, columns = shape
+    return (
+        rays.x0 / pixel_mm + columns / 2,
+        rays.slope_x / pixel_mm,
+        rows / 2 - rays.y0 / pixel_mm,
+        -rays.slope_y / pixel_mm,
     )
 
 

@@ -55,9 +55,10 @@ class DirectionLists:
 
 
 def cells_per_pitch(display: Display, pixel_mm: float) -> int | None:
-    """Picture pixels per lens pitch where that is a whole number, else None."""
+    """Picture pixels per lens pitch where that is a whole number, alike on both axes, else None."""
     ratio = stated(display.pitch_mm) / stated(pixel_mm)
-    return int(ratio) if ratio.denominator == 1 else None
+    square = stated(display.row_pitch_mm) == stated(display.pitch_mm)
+    return int(ratio) if ratio.denominator == 1 and square and display.is_separable else None
 
 
 def shares_directions(display: Display) -> bool:

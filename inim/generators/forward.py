@@ -60,27 +60,34 @@ def forward_axes(
 ) -> tuple[ForwardAxis, ForwardAxis]:
     """Columns and rows of the mapping of a picture with the lowest and highest depth given."""
     rows, columns = shape
+    across = _lens_centres(display.lens_columns, display.pitch_mm, display.shift_x_mm)
+    down = _lens_centres(display.lens_rows, display.row_pitch_mm, -display.shift_y_mm)
     return (
-        _axis(display, display.columns, display.lens_columns, columns, pixel_mm, depths_mm),
-        _axis(display, display.rows, display.lens_rows, rows, pixel_mm, depths_mm),
+        _axis(display, display.columns, across, columns, pixel_mm, depths_mm),
+        _axis(display, display.rows, down, rows, pixel_mm, depths_mm),
     )
+
+
+def _lens_centres(lenses: int, pitch_mm: float, shift_mm: float) -> list[Fraction]:
+    """Centres of the lenses of one axis, in its order."""
+    pitch, shift = stated(pitch_mm), stated(shift_mm)
+    return [Fraction(2 * n - lenses + 1, 2) * pitch + shift for n in range(lenses)]
 
 
 def _axis(
     display: Display,
     panel: PixelAxis,
-    lenses: int,
+    centres: list[Fraction],
     cells: int,
     cell_mm: float,
     depths_mm: tuple[float, float],
 ) -> ForwardAxis:
     gap, pixel = stated(display.gap_mm), stated(display.pixel_pitch_mm)
-    centres = [Fraction(2 * n - lenses + 1, 2) * stated(display.pitch_mm) for n in range(lenses)]
     places = [Fraction(2 * c - cells + 1, 2) * stated(cell_mm) for c in range(cells)]
     lens_z, lens_g, pixel_g, unit = _whole(
         centres, [x0 * gap for x0 in centres], [x * gap for x in places], [pixel]
     )
-    first, end = _elemental_images(panel, lenses)
+    first, end = _elemental_images(panel, len(centres))
     middle = len(panel.lens) / 2
     edges_mm = np.stack([first - middle, end - middle]) * display.pixel_pitch_mm
     x0 = np.array(centres, np.float64)

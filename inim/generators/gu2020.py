@@ -16,11 +16,16 @@ What the description leaves open:
 * A ray along the border between two cells of the picture belongs to the larger row or column, as
   in `template`.
 * No sample under a surface: a hole. Uncovered pixels are no surface.
+* On a hexagonal lattice, or under an array that is turned or tilted, each pixel's ray is its own;
+  nothing else changes.
+* Where a pixel's colours shine from places of their own (`Display.subpixels`), each colour's rays
+  start there; sources are those of the pixel's centre.
 """
 
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numba
 import numpy as np
@@ -29,11 +34,14 @@ from numba.extending import register_jitable
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators.base import PictureShape, SourceGenerator
-from inim.generators.cells import cell_rays
+from inim.generators.cells import Aside, cell_rays, free_cell_rays
 from inim.generators.options import one_of, positive_mm
 from inim.generators.plain import IMPLEMENTATIONS, run
 from inim.generators.sources import HOLE, Sources
+from inim.generators.subpixels import by_subpixel
+from inim.panel import SubPixel
 from inim.pixel_axis import stated
+from inim.pixel_rays import pixel_rays, row_blocks
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
@@ -70,7 +78,12 @@ def prepare(
         step_mm = pixel_mm if focused else display.scene_pixel_mm
     depths = _sampled_depths(display, positive_mm("step_mm", step_mm))
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
-    return _Gu2020(display, shape, pixel_mm, depths, chosen)
+
+    def seen_from(subpixel: SubPixel) -> SourceGenerator:
+        aside = (Fraction(0), subpixel.right)
+        return _Gu2020(display, shape, pixel_mm, depths, chosen, aside)
+
+    return by_subpixel(display.subpixels, seen_from)
 
 
 class _Gu2020(SourceGenerator):
@@ -81,15 +94,19 @@ class _Gu2020(SourceGenerator):
         pixel_mm: float,
         depths: np.ndarray,
         implementation: str,
+        aside: Aside,
     ) -> None:
         super().__init__(display, shape, pixel_mm)
+        self._aside = aside
         self._depths = depths
         self._implementation = implementation
 
     def find(self, rgbd: RGBD) -> Sources:
-        column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display)
         # An uncovered cell is a column without height: it never reaches a ray.
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), -np.inf)
+        if not self.display.is_separable:
+            return self._find_each(depth)
+        column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display, self._aside)
         return run(
             _search_all,
             self._implementation,
@@ -103,6 +120,26 @@ class _Gu2020(SourceGenerator):
             row_rays.slope / row_rays.scale,
             self._depths,
         )
+
+    def _find_each(self, depth: np.ndarray) -> Sources:
+        """Where no two pixels share a coordinate, a block of panel rows at a time."""
+        found = []
+        for rows in row_blocks(self.display):
+            rays = pixel_rays(self.display, rows, (float(self._aside[0]), float(self._aside[1])))
+            cells = free_cell_rays(self.shape, self.pixel_mm, rays)
+            found.append(
+                run(
+                    _search_each,
+                    self._implementation,
+                    rays.lens.shape,
+                    HOLE,
+                    depth.ravel(),
+                    *self.shape,
+                    *(coordinate.ravel() for coordinate in cells),
+                    self._depths,
+                )
+            )
+        return np.concatenate(found)
 
 
 def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:
@@ -126,6 +163,13 @@ def _search_all(depth, rows, columns, u0, du, v0, dv, depths, found):  # type: i
             found[i * len(u0) + j] = _first_crossing(
                 depth, rows, columns, u0[j], du[j], v0[i], dv[i], depths
             )
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _search_each(depth, rows, columns, u0, du, v0, dv, depths, found):  # type: ignore[no-untyped-def]
+    """Search rays that are one per pixel in both coordinates."""
+    for i in numba.prange(len(u0)):
+        found[i] = _first_crossing(depth, rows, columns, u0[i], du[i], v0[i], dv[i], depths)
 
 
 @register_jitable

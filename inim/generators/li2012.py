@@ -23,6 +23,10 @@ What the description leaves open:
   mirrored picture so gives the mirrored map, but for points exactly on an axis.
 * At z = 0 a point is on the array and under every pixel of one lens at once: it is skipped. z < 0,
   virtual images, are mapped by the same formula.
+* Colours are mapped to whole pixels: where a pixel's colours shine from places of their own
+  (`Display.subpixels`), all are taken at the pixel's centre.
+* Elemental images are rectangles along the panel's rows: a hexagonal lattice, and an array that is
+  turned or tilted, are refused.
 """
 
 from __future__ import annotations
@@ -34,7 +38,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from inim.display import Display
-from inim.generators.base import PictureShape, SourceGenerator, check_out
+from inim.generators.base import PictureShape, SourceGenerator, check_out, require_separable
 from inim.generators.fill import FILLS, filled
 from inim.generators.forward import ForwardAxis, forward_axes
 from inim.generators.options import one_of
@@ -68,10 +72,11 @@ def prepare(
     Raises
     ------
     UsageError
-        An option of another value.
+        An option of another value, or a display that is not separable.
     """
     how = one_of("fill", fill, FILLS)
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
+    require_separable(display, "li2012")
     return _Li2012(display, shape, pixel_mm, how, chosen)
 
 

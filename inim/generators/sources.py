@@ -28,7 +28,7 @@ def colour_of(sources: Sources, rgbd: RGBD, out: np.ndarray | None = None) -> np
     channels = rgbd.color.shape[2]
     # One empty pixel at the end serves holes and unlensed pixels alike.
     nothing = np.zeros((1, channels), rgbd.color.dtype)
-    palette = np.concatenate([rgbd.color.reshape(-1, channels), nothing])
+    palette = np.concatenate([rgbd.palette.reshape(-1, channels), nothing])
     return np.take(palette, np.where(sources >= 0, sources, len(palette) - 1), axis=0, out=out)
 
 

@@ -6,7 +6,7 @@ and silhouettes finer than its pixels flicker.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cached_property
 
@@ -17,16 +17,35 @@ from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.generators.base import SourceGenerator, check_out
 from inim.generators.cells import CENTRE, Aside
 from inim.generators.sources import Sources
+from inim.panel import SubPixel
+from inim.pixel_axis import stated
 from inim.rgbd import RGBD
 
-__all__ = ["Supersampled"]
+__all__ = ["Supersampled", "sampled_places"]
 
 _A = Fraction(1, 4)
-#: Centres of the quarters of a pixel, (down, right), that each sample count looks through.
 _PLACES: dict[int, tuple[Aside, ...]] = {
     2: ((-_A, -_A), (_A, _A)),
     4: ((-_A, -_A), (-_A, _A), (_A, -_A), (_A, _A)),
 }
+
+
+def sampled_places(samples: int, subpixel: SubPixel, pixel_fill: float) -> tuple[Aside, ...]:
+    """Centres of the quarters of what shines of a pixel, that each sample count looks through.
+
+    Parameters
+    ----------
+    samples : {2, 4}
+        Two quarters on a diagonal, or all.
+    subpixel : SubPixel
+    pixel_fill : float
+        `Display.pixel_fill`.
+    """
+    fill = stated(pixel_fill)
+    return tuple(
+        (down * fill, subpixel.right + right * subpixel.width * fill)
+        for down, right in _PLACES[samples]
+    )
 
 
 class Supersampled(SourceGenerator):
@@ -38,12 +57,12 @@ class Supersampled(SourceGenerator):
     ----------
     make : callable
         Makes the generator of the rays through one place of every pixel.
-    samples : {2, 4}
+    places : sequence of Aside
     """
 
-    def __init__(self, make: Callable[[Aside], SourceGenerator], samples: int) -> None:
+    def __init__(self, make: Callable[[Aside], SourceGenerator], places: Sequence[Aside]) -> None:
         self._make = make
-        self._each = [make(place) for place in _PLACES[samples]]
+        self._each = [make(place) for place in places]
         super().__init__(self._each[0].display, self._each[0].shape, self._each[0].pixel_mm)
 
     @cached_property
@@ -59,11 +78,11 @@ class Supersampled(SourceGenerator):
         """See `Generator.generate`."""
         out = check_out(out, rgbd, self.display)
         if rgbd.color.dtype != np.uint8:
-            self._average(rgbd, rgbd.color, out)
+            self._average(rgbd, rgbd.palette, out)
             return out
         # Light adds up, code values do not: average linear light, then encode again.
-        linear = linear_from_srgb(rgbd.color[..., :3] / np.float32(255))
-        alpha = rgbd.color[..., 3:] / np.float32(255)
+        linear = linear_from_srgb(rgbd.palette[..., :3] / np.float32(255))
+        alpha = rgbd.palette[..., 3:] / np.float32(255)
         mean = np.empty(out.shape, np.float32)
         self._average(rgbd, np.concatenate([linear, alpha], axis=-1), mean)
         out[..., :3] = srgb_to_uint8(srgb_from_linear(mean[..., :3]))

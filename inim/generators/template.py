@@ -8,7 +8,7 @@ leaves that cell (or z_min, where the ray ends) gives the source. No such cell: 
 A ray that runs exactly along a border between cells belongs to the cell of the larger row or
 column; one that crosses exactly at a corner passes to the diagonal neighbour.
 
-Three ways lead to the same sources, bit for bit:
+Three ways lead to the same sources, bit for bit, on displays that are separable:
 
 * where co-located pixels of all lenses are parallel and the picture has a whole number of pixels
   per pitch, one list of cells per direction serves all lenses (`inim.generators.direction_lists`),
@@ -17,11 +17,18 @@ Three ways lead to the same sources, bit for bit:
   of lenses share cells but not exit depths (`inim.generators.strips`);
 * anywhere else, and where only some pixels are asked for, each ray is walked by itself
   (`inim.generators.traversal`).
+
+A fourth serves the others, hexagonal lattices and arrays that are turned or tilted: each ray by
+itself, in float64, exact but for ties (`inim.generators.free_rays`).
+
+Where a pixel's colours shine from places of their own (`Display.subpixels`), each colour's rays
+start there (`inim.generators.subpixels`); sources are those of the pixel's centre.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from fractions import Fraction
 
 import numpy as np
 
@@ -31,10 +38,13 @@ from inim.generators.axis_runs import AxisRuns, axis_runs, doubtful_pixels
 from inim.generators.base import PictureShape, SourceGenerator, check_out
 from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
+from inim.generators.free_rays import FreeRays
 from inim.generators.polyphase import Phases, index_payload, run_templates
 from inim.generators.sources import HOLE, NOT_ASKED, Sources
 from inim.generators.strips import cell_pairs, row_runs, run_strips, strip_columns
+from inim.generators.subpixels import by_subpixel
 from inim.generators.traversal import first_hits, first_hits_at, starts
+from inim.panel import SubPixel
 from inim.pixel_axis import PixelAxis
 from inim.rgbd import RGBD
 
@@ -56,8 +66,9 @@ def prepare(
     display, shape, pixel_mm :
         See `inim.generators.prepare`.
     samples : {1, 2, 4}
-        Rays per panel pixel: through its centre; through two points on its diagonal; through the
-        centres of its quarters. Colours are averaged in linear light, a hole counting as black.
+        Rays per panel pixel, or per sub-pixel where it has some: through its centre; through two
+        points on its diagonal; through the centres of its quarters, or of those of its shining part
+        (`Display.pixel_fill`). Colours are averaged in linear light, a hole counting as black.
     mask : (rows, columns) bool, optional
         Panel pixels asked for; the others are left black and cost nothing.
 
@@ -74,16 +85,22 @@ def prepare(
         )
 
     def first_hits_through(aside: Aside) -> SourceGenerator:
+        if not display.is_separable:
+            return FreeRays(display, shape, pixel_mm, aside, mask)
         if mask is not None or not cells_per_pitch(display, pixel_mm):
             return _RayByRay(display, shape, pixel_mm, aside, mask)
         kind = _Shared if shares_directions(display) else _Strips
         return kind(display, shape, pixel_mm, aside)
 
-    if int(samples) == 1:
-        return first_hits_through(CENTRE)
-    from inim.generators.supersampling import Supersampled
+    def seen_from(subpixel: SubPixel) -> SourceGenerator:
+        if int(samples) == 1:
+            return first_hits_through((Fraction(0), subpixel.right))
+        from inim.generators.supersampling import Supersampled, sampled_places
 
-    return Supersampled(first_hits_through, int(samples))
+        places = sampled_places(int(samples), subpixel, display.pixel_fill)
+        return Supersampled(first_hits_through, places)
+
+    return by_subpixel(display.subpixels, seen_from)
 
 
 class _Aligned(SourceGenerator):

@@ -20,6 +20,10 @@ Where the print cannot be followed (see `_steps` and `_match`):
 * The paper's picture has no background. Here uncovered pixels match nothing, and a best match
   farther from its surface than one step is no match: a hole.
 
+* Its one master elemental image serves arrays that lie along the panel's rows: a hexagonal lattice,
+  and an array that is turned or tilted, are refused. A pixel's colours are all taken at its centre,
+  whatever `Display.subpixels` says.
+
 Option ``matching="ray"`` searches the diagonal only, where the row sample and the column sample
 are of the same depth and the entry is on the ray. Nothing else changes: still the best match wins,
 not the first hit.
@@ -34,7 +38,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from inim.display import Display
-from inim.generators.base import PictureShape, SourceGenerator
+from inim.generators.base import PictureShape, SourceGenerator, require_separable
 from inim.generators.cells import cell_rays
 from inim.generators.options import one_of
 from inim.generators.plain import IMPLEMENTATIONS, run
@@ -67,10 +71,11 @@ def prepare(
     Raises
     ------
     UsageError
-        An option of another value.
+        An option of another value, or a display that is not separable.
     """
     along_ray = one_of("matching", matching, _MATCHINGS) == "ray"
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
+    require_separable(display, "wang2024")
     return _Wang2024(display, shape, pixel_mm, along_ray, chosen)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,8 +10,9 @@ from inim.display import Display
 from inim.kernel.scene import FittedScene
 from inim.kernel.sensors import capture_rays, eye_rays, make_sensor, pickup_rays
 from inim.kernel.trace import Clock, Progress, radiance, surface
+from inim.panel import SUBPIXELS
 from inim.rgbd import RGBD
-from inim.viewpoint import Viewpoint
+from inim.viewpoint import Viewpoint, focus_distance_mm
 
 __all__ = ["Truth", "capture", "pickup", "true_view"]
 
@@ -81,13 +82,25 @@ def pickup(
 ) -> Truth:
     """The ground-truth EIA: every panel pixel path traced through its lens centre (Eq. 1).
 
-    Panel pixels outside the array lie under no lens and are black.
+    Over what shines of the pixel: each colour through a pickup of its own where sub-pixels have
+    places of their own, at `spp` samples each. Panel pixels outside the array lie under no lens and
+    are black.
     """
-    sensor = make_sensor(pickup_rays(display, fitted.start_mm), fitted.fit.world_from_display)
-    truth = _two_halves(fitted, sensor, spp, seed, clock, progress)
-    return Truth(
-        *(np.where(display.lensed[..., None], half, 0) for half in (truth.first, truth.second))
-    )
+    # Also where a pixel lacks a colour: what is not shown is left out by the panel.
+    places = [replace(subpixel, turn=None) for subpixel in SUBPIXELS[display.subpixels]]
+    seen = {}
+    for place in dict.fromkeys(places):
+        rays = pickup_rays(display, fitted.start_mm, place)
+        sensor = make_sensor(rays, fitted.fit.world_from_display)
+        seen[place] = _two_halves(fitted, sensor, spp, seed, clock, progress)
+
+    def colours(half: str) -> np.ndarray:
+        """Red of the first colour's pickup, green of the second's, blue of the third's."""
+        each = [getattr(seen[place], half)[..., channel] for channel, place in enumerate(places)]
+        lensed: np.ndarray = np.where(display.lensed[..., None], np.stack(each, axis=-1), 0)
+        return lensed
+
+    return Truth(colours("first"), colours("second"))
 
 
 def true_view(
@@ -102,7 +115,14 @@ def true_view(
     progress: Progress | None = None,
 ) -> tuple[Truth, np.ndarray]:
     """The scene itself from an eye, through the window of the array; and where the relic is."""
-    rays = eye_rays(display, viewpoint.position_mm, pixels_per_lens, fitted.start_mm)
+    rays = eye_rays(
+        display,
+        viewpoint.position_mm,
+        pixels_per_lens,
+        fitted.start_mm,
+        viewpoint.pupil_mm,
+        focus_distance_mm(viewpoint, display),
+    )
     sensor = make_sensor(rays, fitted.fit.world_from_display)
     truth = _two_halves(fitted, sensor, spp, seed, clock, progress)
     return truth, surface(fitted.scene, sensor, clock).covered

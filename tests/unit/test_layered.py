@@ -1,0 +1,194 @@
+"""`layered`: first hits in pictures that know what lies behind their front surface."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from inim.display import Display
+from inim.errors import UsageError
+from inim.generators import HOLE, find_sources, generate, prepare
+from inim.generators.layered import _FreeRays, _RayByRay, _Shared
+from inim.generators.sources import NO_LENS
+from inim.layered_rgbd import Layer, LayeredRGBD
+from inim.rgbd import RGBD
+from tests import oracle
+from tests.conftest import small_display
+
+CENTRE = (Fraction(0), Fraction(0))
+VIRTUAL = {"focal_length_mm": 3.3, "gap_mm": 3.0}
+
+
+def picture(display: Display, per_pitch: int, layers: int, *, seed: int = 1, rgba: bool = False):
+    """Random solids, most of them thin, behind one another; each layer sparser than the one before.
+
+    Depths are float32 numbers, exact for the oracle.
+    """
+    rows, columns = display.capture_shape(per_pitch)
+    random = np.random.default_rng(seed)
+    low, high = display.depth_range_mm
+    covered = random.random((rows, columns)) < 0.6
+    above = np.full((rows, columns), high)
+    made = []
+    for _ in range(layers):
+        front = np.float32(low + (above - low) * random.random((rows, columns)))
+        back = np.float32(front - (front - low) * random.random((rows, columns)) ** 3)
+        back = np.minimum(back, front)
+        color = random.random((rows, columns, 3), dtype=np.float32)
+        if rgba:
+            color = random.integers(1, 256, (rows, columns, 4), dtype=np.uint8)
+        made.append(Layer(color, front, back, covered))
+        above, covered = back, covered & (random.random((rows, columns)) < 0.6)
+    first = made[0]
+    return LayeredRGBD(
+        first.color, first.front_mm, first.covered, display.pitch_mm / per_pitch,
+        first.back_mm, tuple(made[1:]),
+    )  # fmt: skip
+
+
+def exact(rgbd: LayeredRGBD, display: Display) -> np.ndarray:
+    """Sources by the definition, in rational numbers: every cell's span against every solid."""
+    low, high = oracle.depth_range(display)
+    rows, columns = oracle.all_rays(rgbd, display)
+    found = np.full((len(rows.lens), len(columns.lens)), NO_LENS)
+    layers = rgbd.layers
+    cells = rgbd.shape[0] * rgbd.shape[1]
+    for i in range(found.shape[0]):
+        for j in range(found.shape[1]):
+            if rows.lens[i] < 0 or columns.lens[j] < 0:
+                continue
+            found[i, j] = HOLE
+            spans = _spans(
+                oracle.runs(rows.start[i], rows.slope[i], low, high),
+                oracle.runs(columns.start[j], columns.slope[j], low, high),
+                high,
+            )
+            for number, (entry, left, r, c) in enumerate(spans):
+                if not (0 <= r < rgbd.shape[0] and 0 <= c < rgbd.shape[1]):
+                    continue
+                for k, layer in enumerate(layers):
+                    if not layer.covered[r, c]:
+                        continue
+                    reaches = Fraction(float(layer.front_mm[r, c])) >= left
+                    began = number == 0 or Fraction(float(layer.back_mm[r, c])) <= entry
+                    if reaches and began:
+                        found[i, j] = k * cells + r * rgbd.shape[1] + c
+                        break
+                if found[i, j] != HOLE:
+                    break
+    return found
+
+
+def _spans(row_runs, column_runs, high):
+    """(entry, exit, row, column) of a ray's cells, nearest first."""
+    spans, top = [], high
+    while row_runs and column_runs:
+        (row_end, row), (column_end, column) = row_runs[0], column_runs[0]
+        left = max(row_end, column_end)
+        spans.append((top, left, row, column))
+        top = left
+        if row_end == left:
+            row_runs = row_runs[1:]
+        if column_end == left:
+            column_runs = column_runs[1:]
+    return spans
+
+
+@pytest.mark.parametrize("layers", [1, 2, 4])
+@pytest.mark.parametrize("mode", [{}, VIRTUAL], ids=["real", "virtual"])
+@pytest.mark.parametrize(("lenses", "pixels"), [((5, 4), 7), ((4, 3), 6)])
+def test_every_pixel_shows_the_solid_of_the_definition(layers, mode, lenses, pixels):
+    display = small_display(*lenses, pixels=pixels, **mode)
+    rgbd = picture(display, 2, layers)
+    found = find_sources(rgbd, display, "layered", samples=1)
+    wanted = exact(rgbd, display)
+    assert np.array_equal(found, wanted)
+    if layers > 1:  # or the test says nothing about layers
+        assert (wanted >= rgbd.shape[0] * rgbd.shape[1]).mean() > 0.02
+
+
+@pytest.mark.parametrize("per_pitch", [1, 2, 5])
+@pytest.mark.parametrize("lenses", [(1, 1), (7, 5), (33, 3), (70, 2)])
+@pytest.mark.parametrize("layers", [1, 3])
+def test_lists_shared_by_all_lenses_and_single_rays_agree(per_pitch, lenses, layers):
+    display = small_display(*lenses, pixels=7)
+    rgbd = picture(display, per_pitch, layers, seed=per_pitch)
+    shared = _Shared(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
+    alone = _RayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
+    assert np.array_equal(shared.sources(rgbd), alone.sources(rgbd))
+
+
+def test_rays_that_share_nothing_agree_but_for_ties():
+    display = small_display(9, 7, pixels=7)
+    # Of an odd size: rays along diagonals meet no corners of cells.
+    rgbd = replace(picture(display, 3, 3), pixel_mm=0.2717)
+    free = _FreeRays(display, rgbd.shape, rgbd.pixel_mm, CENTRE).sources(rgbd)
+    exact_rays = _RayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE).sources(rgbd)
+    assert (free != exact_rays).mean() < 0.02
+
+
+def test_a_prepared_generator_takes_pictures_with_more_and_fewer_layers():
+    display = small_display(6, 5, pixels=7)
+    pictures = [picture(display, 2, layers, seed=layers) for layers in (1, 3, 2)]
+    made = prepare(
+        display, "layered:samples=1", shape=pictures[0].shape, pixel_mm=pictures[0].pixel_mm
+    )
+    for rgbd in pictures:
+        alone = _RayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
+        assert np.array_equal(made.sources(rgbd), alone.sources(rgbd))
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4])
+@pytest.mark.parametrize("rgba", [False, True])
+def test_a_picture_without_layers_shows_what_template_shows(samples, rgba):
+    display = small_display(8, 6, pixels=7)
+    layered = picture(display, 2, 1, rgba=rgba)
+    plain = RGBD(layered.color, layered.depth_mm, layered.covered, layered.pixel_mm)
+    assert np.array_equal(
+        generate(plain, display, "layered", samples=samples),
+        generate(plain, display, "template", samples=samples),
+    )
+
+
+def test_other_generators_see_the_front_surface_alone():
+    display = small_display(6, 5, pixels=7)
+    layered = picture(display, 2, 3)
+    plain = RGBD(layered.color, layered.depth_mm, layered.covered, layered.pixel_mm)
+    for name in ("template", "gu2020", "li2012"):
+        assert np.array_equal(generate(layered, display, name), generate(plain, display, name))
+
+
+def test_a_ray_passes_under_a_floating_plate_and_shows_what_is_behind():
+    display = small_display(9, 9, pixels=9)
+    rows, columns = display.capture_shape(2)
+    low, high = display.depth_range_mm
+    middle = np.zeros((rows, columns), bool)
+    middle[rows // 2 - 4 : rows // 2 + 4, columns // 2 - 4 : columns // 2 + 4] = True
+    red, blue = np.zeros((2, rows, columns, 3), np.float32)
+    red[..., 0], blue[..., 2] = 1, 1
+    wall = np.full((rows, columns), low + 0.1 * (high - low), np.float32)
+    plate = np.full((rows, columns), high - 0.1 * (high - low), np.float32)
+    everywhere = np.ones((rows, columns), bool)
+    # Where the plate is, it is the front and the wall lies behind; elsewhere the wall is the front.
+    front = np.where(middle, plate, wall)
+    back = np.where(middle, plate - np.float32(0.5), -np.inf).astype(np.float32)
+    color = np.where(middle[..., None], red, blue)
+    behind = Layer(blue, wall, np.full_like(wall, -np.inf), middle)
+    layered = LayeredRGBD(color, front, everywhere, display.pitch_mm / 2, back, (behind,))
+    solid = RGBD(color, front, everywhere, display.pitch_mm / 2)
+    floating = generate(layered, display, "layered", samples=1)
+    column = generate(solid, display, "template")
+    # Taken for a column, the plate shows its sides; floating, it hides the wall only with its face.
+    assert (floating[..., 0] > 0).sum() < 0.8 * (column[..., 0] > 0).sum()
+    # No pixel looks into nothing: the wall goes on behind the plate.
+    lensed = display.lensed
+    assert (floating[lensed].sum(axis=-1) > 0).all()
+
+
+@pytest.mark.parametrize("samples", [0, 3, "many"])
+def test_other_sample_counts_are_refused(samples):
+    with pytest.raises(UsageError, match="layered: samples"):
+        prepare(small_display(2, 2), "layered", shape=(8, 8), pixel_mm=0.5, samples=samples)

@@ -1,0 +1,620 @@
+"""Arrays as they really lie: hexagonal, moved, turned, tilted, over panels with sub-pixels.
+
+The expected pictures come from brute force: all lens centres in a list, the nearest one to each
+point, and a smooth pattern of three different colour waves that no turn or mirror maps to itself.
+"""
+
+from __future__ import annotations
+
+import cmath
+import functools
+import math
+
+import numpy as np
+import pytest
+
+from inim.color import srgb_from_linear, srgb_to_uint8
+from inim.display import Display
+from inim.errors import DisplayError, UsageError
+from inim.generators import HOLE, NO_LENS, find_sources, generate
+from inim.generators.sources import NOT_ASKED
+from inim.generators.template import _RayByRay, _Strips
+from inim.lens import trace_to_panel
+from inim.pixel_rays import pixel_rays
+from inim.rgbd import RGBD
+from inim.viewpoint import Viewpoint
+from tests import oracle
+from tests.conftest import scene_text, small_display
+
+FREE = {
+    "hexagonal": {"lattice": "hexagonal"},
+    "turned left": {"rotation_deg": 4.0},
+    "turned right": {"rotation_deg": -4.0},
+    "tilted": {"tilt_x_deg": 8.0, "tilt_y_deg": -6.0},
+    "hexagonal, off in every way": {
+        "lattice": "hexagonal",
+        "rotation_deg": 7.0,
+        "shift_x_mm": 0.31,
+        "shift_y_mm": -0.22,
+        "tilt_x_deg": -2.0,
+        "tilt_y_deg": 1.5,
+        "elemental_pitch_mm": 1.01,
+    },
+}
+SEPARABLE = {
+    "moved": {"shift_x_mm": 0.37, "shift_y_mm": -0.21},
+    "rows closer": {"pitch_y_mm": 0.8},
+    "15.7 pixels": {"pixel_pitch_mm": 0.0636, "shift_x_mm": -0.2, "shift_y_mm": 0.4},
+}
+SUBPIXELS = {
+    "stripes": {"subpixels": "rgb-stripe"},
+    "pentile, moved": {"subpixels": "pentile", "shift_y_mm": 0.13},
+    "stripes, turned": {"subpixels": "rgb-stripe", "rotation_deg": 5.0},
+}
+EVERY = FREE | SEPARABLE | SUBPIXELS
+# Where each colour's middle is, in pixels to the right of the pixel's.
+MIDDLES = {"none": (0, 0, 0), "rgb-stripe": (-1 / 3, 0, 1 / 3), "pentile": (-1 / 4, 1 / 4, -1 / 4)}
+
+
+def real_display(name: str, **changes: object) -> Display:
+    return small_display(12, 10, 17, **(EVERY[name] | changes))
+
+
+# -- the oracle ---------------------------------------------------------------------------------
+
+
+def pattern(x, y):
+    """Three waves across, in directions of their own; and the steepest change per millimetre."""
+    waves = ((0.7, 0.25, 0.4), (-0.2, 0.6, 1.7), (0.45, -0.5, -0.9))
+    return np.stack([0.5 + 0.4 * np.sin(a * x + b * y + c) for a, b, c in waves], axis=-1)
+
+
+STEEPEST = 0.4 * math.hypot(0.7, 0.25)
+
+
+def centres(display: Display, pitch: float, beyond: int = 2):
+    """Centres of the cells of a pitch as complex numbers, and whether each has a lens."""
+    ratio, turn = pitch / display.pitch_mm, cmath.rect(1, math.radians(display.rotation_deg))
+    found, real = [], []
+    for m in range(-beyond, display.lens_rows + beyond):
+        for n in range(-beyond, display.lens_columns + beyond):
+            aside = 0.0
+            if display.lattice == "hexagonal":
+                aside = 0.25 if m % 2 else -0.25
+            x = (n - (display.lens_columns - 1) / 2 + aside) * display.pitch_mm * ratio
+            y = ((display.lens_rows - 1) / 2 - m) * display.row_pitch_mm * ratio
+            found.append(complex(x, y) * turn + complex(display.shift_x_mm, display.shift_y_mm))
+            real.append(0 <= m < display.lens_rows and 0 <= n < display.lens_columns)
+    return np.array(found), np.array(real)
+
+
+def nearest(points, candidates):
+    """Index of the candidate nearest to each point, and how much farther the next one is."""
+    distance = np.abs(points.reshape(-1, 1) - candidates)
+    two = np.partition(distance, 1, axis=1)[:, :2]
+    shape = points.shape
+    return distance.argmin(axis=1).reshape(shape), (two[:, 1] - two[:, 0]).reshape(shape)
+
+
+@functools.cache
+def own_lens(display: Display):
+    """Where every pixel is, its lens's index in `centres`, whether that is sure."""
+    rows, columns = display.eia_shape
+    x = (np.arange(columns) - (columns - 1) / 2) * display.pixel_pitch_mm
+    y = ((rows - 1) / 2 - np.arange(rows)) * display.pixel_pitch_mm
+    middle = x + 1j * y[:, None]
+    own, margin = nearest(middle, centres(display, display.elemental_image_pitch_mm)[0])
+    return middle, own, margin > 1e-9
+
+
+def expected_rays(display: Display, right: float = 0.0):
+    """Lens centre and slope of every pixel's ray (complex), whether it has one, whether sure."""
+    lenses, real = centres(display, display.pitch_mm)
+    middle, own, sure = own_lens(display)
+    place = middle + right * display.pixel_pitch_mm
+    gap = (
+        display.gap_mm
+        + math.tan(math.radians(display.tilt_x_deg)) * place.real
+        + math.tan(math.radians(display.tilt_y_deg)) * place.imag
+    )
+    return lenses[own], (lenses[own] - place) / gap, real[own], sure
+
+
+def flat_picture(display: Display, depth_mm: float, per_pitch: int = 10, coded=False) -> RGBD:
+    """The pattern on a plane, as wide as any ray reaches."""
+    rows, columns = display.capture_shape(per_pitch)
+    pixel = display.pitch_mm / per_pitch
+    x = (np.arange(columns) - (columns - 1) / 2) * pixel
+    y = ((rows - 1) / 2 - np.arange(rows)) * pixel
+    color = pattern(x[None, :], y[:, None])
+    if coded:
+        codes = srgb_to_uint8(srgb_from_linear(color.astype(np.float32)))
+        color = np.concatenate([codes, np.full((rows, columns, 1), 255, np.uint8)], axis=-1)
+    depth = np.full((rows, columns), depth_mm, np.float32)
+    return RGBD(color, depth, np.ones((rows, columns), bool), pixel)
+
+
+# -- rays ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_pixel_s_ray_seen_from_the_viewer_lands_on_that_pixel(name):
+    display = real_display(name)
+    rows, columns = display.eia_shape
+    rays = pixel_rays(display, slice(0, rows))
+    lensed = rays.lens >= 0
+    x, y, weight = trace_to_panel(
+        display, "pinhole", rays.x0, rays.y0, -rays.slope_x, -rays.slope_y
+    )
+    pitch = display.pixel_pitch_mm
+    assert np.abs(x - (np.arange(columns) - (columns - 1) / 2) * pitch)[lensed].max() < 1e-12
+    assert np.abs(y.T - ((rows - 1) / 2 - np.arange(rows)) * pitch).T[lensed].max() < 1e-12
+    assert (weight[lensed] == 1).all() and lensed.mean() > 0.8
+    assert np.array_equal(display.lensed[lensed], lensed[lensed])
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_pixels_belong_to_the_nearest_lens(name):
+    display = real_display(name)
+    rays = pixel_rays(display, slice(0, display.eia_shape[0]))
+    centre, slope, lensed, sure = expected_rays(display)
+    assert sure.mean() > 0.95
+    assert np.array_equal((rays.lens >= 0)[sure], lensed[sure])
+    assert np.array_equal(display.lensed[sure], lensed[sure])
+    assert np.abs(rays.x0 + 1j * rays.y0 - centre)[sure].max() < 1e-12
+    assert np.abs(rays.slope_x + 1j * rays.slope_y - slope)[sure].max() < 1e-12
+    order = centres(display, display.pitch_mm, beyond=0)[0]
+    assert np.abs(order[rays.lens] - centre)[sure & lensed].max() < 1e-12, "rows from the top"
+
+
+@pytest.mark.parametrize("name", [*SEPARABLE, "pentile, moved"])
+def test_axes_and_single_pixels_agree_where_both_describe_the_display(name):
+    display = real_display(name)
+    rays = pixel_rays(display, slice(0, display.eia_shape[0]))
+    sure = expected_rays(display)[3] & display.lensed
+    columns, rows = display.columns, display.rows
+    lens = rows.lens[:, None] * display.lens_columns + columns.lens
+    assert np.array_equal(lens[sure], rays.lens[sure])
+    for axis, at, slope in (
+        (columns, rays.x0, rays.slope_x),
+        (rows, rays.y0.T, rays.slope_y.T),
+    ):
+        known = sure if axis is columns else sure.T
+        assert np.abs(axis.centre_mm - at)[known].max() < 1e-12
+        assert np.abs(axis.slope - slope)[known].max() < 1e-12
+
+
+def test_rows_and_columns_of_an_array_that_has_none_are_refused():
+    for name in FREE:
+        display = real_display(name)
+        with pytest.raises(DisplayError, match="row and its column"):
+            _ = display.columns
+        with pytest.raises(DisplayError, match="row and its column"):
+            _ = display.rows
+        assert not display.has_integer_ratio
+    assert not real_display("moved").has_integer_ratio
+
+
+def test_an_array_beside_its_panel_or_through_it_is_refused():
+    with pytest.raises(DisplayError, match="shift_x_mm = 40"):
+        _ = small_display(shift_x_mm=40.0).columns
+    steep = small_display(60, 10, 4, tilt_x_deg=8.0)
+    with pytest.raises(DisplayError, match="tilt_x_deg = 8"):
+        pixel_rays(steep, slice(0, 4))
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_the_capture_covers_every_ray_and_little_more(name):
+    display = real_display(name)
+    rows, columns = display.capture_shape(4)
+    reach = [0.0, 0.0]
+    for right in MIDDLES[display.subpixels]:
+        centre, slope, lensed, _ = expected_rays(display, right)
+        for z in display.depth_range_mm:
+            at = (centre + slope * z)[lensed]
+            reach = [max(reach[0], np.abs(at.real).max()), max(reach[1], np.abs(at.imag).max())]
+    for pixels, need in ((columns, reach[0]), (rows, reach[1])):
+        assert need <= pixels / 8
+        # Half a lens around the outermost centres; boxes around what is turned; the least gap.
+        assert pixels / 8 - need < 0.2 * need + 1.5
+
+
+# -- generation ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("algorithm", ["template", "gu2020:step_mm=0.05"])
+@pytest.mark.parametrize("name", EVERY)
+def test_each_pixel_shows_the_pattern_where_its_ray_meets_it(name, algorithm):
+    display = real_display(name)
+    depth = display.central_depth_mm
+    rgbd = flat_picture(display, depth)
+    shown = generate(rgbd, display, algorithm)
+    # A cell of the picture is one colour: that of its centre.
+    tolerance = STEEPEST * rgbd.pixel_mm / math.sqrt(2) + 1e-6
+    if algorithm != "template":
+        tolerance += STEEPEST * 0.05 * math.hypot(0.25, 0.25)  # steps of depth
+    for channel, right in enumerate(MIDDLES[display.subpixels]):
+        centre, slope, lensed, sure = expected_rays(display, right)
+        at = centre + slope * depth
+        error = np.abs(shown[..., channel] - pattern(at.real, at.imag)[..., channel])
+        assert error[sure & lensed].max() < tolerance
+        assert not shown[..., channel][sure & ~lensed].any()
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_near_square_hides_the_far_plane_from_the_rays_that_meet_it(name):
+    display = real_display(name)
+    far, near, half, middle = 15.0, 30.0, 3.0, complex(1.5, -1.0)
+    flat = flat_picture(display, far, 8)
+    rows, columns = flat.shape
+    x = (np.arange(columns) - (columns - 1) / 2) * flat.pixel_mm - middle.real
+    y = ((rows - 1) / 2 - np.arange(rows)) * flat.pixel_mm - middle.imag
+    raised = (np.abs(x) < half) & (np.abs(y) < half)[:, None]
+    depth = np.where(raised, near, far).astype(np.float32)
+    rgbd = RGBD(flat.color, depth, flat.covered, flat.pixel_mm)
+    sources = find_sources(rgbd, display)
+    centre, slope, lensed, sure = expected_rays(display)
+    sure = sure & lensed
+    assert (sources[~display.lensed] == NO_LENS).all() and (sources[sure] >= 0).all()
+    ends = [centre + slope * z - middle for z in (far, near)]
+    aside = [np.maximum(np.abs(at.real), np.abs(at.imag)) for at in ends]
+    meets = aside[1] < half - flat.pixel_mm
+    passes = np.minimum(*(np.abs(at.real) for at in ends)) > half + flat.pixel_mm
+    passes &= (ends[0].real > 0) == (ends[1].real > 0)
+    on_near = raised.reshape(-1)[sources]
+    assert on_near[sure & meets].all() and not on_near[sure & passes].any()
+    assert (sure & meets).sum() > 500 and (sure & passes).sum() > 500
+
+
+@pytest.mark.parametrize("changes", SEPARABLE.values(), ids=SEPARABLE)
+@pytest.mark.parametrize("per_pitch", [2, 5])
+def test_sources_of_separable_arrays_are_exact(changes, per_pitch, monkeypatch):
+    """Against rational arithmetic, with the oracle's rays moved as the array is."""
+    display = small_display(4, 3, **({"pixel_pitch_mm": 1 / 7} | changes))
+    random = np.random.default_rng(5)
+    rows, columns = display.capture_shape(per_pitch)
+    low, high = display.depth_range_mm
+    rgbd = RGBD(
+        random.random((rows, columns, 3), np.float32),
+        random.uniform(low, high, (rows, columns)),
+        random.random((rows, columns)) < 0.6,
+        1 / per_pitch,
+    )
+
+    def moved(rgbd, display):
+        found = []
+        for pixels, lenses, cells, pitch, shift in (
+            (display.eia_shape[0], display.lens_rows, rgbd.shape[0], display.row_pitch_mm,
+             -oracle.stated(display.shift_y_mm)),
+            (display.eia_shape[1], display.lens_columns, rgbd.shape[1], display.pitch_mm,
+             oracle.stated(display.shift_x_mm)),
+        ):  # fmt: skip
+            pitch, pixel = oracle.stated(pitch), oracle.stated(display.pixel_pitch_mm)
+            cell, gap = oracle.stated(rgbd.pixel_mm), oracle.stated(display.gap_mm)
+            lens, start, slope = [], [], []
+            for i in range(pixels):
+                x = (2 * i - pixels + 1) * pixel / 2
+                place = (x - shift) / pitch + oracle.Fraction(lenses, 2)
+                n = math.floor(place)
+                n -= place == n and x >= shift  # on a border: to the side of the array's centre
+                x0 = (n - oracle.Fraction(lenses - 1, 2)) * pitch + shift
+                lens.append(n if 0 <= n < lenses else -1)
+                start.append(x0 / cell + oracle.Fraction(cells, 2))
+                slope.append((x0 - x) / gap / cell)
+            found.append(oracle.Rays(lens, start, slope))
+        return tuple(found)
+
+    monkeypatch.setattr(oracle, "all_rays", moved)
+    assert np.array_equal(find_sources(rgbd, display), oracle.exact_sources(rgbd, display))
+
+
+@pytest.mark.parametrize("shift", [0.25, 3.2, -7.9])
+def test_lenses_beside_the_panel_change_nothing_for_the_others(shift):
+    display = small_display(12, 10, shift_x_mm=shift, shift_y_mm=-shift / 2)
+    rgbd = flat_picture(display, display.central_depth_mm, 4)
+    strips = _Strips(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
+    assert np.array_equal(strips, _RayByRay(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd))
+    assert (strips == NO_LENS).any() and (strips >= 0).any()
+
+
+def test_a_barely_tilted_array_shows_what_a_level_one_does():
+    level = small_display(12, 10, pixel_pitch_mm=0.0636)
+    tilted = level.replace(tilt_x_deg=1e-9)
+    random = np.random.default_rng(2)
+    shape = level.capture_shape(3)
+    rgbd = RGBD(
+        random.random((*shape, 3), np.float32),
+        random.uniform(*level.depth_range_mm, shape),
+        random.random(shape) < 0.7,
+        1 / 3,
+    )
+    sure = own_lens(level)[2]  # between two lenses, either will do
+    for algorithm in ("template", "gu2020"):
+        same = find_sources(rgbd, level, algorithm) == find_sources(rgbd, tilted, algorithm)
+        assert same[sure].mean() > 0.999
+
+
+@pytest.mark.parametrize("name", ["turned left", "stripes, turned", "stripes", "moved"])
+def test_masks_samples_and_codes_serve_real_arrays_too(name):
+    display = real_display(name)
+    rgbd = flat_picture(display, display.central_depth_mm, 4)
+    mask = np.random.default_rng(3).random(display.eia_shape) < 0.1
+    whole, asked = generate(rgbd, display), generate(rgbd, display, mask=mask)
+    assert np.array_equal(asked[mask], whole[mask]) and not asked[~mask].any()
+    assert set(np.unique(find_sources(rgbd, display, mask=mask)[~mask])) <= {NOT_ASKED, NO_LENS}
+    smooth = generate(rgbd, display, samples=4)
+    # Four rays average what one samples: the same but for what lies between cells.
+    assert 0 < np.abs(smooth - whole).max() < STEEPEST * (rgbd.pixel_mm + 0.5)
+    coded = flat_picture(display, display.central_depth_mm, 4, coded=True)
+    codes = generate(coded, display)
+    assert np.array_equal(codes[..., :3][display.lensed],
+                          srgb_to_uint8(srgb_from_linear(whole))[display.lensed])  # fmt: skip
+    assert np.array_equal(codes[..., 3], np.where(display.lensed, 255, 0))
+
+
+def test_samples_cover_what_shines_of_a_sub_pixel():
+    """Four rays from a small part of the stripe are nearly the one from its middle."""
+    display = real_display("stripes, turned", pixel_fill=0.01)
+    rgbd = flat_picture(display, display.central_depth_mm, 4)
+    one, four = generate(rgbd, display), generate(rgbd, display, samples=4)
+    full = generate(rgbd, display.replace(pixel_fill=1.0), samples=4)
+    assert np.abs(four - one).mean() < 0.1 * np.abs(full - one).mean()
+
+
+def test_plain_python_searches_free_rays_alike():
+    display = small_display(3, 2, 5, rotation_deg=6.0, subpixels="rgb-stripe")
+    rgbd = flat_picture(display, 20.0, 2)
+    written = "gu2020:implementation="
+    assert np.array_equal(
+        generate(rgbd, display, written + "python"), generate(rgbd, display, written + "compiled")
+    )
+
+
+@pytest.mark.parametrize("algorithm", ["li2012", "wang2024"])
+def test_methods_for_rows_and_columns_refuse_free_arrays_by_name(algorithm):
+    for name, words in (("turned left", "rotation_deg = 4"), ("hexagonal", "hexagonal")):
+        display = real_display(name)
+        with pytest.raises(UsageError, match=f"{algorithm}.*{words}"):
+            generate(flat_picture(display, 20.0, 1), display, algorithm)
+
+
+@pytest.mark.parametrize("name", SEPARABLE)
+def test_forward_mapping_knows_where_a_separable_array_lies(name):
+    display = real_display(name)
+    depth = 20.0
+    rgbd = flat_picture(display, depth, 10)
+    sources = find_sources(rgbd, display, "li2012")
+    centre, slope, lensed, sure = expected_rays(display)
+    sure &= lensed & (sources != HOLE)
+    at = centre + slope * depth
+    error = np.abs(generate(rgbd, display, "li2012") - pattern(at.real, at.imag))[sure]
+    # The picture pixel that lands nearest to the panel pixel's centre, on a grid of 0.1 mm.
+    assert error.max() < STEEPEST * rgbd.pixel_mm / math.sqrt(2) + 1e-6
+    assert sure.sum() > 0.9 * lensed.sum()
+
+
+@pytest.mark.parametrize("name", SEPARABLE)
+def test_depth_matching_knows_where_a_separable_array_lies(name):
+    display = real_display(name)
+    depth = display.central_depth_mm
+    rgbd = flat_picture(display, depth, 10)
+    centre, slope, lensed, sure = expected_rays(display)
+    at = centre + slope * depth
+    shown = generate(rgbd, display, "wang2024:matching=ray")
+    # Its samples are a pixel of the picture apart along the ray.
+    error = np.abs(shown - pattern(at.real, at.imag))[sure & lensed]
+    assert error.max() < 2 * STEEPEST * rgbd.pixel_mm
+
+
+# -- views --------------------------------------------------------------------------------------
+
+EYE = Viewpoint("eye", 9.0, -7.0, 150.0)
+PER_LENS = 3
+
+
+def view_rays(display: Display, view: np.ndarray):
+    """Where each view pixel looks on the array, and its slope towards the viewer (complex)."""
+    rows, columns = view.shape[:2]
+    x = (np.arange(columns) + 0.5 - columns / 2) * display.width_mm / columns
+    y = (rows / 2 - np.arange(rows) - 0.5) * display.height_mm / rows
+    at = x + 1j * y[:, None]
+    return at, (complex(EYE.x_mm, EYE.y_mm) - at) / EYE.z_mm
+
+
+def error_of_view(eia, display: Display, depth_mm: float, lens_model: str) -> float:
+    """Mean distance of a view from the pattern, in the middle of the array."""
+    from inim.kernel.reconstruct import reconstruct
+
+    view = reconstruct(
+        np.ascontiguousarray(eia), display, EYE, lens_model, pixels_per_lens=PER_LENS, spp=64
+    )
+    at, slope = view_rays(display, view)
+    through = at
+    if lens_model == "pinhole":  # it shows what lies behind the middle of the lens
+        lenses, _ = centres(display, display.pitch_mm)
+        through = lenses[nearest(at, lenses)[0]]
+    seen = through + slope * depth_mm
+    inside = (np.abs(at.real) < 0.35 * display.width_mm) & (
+        np.abs(at.imag) < 0.35 * display.height_mm
+    )
+    return float(np.abs(view - pattern(seen.real, seen.imag))[inside].mean())
+
+
+WRONG = {
+    "hexagonal": {"shift_x_mm": 0.5},  # the other rows staggered
+    "turned left": {"rotation_deg": -4.0},
+    "turned right": {"rotation_deg": 4.0},
+    "tilted": {"tilt_x_deg": -8.0, "tilt_y_deg": 6.0},
+    "hexagonal, off in every way": {"shift_y_mm": 0.22},
+    "moved": {"shift_x_mm": -0.37},
+    "rows closer": {"pitch_y_mm": None},
+    "15.7 pixels": {"shift_y_mm": -0.4},
+}
+
+
+@pytest.mark.parametrize("lens_model", ["pinhole", "thin"])
+@pytest.mark.parametrize("name", WRONG)
+def test_a_view_shows_the_pattern_and_that_for_another_array_does_not(name, lens_model, renderer):
+    display = real_display(name)
+    rows, columns = display.eia_shape
+    other = display.replace(**WRONG[name], panel_rows=rows, panel_columns=columns)
+    depth = display.central_depth_mm
+    right, wrong = (
+        error_of_view(generate(flat_picture(d, depth), d), display, depth, lens_model)
+        for d in (display, other)
+    )
+    # A panel pixel is 0.59 mm wide at this depth: half of that either way, a quarter on average.
+    assert right < STEEPEST * 0.588 / 2
+    # A tilted panel is in focus along a line only, whatever it shows.
+    assert wrong > (1.5 if (name, lens_model) == ("tilted", "thin") else 2) * right
+
+
+@pytest.mark.parametrize("name", SUBPIXELS)
+def test_colours_of_sub_pixels_meet_on_a_grey_ramp(name, renderer):
+    """Sampled at pixel centres, a ramp has a fringe: its slope times the sub-pixels' distance."""
+    from inim.kernel.reconstruct import DisplayScene
+
+    display = real_display(name)
+    depth, slope = display.central_depth_mm, 0.03
+    flat = flat_picture(display, depth)
+    x = (np.arange(flat.shape[1]) - (flat.shape[1] - 1) / 2) * flat.pixel_mm
+    grey = np.broadcast_to(0.5 + slope * x[None, :, None], flat.color.shape)
+    ramp = RGBD(grey.astype(np.float32), flat.depth_mm, flat.covered, flat.pixel_mm)
+    # Eyes over the directions of two pixels: a single one sees a pattern's stripes, not their mean.
+    turn = display.pixel_pitch_mm / display.gap_mm * EYE.z_mm
+    eyes = [Viewpoint("eye", EYE.x_mm + k / 12 * turn, EYE.y_mm, EYE.z_mm) for k in range(24)]
+    last = 2 if display.subpixels == "rgb-stripe" else 1
+
+    def fringe(eia) -> float:
+        """How much brighter the rightmost colour is than red in the middle of the array."""
+        shown = DisplayScene(eia, display, "thin")
+        views = [shown.view(eye, pixels_per_lens=2, spp=64, seed=0) for eye in eyes]
+        middle = np.mean(views, axis=0)[5:-5, 6:-6]
+        return float((middle[..., last] - middle[..., 0]).mean())
+
+    apart = MIDDLES[display.subpixels][last] - MIDDLES[display.subpixels][0]
+    expected = slope * apart * display.pixel_pitch_mm * depth / display.gap_mm
+    plain = generate(ramp, display.replace(subpixels="none"))
+    assert abs(fringe(generate(ramp, display))) < 0.15 * expected
+    assert fringe(plain) == pytest.approx(expected, rel=0.15)
+
+
+# -- ground truth -------------------------------------------------------------------------------
+
+
+def tiled_slope() -> str:
+    """A slope of thirty tiles, each of its own colour: texture and depth, and no depth edges."""
+    random = np.random.default_rng(8)
+    tiles = []
+    for i in range(6):
+        for j in range(5):
+            rgb = ", ".join(f"{v:.2f}" for v in random.uniform(0.1, 0.9, 3))
+            tiles.append(
+                f"""<shape type="rectangle"><transform name="to_world"><scale value="1.5"/>
+                <translate x="{3 * i - 7.5}" y="{3 * j - 6}"/><rotate y="1" angle="20"/>
+                <rotate x="1" angle="12"/></transform>
+                <bsdf type="diffuse"><rgb name="reflectance" value="{rgb}"/></bsdf></shape>"""
+            )
+    return scene_text(*tiles)
+
+
+def psnr(a, b) -> float:
+    return float(-10 * np.log10(np.mean((a - b) ** 2)))
+
+
+DEPTHS = {"depth_min_mm": 24.0, "depth_max_mm": 44.0}
+
+
+@pytest.fixture
+def truth_and_picture(open_fitted):
+    """The ground-truth EIA of the slope, its view from an eye, and a fine picture of it."""
+    from inim.kernel.ground_truth import capture, pickup, true_view
+
+    def made(display: Display):
+        fitted = open_fitted(tiled_slope(), display)
+        eia = pickup(fitted, display, spp=32, seed=1).image
+        view = true_view(fitted, display, EYE, pixels_per_lens=2, spp=64, seed=4)[0].image
+        return eia, view, capture(fitted, display, pixels_per_pitch=16, spp=16, seed=2)
+
+    return made
+
+
+def score_inside_tiles(truth, shown, display: Display) -> float:
+    """PSNR where an EIA's pixels are as their neighbours: off the edges of tiles and lenses."""
+    windows = np.lib.stride_tricks.sliding_window_view(shown, (3, 3), axis=(0, 1))
+    even = (np.ptp(windows, axis=(3, 4)).max(axis=-1) < 0.02) & display.lensed[1:-1, 1:-1]
+    assert even.mean() > 0.1
+    return psnr(shown[1:-1, 1:-1][even], truth[1:-1, 1:-1][even])
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_ground_truth_agrees_with_generation_for_that_very_array(name, truth_and_picture):
+    display = real_display(name, **DEPTHS)
+    rows, columns = display.eia_shape
+    truth, _, rgbd = truth_and_picture(display)
+    other = display.replace(**WRONG[name], panel_rows=rows, panel_columns=columns)
+    right, wrong = (score_inside_tiles(truth, generate(rgbd, d), d) for d in (display, other))
+    assert right > 35
+    assert wrong < right - 7
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_views_of_the_ground_truth_look_like_the_scene(name, truth_and_picture):
+    """As much as those of an aligned array of the same size do."""
+    from inim.kernel.reconstruct import reconstruct
+
+    def score(display: Display) -> float:
+        eia, view, _ = truth_and_picture(display)
+        seen = reconstruct(eia, display, EYE, "pinhole", pixels_per_lens=2)
+        return psnr(seen[4:-4, 4:-4], view[4:-4, 4:-4])  # off what the panel's edge leaves dark
+
+    display = real_display(name, **DEPTHS)
+    aligned = small_display(12, round(10 * display.row_pitch_mm), 17, **DEPTHS)
+    assert score(display) > score(aligned) - 1.5
+
+
+@pytest.mark.parametrize("name", SUBPIXELS)
+def test_ground_truth_has_each_colour_from_its_sub_pixel(name, truth_and_picture):
+    """With red and its rightmost rival changing places, the picture fits less."""
+    display = real_display(name, **DEPTHS)
+    truth, _, rgbd = truth_and_picture(display)
+    order = [2, 1, 0] if display.subpixels == "rgb-stripe" else [1, 0, 2]
+    swapped = RGBD(rgbd.color[..., order], rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    own = generate(rgbd, display, samples=4)
+    other = generate(swapped, display, samples=4)[..., order]
+    assert psnr(own, truth) > psnr(other, truth) + 0.7
+
+
+CORNERS = ((0.5, 0.5), (0.0, 0.0), (1.0, 0.25))
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, renderer):
+    import drjit as dr
+    import mitsuba as mi
+
+    from inim.kernel.sensors import make_sensor, pickup_rays
+    from inim.panel import SUBPIXELS as PATTERNS
+
+    display = real_display(name, pixel_fill=0.8)
+    rows, columns = display.eia_shape
+    lane = dr.arange(mi.UInt32, rows * columns)
+    pixel = mi.Point2u(lane % columns, lane // columns)
+    lenses, _ = centres(display, display.pitch_mm)
+    middle, own, sure = own_lens(display)
+    sure = sure & display.lensed
+    tilts = [math.tan(math.radians(t)) for t in (display.tilt_x_deg, display.tilt_y_deg)]
+    for subpixel in PATTERNS[display.subpixels]:
+        sensor = make_sensor(pickup_rays(display, 50.0, subpixel), np.eye(4))
+        for across, down in CORNERS:
+            ray = sensor.rays_through(pixel, mi.Point2f(across, down))
+            origin, run = (np.stack([np.asarray(c, float) for c in v]) for v in (ray.o, ray.d))
+            # Pixels of the panel to the right and down, of what is 0.8 of the sub-pixel.
+            right = float(subpixel.right) + (across - 0.5) * 0.8 * float(subpixel.width)
+            place = middle + complex(right, -(down - 0.5) * 0.8) * display.pixel_pitch_mm
+            gap = display.gap_mm + tilts[0] * place.real + tilts[1] * place.imag
+            for z, wanted in ((0.0, lenses[own]), (-gap, place)):
+                t = (z - origin[2].reshape(rows, columns)) / run[2].reshape(rows, columns)
+                met = [(origin[k].reshape(t.shape) + t * run[k].reshape(t.shape)) for k in (0, 1)]
+                # float32 over a way of 50 mm
+                assert np.abs(met[0] + 1j * met[1] - wanted)[sure].max() < 3e-5
