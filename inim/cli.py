@@ -93,8 +93,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"inim {__version__}")
     commands: Commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_validate(commands)
+    _add_baseline(commands)
+    _add_compare(commands)
     _add_new_scene(commands)
     _add_bench(commands)
+    _add_view(commands)
+    _add_inspect(commands)
     _add_backend_commands(commands)
     algorithms = commands.add_parser("algorithms", help="list the algorithms and their options")
     algorithms.set_defaults(run=_algorithms)
@@ -146,6 +150,17 @@ def _add_validate(commands: Commands) -> None:
         help="how far the array lies off what generators know, such as 'rotation_deg=0.5'",
     )
     parser.add_argument("--backend", default="auto", choices=("auto", "llvm", "cuda"))
+    parser.add_argument(
+        "--baseline",
+        type=Path,
+        metavar="DIR",
+        help="compare with this baseline, made by `inim baseline accept`; a change fails",
+    )
+    parser.add_argument(
+        "--time",
+        action="store_true",
+        help="time the generators in yardsticks, too; with --baseline, 15 %% slower fails",
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
     parser.set_defaults(run=_validate)
@@ -176,6 +191,8 @@ def _validate(args: argparse.Namespace) -> int:
         misalign=args.misalign,
         eias=tuple(args.eias),
         backend=args.backend,
+        baseline=args.baseline,
+        time=args.time,
     )
     passed = run_in_worker(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:
@@ -184,6 +201,58 @@ def _validate(args: argparse.Namespace) -> int:
             print(verdict, flush=True)
         except OSError:  # the reader left, or its disk is full; the verdict stands
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return EXIT_PASSED if passed else EXIT_CHECK_FAILED
+
+
+def _add_baseline(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "baseline",
+        help="accept a report as what later runs are compared with",
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    actions: Commands = parser.add_subparsers(required=True, metavar="accept")
+    accept = actions.add_parser("accept", help="make a report the baseline of its scene")
+    accept.add_argument("out", type=Path, metavar="OUT", help="folder of a report")
+    accept.add_argument("--reason", required=True, help="why, in a line; kept in the baseline")
+    accept.add_argument(
+        "--to",
+        type=Path,
+        metavar="DIR",
+        help="folder of the baseline (default: the one compared with, or reports/baselines/TITLE)",
+    )
+    accept.set_defaults(run=_accept)
+
+
+def _accept(args: argparse.Namespace) -> int:
+    from inim.jobs.baseline import accept
+
+    print(f"baseline: {accept(args.out, args.reason, args.to)}")
+    return EXIT_PASSED
+
+
+def _add_compare(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "compare",
+        help="compare two reports by statistics, as with a baseline",
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("baseline", type=Path, metavar="OUT_A", help="folder of the report before")
+    parser.add_argument("candidate", type=Path, metavar="OUT_B", help="folder of the report after")
+    parser.add_argument("-o", "--out", type=Path, help="folder (default: compare)")
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+    parser.set_defaults(run=_compare)
+
+
+def _compare(args: argparse.Namespace) -> int:
+    from inim.jobs.compare import compare_reports
+
+    out = args.out or Path("compare")
+    passed, lines = compare_reports(args.baseline, args.candidate, out)
+    if not args.quiet:
+        print("\n".join(lines))
+        print(f"{'passed' if passed else 'FAILED'}; comparison: {out / 'compare.html'}")
     return EXIT_PASSED if passed else EXIT_CHECK_FAILED
 
 
@@ -206,6 +275,29 @@ def _add_bench(commands: Commands) -> None:
     )
     command.add_arguments(parser)
     parser.set_defaults(run=command.run)
+
+
+def _add_inspect(commands: Commands) -> None:
+    from inim.inspection import command
+
+    parser = commands.add_parser(
+        "inspect",
+        help="say what a display can do, before anything is rendered",
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.add_arguments(parser)
+    parser.set_defaults(run=command.run)
+
+
+def _add_view(commands: Commands) -> None:
+    from inim.jobs import view
+
+    parser = commands.add_parser(
+        "view", help="see a report's panels, or any EIA, through the lens array in a browser"
+    )
+    view.add_arguments(parser)
+    parser.set_defaults(run=view.run)
 
 
 def _add_backend_commands(commands: Commands) -> None:

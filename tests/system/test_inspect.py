@@ -1,0 +1,250 @@
+"""`inim inspect` as its users run it: text, JSON, figure, and one line where something is wrong.
+
+Expected: nothing is rendered and the renderer is not even loaded; every number has its unit; bad
+input ends in one line, the documented exit code, and nothing written.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.cli import main
+from inim.errors import EXIT_PASSED, EXIT_USAGE
+from tests.system.conftest import assert_one_line, definitions, nothing_left, write_scene
+
+SMALL = definitions({"inim.lens_columns": "6", "inim.lens_rows": "6"})
+FOCUSED = definitions({"inim.gap_mm": "3", "inim.depth_min_mm": "4", "inim.depth_max_mm": "24"})
+
+
+def inspect(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
+    """What the command prints when it succeeds."""
+    assert main(["inspect", *map(str, words), *SMALL]) == EXIT_PASSED
+    said = capsys.readouterr()
+    assert said.err == ""
+    return said.out
+
+
+def refused(
+    capsys: pytest.CaptureFixture[str], folder: Path, *words: str | Path, says: tuple[str, ...]
+) -> None:
+    before = sorted(folder.rglob("*"))
+    try:
+        ended = main(["inspect", *map(str, words)])
+    except SystemExit as end:  # argparse
+        ended = int(end.code or 0)
+    said = capsys.readouterr()
+    assert (ended, said.out) == (EXIT_USAGE, ""), said
+    assert_one_line(said.err, says)
+    assert sorted(folder.rglob("*")) == before
+
+
+@pytest.mark.parametrize("preset", ["nominal", "phone"])
+def test_text_of_a_preset_fits_a_terminal_and_names_the_figures(
+    capsys: pytest.CaptureFixture[str], preset: str
+) -> None:
+    text = inspect(capsys, preset)
+    assert max(map(len, text.splitlines())) <= 100
+    for words in (
+        f"Display {preset}",
+        "central depth plane D         33 mm",
+        "viewing half angle of a lens  8.616°",
+        "real: pictures stand in front",
+        "RMS radius",
+        "crosstalk",
+        "MB/frame",
+    ):
+        assert words in text
+    assert "nan" not in text and "inf " not in text
+
+
+def test_json_is_valid_complete_and_says_its_units(capsys: pytest.CaptureFixture[str]) -> None:
+    def no_constant(name: str) -> float:
+        raise AssertionError(f"{name} is no strict JSON")
+
+    data = json.loads(inspect(capsys, "nominal", "--json"), parse_constant=no_constant)
+    assert data["schema"] == "inim.inspect/1"
+    assert list(data) == [
+        "schema",
+        "inim_version",
+        "source",
+        "display",
+        "lens_model",
+        "size",
+        "depth",
+        "pixels_per_lens",
+        "viewing",
+        "voxel",
+        "spots",
+        "light",
+        "crosstalk",
+        "misalignment",
+        "warnings",
+    ]
+    assert len(data["pixels_per_lens"]) == 3
+    assert set(data["light"]) == {"centre", "left", "right", "up", "down"}
+    share = np.array(data["crosstalk"]["share"])
+    assert share.shape == (len(data["crosstalk"]["eye_y_mm"]), len(data["crosstalk"]["eye_x_mm"]))
+    assert len({len(values) for values in data["voxel"].values()}) == 1
+    unitless = (
+        *("columns", "rows", "pixels_per_lens", "views_across", "views_down", "share"),
+        *("refractive_index", "conic", "fill", "fill_factor", "asphere_a4", "asphere_a6"),
+    )
+    units = ("_mm", "_deg", "_um", "_px", "_mb")
+    for place, key, value in numbers(data):
+        assert key.endswith((*units, *unitless)), f"{place}: {key} = {value} has no unit"
+
+
+def numbers(value: object, place: str = "", key: str = "") -> list[tuple[str, str, float]]:
+    """Every number in some data, with its path and the nearest key above it."""
+    if isinstance(value, dict):
+        return [n for k, v in value.items() for n in numbers(v, f"{place}/{k}", k)]
+    if isinstance(value, list):
+        return [n for v in value for n in numbers(v, place, key)]
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return [(place, key, float(value))] if is_number else []  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run with -o."""
+    out = tmp_path_factory.mktemp("inspect") / "new" / "folder"
+    assert main(["inspect", "nominal", *SMALL, "-o", str(out)]) == EXIT_PASSED
+    return out
+
+
+def test_folder_gets_the_json_and_a_figure_with_something_on_it(written: Path) -> None:
+    files = ["inspect.json", "inspect.png", "inspect.svg"]
+    assert sorted(p.name for p in written.iterdir()) == files
+    data = json.loads((written / "inspect.json").read_text(encoding="utf-8"))
+    assert (data["schema"], data["source"]) == ("inim.inspect/1", "nominal")
+    pixels = np.asarray(Image.open(written / "inspect.png").convert("RGB"))
+    assert pixels.shape[0] > 800 and pixels.shape[1] > 1200
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 200
+    svg = ElementTree.parse(written / "inspect.svg").getroot()
+    words = " ".join("".join(node.itertext()) for node in svg.iter() if node.tag.endswith("}text"))
+    for label in ("depth z, mm", "eye x, mm", "x on the panel, µm", "no flips", "crosstalk, %"):
+        assert label in words
+
+
+def test_same_display_gives_the_same_files_and_text_names_them(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, written: Path
+) -> None:
+    text = inspect(capsys, "nominal", "-o", tmp_path)
+    for file in ("inspect.json", "inspect.svg", "inspect.png"):
+        assert (tmp_path / file).read_bytes() == (written / file).read_bytes()
+        assert str(tmp_path / file) in text
+
+
+def test_scene_s_settings_are_read_and_the_command_line_wins(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    settings = (
+        '<default name="inim.gap_mm" value="2.7"/><default name="inim.lens_model" value="thin"/>'
+        '<default name="inim.viewing_distance_mm" value="500"/>'
+        '<default name="inim.misalign" value="rotation_deg=0.5"/>'
+    )
+    scene = write_scene(tmp_path, settings)
+    data = json.loads(inspect(capsys, scene, "--json"))
+    assert (data["depth"]["mode"], data["depth"]["central_depth_mm"]) == ("virtual", -27)
+    assert data["lens_model"]["name"] == "thin"
+    assert data["viewing"]["distance_mm"] == 500
+    assert data["misalignment"] == [
+        "array turned by 0.5° counter-clockwise (the design does not know)"
+    ]
+    words = ("--json", "--distance", "300", "--lens-model", "pinhole", "-D", "inim.gap_mm=3.3")
+    data = json.loads(inspect(capsys, scene, *words))
+    assert (data["depth"]["mode"], data["lens_model"]["name"]) == ("real", "pinhole")
+    assert data["viewing"]["distance_mm"] == 300
+
+
+def test_focused_display_says_nothing_of_a_formula_s_range(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text = inspect(capsys, "nominal", *FOCUSED)
+    assert "depth range                   4 to 24 mm (stated)" in text
+    assert "focused: g = f" in text
+    assert "Depth range cut" not in text and "central depth plane D " not in text
+
+
+def test_lens_that_cannot_be_ground_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    words = definitions({"inim.focal_length_mm": "1", "inim.gap_mm": "1.2"})
+    text = inspect(capsys, "nominal", *words)
+    assert "lens model used below         thin" in text
+    assert "The thick lens cannot be ground" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("tv",), ("tv", "nominal or phone")),
+        (("gone.xml",), ("gone.xml", "no such file")),
+        ((".",), ("is a folder",)),
+        (("nominal", "-D", "inim.pich_mm=1"), ("did you mean inim.pitch_mm?",)),
+        (("nominal", "-D", "spp=4"), ("-D spp", "inim.*")),
+        (("nominal", "-D", "inim.display=phone"), ("inim.display", "name it once")),
+        (("nominal", "-D", "inim.gap_mm=3"), ("state depth_min_mm and depth_max_mm",)),
+        (("nominal", "-D", "inim.pitch_mm=0"), ("pitch_mm = 0.0", "positive")),
+        (("nominal", "--distance", "0"), ("--distance 0", "above 0")),
+        (("nominal", "--distance", "nan"), ("--distance nan", "above 0")),
+        (("nominal", "--distance", "far"), ("--distance", "far")),
+        (("nominal", "--lens-model", "fresnel"), ("'fresnel'", "thick")),
+        (("nominal", "-D", "inim.tilt_x_deg=10"), ("the panel, tilted, meets the array",)),
+        (("nominal", "--lens-model", "full"), ("'full'", "use 'thick'")),
+        (("nominal", "-D", "inim.elemental_pitch_mm=0.9"), ("every viewing distance",)),
+        (
+            ("nominal", "--lens-model", "thick", "-D", "inim.focal_length_mm=0.9"),
+            ("longer focal_length_mm",),
+        ),
+    ],
+)
+def test_bad_input_is_one_line_with_the_way_out(
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    says: tuple[str, ...],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused(capsys, tmp_path, *words, "-o", tmp_path / "out", says=says)
+
+
+def test_folder_that_is_a_file_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "out").write_text("mine")
+    for out in (tmp_path / "out", tmp_path / "out" / "deeper"):
+        refused(capsys, tmp_path, "nominal", *SMALL, "-o", out, says=("out", "-o"))
+    assert (tmp_path / "out").read_text() == "mine"
+    assert nothing_left(tmp_path)
+
+
+LOADED = """
+import sys
+from inim.cli import main
+code = main(["inspect", *sys.argv[1:]])
+heavy = ("mitsuba", "drjit", "numba", "skimage", "scipy", "trimesh", "OpenEXR")
+print([name for name in (*heavy, "matplotlib") if name in sys.modules])
+sys.exit(code)
+"""
+
+
+def test_neither_the_renderer_nor_the_plots_are_loaded_for_a_text() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", LOADED, "nominal", *SMALL],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env={**os.environ, "PYTHONUTF8": "1"},
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.splitlines()[-1] == "[]"

@@ -1,0 +1,364 @@
+"""What a display can do, against closed forms worked out by hand and rays followed one by one."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+
+from inim.display import DISPLAYS, Display
+from inim.errors import DisplayError, UsageError
+from inim.inspection.cautions import cautions, misalignments
+from inim.inspection.crosstalk import array_samples, crosstalk_map, light_shares
+from inim.inspection.data import as_data
+from inim.inspection.findings import Findings, inspect_display, usable_model
+from inim.inspection.geometry import pixel_choice, viewing_zone, zone_outline_mm
+from inim.inspection.rays import cell_of, land
+from inim.inspection.spots import field_angles_deg, spot, spots
+from inim.inspection.voxel import aperture_blur_mm, voxel_curve, voxel_mm
+from inim.viewpoint import default_distance_mm
+from tests.conftest import small_display
+
+NOMINAL = DISPLAYS["nominal"]
+PHONE = DISPLAYS["phone"]
+VIRTUAL = NOMINAL.replace(gap_mm=2.7)
+FOCUSED = NOMINAL.replace(gap_mm=3.0, depth_min_mm=4, depth_max_mm=24)
+BAD_LENS = {"focal_length_mm": 1.0, "gap_mm": 1.2}
+
+
+@pytest.fixture(scope="module")
+def nominal() -> Findings:
+    return inspect_display(NOMINAL, default_distance_mm(NOMINAL), source="nominal")
+
+
+def inspected(**changes: object) -> Findings:
+    """A small display of eight pixels per lens, looked at from 400 mm."""
+    return inspect_display(small_display(6, 6, **changes), 400.0)  # type: ignore[arg-type]
+
+
+# --- Closed forms -------------------------------------------------------------------------------
+
+
+def test_numbers_of_the_nominal_display_are_those_worked_out_by_hand(nominal):
+    data = as_data(nominal)
+    depth, viewing, size = data["depth"], data["viewing"], data["size"]
+    assert depth["mode"] == "real"
+    assert depth["central_depth_mm"] == pytest.approx(3 * 3.3 / 0.3, rel=1e-12)
+    assert depth["scene_pixel_mm"] == pytest.approx(33 / 17 / 3.3, rel=1e-12)
+    assert depth["depth_span_mm"] == pytest.approx(2 * 33 * 33 / 17 / 3.3, rel=1e-12)
+    assert depth["depth_min_mm"] == pytest.approx(33 - 33 * 10 / 17, rel=1e-12)
+    assert viewing["half_angle_deg"] == pytest.approx(math.degrees(math.atan(1 / 6.6)), rel=1e-12)
+    # The outermost lens, 31.5 mm off, just sees the axis: 31.5 g / V = P / 2.
+    assert viewing["nearest_distance_mm"] == pytest.approx(31.5 * 6.6, rel=1e-12)
+    assert viewing["distance_mm"] == pytest.approx(2 * 31.5 * 6.6, rel=1e-12)
+    assert viewing["flip_limit_x_mm"] == pytest.approx(31.5, rel=1e-12)
+    assert viewing["flip_limit_x_deg"] == pytest.approx(math.degrees(math.atan(0.5 / 6.6)))
+    assert (size["width_mm"], size["panel_rows"], size["pixels_per_lens"]) == (64, 1088, 17)
+
+
+def test_twice_the_pixels_give_twice_the_views_for_four_times_the_bytes():
+    this, double = pixel_choice(NOMINAL, 1), pixel_choice(NOMINAL, 2)
+    assert this.angular_step_deg == pytest.approx(math.degrees(math.atan(1 / 17 / 3.3)))
+    assert this.frame_mb == pytest.approx(1088 * 1088 * 3e-6)
+    assert (this.views_across, double.views_across) == pytest.approx((17, 34))
+    assert double.frame_mb == pytest.approx(4 * this.frame_mb)
+    # The formula's depth is what a display of such pixels says of itself.
+    assert double.depth_span_mm == pytest.approx(
+        NOMINAL.replace(pixel_pitch_mm=1 / 34).depth_span_mm
+    )
+
+
+def test_viewing_zone_begins_at_the_nearest_distance_and_widens_by_the_half_angle():
+    outline = zone_outline_mm(NOMINAL, 800.0)
+    z, half = np.array(outline).T
+    assert abs(z[0] - 207.9) < 800 / 201
+    assert half == pytest.approx((z - 207.9) / 6.6, abs=1e-9)
+
+
+def test_zone_of_lenses_aimed_at_an_eye_closes_again_behind_it():
+    aimed = NOMINAL.replace(elemental_pitch_mm=(150 + 3.3) / 150)
+    assert viewing_zone(aimed, 150.0).limit_x_mm == pytest.approx(153.3 / 6.6, rel=1e-12)
+    z, half = np.array(zone_outline_mm(aimed, 2000.0)).T
+    # Farther off the outermost lens, 31.5 mm aside, looks too far inwards: by 0.022 - g / z.
+    far = 31.5 * 3.3 / (31.5 * 0.022 - 1.022 / 2)
+    assert far - 2000 / 201 < z[-1] <= far
+    assert half.max() > half[-1]
+
+
+@pytest.mark.parametrize("display", [NOMINAL, VIRTUAL, PHONE], ids=["real", "virtual", "phone"])
+def test_voxel_at_the_central_depth_plane_is_the_scene_pixel(display):
+    assert voxel_mm(display, display.central_depth_mm) == pytest.approx(
+        display.scene_pixel_mm, rel=1e-12
+    )
+
+
+@pytest.mark.parametrize("display", [NOMINAL, VIRTUAL, FOCUSED], ids=["real", "virtual", "focused"])
+def test_voxel_is_as_wide_as_all_thin_lens_rays_of_one_pixel(display):
+    """Each corner ray from pixel edge p through aperture edge a leaves with (a - p)/g - a/f."""
+    f, g, pixel = display.focal_length_mm, display.gap_mm, display.pixel_pitch_mm
+    for z in (-40.0, -3.0, 0.0, 5.0, 33.0, 60.0):
+        ends = [
+            a + z * ((a - p) / g - a / f) for p, a in product((-pixel / 2, pixel / 2), (-0.5, 0.5))
+        ]
+        assert voxel_mm(display, z) == pytest.approx(max(ends) - min(ends), rel=1e-9)
+
+
+def test_smaller_apertures_blur_less_in_proportion():
+    half = NOMINAL.replace(fill_factor=0.5)
+    assert aperture_blur_mm(half, 50.0) == pytest.approx(aperture_blur_mm(NOMINAL, 50.0) / 2)
+
+
+def test_voxel_curve_is_wider_than_the_depth_range():
+    depth = voxel_curve(NOMINAL).depth_mm
+    low, high = NOMINAL.depth_range_mm
+    assert depth[0] == pytest.approx(low - (high - low) / 2)
+    assert depth[-1] == pytest.approx(high + (high - low) / 2)
+
+
+# --- Spots --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("display", [NOMINAL, VIRTUAL, FOCUSED], ids=["real", "virtual", "focused"])
+def test_thin_lens_images_a_point_of_the_central_depth_plane_to_a_point(display):
+    for found in spots(display, "thin", display.central_depth_mm):
+        assert found.rms_radius_um < 1e-9  # 1e-12 mm
+        assert found.lost_share == 0
+
+
+def test_spot_lies_where_the_chief_ray_of_eq_1_does():
+    edge = spot(NOMINAL, "thin", 33.0, 8.0)
+    assert edge.centre_x_mm == pytest.approx(0.5 - 3.3 * math.tan(math.radians(8)), abs=1e-12)
+    assert edge.centre_y_mm == pytest.approx(0.5, abs=1e-12)
+
+
+def test_spot_out_of_focus_is_the_aperture_in_proportion():
+    """A point at depth z focuses at zf/(z - f); at g the cone is P |1 + g/z - g/f| wide."""
+    width = abs(1 + 3.3 / 20 - 3.3 / 3)
+    found = spot(NOMINAL, "thin", 20.0, 0.0)
+    side = math.sqrt(1 - 1 / 32**2)  # of 32 x 32 midpoints instead of the whole square
+    assert found.rms_radius_um == pytest.approx(1e3 * width * side / math.sqrt(6), rel=1e-9)
+
+
+def test_pinhole_spreads_a_point_by_the_directions_within_a_cell():
+    found = spot(NOMINAL, "pinhole", 33.0, 0.0)
+    side = math.sqrt(1 - 1 / 32**2)
+    assert found.rms_radius_um == pytest.approx(1e3 * 3.3 / 33 * side / math.sqrt(6), rel=1e-9)
+
+
+@pytest.mark.parametrize("side", ["viewer", "panel"])
+def test_thick_spot_shrinks_with_the_cube_of_the_aperture(side):
+    display = NOMINAL.replace(curved_side=side)
+    wide, narrow = (
+        spot(display.replace(fill_factor=fill), "thick", display.central_depth_mm, 0.0)
+        for fill in (0.1, 0.05)
+    )
+    # The next order is (h / f)^2 of it: a thousandth here, times a factor of order ten.
+    assert wide.rms_radius_um / narrow.rms_radius_um == pytest.approx(8, rel=0.02)
+
+
+@pytest.mark.parametrize(("side", "k"), [("viewer", 1.2047), ("panel", 4.6019)])
+def test_collimated_spot_has_the_third_order_size(side, k):
+    """Longitudinal aberration k h^2 / f lands at k h^3 / f^2: RMS k a^3 / 2 f^2 over a disc."""
+    display = FOCUSED.replace(aperture="round", fill_factor=0.2, curved_side=side)
+    found = spot(display, "thick", math.inf, 0.0)
+    # Midpoints fill the disc to some 2 % in the sixth moment.
+    assert found.rms_radius_um == pytest.approx(1e3 * k * 0.1**3 / (2 * 9), rel=0.04)
+
+
+def test_spot_grows_off_the_axis():
+    sizes = [s.rms_radius_um for s in spots(NOMINAL, "thick", 33.0)]
+    assert sizes[0] < sizes[1] < sizes[2]
+    assert field_angles_deg(NOMINAL)[2] == NOMINAL.viewing_half_angle_deg
+
+
+def test_turned_array_makes_the_same_spot_on_its_axis():
+    turned = NOMINAL.replace(rotation_deg=7.0, shift_x_mm=0.3)
+    straight = spot(NOMINAL, "thick", 33.0, 0.0)
+    assert spot(turned, "thick", 33.0, 0.0).rms_radius_um == pytest.approx(straight.rms_radius_um)
+
+
+def test_dispersive_lens_has_a_spot_for_each_colour_and_blue_defocuses_most():
+    found = spots(NOMINAL.replace(abbe_number=30.0), "thin", 33.0)
+    assert [s.colour for s in found[:3]] == ["red", "green", "blue"]
+    # Thin lens: power f^-1 (n - 1)/(n_d - 1); a defocused square is P g |change of power| wide.
+    slope = 0.4917 / 30 / (486.13**-2 - 656.27**-2)
+    for one, wavelength in zip(found[:3], (611.4, 549.1, 464.2), strict=True):
+        change = slope * (wavelength**-2 - 587.56**-2) / 0.4917 / 3
+        width = 3.3 * abs(change) * math.sqrt(1 - 1 / 32**2)
+        assert one.rms_radius_um == pytest.approx(1e3 * width / math.sqrt(6), rel=1e-6)
+
+
+# --- Crosstalk ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("display", [NOMINAL, PHONE], ids=["nominal", "phone"])
+def test_pinhole_crosstalk_begins_at_the_flip_limit(display):
+    distance = default_distance_mm(display)
+    found = crosstalk_map(display, display, "pinhole", distance)
+    limits = display.flip_limit_mm(distance)
+    middle = len(found.eye_x_mm) // 2
+    for eyes, share, limit in (
+        (found.eye_x_mm, found.share[middle], limits[0]),
+        (found.eye_y_mm, found.share[:, middle], limits[1]),
+    ):
+        step = eyes[1] - eyes[0]
+        # A ray at a cell's edge is half a pitch nearer to flipping than the lens's centre.
+        inside = np.abs(eyes) < limit - display.pitch_mm / 2
+        assert inside.sum() > 10
+        assert (share[inside] == 0).all()
+        assert (share[np.abs(eyes) > limit + step] > 0).all()
+        assert (eyes[share > 0] < 0).any() and (eyes[share > 0] > 0).any()
+
+
+def test_crosstalk_of_a_shift_the_design_does_not_know_is_the_share_of_flipped_lenses():
+    """On the axis a pinhole lens at x lands g x / V aside, and a shift of 0.4 P adds to that:
+    lenses beyond 0.1 P V / g on one side are a cell off; the last column misses the panel."""
+    distance = 415.8
+    moved = NOMINAL.replace(shift_x_mm=0.4)
+    found = light_shares(NOMINAL, moved, "pinhole", (0.0, 0.0, distance))
+    flipped = (32 - 0.1 * distance / 3.3) / 64
+    # One sampled column of lenses in 14 stands for 4.4 of 64.
+    assert found.neighbour + found.beside_panel == pytest.approx(flipped, abs=0.5 * 4.5 / 64)
+    assert light_shares(moved, moved, "pinhole", (0.4, 0.0, distance)).neighbour == 0
+
+
+KINDS = {
+    "square": {},
+    "round": {"aperture": "round", "fill_factor": 0.9},
+    "hexagonal": {"lattice": "hexagonal", "rotation_deg": 3.0, "shift_y_mm": 0.2},
+    "clear": {"aperture": "round", "fill_factor": 0.7, "between_lenses": "clear"},
+    "flat first": {"curved_side": "panel", "tilt_x_deg": 0.5},
+}
+
+
+@pytest.mark.parametrize("model", ["pinhole", "thin", "thick"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_ray_is_accounted_for_once(model, kind):
+    display = small_display(9, 8, 12, **KINDS[kind])
+    for eye in ((0.0, 0.0, 200.0), (20.0, -35.0, 150.0)):
+        shares = light_shares(display, display, model, eye)
+        values = list(vars(shares).values())
+        assert sum(values) == pytest.approx(1, abs=1e-12)
+        assert min(values) >= 0
+        assert shares.astray == pytest.approx(1 - shares.own - shares.reflected)
+
+
+@pytest.mark.parametrize("fate", ["dark", "clear"])
+def test_light_between_round_apertures_is_what_the_discs_leave(fate):
+    display = small_display(aperture="round", fill_factor=0.8, between_lenses=fate)
+    shares = light_shares(display, display, "thin", (0.0, 0.0, 400.0))
+    # At the rim, light that no lens bends inwards goes on beside the panel.
+    lost = shares.dark_between if fate == "dark" else shares.past_lenses + shares.beside_panel
+    assert lost == pytest.approx(1 - math.pi / 4 * 0.64, abs=0.01)
+    assert (shares.past_lenses if fate == "dark" else shares.dark_between) == 0
+
+
+def test_faces_reflect_what_fresnel_says_at_normal_incidence_and_little_more():
+    shares = light_shares(NOMINAL, NOMINAL, "thick", (0.0, 0.0, 415.8))
+    normal = 1 - (1 - (0.4917 / 2.4917) ** 2) ** 2
+    assert normal < shares.reflected < normal + 0.003
+
+
+def test_ray_that_slips_past_the_border_belongs_to_the_lens_it_meets():
+    """The bulge is 0.087 mm deep at the border: a slope of 0.3 carries a ray 0.026 mm on."""
+    landed = land(
+        NOMINAL,
+        "thick",
+        np.array([0.99, 0.99, 0.9]),
+        np.full(3, 0.5),
+        np.array([0.3, -0.3, 0.3]),
+        np.zeros(3),
+    )
+    assert landed.lens_x_mm.tolist() == [1.5, 0.5, 0.5]
+    assert landed.lens_y_mm.tolist() == [0.5, 0.5, 0.5]
+    thin = land(NOMINAL, "thin", np.array([0.99]), np.array([0.5]), np.array([0.3]), np.zeros(1))
+    assert thin.lens_x_mm[0] == 0.5
+
+
+def test_elemental_image_under_the_sampled_point_agrees_with_the_display_s_own_addressing():
+    display = small_display(7, 5, 9, elemental_pitch_mm=1.01, pixel_pitch_mm=0.1)
+    x, y = np.meshgrid(display.columns.position_mm, display.rows.position_mm)
+    lens_x, lens_y, lit = cell_of(display, x.ravel(), y.ravel())
+    under = display.lensed.ravel()
+    assert (lit == under).mean() > 0.99  # borders may go either way
+    own_x, own_y = np.meshgrid(display.columns.centre_mm, display.rows.centre_mm)
+    same = np.hypot(lens_x - own_x.ravel(), lens_y - own_y.ravel()) < 1e-9
+    assert same[under].mean() > 0.99
+
+
+def test_samples_stand_for_the_whole_array_and_the_outermost_lenses_for_themselves():
+    samples = array_samples(NOMINAL)
+    assert samples.area.sum() == pytest.approx(1)
+    assert samples.area[samples.x_mm < -31].sum() == pytest.approx(1 / 64)
+    assert (samples.area * samples.x_mm).sum() == pytest.approx(0, abs=0.05)
+
+
+# --- Warnings, models, data ---------------------------------------------------------------------
+
+
+def says(findings: Findings, words: str) -> bool:
+    return any(words in said for said in cautions(findings))
+
+
+def test_a_sound_display_has_no_warning():
+    assert cautions(inspected(focal_length_mm=3.0, pixels=16, fill_factor=0.6)) == []
+
+
+@pytest.mark.parametrize(
+    ("findings", "words"),
+    [
+        (lambda: inspected(), "Depth range cut"),
+        (lambda: inspect_display(small_display(40, 6), 50.0), "move back to 128.7 mm"),
+        (
+            lambda: inspect_display(small_display(40, 6, elemental_pitch_mm=1.1), 90.0),
+            "aim at an eye at 33 mm: come nearer",
+        ),
+        (lambda: inspect_display(small_display(pixels=16), 30.0), "Eye inside the picture"),
+        (lambda: inspected(pixels=30), "Spot larger than a pixel"),
+        (lambda: inspected(pixel_pitch_mm=0.0636), "15.72 x 15.72 pixels per lens"),
+        (lambda: inspected(**BAD_LENS), "cannot be ground"),
+        (lambda: inspect_display(small_display(12, 6), 20.0), "Crosstalk on the axis"),
+    ],
+)
+def test_what_is_wrong_is_said(findings, words):
+    assert says(findings(), words)
+
+
+def test_impossible_thick_lens_gives_way_to_thin_unless_asked_for():
+    display = NOMINAL.replace(**BAD_LENS)
+    model, reason = usable_model(None, display)
+    assert model == "thin"
+    assert reason is not None and "longer focal_length_mm" in reason
+    with pytest.raises(DisplayError, match="longer focal_length_mm"):
+        usable_model("thick", display)
+    with pytest.raises(UsageError, match="fresnel"):
+        usable_model("fresnel", display)
+    assert usable_model(None, NOMINAL) == ("thick", None)
+
+
+def test_misalignment_is_told_in_words_with_who_knows():
+    known = NOMINAL.replace(shift_x_mm=-0.2)
+    real = known.replace(rotation_deg=0.5, gap_mm=3.2)
+    assert set(misalignments(known, real)) == {
+        "array moved 0.2 mm to the left (the design knows)",
+        "array turned by 0.5° counter-clockwise (the design does not know)",
+        "array 0.1 mm too close to the panel (the design does not know)",
+    }
+    assert misalignments(NOMINAL, NOMINAL) == []
+
+
+def test_infinite_values_of_a_focused_display_are_null():
+    data = as_data(
+        inspect_display(small_display(6, 6, gap_mm=3.0, depth_min_mm=4, depth_max_mm=24), 300.0)
+    )
+    depth = data["depth"]
+    assert depth["mode"] == "focused"
+    assert depth["central_depth_mm"] is None and depth["scene_pixel_mm"] is None
+    assert depth["depth_range_is_stated"] is True
+    assert not any("Depth range" in said for said in data["warnings"])
+
+
+def test_display_in_the_data_is_the_one_asked_about(nominal):
+    assert Display(**as_data(nominal)["display"]) == NOMINAL
