@@ -1,6 +1,6 @@
 # make demo      set up, validate the example scene and say where its report lies
 # make test      set up and run the checks that take seconds
-# make test-all  the same with the slow tests
+# make test-all  the same with the slow tests, and with the lens designers' program they compare with
 # make clean     remove all that this file makes
 #
 # Everything lives in .venv. The files .venv/.* mark what is done, so a second run starts at once.
@@ -22,7 +22,7 @@ demo: $(VENV)/.installed
 test: checks
 	@$(BIN)/python -m pytest -m "not slow"
 
-test-all: checks
+test-all: checks $(VENV)/.installed-oracle
 	@$(BIN)/python -m pytest
 
 checks: $(VENV)/.installed-test
@@ -46,6 +46,11 @@ $(VENV)/.installed-test: $(VENV)/.made pyproject.toml
 	@echo "installing inim and its test tools into $(VENV) (some 250 MB, a minute or two)"
 	@$(BIN)/python -m pip install --quiet --editable '.[test]'
 	@touch $@ $(VENV)/.installed
+
+$(VENV)/.installed-oracle: $(VENV)/.installed-test
+	@echo "installing optiland into $(VENV) (some 700 MB, a few minutes)"
+	@$(BIN)/python -m pip install --quiet --editable '.[oracle]'
+	@touch $@
 
 $(VENV)/.made:
 	@$(PYTHON3) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \

@@ -143,7 +143,7 @@ def _add_validate(commands: Commands) -> None:
         help="score a finished EIA, .png (sRGB) or .exr (linear), too; may be repeated",
     )
     parser.add_argument("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
-    parser.add_argument("--lens-model", help="lens model: pinhole, thin or thick")
+    parser.add_argument("--lens-model", help="lens model: pinhole, thin, thick or full")
     parser.add_argument(
         "--misalign",
         metavar="KEY=NUMBER,...",

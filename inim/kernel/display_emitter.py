@@ -28,7 +28,7 @@ from inim.lens import (
 from inim.lens.array import Ops
 from inim.panel import SUBPIXELS, shining
 
-__all__ = ["announce", "display_shape"]
+__all__ = ["LensedPanel", "announce", "display_shape"]
 
 
 def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[str, Any]:
@@ -43,25 +43,32 @@ def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[st
         A key of `inim.lens.LENS_MODELS`.
     """
     half_x, half_y = _half_extent_mm(display)
-    indices = channel_indices(display)
-    # What a display does not have is not compiled: one index for all colours means one ray.
-    colored = len(set(indices)) > 1 and lens_model != "pinhole"
-    patterned = display.subpixels != "none" or display.pixel_fill < 1
     return {
         "type": "rectangle",
         "to_world": mi.ScalarTransform4f().scale([half_x, half_y, 1]),
         "emitter": {
             "type": "inim_display",
             "eia": mi.TensorXf(np.ascontiguousarray(eia, np.float32)),
-            "pixel_mm": display.pixel_pitch_mm,
-            "pixel_fill": display.pixel_fill,
-            "subpixels": display.subpixels if patterned else "",
-            "lens_model": lens_model,
-            "colored": colored,
-            **{f"index_{name}": n for name, n in zip("rgb", indices, strict=True)},
-            **{f"array_{name}": value for name, value in lens_array(display)._asdict().items()},
-            **{f"trait_{name}": value for name, value in lens_traits(display)._asdict().items()},
+            **_parameters(display, lens_model),
         },
+    }
+
+
+def _parameters(display: Display, lens_model: str) -> dict[str, Any]:
+    """What the plugin is told of a display: numbers, words and flags, as scene files have them."""
+    indices = channel_indices(display)
+    # What a display does not have is not compiled: one index for all colours means one ray.
+    colored = len(set(indices)) > 1 and lens_model != "pinhole"
+    patterned = display.subpixels != "none" or display.pixel_fill < 1
+    return {
+        "pixel_mm": display.pixel_pitch_mm,
+        "pixel_fill": display.pixel_fill,
+        "subpixels": display.subpixels if patterned else "",
+        "lens_model": lens_model,
+        "colored": colored,
+        **{f"index_{name}": n for name, n in zip("rgb", indices, strict=True)},
+        **{f"array_{name}": value for name, value in lens_array(display)._asdict().items()},
+        **{f"trait_{name}": value for name, value in lens_traits(display)._asdict().items()},
     }
 
 
@@ -75,6 +82,79 @@ def _half_extent_mm(display: Display) -> tuple[float, float]:
     )
 
 
+_OPS = Ops(dr.sqrt, dr.floor, dr.select, dr.abs)
+
+
+class LensedPanel:
+    """A panel behind its lens array: what leaves the array, in Dr.Jit.
+
+    Parameters
+    ----------
+    eia : (rows, columns, 3) tensor
+    parameters : mapping
+        What `display_shape` tells the plugin.
+    """
+
+    def __init__(self, eia: Any, parameters: Any) -> None:
+        self.picture = mi.Float(eia.array)
+        self.rows = dr.opaque(mi.Float, eia.shape[0])
+        self.columns = dr.opaque(mi.Float, eia.shape[1])
+        self.pixel_mm = dr.opaque(mi.Float, parameters["pixel_mm"])
+        self.fill = dr.opaque(mi.Float, parameters["pixel_fill"])
+        self.subpixels = SUBPIXELS[parameters["subpixels"]] if parameters["subpixels"] else None
+        self.lens_model = parameters["lens_model"]
+        # Run-time values: a literal would compile the kernel anew for every display.
+        self.indices = [dr.opaque(mi.Float, parameters[f"index_{name}"]) for name in "rgb"]
+        if not parameters["colored"]:
+            self.indices = self.indices[:1]
+        self.array = LensArray(
+            *(dr.opaque(mi.Float, parameters[f"array_{name}"]) for name in LensArray._fields)
+        )
+        self.traits = LensTraits(*(parameters[f"trait_{name}"] for name in LensTraits._fields))
+
+    @classmethod
+    def of(cls, eia: np.ndarray, display: Display, lens_model: str) -> LensedPanel:
+        """As `display_shape`, without a plugin, a shape or a scene."""
+        tensor = mi.TensorXf(np.ascontiguousarray(eia, np.float32))
+        return cls(tensor, _parameters(display, lens_model))
+
+    def leaving(self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True) -> Any:
+        """Radiance along display-frame rays that cross z = 0 at (x, y) with slopes (sx, sy)."""
+        # Red stands for all colours where nothing tells them apart.
+        rays = [
+            through_array(self.lens_model, self.array, self.traits, _OPS, x, y, sx, sy, index)
+            for index in self.indices
+        ]
+        if len(rays) == 1 and self.subpixels is None:
+            place, weight, lit = self.pixel(*rays[0], lit)
+            color = dr.gather(mi.Color3f, self.picture, place, lit)
+            return mi.Spectrum(color * weight) & lit
+        color = mi.Color3f(0.0)
+        for channel in range(3):
+            place, weight, shown = self.pixel(*rays[channel % len(rays)], lit, channel)
+            value = dr.gather(mi.Float, self.picture, 3 * place + channel, shown)
+            color[channel] = dr.select(shown, value * weight, 0.0)
+        return mi.Spectrum(color)
+
+    def pixel(
+        self, x: Any, y: Any, weight: Any, lit: Any, channel: int = 0
+    ) -> tuple[Any, Any, Any]:
+        """Flat index of the pixel under a panel point, the light it sends, whether any."""
+        across = x / self.pixel_mm + 0.5 * self.columns
+        along = 0.5 * self.rows - y / self.pixel_mm  # row 0 is the top
+        column, row = dr.floor(across), dr.floor(along)
+        lit = lit & (weight > 0)
+        lit &= (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
+        place = mi.UInt32(dr.select(lit, row * self.columns + column, 0.0))
+        if self.subpixels is not None:
+            turn = mi.UInt32(dr.select(lit, row + column, 0.0)) & 1
+            weight = weight * shining(
+                self.subpixels[channel], self.fill, dr.select,
+                across - column - 0.5, along - row - 0.5, turn,
+            )  # fmt: skip
+        return place, weight, lit
+
+
 def announce() -> None:
     """Register the plugin in every variant that is set from now on."""
     mi.detail.add_variant_callback(_register)
@@ -86,29 +166,12 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
     if mi.variant() is None or mi.variant().startswith("scalar"):
         return
 
-    ops = Ops(dr.sqrt, dr.floor, dr.select, dr.abs)
-
     class DisplayEmitter(mi.Emitter):  # type: ignore[misc]
         """See the module's text."""
 
         def __init__(self, props: Any) -> None:
             super().__init__(props)
-            eia = props["eia"]
-            self.panel = mi.Float(eia.array)
-            self.rows = dr.opaque(mi.Float, eia.shape[0])
-            self.columns = dr.opaque(mi.Float, eia.shape[1])
-            self.pixel_mm = dr.opaque(mi.Float, props["pixel_mm"])
-            self.fill = dr.opaque(mi.Float, props["pixel_fill"])
-            self.subpixels = SUBPIXELS[props["subpixels"]] if props["subpixels"] else None
-            self.lens_model = props["lens_model"]
-            # Run-time values: a literal would compile the kernel anew for every display.
-            self.indices = [dr.opaque(mi.Float, props[f"index_{name}"]) for name in "rgb"]
-            if not props["colored"]:
-                self.indices = self.indices[:1]
-            self.array = LensArray(
-                *(dr.opaque(mi.Float, props[f"array_{name}"]) for name in LensArray._fields)
-            )
-            self.traits = LensTraits(*(props[f"trait_{name}"] for name in LensTraits._fields))
+            self.panel = LensedPanel(props["eia"], props)
             self.m_needs_sample_2 = True
             self.m_needs_sample_3 = True
             self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
@@ -118,42 +181,7 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
             steep = towards_viewer.z > 1e-6  # a ray along the array never enters it
             depth = dr.select(steep, towards_viewer.z, 1.0)
             sx, sy = -towards_viewer.x / depth, -towards_viewer.y / depth
-            lit = active & steep
-            # Red stands for all colours where nothing tells them apart.
-            rays = [
-                through_array(
-                    self.lens_model, self.array, self.traits, ops, point.x, point.y, sx, sy, index
-                )
-                for index in self.indices
-            ]
-            if len(rays) == 1 and self.subpixels is None:
-                place, weight, lit = self.pixel(*rays[0], lit)
-                color = dr.gather(mi.Color3f, self.panel, place, lit)
-                return mi.Spectrum(color * weight) & lit
-            color = mi.Color3f(0.0)
-            for channel in range(3):
-                place, weight, shown = self.pixel(*rays[channel % len(rays)], lit, channel)
-                value = dr.gather(mi.Float, self.panel, 3 * place + channel, shown)
-                color[channel] = dr.select(shown, value * weight, 0.0)
-            return mi.Spectrum(color)
-
-        def pixel(
-            self, x: Any, y: Any, weight: Any, lit: Any, channel: int = 0
-        ) -> tuple[Any, Any, Any]:
-            """Flat index of the pixel under a panel point, the light it sends, whether any."""
-            across = x / self.pixel_mm + 0.5 * self.columns
-            along = 0.5 * self.rows - y / self.pixel_mm  # row 0 is the top
-            column, row = dr.floor(across), dr.floor(along)
-            lit = lit & (weight > 0)
-            lit &= (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
-            place = mi.UInt32(dr.select(lit, row * self.columns + column, 0.0))
-            if self.subpixels is not None:
-                turn = mi.UInt32(dr.select(lit, row + column, 0.0)) & 1
-                weight = weight * shining(
-                    self.subpixels[channel], self.fill, dr.select,
-                    across - column - 0.5, along - row - 0.5, turn,
-                )  # fmt: skip
-            return place, weight, lit
+            return self.panel.leaving(point.x, point.y, sx, sy, active & steep)
 
         def eval(self, si: Any, active: Any = True) -> Any:
             return self.radiance(si.p, si.to_world(si.wi), active & (si.wi.z > 0))

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
 from inim.kernel import variant
-from inim.kernel.display_emitter import display_shape
+from inim.kernel.display_emitter import LensedPanel
+from inim.kernel.full_lens import FullLens
 from inim.kernel.sensors import eye_rays, make_sensor
-from inim.kernel.trace import radiance
-from inim.lens import check_lens_model
-from inim.viewpoint import Viewpoint, check_viewpoint
+from inim.kernel.trace import mean_light
+from inim.lens import FULL, check_lens_model
+from inim.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm
 
 __all__ = ["DisplayScene", "reconstruct"]
 
@@ -38,8 +38,9 @@ def reconstruct(
         Linear RGB, row 0 on top, of the display's `eia_shape`.
     display : Display
     viewpoint : Viewpoint
-        Must lie inside the viewing zone.
-    lens_model : {"thick", "pinhole"}
+        Must lie inside the viewing zone, with its pupil.
+    lens_model : {"thick", "pinhole", "thin", "full"}
+        `full` path traces the lenses as a mesh: the check of `thick`, and far slower.
     pixels_per_lens : int
         Resolution of the view; it shows exactly the lens array.
     spp : int
@@ -74,11 +75,10 @@ class DisplayScene:
             )
         check_lens_model(lens_model, display)
         self.display = display
-        self._scene = mi.load_dict(
-            {"type": "scene", "display": display_shape(eia, display, lens_model)}
-        )
-        # Nothing scatters: what the eye sees is the emitter itself.
-        self._integrator = mi.load_dict({"type": "path", "max_depth": 1})
+        if lens_model == FULL:
+            self._shown: FullLens | AnalyticLens = FullLens(eia, display)
+        else:
+            self._shown = AnalyticLens(eia, display, lens_model)
 
     def view(
         self,
@@ -91,15 +91,33 @@ class DisplayScene:
         progress: Any = None,
     ) -> np.ndarray:
         """One view, (rows, columns, 3) float32; see `reconstruct`."""
-        # Rays start a little in front of the array, not at the eye: coordinates stay small.
-        rays = eye_rays(self.display, viewpoint.position_mm, pixels_per_lens, self.display.pitch_mm)
-        sensor = make_sensor(rays, np.eye(4))
-        return radiance(
-            self._scene,
-            self._integrator,
-            sensor,
-            spp=spp,
-            seed=seed,
-            clock=clock,
-            progress=progress,
+        rays = eye_rays(
+            self.display,
+            viewpoint.position_mm,
+            pixels_per_lens,
+            self._shown.start_mm,
+            viewpoint.pupil_mm,
+            focus_distance_mm(viewpoint, self.display),
         )
+        sensor = make_sensor(rays, np.eye(4))
+        return mean_light(
+            self._shown.light, sensor, spp=spp, seed=seed, clock=clock, progress=progress
+        )
+
+
+class AnalyticLens:
+    """An EIA seen through lenses that are a formula.
+
+    There is nothing but the display, so no ray needs a scene to find it: the sensor's rays start
+    on the array itself, and the panel says what they bring.
+    """
+
+    start_mm = 0.0
+
+    def __init__(self, eia: np.ndarray, display: Display, lens_model: str) -> None:
+        self._panel = LensedPanel.of(eia, display, lens_model)
+
+    def light(self, sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:
+        """See `inim.kernel.trace.Light`."""
+        (x, y), (sx, sy) = sensor.lines_through(pixel, within, pupil)
+        return self._panel.leaving(x, y, sx, sy)

@@ -11,8 +11,10 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import FileError, SceneError
-from inim.formats.image import check_exr
+from inim.formats.image import read_exr_texture
 from inim.formats.mesh import check_mesh_file
+from inim.formats.picture import check_picture, is_exr
+from inim.formats.volume import check_volume
 from inim.kernel.trace import Clock
 from inim.scene_file import SceneFile
 
@@ -81,8 +83,10 @@ def open_scene(
     """
     for plugin, mesh in file.meshes:
         check_mesh_file(mesh, plugin)
-    for picture in file.exrs:
-        check_exr(picture)
+    for picture in file.pictures:
+        check_picture(picture)
+    for grid in file.volumes:
+        check_volume(grid)
     started = time.perf_counter()
     scene = _load(file)
     if clock:
@@ -102,17 +106,19 @@ def _load(file: SceneFile) -> Any:
     resolver = mi.file_resolver()
     resolver.prepend(str(file.path.resolve().parent))
     try:
-        state = mi.parser.parse_file(config, str(file.path), **file.parameters)
+        # The file that was scanned: a link's own folder may hold other parts of the same names.
+        state = mi.parser.parse_file(config, str(file.path.resolve()), **file.parameters)
         # Our rays are structured (through vertices, edges and centres): Embree's default mode
         # lets some of them slip between triangles.
         state.root.props["embree_use_robust_intersections"] = True
         for node in state.nodes:
+            _settle_file(file, node.props)
             if node.type == mi.ObjectType.Integrator:
                 _check_integrator(file, node.props.plugin_name())
                 node.props["hide_emitters"] = True
         mi.parser.transform_all(config, state)
         loaded = mi.parser.instantiate(config, state)
-    except SceneError:
+    except (FileError, SceneError):
         raise
     except Exception as error:  # Mitsuba raises bare RuntimeErrors for everything
         cause = " ".join(str(error).split())
@@ -120,6 +126,24 @@ def _load(file: SceneFile) -> Any:
     finally:
         del resolver[0]
     return loaded[0] if isinstance(loaded, list) else loaded
+
+
+def _settle_file(file: SceneFile, properties: Any) -> None:
+    """Let a plugin open the very file that was scanned; an EXR is handed over decoded.
+
+    The EXR reader inside Mitsuba is an old one that ends the process on some of what OpenEXR reads.
+    """
+    if "filename" not in properties:
+        return
+    name = properties["filename"]
+    if name not in file.named:
+        raise SceneError(f"{file.path}: {name!r} was not found when the scene was scanned")
+    path = file.named[name]
+    if path in file.pictures and is_exr(path):
+        del properties["filename"]
+        properties["bitmap"] = mi.Bitmap(read_exr_texture(path))
+    else:
+        properties["filename"] = str(path)
 
 
 def _check_integrator(file: SceneFile, name: str) -> None:

@@ -22,7 +22,13 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.generators.base import PictureShape, SourceGenerator, check_out
+from inim.errors import UsageError
+from inim.generators.base import (
+    PictureShape,
+    SourceGenerator,
+    check_out,
+    require_separable,
+)
 from inim.generators.cells import CellRays, cell_rays
 from inim.generators.direction_lists import (
     DirectionLists,
@@ -56,7 +62,15 @@ def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGen
     ------
     BackendError
         Dr.Jit has no backend that works on this machine.
+    UsageError
+        A display whose pixels are not separable, or have sub-pixels.
     """
+    require_separable(display, "template_jit")
+    if display.subpixels != "none":
+        raise UsageError(
+            f"template_jit: shows whole pixels, and this display has subpixels = "
+            f"{display.subpixels!r}; use template"
+        )
     if not (mi.variant() or "").startswith(("cuda", "llvm")):
         variant.use()
     if shares_directions(display) and cells_per_pitch(display, pixel_mm):

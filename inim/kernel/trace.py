@@ -16,13 +16,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-__all__ = ["Clock", "Surface", "radiance", "surface"]
+__all__ = ["Clock", "Light", "Progress", "Surface", "mean_light", "radiance", "surface"]
 
 # Rays in flight: a path tracer's state is roughly 300 bytes a ray, so this is about 1.3 GB at
 # most; larger gains nothing on two cores.
 _RAYS_PER_PASS = 2**22
 
 Progress = Callable[[int], None]
+#: What a sensor's ray brings: (sensor, pixel, place within it, point of the pupil, sampler) to
+#: three channels.
+Light = Callable[[Any, Any, Any, Any, Any], Any]
 
 
 @dataclass
@@ -42,12 +45,32 @@ def radiance(
     clock: Clock | None = None,
     progress: Progress | None = None,
 ) -> np.ndarray:
-    """Mean radiance of each film pixel, a box filter over its area.
+    """Mean radiance of a Mitsuba scene in each film pixel; see `mean_light`."""
+
+    def light(sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:
+        ray = sensor.rays_through(pixel, within, pupil)
+        return integrator.sample(scene, sampler, mi.RayDifferential3f(ray))[0]
+
+    return mean_light(light, sensor, spp=spp, seed=seed, clock=clock, progress=progress)
+
+
+def mean_light(
+    light: Light,
+    sensor: Any,
+    *,
+    spp: int,
+    seed: int,
+    clock: Clock | None = None,
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Mean of what a sensor's rays bring to each film pixel, a box filter over its area.
 
     Parameters
     ----------
-    scene, integrator, sensor :
-        Mitsuba objects; the sensor is one of `inim.kernel.sensors`.
+    light : callable
+        Traced once for each pass; Dr.Jit compiles it once.
+    sensor :
+        One of `inim.kernel.sensors`.
     spp : int
         Samples per pixel.
     seed : int
@@ -67,8 +90,7 @@ def radiance(
     for first, pixels, first_sample, samples in _passes(rows * columns, spp):
         pass_seed = _pass_seed(seed, first, first_sample)
         total[first : first + pixels] += (
-            _trace_pass(scene, integrator, sensor, columns, first, pixels, samples, pass_seed)
-            * samples
+            _trace_pass(light, sensor, columns, first, pixels, samples, pass_seed) * samples
         )
         if progress:
             progress(pixels * samples)
@@ -93,8 +115,7 @@ def _pass_seed(*parts: int) -> int:
 
 
 def _trace_pass(
-    scene: Any,
-    integrator: Any,
+    light: Light,
     sensor: Any,
     columns: int,
     first: int,
@@ -109,8 +130,10 @@ def _trace_pass(
     index = lane // dr.opaque(mi.UInt32, samples) + dr.opaque(mi.UInt32, first)
     width = dr.opaque(mi.UInt32, columns)
     pixel = mi.Point2u(index % width, index // width)
-    ray = sensor.rays_through(pixel, sampler.next_2d())
-    color = integrator.sample(scene, sampler, mi.RayDifferential3f(ray))[0]
+    within, pupil = sampler.next_2d(), None
+    if sensor.has_pupil:
+        pupil = mi.warp.square_to_uniform_disk_concentric(sampler.next_2d())
+    color = light(sensor, pixel, within, pupil, sampler)
     dr.eval(color)
     # Summing outside the kernel keeps the sample count out of it: no compilation per setting.
     mean = [np.asarray(dr.block_sum(channel, samples), np.float64) for channel in color]

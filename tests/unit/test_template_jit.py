@@ -170,3 +170,13 @@ def test_cuda_shows_the_same_bits():
                 assert_same(display, picture(display, 4, rgba=rgba))
     finally:
         mi.set_variant(before)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [({"rotation_deg": 1.0}, "rotation_deg"), ({"subpixels": "rgb-stripe"}, "rgb-stripe")],
+)
+def test_displays_it_would_show_wrongly_are_refused(changes, says):
+    display = small_display(4, 3, pixels=7, **changes)
+    with pytest.raises(UsageError, match=says):
+        prepare(display, "template_jit", shape=(16, 16), pixel_mm=0.5)

@@ -2,7 +2,7 @@
 
 Every time is taken on the display-ready form (`inim.jobs.bench.contenders`), all contenders and the
 yardstick in turn in one loop (`inim.jobs.bench.timing`), and given as a multiple of the yardstick
-besides milliseconds. Three parts, each on its own or together: a scene, where time stands against
+besides milliseconds. Four parts, each on its own or together: a scene, where time stands against
 error (`scene`); synthetic pictures of growing size (`scaling`); the paper's own experiments
-(`paper`).
+(`paper`); views by each lens model (`views`).
 """

@@ -40,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--paper", action="store_true", help="the paper's three experiments; some minutes"
     )
+    parser.add_argument(
+        "--views", action="store_true", help="views by each lens model, and a textured rectangle"
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
 
@@ -62,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
         threads=args.threads,
         scaling=args.scaling,
         paper=args.paper,
+        views=args.views,
     )
     run_bench(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:

@@ -16,6 +16,7 @@ from inim.jobs.bench.paper import bench_paper
 from inim.jobs.bench.request import BenchRequest, check_request, scene_plan
 from inim.jobs.bench.scaling import bench_scaling
 from inim.jobs.bench.scene import bench_scene
+from inim.jobs.bench.views import bench_views
 from inim.jobs.output import open_staging, publish
 from inim.jobs.provenance import backend_data, versions
 from inim.jobs.worker import outcome_of, supervise
@@ -73,7 +74,7 @@ def _measured(request: BenchRequest, load: float | None, listener: Any) -> dict[
     data = _record(request, backend, thread_count)
     data["warnings"] = warn_of_load(load)
     data["load"] = {"start": load, "cores": os.cpu_count()}
-    data |= {"scaling": None, "paper": None, "contenders": [], "notes": []}
+    data |= {"scaling": None, "paper": None, "views": None, "contenders": [], "notes": []}
     if request.scene is not None:
         names, data["notes"] = chosen(request.algorithms)
         data |= bench_scene(scene_plan(request), names, request.rounds, listener)
@@ -84,6 +85,8 @@ def _measured(request: BenchRequest, load: float | None, listener: Any) -> dict[
         data["paper"] = bench_paper(request.rounds, listener)
         for claim in data["paper"]["claims"]:
             listener.line(f"{'yes' if claim['holds'] else 'NO '}  {claim['claim']}")
+    if request.views:
+        data["views"] = bench_views(request.rounds, listener)
     data["load"]["end"] = load_average()
     return data
 

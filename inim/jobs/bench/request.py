@@ -21,14 +21,14 @@ class BenchRequest:
     ----------
     out : Path
     scene : Path, optional
-        Without one, `scaling` or `paper` must be asked for.
+        Without one, `scaling`, `paper` or `views` must be asked for.
     definitions : tuple of str
         `key=value` overrides, as after -D.
     display, algorithms : str, optional
     runs, warmups : int
     threads : int, optional
         All there are if None.
-    scaling, paper : bool
+    scaling, paper, views : bool
     """
 
     out: Path
@@ -41,6 +41,7 @@ class BenchRequest:
     threads: int | None = None
     scaling: bool = False
     paper: bool = False
+    views: bool = False
 
     @property
     def rounds(self) -> Rounds:
@@ -56,7 +57,7 @@ class BenchRequest:
         for name in ("display", "algorithms", "threads"):
             if getattr(self, name) is not None:
                 words += [f"--{name}", str(getattr(self, name))]
-        words += [f"--{name}" for name in ("scaling", "paper") if getattr(self, name)]
+        words += [f"--{name}" for name in ("scaling", "paper", "views") if getattr(self, name)]
         defaults = Rounds()
         for name in ("runs", "warmups"):
             if getattr(self, name) != getattr(defaults, name):
@@ -85,8 +86,8 @@ def check_request(request: BenchRequest) -> None:
     from inim.jobs.bench.contenders import chosen
     from inim.jobs.bench.machine import most_threads
 
-    if request.scene is None and not (request.scaling or request.paper):
-        raise UsageError("bench: name a scene, or ask for --scaling or --paper")
+    if request.scene is None and not (request.scaling or request.paper or request.views):
+        raise UsageError("bench: name a scene, or ask for --scaling, --paper or --views")
     if request.scene is None and (request.definitions or request.display or request.algorithms):
         raise UsageError("bench: -D, --display and --algorithms belong to a scene; name one")
     Rounds(request.runs, request.warmups)  # checks both

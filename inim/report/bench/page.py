@@ -55,6 +55,13 @@ _PARTS = {
         "lines. Solid: the same lines compiled, on all threads. Two synthetic spheres, not the "
         "paper's scenes.",
     ),
+    "views": (
+        "Views",
+        "views",
+        "One look at the two spheres on 64 × 64 lenses. The rectangle has the same picture for "
+        "its texture, and is rendered by the stock camera, integrator and film. The noise of a "
+        "sample is what it adds to a view pixel, root mean square.",
+    ),
 }
 
 

@@ -20,7 +20,7 @@ class Table:
     Attributes
     ----------
     part : str
-        The part of the bench it belongs to: scene, scaling or paper.
+        The part of the bench it belongs to: scene, scaling, paper or views.
     caption : str
     heads : sequence of str
     rows : sequence of sequence of str
@@ -41,6 +41,8 @@ def tables_of(data: Mapping[str, Any]) -> list[Table]:
         found += _scaling(part(data, "scaling"))
     if data.get("paper"):
         found += _paper(part(data, "paper"))
+    if data.get("views"):
+        found.append(_views(part(data, "views")))
     return found
 
 
@@ -230,6 +232,38 @@ def _same_input(same: Mapping[str, Any]) -> Table:
     return Table("paper", caption, heads, rows)
 
 
+# -- views --------------------------------------------------------------------------------------
+
+
+def _views(views: Mapping[str, Any]) -> Table:
+    heads = [
+        "lens model", "ms per view", "rectangles", "by fastest", "times thick", "samples timed",
+        "ms as timed",
+        "spread", "runs", "noise of a sample", "ms at the noise of thick",
+    ]  # fmt: skip
+    rows = [
+        [
+            c["name"],
+            milliseconds(c["view_ms"]),
+            times(c["ratio"]),
+            times(c["ratio_min"]),
+            times(c["thick_ratio"]),
+            str(c["spp"]),
+            milliseconds(c["median_ms"]),
+            f"± {per_cent(c['spread'], 1)}",
+            str(c["runs"]),
+            number(c["noise"], 4),
+            milliseconds(c["equal_noise_ms"]),
+        ]
+        for c in items(views, "contenders")
+    ]
+    caption = (
+        f"One view of {views['columns']} × {views['rows']} pixels, {views['spp']} samples each "
+        "(fewer timed: scaled up)"
+    )
+    return Table("views", caption, heads, rows)
+
+
 def claim_lines(paper: Mapping[str, Any]) -> list[str]:
     """Each claim in a few sentences: what is claimed, what was found, why not."""
     lines = []
@@ -261,6 +295,12 @@ def remarks(data: Mapping[str, Any]) -> list[str]:
     ]
     if slow:
         lines.append(f"Fewer runs, being slow: {', '.join(slow)}.")
+    if data.get("views"):
+        lines.append(
+            "Views: in turn with the textured rectangle; the mesh of `full` apart, in turn with "
+            "`thick`: while it is there, the renderer compiles its lights and materials into every "
+            "scene's kernel."
+        )
     paper = part(data, "paper")
     memory = part(data, "scaling", "memory")
     if memory:

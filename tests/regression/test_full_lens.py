@@ -1,0 +1,143 @@
+"""The analytic `thick` model against the lens array as a mesh that Mitsuba traces.
+
+Expected behaviour: for lenses that bulge either way, seen obliquely, both give the same view of an
+EIA without any symmetry. Views are compared lens by lens, with Welch's t-test on the means over
+independent seeds, and by their brightness as a whole; the level is 1 per cent, after Sidak, over
+all comparisons of a view. The same comparison rejects a model that is 1 per cent too bright and
+one that lands half a panel pixel aside.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from inim.viewpoint import Viewpoint
+from tests.conftest import small_display
+
+pytestmark = pytest.mark.usefixtures("renderer")
+
+LENSES = (7, 9)
+PER_LENS = 4
+SEEDS = range(12)
+LEVEL = 0.01
+EYE = Viewpoint("oblique", 11.0, -8.0, 120.0)
+BULGES = pytest.mark.parametrize("bulge", ["viewer", "panel"])
+PECULIAR = {
+    "conic": {"conic": -0.6, "asphere_a4": 0.02},
+    "mounted askew": {
+        "rotation_deg": 4.0, "shift_x_mm": 0.21, "tilt_x_deg": 3.0, "tilt_y_deg": -2.0,
+    },
+    "colours": {"abbe_number": 20.0},
+}  # fmt: skip
+
+
+def display_of(**changes):
+    return small_display(LENSES[1], LENSES[0], pixels=8, **changes)
+
+
+def picture_for(display):
+    """Random colours: no symmetry, and neighbours as unlike as can be."""
+    return np.random.default_rng(11).random((*display.eia_shape, 3)).astype(np.float32)
+
+
+def by_lens(view):
+    """Means of a view over each lens, (lenses, 3) float64."""
+    rows, columns = LENSES
+    cells = view.astype(np.float64).reshape(rows, PER_LENS, columns, PER_LENS, 3)
+    return cells.mean(axis=(1, 3)).reshape(-1, 3)
+
+
+def views(eia, display, model, spp):
+    """By lens, for each seed: (seeds, lenses, 3)."""
+    from inim.kernel.reconstruct import DisplayScene
+
+    scene = DisplayScene(eia, display, model)
+    looks = [
+        scene.view(EYE, pixels_per_lens=PER_LENS, spp=spp, seed=1000 * len(model) + seed)
+        for seed in SEEDS
+    ]
+    return np.stack([by_lens(look) for look in looks])
+
+
+def traced(eia, display):
+    return views(eia, display, "full", 256)
+
+
+def calculated(eia, display):
+    return views(eia, display, "thick", 256)
+
+
+def least_p(first, second):
+    """The smallest p of all comparisons, and the one below which they disagree."""
+    apart = stats.ttest_ind(first, second, axis=0, equal_var=False).pvalue
+    whole = stats.ttest_ind(
+        first.mean(axis=(1, 2)), second.mean(axis=(1, 2)), equal_var=False
+    ).pvalue
+    found = np.append(apart.ravel(), whole)
+    assert np.isfinite(found).all(), "every lens is seen, and every seed is another"
+    return float(found.min()), 1 - (1 - LEVEL) ** (1 / found.size)
+
+
+@BULGES
+def test_thick_and_full_agree(bulge):
+    display = display_of(curved_side=bulge)
+    eia = picture_for(display)
+    smallest, threshold = least_p(traced(eia, display), calculated(eia, display))
+    assert smallest > threshold
+
+
+@pytest.mark.slow
+@BULGES
+@pytest.mark.parametrize("kind", PECULIAR)
+def test_thick_and_full_agree_on_peculiar_arrays(bulge, kind):
+    display = display_of(curved_side=bulge, **PECULIAR[kind])
+    eia = picture_for(display)
+    smallest, threshold = least_p(traced(eia, display), calculated(eia, display))
+    assert smallest > threshold
+
+
+@pytest.mark.slow
+@BULGES
+def test_one_per_cent_and_half_a_pixel_would_be_seen(bulge):
+    display = display_of(curved_side=bulge)
+    eia = picture_for(display)
+    mesh = traced(eia, display)
+    smallest, threshold = least_p(mesh, 1.01 * calculated(eia, display))
+    assert smallest < threshold, "1 per cent of weight"
+    # The same panel in pixels of half the size, moved by one of them.
+    finer = display.replace(pixel_pitch_mm=display.pixel_pitch_mm / 2)
+    fine = eia.repeat(2, axis=0).repeat(2, axis=1)
+    smallest, threshold = least_p(mesh, calculated(fine, finer))
+    assert smallest > threshold, "finer pixels of equal colours are the same panel"
+    for axis in (0, 1):
+        smallest, threshold = least_p(mesh, calculated(np.roll(fine, 1, axis), finer))
+        assert smallest < threshold, "half a panel pixel"
+
+
+@pytest.mark.slow
+@BULGES
+def test_finer_facets_change_less_than_the_noise(bulge):
+    """Equal seeds make equal choices, so what is left of the difference is the facets'."""
+    from inim.kernel.full_lens import FullLens
+    from inim.kernel.sensors import eye_rays, make_sensor
+    from inim.kernel.trace import mean_light
+    from inim.lens.sheet_mesh import facets_per_lens
+
+    display = display_of(curved_side=bulge)
+    eia = picture_for(display)
+    facets = facets_per_lens(display)
+    seen = []
+    for count in (facets, 2 * facets):
+        mesh = FullLens(eia, display, count)
+        rays = eye_rays(display, EYE.position_mm, PER_LENS, mesh.start_mm)
+        sensor = make_sensor(rays, np.eye(4))
+        looks = [mean_light(mesh.light, sensor, spp=256, seed=seed) for seed in SEEDS]
+        seen.append(np.stack([by_lens(look) for look in looks]))
+    noise = seen[0].std(axis=0, ddof=1) / np.sqrt(len(SEEDS))
+    change = np.abs(seen[0].mean(axis=0) - seen[1].mean(axis=0))
+    assert (noise > 0).all()
+    # Half of the noise, added in squares, makes it an eighth larger: the tests above keep their
+    # level. Some of the change is noise itself, where a ray crosses into another pixel.
+    assert np.sqrt((change**2).mean()) < 0.5 * np.sqrt((noise**2).mean())
