@@ -97,8 +97,11 @@ def _parser() -> argparse.ArgumentParser:
     _add_compare(commands)
     _add_new_scene(commands)
     _add_bench(commands)
+    _add_stress(commands)
     _add_view(commands)
+    _add_film(commands)
     _add_inspect(commands)
+    _add_generate(commands)
     _add_backend_commands(commands)
     algorithms = commands.add_parser("algorithms", help="list the algorithms and their options")
     algorithms.set_defaults(run=_algorithms)
@@ -298,6 +301,37 @@ def _add_view(commands: Commands) -> None:
     )
     view.add_arguments(parser)
     parser.set_defaults(run=view.run)
+
+
+def _add_film(commands: Commands) -> None:
+    from inim.jobs.film import command
+
+    parser = commands.add_parser("film", help="film a report's display with an eye that moves")
+    command.add_arguments(parser)
+    parser.set_defaults(run=command.run)
+
+
+def _add_generate(commands: Commands) -> None:
+    from inim.jobs import generate
+
+    parser = commands.add_parser(
+        "generate", help="make an EIA of your own colour and depth picture"
+    )
+    generate.add_arguments(parser)
+    parser.set_defaults(run=generate.run)
+
+
+def _add_stress(commands: Commands) -> None:
+    from inim.jobs.stress import command
+
+    parser = commands.add_parser(
+        "stress",
+        help="find where the numbers stop being trustworthy",
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.add_arguments(parser)
+    parser.set_defaults(run=command.run)
 
 
 def _add_backend_commands(commands: Commands) -> None:

@@ -1,7 +1,8 @@
-"""The report as one HTML file that needs nothing else: no network, no scripts, no other files.
+"""The report as one HTML file that needs nothing else: no network, no other files.
 
 Pictures are embedded. Should they make the page too large, it is built again with smaller ones;
-what is shown smaller or compressed is in full in the folder beside the page.
+what is shown smaller or compressed is in full in the folder beside the page. It reads whole with
+scripts off: the only one is the virtual display's.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from typing import Any
 from inim.report.markup import element, mark, section, text
 from inim.report.pictures import ENCODINGS, Pictures
 from inim.report.sections import SECTIONS
+from inim.report.virtual_display import SCRIPT_POLICY, is_live, script_element
+from inim.report.virtual_display import style as virtual_display_style
 from inim.report.wording import MISSING, check_passed, checks, items, part, plain, verdict
 
 __all__ = ["LARGEST_PAGE_BYTES", "render_html"]
@@ -21,9 +24,9 @@ __all__ = ["LARGEST_PAGE_BYTES", "render_html"]
 #: A page above this is built again with smaller pictures.
 LARGEST_PAGE_BYTES = 10_000_000
 
-# Everything is refused but embedded pictures and the page's own style sheet.
+# Everything is refused but embedded pictures, the page's own style sheet and its one script.
 _POLICY = (
-    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
+    f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; {SCRIPT_POLICY}; "
     "base-uri 'none'; form-action 'none'"
 )
 
@@ -56,15 +59,17 @@ def _page(data: Mapping[str, Any], pictures: Pictures) -> str:
     shown = [(anchor, title, body) for anchor, title, body in bodies if body]
     header = _header(data, _navigation((anchor, title) for anchor, title, _ in shown))
     main = "\n".join(section(*one) for one in shown)
+    script = f"{script_element()}\n" if any(is_live(body) for _, _, body in shown) else ""
     return (
         f'<!doctype html>\n<html lang="en">\n{_head(data)}\n<body>\n'
         f'<a class="skip" href="#overview">Skip to the scores</a>\n{header}\n'
-        f"<main>\n{main}\n</main>\n{_footer(data)}\n</body>\n</html>\n"
+        f"<main>\n{main}\n</main>\n{_footer(data)}\n{script}</body>\n</html>\n"
     )
 
 
 def _head(data: Mapping[str, Any]) -> str:
     style = resources.files("inim.report").joinpath("report.css").read_text("utf-8")
+    style += virtual_display_style()
     title = f"{data.get('title') or 'Untitled'}: {verdict(data)} – inim report"
     return (
         '<head>\n<meta charset="utf-8">\n'

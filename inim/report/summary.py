@@ -10,17 +10,20 @@ from inim.report.wording import (
     MISSING,
     check_passed,
     check_sentence,
+    check_value,
     checks,
+    is_number,
     items,
     number,
     part,
     plain,
+    relation,
     score,
     verdict,
     viewpoint_names,
 )
 
-__all__ = ["render_summary"]
+__all__ = ["render_checks", "render_summary"]
 
 # Long names and long lists stay in report.json: a summary is read in a comment box.
 _LONGEST_NAME = 80
@@ -42,10 +45,74 @@ def render_summary(data: Mapping[str, Any]) -> str:
         _scores_table(data),
         "SSIM to the ceiling, in brackets SSIM to the scene. The ceiling is what perfect "
         "elemental images would show; no difference beyond the noise floor means anything.",
+        *_regression(data),
         *_failures(data),
         *_warnings(data),
     ]
     return "\n\n".join(blocks) + "\n"
+
+
+def render_checks(data: Mapping[str, Any]) -> str:
+    """A comparison of two runs in a few lines of Markdown.
+
+    Parameters
+    ----------
+    data : mapping
+        The contents of compare.json, schema ``inim.compare/1``.
+    """
+    passed = sum(map(check_passed, checks(data)))
+    head = f"## {_markdown(data.get('title', 'Untitled'))}: {verdict(data)}"
+    line = f"{_sign(data)} {passed} of {len(checks(data))} comparisons passed."
+    return "\n\n".join([head, line, *_regression(data), *_failures(data)]) + "\n"
+
+
+_KINDS = {
+    "picture": "pictures, tile by tile",
+    "noise": "noise of the ground truth",
+    "score": "scores",
+    "pixels": "EIAs of the fixed picture",
+    "time": "times in yardsticks",
+}
+
+
+def _regression(data: Mapping[str, Any]) -> list[str]:
+    """Against the baseline: for each kind of comparison, how many, and the one nearest to failing.
+
+    So drift shows, also where all is well.
+    """
+    found = part(data, "regression")
+    if not found:
+        return []
+    words = f"**Against {_markdown(found.get('baseline', MISSING))}**"
+    if found.get("reason"):
+        words += f" ({_markdown(found['reason'], _LONGEST_SENTENCE)})"
+    rows = [
+        ["comparison", "changed", "nearest to its limit", "value", "limit"],
+        [":--", "--:", ":--", "--:", "--:"],
+    ]
+    for kind, label in _KINDS.items():
+        of_kind = [check for check in checks(data) if check.get("kind") == kind]
+        if of_kind:
+            rows.append([label, *_kind_row(of_kind)])
+    return [words, "\n".join(f"| {' | '.join(row)} |" for row in rows)]
+
+
+def _kind_row(of_kind: list[Mapping[str, Any]]) -> list[str]:
+    changed = sum(not check_passed(check) for check in of_kind)
+    worst = max(of_kind, key=_strain)
+    limit = f"{relation(worst)} {check_value(worst, 'limit')}"
+    counted = f"{changed} of {len(of_kind)}"
+    name = _markdown(str(worst.get("name", MISSING)).replace(" against the baseline", ""))
+    return [counted, name, _markdown(check_value(worst)), _markdown(limit)]
+
+
+def _strain(check: Mapping[str, Any]) -> float:
+    """How much of what is allowed a comparison takes up; most of all if it failed."""
+    value, limit = check.get("value"), check.get("limit")
+    if not (is_number(value) and is_number(limit)):
+        return float("inf")
+    strain = abs(value) / limit if limit > 0 else abs(value)
+    return strain + (0.0 if check_passed(check) else 1e9)
 
 
 def _markdown(value: object, longest: int = _LONGEST_NAME) -> str:
@@ -59,7 +126,7 @@ def _markdown(value: object, longest: int = _LONGEST_NAME) -> str:
 
 def _verdict_line(data: Mapping[str, Any]) -> str:
     passed = sum(map(check_passed, checks(data)))
-    mark = {"passed": "✅", "failed": "❌"}.get(verdict(data), "⚪")
+    mark = _sign(data)
     backend = part(data, "backend").get("variant", MISSING)
     display = part(data, "display", "given").get("name", MISSING)
     return (
@@ -67,6 +134,10 @@ def _verdict_line(data: Mapping[str, Any]) -> str:
         f"Display {_markdown(display)}, lens model {_markdown(data.get('lens_model', MISSING))}, "
         f"{_markdown(backend)}, inim {_markdown(data.get('inim_version', MISSING))}."
     )
+
+
+def _sign(data: Mapping[str, Any]) -> str:
+    return {"passed": "✅", "failed": "❌"}.get(verdict(data), "⚪")
 
 
 def _scores_table(data: Mapping[str, Any]) -> str:

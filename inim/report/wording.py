@@ -16,6 +16,7 @@ __all__ = [
     "NBSP",
     "best_algorithm",
     "check_finding",
+    "check_interval",
     "check_passed",
     "check_sentence",
     "check_value",
@@ -39,7 +40,7 @@ INFINITE = "∞"
 NBSP = "\u00a0"
 _DIGITS = {"ssim": 4, "flip": 4, "psnr": 2, "seconds": 2}
 _MOST_DIGITS = 12
-_RELATIONS = {">=": "≥", "<=": "≤", "==": "=", "!=": "≠"}
+_RELATIONS = {">=": "≥", "<=": "≤", "==": "=", "!=": "≠", "within": "within ±"}
 
 # What XML 1.0 cannot hold at all, and HTML and Markdown should not: controls, lone surrogates.
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -137,6 +138,9 @@ def check_value(check: Mapping[str, Any], key: str = "value") -> str:
     """
     if _is_infinite_psnr(check, key):
         return INFINITE
+    if check.get("unit") is not None:  # of a comparison, in units of its own
+        unit = plain(check["unit"])
+        return short(check.get(key)) + (f"{NBSP}{unit}" if unit else "")
     digits = 2 if _names_psnr(check) else 4
     while digits < _MOST_DIGITS and _misleads(check, key, digits):
         digits += 1
@@ -158,10 +162,21 @@ def check_finding(check: Mapping[str, Any]) -> str:
     return f"{check_value(check)}, required {relation(check)} {check_value(check, 'limit')}"
 
 
+def check_interval(check: Mapping[str, Any]) -> str:
+    """The confidence interval of a check's value; empty where its noise is not known."""
+    ends = items(check, "interval")
+    if len(ends) != 2 or not all(map(is_number, ends)):
+        return ""
+    if check.get("unit") is not None:
+        return f"{short(float(ends[0]))} to {short(float(ends[1]))}"
+    return " to ".join(number(end, 2 if _names_psnr(check) else 4) for end in ends)
+
+
 def check_sentence(check: Mapping[str, Any]) -> str:
-    """What was found and what was asked, in one line, with the check's own detail."""
-    detail = str(check.get("detail") or "")
-    return f"{check_finding(check)}. {detail}" if detail else check_finding(check)
+    """What was found and what was asked, in one line, with interval and the check's own detail."""
+    interval, detail = check_interval(check), str(check.get("detail") or "")
+    finding = check_finding(check) + (f" (interval {interval})" if interval else "")
+    return f"{finding}. {detail}" if detail else finding
 
 
 def check_passed(check: Mapping[str, Any]) -> bool:

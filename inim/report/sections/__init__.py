@@ -13,8 +13,10 @@ from inim.report.sections.meanings import meanings
 from inim.report.sections.overview import overview
 from inim.report.sections.parallax import parallax
 from inim.report.sections.record import check_list, reproduce, timings, warnings
+from inim.report.sections.regression import regression
 from inim.report.sections.rgbd import rgbd
 from inim.report.sections.views import views
+from inim.report.virtual_display import ANCHOR, TITLE, report_display
 
 __all__ = ["SECTIONS", "Section"]
 
@@ -36,6 +38,8 @@ def _without_pictures(body: Callable[[Mapping[str, Any]], str]) -> _Body:
 
 SECTIONS = (
     Section("overview", "Scores", overview),
+    Section(ANCHOR, TITLE, report_display),
+    Section("regression", "Against the baseline", regression),
     Section("display", "Display", _without_pictures(display)),
     Section("parallax", "Parallax", parallax),
     Section("views", "Views", views),

@@ -10,6 +10,7 @@ from inim.report.markup import element, mark, table, text
 from inim.report.wording import (
     MISSING,
     NBSP,
+    check_interval,
     check_passed,
     check_value,
     checks,
@@ -32,7 +33,7 @@ def check_list(data: Mapping[str, Any]) -> str:
     if not checks(data):
         return element("p", "Nothing was checked.")
     rows = [_check_row(check) for check in sorted(checks(data), key=check_passed)]
-    heads = ["Check", "Value", "Relation", "Limit", "Verdict"]
+    heads = ["Check", "Value", "Relation", "Limit", "Interval of the value", "Verdict"]
     return table("Every check, the failed ones first", heads, rows, "checks")
 
 
@@ -43,7 +44,8 @@ def _check_row(check: Mapping[str, Any]) -> list[str]:
         name += element("small", text(check["detail"]))
     badge = element("span", mark(word), word, class_=f"badge {word}")
     value, limit = check_value(check), check_value(check, "limit")
-    return [name, text(value), text(relation(check)), text(limit), badge]
+    interval = text(check_interval(check) or MISSING)
+    return [name, text(value), text(relation(check)), text(limit), interval, badge]
 
 
 def timings(data: Mapping[str, Any]) -> str:

@@ -1,0 +1,530 @@
+"use strict";
+/* The virtual display: draws elemental image arrays through their lens array, live.
+
+   Reads the block #virtual-display-data and drives the elements of #virtual-display-live. Where
+   anything is missing (WebGL 2, a texture large enough), it says so in #virtual-display-why and
+   leaves the pre-rendered views in their place.
+
+   For tests and for the console, `window.inimDisplay`, lengths in millimetres:
+     ready               a promise: true once it draws, false where it cannot
+     eye()               [x, y, z]
+     setEye(x, y, z)     moves the eye (within reach), returns eye(); the frame follows
+     flipLimit(z)        [x, y]: how far off axis no lens shows a flipped view
+     state()             {lensModel, panels: [left, right], isOutside, isResting, grid, frames}:
+                         `grid` x `grid` samples a pixel in the last of `frames` drawn so far,
+                         none to come if it is resting
+     pixels(side, w, h)  {width, height, data}: the view of screen 0 or 1 drawn at w x h with all
+                         samples; data is base64 of RGBA bytes, top row first
+     timeFrame(grid)     promise of the milliseconds that drawing every screen once took, with
+                         grid x grid samples */
+(() => {
+  const live = document.getElementById("virtual-display-live");
+  const block = document.getElementById("virtual-display-data");
+  if (!live || !block) return;
+  const data = JSON.parse(block.textContent);
+  const optics = data.optics;
+
+  const REST_GRIDS = [2, 4, 8];  // refined in turn; 64 samples a pixel where the card is up to it
+  const FULL_GRID = 8;
+  const MOVING_GRIDS = [4, 3, 2, 1];
+  const COARSE = [1, 0.5, 0.25];  // canvas pixels per screen pixel, where one sample is too many
+  const MOVING_MS = 12;           // leaves room in a frame of 1/60 s
+  const REST_MS = 1000;           // a frame may take while nothing moves
+  const LARGEST_SIDE_PX = 1400;
+
+  /* ---- the eye, and where it may go -------------------------------------------------------- */
+
+  // Of the viewing half-angle.
+  const tangent = Math.max(...optics.elemental_pitch_mm) / (2 * optics.gap_mm);
+  const home = data.viewpoints[0].position_mm;
+  const distances = data.viewpoints.map((v) => v.position_mm[2]);
+  const nearest = Math.max(1.1 * optics.front_mm, Math.min(...distances) / 8);
+  const farthest = 8 * Math.max(...distances);
+  let eye = [...home];
+
+  const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
+  // Three half-angles: all of the neighbouring views beside the display's own.
+  const reach = (z) => 3 * tangent * z;
+
+  function setEye(x, y, z) {
+    if (![x, y, z].every(Number.isFinite)) return eye;
+    const distance = clamp(z, nearest, farthest), side = reach(distance);
+    eye = [clamp(x, -side, side), clamp(y, -side, side), distance];
+    return eye;
+  }
+
+  // As `Display.flip_limit_mm`: across and along the array.
+  function flipLimit(z) {
+    return [0, 1].map((axis) => {
+      const pitch = optics.pitch_mm[axis], elemental = optics.elemental_pitch_mm[axis];
+      const walk = Math.abs(1 + optics.gap_mm / z - elemental / pitch);
+      const outermost = ((optics.lenses[axis] - 1) / 2) * pitch;
+      return ((elemental / 2 - outermost * walk) * z) / optics.gap_mm;
+    });
+  }
+
+  // The eye across and along the array, from its centre: those limits count from there.
+  function fromArray() {
+    const [cosine, sine] = optics.turn;
+    const [x, y] = [eye[0] - optics.shift_mm[0], eye[1] - optics.shift_mm[1]];
+    return [cosine * x + sine * y, cosine * y - sine * x];
+  }
+
+  /* ---- drawing ----------------------------------------------------------------------------- */
+
+  const VERTICES = `#version 300 es
+    void main() {
+      vec2 corner = vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0);
+      gl_Position = vec4(corner, 0.0, 1.0);
+    }`;
+
+  class CannotDraw extends Error {}
+
+  function compiled(gl, kind, source) {
+    const shader = gl.createShader(kind);
+    gl.shaderSource(shader, source.trim());
+    gl.compileShader(shader);
+    return shader;
+  }
+
+  /* One screen: a canvas, its context and the panel it shows. */
+  class Screen {
+    constructor(canvas) {
+      this.canvas = canvas;
+      this.panel = -1;
+      const gl = canvas.getContext("webgl2",
+        {alpha: false, antialias: false, depth: false, powerPreference: "high-performance"});
+      if (!gl) throw new CannotDraw("This browser has no WebGL 2, or it is switched off.");
+      this.gl = gl;
+      const limit = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+      if (Math.max(...optics.panel) > limit)
+        throw new CannotDraw(
+          `The panel has ${optics.panel.join(" × ")} pixels; this graphics card takes ${limit}.`);
+      this.prepare();
+    }
+
+    prepare() {
+      const gl = this.gl;
+      this.programs = {pinhole: this.program([]), thin: this.program(["THIN"])};
+      gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+      // The very code values: no colour management, no premultiplication, row 0 first.
+      gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
+      gl.pixelStorei(gl.UNPACK_PREMULTIPLY_ALPHA_WEBGL, false);
+      gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
+    }
+
+    /* A program for one lens model, and where its uniforms are. */
+    program(model) {
+      const gl = this.gl, program = gl.createProgram();
+      const traits = [...optics.traits, ...model]
+        .filter((trait) => trait !== "COLORED" || model.includes("THIN"));
+      const head = ["#version 300 es", ...traits.map((trait) => `#define ${trait}`), ""];
+      gl.attachShader(program, compiled(gl, gl.VERTEX_SHADER, VERTICES));
+      gl.attachShader(program, compiled(gl, gl.FRAGMENT_SHADER, head.join("\n") + data.shader));
+      gl.linkProgram(program);
+      if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost())
+        throw new CannotDraw("This graphics card does not take the display's shader.");
+      gl.useProgram(program);
+      const at = (name) => gl.getUniformLocation(program, name);
+      gl.uniform2fv(at("size"), optics.size_mm);
+      gl.uniform2fv(at("pitch"), optics.pitch_mm);
+      gl.uniform2fv(at("lenses"), optics.lenses);
+      gl.uniform1f(at("gap"), optics.gap_mm);
+      gl.uniform3fv(at("power"), optics.power_per_mm);
+      gl.uniform1f(at("half_aperture"), optics.half_aperture_mm);
+      gl.uniform2fv(at("shift"), optics.shift_mm);
+      gl.uniform2fv(at("turn"), optics.turn);
+      gl.uniform2fv(at("tilt"), optics.tilt);
+      gl.uniform1f(at("pixel"), optics.pixel_mm);
+      gl.uniform2iv(at("panel_size"), optics.panel);
+      return {program, eye: at("eye"), canvas: at("canvas"), grid: at("grid")};
+    }
+
+    show(index, image) {
+      const gl = this.gl;
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, image);
+      this.panel = index;
+    }
+
+    /* Give the canvas as many pixels as it has on the screen, or a share of them. */
+    fit(share) {
+      const box = this.canvas.getBoundingClientRect();
+      const ratio = Math.min(window.devicePixelRatio || 1, 2);
+      const scale = share * Math.min(ratio, LARGEST_SIDE_PX / Math.max(box.width, box.height, 1));
+      this.resize(Math.round(box.width * scale), Math.round(box.height * scale));
+    }
+
+    resize(width, height) {
+      const changed = this.canvas.width !== width || this.canvas.height !== height;
+      if (!changed || !width || !height) return;
+      this.canvas.width = width;
+      this.canvas.height = height;
+    }
+
+    draw(samples) {
+      const gl = this.gl, {width, height} = this.canvas, at = this.programs[lensModel];
+      gl.viewport(0, 0, width, height);
+      gl.useProgram(at.program);
+      gl.uniform2f(at.canvas, width, height);
+      gl.uniform3fv(at.eye, eye);
+      gl.uniform1i(at.grid, samples);
+      gl.drawArrays(gl.TRIANGLES, 0, 3);
+    }
+
+    /* Resolves when all that was drawn is done. */
+    finished() {
+      const gl = this.gl, sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+      gl.flush();
+      return new Promise((resolve) => {
+        const look = () => {
+          if (sync && gl.getSyncParameter(sync, gl.SYNC_STATUS) === gl.UNSIGNALED)
+            setTimeout(look, 1);
+          else resolve();
+        };
+        setTimeout(look, 1);
+      });
+    }
+
+    read() {
+      const gl = this.gl, {width, height} = this.canvas, row = 4 * width;
+      const upwards = new Uint8Array(row * height), downwards = new Uint8Array(row * height);
+      gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, upwards);
+      for (let y = 0; y < height; ++y)
+        downwards.set(upwards.subarray(y * row, (y + 1) * row), (height - 1 - y) * row);
+      return downwards;
+    }
+  }
+
+  /* ---- elements ---------------------------------------------------------------------------- */
+
+  const all = (selector) => [...live.querySelectorAll(selector)];
+  const figures = all("figure"), canvases = all("canvas"), selects = all("select");
+  const sliders = Object.fromEntries(all("input[type=range]").map((s) => [s.name, s]));
+  const readout = live.querySelector(".readout"), sign = live.querySelector(".sign");
+  const spoken = live.querySelector("[role=status]");
+  const together = live.querySelector("input[name=together]");
+  const why = document.getElementById("virtual-display-why");
+  const images = data.panels.map(() => null);
+  const chosen = data.start;
+  let screens = [], lensModel = "pinhole";
+
+  const shownScreens = () => screens.filter((_, side) => !figures[side].hidden);
+  const isOutside = () => {
+    const limit = flipLimit(eye[2]);
+    return fromArray().some((offset, axis) => Math.abs(offset) > limit[axis]);
+  };
+
+  /* ---- words ------------------------------------------------------------------------------- */
+
+  const number = (value, digits) => {
+    const text = Math.abs(value).toFixed(digits);
+    return (value < 0 && Number(text) !== 0 ? "−" : "") + text;
+  };
+  const degrees = (offset) => number((Math.atan(offset / eye[2]) * 180) / Math.PI, 1) + "°";
+
+  function zoneWords() {
+    const limit = flipLimit(eye[2]);
+    if (Math.min(...limit) < 0)
+      return "Too close: some lenses show a neighbour's picture wherever the eye is.";
+    const offset = fromArray();
+    const over = ["across", "up or down"]
+      .map((word, axis) => [Math.abs(offset[axis]) - limit[axis], word])
+      .filter(([excess]) => excess > 0)
+      .map(([excess, word]) => `${number(excess, 1)} mm too far ${word}`);
+    return over.length
+      ? `Outside the viewing zone, ${over.join(" and ")}: the picture flips.`
+      : `Inside the viewing zone: ±${number(limit[0], 1)} mm across, ` +
+        `±${number(limit[1], 1)} mm up and down at this distance.`;
+  }
+
+  function say() {
+    const [x, y, z] = eye, outside = isOutside();
+    readout.textContent =
+      `Eye at x ${number(x, 1)}, y ${number(y, 1)}, z ${number(z, 0)} mm ` +
+      `(${degrees(x)} across, ${degrees(y)} up)`;
+    sign.textContent = zoneWords();
+    sign.classList.toggle("outside", outside);
+    figures.forEach((figure) => figure.classList.toggle("outside", outside));
+    const sides = {x: ["left", "right"], y: ["down", "up"]};
+    [["x", x], ["y", y]].forEach(([name, value]) => {
+      const slider = sliders[name];
+      slider.min = -reach(z);
+      slider.max = reach(z);
+      slider.value = value;
+      slider.setAttribute("aria-valuetext",
+        `${number(Math.abs(value), 1)} mm ${sides[name][value < 0 ? 0 : 1]}`);
+    });
+    sliders.z.value = Math.log(z / nearest) / Math.log(farthest / nearest);
+    sliders.z.setAttribute("aria-valuetext", `${number(z, 0)} mm`);
+    all("button[data-viewpoint]").forEach((button) => {
+      const at = data.viewpoints[button.dataset.viewpoint].position_mm;
+      const there = at.every((value, axis) => Math.abs(value - eye[axis]) < 1e-6);
+      button.setAttribute("aria-pressed", String(there));
+    });
+    canvases.forEach((canvas, side) => {
+      canvas.setAttribute("aria-label",
+        `${data.panels[chosen[side]].name} through ${lensModel} lenses. ${readout.textContent}. ` +
+        sign.textContent);
+    });
+  }
+
+  /* ---- frames: as many samples as there is time for; one frame at a time ------------------- */
+
+  let emptyMs = 4, sampleMs = 1e-6;  // a frame without samples, and one sample of one pixel, take
+  let grid = 0, frames = 0, movedSince = false, running = false, speaking = 0;
+
+  // What a frame takes however few its samples; the first ones compile and do not count.
+  async function timeEmptyFrames() {
+    const took = [];
+    for (let i = 0; i < 7; ++i) {
+      const started = performance.now();
+      screens.forEach((screen) => { screen.resize(16, 16); screen.draw(1); });
+      await Promise.all(screens.map((screen) => screen.finished()));
+      took.push(performance.now() - started);
+    }
+    emptyMs = took.slice(2).sort((a, b) => a - b)[2];
+  }
+
+  const pixelCount = () => shownScreens()
+    .reduce((sum, {canvas}) => sum + canvas.width * canvas.height, 0);
+
+  async function paint(samples, share) {
+    const drawn = shownScreens(), started = performance.now();
+    for (const screen of drawn) {
+      screen.fit(share);
+      screen.draw(samples);
+    }
+    grid = samples;
+    await Promise.all(drawn.map((screen) => screen.finished()));
+    frames += 1;
+    const count = pixelCount() * samples ** 2;
+    if (!count) return;
+    // What is longer than before is mostly others' doing: believed by half.
+    const found = Math.max(performance.now() - started - emptyMs, 0.2) / count;
+    sampleMs = Math.min(found, 0.5 * (sampleMs + found));
+  }
+
+  function affordable() {
+    const whole = shownScreens().reduce((sum, {canvas}) => {
+      const ratio = Math.min(window.devicePixelRatio || 1, 2);
+      return sum + canvas.clientWidth * canvas.clientHeight * ratio ** 2;
+    }, 0);
+    const fits = (samples, share) => whole * share ** 2 * samples ** 2 * sampleMs <= MOVING_MS;
+    for (const samples of MOVING_GRIDS) if (fits(samples, 1)) return [samples, 1];
+    return [1, COARSE.find((share) => fits(1, share)) || COARSE[COARSE.length - 1]];
+  }
+
+  const nextFrame = () => new Promise(requestAnimationFrame);
+
+  async function run() {
+    if (running) return;
+    running = true;
+    while (movedSince) {
+      await nextFrame();
+      movedSince = false;
+      say();
+      await paint(...affordable());
+      for (const samples of REST_GRIDS) {
+        await nextFrame();
+        const costs = pixelCount() * samples ** 2 * sampleMs;
+        if (movedSince || (samples > REST_GRIDS[0] && costs > REST_MS)) break;
+        await paint(samples, 1);
+      }
+    }
+    running = false;
+  }
+
+  function moved() {
+    movedSince = true;
+    if (screens.length) run();
+    clearTimeout(speaking);
+    speaking = setTimeout(() => {
+      spoken.textContent = `${readout.textContent}. ${sign.textContent}`;
+    }, 700);
+  }
+
+  const moveTo = (x, y, z) => { setEye(x, y, z); moved(); };
+
+  /* ---- choosing ------------------------------------------------------------------------------ */
+
+  async function picture(index) {
+    if (!images[index]) {
+      const image = new Image();
+      image.src = data.panels[index].source;
+      await image.decode();
+      images[index] = image;
+    }
+    return images[index];
+  }
+
+  async function choose(side, index) {
+    chosen[side] = index;
+    const image = await picture(index);
+    if (chosen[side] !== index) return;
+    screens[side].show(index, image);
+    moved();
+  }
+
+  /* ---- controls ------------------------------------------------------------------------------ */
+
+  function dragging(canvas) {
+    const held = new Map();
+    const gap = () => {
+      const [a, b] = [...held.values()];
+      return Math.hypot(a[0] - b[0], a[1] - b[1]);
+    };
+    canvas.addEventListener("pointerdown", (event) => {
+      if (event.button > 0) return;
+      held.set(event.pointerId, [event.clientX, event.clientY]);
+      canvas.setPointerCapture(event.pointerId);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (!held.has(event.pointerId)) return;
+      const [x, y] = held.get(event.pointerId);
+      const wide = held.size === 2 ? gap() : 0;
+      held.set(event.pointerId, [event.clientX, event.clientY]);
+      if (held.size === 2) {
+        moveTo(eye[0], eye[1], (eye[2] * wide) / Math.max(gap(), 1));
+      } else if (held.size === 1) {
+        // Across the whole canvas: one and a quarter times the whole viewing angle.
+        const scale = (2.5 * tangent * eye[2]) / Math.max(canvas.clientWidth, canvas.clientHeight);
+        moveTo(eye[0] + (event.clientX - x) * scale, eye[1] - (event.clientY - y) * scale, eye[2]);
+      }
+    });
+    for (const end of ["pointerup", "pointercancel"])
+      canvas.addEventListener(end, (event) => held.delete(event.pointerId));
+  }
+
+  function scrolling(canvas) {
+    canvas.addEventListener("wheel", (event) => {
+      // A page must scroll past a canvas that nobody has clicked; a pinch comes as ctrl + wheel.
+      if (document.activeElement !== canvas && !event.ctrlKey) return;
+      event.preventDefault();
+      const lines = event.deltaMode === 1 ? 16 : 1, pinch = event.ctrlKey ? 8 : 1;
+      moveTo(eye[0], eye[1], eye[2] * Math.exp(0.001 * lines * pinch * event.deltaY));
+    }, {passive: false});
+  }
+
+  function typing(canvas) {
+    canvas.addEventListener("keydown", (event) => {
+      if (event.altKey || event.ctrlKey || event.metaKey) return;
+      const step = ((event.shiftKey ? 0.25 : 0.05) * tangent) * eye[2], [x, y, z] = eye;
+      const keys = {
+        ArrowLeft: [x - step, y, z], ArrowRight: [x + step, y, z],
+        ArrowUp: [x, y + step, z], ArrowDown: [x, y - step, z],
+        "+": [x, y, z / 1.1], "=": [x, y, z / 1.1], "-": [x, y, z * 1.1], _: [x, y, z * 1.1],
+        Home: home,
+      };
+      if (!Object.hasOwn(keys, event.key)) return;
+      event.preventDefault();
+      moveTo(...keys[event.key]);
+    });
+  }
+
+  function connect() {
+    canvases.forEach((canvas) => {
+      dragging(canvas);
+      scrolling(canvas);
+      typing(canvas);
+      canvas.addEventListener("webglcontextlost", (event) => {
+        event.preventDefault();
+        standIn("The graphics card was taken away; the live display waits for it.");
+      });
+      canvas.addEventListener("webglcontextrestored", start);
+    });
+    selects.forEach((select, side) =>
+      select.addEventListener("change", () => choose(side, Number(select.value))));
+    all("button[data-viewpoint]").forEach((button) => button.addEventListener("click", () =>
+      moveTo(...data.viewpoints[button.dataset.viewpoint].position_mm)));
+    all("input[name=lens-model]").forEach((radio) => radio.addEventListener("change", () => {
+      lensModel = radio.value;
+      moved();
+    }));
+    if (together) together.addEventListener("change", () => {
+      figures[1].hidden = !together.checked;
+      live.classList.toggle("alone", !together.checked);
+      moved();
+    });
+    sliders.x.addEventListener("input", () => moveTo(Number(sliders.x.value), eye[1], eye[2]));
+    sliders.y.addEventListener("input", () => moveTo(eye[0], Number(sliders.y.value), eye[2]));
+    sliders.z.addEventListener("input", () =>
+      moveTo(eye[0], eye[1], nearest * (farthest / nearest) ** Number(sliders.z.value)));
+    new ResizeObserver(moved).observe(live);
+  }
+
+  /* ---- start ----------------------------------------------------------------------------------- */
+
+  function standIn(reason) {
+    live.hidden = true;
+    live.parentElement.classList.remove("is-live");
+    why.textContent = `${reason} These pre-rendered views stand in for the live display.`;
+  }
+
+  // A browser may keep form choices over a reload; what is chosen is what is drawn.
+  function takeChoices() {
+    selects.forEach((select, side) => { chosen[side] = Number(select.value); });
+    lensModel = live.querySelector("input[name=lens-model]:checked").value;
+    if (together) {
+      figures[1].hidden = !together.checked;
+      live.classList.toggle("alone", !together.checked);
+    }
+  }
+
+  async function start() {
+    try {
+      takeChoices();
+      const pictures = await Promise.all(canvases.map((_, side) => picture(chosen[side])));
+      screens = canvases.map((canvas) => new Screen(canvas));
+      screens.forEach((screen, side) => screen.show(chosen[side], pictures[side]));
+    } catch (error) {
+      standIn(error instanceof CannotDraw ? error.message : "The panels cannot be read.");
+      return false;
+    }
+    live.hidden = false;
+    live.parentElement.classList.add("is-live");
+    await timeEmptyFrames();
+    say();
+    moved();
+    return true;
+  }
+
+  function pixels(side, width, height) {
+    const screen = screens[side];
+    screen.resize(width, height);
+    screen.draw(FULL_GRID);
+    const bytes = screen.read();
+    let text = "";
+    for (let i = 0; i < bytes.length; i += 8192)
+      text += String.fromCharCode(...bytes.subarray(i, i + 8192));
+    moved();  // and the canvas gets its own size back
+    return {width, height, data: btoa(text)};
+  }
+
+  async function timeFrame(samples) {
+    const started = performance.now();
+    for (const screen of shownScreens()) {
+      screen.fit(1);
+      screen.draw(samples);
+      await screen.finished();
+    }
+    return performance.now() - started;
+  }
+
+  window.inimDisplay = {
+    ready: start(),
+    eye: () => [...eye],
+    setEye: (x, y, z) => { moveTo(x, y, z); say(); return [...eye]; },
+    flipLimit,
+    state: () => ({
+      lensModel, panels: screens.map((s) => s.panel), isOutside: isOutside(), grid,
+      isResting: !running && !movedSince, frames,
+    }),
+    pixels,
+    timeFrame,
+  };
+  connect();
+})();

@@ -1,0 +1,484 @@
+"""`inim view`: the virtual display in a real browser shows what the ray tracer shows."""
+
+from __future__ import annotations
+
+import base64
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.display import DISPLAYS, Display
+from inim.jobs.view import view_eia
+from inim.metrics import ssim
+from inim.report.html import render_html
+from inim.report.virtual_display.still import still_view
+from inim.viewpoint import Viewpoint
+from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
+from tests.conftest import small_display
+from tests.system.conftest import Ended, assert_one_line
+from tests.unit.test_report_html import report
+
+# Lenses of a whole number of pixels, seen with 4 view pixels to the lens.
+DISPLAY = small_display(24, 20, 17)
+NAMES = {"inim.lens_columns": "24", "inim.lens_rows": "20", "inim.pixel_pitch_mm": str(1 / 17)}
+ALGORITHMS = {"template": 0.97, "wang2024": 0.92}
+# The ray tracer's own noise and 8-bit rounding leave more than this.
+LEAST_SSIM = 0.99
+# Between two renderings in exact and in float32 arithmetic, of samples on a pixel's border.
+MOST_CHANGED = 0.002
+
+
+def tilted_plane(display: Display, seed: int = 0) -> np.ndarray:
+    """The EIA of a patterned plane through the depth range, like no mirror image of itself.
+
+    (rows, columns, 3) uint8: a large F, dots of seeded colours, brighter to the right and above.
+    """
+    rows, columns = display.eia_shape
+    if not display.is_separable:  # some picture of the panel's size will do
+        display = DISPLAY.replace(panel_rows=rows, panel_columns=columns)
+    z = 12.0
+    x = (display.columns.centre_mm + display.columns.slope * z)[None, :] / display.width_mm
+    y = (display.rows.centre_mm + display.rows.slope * z)[:, None] / display.height_mm
+    stem = (abs(x + 0.2) < 0.06) & (abs(y) < 0.4)
+    bars = (x > -0.2) & (x < 0.25) & ((abs(y - 0.34) < 0.06) | ((abs(y) < 0.06) & (x < 0.1)))
+    dots = np.random.default_rng(seed).uniform(0.1, 0.9, (9, 9, 3))
+    places = np.clip(((y + 0.5) * 9).astype(int), 0, 8), np.clip(((x + 0.5) * 9).astype(int), 0, 8)
+    ramp = (0.5 + 0.4 * x + 0.2 * y)[..., None]
+    color = np.where((stem | bars)[..., None], [1.0, 0.8, 0.2], ramp * dots[places])
+    return srgb_to_uint8(srgb_from_linear(color))
+
+
+def save(path: Path, codes: np.ndarray) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(codes).save(path)
+    return path
+
+
+def view(*words: str | Path, folder: Path) -> Ended:
+    """`inim view`, run to its end in a folder."""
+    ended = subprocess.run(
+        [sys.executable, "-m", "inim", "view", *map(str, words)],
+        cwd=folder,
+        capture_output=True,
+        encoding="utf-8",
+        timeout=120,
+    )
+    return Ended(ended.returncode, ended.stdout, ended.stderr)
+
+
+def show_eia(tab: Tab, folder: Path, codes: np.ndarray, **settings: object) -> None:
+    """Open the live display of an EIA and wait for it."""
+    eia = save(folder / "eia.png", codes)
+    definitions = [word for word in display_words(**settings) if word != "-D"]
+    show(tab, view_eia(eia, "nominal", definitions, folder / "page.html"))
+
+
+def display_words(**settings: object) -> list[str]:
+    given = NAMES | {f"inim.{key}": str(value) for key, value in settings.items()}
+    return [word for key, value in given.items() for word in ("-D", f"{key}={value}")]
+
+
+def report_data(display: Display = DISPLAY) -> dict[str, Any]:
+    data = report(ALGORITHMS)
+    data["display"] = {"given": display.given(), "derived": display.derived()}
+    places = {"centre": (0, 0), "left": (-20, 0), "right": (20, 0), "up": (0, 15), "down": (0, -15)}
+    data["viewpoints"] = [{"name": n, "position_mm": [*p, 180.0]} for n, p in places.items()]
+    return data
+
+
+def report_folder(folder: Path, display: Display = DISPLAY) -> Path:
+    """A report's pictures: three different EIAs, and views of them."""
+    for seed, place in enumerate(("truth/eia", "eia/template", "eia/wang2024")):
+        save(folder / f"{place}.png", tilted_plane(display, seed))
+    for viewpoint in report_data()["viewpoints"]:
+        for place in ("truth", "views/ceiling", "views/template", "views/wang2024"):
+            codes = still_view(
+                tilted_plane(display), display, tuple(viewpoint["position_mm"]), grid=1
+            )
+            save(folder / place / f"{viewpoint['name']}.png", codes)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A whole report."""
+    folder = report_folder(tmp_path_factory.mktemp("report"))
+    path = folder / "report.html"
+    path.write_text(render_html(report_data(), folder), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def shared_tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
+    with browser(tmp_path_factory.mktemp("profile"), WEBGL) as tab:
+        yield tab
+
+
+@pytest.fixture
+def tab(shared_tab: Tab) -> Tab:
+    shared_tab.size(1000, 800)
+    shared_tab.send("Emulation.setEmulatedMedia", media="", features=[])
+    shared_tab.complaints.clear()
+    return shared_tab
+
+
+def show(tab: Tab, path: Path) -> None:
+    """Open a page and wait for its display."""
+    tab.open(path)
+    assert tab.evaluate("inimDisplay.ready") is True
+    rest(tab)
+
+
+def rest(tab: Tab) -> None:
+    tab.until("inimDisplay.state().isResting")
+
+
+def eye(tab: Tab) -> tuple[float, float, float]:
+    x, y, z = tab.evaluate("inimDisplay.eye()")
+    return x, y, z
+
+
+def canvas(tab: Tab, side: int, shape: tuple[int, int]) -> np.ndarray:
+    """The picture on a canvas, (rows, columns, 3) uint8, drawn at this size."""
+    said = tab.evaluate(f"inimDisplay.pixels({side}, {shape[1]}, {shape[0]})")
+    rgba = np.frombuffer(base64.b64decode(said["data"]), np.uint8)
+    return rgba.reshape(said["height"], said["width"], 4)[..., :3]
+
+
+@pytest.fixture(scope="module")
+def traced(renderer: object) -> Any:
+    """Views of the report's ground truth by the ray tracer, linear."""
+    from inim.kernel.reconstruct import reconstruct
+
+    light = linear_from_srgb(tilted_plane(DISPLAY).astype(np.float32) / 255)
+
+    def view_from(place: tuple[float, float, float]) -> np.ndarray:
+        return reconstruct(light, DISPLAY, Viewpoint("eye", *place), "pinhole", spp=256)
+
+    return view_from
+
+
+@pytest.mark.parametrize("by", [(0, 0), (70, -40), (-90, 55)])
+def test_dragging_the_eye_shows_what_the_ray_tracer_sees_from_there(tab, page, traced, by):
+    show(tab, page)
+    tab.click("input[value=pinhole]")
+    tab.drag("#virtual-display canvas", by)
+    place = eye(tab)
+    assert np.sign(place[:2]).tolist() == np.sign([by[0], -by[1]]).tolist()
+    expected = traced(place)
+    shown = linear_from_srgb(canvas(tab, 0, expected.shape[:2]).astype(np.float32) / 255)
+    assert ssim(expected, shown) >= LEAST_SSIM
+    # A picture that is mirrored, moved by a lens or seen from elsewhere would not pass.
+    for wrong in (shown[:, ::-1], shown[::-1], np.roll(shown, 4, axis=1), np.roll(shown, 4, 0)):
+        assert ssim(expected, wrong) < 0.9
+    elsewhere = (place[0] + (12 if place[0] <= 0 else -12), place[1], place[2])
+    assert ssim(traced(elsewhere), shown) < 0.97
+    assert tab.complaints == []
+
+
+@pytest.mark.parametrize("lens_model", ["pinhole", "thin"])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"panel_columns": 377, "panel_rows": 301, "pixel_pitch_mm": 0.0636},
+        {"lattice": "hexagonal"},
+        {"aperture": "round", "fill_factor": 0.8},
+        {"aperture": "round", "fill_factor": 0.8, "between_lenses": "clear"},
+        {"fill_factor": 0.7, "pitch_y_mm": 1.2},
+        {"rotation_deg": 3.0, "shift_x_mm": 0.31, "shift_y_mm": -0.2},
+        {"tilt_x_deg": 2.0, "tilt_y_deg": -1.5},
+        {"abbe_number": 30.0},
+        {"elemental_pitch_mm": 1.01, "gap_mm": 2.8},
+    ],
+    ids=lambda changes: " ".join(changes) or "plain",
+)
+def test_every_kind_of_array_is_drawn_as_the_lens_models_trace_it(
+    tab, tmp_path, changes, lens_model
+):
+    display = DISPLAY.replace(**changes)
+    codes = tilted_plane(display)
+    show_eia(tab, tmp_path, codes, **changes)
+    tab.click(f"input[value={lens_model}]")
+    tab.evaluate("inimDisplay.setEye(23, -14, 190)")
+    shape = display.lens_rows * 4, display.lens_columns * 4
+    expected = still_view(codes, display, eye(tab), lens_model, grid=8).astype(int)
+    shown = canvas(tab, 0, shape).astype(int)
+    assert expected.max() > 150
+    # A sample on the border of two panel pixels may fall to either side.
+    assert (abs(shown - expected).max(axis=-1) > 2).mean() < MOST_CHANGED
+    assert tab.complaints == []
+
+
+def test_every_control_works_and_nothing_complains(tab, page):
+    show(tab, page)
+    start = eye(tab)
+    assert start == (0, 0, 180)
+    tab.click("button[data-viewpoint='1']")
+    assert eye(tab) == (-20, 0, 180)
+    tab.until("document.querySelector('[data-viewpoint=\"1\"]').ariaPressed === 'true'")
+    for model in ("pinhole", "thin"):
+        tab.click(f"input[value={model}]")
+        assert tab.evaluate("inimDisplay.state().lensModel") == model
+    tab.click("#virtual-display canvas")  # gives it the keyboard
+    at = tab.middle("#virtual-display canvas")
+    tab.mouse("mouseWheel", at, deltaX=0, deltaY=200)
+    tab.until("inimDisplay.eye()[2] > 200")
+    tab.key("Home")
+    assert eye(tab) == start
+    for name, axis, sign in (
+        ("ArrowRight", 0, 1),
+        ("ArrowLeft", 0, -1),
+        ("ArrowUp", 1, 1),
+        ("ArrowDown", 1, -1),
+        ("+", 2, -1),
+        ("-", 2, 1),
+    ):
+        before = eye(tab)
+        tab.key(name, name if len(name) == 1 else "")
+        after = eye(tab)
+        assert np.sign(after[axis] - before[axis]) == sign, name
+        assert after[:axis] + after[axis + 1 :] == before[:axis] + before[axis + 1 :]
+    for name in "xyz":
+        before = eye(tab)
+        tab.click(f"input[name={name}]")  # its middle
+        tab.key("ArrowRight")
+        assert eye(tab)["xyz".index(name)] > before["xyz".index(name)] - 1e-9
+        assert eye(tab) != before
+    choose = "(s => { s.value = 2; s.dispatchEvent(new Event('change')); })"
+    tab.evaluate(f"{choose}(document.querySelector('#virtual-display select'))")
+    tab.until("inimDisplay.state().panels[0] === 2")
+    tab.click("input[name=together]")
+    rest(tab)
+    widths = "[...document.querySelectorAll('canvas')].map((c) => c.clientWidth)"
+    wide, none = tab.evaluate(widths)
+    assert (wide > 500, none) == (True, 0)
+    tab.click("input[name=together]")
+    rest(tab)
+    assert min(tab.evaluate(widths)) > 300
+    tab.size(500, 800)
+    rest(tab)
+    assert tab.complaints == []
+
+
+def test_wheel_scrolls_the_page_until_the_display_has_been_clicked(tab, page):
+    show(tab, page)
+    at = tab.middle("#virtual-display canvas")
+    tab.mouse("mouseWheel", at, deltaX=0, deltaY=120)
+    rest(tab)
+    assert eye(tab) == (0, 0, 180)
+
+
+def test_pinch_changes_the_distance(tab, page):
+    show(tab, page)
+    tab.click("#virtual-display canvas")
+    x, y = tab.middle("#virtual-display canvas")
+    start = eye(tab)
+
+    def fingers(kind: str, apart: float) -> None:
+        points = [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
+        tab.send("Input.dispatchTouchEvent", type=kind, touchPoints=points if apart else [])
+
+    tab.send("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
+    try:
+        fingers("touchStart", 40)
+        for apart in (50, 60, 70, 80):
+            fingers("touchMove", apart)
+        fingers("touchEnd", 0)
+    finally:
+        tab.send("Emulation.setTouchEmulationEnabled", enabled=False)
+    assert eye(tab)[2] == pytest.approx(start[2] / 2, rel=0.05)
+    assert tab.complaints == []
+
+
+def test_two_canvases_show_their_own_panels_from_one_eye(tab, page):
+    show(tab, page)
+    tab.click("input[value=pinhole]")
+    tab.evaluate("inimDisplay.setEye(10, 5, 170)")
+    for side in (0, 1):
+        seen = canvas(tab, side, (80, 96)).astype(int)
+        expected = [
+            still_view(tilted_plane(DISPLAY, seed), DISPLAY, (10, 5, 170), grid=8).astype(int)
+            for seed in (0, 1)
+        ]
+        assert abs(seen - expected[side]).mean() < 0.1
+        assert abs(seen - expected[1 - side]).mean() > 5
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"elemental_pitch_mm": 1.01},
+        {"gap_mm": 2.8},
+        {"lens_rows": 5},
+        {"pitch_y_mm": 1.2},
+        {"lattice": "hexagonal"},
+    ],
+    ids=lambda changes: " ".join(changes) or "plain",
+)
+def test_limit_of_the_viewing_zone_is_the_display_s(tab, tmp_path, changes):
+    display = DISPLAY.replace(**changes)
+    show_eia(tab, tmp_path, tilted_plane(display), **changes)
+    for z in (60.0, 150.0, 400.0):
+        assert tab.evaluate(f"inimDisplay.flipLimit({z})") == pytest.approx(
+            display.flip_limit_mm(z), abs=1e-9
+        )
+
+
+def test_eye_outside_the_zone_is_told_and_sees_the_flip(tab, page):
+    show(tab, page)
+    limit = DISPLAY.flip_limit_mm(180)[0]
+    words = "document.querySelector('#virtual-display .sign').textContent"
+    tab.evaluate(f"inimDisplay.setEye({0.98 * limit}, 0, 180)")
+    assert "Inside the viewing zone" in tab.evaluate(words)
+    inside = canvas(tab, 0, (80, 96)).astype(int)
+    tab.evaluate(f"inimDisplay.setEye({limit + 6}, 0, 180)")
+    assert "Outside the viewing zone, 6.0 mm too far across" in tab.evaluate(words)
+    assert "the picture flips" in tab.evaluate(words)
+    outside = canvas(tab, 0, (80, 96)).astype(int)
+    # Only the lenses farthest from the eye have flipped so far: the ones on the left.
+    change = abs(inside - outside).mean(axis=(0, 2))
+    assert change[:8].mean() > 2 * change[60:].mean()
+    tab.evaluate("inimDisplay.setEye(0, 0, 70)")
+    assert "Too close" in tab.evaluate(words)
+
+
+def test_viewing_zone_moves_with_the_array(tab, tmp_path):
+    display = DISPLAY.replace(shift_x_mm=0.5, rotation_deg=90.0)
+    changes = {"shift_x_mm": 0.5, "rotation_deg": 90.0}
+    show_eia(tab, tmp_path, tilted_plane(display), **changes)
+    across, along = DISPLAY.flip_limit_mm(180.0)
+    for x, y, outside in (
+        (0.5 + along - 0.1, 0, False),  # the array's columns now lie across
+        (0.5 + along + 0.1, 0, True),
+        (0.5 - along - 0.1, 0, True),
+        (0, across - 0.1, False),
+        (0, across + 0.1, True),
+    ):
+        tab.evaluate(f"inimDisplay.setEye({x}, {y}, 180)")
+        assert tab.evaluate("inimDisplay.state().isOutside") is outside, (x, y)
+
+
+def test_without_scripts_the_page_still_shows_the_views(tab, page):
+    tab.send("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        tab.open(page)
+        assert tab.evaluate("typeof inimDisplay") == "undefined"
+        assert stand_in(tab)
+        assert tab.evaluate("document.querySelectorAll('#views img').length") > 20
+    finally:
+        tab.send("Emulation.setScriptExecutionDisabled", value=False)
+    assert tab.complaints == []
+
+
+def stand_in(tab: Tab) -> bool:
+    """Whether pre-rendered views stand where the live display would."""
+    pictures = tab.evaluate(
+        "[...document.querySelectorAll('#virtual-display .stand-in img')]"
+        ".map((i) => [i.naturalWidth, i.clientWidth])"
+    )
+    hidden = tab.evaluate("document.getElementById('virtual-display-live').clientHeight") == 0
+    return hidden and len(pictures) == 2 and min(map(min, pictures)) > 50
+
+
+def test_on_paper_it_is_the_pre_rendered_views(tab, page):
+    show(tab, page)
+    assert not stand_in(tab)
+    tab.send("Emulation.setEmulatedMedia", media="print")
+    assert stand_in(tab)
+
+
+def test_without_webgl_the_views_stand_in_and_nothing_complains(page, tmp_path):
+    with browser(tmp_path / "profile", NO_WEBGL) as tab:
+        tab.size(1000, 800)
+        tab.open(page)
+        assert tab.evaluate("inimDisplay.ready") is False
+        assert stand_in(tab)
+        reason = tab.evaluate("document.getElementById('virtual-display-why').textContent")
+        assert "no WebGL 2" in reason
+        assert tab.complaints == []
+
+
+def test_view_of_a_report_has_all_its_panels(tab, tmp_path):
+    folder = report_folder(tmp_path / "OUT")
+    from inim.report import Report
+
+    Report(folder, report_data()).write()
+    ended = view("OUT", folder=tmp_path)
+    assert (ended.code, ended.stdout) == (0, "OUT/virtual-display.html\n"), ended.stderr
+    show(tab, folder / "virtual-display.html")
+    names = "[...document.querySelector('select').options].map((o) => o.text)"
+    assert tab.evaluate(names) == ["Ground truth", "template", "wang2024"]
+    assert tab.complaints == []
+
+
+def test_view_takes_the_display_from_a_settings_file(tmp_path):
+    defaults = "".join(f'<default name="{k}" value="{v}"/>' for k, v in NAMES.items())
+    (tmp_path / "mine.xml").write_text(f'<scene version="3.0.0">{defaults}</scene>')
+    save(tmp_path / "eia.png", tilted_plane(DISPLAY))
+    ended = view("eia.png", "--display", "mine.xml", "-o", "sub/mine.html", folder=tmp_path)
+    assert (ended.code, ended.stdout) == (0, "sub/mine.html\n"), ended.stderr
+    assert "24 × 20 lenses" in (tmp_path / "sub/mine.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["none.png"], ["none.png", "no such file"]),
+        (["eia.png"], ["eia.png", "408 x 340", "needs 1088 x 1088", "--display"]),
+        (["eia.png", "--display", "palace"], ["palace", "nominal or phone"]),
+        (["eia.png", "--display", "none.xml"], ["none.xml", "no such file"]),
+        (["eia.png", "-D", "inim.pitsh_mm=1"], ["pitsh_mm", "did you mean inim.pitch_mm"]),
+        (["eia.png", "-D", "color=1"], ["color"]),
+        (["eia.png", *display_words(), "-o", "."], ["is a folder", "-o"]),
+        (["text.txt"], ["text.txt", ".png"]),
+        (["broken.png", *display_words()], ["broken.png", "not a readable PNG"]),
+        (["."], ["report.json", "cannot be read"]),
+        ([".", "--display", "phone"], ["its own display"]),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path, words, said):
+    save(tmp_path / "eia.png", tilted_plane(DISPLAY))
+    (tmp_path / "text.txt").write_text("no picture")
+    (tmp_path / "broken.png").write_bytes(b"\x89PNG\r\n\x1a\n cut")
+    ended = view(*words, folder=tmp_path)
+    assert (ended.code, ended.stdout) == (2, "")
+    assert_one_line(ended.stderr, said)
+    assert not list(tmp_path.glob("*.html"))
+
+
+def test_view_loads_no_renderer(tmp_path):
+    save(tmp_path / "eia.png", tilted_plane(DISPLAY))
+    program = (
+        "import sys; from inim.cli import main; code = main(sys.argv[1:]); "
+        "print(code, [m for m in ('mitsuba', 'drjit', 'numba') if m in sys.modules])"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program, "view", "eia.png", *display_words()],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert ended.stdout.splitlines() == ["eia-view.html", "0 []"], ended.stderr
+    assert (tmp_path / "eia-view.html").is_file()
+
+
+def test_large_panels_keep_the_page_small_and_say_what_was_left_out(tab, tmp_path):
+    """Noise on a phone's panel: 7.8 MB each even before base64."""
+    display = DISPLAYS["phone"]
+    for seed, place in enumerate(("truth/eia", "eia/template", "eia/wang2024")):
+        codes = np.random.default_rng(seed).integers(0, 256, (*display.eia_shape, 3), np.uint8)
+        save(tmp_path / f"{place}.png", codes)
+    html = render_html(report_data(display), tmp_path)
+    assert len(html.encode()) < 10_000_000
+    words = re.sub("<[^>]*>", " ", html)
+    assert "too large to be embedded exactly" in words or "Left out, the page would be" in words

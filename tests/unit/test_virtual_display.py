@@ -1,0 +1,282 @@
+"""The virtual display's page: exact panels, one script that may run, and nothing from outside."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.display import DISPLAYS, Display
+from inim.report import html as report_html
+from inim.report.html import render_html
+from inim.report.pictures import ENCODINGS, Pictures
+from inim.report.virtual_display import report_display
+from inim.report.virtual_display.panels import Panel, embed_panels
+from inim.report.virtual_display.still import still_view
+from tests.conftest import small_display
+from tests.unit.test_report_html import HOSTILE, Page, noise, report, save
+
+DISPLAY = small_display(12, 10, 8)
+
+
+class Scripts(HTMLParser):
+    """The text of each script element, with its attributes."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__(convert_charrefs=False)
+        self.found: list[tuple[dict[str, str | None], str]] = []
+        self.inside = False
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "script":
+            self.inside = True
+            self.found.append((dict(attrs), ""))
+
+    def handle_endtag(self, tag):
+        self.inside = False
+
+    def handle_data(self, data):
+        if self.inside:
+            attributes, text = self.found.pop()
+            self.found.append((attributes, text + data))
+
+
+def shown_report(folder: Path, names=("template",), display: Display = DISPLAY) -> dict[str, Any]:
+    """A report of a small display whose EIAs are there."""
+    data = report(dict.fromkeys(names, 0.9) | {names[0]: 0.95})
+    data["display"] = {"given": display.given(), "derived": display.derived()}
+    for seed, place in enumerate(["truth/eia", *(f"eia/{name}" for name in names)]):
+        rows, columns = display.eia_shape
+        save(folder / f"{place}.png", noise(seed, max(rows, columns))[:rows, :columns])
+    return data
+
+
+def block(page: str) -> dict[str, Any]:
+    """What the page hands to its script."""
+    texts = [t for a, t in Scripts(page).found if a.get("id") == "virtual-display-data"]
+    assert len(texts) == 1
+    return json.loads(texts[0])
+
+
+def picture(source: str) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(source.split(",")[1]))))
+
+
+def test_every_panel_is_embedded_once_and_exactly(tmp_path):
+    page = render_html(shown_report(tmp_path, ("template", "wang2024")), tmp_path)
+    data = block(page)
+    assert [one["name"] for one in data["panels"]] == ["Ground truth", "template", "wang2024"]
+    for seed, one in enumerate(data["panels"]):
+        np.testing.assert_array_equal(picture(one["source"]), noise(seed, 96)[:80, :96])
+        assert page.count(one["source"]) == 1
+    assert data["start"] == [0, 1]
+
+
+def test_only_the_display_s_own_script_may_run(tmp_path):
+    page = render_html(shown_report(tmp_path), tmp_path)
+    running = [text for attributes, text in Scripts(page).found if "type" not in attributes]
+    assert len(running) == 1
+    digest = base64.b64encode(hashlib.sha256(running[0].encode()).digest()).decode()
+    policy = next(m["content"] for m in Page(page).all("meta") if "http-equiv" in m)
+    directives = dict(d.split(" ", 1) for d in policy.split("; "))
+    assert directives["default-src"] == "'none'"
+    assert directives["script-src"] == f"'sha256-{digest}'"
+    assert directives["img-src"] == "data:"
+    assert not re.search(r"https?://|@import|url\(|\beval\b|Function\(|fetch\(", page)
+
+
+def test_hostile_names_stay_names(tmp_path):
+    data = shown_report(tmp_path)
+    name = "</script><script>alert(1)</script><!--"
+    data["viewpoints"] = [{"name": name, "position_mm": [0, 0, 100]}]
+    data["title"] = data["lens_model"] = HOSTILE
+    data["misalign"] = ""
+    page = render_html(data, tmp_path)
+    assert len(Scripts(page).found) == 2
+    assert block(page)["viewpoints"] == [{"name": name, "position_mm": [0, 0, 100]}]
+    assert Page(page).open == []
+    assert "alert(1)</script><!--" not in page.split("<main>")[0]
+
+
+def test_viewpoint_called_centre_is_where_the_eye_starts(tmp_path):
+    data = shown_report(tmp_path)
+    data["viewpoints"].reverse()
+    assert block(render_html(data, tmp_path))["viewpoints"][0]["name"] == "centre"
+
+
+def test_misaligned_array_is_shown_as_it_lies(tmp_path):
+    data = shown_report(tmp_path) | {"misalign": "rotation_deg=30, shift_x_mm=0.2"}
+    optics = block(render_html(data, tmp_path))["optics"]
+    assert optics["turn"] == pytest.approx([np.sqrt(3) / 2, 0.5])
+    assert optics["shift_mm"] == [0.2, 0]
+    assert optics["traits"] == ["TURNED"]
+    assert optics["panel"] == [96, 80]
+
+
+@pytest.mark.parametrize("subpixels", ["none", "rgb-stripe"])
+def test_subpixels_are_said_to_be_drawn_as_none(tmp_path, subpixels):
+    display = DISPLAY.replace(subpixels=subpixels)
+    text = Page(render_html(shown_report(tmp_path, display=display), tmp_path)).text
+    assert ("sub-pixels and pixel fill as none" in text) == (subpixels != "none")
+
+
+def test_controls_and_canvases_have_names(tmp_path):
+    page = Page(render_html(shown_report(tmp_path), tmp_path))
+    assert len(page.all("canvas")) == 2
+    assert all(c["aria-label"] and c["role"] and c["tabindex"] == "0" for c in page.all("canvas"))
+    ids = {attributes.get("id") for _, attributes in page.elements}
+    assert all(canvas["aria-describedby"] in ids for canvas in page.all("canvas"))
+    assert [b["data-viewpoint"] for b in page.all("button")] == [str(i) for i in range(5)]
+    for kind in ("radio", "checkbox", "range"):
+        assert any(i.get("type") == kind for i in page.all("input"))
+    live = next(d for d in page.all("div") if d.get("id") == "virtual-display-live")
+    assert "hidden" in live
+
+
+@pytest.mark.parametrize(
+    ("scored_with", "first"), [("pinhole", "pinhole"), ("thin", "thin"), ("thick", "thin")]
+)
+def test_it_starts_with_the_lens_model_nearest_to_the_report_s(tmp_path, scored_with, first):
+    page = Page(render_html(shown_report(tmp_path) | {"lens_model": scored_with}, tmp_path))
+    radios = [i for i in page.all("input") if i["type"] == "radio"]
+    assert [i["value"] for i in radios if "checked" in i] == [first]
+    assert ("thin ones come nearest" in page.text) == (scored_with == "thick")
+
+
+def test_pre_rendered_views_stand_in(tmp_path):
+    data = shown_report(tmp_path)
+    for place in ("ceiling", "template"):
+        save(tmp_path / "views" / place / "centre.png", noise(5))
+    page = Page(render_html(data, tmp_path))
+    alts = [image["alt"] for image in page.all("img")]
+    assert "Ground truth from centre, thick lenses" in alts
+    assert "template from centre, thick lenses" in alts
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda d: d["display"]["given"].update(gap_mm=-1.0), "the display cannot be set up"),
+        (lambda d: d["display"]["given"].update(mirror=1), "the display cannot be set up"),
+        (lambda d: d["display"]["given"].update(lens_rows=11), "not of the panel's size"),
+        (lambda d: d.update(viewpoints=[{"name": "centre"}]), "no viewpoint has a position"),
+        (lambda d: d.update(viewpoints=[{"name": "a", "position_mm": [0, 0, -4]}]), "no viewpoint"),
+    ],
+)
+def test_what_cannot_be_shown_live_is_left_out_with_its_reason(tmp_path, spoil, words):
+    data = shown_report(tmp_path)
+    spoil(data)
+    page = render_html(data, tmp_path)
+    assert words in Page(page).text
+    assert Scripts(page).found == []
+
+
+def test_missing_panel_is_named_and_the_rest_is_shown(tmp_path):
+    data = shown_report(tmp_path, ("template", "wang2024"))
+    (tmp_path / "eia/wang2024.png").unlink()
+    page = render_html(data, tmp_path)
+    assert [one["name"] for one in block(page)["panels"]] == ["Ground truth", "template"]
+    assert "Not there, or not of the panel's size: wang2024." in Page(page).text
+
+
+def test_page_without_room_for_pictures_has_no_panels(tmp_path, monkeypatch):
+    data = shown_report(tmp_path)
+    monkeypatch.setattr(report_html, "LARGEST_PAGE_BYTES", 60_000)
+    page = render_html(data, tmp_path)
+    assert Scripts(page).found == []
+    assert "`inim view` shows it alone" in Page(page).text
+
+
+PANELS = [Panel(f"{i}", noise(i, 64)) for i in range(4)]
+
+
+@pytest.mark.parametrize(
+    ("share", "shown", "left_out", "exact"),
+    [
+        (4.1, ["0", "1", "2", "3"], [], True),
+        (3.1, ["0", "1", "2"], ["3"], True),
+        (2.1, ["0", "1"], ["2", "3"], True),
+        (1.9, ["0", "1"], ["2", "3"], False),
+        (0.2, [], ["0", "1", "2", "3"], None),
+    ],
+)
+def test_the_most_important_panels_are_embedded_while_there_is_room(share, shown, left_out, exact):
+    one = len(embed_panels(PANELS[:1], 10**9)[0][0].source)
+    embedded, missing = embed_panels(PANELS, int(share * one))
+    assert [e.name for e in embedded] == shown
+    assert missing == left_out
+    assert all(e.is_exact is exact for e in embedded)
+    assert sum(len(e.source) for e in embedded) <= share * one
+    for e in embedded:
+        difference = picture(e.source).astype(int) - noise(int(e.name), 64)
+        assert bool(difference.any()) is not exact
+        assert abs(difference).mean() < 6
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (3.5, ""),
+        (2.5, "Left out, the page would be too large: wang2024."),
+        (1.8, "compressed with loss"),
+        (0.1, "Left out, the page would be too large: Ground truth, template, wang2024."),
+    ],
+)
+def test_page_says_when_panels_are_compressed_or_left_out(tmp_path, share, words):
+    data = shown_report(tmp_path, ("template", "wang2024"))
+    one = len(block(render_html(data, tmp_path))["panels"][0]["source"])
+    content = report_display(data, Pictures(tmp_path, ENCODINGS[0]), most_bytes=int(share * one))
+    assert words in content
+    assert words or "too large" not in content
+
+
+def panel_of_places(display: Display) -> np.ndarray:
+    """An EIA whose red is the lens column's parity and whose green counts pixels under a lens."""
+    columns = np.arange(display.eia_shape[1])
+    codes = np.zeros((*display.eia_shape, 3), np.uint8)
+    codes[..., 0] = 255 * (columns // 8 % 2)
+    codes[..., 1] = 30 * (columns % 8)
+    return codes
+
+
+def test_eye_far_off_sees_one_pixel_column_of_every_lens():
+    """x = centre + g (X - e) / V: an eye at e sees, in each lens, what lies -g e / V off centre."""
+    codes = panel_of_places(DISPLAY)
+    distance = 1e6
+    for pixel in range(8):
+        aside = (pixel + 0.5 - 4) / 8  # mm from the lens's centre
+        eye = (-aside * distance / DISPLAY.gap_mm, 0.0, distance)
+        seen = still_view(codes, DISPLAY, eye, pixels_per_lens=1, grid=2)
+        assert (seen[..., 1] == 30 * pixel).all()
+        assert (seen[..., 0] == 255 * (np.arange(12) % 2)).all()
+
+
+def test_half_lit_pixel_is_the_mean_of_its_light_not_of_its_codes():
+    """From one gap away a lens's height spans eight panel pixels, every other one lit."""
+    codes = np.zeros((*DISPLAY.eia_shape, 3), np.uint8)
+    codes[::2] = 255
+    seen = still_view(codes, DISPLAY, (0, 0, DISPLAY.gap_mm), pixels_per_lens=1, grid=8)
+    half = srgb_to_uint8(srgb_from_linear(linear_from_srgb(np.array([0, 1])).mean()))
+    assert half == 188
+    assert (seen[3:7, 4:8] == half).all()
+
+
+def test_large_noisy_panels_stay_below_the_limit_and_say_what_they_lost(tmp_path):
+    """Two algorithms and the truth of pure noise: the worst there is to compress."""
+    display = DISPLAYS["nominal"]
+    data = shown_report(tmp_path, ("template", "wang2024"), display)
+    page = render_html(data, tmp_path)
+    assert len(page.encode()) < report_html.LARGEST_PAGE_BYTES
+    text = Page(page).text
+    assert "compressed with loss" in text or "Left out" in text
