@@ -14,6 +14,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from inim.errors import FileError, SceneError, UsageError
+from inim.scene_parameters import SceneParameters
 from inim.settings import PREFIX
 
 __all__ = ["SceneFile", "parse_definitions", "read_scene_file"]
@@ -23,9 +24,21 @@ __all__ = ["SceneFile", "parse_definitions", "read_scene_file"]
 _DEEPEST = 64
 _MOST_ELEMENTS = 200_000
 _MOST_INCLUDES = 64
+# Each shape, material and light costs Mitsuba up to a millisecond and a kernel some branches.
+_MOST_PLUGINS = 10_000
 _LARGEST_BYTES = 64 * 2**20
+# Places where files are looked for (folders of included files, <path> elements), and files named.
+_MOST_PLACES = 64
+_MOST_FILES = 4096
+_MOST_FILE_BYTES = 2**32
 _MESH_TYPES = frozenset({"ply", "obj", "serialized"})
-_PARAMETER = re.compile(r"\$([\w.]+)")
+_VOLUME_TYPES = frozenset({"gridvolume", "sdfgrid"})
+# Of images; whatever the name ends with, the renderer goes by the content.
+_PICTURE_TYPES = frozenset({"bitmap", "envmap"})
+_LIBRARIES = (".so", ".dylib", ".dll")
+# What Mitsuba's own XML reader takes as the same text.
+_ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin1", "utf-16")
+_PLUGIN = re.compile(r"\w+", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -41,8 +54,11 @@ class SceneFile:
         What to hand to Mitsuba's loader.
     meshes : tuple of (str, Path)
         Shape plugin and mesh file of the scene's shapes, to be checked before Mitsuba reads them.
-    exrs : tuple of Path
-        EXR pictures it names, to be checked likewise: the renderer's own reader is an old one.
+    pictures, volumes : tuple of Path
+        Pictures and grids it names, to be checked likewise: the renderer's own readers are old
+        and allocate what a header says.
+    named : dict of str to Path
+        By the name in the scene, every file that it names and where that is.
     sha256 : str
         Over the XML and all files it names.
     """
@@ -51,7 +67,9 @@ class SceneFile:
     settings: dict[str, str]
     parameters: dict[str, str]
     meshes: tuple[tuple[str, Path], ...]
-    exrs: tuple[Path, ...]
+    pictures: tuple[Path, ...]
+    volumes: tuple[Path, ...]
+    named: dict[str, Path]
     sha256: str
 
 
@@ -98,19 +116,22 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
         raise FileError(f"{path}: cannot be found ({error.strerror}); give its full path") from None
     scan = _Scan(folder, definitions)
     scan.read(path, shown=str(path), level=0)
+    scan.settle(str(path))
     own = {k: v for k, v in definitions.items() if k.startswith(PREFIX)}
     for key in definitions.keys() - own.keys() - scan.defaults.keys():
         known = ", ".join(k for k in scan.defaults if not k.startswith(PREFIX)) or "none"
         raise SceneError(f"{path}: -D {key}: the scene has no such parameter (it has: {known})")
     # Mitsuba refuses parameters that a scene does not use; the inim.* ones mostly are not.
-    wanted = {k: v for k, v in definitions.items() if k not in own or k in scan.used}
+    wanted = {k: v for k, v in definitions.items() if k not in own or k in scan.parameters.used}
     in_file = {k: v for k, v in scan.defaults.items() if k.startswith(PREFIX)}
     return SceneFile(
         path,
         {**in_file, **own},
         wanted,
-        tuple(scan.meshes),
-        tuple(scan.exrs),
+        tuple((kind, file) for kind, file in scan.files if kind in _MESH_TYPES),
+        tuple(file for kind, file in scan.files if kind in _PICTURE_TYPES),
+        tuple(file for kind, file in scan.files if kind in _VOLUME_TYPES),
+        {name: file for name, (file, _) in scan.named.items()},
         scan.hash.hexdigest(),
     )
 
@@ -120,33 +141,42 @@ class _Scan:
 
     def __init__(self, folder: Path, definitions: Mapping[str, str]) -> None:
         self.folder = folder
-        self.definitions = definitions
+        self.parameters = SceneParameters(definitions)
         self.defaults: dict[str, str] = {}
-        self.used: set[str] = set()
-        self.meshes: list[tuple[str, Path]] = []
-        self.exrs: list[Path] = []
+        self.files: list[tuple[str, Path]] = []
         self.hash = hashlib.sha256()
-        self.elements = 0
-        self.includes = 0
+        # Where Mitsuba may look for a name; which of them comes first is its own affair.
+        self.places = {folder: None}
+        self.named: dict[str, tuple[Path, str]] = {}
+        self.digests: dict[Path, bytes] = {}
+        self.elements = self.plugins = self.includes = self.xml_bytes = self.file_bytes = 0
 
     def read(self, path: Path, shown: str, level: int) -> None:
         """Parse one file; `shown` is its name in messages."""
         text = self._bytes(path, shown)
         self.hash.update(text)
-        stack: list[tuple[str, dict[str, str]]] = []
+        self._add_place(path.resolve().parent, shown)
+        stack: list[tuple[str, str]] = []
         parser = expat.ParserCreate()
 
         def start(tag: str, attributes: dict[str, str]) -> None:
             where = f"{shown}:{parser.CurrentLineNumber}"
-            self._element(tag, attributes, stack, where, level)
-            stack.append((tag, attributes))
+            substituted = self._substituted(attributes, where)
+            self._element(tag, substituted, stack, where, level)
+            stack.append((tag, substituted.get("type", "")))
 
         def doctype(*_: object) -> None:
             raise SceneError(f"{shown}: has a DOCTYPE; entities are refused, remove it")
 
+        def declaration(_version: str, encoding: str | None, _alone: int) -> None:
+            # Read otherwise here than by Mitsuba, a scene could hide what it names.
+            if encoding and encoding.lower() not in _ENCODINGS:
+                raise FileError(f"{shown}: unknown encoding {encoding[:40]!r}; save it as UTF-8")
+
         parser.StartElementHandler = start
         parser.EndElementHandler = lambda _tag: stack.pop()
         parser.StartDoctypeDeclHandler = doctype
+        parser.XmlDeclHandler = declaration
         try:
             parser.Parse(text, True)
         except expat.ExpatError as error:
@@ -154,24 +184,44 @@ class _Scan:
         except (LookupError, ValueError) as error:
             raise FileError(f"{shown}: unreadable XML ({error})") from None
 
+    def settle(self, shown: str) -> None:
+        """What only the whole scene tells: names that mean two files, plugins beside the scene."""
+        for name, (path, where) in self.named.items():
+            if self._found(name, where) != path:
+                raise SceneError(f"{where}: {name!r} names several files; rename all but one")
+        # Mitsuba looks for plugins where it looks for files: a library there would be run.
+        for place in (*self.places, Path()):
+            for library in _libraries(place / "plugins"):
+                raise SceneError(
+                    f"{shown}: {library} would be loaded into the renderer and run; move the "
+                    "folder 'plugins' elsewhere"
+                )
+
     def _bytes(self, path: Path, shown: str) -> bytes:
         try:
             if not path.is_file():
                 reason = "is a folder" if path.is_dir() else "no such file"
                 raise FileError(f"{shown}: {reason}; name a Mitsuba scene (.xml)")
-            if path.stat().st_size > _LARGEST_BYTES:
+            self.xml_bytes += path.stat().st_size
+            if self.xml_bytes > _LARGEST_BYTES:
                 raise SceneError(
-                    f"{shown}: {path.stat().st_size} bytes of XML; at most {_LARGEST_BYTES}"
+                    f"{shown}: {self.xml_bytes} bytes of XML; at most {_LARGEST_BYTES}"
                 )
             return path.read_bytes()
         except OSError as error:
             raise FileError(f"{shown}: cannot be read ({error.strerror})") from None
 
+    def _substituted(self, attributes: dict[str, str], where: str) -> dict[str, str]:
+        try:
+            return {k: self.parameters.substitute(text) for k, text in attributes.items()}
+        except ValueError as error:
+            raise SceneError(f"{where}: {error}") from None
+
     def _element(
         self,
         tag: str,
         attributes: dict[str, str],
-        stack: list[tuple[str, dict[str, str]]],
+        stack: list[tuple[str, str]],
         where: str,
         level: int,
     ) -> None:
@@ -182,54 +232,110 @@ class _Scan:
             raise SceneError(f"{where}: more than {_MOST_ELEMENTS} elements; simplify the scene")
         if not stack and level == 0 and tag != "scene":
             raise FileError(f"{where}: <{tag}> is no Mitsuba scene; the root must be <scene>")
-        for text in attributes.values():
-            self.used.update(_PARAMETER.findall(text))
+        self._plugin(attributes.get("type", ""), where)
         if tag == "default" and "name" in attributes:
-            # Mitsuba's escape: a title may hold a dollar sign.
-            value = attributes.get("value", "").replace("\\$", "$")
-            self.defaults.setdefault(attributes["name"], value)
+            self._default(attributes["name"], attributes.get("value", ""), where)
         elif tag == "include":
-            self._include(self._substitute(attributes.get("filename", "")), where, level)
+            self._include(attributes.get("filename", ""), where, level)
         elif tag == "path":
-            self._inside(self._substitute(attributes.get("value", "")), where)
+            self._add_place(self._inside(self.folder, attributes.get("value", ""), where), where)
         elif tag == "string" and attributes.get("name") == "filename":
-            self._names_file(self._substitute(attributes.get("value", "")), stack, where)
+            self._names_file(attributes.get("value", ""), stack[-1][1] if stack else "", where)
+        elif tag == "spectrum" and "filename" in attributes:
+            self._names_file(attributes["filename"], "", where)
+
+    def _plugin(self, name: str, where: str) -> None:
+        if not name:
+            return
+        if not _PLUGIN.fullmatch(name):
+            raise SceneError(f"{where}: {name[:80]!r} cannot be the name of a plugin")
+        self.plugins += 1
+        if self.plugins > _MOST_PLUGINS:
+            raise SceneError(
+                f"{where}: more than {_MOST_PLUGINS} shapes, materials and lights; merge the "
+                "shapes into one mesh"
+            )
+
+    def _default(self, name: str, value: str, where: str) -> None:
+        try:
+            self.parameters.define(name, value)
+        except ValueError as error:
+            raise SceneError(f"{where}: {error}") from None
+        self.defaults.setdefault(name, value)
 
     def _include(self, name: str, where: str, level: int) -> None:
         self.includes += 1
         if self.includes > _MOST_INCLUDES or level >= _DEEPEST // 4:
             raise SceneError(f"{where}: more than {_MOST_INCLUDES} includes, or a circle of them")
-        path = self._inside(name, where)
+        path = self._found(name, where) or self._inside(self.folder, name, where)
+        self.named.setdefault(name, (path, where))
         self.read(path, shown=f"{where}: {name}", level=level + 1)
 
-    def _names_file(self, name: str, stack: list[tuple[str, dict[str, str]]], where: str) -> None:
-        path = self._inside(name, where)
-        if not path.is_file():
+    def _names_file(self, name: str, kind: str, where: str) -> None:
+        path = self._found(name, where)
+        if path is None or not path.is_file():
             raise FileError(f"{where}: {name!r} is not there; paths start at the scene's folder")
-        kind = stack[-1][1].get("type", "") if stack else ""
-        if stack and stack[-1][0] == "shape" and kind in _MESH_TYPES:
-            self.meshes.append((kind, path))
-        elif path.suffix.lower() == ".exr":
-            self.exrs.append(path)
+        self.named.setdefault(name, (path, where))
+        if len(self.named) > _MOST_FILES:
+            raise SceneError(f"{where}: names more than {_MOST_FILES} files; simplify the scene")
+        if (kind, path) not in self.files:
+            self.files.append((kind, path))
+        if path not in self.digests:
+            self.digests[path] = self._digest(path, name, where)
+        self.hash.update(self.digests[path])
+
+    def _digest(self, path: Path, name: str, where: str) -> bytes:
+        digest = hashlib.sha256()
         try:
-            self.hash.update(hashlib.sha256(path.read_bytes()).digest())
+            self.file_bytes += path.stat().st_size
+            if self.file_bytes > _MOST_FILE_BYTES:
+                raise SceneError(
+                    f"{where}: with {name!r}, the scene's files hold {self.file_bytes} bytes; at "
+                    f"most {_MOST_FILE_BYTES}"
+                )
+            with path.open("rb") as file:
+                while block := file.read(2**20):
+                    digest.update(block)
         except OSError as error:
             raise FileError(f"{where}: {name!r} cannot be read ({error.strerror})") from None
+        return digest.digest()
 
-    def _inside(self, name: str, where: str) -> Path:
+    def _found(self, name: str, where: str) -> Path | None:
+        """The one file or folder that a name can mean; None where there is none."""
+        places = [self._inside(place, name, where) for place in self.places]
         try:
-            path = (self.folder / name).resolve()
+            there = {path for path in places if path.exists()}
+        except OSError as error:
+            raise _unusable(name, where, error) from None
+        if len(there) > 1:
+            raise SceneError(f"{where}: {name!r} names several files; rename all but one")
+        return there.pop() if there else None
+
+    def _add_place(self, place: Path, where: str) -> None:
+        self.places.setdefault(place)
+        if len(self.places) > _MOST_PLACES:
+            raise SceneError(f"{where}: more than {_MOST_PLACES} folders; gather the files in one")
+
+    def _inside(self, place: Path, name: str, where: str) -> Path:
+        try:
+            path = (place / name).resolve()
         except (OSError, ValueError, RuntimeError) as error:
-            raise FileError(f"{where}: {name!r} is no usable file name ({error})") from None
+            raise _unusable(name, where, error) from None
         if not path.is_relative_to(self.folder):
             raise SceneError(
                 f"{where}: {name!r} lies outside the scene's folder; copy it beside the scene"
             )
         return path
 
-    def _substitute(self, text: str) -> str:
-        def value(match: re.Match[str]) -> str:
-            name = match[1]
-            return self.definitions.get(name, self.defaults.get(name, match[0]))
 
-        return _PARAMETER.sub(value, text)
+def _unusable(name: str, where: str, error: Exception) -> FileError:
+    cause = getattr(error, "strerror", None) or error
+    return FileError(f"{where}: {name[:120]!r} is no usable file name ({cause})")
+
+
+def _libraries(folder: Path) -> list[str]:
+    """Shared libraries in a folder; none where it cannot be looked into."""
+    try:
+        return sorted(str(p) for p in folder.iterdir() if p.suffix in _LIBRARIES)
+    except OSError:
+        return []

@@ -45,9 +45,14 @@ def cpu_count() -> int:
 
 
 def memory_limit_bytes() -> int:
-    """The memory this process may use [bytes]: the machine's, or a container's limit."""
+    """The memory this process may use [bytes]: the machine's, a container's or a shell's limit."""
+    import resource
+
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     limits = [_number_in(path) for path in _limit_files(Path("/proc/self/cgroup"))]
+    # What `ulimit -v` sets: addresses, of which a renderer takes more than it fills.
+    addresses = resource.getrlimit(resource.RLIMIT_AS)[0]
+    limits.append(None if addresses == resource.RLIM_INFINITY else addresses)
     return min([total, *(limit for limit in limits if limit)])
 
 

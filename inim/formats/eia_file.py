@@ -12,6 +12,7 @@ from inim.color import linear_from_srgb
 from inim.display import Display
 from inim.errors import FileError
 from inim.formats.image import exr_size, read_exr_channels
+from inim.formats.png import check_png
 
 __all__ = ["read_eia"]
 
@@ -80,6 +81,7 @@ def _read_exr(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | No
 def _read_png(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | None]:
     from PIL import Image
 
+    check_png(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # on sizes, which are checked below

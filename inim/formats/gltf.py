@@ -15,6 +15,8 @@ __all__ = ["check_gltf"]
 # Accessors may share bytes (interleaved, instanced); beyond this factor it is a bomb.
 _MOST_SHARING = 16
 _MOST_NODES = 100_000
+# What a tree raises that is not built as a glTF's is.
+_WRONG_KINDS = (ValueError, AttributeError, TypeError, RecursionError)
 
 
 def check_gltf(path: Path, data: bytes) -> None:
@@ -22,21 +24,30 @@ def check_gltf(path: Path, data: bytes) -> None:
     text = data
     try:
         if data.lstrip().startswith(b"glTF"):
-            length = struct.unpack_from("<I", data, 12)[0]
-            if length > len(data) - 20:
-                raise ValueError("its JSON part is cut short")
-            text = data[20 : 20 + length]
+            text = data[20 : _check_chunks(data)]
         tree = json.loads(text)
         bytes_there = len(data) + sum(_outside_bytes(path, b) for b in tree.get("buffers", []))
         declared = sum(_accessor_bytes(a) for a in tree.get("accessors", []))
         nodes = len(tree.get("nodes", []))
-    except (struct.error, ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
+    except (struct.error, ArithmeticError, LookupError, *_WRONG_KINDS) as error:
         raise FileError(f"{path}: not a sound glTF file ({first_line(error)})") from error
     if declared > _MOST_SHARING * bytes_there or nodes > _MOST_NODES:
         raise FileError(
             f"{path}: declares {declared} bytes of data in {nodes} nodes, but has {bytes_there}; "
             "it is cut short or damaged"
         )
+
+
+def _check_chunks(data: bytes) -> int:
+    """Where the first chunk, the JSON, ends; a ValueError where a chunk is longer than the file."""
+    at, first_end = 12, 0
+    while at + 8 <= len(data):
+        length = struct.unpack_from("<I", data, at)[0]
+        at += 8 + length
+        if at > len(data):
+            raise ValueError("a chunk of it is cut short")
+        first_end = first_end or at
+    return first_end
 
 
 def _accessor_bytes(accessor: dict[str, Any]) -> int:

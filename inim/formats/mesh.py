@@ -13,7 +13,7 @@ from pathlib import Path
 
 from inim.errors import FileError
 from inim.formats.gltf import check_gltf
-from inim.formats.mesh_guard import check_area, check_indices, read_bytes
+from inim.formats.mesh_guard import check_area, check_indices, has_area, read_bytes
 from inim.formats.obj import check_obj, scan_obj
 from inim.formats.ply import check_ply, read_ply, write_ply
 from inim.formats.ply_header import is_ply
@@ -71,7 +71,8 @@ def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]
 
         meshes = read_with_trimesh(path, kind, warn)
     check_area(path, [(mesh.vertices, mesh.faces) for mesh in meshes])
-    return meshes
+    # Of several surfaces, those that are no more than lines show nothing.
+    return [mesh for mesh in meshes if has_area(mesh.vertices, mesh.faces)]
 
 
 def check_mesh_file(path: Path, plugin: str | None = None) -> None:

@@ -15,6 +15,7 @@ __all__ = [
     "check_indices",
     "check_points",
     "first_line",
+    "has_area",
     "read_bytes",
 ]
 
@@ -73,12 +74,12 @@ def check_indices(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
 
 def check_area(path: Path, surfaces: Iterable[tuple[np.ndarray, np.ndarray]]) -> None:
     """At least one of the surfaces (vertices, faces) has a face that is more than a line."""
-    if not any(_has_area(vertices, faces) for vertices, faces in surfaces):
+    if not any(has_area(vertices, faces) for vertices, faces in surfaces):
         raise FileError(f"{path}: all faces have zero area; export the surface again")
 
 
-def _has_area(vertices: np.ndarray, faces: np.ndarray) -> bool:
-    """Whether any face has an area; stops at the first block that has one."""
+def has_area(vertices: np.ndarray, faces: np.ndarray) -> bool:
+    """Whether any face is more than a line; stops at the first block that has one."""
     extent = float(np.ptp(vertices.astype(np.float64), axis=0).max())
     for start in range(0, len(faces), _FACES_AT_ONCE):
         block = faces[start : start + _FACES_AT_ONCE]

@@ -22,6 +22,7 @@ __all__ = ["read_with_trimesh"]
 
 _MOST_TEXTURE_PIXELS = 2**26
 _MOST_INSTANCED_FACES = 50_000_000
+_MOST_COMPANION_BYTES = 2**29
 # trimesh's colour for "nobody said"; a material of this colour says nothing.
 _GREY = (102, 102, 102)
 
@@ -37,11 +38,16 @@ class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
 
     def __init__(self, path: Path) -> None:
         super().__init__(str(path))
+        self._folder = path.parent
         self.lacking: dict[str, None] = {}
 
     def get(self, name: str) -> Any:
         """Bytes of a companion file; trimesh catches what this raises."""
         try:
+            named = self._folder / name
+            # A pipe would keep us waiting for ever, a sparse file fill the memory.
+            if not named.is_file() or named.stat().st_size > _MOST_COMPANION_BYTES:
+                raise ValueError(f"{name[:120]!r} is no file of a sane size")
             data = super().get(name)
             if (mimetypes.guess_type(name)[0] or "").startswith("image/"):
                 Image.open(io.BytesIO(data)).close()

@@ -39,6 +39,7 @@ from inim.generators.options import one_of, positive_mm
 from inim.generators.plain import IMPLEMENTATIONS, run
 from inim.generators.sources import HOLE, Sources
 from inim.generators.subpixels import by_subpixel
+from inim.generators.working_type import DTYPES
 from inim.panel import SubPixel
 from inim.pixel_axis import stated
 from inim.pixel_rays import pixel_rays, row_blocks
@@ -56,6 +57,7 @@ def prepare(
     pixel_mm: float,
     step_mm: float | str | None = None,
     implementation: str = "compiled",
+    dtype: str = "float64",
 ) -> SourceGenerator:
     """A generator by reverse search; see the module's text.
 
@@ -67,6 +69,8 @@ def prepare(
         Depth between two samples of a ray; by default P_I.
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one.
+    dtype : {"float64", "float32"}
+        What is computed in; see `inim.generators.working_type`.
 
     Raises
     ------
@@ -78,10 +82,11 @@ def prepare(
         step_mm = pixel_mm if focused else display.scene_pixel_mm
     depths = _sampled_depths(display, positive_mm("step_mm", step_mm))
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
+    typed = one_of("dtype", dtype, DTYPES)
 
     def seen_from(subpixel: SubPixel) -> SourceGenerator:
         aside = (Fraction(0), subpixel.right)
-        return _Gu2020(display, shape, pixel_mm, depths, chosen, aside)
+        return _Gu2020(display, shape, pixel_mm, depths, chosen, typed, aside)
 
     return by_subpixel(display.subpixels, seen_from)
 
@@ -94,12 +99,14 @@ class _Gu2020(SourceGenerator):
         pixel_mm: float,
         depths: np.ndarray,
         implementation: str,
+        dtype: str,
         aside: Aside,
     ) -> None:
         super().__init__(display, shape, pixel_mm)
         self._aside = aside
         self._depths = depths
         self._implementation = implementation
+        self._dtype = dtype
 
     def find(self, rgbd: RGBD) -> Sources:
         # An uncovered cell is a column without height: it never reaches a ray.
@@ -119,6 +126,7 @@ class _Gu2020(SourceGenerator):
             row_rays.start / row_rays.scale,
             row_rays.slope / row_rays.scale,
             self._depths,
+            dtype=self._dtype,
         )
 
     def _find_each(self, depth: np.ndarray) -> Sources:
@@ -137,6 +145,7 @@ class _Gu2020(SourceGenerator):
                     *self.shape,
                     *(coordinate.ravel() for coordinate in cells),
                     self._depths,
+                    dtype=self._dtype,
                 )
             )
         return np.concatenate(found)

@@ -44,6 +44,7 @@ from inim.generators.forward import ForwardAxis, forward_axes
 from inim.generators.options import one_of
 from inim.generators.plain import IMPLEMENTATIONS, run
 from inim.generators.sources import HOLE, Sources, colour_of
+from inim.generators.working_type import DTYPES
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
@@ -55,6 +56,7 @@ def prepare(
     pixel_mm: float,
     fill: str = "none",
     implementation: str = "compiled",
+    dtype: str = "float64",
 ) -> SourceGenerator:
     """A generator by forward mapping; see the module's text.
 
@@ -68,6 +70,8 @@ def prepare(
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one; the painting is not
         part of the method and the same for both.
+    dtype : {"float64", "float32"}
+        What is computed in; see `inim.generators.working_type`.
 
     Raises
     ------
@@ -76,24 +80,33 @@ def prepare(
     """
     how = one_of("fill", fill, FILLS)
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
+    typed = one_of("dtype", dtype, DTYPES)
     require_separable(display, "li2012")
-    return _Li2012(display, shape, pixel_mm, how, chosen)
+    return _Li2012(display, shape, pixel_mm, how, chosen, typed)
 
 
 class _Li2012(SourceGenerator):
     def __init__(
-        self, display: Display, shape: PictureShape, pixel_mm: float, fill: str, implementation: str
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        fill: str,
+        implementation: str,
+        dtype: str,
     ) -> None:
         super().__init__(display, shape, pixel_mm)
         self._fill = fill
         self._implementation = implementation
+        self._dtype = dtype
 
     def find(self, rgbd: RGBD) -> Sources:
         depth, x, y = self._mapping(rgbd)
         nearest = np.full(x.pixels * y.pixels, -np.inf)
         miss = np.full(x.pixels * y.pixels, np.inf)
         shape = self.display.eia_shape
-        return run(_map_all, self._implementation, shape, HOLE, depth, x, y, nearest, miss)
+        mapping = (depth, x, y, nearest, miss)
+        return run(_map_all, self._implementation, shape, HOLE, *mapping, dtype=self._dtype)
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         out = check_out(out, rgbd, self.display)
@@ -106,7 +119,8 @@ class _Li2012(SourceGenerator):
     def _sheet(self, rgbd: RGBD) -> np.ndarray:
         """Panel pixels between the images of picture pixels that touch, see `_sheet_of_lens`."""
         shape = self.display.eia_shape
-        marked = run(_sheet_all, self._implementation, shape, HOLE, *self._mapping(rgbd))
+        mapping = self._mapping(rgbd)
+        marked = run(_sheet_all, self._implementation, shape, HOLE, *mapping, dtype=self._dtype)
         return np.not_equal(marked, HOLE)
 
     def _mapping(self, rgbd: RGBD) -> tuple[np.ndarray, ForwardAxis, ForwardAxis]:

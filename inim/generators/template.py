@@ -35,20 +35,33 @@ import numpy as np
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators.axis_runs import AxisRuns, axis_runs, doubtful_pixels
-from inim.generators.base import PictureShape, SourceGenerator, check_out
+from inim.generators.base import (
+    PictureShape,
+    SourceGenerator,
+    check_out,
+    require_separable,
+)
 from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
 from inim.generators.free_rays import FreeRays
+from inim.generators.lanes import LANES
+from inim.generators.options import one_of
 from inim.generators.polyphase import Phases, index_payload, run_templates
 from inim.generators.sources import HOLE, NOT_ASKED, Sources
 from inim.generators.strips import cell_pairs, row_runs, run_strips, strip_columns
 from inim.generators.subpixels import by_subpixel
 from inim.generators.traversal import first_hits, first_hits_at, starts
+from inim.generators.working_type import DTYPES, in_type
 from inim.panel import SubPixel
 from inim.pixel_axis import PixelAxis
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
+
+# Picture pixels on one ray: ten thousand times those of usual displays.
+_MOST_CELLS = 1_000_000
+# Slots for depths and payloads, 8 bytes each, below which nobody asks how many are needed.
+_MOST_SLOTS = 2**25
 
 
 def prepare(
@@ -58,6 +71,7 @@ def prepare(
     *,
     samples: int | str = 1,
     mask: np.ndarray | None = None,
+    dtype: str = "float64",
 ) -> SourceGenerator:
     """A generator of exact first hits.
 
@@ -71,11 +85,15 @@ def prepare(
         (`Display.pixel_fill`). Colours are averaged in linear light, a hole counting as black.
     mask : (rows, columns) bool, optional
         Panel pixels asked for; the others are left black and cost nothing.
+    dtype : {"float64", "float32"}
+        float32 walks every ray by itself in single precision, as a port to hardware without float64
+        would: rounded, not exact. See `inim.generators.working_type`.
 
     Raises
     ------
     UsageError
-        Another number of samples, or a mask of another shape.
+        Another number of samples, a mask of another shape, float32 on a display that is not
+        separable, or rays so long that they are a slip.
     """
     if str(samples) not in ("1", "2", "4"):
         raise UsageError(f"template: samples = {samples!r}; use 1, 2 or 4")
@@ -84,10 +102,19 @@ def prepare(
             f"template: mask of shape {np.shape(mask)}; the panel has {display.eia_shape}"
         )
 
+    typed = one_of("dtype", dtype, DTYPES)
+    if typed != "float64":
+        require_separable(display, "template:dtype=float32")
+    if display.is_separable:
+        _check_length(display, shape, pixel_mm)
+
     def first_hits_through(aside: Aside) -> SourceGenerator:
         if not display.is_separable:
             return FreeRays(display, shape, pixel_mm, aside, mask)
-        if mask is not None or not cells_per_pitch(display, pixel_mm):
+        if typed != "float64":
+            asked = display.lensed if mask is None else mask
+            return _RayByRay(display, shape, pixel_mm, aside, asked, typed)
+        if mask is not None or not _fits_tables(display, shape, pixel_mm):
             return _RayByRay(display, shape, pixel_mm, aside, mask)
         kind = _Shared if shares_directions(display) else _Strips
         return kind(display, shape, pixel_mm, aside)
@@ -101,6 +128,35 @@ def prepare(
         return Supersampled(first_hits_through, places)
 
     return by_subpixel(display.subpixels, seen_from)
+
+
+def _check_length(display: Display, shape: PictureShape, pixel_mm: float) -> None:
+    """Refuse rays that would be walked for ever."""
+    longest = max(r.most_cells(display.depth_range_mm) for r in cell_rays(shape, pixel_mm, display))
+    if longest > _MOST_CELLS:
+        raise UsageError(
+            f"template: a ray crosses {longest:.3g} picture pixels within the depth range; at most "
+            f"{_MOST_CELLS} make sense; state a shorter depth_min_mm to depth_max_mm, or "
+            "larger picture pixels"
+        )
+
+
+def _fits_tables(display: Display, shape: PictureShape, pixel_mm: float) -> bool:
+    """Whether pictures laid out by phases, with all that rays reach around, take little memory.
+
+    Where they do not, rays are walked one by one: the same bits.
+    """
+    per_pitch = cells_per_pitch(display, pixel_mm)
+    if not per_pitch:
+        return False
+    columns, rows = (
+        2 + axis.most_cells(display.depth_range_mm) // per_pitch
+        for axis in cell_rays(shape, pixel_mm, display)
+    )
+    across = max(display.lens_columns, LANES) + columns
+    cells = (display.lens_rows + rows) * across * per_pitch * per_pitch
+    panel = display.eia_shape[0] * display.eia_shape[1]
+    return cells <= max(_MOST_SLOTS, 4 * (panel + shape[0] * shape[1]))
 
 
 class _Aligned(SourceGenerator):
@@ -207,14 +263,17 @@ class _RayByRay(SourceGenerator):
         pixel_mm: float,
         aside: Aside = CENTRE,
         mask: np.ndarray | None = None,
+        dtype: str = "float64",
     ) -> None:
         super().__init__(display, shape, pixel_mm)
+        self._dtype = dtype
         self._asked = None if mask is None else np.flatnonzero(mask)
         columns, rows = cell_rays(shape, pixel_mm, display, aside)
-        self._rays = (
+        rays = (
             *(columns.start, columns.slope, columns.scale),
             *(rows.start, rows.slope, rows.scale),
         )
+        self._rays = tuple(in_type(dtype, value) for value in rays)
         if mask is None:
             self._reach = (
                 *_reach(columns, display.columns, display),
@@ -225,7 +284,7 @@ class _RayByRay(SourceGenerator):
         """See `SourceGenerator.find`."""
         # An uncovered cell is a column without height: it never reaches a ray.
         depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
-        z_min, z_max = self.display.depth_range_mm
+        z_min, z_max = (in_type(self._dtype, z) for z in self.display.depth_range_mm)
         if self._asked is not None:
             found = np.full(self.display.eia_shape, NOT_ASKED, np.int32)
             first_hits_at(self._asked, depth, self._rays, z_min, z_max, found)

@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from inim.generators.sources import HOLE
+from inim.generators.working_type import as_type_of
 
 __all__ = ["first_hit", "first_hits", "first_hits_at", "starts", "walk"]
 
@@ -20,7 +21,7 @@ def leaves(cell, start, slope, scale):  # type: ignore[no-untyped-def]
     """Depth at which a ray leaves a cell in one axis; never, if it does not move in it."""
     if slope == 0.0:
         return -np.inf
-    return ((cell if slope > 0 else cell + 1) * scale - start) / slope
+    return (as_type_of(start, cell if slope > 0 else cell + 1) * scale - start) / slope
 
 
 @numba.njit(cache=True, nogil=True)

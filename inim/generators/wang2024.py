@@ -38,16 +38,20 @@ import numpy as np
 from numba.extending import register_jitable
 
 from inim.display import Display
+from inim.errors import UsageError
 from inim.generators.base import PictureShape, SourceGenerator, require_separable
 from inim.generators.cells import cell_rays
 from inim.generators.options import one_of
 from inim.generators.plain import IMPLEMENTATIONS, run
 from inim.generators.sources import HOLE, Sources
+from inim.generators.working_type import DTYPES, as_type_of
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
 
 _MATCHINGS = ("matrix", "ray")
+# Entries of one pixel's template: a thousand times those of usual displays.
+_MOST_ENTRIES = 1_000_000
 
 
 def prepare(
@@ -56,6 +60,7 @@ def prepare(
     pixel_mm: float,
     matching: str = "matrix",
     implementation: str = "compiled",
+    dtype: str = "float64",
 ) -> SourceGenerator:
     """A generator by local depth template matching; see the module's text.
 
@@ -67,16 +72,34 @@ def prepare(
         Search the whole matrix, as printed, or only the entries on the ray.
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one.
+    dtype : {"float64", "float32"}
+        What is computed in; see `inim.generators.working_type`.
 
     Raises
     ------
     UsageError
-        An option of another value, or a display that is not separable.
+        An option of another value, a display that is not separable, or templates so long that they
+        are a slip.
     """
     along_ray = one_of("matching", matching, _MATCHINGS) == "ray"
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
+    typed = one_of("dtype", dtype, DTYPES)
     require_separable(display, "wang2024")
-    return _Wang2024(display, shape, pixel_mm, along_ray, chosen)
+    _check_length(display, shape, pixel_mm, along_ray)
+    return _Wang2024(display, shape, pixel_mm, along_ray, chosen, typed)
+
+
+def _check_length(display: Display, shape: PictureShape, pixel_mm: float, along_ray: bool) -> None:
+    """Refuse templates that would take for ever."""
+    rays = cell_rays(shape, pixel_mm, display)
+    longest = max(axis.most_cells(display.depth_range_mm) for axis in rays)
+    most = _MOST_ENTRIES if along_ray else math.isqrt(_MOST_ENTRIES)
+    if longest > most:
+        raise UsageError(
+            f"wang2024: the depth range takes a template of {longest:.3g} steps, of which at most "
+            f"{most} make sense; state a shorter depth_min_mm to depth_max_mm, or larger picture "
+            "pixels"
+        )
 
 
 class _Wang2024(SourceGenerator):
@@ -87,10 +110,12 @@ class _Wang2024(SourceGenerator):
         pixel_mm: float,
         along_ray: bool,
         implementation: str,
+        dtype: str,
     ) -> None:
         super().__init__(display, shape, pixel_mm)
         self._along_ray = along_ray
         self._implementation = implementation
+        self._dtype = dtype
 
     def find(self, rgbd: RGBD) -> Sources:
         column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display)
@@ -114,6 +139,7 @@ class _Wang2024(SourceGenerator):
             z_max,
             single,
             self._along_ray,
+            dtype=self._dtype,
         )
 
 
@@ -137,7 +163,7 @@ def _steps(du, dv, z_min, z_max):  # type: ignore[no-untyped-def]
     travel = max(abs(du), abs(dv))
     if travel * (z_max - z_min) < 1.0:
         return z_max - z_min, 1
-    step = 1.0 / travel
+    step = as_type_of(travel, 1.0) / travel
     return step, math.ceil((z_max - z_min) / step) + 1
 
 
@@ -148,13 +174,13 @@ def _match(  # type: ignore[no-untyped-def]
     """Eq. 7 to 10: the entry of the z_len x z_len matrix nearest to its template depth."""
     best, source = step, HOLE
     for i in range(z_len):
-        z = start + i * step
+        z = start + as_type_of(step, i) * step
         v = math.floor(v0 + dv * z)
         if v < 0 or v >= rows:
             continue
         first, end = (i, i + 1) if along_ray else (0, z_len)
         for j in range(first, end):
-            u = math.floor(u0 + du * (start + j * step))
+            u = math.floor(u0 + du * (start + as_type_of(step, j) * step))
             if u < 0 or u >= columns:
                 continue
             mismatch = abs(depth[v * columns + u] - z)

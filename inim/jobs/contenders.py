@@ -24,6 +24,8 @@ from inim.errors import InimError, UsageError
 from inim.formats.eia_file import read_eia
 from inim.generators import (
     PICKUP,
+    Generator,
+    SourceGenerator,
     algorithm_names,
     algorithm_summary,
     check_algorithm,
@@ -31,6 +33,9 @@ from inim.generators import (
     prepare,
 )
 from inim.jobs.foreign import blamed, run_generator
+from inim.layered_rgbd import LayeredRGBD
+from inim.regression import fixed_picture
+from inim.rgbd import RGBD
 from inim.viewpoint import is_file_safe
 
 if TYPE_CHECKING:
@@ -38,10 +43,12 @@ if TYPE_CHECKING:
     from inim.jobs.plan import Plan
     from inim.jobs.truth import GroundTruth
 
-__all__ = ["Contender", "Entry", "algorithm_table", "parse_contenders"]
+__all__ = ["Contender", "Entry", "algorithm_table", "parse_contenders", "reads_layers"]
 
 #: In place of algorithms, where only finished EIAs are to be scored.
 _NONE = "none"
+# Algorithms that read `inim.layered_rgbd`.
+_LAYERED = ("layered",)
 # The ceiling's views lie beside the contenders'.
 _TAKEN = ("ceiling", _NONE)
 # An algorithm's name with its options also names files.
@@ -62,11 +69,18 @@ class Entry:
         What it took; None where nobody measured it.
     hole_fraction : float or None
         Share of the lensed panel pixels that show nothing; None where it cannot be told.
+    noise : (rows, columns, 3) float32, or None
+        Half of the difference of what two halves of the input's samples yield: the EIA is known
+        to this. None: it has no noise.
+    fixed : (rows, columns, 3) float32, or None
+        What the generator makes of `inim.regression.fixed_picture`.
     """
 
     eia: np.ndarray
     seconds: float | None = None
     hole_fraction: float | None = None
+    noise: np.ndarray | None = None
+    fixed: np.ndarray | None = None
 
 
 #: Makes the entry, once the ground truth is there.
@@ -88,6 +102,11 @@ class Contender(ABC):
     #: What its stage is called in front of its name.
     doing: ClassVar[str] = "generate"
 
+    @property
+    def wants_layers(self) -> bool:
+        """Whether it is given what lies behind the front surface, too; capturing it takes time."""
+        return False
+
     def check(self, display: Display) -> None:  # noqa: B027 (most have nothing to check)
         """Raise an `InimError` for what can be found out without the renderer."""
 
@@ -104,6 +123,11 @@ class Contender(ABC):
 class Generated(Contender):
     """A generator's EIA: the project's own or one announced by another package."""
 
+    @property
+    def wants_layers(self) -> bool:
+        """See `Contender`."""
+        return reads_layers(self.name)
+
     def prepare(self, plan: Plan) -> Make:
         """See `Contender`."""
         display, per_pitch = plan.display, plan.settings.capture_pixels_per_pitch
@@ -114,10 +138,28 @@ class Generated(Contender):
         preparing = time.perf_counter() - started
 
         def make(_: Ledger, truth: GroundTruth) -> Entry:
-            eia, seconds, empty = run_generator(self.name, generator, truth.rgbd, display)
-            return Entry(eia, preparing + seconds, _hole_fraction(empty, display))
+            picture, halves = truth.input(layers=self.wants_layers)
+            eia, seconds, empty = self._run(generator, picture, display)
+            eia = eia.copy()  # a generator may keep one place to write to
+            first, second = (again(rgbd) for rgbd in halves)
+            fixed = again(fixed_picture(display, shape, pixel_mm))
+            holes = _hole_fraction(empty, display)
+            return Entry(eia, preparing + seconds, holes, (first - second) / 2, fixed)
+
+        def again(rgbd: RGBD) -> np.ndarray:
+            return self._run(generator, rgbd, display)[0].copy()
 
         return make
+
+    def _run(
+        self, generator: Generator, rgbd: RGBD, display: Display
+    ) -> tuple[np.ndarray, float, np.ndarray | None]:
+        """See `run_generator`, which takes sources for the pixels of one layer."""
+        if not (isinstance(rgbd, LayeredRGBD) and isinstance(generator, SourceGenerator)):
+            return run_generator(self.name, generator, rgbd, display)
+        started = time.perf_counter()
+        eia = generator.generate(rgbd)
+        return eia, time.perf_counter() - started, generator.sources(rgbd) < 0
 
 
 @dataclass(frozen=True)
@@ -172,9 +214,10 @@ class Pickup(Contender):
             from inim.jobs.truth import render_pickup
 
             started = time.perf_counter()
-            eia = render_pickup(job, truth.fitted, plan.display, self._spp(plan), PICKUP).image
+            eia = render_pickup(job, truth.fitted, plan.display, self._spp(plan), PICKUP)
             seconds = time.perf_counter() - started
-            return Entry(eia, seconds, _hole_fraction(_misses(job, truth), plan.display))
+            holes = _hole_fraction(_misses(job, truth), plan.display)
+            return Entry(eia.image, seconds, holes, (eia.first - eia.second) / 2)
 
         return make
 
@@ -195,6 +238,11 @@ def _hole_fraction(empty: np.ndarray | None, display: Display) -> float | None:
         return None
     pixels = np.count_nonzero(display.lensed)
     return np.count_nonzero(empty & display.lensed) / pixels if pixels else 0.0
+
+
+def reads_layers(algorithm: str) -> bool:
+    """Whether an algorithm, options and all, makes use of `inim.layered_rgbd`."""
+    return parse_algorithm(algorithm)[0] in _LAYERED
 
 
 def parse_contenders(algorithms: str, eias: tuple[str, ...]) -> tuple[Contender, ...]:

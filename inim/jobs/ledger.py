@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,9 +49,18 @@ class Ledger:
         self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - started
 
     def check(
-        self, name: str, value: float | None, relation: str, limit: float, detail: str = ""
+        self,
+        name: str,
+        value: float | None,
+        relation: str,
+        limit: float,
+        detail: str = "",
+        interval: tuple[float, float] | None = None,
     ) -> None:
-        """Add a row to the verdict. A value that is missing or not finite never passes."""
+        """Add a row to the verdict. A value that is missing or not finite never passes.
+
+        `interval` is the value's, where its noise is known.
+        """
         known = value is not None and bool(np.isfinite(value))
         passed = bool(known and (value >= limit if relation == ">=" else value <= limit))  # type: ignore[operator]
         self.checks.append(
@@ -62,6 +71,7 @@ class Ledger:
                 "limit": limit,
                 "passed": passed,
                 "detail": detail,
+                **({} if interval is None else {"interval": list(interval)}),
             }
         )
 
@@ -75,6 +85,13 @@ class Ledger:
             np.where(w[..., None], np.float32(0), image) if w.any() else image
             for w, image in zip(wrong, images, strict=True)
         ]
+
+    def complete(self, name: str, views: Collection[str]) -> None:
+        """A viewpoint of the plan that nobody looked from fails a check."""
+        missing = [v.name for v in self.plan.viewpoints if v.name not in views]
+        if missing or not views:
+            detail = ", ".join(missing) or "there is none at all"
+            self.check(f"{name}: viewpoints missing", max(1, len(missing)), "<=", 0, detail)
 
     def save(self, name: str, linear: np.ndarray) -> None:
         """Write a picture as PNG and EXR."""

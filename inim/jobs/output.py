@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from inim.errors import FileError
@@ -13,6 +16,12 @@ from inim.errors import FileError
 __all__ = ["open_staging", "publish"]
 
 _MARKER = "report.json"
+# While files move: those of the run before and of this one, should it be killed meanwhile.
+_MOVING = ".moving.json"
+_PARTIAL = ".partial"
+# The staging folders of this process, each with a descriptor that locks it: a lock ends with its
+# process, however that ends.
+_locks: dict[Path, int] = {}
 
 
 def open_staging(out: Path) -> Path:
@@ -30,7 +39,11 @@ def open_staging(out: Path) -> Path:
         if out.is_dir() and not os.access(out, os.W_OK):
             raise FileError(f"{out}: the folder is read-only; choose another with -o")
         prefix = f".{out.name[:32]}."  # a name may be as long as the file system allows
-        return Path(tempfile.mkdtemp(prefix=prefix, suffix=".partial", dir=out.parent))
+        with _alone(out.parent):
+            _clear_away(out.parent, prefix)
+            staging = Path(tempfile.mkdtemp(prefix=prefix, suffix=_PARTIAL, dir=out.parent))
+            _lock(staging)
+        return staging
     except OSError as error:
         raise FileError(
             f"{out}: cannot be written ({error.strerror}); choose another folder with -o"
@@ -50,26 +63,74 @@ def publish(staging: Path, out: Path, marker: str = _MARKER) -> None:
     """
     try:
         staging.chmod(0o755)  # mkdtemp's folders are private
-        if not out.exists():
-            staging.replace(out)
-            return
-        files = [p.relative_to(staging) for p in sorted(staging.rglob("*")) if p.is_file()]
-        for name in files:  # found out before anything in `out` is touched
-            folders = [out / folder for folder in name.parents]
-            blocked = [p for p in folders if os.path.lexists(p) and not p.is_dir()]
-            if blocked or (out / name).is_dir():
-                path = blocked[0] if blocked else out / name
-                raise FileError(f"{path}: is in the way of the report; choose another -o")
-        earlier = _files_of_earlier_run(out, marker)
-        (out / marker).unlink(missing_ok=True)
-        for stale in earlier - {str(f) for f in files}:
-            (out / stale).unlink(missing_ok=True)
-        for name in sorted(files, key=lambda f: (str(f) == marker, str(f))):
-            (out / name).parent.mkdir(parents=True, exist_ok=True)
-            (staging / name).replace(out / name)
+        with _alone(out.parent):
+            if not out.exists():
+                staging.replace(out)
+                return
+            _move_into(staging, out, marker)
         shutil.rmtree(staging, ignore_errors=True)
     except OSError as error:
         raise FileError(f"{out}: cannot be written ({error.strerror})") from None
+
+
+def _move_into(staging: Path, out: Path, marker: str) -> None:
+    files = [p.relative_to(staging) for p in sorted(staging.rglob("*")) if p.is_file()]
+    for name in files:  # found out before anything in `out` is touched
+        folders = [out / folder for folder in name.parents]
+        blocked = [p for p in folders if os.path.lexists(p) and not p.is_dir()]
+        if blocked or (out / name).is_dir():
+            path = blocked[0] if blocked else out / name
+            raise FileError(f"{path}: is in the way of the report; choose another -o")
+    names = {str(f) for f in files}
+    earlier = _files_of_earlier_run(out, marker) | _files_of_earlier_run(out, _MOVING)
+    (staging / _MOVING).write_text(json.dumps({"files": sorted(earlier | names)}), "utf-8")
+    (staging / _MOVING).replace(out / _MOVING)
+    (out / marker).unlink(missing_ok=True)
+    for stale in earlier - names:
+        (out / stale).unlink(missing_ok=True)
+    for name in sorted(files, key=lambda f: (str(f) == marker, str(f))):
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (staging / name).replace(out / name)
+    (out / _MOVING).unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """One run at a time moves files below a folder; two would mix theirs."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks has to do without
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _lock(staging: Path) -> None:
+    """Mark a staging folder as one whose process lives; forget those that are gone."""
+    for path in [path for path in _locks if not path.exists()]:
+        os.close(_locks.pop(path))
+    descriptor = os.open(staging, os.O_RDONLY)
+    with contextlib.suppress(OSError):
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    _locks[staging] = descriptor
+
+
+def _clear_away(folder: Path, prefix: str) -> None:
+    """Remove what runs that were killed have left: staging folders that nobody holds."""
+    for path in folder.glob(f"{_escaped(prefix)}*{_PARTIAL}"):
+        with contextlib.suppress(OSError):
+            descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_DIRECTORY)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(path, ignore_errors=True)
+            finally:
+                os.close(descriptor)
+
+
+def _escaped(text: str) -> str:
+    """A name as a pattern that only matches itself."""
+    return "".join(f"[{c}]" if c in "*?[" else c for c in text)
 
 
 def _files_of_earlier_run(out: Path, marker: str) -> set[str]:

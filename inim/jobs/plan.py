@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from inim.jobs.contenders import Contender, parse_contenders
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW
 from inim.misalignment import mounted
+from inim.regression import Evidence
 from inim.scene_file import SceneFile, parse_definitions, read_scene_file
 from inim.settings import Settings
 from inim.viewpoint import Viewpoint, parse_viewpoints
@@ -26,6 +28,8 @@ _SHORTHANDS = ("display", "algorithms", "viewpoints", "lens_model", "misalign")
 _EIA_BYTES = 320
 # RGB-D: float64 rays and points of the depth pass, colour sums.
 _CAPTURE_BYTES = 240
+# All layers that there may be: hits on a ray, and for each layer a mean and two halves with copies.
+_LAYERS_BYTES = 1600
 # A view: float64 sums, rays of the coverage pass, the scorer's copies; and what each view keeps.
 _VIEW_BYTES = 400
 _KEPT_BYTES = 12
@@ -47,6 +51,10 @@ class Request:
     eias : tuple of str
         Finished EIAs to score beside the algorithms, as `NAME=FILE`.
     backend : {"auto", "llvm", "cuda"}
+    baseline : Path, optional
+        Folder of the baseline to compare with.
+    time : bool
+        Time the generators, too.
     """
 
     scene: Path
@@ -59,6 +67,8 @@ class Request:
     misalign: str | None = None
     eias: tuple[str, ...] = ()
     backend: str = "auto"
+    baseline: Path | None = None
+    time: bool = False
 
     def command(self) -> list[str]:
         """The command line that repeats this request, after `python -m inim.validate`."""
@@ -73,6 +83,10 @@ class Request:
             words += ["--eia", item]
         if self.backend != "auto":
             words += ["--backend", self.backend]
+        if self.baseline is not None:
+            words += ["--baseline", str(self.baseline)]
+        if self.time:
+            words.append("--time")
         return words
 
     def as_json(self) -> dict[str, Any]:
@@ -82,7 +96,8 @@ class Request:
     @classmethod
     def from_json(cls, raw: dict[str, Any]) -> Request:
         """The request that `as_json` wrote."""
-        paths = {name: Path(raw[name]) for name in ("scene", "out")}
+        given = {name: raw[name] for name in ("scene", "out", "baseline")}
+        paths = {name: None if path is None else Path(path) for name, path in given.items()}
         lists = {name: tuple(raw[name]) for name in ("definitions", "eias")}
         return cls(**{**raw, **paths, **lists})
 
@@ -105,6 +120,8 @@ class Plan:
         Whose EIAs are scored, in the report's order.
     ssim_limits : dict of str to float
         Least SSIM to the ceiling, by contender.
+    baseline : Evidence, optional
+        To compare with.
     """
 
     request: Request
@@ -115,6 +132,7 @@ class Plan:
     viewpoints: tuple[Viewpoint, ...]
     contenders: tuple[Contender, ...]
     ssim_limits: dict[str, float]
+    baseline: Evidence | None = None
 
 
 def make_plan(request: Request) -> Plan:
@@ -134,14 +152,30 @@ def make_plan(request: Request) -> Plan:
     display = settings.make_display(source)
     real = mounted(display, settings.misalign)
     check_lens_model(settings.lens_model, real)
-    viewpoints = parse_viewpoints(settings.viewpoints, display, settings.viewing_distance_mm)
+    viewpoints = parse_viewpoints(
+        settings.viewpoints,
+        display,
+        settings.viewing_distance_mm,
+        settings.pupil_mm,
+        settings.focus_mm,
+    )
     contenders = parse_contenders(settings.algorithms, request.eias)
     limits = settings.ssim_limits(tuple(c.name for c in contenders), source)
     _check_sizes(display, settings, source)
-    _check_memory(display, settings, len(viewpoints), len(contenders))
+    _check_memory(display, settings, len(viewpoints), contenders)
     for contender in contenders:
         contender.check(display)
-    return Plan(request, file, settings, display, real, viewpoints, contenders, limits)
+    plan = Plan(request, file, settings, display, real, viewpoints, contenders, limits)
+    return plan if request.baseline is None else _with_baseline(plan, request.baseline)
+
+
+def _with_baseline(plan: Plan, folder: Path) -> Plan:
+    """The plan with its baseline, once it is sure that they can be compared."""
+    from inim.jobs.baseline import check_conditions, load_baseline
+
+    plan = replace(plan, baseline=load_baseline(folder))
+    check_conditions(plan)
+    return plan
 
 
 def _check_sizes(display: Display, settings: Settings, source: str) -> None:
@@ -162,19 +196,22 @@ def _view_shape(display: Display, pixels_per_lens: int) -> tuple[int, int]:
     return display.lens_rows * pixels_per_lens, display.lens_columns * pixels_per_lens
 
 
-def _check_memory(display: Display, settings: Settings, views: int, contenders: int) -> None:
+def _check_memory(
+    display: Display, settings: Settings, views: int, contenders: Sequence[Contender]
+) -> None:
     """Refuse what cannot fit before it takes the machine down: running out is a native death."""
     from inim.backend import memory_limit_bytes
 
+    layers = _LAYERS_BYTES if any(c.wants_layers for c in contenders) else 0
     pictures = {
         "use a display with fewer pixels": (display.eia_shape, _EIA_BYTES),
         "lower inim.capture_pixels_per_pitch": (
             display.capture_shape(settings.capture_pixels_per_pitch),
-            _CAPTURE_BYTES,
+            _CAPTURE_BYTES + layers,
         ),
         "lower inim.view_pixels_per_lens": (
             _view_shape(display, settings.view_pixels_per_lens),
-            _VIEW_BYTES + views * (3 + contenders) * _KEPT_BYTES,
+            _VIEW_BYTES + views * (3 + len(contenders)) * _KEPT_BYTES,
         ),
     }
     needs = {key: shape[0] * shape[1] * each for key, (shape, each) in pictures.items()}

@@ -38,7 +38,9 @@ def report_data(
     plan = job.plan
     with job.stage("score"):
         noise_floor = _noise_floor(truth)
-        ceiling = {n: metrics.score(t.image, truth.ceiling[n]) for n, t in truth.views.items()}
+        ceiling = {
+            n: metrics.score(t.image, truth.ceiling[n].image) for n, t in truth.views.items()
+        }
     return {
         "schema": SCHEMA,
         "title": plan.settings.title or plan.request.scene.stem,

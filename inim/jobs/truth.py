@@ -11,6 +11,7 @@ from inim.display import Display
 from inim.formats.image import write_png, write_rgbd
 from inim.jobs.ledger import Ledger
 from inim.jobs.reconstruction import reconstruct_views
+from inim.layered_rgbd import LayeredRGBD
 from inim.rgbd import RGBD
 
 __all__ = ["BLACK", "CLIPPED_SHARE", "GroundTruth", "render_pickup", "render_truth"]
@@ -22,7 +23,7 @@ CLIPPED_SHARE = 0.01
 
 # Each picture's seed is its own, so that adding a viewpoint changes no other picture. New ones go
 # to the end.
-_PICTURES = ("capture", "eia", "views", "pickup")
+_PICTURES = ("capture", "eia", "views", "pickup", "layers")
 
 
 @dataclass(frozen=True)
@@ -34,21 +35,36 @@ class GroundTruth:
     fitted : FittedScene
     rgbd : RGBD
         The picture generators start from.
+    captures : (RGBD, RGBD)
+        The two independent halves of its colour's samples.
     eia : Truth
     views : dict of str to Truth
         The scene itself, by viewpoint.
     relic : dict of str to (rows, columns) bool
         Where the relic is in each view.
-    ceiling : dict of str to (rows, columns, 3) float32
+    ceiling : dict of str to Truth
         Views of the ground-truth EIA.
+    layered : LayeredRGBD, optional
+        The picture with what lies behind it, where a contender wants it.
+    layered_captures : (LayeredRGBD, LayeredRGBD) or ()
+        The two independent halves of its colours' samples.
     """
 
     fitted: Any
     rgbd: RGBD
+    captures: tuple[RGBD, RGBD]
     eia: Any
     views: dict[str, Any]
     relic: dict[str, np.ndarray]
-    ceiling: dict[str, np.ndarray]
+    ceiling: dict[str, Any]
+    layered: LayeredRGBD | None = None
+    layered_captures: tuple[LayeredRGBD, ...] = ()
+
+    def input(self, *, layers: bool) -> tuple[RGBD, tuple[RGBD, ...]]:
+        """What a contender is given, and its two halves."""
+        if layers and self.layered is not None:
+            return self.layered, self.layered_captures
+        return self.rgbd, self.captures
 
 
 def render_truth(job: Ledger) -> GroundTruth:
@@ -58,16 +74,23 @@ def render_truth(job: Ledger) -> GroundTruth:
     with job.stage("open scene"):
         s = job.plan.settings
         fitted = open_scene(job.plan.file, job.plan.display, s.fit_share, job.clock)
-    rgbd, eia = _capture(job, fitted), _pickup(job, fitted)
+    captures, eia = _capture(job, fitted), _pickup(job, fitted)
+    color = np.float32(0.5) * (captures[0].color + captures[1].color)
+    rgbd = replace(captures[0], color=color.astype(np.float32))
+    layered: LayeredRGBD | None = None
+    halves: tuple[LayeredRGBD, ...] = ()
+    if any(contender.wants_layers for contender in job.plan.contenders):
+        first, second = halves = _capture_layers(job, fitted)
+        layered = _recoloured(first, np.float32(0.5) * (first.palette + second.palette))
     views: dict[str, Any] = {}
     relic: dict[str, np.ndarray] = {}
     for viewpoint in job.plan.viewpoints:
         views[viewpoint.name], relic[viewpoint.name] = _view(job, fitted, viewpoint)
-    ceiling = reconstruct_views(job, eia.image, "ceiling")
+    ceiling = reconstruct_views(job, eia, "ceiling")
     with job.stage("write pictures"):
-        _save(job, rgbd, eia, views)
+        _save(job, rgbd, layered, eia, views)
     _check(job, rgbd, eia, views)
-    return GroundTruth(fitted, rgbd, eia, views, relic, ceiling)
+    return GroundTruth(fitted, rgbd, captures, eia, views, relic, ceiling, layered, halves)
 
 
 def _seed(picture: str, run_seed: int) -> int:
@@ -79,20 +102,67 @@ def _common(job: Ledger) -> dict[str, Any]:
     return {"clock": job.clock, "progress": job.listener.rays}
 
 
-def _capture(job: Ledger, fitted: Any) -> RGBD:
+def _capture(job: Ledger, fitted: Any) -> tuple[RGBD, RGBD]:
+    """Two halves of the samples; depth and coverage are the same in both."""
     from inim.kernel import ground_truth
 
     s = job.plan.settings
     with job.stage("capture RGB-D"):
-        rgbd = ground_truth.capture(
+        first, second = (
+            ground_truth.capture(
+                fitted,
+                job.plan.display,
+                pixels_per_pitch=s.capture_pixels_per_pitch,
+                spp=max(1, s.capture_spp // 2),
+                seed=2 * _seed("capture", s.seed) + half,
+                **_common(job),
+            )
+            for half in (0, 1)
+        )
+        one, other = job.finite("RGB-D", first.color, second.color)
+        return replace(first, color=one), replace(first, color=other)
+
+
+def _capture_layers(job: Ledger, fitted: Any) -> tuple[LayeredRGBD, LayeredRGBD]:
+    """Two halves of the samples of all layers; what was found of them goes to the checks."""
+    from inim.kernel.ground_truth import capture_layers
+    from inim.kernel.peel import MOST_LAYERS, peel
+
+    s = job.plan.settings
+    with job.stage("capture layers"):
+        peeled = peel(
             fitted,
             job.plan.display,
             pixels_per_pitch=s.capture_pixels_per_pitch,
-            spp=s.capture_spp,
-            seed=_seed("capture", s.seed),
-            **_common(job),
+            clock=job.clock,
         )
-        return replace(rgbd, color=job.finite("RGB-D", rgbd.color)[0])
+        first, second = (
+            capture_layers(
+                fitted,
+                peeled,
+                spp=max(1, s.capture_spp // 2),
+                seed=2 * _seed("layers", s.seed) + half,
+                clock=job.clock,
+            )
+            for half in (0, 1)
+        )
+        shares = ", ".join(f"{layer.covered.mean():.2%}" for layer in first.layers)
+        detail = f"they cover {shares} of the pixels, nearest first"
+        job.check("RGB-D: layers", float(len(first.layers)), ">=", 1, detail)
+        if peeled.cut_share:
+            job.warnings.append(
+                f"RGB-D: {peeled.cut_share:.2%} of the covered pixels have more than {MOST_LAYERS} "
+                "layers; what lies behind those is left out"
+            )
+        one, other = job.finite("RGB-D layers", first.palette, second.palette)
+        return _recoloured(first, one), _recoloured(second, other)
+
+
+def _recoloured(rgbd: LayeredRGBD, palette: np.ndarray) -> LayeredRGBD:
+    """The picture with other colours for all its layers, as its `palette` has them."""
+    color, *others = np.split(palette, len(rgbd.layers))
+    deeper = [replace(layer, color=own) for layer, own in zip(rgbd.deeper, others, strict=True)]
+    return replace(rgbd, color=color, deeper=tuple(deeper))
 
 
 def _pickup(job: Ledger, fitted: Any) -> Any:
@@ -132,10 +202,12 @@ def _view(job: Ledger, fitted: Any, viewpoint: Any) -> tuple[Any, np.ndarray]:
         return ground_truth.Truth(*halves), relic
 
 
-def _save(job: Ledger, rgbd: RGBD, eia: Any, views: dict[str, Any]) -> None:
+def _save(
+    job: Ledger, rgbd: RGBD, layered: LayeredRGBD | None, eia: Any, views: dict[str, Any]
+) -> None:
     low, high = job.plan.display.depth_range_mm
     grey = np.where(rgbd.covered, 0.1 + 0.9 * (rgbd.depth_mm - low) / (high - low), 0.0)
-    write_rgbd(job.folder / "rgbd.exr", rgbd, job.attributes())
+    write_rgbd(job.folder / "rgbd.exr", layered or rgbd, job.attributes())
     write_png(job.folder / "rgbd_color.png", rgbd.color)
     write_png(job.folder / "rgbd_depth.png", np.repeat(grey[..., None], 3, axis=-1))
     job.save("truth/eia", eia.image)

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from inim import metrics
+from inim.jobs.baseline import check_conditions, judge
 from inim.jobs.contenders import Contender, Entry, Make
+from inim.jobs.evidence import Contest, contender_findings, evidence_of, truth_findings
+from inim.jobs.generator_times import generator_times
 from inim.jobs.ledger import Ledger
 from inim.jobs.listener import Listener
 from inim.jobs.plan import Plan, Request
 from inim.jobs.reconstruction import reconstruct_views
 from inim.jobs.report_data import report_data
 from inim.jobs.truth import BLACK, CLIPPED_SHARE, GroundTruth, render_truth
+from inim.regression import score_interval
 from inim.report import Report
 
 __all__ = ["default_out", "run", "validate"]
@@ -34,6 +38,8 @@ def validate(
     misalign: str | None = None,
     eias: Mapping[str, str | Path] | None = None,
     backend: str = "auto",
+    baseline: str | Path | None = None,
+    time: bool = False,
 ) -> Report:
     """Validate a scene in a worker process, as `python -m inim.validate` does.
 
@@ -50,6 +56,10 @@ def validate(
     eias : mapping, optional
         Finished EIAs to score beside the algorithms: ``{"mine": "mine.png"}``.
     backend : {"auto", "llvm", "cuda"}
+    baseline : path, optional
+        Folder of a baseline that `inim baseline accept` made, to compare with.
+    time : bool
+        Time the generators in yardsticks, too, and compare times where the baseline has them.
 
     Returns
     -------
@@ -75,6 +85,8 @@ def validate(
         misalign=misalign,
         eias=tuple(f"{name}={path}" for name, path in (eias or {}).items()),
         backend=backend,
+        baseline=None if baseline is None else Path(baseline),
+        time=time,
     )
     run_in_worker(request)
     return Report.load(request.out)
@@ -99,7 +111,7 @@ def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:
     -------
     Report
     """
-    started = time.perf_counter()
+    started = perf_counter()
     listener = listener or Listener()
     listener.stage("start")
     from inim.kernel import variant
@@ -107,19 +119,26 @@ def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:
     backend = variant.use(plan.request.backend)
     from inim.kernel.trace import Clock
 
+    check_conditions(plan, backend.variant)
     job = Ledger(plan, staging, listener, Clock())
-    job.timings["start"] = time.perf_counter() - started
+    job.timings["start"] = perf_counter() - started
     ready = _prepare(job)
     listener.begin(_planned_rays(plan))
     truth = render_truth(job)
-    algorithms = {
+    contests = {
         contender.name: _compete(job, truth, contender, make)
         for contender, make in zip(plan.contenders, ready, strict=True)
     }
+    algorithms = {name: contest.scores for name, contest in contests.items()}
+    times = generator_times(job, truth) if plan.request.time else {}
+    with job.stage("score"):
+        findings = [truth_findings(truth, plan.display), *(c.findings for c in contests.values())]
+        regression = judge(job, evidence_of(plan, backend, findings, algorithms, times))
     data = report_data(job, truth, algorithms, backend)
+    data |= {"regression": regression} if regression else {}
     data["timings"] |= {
         "mitsuba_render": job.clock.seconds,
-        "total": time.perf_counter() - started,
+        "total": perf_counter() - started,
     }
     _print_scores(listener, data)
     report = Report(staging, data)
@@ -129,11 +148,11 @@ def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:
 
 def _planned_rays(plan: Plan) -> int:
     s, d = plan.settings, plan.display
-    capture = np.prod(d.capture_shape(s.capture_pixels_per_pitch)) * s.capture_spp
+    capture = np.prod(d.capture_shape(s.capture_pixels_per_pitch)) * 2 * max(1, s.capture_spp // 2)
     eia = np.prod(d.eia_shape) * 2 * max(1, s.eia_spp // 2)
     view = d.lens_rows * d.lens_columns * s.view_pixels_per_lens**2
     looks = len(plan.contenders) + 1
-    per_view = 2 * max(1, s.view_spp // 2) + looks * s.reconstruction_spp
+    per_view = 2 * max(1, s.view_spp // 2) + looks * 2 * max(1, s.reconstruction_spp // 2)
     made = sum(contender.rays(plan) for contender in plan.contenders)
     return int(capture + eia + made + view * per_view * len(plan.viewpoints))
 
@@ -147,23 +166,31 @@ def _prepare(job: Ledger) -> list[Make]:
     return ready
 
 
-def _compete(job: Ledger, truth: GroundTruth, contender: Contender, make: Make) -> dict[str, Any]:
+def _compete(job: Ledger, truth: GroundTruth, contender: Contender, make: Make) -> Contest:
     """One contender's scores; its pictures are written, its checks made."""
+    from inim.kernel.ground_truth import Truth
+
     name = contender.name
     with job.stage(f"{contender.doing} {name}"):
         entry = make(job, truth)
     eia = job.finite(f"eia/{name}", entry.eia)[0]
     with job.stage("write pictures"):
         job.save(f"eia/{name}", eia)
-    seen = reconstruct_views(job, eia, name)
+    noise = np.zeros_like(eia) if entry.noise is None else np.nan_to_num(entry.noise)
+    halves = Truth(eia + noise, eia - noise)
+    seen = reconstruct_views(job, halves, name)
+    job.complete(name, seen)
     with job.stage("score"):
-        result = _score(truth, eia, seen) | {"seconds": entry.seconds}
+        views = {view: picture.image for view, picture in seen.items()}
+        result = _score(truth, eia, views) | {"seconds": entry.seconds}
+        findings = contender_findings(job, truth, name, halves, seen, entry.fixed)
     result["eia"]["hole_fraction"] = entry.hole_fraction
     _check(job, truth, name, entry, eia)
     for view, scores in result["views"].items() if name in job.plan.ssim_limits else ():
         value, limit = scores["ssim_to_ceiling"], job.plan.ssim_limits[name]
-        job.check(f"{name}/{view}: SSIM to ceiling", value, ">=", limit)
-    return result
+        known = score_interval(findings.scores[f"{name}/{view}"]["ssim_to_ceiling"])
+        job.check(f"{name}/{view}: SSIM to ceiling", value, ">=", limit, interval=known)
+    return Contest(result, findings)
 
 
 def _check(job: Ledger, truth: GroundTruth, name: str, entry: Entry, eia: np.ndarray) -> None:
@@ -190,7 +217,7 @@ def _score(truth: GroundTruth, eia: np.ndarray, seen: dict[str, np.ndarray]) -> 
     views = {}
     for name, view in seen.items():
         reference = truth.views[name].image
-        to_ceiling = metrics.score(truth.ceiling[name], view)
+        to_ceiling = metrics.score(truth.ceiling[name].image, view)
         views[name] = metrics.score(reference, view, truth.relic[name]) | {
             "ssim_to_ceiling": to_ceiling["ssim"],
             "psnr_to_ceiling_db": to_ceiling["psnr_db"],

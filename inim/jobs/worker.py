@@ -28,6 +28,7 @@ from inim import errors
 from inim.errors import InimError, OutOfMemoryError, WorkerError
 from inim.jobs.output import open_staging
 from inim.jobs.plan import Request, make_plan
+from inim.numba_cache import go_without_cache, is_cache_fault
 
 __all__ = ["outcome_of", "run_in_worker", "serve", "supervise", "work"]
 
@@ -160,14 +161,14 @@ def answer(job: dict[str, Any], channel: Any, carry_out: CarryOut) -> None:
 
     try:
         with ConsoleListener(job["quiet"], lambda stage: say({"stage": stage})) as listener:
-            passed = carry_out(job, listener)
+            passed = _carried_out(job, listener, carry_out)
         say({"passed": passed})
     except InimError as error:
         if job["debug"] and error.__cause__:
             traceback.print_exception(error.__cause__)
         say({"error": type(error).__name__, "message": str(error)})
     except MemoryError:
-        say({"error": "OutOfMemoryError", "message": "out of memory; use fewer pixels or samples"})
+        say({"error": "OutOfMemoryError", "message": _out_of_memory()})
     except Exception as error:
         if job["debug"]:
             raise
@@ -179,6 +180,28 @@ def answer(job: dict[str, Any], channel: Any, carry_out: CarryOut) -> None:
                 "run again with --debug for the traceback, and report it",
             }
         )
+
+
+def _out_of_memory() -> str:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    limit = backends.memory_limit_bytes()
+    return (
+        f"out of memory with {peak / 2**30:.1f} GiB in use of {limit / 2**30:.1f} GiB; use a "
+        "display with fewer pixels"
+    )
+
+
+def _carried_out(job: dict[str, Any], listener: Any, carry_out: CarryOut) -> bool:
+    """Carry out a job; once more where nothing but numba's cache of kernels was at fault."""
+    try:
+        return carry_out(job, listener)
+    except InimError:
+        raise
+    except Exception as error:
+        if not is_cache_fault(error):
+            raise
+        go_without_cache(error)
+    return carry_out(job, listener)
 
 
 class _Patient(io.StringIO):

@@ -7,14 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inim.display import Display
+from inim.kernel.peel import Peeled, layer_colours
 from inim.kernel.scene import FittedScene
 from inim.kernel.sensors import capture_rays, eye_rays, make_sensor, pickup_rays
 from inim.kernel.trace import Clock, Progress, radiance, surface
+from inim.layered_rgbd import Layer, LayeredRGBD
 from inim.panel import SUBPIXELS
 from inim.rgbd import RGBD
 from inim.viewpoint import Viewpoint, focus_distance_mm
 
-__all__ = ["Truth", "capture", "pickup", "true_view"]
+__all__ = ["Truth", "capture", "capture_layers", "pickup", "true_view"]
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,28 @@ def capture(
     )
     depth = np.where(found.covered, depth, 0.0).astype(np.float32)
     return RGBD(color, depth, found.covered, pixel_mm)
+
+
+def capture_layers(
+    fitted: FittedScene,
+    peeled: Peeled,
+    *,
+    spp: int,
+    seed: int,
+    clock: Clock | None = None,
+    progress: Progress | None = None,
+) -> LayeredRGBD:
+    """All layers of a peeled scene (`inim.kernel.peel`), coloured at `spp` samples each.
+
+    Depth and coverage of the front are those of `capture`; its colour is not mixed with what lies
+    beside it.
+    """
+    color = layer_colours(fitted, peeled, spp=spp, seed=seed, clock=clock, progress=progress)
+    covered = peeled.covered
+    front = np.where(covered, peeled.front_mm, np.float32(0))
+    back = np.where(covered, peeled.back_mm, np.float32(0))
+    deeper = [Layer(color[k], front[k], back[k], covered[k]) for k in range(1, len(covered))]
+    return LayeredRGBD(color[0], front[0], covered[0], peeled.pixel_mm, back[0], tuple(deeper))
 
 
 def pickup(

@@ -259,7 +259,7 @@ MESH = '<shape type="ply"><string name="filename" value="a.ply"/></shape>'
         (MESH, {"a.ply": PLY.format(faces=99, third=1, index=2)}, "cut short"),
         (MESH, {"a.ply": PLY.format(faces=1, third=0, index=1)}, "zero area"),
         (TEXTURED.format("a.png"), {"a.png": "no picture"}, "a.png"),
-        (TEXTURED.format("a.jpg"), {"a.jpg": "\xff\xd8\xff\xe0" + "\0" * 30}, "bitmap"),
+        (TEXTURED.format("a.jpg"), {"a.jpg": "\xff\xd8\xff\xe0" + "\0" * 30}, "picture"),
     ],
 )
 def test_damaged_content_is_named(
@@ -270,7 +270,7 @@ def test_damaged_content_is_named(
         (tmp_path / name).write_text(content, encoding="latin-1")
     ended = run_inim(scene.name, "-o", "out", folder=tmp_path)
     assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, [says, ".ply" if shapes == MESH else scene.name])
+    assert_one_line(ended.stderr, [says, next(iter(files), scene.name)])
     assert nothing_left(tmp_path)
     assert not (tmp_path / "out").exists()
 

@@ -42,6 +42,7 @@ VIEWS = ["centre", "mine"]
 FILES = {
     "report.html", "report.json", "junit.xml", "summary.md",
     "rgbd.exr", "rgbd_color.png", "rgbd_depth.png",
+    "regression/candidate.json", "regression/candidate.npz",
     *(f"{name}.{kind}" for kind in ("png", "exr") for name in (
         "truth/eia", *(f"truth/{view}" for view in VIEWS),
         *(f"eia/{algorithm}" for algorithm in ALGORITHMS),

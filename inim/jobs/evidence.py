@@ -1,0 +1,238 @@
+"""What a run leaves for later ones to be compared with: statistics, scores, conditions."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+
+from inim.backend import machine
+from inim.display import Display
+from inim.generators import parse_algorithm
+from inim.jobs.differences import keep_fixed
+from inim.jobs.ledger import Ledger
+from inim.jobs.plan import Plan
+from inim.jobs.provenance import versions
+from inim.jobs.truth import GroundTruth
+from inim.regression import (
+    Evidence,
+    Fingerprint,
+    ScoreEstimate,
+    TileStatistics,
+    eia_tile,
+    fingerprint,
+    fixed_picture,
+    tile_statistics,
+    view_scores,
+    view_tile,
+)
+from inim.version import __version__
+
+__all__ = [
+    "Contest",
+    "Findings",
+    "circumstances_of",
+    "conditions_of",
+    "contender_findings",
+    "evidence_of",
+    "truth_findings",
+]
+
+# Algorithms whose EIA depends on comparisons of stored numbers only: equal on every machine.
+_EXACT = ("template",)
+_VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
+_SAMPLING = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp", "seed")
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What later runs can be compared with, of one contender or of the ground truth.
+
+    Attributes
+    ----------
+    pictures : dict of str to TileStatistics
+    scores : dict of str to dict of str to ScoreEstimate
+        By ``NAME/VIEWPOINT``.
+    fingerprints : dict of str to Fingerprint
+    """
+
+    pictures: dict[str, TileStatistics] = field(default_factory=dict)
+    scores: dict[str, dict[str, ScoreEstimate]] = field(default_factory=dict)
+    fingerprints: dict[str, Fingerprint] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Contest:
+    """Scores and findings of one contender.
+
+    Attributes
+    ----------
+    scores : dict
+        As in report.json.
+    findings : Findings
+    """
+
+    scores: dict[str, Any]
+    findings: Findings
+
+
+def truth_findings(truth: GroundTruth, display: Display) -> Findings:
+    """Statistics of the ground truth, and scores of the ceiling."""
+    tile = eia_tile(display.eia_shape, (display.lens_rows, display.lens_columns))
+    pictures = {"truth/eia": tile_statistics(truth.eia.first, truth.eia.second, tile)}
+    scores = {}
+    for name, view in truth.views.items():
+        pictures[f"truth/{name}"] = _view_statistics(view)
+        found = view_scores(_three(view), _three(truth.ceiling[name]))
+        scores[f"ceiling/{name}"] = {"ssim_to_scene": found["ssim"]}
+    return Findings(pictures, scores)
+
+
+def _view_statistics(view: Any) -> TileStatistics:
+    return tile_statistics(view.first, view.second, view_tile(view.first.shape[:2]))
+
+
+def _three(view: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return view.image, view.first, view.second
+
+
+def contender_findings(
+    job: Ledger, truth: GroundTruth, name: str, eia: Any, seen: Mapping[str, Any], fixed: Any
+) -> Findings:
+    """Statistics and scores of one contender.
+
+    Parameters
+    ----------
+    job : Ledger
+    truth : GroundTruth
+    name : str
+    eia : Truth
+        Its EIA, in the two halves that its noise makes of it.
+    seen : mapping of str to Truth
+        Its views.
+    fixed : (rows, columns, 3) float32, or None
+        What it makes of the fixed picture.
+    """
+    display, plan = job.plan.display, job.plan
+    tile = eia_tile(display.eia_shape, (display.lens_rows, display.lens_columns))
+    scores = {}
+    for view, picture in seen.items():
+        to_ceiling = view_scores(_three(truth.ceiling[view]), _three(picture))
+        to_scene = view_scores(_three(truth.views[view]), _three(picture))
+        scores[f"{name}/{view}"] = {
+            "ssim_to_ceiling": to_ceiling["ssim"],
+            "psnr_to_ceiling_db": to_ceiling["psnr_db"],
+            "ssim_to_scene": to_scene["ssim"],
+        }
+    prints = {}
+    if fixed is not None:
+        rgbd = fixed_picture(display, truth.rgbd.shape, truth.rgbd.pixel_mm)
+        exact = parse_algorithm(name)[0] in _EXACT
+        prints[name] = fingerprint(rgbd, fixed, display, exact=exact)
+        if plan.baseline is not None:
+            keep_fixed(job, name, fixed, prints[name], plan.baseline.fingerprints.get(name))
+    pictures = {f"eia/{name}": tile_statistics(eia.first, eia.second, tile, generated=True)}
+    return Findings(pictures, scores, prints)
+
+
+def conditions_of(plan: Plan, variant: str | None = None) -> dict[str, Any]:
+    """What two runs must share to be compared.
+
+    Parameters
+    ----------
+    plan : Plan
+    variant : str, optional
+        Of the renderer; left out while it is not known.
+    """
+    s, request = plan.settings, plan.request
+    conditions = {
+        "scene (SHA-256)": plan.file.sha256,
+        "scene parameters": _scene_parameters(request.definitions),
+        "display": _given(plan.display),
+        "display as derived": plan.display.derived(),
+        "array as mounted": s.misalign,
+        "share of the array filled": s.fit_share,
+        "lens model": s.lens_model,
+        "viewpoints": {v.name: [*v.position_mm, v.pupil_mm, v.focus_mm] for v in plan.viewpoints},
+        "view pixels per lens": s.view_pixels_per_lens,
+        "RGB-D pixels per pitch": s.capture_pixels_per_pitch,
+        "algorithms": sorted(contender.name for contender in plan.contenders),
+    }
+    return conditions if variant is None else {**conditions, "variant": variant}
+
+
+def _scene_parameters(definitions: tuple[str, ...]) -> list[str]:
+    """`-D` of the scene's own parameters; those of `inim` are compared by what they lead to."""
+    return sorted(item for item in definitions if not item.strip().startswith("inim."))
+
+
+def _given(display: Display) -> dict[str, Any]:
+    """Parameters that are not their defaults: one that a later version adds changes nothing."""
+    defaults = {f.name: f.default for f in fields(display)}
+    return {
+        name: value
+        for name, value in display.given().items()
+        if defaults[name] is MISSING or value != defaults[name]
+    }
+
+
+def circumstances_of(plan: Plan, backend: Any) -> dict[str, Any]:
+    """What made a run and may differ: shown, not judged."""
+    return {
+        "title": plan.settings.title or plan.request.scene.stem,
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "inim": __version__,
+        **versions(_VERSIONS),
+        "libLLVM": backend.libllvm_version,
+        "device": backend.device,
+        "processor": machine.cpu_model(),
+        "threads": len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity")
+        else os.cpu_count(),
+        **{name: getattr(plan.settings, name) for name in _SAMPLING},
+    }
+
+
+def evidence_of(
+    plan: Plan,
+    backend: Any,
+    findings: list[Findings],
+    algorithms: Mapping[str, Any],
+    times: Mapping[str, tuple[float, ...]],
+) -> Evidence:
+    """All that a run leaves behind."""
+    pictures: dict[str, TileStatistics] = {}
+    scores: dict[str, dict[str, ScoreEstimate]] = {}
+    prints: dict[str, Fingerprint] = {}
+    for one in findings:
+        pictures |= one.pictures
+        scores |= one.scores
+        prints |= one.fingerprints
+    return Evidence(
+        conditions_of(plan, backend.variant),
+        circumstances_of(plan, backend),
+        pictures,
+        scores,
+        prints,
+        dict(times),
+        _reported(algorithms),
+    )
+
+
+def _reported(algorithms: Mapping[str, Any]) -> dict[str, dict[str, float | None]]:
+    """Every score of a report, by contender and by contender and viewpoint."""
+    rows: dict[str, dict[str, float | None]] = {}
+    for name, result in algorithms.items():
+        rows[name] = {f"eia {key}": _finite(value) for key, value in result["eia"].items()}
+        for view, scores in result["views"].items():
+            rows[f"{name}/{view}"] = {key: _finite(value) for key, value in scores.items()}
+    return rows
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

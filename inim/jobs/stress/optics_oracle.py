@@ -1,0 +1,238 @@
+"""The oracle of the lens models: the same optics by other methods, in the widest float there is.
+
+Written from `inim.lens` and `inim.display`'s docstrings. The curved face is met by Newton's method
+on its sag, whatever its shape, where the lens models solve a quadratic; Snell's law is applied to
+the tangential part of the ray, where they use the vector form. `numpy.longdouble` has 64 bits on
+x86 processors and is no wider than float64 on some others; the run says which.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+
+__all__ = ["WIDE", "Landing", "LensRays", "land"]
+
+WIDE = np.longdouble
+_NEWTON_STEPS = 16
+# Places looked at on the way from one bulge to the next.
+_LOOKS = 16
+
+
+@dataclass(frozen=True)
+class LensRays:
+    """Rays that cross z = 0 at (x, y) and travel (sx, sy) sideways per mm away from the viewer."""
+
+    x: np.ndarray
+    y: np.ndarray
+    sx: np.ndarray
+    sy: np.ndarray
+
+
+@dataclass(frozen=True)
+class Landing:
+    """Where rays meet the panel (mm), the light they carry, and what decided on the way.
+
+    Attributes
+    ----------
+    x, y, weight : (n,) longdouble
+        NaN and 0 where the light does not get through.
+    edge : (n,) longdouble
+        Least distance, in pitches, from a border between lenses to where the lens was chosen.
+    reflection : (n,) longdouble
+        Least distance of sin^2 of the refracted angle from 1, where total reflection begins.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    weight: np.ndarray
+    edge: np.ndarray
+    reflection: np.ndarray
+
+
+def land(display: Display, model: str, rays: LensRays) -> Landing:
+    """Trace rays through a display of full square apertures by a model."""
+    x, y, sx, sy = (np.asarray(a, WIDE) for a in (rays.x, rays.y, rays.sx, rays.sy))
+    turn = np.radians(WIDE(display.rotation_deg))
+    c, s = np.cos(turn), np.sin(turn)
+    x, y = x - WIDE(display.shift_x_mm), y - WIDE(display.shift_y_mm)
+    x, y, sx, sy = c * x + s * y, c * y - s * x, c * sx + s * sy, c * sy - s * sx
+    with np.errstate(all="ignore"):
+        px, py, qx, qy, weight, edge, reflection = _MODELS[model](display, x, y, sx, sy)
+        px, py = c * px - s * py, c * py + s * px
+        qx, qy = c * qx - s * qy, c * qy + s * qx
+        px, py = px + WIDE(display.shift_x_mm), py + WIDE(display.shift_y_mm)
+        # The tilted panel: g + tx x + ty y behind the array instead of g.
+        tx, ty = (np.tan(np.radians(WIDE(a))) for a in (display.tilt_x_deg, display.tilt_y_deg))
+        more = (tx * px + ty * py) / (1 - tx * qx - ty * qy)
+        px, py = px + more * qx, py + more * qy
+    dark = ~(weight > 0)
+    nan = WIDE(np.nan)
+    return Landing(
+        np.where(dark, nan, px),
+        np.where(dark, nan, py),
+        np.where(dark, WIDE(0), weight),
+        edge,
+        reflection,
+    )
+
+
+def _lens_over(display: Display, x: Any, y: Any) -> tuple[Any, Any, Any, Any]:
+    """Centre of the lens whose cell holds a point, whether there is one, and how clear it was."""
+    found, clear = [], []
+    inside = np.ones(np.shape(x), bool)
+    for place, count in ((x, display.lens_columns), (y, display.lens_rows)):
+        cell = place / WIDE(display.pitch_mm) + WIDE(count) / 2
+        index = np.floor(cell)
+        inside &= (index >= 0) & (index < count)
+        found.append((index + WIDE(0.5) - WIDE(count) / 2) * WIDE(display.pitch_mm))
+        clear.append(np.abs(cell - np.rint(cell)))
+    return found[0], found[1], inside, np.minimum(*clear)
+
+
+def _pinhole(display: Display, x: Any, y: Any, sx: Any, sy: Any) -> tuple[Any, ...]:
+    """Through the centre of the lens, straight on."""
+    cx, cy, inside, edge = _lens_over(display, x, y)
+    g = WIDE(display.gap_mm)
+    far = np.full(np.shape(x), WIDE(1))
+    return cx + g * sx, cy + g * sy, sx, sy, inside * WIDE(1), edge, far
+
+
+def _thin(display: Display, x: Any, y: Any, sx: Any, sy: Any) -> tuple[Any, ...]:
+    """A parallel bundle meets in one point of the focal plane; from there along the line."""
+    cx, cy, inside, edge = _lens_over(display, x, y)
+    f, g = WIDE(display.focal_length_mm), WIDE(display.gap_mm)
+    focus_x, focus_y = cx + f * sx, cy + f * sy
+    qx, qy = (focus_x - x) / f, (focus_y - y) / f
+    far = np.full(np.shape(x), WIDE(1))
+    return x + g * qx, y + g * qy, qx, qy, inside * WIDE(1), edge, far
+
+
+def _thick(display: Display, x: Any, y: Any, sx: Any, sy: Any) -> tuple[Any, ...]:
+    """Plano-convex, both faces by Snell's law, losses by Fresnel's equations."""
+    n = WIDE(display.refractive_index)
+    t = WIDE(display.pitch_mm if display.lens_thickness_mm is None else display.lens_thickness_mm)
+    length = np.sqrt(sx * sx + sy * sy + 1)
+    d = np.stack([sx / length, sy / length, -1 / length])
+    flat = np.stack([np.zeros_like(x), np.zeros_like(x), np.ones_like(x)])
+    if display.curved_side == "viewer":
+        p, normal, inside, edge = _meet(display, x, y, d, towards_viewer=True)
+        d, first, away = _refract(d, normal, WIDE(1), n)
+        p = _to_plane(p, d, -t)
+        d, second, away2 = _refract(d, flat, n, WIDE(1))
+        p = _to_plane(p, d, -t - (WIDE(display.gap_mm) - t / n))
+    else:
+        p = np.stack([x, y, np.zeros_like(x)])
+        p = _to_plane(p, d, t / n)
+        d, first, away = _refract(d, flat, WIDE(1), n)
+        vertex = t / n - t
+        p = _to_plane(p, d, vertex)
+        p, normal, inside, edge = _meet(display, p[0], p[1], d, towards_viewer=False)
+        d, second, away2 = _refract(d, normal, n, WIDE(1))
+        struck, clear = _strikes(display, p, d)
+        inside, edge = inside & ~struck & (d[2] < 0), np.fmin(edge, clear)
+        p = _to_plane(p, d, -WIDE(display.gap_mm))
+    weight = np.where(inside, np.nan_to_num(first * second), 0)
+    return p[0], p[1], -d[0] / d[2], -d[1] / d[2], weight, edge, np.fmin(away, away2)
+
+
+def _to_plane(p: Any, d: Any, z: Any) -> Any:
+    return p + d * ((z - p[2]) / d[2])
+
+
+def _meet(
+    display: Display, x: Any, y: Any, d: Any, *, towards_viewer: bool
+) -> tuple[Any, Any, Any, Any]:
+    """Where a ray through (x, y) of the vertex plane meets the relief, z from that plane.
+
+    The bulges are one solid of overlapping caps. Of the lens it crosses the plane over and the
+    eight around, a ray that goes in meets the highest cap, one that goes out leaves the lowest.
+    """
+    pitch = WIDE(display.pitch_mm)
+    cx, cy, _, _ = _lens_over(display, x, y)
+    best, second, slope = (np.full_like(x, np.nan) for _ in range(3))
+    point, middle = np.full((3, *x.shape), WIDE(np.nan)), np.stack([cx, cy])
+    side = WIDE(1 if towards_viewer else -1)
+    for right in (-1, 0, 1):
+        for up in (-1, 0, 1):
+            lens = np.stack([cx + right * pitch, cy + up * pitch])
+            p, s = _newton(display, x, y, lens[0], lens[1], d, towards_viewer)
+            height = side * p[2]
+            ahead = np.isfinite(height) & ~(height <= best)
+            second = np.where(ahead, best, np.fmax(second, height))
+            best, slope = np.where(ahead, height, best), np.where(ahead, s, slope)
+            point, middle = np.where(ahead, p, point), np.where(ahead, lens, middle)
+    # Which cap is met first decides as a border between cells does.
+    _, _, inside, edge = _lens_over(display, point[0], point[1])
+    edge = np.fmin(edge, np.nan_to_num((best - second) / pitch, nan=1.0))
+    # The face is z = -side sag(q), q = r^2; its normal, turned against the ray.
+    tilt = 2 * side * slope * (point[:2] - middle)
+    normal = np.concatenate([tilt, np.ones_like(tilt[:1])])
+    normal /= np.sqrt((normal**2).sum(axis=0))
+    return point, normal, inside & np.isfinite(point[0]), edge
+
+
+def _strikes(display: Display, p: Any, d: Any) -> tuple[Any, Any]:
+    """Whether a ray that has left a bulge is inside another before the vertex plane; how clearly.
+
+    Followed in small steps: `p` is seen from the vertex plane.
+    """
+    cx, cy, _, _ = _lens_over(display, p[0], p[1])
+    most = np.full_like(p[0], -np.inf)
+    pitch = WIDE(display.pitch_mm)
+    for share in np.linspace(0, 1, _LOOKS + 1, dtype=WIDE)[1:]:
+        z = p[2] * (1 - share)
+        x, y = p[0] + d[0] / d[2] * (z - p[2]), p[1] + d[1] / d[2] * (z - p[2])
+        for right in (-1, 0, 1):
+            for up in (-1, 0, 1):
+                if right or up:
+                    q = (x - cx - right * pitch) ** 2 + (y - cy - up * pitch) ** 2
+                    most = np.fmax(most, z - _sag(display, q)[0])
+    return most > 0, np.abs(most) / pitch
+
+
+def _newton(
+    display: Display, x: Any, y: Any, cx: Any, cy: Any, d: Any, towards_viewer: bool
+) -> tuple[Any, Any]:
+    """Newton's method for the height at which a ray meets the face; the point and d sag / d q."""
+    side = WIDE(1 if towards_viewer else -1)
+    ux, uy = d[0] / d[2], d[1] / d[2]
+    z = np.zeros_like(x)
+    for _ in range(_NEWTON_STEPS):
+        px, py = x - cx + ux * z, y - cy + uy * z
+        sag, slope = _sag(display, px * px + py * py)
+        z = z - (z + side * sag) / (1 + side * slope * 2 * (px * ux + py * uy))
+    px, py = x - cx + ux * z, y - cy + uy * z
+    sag, slope = _sag(display, px * px + py * py)
+    # Rays that pass the face by never settle.
+    settled = np.abs(z + side * sag) <= 1e-12 * WIDE(display.pitch_mm)
+    z = np.where(settled, z, WIDE(np.nan))
+    return np.stack([x + ux * z, y + uy * z, z]), slope
+
+
+def _sag(display: Display, q: Any) -> tuple[Any, Any]:
+    """Depth of the curved face below its vertex at q = r^2, and its derivative by q."""
+    curvature = 1 / (WIDE(display.focal_length_mm) * (WIDE(display.refractive_index) - 1))
+    root = np.sqrt(1 - (1 + WIDE(display.conic)) * curvature * curvature * q)
+    a4, a6 = WIDE(display.asphere_a4), WIDE(display.asphere_a6)
+    sag = curvature * q / (1 + root) + a4 * q * q + a6 * q**3
+    return sag, curvature / (2 * root) + 2 * a4 * q + 3 * a6 * q * q
+
+
+def _refract(d: Any, normal: Any, n1: Any, n2: Any) -> tuple[Any, Any, Any]:
+    """Snell: the tangential part grows by n1 / n2; Fresnel: the share that passes, unpolarised."""
+    cos1 = -(d * normal).sum(axis=0)
+    tangential = (d + cos1 * normal) * (n1 / n2)
+    sine2 = (tangential**2).sum(axis=0)
+    cos2 = np.sqrt(1 - sine2)
+    out = tangential - cos2 * normal
+    s = ((n1 * cos1 - n2 * cos2) / (n1 * cos1 + n2 * cos2)) ** 2
+    p = ((n2 * cos1 - n1 * cos2) / (n2 * cos1 + n1 * cos2)) ** 2
+    return out, 1 - (s + p) / 2, np.abs(1 - sine2)
+
+
+_MODELS = {"pinhole": _pinhole, "thin": _thin, "thick": _thick}

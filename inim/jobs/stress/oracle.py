@@ -1,0 +1,486 @@
+"""Oracles of the generators: the definitions in float64 NumPy, and `template` in fractions too.
+
+Written from the generators' docstrings, not from their kernels, and by other methods: where a
+kernel walks from cell to cell, an oracle gathers all border crossings and sorts them; where a
+kernel keeps the best so far, an oracle lists all candidates and takes the least.
+
+Every oracle answers for a list of panel pixels, and says for which of them the answer hangs on
+rounding: those that change when coordinates and depths move by a *band*, the error that arithmetic
+of some type may make. Such pixels are called uncertain. What a length means (0.0636 is 636/10000)
+is part of the definition: `inim.pixel_axis.stated`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from inim.display import Display
+from inim.generators.sources import HOLE
+from inim.pixel_axis import stated
+from inim.rgbd import RGBD
+
+__all__ = [
+    "Answer",
+    "Rays",
+    "answer",
+    "band_of",
+    "exact_template",
+    "lensed_pixels",
+    "rays_of",
+    "template_sources",
+]
+
+# Rounding errors a coordinate collects on its way: of start, slope, depth, product and sum.
+_ROUNDINGS = 4
+# Numbers in the largest array an oracle makes at once.
+_CHUNK = 2_000_000
+
+#: Shifts of (columns, rows, depths) in bands: the corners of a cube.
+_PUSHES = [(a, b, c) for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)]
+
+
+@dataclass(frozen=True)
+class AxisRays:
+    """Rays of one panel axis: ``cell(z) = start + slope z`` in picture cells; lens -1: none."""
+
+    lens: tuple[int, ...]
+    start: tuple[Fraction, ...]
+    slope: tuple[Fraction, ...]
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Rays of some panel pixels over a picture.
+
+    Attributes
+    ----------
+    pixels : (n, 2) int
+        Row and column of each.
+    rows, columns : AxisRays
+        Of all panel rows and columns, exactly.
+    v0, dv, u0, du : (n,) float64
+        Row and column of the picture each pixel's ray is in: ``v0 + dv z``, ``u0 + du z``.
+    """
+
+    pixels: np.ndarray
+    rows: AxisRays
+    columns: AxisRays
+    v0: np.ndarray
+    dv: np.ndarray
+    u0: np.ndarray
+    du: np.ndarray
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an oracle says of some pixels.
+
+    Attributes
+    ----------
+    sources : (n,) int64
+        ``row * W + column``, or `HOLE`.
+    uncertain : (n,) bool
+        Whether rounding of the given type decides.
+    """
+
+    sources: np.ndarray
+    uncertain: np.ndarray
+
+
+def lensed_pixels(display: Display) -> np.ndarray:
+    """Row and column of every panel pixel under a lens, (n, 2)."""
+    rows, columns = display.eia_shape
+    down = np.array(_lenses(display, rows, display.lens_rows, -display.shift_y_mm)) >= 0
+    across = np.array(_lenses(display, columns, display.lens_columns, display.shift_x_mm)) >= 0
+    return np.argwhere(down[:, None] & across[None, :])
+
+
+def _lenses(display: Display, pixels: int, lenses: int, shift_mm: float) -> list[int]:
+    """Lens over each pixel of an axis: the elemental image that holds its centre, -1 outside.
+
+    On a border: the one nearer the array's centre, and on that the left or upper one.
+    """
+    elemental = stated(display.elemental_image_pitch_mm)
+    found = []
+    for i in range(pixels):
+        x = Fraction(2 * i + 1 - pixels, 2) * stated(display.pixel_pitch_mm)
+        from_axis = (x - stated(shift_mm)) / elemental
+        place = from_axis + Fraction(lenses, 2)
+        lens = math.floor(place)
+        if lens == place and from_axis >= 0:
+            lens -= 1
+        found.append(lens if 0 <= lens < lenses else -1)
+    return found
+
+
+def _axis(
+    display: Display, pixels: int, lenses: int, shift_mm: float, cells: int, cell_mm: float
+) -> AxisRays:
+    """Eq. 1, X(z) = x0 + (x0 - x) z / g, in cells; to the right or downwards alike."""
+    pitch, gap, cell = stated(display.pitch_mm), stated(display.gap_mm), stated(cell_mm)
+    pixel = stated(display.pixel_pitch_mm)
+    owners = _lenses(display, pixels, lenses, shift_mm)
+    start, slope = [], []
+    for i, owner in enumerate(owners):
+        x = Fraction(2 * i + 1 - pixels, 2) * pixel
+        x0 = Fraction(2 * owner + 1 - lenses, 2) * pitch + stated(shift_mm)
+        start.append(x0 / cell + Fraction(cells, 2))
+        slope.append((x0 - x) / (gap * cell))
+    return AxisRays(tuple(owners), tuple(start), tuple(slope))
+
+
+def rays_of(display: Display, rgbd: RGBD, pixels: np.ndarray) -> Rays:
+    """The rays of panel pixels, (n, 2) rows and columns, over a picture."""
+    high, wide = display.eia_shape
+    shift = (display.shift_x_mm, -display.shift_y_mm)  # to the right, downwards
+    rows = _axis(display, high, display.lens_rows, shift[1], rgbd.shape[0], rgbd.pixel_mm)
+    columns = _axis(display, wide, display.lens_columns, shift[0], rgbd.shape[1], rgbd.pixel_mm)
+    v0, dv = np.array(rows.start, float), np.array(rows.slope, float)
+    u0, du = np.array(columns.start, float), np.array(columns.slope, float)
+    r, c = pixels[:, 0], pixels[:, 1]
+    return Rays(pixels, rows, columns, v0[r], dv[r], u0[c], du[c])
+
+
+def band_of(rays: Rays, display: Display, dtype: type) -> tuple[np.ndarray, np.ndarray, float]:
+    """How far rounding in a type may move columns, rows (cells) and depths (mm) of each ray."""
+    farthest = max(map(abs, display.depth_range_mm))
+    unit = _ROUNDINGS * float(np.finfo(dtype).eps)
+    across = unit * (np.abs(rays.u0) + np.abs(rays.du) * farthest + 1)
+    down = unit * (np.abs(rays.v0) + np.abs(rays.dv) * farthest + 1)
+    return across, down, unit * farthest
+
+
+_Find = Callable[[Rays, RGBD, Display, tuple], np.ndarray]
+_STILL = (0.0, 0.0, 0.0)
+
+
+def answer(algorithm: str, rays: Rays, rgbd: RGBD, display: Display, dtype: type) -> Answer:
+    """What the definition of an algorithm says, and where rounding in a type may say otherwise.
+
+    Parameters
+    ----------
+    algorithm : {"template", "gu2020", "wang2024", "wang2024:matching=ray", "li2012"}
+    rays : Rays
+    rgbd : RGBD
+    display : Display
+    dtype : float type
+    """
+    find = _ORACLES[algorithm]
+    band = band_of(rays, display, dtype)
+    sources = find(rays, rgbd, display, _STILL)
+    uncertain = np.zeros(len(sources), bool)
+    for a, b, c in _PUSHES:
+        pushed = find(rays, rgbd, display, (a * band[0], b * band[1], c * band[2]))
+        uncertain |= pushed != sources
+    near = _CLOSE_CALLS.get(algorithm)
+    if near is not None:
+        uncertain |= near(rays, rgbd, display, band)
+    return Answer(sources, uncertain)
+
+
+# -- template -----------------------------------------------------------------------------------
+
+
+def template_sources(rays: Rays, rgbd: RGBD, display: Display, push: tuple = _STILL) -> np.ndarray:
+    """First hits: all border crossings of a ray sorted, each interval's cell by its midpoint."""
+    low, high = display.depth_range_mm
+    depth = _framed(rgbd, push[2])
+    v0, u0 = rays.v0 + push[1], rays.u0 + push[0]
+    found = np.empty(len(u0), np.int64)
+    reach = np.abs([rays.du, rays.dv]).max(initial=0) * (high - low)
+    step = max(1, int(_CHUNK // (2 * reach + 6)))
+    for begin in range(0, len(u0), step):
+        part = slice(begin, begin + step)
+        found[part] = _first_hits(
+            (v0[part], rays.dv[part]), (u0[part], rays.du[part]), depth, rgbd.shape, low, high
+        )
+    return found
+
+
+def _framed(rgbd: RGBD, push: float) -> np.ndarray:
+    """Depths in float64 with a frame of nothing around."""
+    depth = np.where(rgbd.covered, rgbd.depth_mm.astype(float) + push, -np.inf)
+    return np.pad(depth, 1, constant_values=-np.inf)
+
+
+def _first_hits(
+    down: tuple, across: tuple, depth: np.ndarray, shape: tuple[int, int], low: float, high: float
+) -> np.ndarray:
+    ends = np.broadcast_to([high, low], (len(down[0]), 2))
+    z = np.concatenate([ends, _crossings(*down, low, high), _crossings(*across, low, high)], axis=1)
+    z = -np.sort(-z, axis=1)
+    top, end = z[:, :-1], z[:, 1:]
+    middle = top / 2 + end / 2
+    r = _cell(down[0][:, None] + down[1][:, None] * middle, shape[0])
+    c = _cell(across[0][:, None] + across[1][:, None] * middle, shape[1])
+    hit = (depth[r + 1, c + 1] >= end) & (top > end)
+    first, each = np.argmax(hit, axis=1), np.arange(len(hit))
+    return np.where(hit.any(axis=1), r[each, first] * shape[1] + c[each, first], HOLE)
+
+
+def _cell(place: np.ndarray, cells: int) -> np.ndarray:
+    """Cell of a place; -1 or `cells` outside, where the frame is."""
+    return np.clip(np.floor(place), -1, cells).astype(np.int64)
+
+
+def _crossings(start: np.ndarray, slope: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Depths at which rays meet cell borders, (rays, most crossings), padded with `high`."""
+    ends = np.stack([start + slope * low, start + slope * high])
+    first, last = np.floor(ends.min(axis=0)), np.ceil(ends.max(axis=0))
+    border = first[:, None] + np.arange(int((last - first).max(initial=0)) + 1)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        z = (border - start[:, None]) / slope[:, None]
+    return np.where((z > low) & (z < high), z, high)
+
+
+def exact_template(rays: Rays, rgbd: RGBD, display: Display, which: np.ndarray) -> np.ndarray:
+    """First hits of the rays numbered `which`, in fractions: no rounding, ties by the definition.
+
+    A cell counts when the ray spends a stretch of depth in it, not when it touches it in a point; a
+    ray along a border is in the cell of the larger row or column.
+    """
+    low, high = map(Fraction, display.depth_range_mm)
+    return np.array([_exact_hit(rays, rgbd, int(i), low, high) for i in which], np.int64)
+
+
+def _exact_hit(rays: Rays, rgbd: RGBD, index: int, low: Fraction, high: Fraction) -> int:
+    row, column = rays.pixels[index]
+    v0, dv = rays.rows.start[row], rays.rows.slope[row]
+    u0, du = rays.columns.start[column], rays.columns.slope[column]
+    ends = sorted({low, high, *_meets(v0, dv, low, high), *_meets(u0, du, low, high)}, reverse=True)
+    for top, end in pairwise(ends):
+        middle = (top + end) / 2
+        r, c = math.floor(v0 + dv * middle), math.floor(u0 + du * middle)
+        if not (0 <= r < rgbd.shape[0] and 0 <= c < rgbd.shape[1]):
+            continue
+        if rgbd.covered[r, c] and Fraction(float(rgbd.depth_mm[r, c])) >= end:
+            return r * rgbd.shape[1] + c
+    return HOLE
+
+
+def _meets(start: Fraction, slope: Fraction, low: Fraction, high: Fraction) -> list[Fraction]:
+    """Depths strictly inside the range at which a ray meets borders."""
+    if slope == 0:
+        return []
+    a, b = sorted((start + slope * low, start + slope * high))
+    return [(k - start) / slope for k in range(math.floor(a) + 1, math.ceil(b))]
+
+
+# -- gu2020 -------------------------------------------------------------------------------------
+
+
+def _gu2020(rays: Rays, rgbd: RGBD, display: Display, push: tuple) -> np.ndarray:
+    """The first of the depths z_max, z_max - P_I, ..., z_min at which the surface is as near."""
+    low, high = map(Fraction, display.depth_range_mm)
+    f, g = stated(display.focal_length_mm), stated(display.gap_mm)
+    # P_I = |D| P_D / g with D = f g / (g - f); a picture pixel where that is infinite.
+    step = (
+        stated(rgbd.pixel_mm)
+        if display.gap_mm == display.focal_length_mm
+        else abs(f / (g - f)) * stated(display.pixel_pitch_mm)
+    )
+    depths = _stepped(low, high, step)
+    depth = _framed(rgbd, push[2])
+    v0, u0 = rays.v0 + push[1], rays.u0 + push[0]
+    found = np.empty(len(u0), np.int64)
+    chunk = max(1, _CHUNK // len(depths))
+    for begin in range(0, len(u0), chunk):
+        part = slice(begin, begin + chunk)
+        r = _cell(v0[part, None] + rays.dv[part, None] * depths, rgbd.shape[0])
+        c = _cell(u0[part, None] + rays.du[part, None] * depths, rgbd.shape[1])
+        hit = depth[r + 1, c + 1] >= depths
+        first, each = np.argmax(hit, axis=1), np.arange(len(hit))
+        source = r[each, first] * rgbd.shape[1] + c[each, first]
+        found[part] = np.where(hit.any(axis=1), source, HOLE)
+    return found
+
+
+@lru_cache(maxsize=4)
+def _stepped(low: Fraction, high: Fraction, step: Fraction) -> np.ndarray:
+    """From `high` down to `low`, the last step cut short; each depth rounded once."""
+    scale = math.lcm(high.denominator, step.denominator)
+    top, by = int(high * scale), int(step * scale)
+    count = math.ceil((high - low) / step)
+    return np.array([(top - k * by) / scale for k in range(count)] + [float(low)])
+
+
+# -- wang2024 -----------------------------------------------------------------------------------
+
+
+def _mismatches(
+    rays: Rays, rgbd: RGBD, display: Display, push: tuple, i: int, along_ray: bool
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """|depth - z| of every entry of one pixel's template, its source, and the step of Eq. 5."""
+    low, high = display.depth_range_mm
+    middle = display.central_depth_mm
+    single = middle if low <= middle <= high else (low + high) / 2
+    travel = max(abs(rays.du[i]), abs(rays.dv[i]))
+    # The push says too on which side of a whole number z_len is rounded.
+    sign = np.sign(push[2])
+    reach = travel * (high - low) * (1 + _ROUNDINGS * sign * _relative(push[2], display))
+    if reach < 1:
+        step, z = high - low, np.array([single])
+    else:
+        step = 1 / travel
+        z = low + step * np.arange(math.ceil(reach) + 1)
+    at = (push[0][i], push[1][i]) if np.ndim(push[0]) else (0.0, 0.0)
+    v = np.floor(rays.v0[i] + at[1] + rays.dv[i] * z)
+    u = np.floor(rays.u0[i] + at[0] + rays.du[i] * z)
+    if not along_ray:
+        v, u = np.broadcast_arrays(v[:, None], u[None, :])
+        z = np.broadcast_to(z[:, None], v.shape)
+    rows, columns = rgbd.shape
+    inside = (v >= 0) & (v < rows) & (u >= 0) & (u < columns)
+    r, c = np.where(inside, v, 0).astype(int), np.where(inside, u, 0).astype(int)
+    depth = rgbd.depth_mm[r, c].astype(float) + push[2]
+    off = np.where(inside & rgbd.covered[r, c], np.abs(depth - z), np.inf)
+    return off.ravel(), (r * columns + c).ravel(), step
+
+
+def _relative(push: float, display: Display) -> float:
+    return abs(push) / max(map(abs, display.depth_range_mm))
+
+
+def _wang(along_ray: bool) -> _Find:
+    """Eq. 7 to 10: of all entries of the template the nearest to its surface, if within a step."""
+
+    def find(rays: Rays, rgbd: RGBD, display: Display, push: tuple) -> np.ndarray:
+        found = np.empty(len(rays.u0), np.int64)
+        for i in range(len(found)):
+            off, source, step = _mismatches(rays, rgbd, display, push, i, along_ray)
+            best = int(np.argmin(off))
+            found[i] = source[best] if off[best] < step else HOLE
+        return found
+
+    return find
+
+
+def _wang_close(along_ray: bool) -> Callable[[Rays, RGBD, Display, tuple], np.ndarray]:
+    """Pixels whose best match beats another source, or the limit, by less than the band."""
+
+    def close(rays: Rays, rgbd: RGBD, display: Display, band: tuple) -> np.ndarray:
+        found = np.empty(len(rays.u0), bool)
+        for i in range(len(found)):
+            off, source, step = _mismatches(rays, rgbd, display, _STILL, i, along_ray)
+            best = int(np.argmin(off))
+            # Entries of one depth and one surface depth tie exactly, in any arithmetic.
+            rivals = off[(source != source[best]) & (off != off[best])]
+            least = min(float(np.min(rivals, initial=np.inf)), step)
+            found[i] = abs(least - off[best]) <= 4 * band[2]
+        return found
+
+    return close
+
+
+# -- li2012 -------------------------------------------------------------------------------------
+
+
+def _landings(
+    rays: Rays, rgbd: RGBD, display: Display, push: tuple
+) -> tuple[list[np.ndarray], list[tuple[np.ndarray, ...]]]:
+    """For each pixel, the picture pixels that land on it, and the keys by which one is kept.
+
+    Keys, the least first: -z, distance^2 from the panel pixel's centre, distance from the vertical
+    axis, from the horizontal one.
+    """
+    rows, columns = np.nonzero(rgbd.covered & (rgbd.depth_mm != 0))
+    z = rgbd.depth_mm[rows, columns].astype(float)
+    high, wide = display.eia_shape
+    found, keys = [], []
+    lens_v, lens_u = rays.rows.lens, rays.columns.lens
+    shift = [np.median(p) if np.ndim(p) else 0.0 for p in push[:2]]
+    placed: dict[tuple[int, int], tuple] = {}
+    for row, column in rays.pixels:
+        m, n = lens_v[row], lens_u[column]
+        if (m, n) not in placed:
+            across = (n, display.lens_columns, display.shift_x_mm)
+            down = (m, display.lens_rows, -display.shift_y_mm)
+            x = _landing(display, across, columns, rgbd.shape[1], rgbd, z)
+            y = _landing(display, down, rows, rgbd.shape[0], rgbd, z)
+            x, y = x + shift[0], y + shift[1]
+            placed[m, n] = (x, y, _panel_pixel(x, wide), _panel_pixel(y, high))
+        x, y, i, j = placed[m, n]
+        here = np.flatnonzero((i == column) & (j == row))
+        dx, dy = x[here] - (column - (wide - 1) / 2), y[here] - (row - (high - 1) / 2)
+        aside = np.abs(2 * columns[here] + 1 - rgbd.shape[1])
+        above = np.abs(2 * rows[here] + 1 - rgbd.shape[0])
+        found.append(rows[here] * rgbd.shape[1] + columns[here])
+        keys.append((-z[here], dx * dx + dy * dy, aside, above))
+    return found, keys
+
+
+def _landing(
+    display: Display,
+    lens: tuple[int, int, float],
+    cell: np.ndarray,
+    cells: int,
+    rgbd: RGBD,
+    z: np.ndarray,
+) -> np.ndarray:
+    """X = x0 + (x0 - X) g / z in panel pixels from the panel's middle.
+
+    `lens` is the lens's number, how many there are, and by how much the array is shifted.
+    """
+    pixel = stated(display.pixel_pitch_mm)
+    number, lenses, shift = lens
+    centre = Fraction(2 * number + 1 - lenses, 2) * stated(display.pitch_mm) + stated(shift)
+    x0 = float(centre / pixel)
+    X = (2 * cell + 1 - cells) / 2 * float(stated(rgbd.pixel_mm) / pixel)
+    return x0 + (x0 - X) * float(stated(display.gap_mm)) / z
+
+
+def _panel_pixel(place: np.ndarray, pixels: int) -> np.ndarray:
+    """Panel pixel that holds a place; a border belongs to the pixel nearer the axis."""
+    right = np.ceil(place + pixels / 2) - 1
+    left = np.floor(place + pixels / 2)
+    return np.where(place > 0, right, np.where(place < 0, left, (pixels - 1) // 2))
+
+
+def _li2012(rays: Rays, rgbd: RGBD, display: Display, push: tuple) -> np.ndarray:
+    """Of the picture pixels that land on a panel pixel the nearest to the viewer."""
+    found, keys = _landings(rays, rgbd, display, _in_panel_pixels(push, display))
+    return np.array(
+        [s[np.lexsort(k[::-1])[0]] if len(s) else HOLE for s, k in zip(found, keys, strict=True)],
+        np.int64,
+    )
+
+
+def _in_panel_pixels(push: tuple, display: Display) -> tuple:
+    """A push of landing points instead of coordinates: as many roundings, of panel pixels."""
+    if not np.ndim(push[0]):
+        return _STILL
+    unit = abs(push[2]) / max(map(abs, display.depth_range_mm))
+    high, wide = display.eia_shape
+    return unit * 2 * wide * np.sign(push[0]), unit * 2 * high * np.sign(push[1]), 0.0
+
+
+def _li_close(rays: Rays, rgbd: RGBD, display: Display, band: tuple) -> np.ndarray:
+    """Pixels on which two points of one depth land almost equally far from the centre."""
+    unit = band[2] / max(map(abs, display.depth_range_mm)) * 4 * max(display.eia_shape)
+    close = np.zeros(len(rays.u0), bool)
+    _, keys = _landings(rays, rgbd, display, _STILL)
+    for i, (nearness, off, *_) in enumerate(keys):
+        foremost = np.sort(off[nearness == nearness.min(initial=np.inf)])
+        close[i] = len(foremost) > 1 and foremost[1] - foremost[0] <= unit
+    return close
+
+
+_ORACLES: dict[str, _Find] = {
+    "template": template_sources,
+    "gu2020": _gu2020,
+    "wang2024": _wang(along_ray=False),
+    "wang2024:matching=ray": _wang(along_ray=True),
+    "li2012": _li2012,
+}
+_CLOSE_CALLS = {
+    "wang2024": _wang_close(along_ray=False),
+    "wang2024:matching=ray": _wang_close(along_ray=True),
+    "li2012": _li_close,
+}

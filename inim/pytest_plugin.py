@@ -1,0 +1,100 @@
+"""A pytest fixture that validates a scene against its baseline.
+
+::
+
+    def test_my_generator_shows_what_it_did(inim_validate):
+        inim_validate("scenes/jade.xml", algorithms="mine", viewpoints="centre")
+
+Baselines lie in `inim_baselines/` beside the test's file, one folder for each test; another place
+is set with ``inim_baselines`` in the ini file. A missing one fails the test. ``pytest
+--inim-update --inim-reason "why"`` accepts what the tests make as the new baselines.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from inim.report import Report
+
+__all__ = ["inim_validate"]
+
+# Imported by every run of pytest where inim is installed: nothing heavy at the top.
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """See pytest."""
+    group = parser.getgroup("inim", "integral-imaging displays")
+    group.addoption(
+        "--inim-update", action="store_true", help="accept what tests make as their baselines"
+    )
+    group.addoption("--inim-reason", metavar="TEXT", help="why, with --inim-update; kept with them")
+    parser.addini("inim_baselines", "folder of the baselines, from the ini file's folder")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Refuse an update without a reason before any test runs."""
+    if config.getoption("--inim-update") and not (config.getoption("--inim-reason") or "").strip():
+        raise pytest.UsageError('--inim-update: say why, with --inim-reason "..."')
+
+
+@pytest.fixture
+def inim_validate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Report]:
+    """Validate a scene and compare it with this test's baseline.
+
+    Returns
+    -------
+    callable
+        Takes a scene and what `inim.validate` takes, and `name` for the baseline where a test has
+        several; a scene's path starts at the test's folder, or is absolute. Returns the report,
+        whose folder lies below the test's `tmp_path`. Fails the test, with a line for each failed
+        check, where a check fails, and where there is no baseline.
+    """
+    config = request.config
+
+    def validated(scene: str | Path, *, name: str | None = None, **options: Any) -> Report:
+        from inim.errors import BaselineError
+        from inim.jobs.baseline import accept
+        from inim.jobs.validate import validate
+
+        label = re.sub(r"[^\w.+-]+", "-", name or request.node.name).strip("-.") or "test"
+        baseline = _folder(config, request.path) / label
+        out = tmp_path / label
+        place = request.path.parent / scene
+        if config.getoption("--inim-update"):
+            report = validate(place, out, **options)
+            _fail_unless_passed(report)
+            accept(out, config.getoption("--inim-reason"), baseline)
+            return report
+        try:
+            report = validate(place, out, baseline=baseline, **options)
+        except BaselineError as error:
+            words = 'run pytest --inim-update --inim-reason "why" to accept one'
+            pytest.fail(f"{error}\n{words}", pytrace=False)
+        _fail_unless_passed(report)
+        return report
+
+    return validated
+
+
+def _folder(config: pytest.Config, test: Path) -> Path:
+    given = config.getini("inim_baselines")
+    if given:
+        root = config.inipath.parent if config.inipath else config.rootpath
+        return Path(root / given)
+    return test.parent / "inim_baselines"
+
+
+def _fail_unless_passed(report: Report) -> None:
+    if report.passed:
+        return
+    from inim.report.wording import check_passed, check_sentence, checks
+
+    failed = [check for check in checks(report.data) if not check_passed(check)]
+    lines = [f"{check.get('name')}: {check_sentence(check)}" for check in failed]
+    pytest.fail("\n".join([*lines, f"report: {report.html_path}"]), pytrace=False)

@@ -1,0 +1,63 @@
+"""Regression checks: a run against a baseline, with verdicts as data.
+
+Pure: nothing here renders, prints or writes a report. What is compared, and how:
+
+| what                    | kept in the baseline           | verdict                           |
+| ----------------------- | ------------------------------ | --------------------------------- |
+| rendered pictures, EIAs | tiles' means, power, errors    | Welch's t-test per tile, Sidak    |
+| scores                  | value, error, bias             | t-interval of the change          |
+| noise of ground truth   | tiles' errors                  | median ratio                      |
+| generators' EIAs        | SHA-256, a sample of pixels    | equality, or share that changed   |
+| times                   | ratios to the yardstick        | rank-sum interval of the slowdown |
+
+A change fails if it is larger than what noise explains *and* large enough to count; what is
+missing or not finite fails; what was made under other conditions is not compared at all.
+"""
+
+from inim.regression.comparison import (
+    changed_circumstances,
+    check_comparable,
+    check_times,
+    compare,
+    drift,
+)
+from inim.regression.evidence import (
+    BASELINE,
+    CANDIDATE,
+    SCHEMA,
+    Evidence,
+    read_evidence,
+    write_evidence,
+)
+from inim.regression.fixed_picture import Fingerprint, fingerprint, fixed_picture
+from inim.regression.scores import ScoreEstimate, score_interval, view_scores
+from inim.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
+from inim.regression.times import log_ratios
+from inim.regression.verdict import Verdict, all_passed
+
+__all__ = [
+    "BASELINE",
+    "CANDIDATE",
+    "SCHEMA",
+    "Evidence",
+    "Fingerprint",
+    "ScoreEstimate",
+    "TileStatistics",
+    "Verdict",
+    "all_passed",
+    "changed_circumstances",
+    "check_comparable",
+    "check_times",
+    "compare",
+    "drift",
+    "eia_tile",
+    "fingerprint",
+    "fixed_picture",
+    "log_ratios",
+    "read_evidence",
+    "score_interval",
+    "tile_statistics",
+    "view_scores",
+    "view_tile",
+    "write_evidence",
+]

@@ -1,0 +1,68 @@
+"""Verdicts on times: only as ratios to the yardstick of the same round, only with their spread.
+
+What else a machine does changes from round to round and hits generator and yardstick alike. So
+each round gives ``ln(time / yardstick)``, and two runs are compared by the median of all pairwise
+differences of these, with its distribution-free interval (`inference.shift_of`): a round that the
+system interrupted is one outlier among many and carries no weight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from inim.regression.inference import FALSE_ALARM_RATE, shift_of, sidak
+from inim.regression.verdict import Verdict
+
+__all__ = ["LEAST_ROUNDS", "MOST_SLOWDOWN", "compare_times", "log_ratios"]
+
+#: Fewer rounds say nothing: with nine on each side the interval still has an end at this level.
+LEAST_ROUNDS = 9
+#: A slowdown below this passes: from one process to the next, where code and data come to lie in
+#: memory changes ratios by some per cent, and rounds of one process do not show it.
+MOST_SLOWDOWN = 1.15
+
+
+def log_ratios(times_s: Sequence[float], yardstick_s: Sequence[float]) -> tuple[float, ...]:
+    """Natural logarithms of time over yardstick, round by round, of the rounds both were in."""
+    return tuple(math.log(t / y) for t, y in zip(times_s, yardstick_s, strict=False))
+
+
+def compare_times(
+    baseline: Mapping[str, Sequence[float]], candidate: Mapping[str, Sequence[float]]
+) -> list[Verdict]:
+    """One verdict for each algorithm of the baseline: only slower fails.
+
+    Parameters
+    ----------
+    baseline, candidate : mapping of str to sequence of float
+        `log_ratios` by algorithm. One with fewer than `LEAST_ROUNDS` fails.
+    """
+    level = sidak(FALSE_ALARM_RATE, len(baseline))
+    return [_verdict(n, old, candidate.get(n, ()), level) for n, old in baseline.items()]
+
+
+def _verdict(name: str, old: Sequence[float], new: Sequence[float], level: float) -> Verdict:
+    label = f"{name}: time against the baseline"
+    rounds = min(len(old), len(new))
+    shift = shift_of(new, old, level)
+    limit = MOST_SLOWDOWN
+    # Where the interval reaches down to no change, noise explains the shift.
+    if shift.low <= 0:
+        limit = max(limit, math.exp(max(shift.value, 0.0)) if math.isfinite(shift.value) else 0.0)
+    value = math.exp(shift.value)
+    passed = bool(rounds >= LEAST_ROUNDS and math.isfinite(value) and value <= limit)
+    detail = f"{_yardsticks(new)} yardsticks, baseline {_yardsticks(old)}; {rounds} rounds"
+    if rounds < LEAST_ROUNDS:
+        detail += f", {LEAST_ROUNDS} needed"
+    interval = (math.exp(shift.low), math.exp(min(shift.high, 700.0)))
+    return Verdict(
+        label, "time", value, "<=", limit, interval, passed, "times", shift.p_value, detail
+    )
+
+
+def _yardsticks(ratios: Sequence[float]) -> str:
+    if not ratios:
+        return "no"
+    ordered = sorted(ratios)
+    return f"{math.exp(ordered[len(ordered) // 2]):.3g}"

@@ -1,0 +1,274 @@
+"""Small sound files of every format that inim accepts, made anew for each run."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.formats.image import write_exr, write_rgbd
+from inim.formats.mesh import Mesh, write_ply
+from inim.rgbd import RGBD
+from tests.conftest import scene_text, small_display, sphere, square
+
+__all__ = ["DISPLAY", "SPECIMENS"]
+
+#: The display that EIAs are made for and scenes are planned for.
+DISPLAY: Display = small_display(4, 3, 8)
+
+
+def _picture(rows: int, columns: int) -> np.ndarray:
+    return np.random.default_rng(1).random((rows, columns, 3)).astype(np.float32)
+
+
+def _rgbd(folder: Path) -> tuple[bytes, ...]:
+    covered = np.random.default_rng(2).random((12, 14)) > 0.3
+    write_rgbd(folder / "a.exr", RGBD(_picture(12, 14), np.ones((12, 14)), covered, 0.1))
+    return ((folder / "a.exr").read_bytes(), *_exr(folder)[:1])
+
+
+def _exr(folder: Path) -> tuple[bytes, ...]:
+    """One part, of each compression: plain, then in scan lines and tiles, half and float."""
+    import OpenEXR
+
+    rows, columns = DISPLAY.eia_shape
+    write_exr(folder / "b.exr", _picture(rows, columns))
+    made = [(folder / "b.exr").read_bytes()]
+    kinds = OpenEXR.Compression.__members__
+    for k, name in enumerate(sorted(kinds)):
+        kind = np.float16 if k % 2 else np.float32
+        channels = {c: np.ascontiguousarray(_picture(rows, columns)[..., 0], kind) for c in "ABGR"}
+        header: dict[str, Any] = {"compression": kinds[name], "type": OpenEXR.scanlineimage}
+        if k % 3 == 2:
+            tiles = OpenEXR.TileDescription()
+            tiles.xSize = tiles.ySize = 16
+            header |= {"type": OpenEXR.tiledimage, "tiles": tiles}
+        try:
+            OpenEXR.File(header, channels).write(str(folder / "c.exr"))
+        except RuntimeError:  # a kind that this version names but does not write
+            continue
+        made.append((folder / "c.exr").read_bytes())
+    return tuple(made)
+
+
+def _saved(image: Any, kind: str, **options: Any) -> bytes:
+    stream = io.BytesIO()
+    image.save(stream, kind, **options)
+    return stream.getvalue()
+
+
+def _png(_: Path) -> tuple[bytes, ...]:
+    from PIL import Image
+
+    rows, columns = DISPLAY.eia_shape
+    pixels = (_picture(rows, columns) * 255).astype(np.uint8)
+    rgb = Image.fromarray(pixels)
+    grey = Image.fromarray((_picture(rows, columns)[..., 0] * 65535).astype(np.uint16))
+    alpha = rgb.copy()
+    alpha.putalpha(200)
+    return (
+        _saved(rgb, "PNG"),
+        _saved(rgb.convert("P"), "PNG", transparency=3),
+        _saved(grey, "PNG"),
+        _saved(alpha, "PNG", pnginfo=None, compress_level=0),
+    )
+
+
+def _pictures(folder: Path) -> tuple[bytes, ...]:
+    from PIL import Image
+
+    rgb = Image.fromarray((_picture(16, 20) * 255).astype(np.uint8))
+    others = [_saved(rgb, "JPEG"), _saved(rgb, "JPEG", progressive=True)]
+    floats = b"PF\n20 16\n-1.0\n" + _picture(16, 20).tobytes()
+    # Each channel of a line: a run of ten and ten by themselves.
+    lines = b"".join(b"\2\2\0\x14" + (b"\x8a\x80\x0a" + b"\x70" * 10) * 4 for _ in range(16))
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 20\n"
+    flat = head + b"\x40\x50\x60\x80" * 320
+    return (*_png(folder)[:2], *_exr(folder)[:4], *others, floats, head + lines, flat)
+
+
+def _box() -> tuple[np.ndarray, np.ndarray]:
+    corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corner, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.uint32)
+
+
+def _ply_text(_: Path) -> tuple[bytes, ...]:
+    points, faces = _box()
+    head = "ply\nformat ascii 1.0\ncomment made for tests\nelement vertex 8\n"
+    head += "property float x\nproperty float y\nproperty float z\n"
+    colors = head + "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+    tail = "element face {}\nproperty list uchar int vertex_indices\nend_header\n"
+    plain = ["{:g} {:g} {:g}".format(*p) for p in points]
+    triangles = ["3 {} {} {}".format(*f) for f in faces]
+    quads = ["4 0 1 3 2", "4 4 6 7 5", "3 0 4 5"]
+    return tuple(
+        text.encode()
+        for text in (
+            head + tail.format(12) + "\n".join(plain + triangles) + "\n",
+            colors + tail.format(12) + "\n".join([p + " 9 99 200" for p in plain] + triangles),
+            head + tail.format(3) + "\n".join(plain + quads) + "\n",
+        )
+    )
+
+
+def _ply_binary(folder: Path) -> tuple[bytes, ...]:
+    points, faces = _box()
+    rest = {"normals": points - 0.5, "uv": points[:, :2], "color": points}
+    write_ply(folder / "a.ply", Mesh(points, faces))
+    write_ply(folder / "b.ply", Mesh(points, faces, **rest))
+    big = b"ply\nformat binary_big_endian 1.0\nelement vertex 8\nproperty double x\n"
+    big += b"property double y\nproperty double z\nelement face 12\n"
+    big += b"property list uchar uint vertex_index\nend_header\n" + points.astype(">f8").tobytes()
+    big += b"".join(b"\3" + f.astype(">u4").tobytes() for f in faces)
+    return (folder / "a.ply").read_bytes(), (folder / "b.ply").read_bytes(), big
+
+
+def _obj(folder: Path) -> tuple[bytes, ...]:
+    points, faces = _box()
+    (folder / "a.mtl").write_text("newmtl one\nKd 0.5 0.2 0.1\nmap_Kd a.png\n")
+    (folder / "a.png").write_bytes(_png(folder)[0])
+    vertices = "".join("v {:g} {:g} {:g}\n".format(*p) for p in points)
+    plain = "".join("f {} {} {}\n".format(*(f + 1)) for f in faces)
+    full = "mtllib a.mtl\no relic\n" + vertices + "vt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\nusemtl one\n"
+    full += "".join("f {}/1/1 {}/2/1 {}/3/1\n".format(*(f + 1)) for f in faces) + "s off\ng end\n"
+    mixed = "# quads and relative\n" + vertices + "f 1 2 4 3\nf -1 -2 -3\nf 1//1 2//1 3//1\n"
+    return (vertices + plain).encode(), full.encode(), mixed.encode()
+
+
+def _gltf_parts(folder: Path) -> tuple[dict[str, Any], bytes]:
+    points, faces = _box()
+    buffer = points.tobytes() + faces.tobytes()
+    picture = _png(folder)[0]
+    views = [(0, 96), (96, 144), (len(buffer), len(picture))]
+    tree = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"children": [1]}, {"mesh": 0, "translation": [1, 2, 3], "scale": [2, 2, 2]}],
+        "meshes": [{"primitives": [
+            {"attributes": {"POSITION": 0}, "indices": 1, "material": 0, "mode": 4}]}],
+        "materials": [{"pbrMetallicRoughness": {
+            "baseColorTexture": {"index": 0}, "baseColorFactor": [0.5, 0.5, 0.5, 1]}}],
+        "textures": [{"source": 0}],
+        "images": [{"bufferView": 2, "mimeType": "image/png"}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3",
+             "min": [0, 0, 0], "max": [1, 1, 1]},
+            {"bufferView": 1, "componentType": 5125, "count": 36, "type": "SCALAR"}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": at, "byteLength": size} for at, size in views],
+        "buffers": [{"byteLength": len(buffer) + len(picture)}],
+    }  # fmt: skip
+    return tree, buffer + picture
+
+
+def _glb(folder: Path) -> tuple[bytes, ...]:
+    import trimesh
+
+    tree, buffer = _gltf_parts(folder)
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    buffer += b"\0" * (-len(buffer) % 4)
+    body = struct.pack("<II", len(text), 0x4E4F534A) + text
+    body += struct.pack("<II", len(buffer), 0x004E4942) + buffer
+    own = struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
+    blocks = trimesh.Scene([trimesh.creation.box((1, 2, 3)), trimesh.creation.box((1, 1, 1))])
+    return own, bytes(blocks.export(file_type="glb"))
+
+
+def _gltf(folder: Path) -> tuple[bytes, ...]:
+    tree, buffer = _gltf_parts(folder)
+    uri = "data:application/octet-stream;base64," + base64.b64encode(buffer).decode()
+    (folder / "a.bin").write_bytes(buffer)
+    inside, beside = json.loads(json.dumps(tree)), json.loads(json.dumps(tree))
+    inside["buffers"][0]["uri"] = uri
+    beside["buffers"][0]["uri"] = "a.bin"
+    return json.dumps(inside).encode(), json.dumps(beside, indent=1).encode()
+
+
+def _stl_binary(_: Path) -> tuple[bytes, ...]:
+    points, faces = _box()
+    records = b"".join(b"\0" * 12 + points[f].tobytes() + b"\0\0" for f in faces)
+    return tuple(
+        title.ljust(80) + struct.pack("<I", 12) + records for title in (b"a box", b"solid")
+    )
+
+
+def _stl_text(_: Path) -> tuple[bytes, ...]:
+    points, faces = _box()
+    lines = ["solid box"]
+    for face in faces:
+        corners = ["  vertex {:g} {:g} {:g}".format(*p) for p in points[face]]
+        lines += ["facet normal 0 0 1", " outer loop", *corners, " endloop", "endfacet"]
+    return ("\n".join([*lines, "endsolid box", ""]).encode(),)
+
+
+def _serialized(_: Path) -> tuple[bytes, ...]:
+    """Versions 3 and 4, one mesh and two; their streams are zlib's, so mutate before it too."""
+    points, faces = _box()
+    made = []
+    for version, copies, uv in ((4, 1, False), (3, 1, True), (4, 2, True)):
+        flags = 0x1000 | (2 if uv else 0)
+        head = struct.pack("<I", flags) + (b"box\0" if version == 4 else b"")
+        body = head + struct.pack("<QQ", 8, 12) + points.tobytes()
+        body += (points[:, :2].tobytes() if uv else b"") + faces.tobytes()
+        one = struct.pack("<HH", 0x041C, version) + zlib.compress(body)
+        code = "<Q" if version == 4 else "<I"
+        table = b"".join(struct.pack(code, k * len(one)) for k in range(copies))
+        made.append(one * copies + table + struct.pack("<I", copies))
+    return tuple(made)
+
+
+def _volume(_: Path) -> tuple[bytes, ...]:
+    values = np.random.default_rng(3).random(4 * 4 * 4).astype("<f4").tobytes()
+    head = struct.pack("<3sBiiiii6f", b"VOL", 3, 1, 4, 4, 4, 1, 0, 0, 0, 1, 1, 1)
+    return (head + values,)
+
+
+def _xml(folder: Path) -> tuple[bytes, ...]:
+    (folder / "a.ply").write_bytes(_ply_binary(folder)[1])
+    (folder / "a.png").write_bytes(_png(folder)[0])
+    (folder / "part.xml").write_text(f'<scene version="3.0.0">{sphere((0, 0, 2), 0.5)}</scene>')
+    defaults = "".join(
+        f'<default name="inim.{key}" value="{value}"/>\n'
+        for key, value in (("pitch_mm", 1), ("lens_columns", 8), ("lens_rows", 6),
+                           ("algorithms", "template"), ("eia_spp", 2), ("title", "a relic"))
+    )  # fmt: skip
+    mesh = (
+        '<default name="mesh" value="a.ply"/>\n<shape type="ply">\n'
+        '<string name="filename" value="$mesh"/>\n'
+        '<bsdf type="twosided"><bsdf type="principled"><float name="roughness" value="0.7"/>'
+        '<texture type="bitmap" name="base_color"><string name="filename" value="a.png"/>'
+        "</texture></bsdf></bsdf></shape>\n"
+    )
+    shapes = sphere((0, 0, 1), 1.2) + square((-1, 1, 0), 1.5, "0.9,0.1,0.1")
+    first = scene_text(defaults, shapes).replace(">", ">\n")
+    second = scene_text(defaults, mesh, '<include filename="part.xml"/>')
+    return first.encode(), f'<?xml version="1.0" encoding="utf-8"?>\n{second}'.encode()
+
+
+#: By format: the suffix its files get, and what makes sound ones, given a folder for companions.
+SPECIMENS = {
+    "exr-rgbd": (".exr", _rgbd),
+    "exr-eia": (".exr", _exr),
+    "png-eia": (".png", _png),
+    "picture": (".png", _pictures),
+    "ply-text": (".ply", _ply_text),
+    "ply-binary": (".ply", _ply_binary),
+    "obj": (".obj", _obj),
+    "glb": (".glb", _glb),
+    "gltf": (".gltf", _gltf),
+    "stl-text": (".stl", _stl_text),
+    "stl-binary": (".stl", _stl_binary),
+    "serialized": (".serialized", _serialized),
+    "volume": (".vol", _volume),
+    "xml": (".xml", _xml),
+}

@@ -1,0 +1,258 @@
+"""Regressions planted between a run and its verdict.
+
+Expected behaviour: each is found, in the row that names it, and nothing but samples changed by a
+twentieth, or another seed, is ever found: 0 false alarms in 30 repeats.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inim.jobs.contenders import Contender, Entry
+from inim.jobs.evidence import contender_findings, evidence_of, truth_findings
+from inim.jobs.ledger import Ledger
+from inim.jobs.listener import Listener
+from inim.jobs.plan import Request, make_plan
+from inim.jobs.reconstruction import reconstruct_views
+from inim.jobs.truth import GroundTruth, render_truth
+from inim.regression import Evidence, Verdict, compare
+from inim.rgbd import RGBD
+
+SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"
+SMALL = {
+    "lens_columns": 24,
+    "lens_rows": 24,
+    "capture_spp": 16,
+    "eia_spp": 20,
+    "view_spp": 80,
+    "reconstruction_spp": 20,
+    "algorithms": "template",
+    "viewpoints": "left,centre,right",
+}
+
+
+@dataclass
+class Run:
+    """One run, taken apart: what can be planted into it, and what it leaves."""
+
+    job: Ledger
+    truth: GroundTruth
+    entry: Entry
+    backend: Any
+    generate: Callable[[RGBD], np.ndarray]
+
+    def evidence(
+        self,
+        truth: GroundTruth | None = None,
+        generate: Callable[[RGBD], np.ndarray] | None = None,
+        seen: Callable[[dict[str, Any]], dict[str, Any]] = lambda views: views,
+        times: dict[str, tuple[float, ...]] | None = None,
+    ) -> Evidence:
+        """What it leaves, with another truth, another generator or other views planted."""
+        from inim.kernel.ground_truth import Truth
+        from inim.regression import fixed_picture
+
+        truth, generate = truth or self.truth, generate or self.generate
+        first, second = (generate(rgbd) for rgbd in truth.captures)
+        plan = self.job.plan
+        fixed = fixed_picture(plan.display, truth.rgbd.shape, truth.rgbd.pixel_mm)
+        views = seen(reconstruct_views(self.job, Truth(first, second), "template"))
+        findings = [
+            truth_findings(truth, plan.display),
+            contender_findings(
+                self.job, truth, "template", Truth(first, second), views, generate(fixed)
+            ),
+        ]
+        return evidence_of(plan, self.backend, findings, {}, times or {})
+
+
+def run_of(folder: Path, **settings: Any) -> Run:
+    """A run of the small scene, without a report."""
+    from inim.generators import prepare
+    from inim.kernel import variant
+    from inim.kernel.trace import Clock
+
+    backend = variant.use()
+    definitions = tuple(f"inim.{key}={value}" for key, value in (SMALL | settings).items())
+    plan = make_plan(Request(SCENE, folder, definitions))
+    job = Ledger(plan, folder, Listener(), Clock())
+    truth = render_truth(job)
+    rgbd = truth.rgbd
+    made = prepare(plan.display, "template", shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+    contender: Contender = plan.contenders[0]
+    entry = contender.prepare(plan)(job, truth)
+    return Run(job, truth, entry, backend, lambda picture: made.generate(picture))
+
+
+@pytest.fixture(scope="module")
+def baseline(tmp_path_factory: pytest.TempPathFactory) -> Evidence:
+    return run_of(tmp_path_factory.mktemp("baseline")).evidence()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """With a seed of its own: what is planted must stand out from fresh noise."""
+    return run_of(tmp_path_factory.mktemp("run"), seed=1)
+
+
+def failed(baseline: Evidence, candidate: Evidence) -> dict[str, Verdict]:
+    return {v.name: v for v in compare(baseline, candidate, "here") if not v.passed}
+
+
+EIA = "eia/template: tiles against the baseline"
+FIXED = "template: changed pixels of the fixed picture"
+
+
+def score(view: str, name: str = "SSIM to ceiling") -> str:
+    return f"template/{view}: {name} against the baseline"
+
+
+def tiles(view: str) -> str:
+    return f"truth/{view}: tiles against the baseline"
+
+
+# --- Nothing planted ----------------------------------------------------------------------------
+
+
+def test_fresh_seed_is_no_regression(baseline, run):
+    assert failed(baseline, run.evidence()) == {}
+
+
+def test_five_percent_fewer_samples_are_no_regression(baseline, tmp_path):
+    fewer = {"eia_spp": 19, "view_spp": 76, "reconstruction_spp": 19, "capture_spp": 15}
+    assert failed(baseline, run_of(tmp_path, seed=2, **fewer).evidence()) == {}
+
+
+@pytest.mark.slow
+def test_thirty_fresh_seeds_raise_no_false_alarm(baseline, tmp_path):
+    alarms = {}
+    for seed in range(3, 33):
+        alarms |= failed(baseline, run_of(tmp_path, seed=seed).evidence())
+    assert alarms == {}
+
+
+# --- Generators that went wrong -----------------------------------------------------------------
+
+
+def pseudoscopic(run: Run) -> Callable[[RGBD], np.ndarray]:
+    """Far is near: depth mirrored in the depth range."""
+    low, high = run.job.plan.display.depth_range_mm
+
+    def generate(rgbd: RGBD) -> np.ndarray:
+        depth = np.where(rgbd.covered, low + high - rgbd.depth_mm, 0).astype(np.float32)
+        return run.generate(dataclasses.replace(rgbd, depth_mm=depth))
+
+    return generate
+
+
+def edited(run: Run, edit: Callable[[np.ndarray], np.ndarray]) -> Callable[[RGBD], np.ndarray]:
+    return lambda rgbd: np.ascontiguousarray(edit(run.generate(rgbd)), np.float32)
+
+
+def half_a_pixel(eia: np.ndarray) -> np.ndarray:
+    return (eia + np.roll(eia, 1, axis=1)) / 2
+
+
+def gamma_twice(eia: np.ndarray) -> np.ndarray:
+    return np.power(np.maximum(eia, 0), 1 / 2.2)
+
+
+def one_noisy_lens(eia: np.ndarray) -> np.ndarray:
+    """Noise of mean zero, half of white at most, in one of 576 elemental images."""
+    noisy = eia.copy()
+    lens = noisy[17 * 6 : 17 * 7, 17 * 16 : 17 * 17]
+    lens += np.random.default_rng(1).uniform(-0.5, 0.5, (17, 17, 1))
+    return noisy
+
+
+@pytest.mark.parametrize(
+    ("plant", "rows"),
+    [
+        (pseudoscopic, {EIA, FIXED, score("left"), score("right")}),
+        (lambda run: edited(run, half_a_pixel), {EIA, FIXED}),
+        (lambda run: edited(run, gamma_twice), {EIA, FIXED, score("centre", "PSNR to ceiling")}),
+        (lambda run: edited(run, one_noisy_lens), {EIA, FIXED}),
+    ],
+    ids=["pseudoscopic depth", "half-pixel shift", "gamma twice", "one noisy lens"],
+)
+def test_generator_that_went_wrong_is_found(baseline, run, plant, rows):
+    found = failed(baseline, run.evidence(generate=plant(run)))
+    assert rows <= found.keys()
+    # The scene itself is as it was.
+    assert not [name for name in found if name.startswith(("truth/", "ceiling/", "ground"))]
+
+
+def test_noisy_lens_is_named_by_its_place(baseline, run):
+    found = failed(baseline, run.evidence(generate=edited(run, one_noisy_lens)))
+    assert "1 of 576 tiles changed" in found[EIA].detail
+    assert "rows 102 to 118, columns 272 to 288" in found[EIA].detail
+
+
+def test_generator_slower_by_30_percent_is_found(baseline, run):
+    rng = np.random.default_rng(2)
+
+    def times(slowdown: float) -> dict[str, tuple[float, ...]]:
+        return {"template": tuple(math.log(1.5 * slowdown) + 0.05 * rng.normal(size=31))}
+
+    timed = dataclasses.replace(baseline, times=times(1.0))
+    assert failed(timed, run.evidence(times=times(1.0))) == {}
+    assert list(failed(timed, run.evidence(times=times(1.3)))) == [
+        "template: time against the baseline"
+    ]
+
+
+# --- Views and ground truth that went wrong -----------------------------------------------------
+
+
+def swapped(views: dict[str, Any]) -> dict[str, Any]:
+    return views | {"left": views["right"], "right": views["left"]}
+
+
+def test_swapped_views_of_an_algorithm_are_found_by_name(baseline, run):
+    found = failed(baseline, run.evidence(seen=swapped))
+    assert {score("left"), score("right")} <= found.keys()
+    assert not [name for name in found if "centre" in name or name.startswith("truth")]
+
+
+def test_swapped_views_of_the_scene_are_found_by_name(baseline, run):
+    truth = dataclasses.replace(run.truth, views=swapped(run.truth.views))
+    found = failed(baseline, run.evidence(truth=truth))
+    assert {tiles("left"), tiles("right")} <= found.keys()
+    assert tiles("centre") not in found
+
+
+@pytest.mark.parametrize("edit", [half_a_pixel, gamma_twice], ids=["half a pixel", "gamma twice"])
+def test_renderer_that_went_wrong_is_found(baseline, run, edit):
+    from inim.kernel.ground_truth import Truth
+
+    wrong = Truth(*(edit(half).astype(np.float32) for half in _halves(run.truth.views["centre"])))
+    truth = dataclasses.replace(run.truth, views=run.truth.views | {"centre": wrong})
+    found = failed(baseline, run.evidence(truth=truth))
+    assert tiles("centre") in found
+    assert tiles("left") not in found
+
+
+def _halves(view: Any) -> tuple[np.ndarray, np.ndarray]:
+    return view.first, view.second
+
+
+def test_missing_view_is_found(baseline, run):
+    candidate = run.evidence()
+    pictures = {name: p for name, p in candidate.pictures.items() if name != "truth/left"}
+    scores = {what: s for what, s in candidate.scores.items() if what != "template/left"}
+    holed = dataclasses.replace(candidate, pictures=pictures, scores=scores)
+    assert {tiles("left"), score("left")} <= failed(baseline, holed).keys()
+
+
+def test_truth_with_a_quarter_of_the_samples_is_found(baseline, tmp_path):
+    fewer = {"eia_spp": 4, "view_spp": 20}
+    found = failed(baseline, run_of(tmp_path, seed=2, **fewer).evidence())
+    assert "ground truth: noise against the baseline" in found

@@ -1,0 +1,503 @@
+"""Baselines as a user meets them: accept, validate against, compare, a workflow, a pytest plugin.
+
+Expected: an unchanged program passes with any seed; what changed fails in a row that names it, with
+candidate and difference beside it; what cannot be compared ends with 4 and the reason, and before
+anything is rendered where that can be known. The project's own two baselines hold.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from inim.cli import main
+from inim.errors import EXIT_BASELINE, EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
+from tests.conftest import sphere
+from tests.system.conftest import Ended, assert_one_line, nothing_left, write_scene
+
+Run = Callable[..., Ended]
+PROJECT = Path(__file__).parents[2]
+SETTINGS = {
+    "lens_columns": "16",
+    "lens_rows": "12",
+    "capture_spp": "8",
+    "eia_spp": "8",
+    "view_spp": "16",
+    "reconstruction_spp": "8",
+    "algorithms": "planted",
+    "viewpoints": "left,right",
+}
+# The template's picture, or one in which something went wrong, by an environment variable.
+PLANTED = '''
+import os, time
+import numpy as np
+from inim.generators import prepare as prepared
+
+class Planted:
+    def __init__(self, generator):
+        self.generator, self.usual = generator, 0.0
+
+    def usual_s(self, rgbd):
+        """How long it takes when warm, the best of many."""
+        if not self.usual:
+            times = []
+            for _ in range(30):
+                started = time.perf_counter()
+                self.generator.generate(rgbd)
+                times.append(time.perf_counter() - started)
+            self.usual = sorted(times)[len(times) // 2]
+        return self.usual
+
+    def generate(self, rgbd, out=None):
+        started = time.perf_counter()
+        eia = self.generator.generate(rgbd, out)
+        fault = os.environ.get("PLANTED", "")
+        if fault == "mirrored":
+            eia[...] = eia[:, ::-1].copy()
+        if fault == "noisy lens":
+            noise = np.random.default_rng(1).uniform(-0.5, 0.5, (17, 17, 1))
+            eia[85:102, 119:136] += noise.astype(eia.dtype)
+        if fault == "nan":
+            eia[0, 0] = np.nan
+        while fault == "slow" and time.perf_counter() - started < 1.3 * self.usual_s(rgbd):
+            pass
+        return eia
+
+def prepare(display, shape, pixel_mm):
+    """A generator that can go wrong."""
+    return Planted(prepared(display, "template", shape=shape, pixel_mm=pixel_mm))
+'''
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A scene with an accepted baseline, and a generator that can go wrong."""
+
+    folder: Path
+    run_inim: Run
+    variables: Mapping[str, str]
+
+    def run(self, *words: str, fault: str = "", **settings: str) -> Ended:
+        variables = {**self.variables, "PLANTED": fault}
+        options = SETTINGS | settings
+        return self.run_inim("tiny.xml", *words, folder=self.folder, variables=variables, **options)
+
+    def judged(self, out: str, *words: str, fault: str = "", **settings: str) -> Ended:
+        return self.run("-o", out, "--baseline", "base", *words, fault=fault, **settings)
+
+    def data(self, out: str) -> dict[str, Any]:
+        return dict(json.loads((self.folder / out / "report.json").read_text(encoding="utf-8")))
+
+    def failed(self, out: str) -> set[str]:
+        checks = self.data(out)["verdict"]["checks"]
+        return {check["name"] for check in checks if not check["passed"]}
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory, run_inim: Run) -> Bench:
+    folder = tmp_path_factory.mktemp("regression")
+    write_scene(folder)
+    site = folder / "site"
+    info = site / "planted-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: planted\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[inim.generators]\nplanted = planted:prepare\n")
+    (site / "planted.py").write_text(PLANTED)
+    paths = [str(site), os.environ.get("PYTHONPATH", "")]
+    made = Bench(folder, run_inim, {"PYTHONPATH": os.pathsep.join(filter(None, paths))})
+    ended = made.run("-o", "first", "--time")
+    assert ended.code == EXIT_PASSED, ended.stderr
+    assert main(["baseline", "accept", str(folder / "first"), "--reason", "the first",
+                 "--to", str(folder / "base")]) == EXIT_PASSED  # fmt: skip
+    return made
+
+
+@pytest.fixture(scope="module")
+def noisy(bench: Bench) -> Bench:
+    """One lens went wrong: the run is in `noisy`."""
+    ended = bench.judged("noisy", fault="noisy lens")
+    assert ended.code == EXIT_CHECK_FAILED, ended.stderr
+    return bench
+
+
+# --- Passing and failing ------------------------------------------------------------------------
+
+
+def test_baseline_is_small_and_says_why_and_when(bench: Bench) -> None:
+    files = {p.name: p.stat().st_size for p in (bench.folder / "base").iterdir()}
+    assert set(files) == {"baseline.json", "baseline.npz"}
+    assert sum(files.values()) < 100_000
+    data = json.loads((bench.folder / "base" / "baseline.json").read_text())
+    assert (data["schema"], data["reason"]) == ("inim.baseline/1", "the first")
+    assert data["accepted"].startswith("20")
+
+
+def test_fresh_seed_passes_and_its_drift_shows(bench: Bench) -> None:
+    ended = bench.judged("fresh", seed="1")
+    assert ended.code == EXIT_PASSED, (ended.stderr, bench.failed("fresh"))
+    regression = bench.data("fresh")["regression"]
+    assert {"name": "seed", "baseline": 0, "candidate": 1} in regression["circumstances"]
+    assert any(row["change"] for row in regression["drift"])
+    summary = (bench.folder / "fresh" / "summary.md").read_text(encoding="utf-8")
+    assert "nearest to its limit" in summary
+    page = (bench.folder / "fresh" / "report.html").read_text(encoding="utf-8")
+    assert "nothing changed" in page
+    assert "the first" in page
+
+
+def test_every_row_has_value_limit_interval_and_verdict(noisy: Bench) -> None:
+    rows = [c for c in noisy.data("noisy")["verdict"]["checks"] if "kind" in c]
+    assert {row["kind"] for row in rows} == {"picture", "noise", "score", "pixels"}
+    for row in rows:
+        assert {"name", "value", "limit", "passed"} <= row.keys()
+        assert row["interval"][0] <= row["value"] <= row["interval"][1] or row["kind"] == "pixels"
+
+
+def test_noisy_lens_fails_its_own_rows_only(noisy: Bench) -> None:
+    assert noisy.failed("noisy") == {
+        "eia/planted: tiles against the baseline",
+        "planted: changed pixels of the fixed picture",
+    }
+
+
+def test_failure_leaves_candidate_baseline_and_difference(noisy: Bench) -> None:
+    from PIL import Image
+
+    folder = noisy.folder / "noisy" / "regression"
+    shown = {}
+    for kind in ("baseline", "candidate", "difference"):
+        with Image.open(folder / "eia" / f"planted-{kind}.png") as picture:
+            shown[kind] = np.asarray(picture.convert("RGB")).astype(int)
+    difference = shown["difference"].sum(axis=-1)
+    worst = np.unravel_index(np.argmax(difference), difference.shape)
+    assert (worst[0] // 17, worst[1] // 17) == (5, 7)
+    assert (folder / "fixed" / "planted-candidate.png").is_file()
+    assert {str(p.relative_to(noisy.folder / "noisy")) for p in folder.rglob("*.png")} <= set(
+        noisy.data("noisy")["files"]
+    )
+
+
+def test_failed_rows_are_in_junit_summary_and_page(noisy: Bench) -> None:
+    row, out = "eia/planted: tiles against the baseline", noisy.folder / "noisy"
+    cases = ElementTree.parse(out / "junit.xml").getroot().findall(".//testcase")
+    assert next(c.get("name") for c in cases if c.find("failure") is not None) == row
+    assert row in (out / "summary.md").read_text(encoding="utf-8")
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.index("1 of 192 tiles changed") > 0
+    assert "Against the baseline" in page
+
+
+def test_mirrored_pictures_fail_in_every_view(bench: Bench) -> None:
+    assert bench.judged("mirrored", fault="mirrored").code == EXIT_CHECK_FAILED
+    rows = {f"planted/{v}: SSIM to ceiling against the baseline" for v in ("left", "right")}
+    assert rows <= bench.failed("mirrored")
+
+
+def test_picture_with_a_nan_fails(bench: Bench) -> None:
+    assert bench.judged("nan", fault="nan").code == EXIT_CHECK_FAILED
+    assert "eia/planted: pixels not finite" in bench.failed("nan")
+
+
+def test_times_of_the_same_machine_are_compared(bench: Bench) -> None:
+    bench.judged("timed", "--time")
+    rows = [c for c in bench.data("timed")["verdict"]["checks"] if c.get("kind") == "time"]
+    assert [row["name"] for row in rows] == ["planted: time against the baseline"]
+    assert "31 rounds" in rows[0]["detail"]
+    assert rows[0]["interval"][0] <= rows[0]["value"] <= rows[0]["interval"][1]
+
+
+@pytest.mark.slow
+def test_generator_slower_by_30_percent_fails_and_itself_does_not(bench: Bench) -> None:
+    """On a display whose EIA takes milliseconds; both runs share the machine as it is."""
+    large = {"lens_columns": "100", "lens_rows": "100", "eia_spp": "2", "view_spp": "2",
+             "reconstruction_spp": "2", "capture_spp": "2", "viewpoints": "left"}  # fmt: skip
+    assert bench.run("-o", "large", "--time", **large).code == EXIT_PASSED
+    to = str(bench.folder / "large-base")
+    words = ["baseline", "accept", str(bench.folder / "large"), "--reason", "large", "--to", to]
+    assert main(words) == EXIT_PASSED
+    row = "planted: time against the baseline"
+    for fault, is_slow in (("", False), ("slow", True)):
+        bench.run("-o", "again", "--time", "--baseline", to, fault=fault, **large)
+        assert (row in bench.failed("again")) is is_slow
+
+
+# --- What cannot be compared --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"gap_mm": "3.2"}, ["display"]),
+        ({"viewpoints": "left"}, ["viewpoints"]),
+        ({"lens_model": "pinhole"}, ["lens model", "pinhole"]),
+        ({"algorithms": "planted,wang2024"}, ["algorithms", "wang2024"]),
+        ({"misalign": "rotation_deg=1"}, ["mounted"]),
+        ({"view_pixels_per_lens": "3"}, ["view pixels"]),
+    ],
+)
+def test_other_conditions_end_with_4_before_rendering(
+    bench: Bench, changes: dict[str, str], words: list[str]
+) -> None:
+    ended = bench.judged("other", **changes)
+    assert ended.code == EXIT_BASELINE
+    assert_one_line(ended.stderr, ["base", "other conditions", *words])
+    assert not (bench.folder / "other").exists()
+    assert nothing_left(bench.folder)
+
+
+def test_other_scene_ends_with_4(bench: Bench, tmp_path: Path) -> None:
+    write_scene(tmp_path, sphere((0, 0, 1), 1.3))
+    other = Bench(tmp_path, bench.run_inim, bench.variables)
+    ended = other.run("-o", "out", "--baseline", str(bench.folder / "base"))
+    assert ended.code == EXIT_BASELINE
+    assert_one_line(ended.stderr, ["scene (SHA-256)"])
+
+
+def damaged(bench: Bench, to: Path, change: Callable[[Path], object]) -> Ended:
+    shutil.copytree(bench.folder / "base", to)
+    change(to)
+    return bench.run("-o", "out4", "--baseline", str(to))
+
+
+def _set(path: Path, **values: Any) -> None:
+    data = json.loads(path.read_text())
+    path.write_text(json.dumps(data | values))
+
+
+def _other_variant(folder: Path) -> None:
+    path = folder / "baseline.json"
+    conditions = json.loads(path.read_text())["conditions"]
+    _set(path, conditions={**conditions, "variant": "cuda_ad_rgb"})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda f: (f / "baseline.json").unlink(), ["cannot be read", "inim baseline accept"]),
+        (lambda f: (f / "baseline.npz").unlink(), ["baseline.npz", "cannot be read"]),
+        (lambda f: (f / "baseline.npz").write_bytes(b"PK junk"), ["damaged"]),
+        (lambda f: (f / "baseline.json").write_text("[1"), ["damaged"]),
+        (lambda f: _set(f / "baseline.json", schema="inim.baseline/9"), ["inim.baseline/9"]),
+        (lambda f: _set(f / "baseline.json", pictures={}), ["no picture"]),
+        (lambda f: _set(f / "baseline.json", scores={}), ["no score"]),
+        (_other_variant, ["variant", "cuda_ad_rgb"]),
+    ],
+    ids=["no json", "no npz", "junk npz", "junk json", "schema", "no views", "no scores",
+         "variant"],
+)  # fmt: skip
+def test_baseline_that_is_none_ends_with_4(
+    bench: Bench, tmp_path: Path, change: Callable[[Path], object], words: list[str]
+) -> None:
+    ended = damaged(bench, tmp_path / "base", change)
+    assert ended.code == EXIT_BASELINE
+    assert_one_line(ended.stderr, words)
+    assert not (bench.folder / "out4").exists()
+
+
+def test_times_of_another_machine_end_with_4(bench: Bench, tmp_path: Path) -> None:
+    from inim.errors import BaselineError
+    from inim.regression import check_times, read_evidence
+
+    base = read_evidence(bench.folder / "base", "baseline")
+    check_times(base, base.circumstances, "here")
+    for name, value in (("threads", 99), ("processor", "abacus")):
+        with pytest.raises(BaselineError, match=f"{name}.*{value}"):
+            check_times(base, {**base.circumstances, name: value}, "here")
+
+
+# --- Accepting ----------------------------------------------------------------------------------
+
+
+def test_accepted_change_passes_from_then_on(noisy: Bench, tmp_path: Path) -> None:
+    to = tmp_path / "base"
+    words = ["baseline", "accept", str(noisy.folder / "noisy"), "--reason", "meant", "--to"]
+    assert main([*words, str(to)]) == EXIT_PASSED
+    ended = noisy.run("-o", "again", "--baseline", str(to), fault="noisy lens", seed="3")
+    assert ended.code == EXIT_PASSED, noisy.failed("again")
+
+
+def test_run_that_failed_on_its_own_cannot_be_accepted(
+    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert bench.run("-o", "nan2", fault="nan").code == EXIT_CHECK_FAILED
+    words = ["baseline", "accept", str(bench.folder / "nan2"), "--reason", "hide it"]
+    assert main([*words, "--to", str(tmp_path / "base")]) == EXIT_USAGE
+    assert_one_line(capsys.readouterr().err, ["pixels not finite"])
+    assert not (tmp_path / "base").exists()
+
+
+@pytest.mark.parametrize("reason", ["", "  "])
+def test_reason_may_not_be_empty(
+    bench: Bench, capsys: pytest.CaptureFixture[str], reason: str
+) -> None:
+    words = ["baseline", "accept", str(bench.folder / "first"), "--reason", reason]
+    assert main(words) == EXIT_USAGE
+    assert_one_line(capsys.readouterr().err, ["--reason"])
+
+
+# --- Comparing two reports ----------------------------------------------------------------------
+
+
+def test_compare_gives_the_verdicts_of_the_baseline_check(
+    noisy: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "cmp"
+    folders = [str(noisy.folder / name) for name in ("first", "noisy")]
+    assert main(["compare", *folders, "-o", str(out)]) == EXIT_CHECK_FAILED
+    text = capsys.readouterr().out
+    assert text.splitlines()[0].startswith("FAILED  eia/planted: tiles")
+    data = json.loads((out / "compare.json").read_text(encoding="utf-8"))
+    assert data["schema"] == "inim.compare/1"
+    failed = {check["name"] for check in data["verdict"]["checks"] if not check["passed"]}
+    assert failed == noisy.failed("noisy")
+    assert set(data["files"]) == {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
+    page = (out / "compare.html").read_text(encoding="utf-8")
+    assert "What changed" in page
+    assert page.count("data:image/") == 3
+    assert ElementTree.parse(out / "junit.xml").getroot().get("failures") == "2"
+    assert main(["compare", folders[0], folders[0], "-o", str(out), "--quiet"]) == EXIT_PASSED
+
+
+def test_compare_of_unlike_runs_ends_with_4(
+    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.run("-o", "pinhole", "--lens-model", "pinhole")
+    folders = [str(bench.folder / name) for name in ("first", "pinhole")]
+    assert main(["compare", *folders, "-o", str(tmp_path / "cmp")]) == EXIT_BASELINE
+    assert_one_line(capsys.readouterr().err, ["lens model"])
+    assert not (tmp_path / "cmp").exists()
+
+
+# --- The workflow and the project's own baselines -----------------------------------------------
+
+
+def workflow() -> dict[str, Any]:
+    import yaml
+
+    text = (PROJECT / ".github" / "workflows" / "inim.yml").read_text(encoding="utf-8")
+    return dict(yaml.safe_load(text))
+
+
+def steps() -> list[dict[str, Any]]:
+    return list(workflow()["jobs"]["regression"]["steps"])
+
+
+def execute(step: Mapping[str, Any], folder: Path, variables: Mapping[str, str]) -> None:
+    """As the runner does: bash -e on the step's text, with the job's environment."""
+    env = {**os.environ, **workflow()["jobs"]["regression"]["env"], **variables}
+    done = subprocess.run(
+        ["bash", "-e", "-c", step["run"]], cwd=folder, env=env, capture_output=True, text=True
+    )
+    assert done.returncode == 0, (step["run"], done.stdout[-2000:], done.stderr[-2000:])
+
+
+def clean_copy(folder: Path) -> Path:
+    """What a checkout of this commit, with what is changed here, holds."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=PROJECT, capture_output=True, check=True,
+    ).stdout.decode().split("\0")  # fmt: skip
+    for name in filter(None, listed):
+        if (PROJECT / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(PROJECT / name, folder / name)
+    return folder
+
+
+def test_only_these_steps_are_the_hosted_runner_s() -> None:
+    used = [step["uses"].partition("@")[0] for step in steps() if "uses" in step]
+    assert used == ["actions/checkout", "actions/setup-python", "actions/upload-artifact"]
+    assert all(("run" in step) != ("uses" in step) for step in steps())
+
+
+def test_workflow_s_steps_pass_on_a_clean_copy(tmp_path: Path) -> None:
+    """All but the installation, for this Python has inim. Both of the project's baselines hold."""
+    copy = clean_copy(tmp_path / "clone")
+    bin_folder = tmp_path / "bin"
+    bin_folder.mkdir()
+    launcher = bin_folder / "python"  # a symlink would lose the environment's packages
+    launcher.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    launcher.chmod(0o755)
+    summary = tmp_path / "summary.md"
+    variables = {
+        "PATH": f"{bin_folder}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": str(copy),
+        "GITHUB_STEP_SUMMARY": str(summary),
+    }
+    run_steps = [step for step in steps() if "run" in step]
+    assert [s["name"] for s in run_steps] == [
+        "Install", "Get a libLLVM", "Jade disc", "Goblet and coin", "Summary"
+    ]  # fmt: skip
+    for step in run_steps[1:]:
+        execute(step, copy, variables)
+    text = summary.read_text(encoding="utf-8")
+    assert text.count("checks passed") == 2
+    assert text.count("nearest to its limit") == 2
+    assert summary.stat().st_size < 2**20  # what the hosted page shows at most
+
+
+@pytest.mark.slow
+def test_workflow_s_installation_works_in_an_environment_of_its_own(tmp_path: Path) -> None:
+    copy = clean_copy(tmp_path / "clone")
+    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True)
+    variables = {"PATH": f"{tmp_path / 'venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"}
+    install, get_llvm = [step for step in steps() if "run" in step][:2]
+    execute(install, copy, variables)
+    execute(get_llvm, copy, variables)
+    execute({"run": "cd / && inim --version && python -m inim.validate --help"}, copy, variables)
+
+
+# --- The pytest plugin --------------------------------------------------------------------------
+
+pytest_plugins = ["pytester"]
+TEST = """
+def test_sphere(inim_validate):
+    report = inim_validate("tiny.xml", definitions={definitions}, algorithms="{algorithms}")
+    assert report.passed
+"""
+
+
+def plugin_test(pytester: pytest.Pytester, *words: str, **changes: str) -> pytest.RunResult:
+    settings = {f"inim.{k}": v for k, v in (SETTINGS | {"algorithms": ""} | changes).items()}
+    settings.pop("inim.algorithms")
+    write_scene(pytester.path)
+    pytester.makepyfile(
+        test_it=TEST.format(definitions=settings, algorithms=changes.get("with", "template"))
+    )
+    return pytester.runpytest_subprocess("-q", *words, timeout=120)
+
+
+def test_plugin_is_announced() -> None:
+    names = {p.value for p in metadata.entry_points(group="pytest11")}
+    assert "inim.pytest_plugin" in names, "install the project anew: pip install -e ."
+
+
+def test_plugin_asks_for_a_baseline_accepts_one_and_compares(pytester: pytest.Pytester) -> None:
+    missing = plugin_test(pytester)
+    missing.assert_outcomes(failed=1)
+    missing.stdout.fnmatch_lines(["*cannot be read*", "*--inim-update*"])
+    accepted = plugin_test(pytester, "--inim-update", "--inim-reason", "the first")
+    accepted.assert_outcomes(passed=1)
+    assert (pytester.path / "inim_baselines" / "test_sphere" / "baseline.json").is_file()
+    plugin_test(pytester, seed="5").assert_outcomes(passed=1)
+    other = plugin_test(pytester, gap_mm="3.2")
+    other.assert_outcomes(failed=1)
+    other.stdout.fnmatch_lines(["*other conditions*"])
+
+
+def test_plugin_wants_a_reason(pytester: pytest.Pytester) -> None:
+    refused = plugin_test(pytester, "--inim-update")
+    assert refused.ret == pytest.ExitCode.USAGE_ERROR
+    refused.stderr.fnmatch_lines(["*--inim-reason*"])

@@ -1,0 +1,250 @@
+"""`inim generate` and its kin as their users run them: a camera's picture becomes an EIA.
+
+Expected: near things move against the eye, upright and unmirrored; the EIA knows its size; the
+renderer is not loaded; every bad input ends in one line, exit code 2 and nothing written.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.cli import main
+from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.display import Display
+from inim.errors import EXIT_PASSED, EXIT_USAGE
+from inim.formats.eia_file import read_eia
+from inim.formats.image import read_rgbd
+from inim.report.virtual_display.still import still_view
+from inim.viewpoint import Viewpoint
+from tests.conftest import small_display
+
+FOCAL, ROWS, COLUMNS = 150.0, 90, 120
+CAMERA = ("--intrinsics", f"{FOCAL},{FOCAL},59.5,44.5")
+SIZES = {"lens_columns": 40, "lens_rows": 30, "pixel_pitch_mm": 0.03125}
+DISPLAY = [word for k, v in SIZES.items() for word in ("-D", f"inim.{k}={v}")]
+#: Rows, columns, distance in mm, colour: red is near and top left, green far and below right.
+SQUARES = (
+    (slice(20, 40), slice(25, 45), 1000, (255, 0, 0)),
+    (slice(50, 75), slice(70, 95), 2000, (0, 255, 0)),
+)
+
+
+@pytest.fixture
+def camera(tmp_path: Path) -> Path:
+    """A folder with color.png and depth.png, millimetres, 0 where there is nothing."""
+    color, depth = np.zeros((ROWS, COLUMNS, 3), np.uint8), np.zeros((ROWS, COLUMNS), np.uint16)
+    for rows, columns, z, rgb in SQUARES:
+        color[rows, columns], depth[rows, columns] = rgb, z
+    Image.fromarray(color).save(tmp_path / "color.png")
+    Image.fromarray(depth).save(tmp_path / "depth.png")
+    return tmp_path
+
+
+def words(folder: Path, *more: str, color: str = "color.png", depth: str = "depth.png"):
+    files = ["--color", str(folder / color), "--depth", str(folder / depth)]
+    return ["generate", *files, *DISPLAY, "-o", str(folder / "eia.png"), *more]
+
+
+def the_display() -> Display:
+    return small_display(columns=40, rows=30, pixels=32)
+
+
+def place_seen(view: np.ndarray, channel: int, display: Display) -> tuple[float, float]:
+    """Centre of a square's colour in a view, mm on the array."""
+    light = np.asarray(view[..., channel], float)
+    light[light < 0.2] = 0
+    rows, columns = view.shape[:2]
+    x = (np.arange(columns) + 0.5 - columns / 2) * display.width_mm / columns
+    y = (rows / 2 - np.arange(rows) - 0.5) * display.height_mm / rows
+    return (light.sum(0) @ x) / light.sum(), (light.sum(1) @ y) / light.sum()
+
+
+def expected_place(square, eye, frame_at: float, display: Display) -> tuple[float, float]:
+    """Where the line from the eye to the square's middle crosses the array."""
+    rows, columns, z, _ = square
+    scale = min(
+        display.width_mm * FOCAL / (COLUMNS * frame_at),
+        display.height_mm * FOCAL / (ROWS * frame_at),
+    )
+    x = scale * ((columns.start + columns.stop - 1) / 2 - 59.5) * z / FOCAL
+    y = -scale * ((rows.start + rows.stop - 1) / 2 - 44.5) * z / FOCAL
+    low, high = display.depth_range_mm
+    depth = low + (2000 - z) / 1000 * (high - low)
+    ex, ey, ez = eye
+    return ex + (x - ex) * ez / (ez - depth), ey + (y - ey) * ez / (ez - depth)
+
+
+EYES = {"left": (-14.0, 0.0, 400.0), "right": (14.0, 0.0, 400.0), "up": (0.0, 14.0, 400.0)}
+
+
+def seen(eia: np.ndarray, display: Display) -> dict[str, np.ndarray]:
+    codes = srgb_to_uint8(srgb_from_linear(eia))
+    return {
+        name: linear_from_srgb(still_view(codes, display, eye, "pinhole") / 255)
+        for name, eye in EYES.items()
+    }
+
+
+def check_parallax(views: dict[str, np.ndarray], display: Display) -> None:
+    places = {}
+    for name, eye in EYES.items():
+        for square, channel in zip(SQUARES, (0, 1), strict=True):
+            found = place_seen(views[name], channel, display)
+            places[name, channel] = found
+            # Half a lens, which shows one point, and half an image of a panel pixel.
+            voxel = display.depth_range_mm[1] * display.pixel_pitch_mm / display.gap_mm
+            expected = expected_place(square, eye, 1800.0, display)
+            np.testing.assert_allclose(found, expected, atol=(display.pitch_mm + voxel) / 2)
+    near = places["right", 0][0] - places["left", 0][0]
+    far = places["right", 1][0] - places["left", 1][0]
+    assert near < far < 0  # both in front of the array: against the eye, the nearer more
+    assert places["left", 0][0] < 0 < places["left", 1][0]  # red is on the left
+    assert places["left", 0][1] > 0 > places["left", 1][1]  # and above
+
+
+def test_near_things_move_against_the_eye_upright_and_unmirrored(camera, capsys):
+    display = the_display()
+    more = (*CAMERA, "--depth-unit", "mm", "--frame-at", "1800")
+    assert main(words(camera, *more)) == EXIT_PASSED
+    eia, shown = read_eia(camera / "eia.png", display)
+    assert shown is not None
+    assert not eia[~shown].any()
+    assert 0.02 < shown.mean() < 0.5
+    check_parallax(seen(eia, display), display)
+    said = capsys.readouterr()
+    assert "1000 (near) .. 2000 (far) mm, linear, onto" in said.out
+    assert "1280 x 960 pixels of 0.03125 mm: 40 x 30 mm" in said.out
+
+
+def test_the_ray_tracer_sees_the_same(camera, capsys, renderer):
+    from inim.kernel.reconstruct import reconstruct
+
+    display = the_display()
+    more = (*CAMERA, "--depth-unit", "mm", "--frame-at", "1800")
+    assert main(words(camera, *more)) == EXIT_PASSED
+    eia, _ = read_eia(camera / "eia.png", display)
+    views = {
+        name: reconstruct(eia, display, Viewpoint(name, *eye), "pinhole", spp=16)
+        for name, eye in EYES.items()
+    }
+    check_parallax(views, display)
+
+
+def test_every_output_is_written_and_the_picture_kept(camera, capsys):
+    pdf, rgbd = camera / "sheet.pdf", camera / "fitted.exr"
+    more = (*CAMERA, "--depth-unit", "mm", "--pdf", str(pdf), "--rgbd", str(rgbd))
+    assert main(words(camera, *more)) == EXIT_PASSED
+    assert f"written    {camera / 'eia.png'}, {pdf}, {rgbd}" in capsys.readouterr().out
+    kept = read_rgbd(rgbd)
+    assert kept.pixel_mm == 0.2
+    low, high = the_display().depth_range_mm
+    depths = np.unique(kept.depth_mm[kept.covered])
+    np.testing.assert_allclose(depths, [low, high], rtol=1e-6)
+    box = [float(v) for v in pdf.read_bytes().split(b"/MediaBox [")[1].split(b"]")[0].split()]
+    assert box[2:] == pytest.approx([40 / 25.4 * 72, 30 / 25.4 * 72], abs=1e-5)
+
+
+def test_it_runs_without_the_renderer(camera):
+    more = (*CAMERA, "--depth-unit", "mm")
+    code = (
+        "import sys; from inim.cli import main; main(sys.argv[1:]); "
+        "sys.exit(any(m.split('.')[0] in ('mitsuba', 'drjit') for m in sys.modules))"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code, *words(camera, *more)], capture_output=True, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert (camera / "eia.png").is_file()
+
+
+def test_what_was_guessed_is_said(camera, capsys):
+    assert main(words(camera, *CAMERA)) == EXIT_PASSED
+    said = capsys.readouterr()
+    assert "unit of depth not stated; took mm" in said.err
+    small = np.asarray(Image.open(camera / "depth.png"))[::2, ::2]
+    Image.fromarray(small).save(camera / "half.png")
+    more = (*CAMERA, "--depth-unit", "mm")
+    assert main(words(camera, *more, depth="half.png")) == EXIT_PASSED
+    assert "brought to the colour's size by nearest pixel" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ((), "--orthographic"),
+        ((*CAMERA, "--orthographic"), "give either"),
+        (("--intrinsics", "1,2"), "--intrinsics 1,2"),
+        ((*CAMERA, "--depth-unit", "inch"), "--depth-unit inch"),
+        ((*CAMERA, "--depth-unit", "m"), "wrong --depth-unit; --depth-unit mm"),
+        ((*CAMERA, "--missing", "1000,2000", "--depth-unit", "mm"), "no pixel has a depth"),
+        ((*CAMERA, "--missing", "x"), "--missing x"),
+        ((*CAMERA, "--depth-unit", "mm", "--near", "3000"), "--near 3000"),
+        ((*CAMERA, "--near", "nan"), "must be finite"),
+        ((*CAMERA, "--depth-unit", "mm", "--near-is-large"), "grow away from the camera"),
+        (("--orthographic", "--near-is-large", "--far-is-large"), "not allowed with"),
+        (("--orthographic", "--frame-at", "5"), "--frame-at"),
+        ((*CAMERA, "--frame-at", "-5", "--depth-unit", "mm"), "--frame-at -5"),
+        ((*CAMERA, "--fill", "paint"), "--fill paint"),
+        ((*CAMERA, "--fit", "zoom"), "--fit zoom"),
+        ((*CAMERA, "--outside", "in"), "--outside in"),
+        ((*CAMERA, "--depth-map", "log"), "--depth-map log"),
+        ((*CAMERA, "--steepest", "0"), "--steepest 0"),
+        ((*CAMERA, "--algorithm", "magic"), "algorithm 'magic'"),
+        ((*CAMERA, "--display", "watch"), "watch"),
+        ((*CAMERA, "-D", "pitch=1"), "-D pitch"),
+        ((*CAMERA, "-D", "inim.gap_mm=2.7", "--depth-map", "reciprocal"), "central depth plane"),
+        ((*CAMERA, "-o", "eia.jpg"), "-o eia.jpg"),
+        ((*CAMERA, "--pdf", "sheet.png"), "--pdf sheet.png"),
+        (("--intrinsics", "600,600,319.5,239.5"), "principal point (319.5, 239.5)"),
+    ],
+)
+def test_a_mistake_is_one_line_and_nothing_is_written(camera, capsys, monkeypatch, more, says):
+    monkeypatch.chdir(camera)
+    before = sorted(camera.rglob("*"))
+    try:
+        ended = main(words(camera, *more))
+    except SystemExit as end:  # argparse
+        ended = int(end.code or 0)
+    said = capsys.readouterr()
+    assert ended == EXIT_USAGE, said
+    errors = [line for line in said.err.splitlines() if "error:" in line]
+    assert len(errors) == 1
+    assert len(said.err.splitlines()) == 1
+    assert says in errors[0]
+    assert sorted(camera.rglob("*")) == before
+
+
+def test_files_that_do_not_belong_together_are_named(camera, capsys):
+    Image.fromarray(np.zeros((90, 90), np.uint16) + 7).save(camera / "other.png")
+    assert main(words(camera, *CAMERA, depth="other.png")) == EXIT_USAGE
+    assert "depth has 90 x 90 pixels, colour 120 x 90" in capsys.readouterr().err
+    depth = np.asarray(Image.open(camera / "depth.png"))
+    depth = np.asarray(Image.open(camera / "depth.png")) + np.arange(COLUMNS) // 7
+    header = b"P5\n120 90\n65535\n"
+    (camera / "swapped.pgm").write_bytes(header + depth.astype("<u2").tobytes())
+    assert main(words(camera, *CAMERA, depth="swapped.pgm")) == EXIT_USAGE
+    assert "look byte-swapped" in capsys.readouterr().err
+    more = (
+        *CAMERA,
+        "--swap-bytes",
+        "--depth-unit",
+        "mm",
+        "--missing",
+        ",".join(map(str, range(18))),
+    )
+    assert main(words(camera, *more, depth="swapped.pgm")) == EXIT_PASSED
+    assert "(near) .. 20" in capsys.readouterr().out
+
+
+def test_an_input_is_never_written_over(camera, capsys):
+    before = (camera / "color.png").read_bytes()
+    more = (*CAMERA, "-o", str(camera / "color.png"))
+    assert main(words(camera, *more)) == EXIT_USAGE
+    assert "give it another name" in capsys.readouterr().err
+    assert (camera / "color.png").read_bytes() == before

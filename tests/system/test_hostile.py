@@ -1,0 +1,499 @@
+"""Scenes and files made to harm: each is refused in one line before it can.
+
+Expected: nothing outside the scene's folder is opened, no library beside a scene is run, and what
+unfolds without end, or declares more than there is, costs neither time nor memory.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import struct
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from inim.errors import EXIT_PASSED, FileError, InimError, SceneError
+from inim.formats.eia_file import read_eia
+from inim.formats.image import check_exr, read_exr, write_exr
+from inim.formats.mesh import check_mesh_file, read_mesh
+from inim.formats.picture import check_picture
+from inim.scene_file import SceneFile, read_scene_file
+from inim.scene_parameters import SceneParameters
+from tests.conftest import scene_text, small_display, sphere, square
+from tests.system.conftest import Ended, write_scene
+
+SHAPE = '<shape type="{}"><string name="filename" value="{}"/></shape>'
+TEXTURE = '<texture type="bitmap"><string name="filename" value="{}"/></texture>'
+
+
+def scanned(folder: Path, body: str, name: str = "s.xml") -> SceneFile:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text(f'<scene version="3.0.0">{body}</scene>', encoding="utf-8")
+    return read_scene_file(folder / name)
+
+
+def assert_quick(started: float, seconds: float = 5) -> None:
+    assert time.perf_counter() - started < seconds
+
+
+# --- Files outside the scene's folder -----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<spectrum name="a" filename="../secret.txt"/>',
+        '<spectrum name="a" filename="/etc/passwd"/>',
+        '<default name="n" value="filename"/><string name="$n" value="../secret.txt"/>',
+        '<default name="a" value="../secret"/>' + TEXTURE.format("$a.txt"),
+        '<default name="a-b" value="../secret.txt"/>' + TEXTURE.format("$a-b"),
+        '<default name="a" value="."/><default name="b" value="$a$a/secret.txt"/>'
+        + TEXTURE.format("$b"),
+        '<path value=".."/>',
+        '<include filename="in/../../secret.txt"/>',
+    ],
+)
+def test_no_way_of_writing_a_name_leads_outside(tmp_path: Path, body: str) -> None:
+    (tmp_path / "secret.txt").write_text("400 1\n700 1\n")
+    (tmp_path / "in" / "in").mkdir(parents=True)
+    # Decoys under the names as written, which a scan that reads otherwise would settle for.
+    for decoy in ("$a.txt", "$a-b", "$b"):
+        (tmp_path / "in" / decoy).write_text("decoy")
+    with pytest.raises(SceneError, match="outside the scene's folder"):
+        scanned(tmp_path / "in", body)
+
+
+def test_mesh_named_by_parameters_is_still_checked(tmp_path: Path) -> None:
+    tmp_path.joinpath("bad.ply").write_text("ply")
+    body = '<default name="t" value="ply"/><default name="n" value="filename"/>'
+    body += '<shape type="$t"><string name="$n" value="bad.ply"/></shape>'
+    assert scanned(tmp_path, body).meshes == (("ply", tmp_path / "bad.ply"),)
+
+
+def test_name_that_means_two_files_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    for folder in (tmp_path, tmp_path / "sub"):
+        (folder / "a.ply").write_text("ply")
+    with pytest.raises(SceneError, match="names several files"):
+        scanned(tmp_path, SHAPE.format("ply", "a.ply") + '<path value="sub"/>')
+    part = f'<scene version="3.0.0">{SHAPE.format("ply", "a.ply")}</scene>'
+    (tmp_path / "sub" / "part.xml").write_text(part)
+    with pytest.raises(SceneError, match="names several files"):
+        scanned(tmp_path, '<include filename="sub/part.xml"/>')
+
+
+def test_renderer_opens_the_files_that_were_scanned(
+    tmp_path: Path, open_fitted: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Mitsuba looks in the current folder first; what lies there must not stand in."""
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    write_exr(tmp_path / "a.exr", np.full((4, 4, 3), 0.25, np.float32))
+    write_exr(elsewhere / "a.exr", np.full((4, 4, 3), 0.75, np.float32))
+    monkeypatch.chdir(elsewhere)
+    import mitsuba as mi
+
+    textured = '<shape type="rectangle"><bsdf type="diffuse">'
+    textured += TEXTURE.format("a.exr").replace("<texture", '<texture name="reflectance"', 1)
+    fitted = open_fitted(scene_text(textured + "</bsdf></shape>"), small_display())
+    values = [v for k, v in mi.traverse(fitted.scene) if k.endswith("reflectance.data")]
+    np.testing.assert_allclose(np.asarray(values[0]), 0.25, rtol=1e-6)
+
+
+@pytest.mark.parametrize("plugin", ["../plugins/evil", "a/b", "evil.so", "..", "a b", "a\\b"])
+def test_plugin_is_a_name_and_not_a_path(tmp_path: Path, plugin: str) -> None:
+    with pytest.raises(SceneError, match="name of a plugin"):
+        scanned(tmp_path, f'<shape type="{plugin}"/>')
+
+
+@pytest.mark.parametrize("place", [".", "sub"])
+def test_library_beside_a_scene_is_never_run(tmp_path: Path, place: str) -> None:
+    """Mitsuba looks for plugins where it looks for files: `plugins/sphere.so` would be loaded."""
+    folder = tmp_path / place / "plugins"
+    folder.mkdir(parents=True)
+    (folder / "sphere.so").write_bytes(b"\x7fELF")
+    with pytest.raises(SceneError, match=r"sphere\.so would be loaded"):
+        scanned(tmp_path, f'<path value="{place}"/><shape type="sphere"/>')
+
+
+def test_folder_of_pictures_called_plugins_harms_nobody(tmp_path: Path) -> None:
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "a.png").write_bytes(b"")
+    scanned(tmp_path, '<shape type="sphere"/>')
+
+
+# --- The scan reads as Mitsuba does -------------------------------------------------------------
+
+
+def test_parameters_are_substituted_as_mitsuba_does(renderer: object) -> None:
+    """Random texts of dollars, backslashes and names; Mitsuba's own parser is the judge."""
+    import mitsuba as mi
+
+    rng = random.Random(5)
+    pieces = ["$a", "$ab", "$a.b", "$abc", "\\$a", "\\", "$", "x", "/", ".", "a", "$b", "\\\\$b"]
+    agreed = refused = 0
+    for _ in range(600):
+        names = rng.sample(["a", "ab", "a.b", "abc", "b"], rng.randrange(1, 5))
+        given = {n: "".join(rng.choices(pieces, k=rng.randrange(4))) for n in names}
+        text = "".join(rng.choices(pieces, k=rng.randrange(1, 6)))
+        body = "".join(f'<default name="{k}" value="{v}"/>' for k, v in given.items())
+        xml = f'<scene version="3.0.0">{body}<string name="t" value="{text}"/></scene>'
+        try:
+            config = mi.parser.ParserConfig(mi.variant())
+            state = mi.parser.parse_string(config, xml)
+            theirs = state.root.props["t"]
+        except RuntimeError:
+            theirs = None
+        parameters = SceneParameters({})
+        try:
+            for name, value in given.items():
+                parameters.define(name, parameters.substitute(value))
+            ours = parameters.substitute(text)
+        except ValueError:
+            ours = None
+        assert ours == theirs, xml
+        agreed += ours is not None
+        refused += ours is None
+    assert min(agreed, refused) > 50
+
+
+@pytest.mark.parametrize(
+    "encoding", ["cp037", "utf-7", "utf-32", "shift_jis", "windows-1252", "x" * 5000]
+)
+def test_encoding_that_mitsuba_reads_otherwise_is_refused(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "s.xml"
+    path.write_text(f'<?xml version="1.0" encoding="{encoding}"?><scene version="3.0.0"/>')
+    with pytest.raises(FileError, match=r"unknown encoding|broken XML"):
+        read_scene_file(path)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "UTF-8", "utf-16", "iso-8859-1", "us-ascii"])
+def test_usual_encodings_are_read(tmp_path: Path, encoding: str) -> None:
+    title = "relic" if encoding == "us-ascii" else "r\xe9lique"
+    text = f'<?xml version="1.0" encoding="{encoding}"?><scene version="3.0.0">'
+    text += f'<default name="inim.title" value="{title}"/></scene>'
+    (tmp_path / "s.xml").write_bytes(text.encode(encoding))
+    assert read_scene_file(tmp_path / "s.xml").settings == {"inim.title": title}
+
+
+# --- What unfolds without end -------------------------------------------------------------------
+
+
+def test_parameters_made_of_parameters_do_not_unfold(tmp_path: Path) -> None:
+    """A billion laughs without an entity: Mitsuba would take ten gigabytes."""
+    levels = ['<default name="a0" value="ha ha ha ha "/>']
+    for k in range(9):
+        levels.append(f'<default name="a{k + 1}" value="{f"$a{k}" * 10}"/>')
+    started = time.perf_counter()
+    with pytest.raises(SceneError, match=r"too (?:long|much)"):
+        scanned(tmp_path, "".join(levels))
+    assert_quick(started)
+
+
+def test_thousands_of_parameters_are_refused(tmp_path: Path) -> None:
+    many = "".join(f'<default name="p{k}" value="$p0"/>' for k in range(1, 2000))
+    with pytest.raises(SceneError, match="parameters; simplify"):
+        scanned(tmp_path, '<default name="p0" value="1"/>' + many)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<!DOCTYPE s [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]><scene>&b;</scene>',
+        '<!DOCTYPE s [<!ENTITY a SYSTEM "file:///etc/passwd">]><scene>&a;</scene>',
+        '<!DOCTYPE s SYSTEM "http://127.0.0.1/s.dtd"><scene/>',
+        '<!DOCTYPE s [<!ENTITY % a SYSTEM "file:///dev/zero">%a;]><scene/>',
+    ],
+)
+def test_entities_are_refused_unread(tmp_path: Path, text: str) -> None:
+    (tmp_path / "s.xml").write_text(text)
+    with pytest.raises(SceneError, match="entities are refused"):
+        read_scene_file(tmp_path / "s.xml")
+
+
+def test_fan_of_includes_ends_soon(tmp_path: Path) -> None:
+    for k in range(8):
+        text = f'<include filename="{k + 1}.xml"/>' * 10
+        (tmp_path / f"{k}.xml").write_text(f'<scene version="3.0.0">{text}</scene>')
+    (tmp_path / "8.xml").write_text('<scene version="3.0.0"/>')
+    started = time.perf_counter()
+    with pytest.raises(SceneError, match="includes"):
+        read_scene_file(tmp_path / "0.xml")
+    assert_quick(started)
+
+
+def test_crowd_of_shapes_is_refused_before_the_renderer_crawls(tmp_path: Path) -> None:
+    started = time.perf_counter()
+    with pytest.raises(SceneError, match="merge the shapes"):
+        scanned(tmp_path, '<shape type="sphere"/>' * 50_000)
+    assert_quick(started)
+
+
+def test_one_file_named_many_times_is_read_once(tmp_path: Path) -> None:
+    with (tmp_path / "a.png").open("wb") as file:
+        file.truncate(2**26)
+    started = time.perf_counter()
+    found = scanned(tmp_path, TEXTURE.format("a.png") * 2000)
+    assert_quick(started)
+    assert found.pictures == (tmp_path / "a.png",)
+
+
+def test_named_file_of_terabytes_is_refused_unread(tmp_path: Path) -> None:
+    with (tmp_path / "a.png").open("wb") as file:
+        file.truncate(2**36)
+    started = time.perf_counter()
+    with pytest.raises(SceneError, match="bytes; at most"):
+        scanned(tmp_path, TEXTURE.format("a.png"))
+    assert_quick(started)
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, "a" * 300, "", ".", "a/" * 2000])
+def test_name_that_no_file_can_have_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(FileError, match=r"s\.xml:1: "):
+        scanned(tmp_path, TEXTURE.format(name))
+
+
+def png(columns: int, rows: int, body: bytes) -> bytes:
+    """A grey PNG of one bit a pixel that says it is of that size."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )
+
+    head = struct.pack(">IIBBBBB", columns, rows, 1, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("side", [12_000, 60_000])
+def test_png_bomb_is_refused_as_a_texture_and_as_an_eia(tmp_path: Path, side: int) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(png(side, side, zlib.compress(bytes((side // 8 + 1) * 1000), 9)))
+    started = time.perf_counter()
+    with pytest.raises(FileError, match=r"unfolds|exceeds limit"):
+        check_picture(path)
+    with pytest.raises(FileError, match=f"{side} x {side} pixels, display|exceeds limit"):
+        read_eia(path, small_display())
+    assert_quick(started)
+
+
+def resized_exr(folder: Path, columns: int, rows: int) -> Path:
+    """A sound small EXR whose header says another size."""
+    path = folder / "a.exr"
+    write_exr(path, np.zeros((8, 8, 3), np.float32))
+    data = path.read_bytes()
+    wrong = data.replace(
+        struct.pack("<4i", 0, 0, 7, 7), struct.pack("<4i", 0, 0, columns - 1, rows - 1)
+    )
+    assert wrong != data
+    path.write_bytes(wrong)
+    return path
+
+
+@pytest.mark.parametrize(
+    "size", [(100_000, 100_000), (2**31 - 1, 2**31 - 1), (2**28, 1), (16_000, 16_000)]
+)
+def test_exr_of_absurd_size_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
+    path = resized_exr(tmp_path, *size)
+    started = time.perf_counter()
+    for read in (check_exr, read_exr, check_picture, lambda p: read_eia(p, small_display())):
+        with pytest.raises(FileError, match=r"a\.exr"):
+            read(path)
+    assert_quick(started)
+
+
+def test_exr_bomb_is_refused(tmp_path: Path) -> None:
+    """Zeros to a thousandth: 768 MB of pixels in less than a megabyte."""
+    import OpenEXR
+
+    path = tmp_path / "a.exr"
+    zeros = np.zeros((8192, 8192), np.float16)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"R": zeros, "G": zeros, "B": zeros}).write(str(path))
+    assert path.stat().st_size < 2**20
+    with pytest.raises(FileError, match="unfolds"):
+        check_exr(path)
+
+
+def test_openexr_says_nothing_itself(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, np.random.default_rng(0).random((64, 64, 3)).astype(np.float32))
+    data = bytearray(path.read_bytes())
+    data[600:] = bytes(len(data) - 600)
+    path.write_bytes(data)
+    with pytest.raises(FileError):
+        check_exr(path)
+    print("still heard")
+    assert capfd.readouterr() == ("still heard\n", "")
+
+
+DECLARED = {
+    "a.ply": b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\n"
+    b"property float y\nproperty float z\nelement face 1000000000\n"
+    b"property list uchar int vertex_indices\nend_header\n" + bytes(49),
+    "b.ply": b"ply\nformat ascii 1.0\nelement vertex 1000000000\nproperty float x\n"
+    b"property float y\nproperty float z\nelement face 1\n"
+    b"property list uchar int vertex_indices\nend_header\n0 0 0\n3 0 1 2\n",
+    "a.stl": bytes(80) + struct.pack("<I", 10**9) + bytes(50),
+    "a.serialized": struct.pack("<HH", 0x041C, 4)
+    + zlib.compress(struct.pack("<I", 0x1000) + b"\0" + struct.pack("<QQ", 10**9, 10**9))
+    + struct.pack("<QI", 0, 1),
+    "a.glb": b"glTF"
+    + struct.pack("<II", 2, 28)
+    + struct.pack("<I4s", 2**31, b"JSON")
+    + b"{}      ",
+    "a.gltf": json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "accessors": [{"count": 10**9, "componentType": 5126, "type": "VEC3"}],
+        }
+    ).encode(),
+}
+
+
+@pytest.mark.parametrize("name", DECLARED)
+def test_mesh_of_a_billion_declared_faces_is_refused_unread(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(DECLARED[name])
+    started = time.perf_counter()
+    door = check_mesh_file if path.suffix == ".serialized" else read_mesh
+    with pytest.raises(FileError, match=name.replace(".", r"\.")):
+        door(path)
+    assert_quick(started, 2)
+
+
+@pytest.mark.parametrize(
+    "length",
+    [10**6, 2**31 - 1, 2**32 - 1],
+)
+def test_glb_chunk_longer_than_the_file_is_refused(tmp_path: Path, length: int) -> None:
+    """trimesh asks for as much memory as any chunk declares, behind a sound first one."""
+    text = b'{"asset":{"version":"2.0"}}     '
+    body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", length, b"BIN\0")
+    path = tmp_path / "a.glb"
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
+    with pytest.raises(FileError, match="cut short"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("companion", ["pipe.mtl", "huge.mtl", "../secret.mtl", "link.mtl"])
+def test_companion_of_a_mesh_is_a_file_of_its_folder(tmp_path: Path, companion: str) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    os.mkfifo(folder / "pipe.mtl")
+    (tmp_path / "secret.mtl").write_text("newmtl one\nKd 1 0 0\n")
+    (folder / "link.mtl").symlink_to(tmp_path / "secret.mtl")
+    with (folder / "huge.mtl").open("wb") as file:
+        file.truncate(2**40)
+    path = folder / "a.obj"
+    path.write_text(f"mtllib {companion}\nusemtl one\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    warnings: list[str] = []
+    (mesh,) = read_mesh(path, warnings.append)
+    assert mesh.color is None
+    assert [companion in line for line in warnings] == [True]
+
+
+def test_pipe_in_place_of_a_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.ply")
+    with pytest.raises(FileError, match=r"a\.ply"):
+        read_mesh(tmp_path / "a.ply")
+    for name in ("a.exr", "a.png"):
+        os.mkfifo(tmp_path / name)
+        with pytest.raises(FileError, match="no such file"):
+            read_eia(tmp_path / name, small_display())
+    with pytest.raises(FileError, match="is not there"):
+        scanned(tmp_path, TEXTURE.format("a.png"))
+
+
+# --- Regressions: what mutated files have found -------------------------------------------------
+
+
+def test_radiance_line_without_its_mark_is_refused(tmp_path: Path) -> None:
+    """Mitsuba takes the whole rest for plain pixels there and writes past its buffer."""
+    line = b"\2\2\0\x14" + (b"\x8a\x80\x0a" + b"\x70" * 10) * 4
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 20\n"
+    sound, path = head + line * 16, tmp_path / "a.hdr"
+    path.write_bytes(sound)
+    check_picture(path)
+    damaged = bytearray(sound)
+    damaged[len(head) + 3 * len(line)] = 9
+    for data in (bytes(damaged), sound[:-1], sound.replace(b"+X 20", b"+X 21")):
+        path.write_bytes(data)
+        with pytest.raises(FileError, match=r"a\.hdr"):
+            check_picture(path)
+
+
+@pytest.mark.parametrize("start", [b"BM", b"P6\n2 2\n255\n", b"\0\0\x0a"])
+def test_kinds_whose_readers_trust_their_headers_are_refused(tmp_path: Path, start: bytes) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(start + bytes(200) + b"TRUEVISION-XFILE.\0")
+    with pytest.raises(FileError, match="save it as PNG or EXR"):
+        check_picture(path)
+
+
+def test_infinite_pixel_size_names_the_file(tmp_path: Path) -> None:
+    from inim.formats.image import read_rgbd, write_rgbd
+    from inim.rgbd import RGBD
+
+    path = tmp_path / "a.exr"
+    ones = np.ones((4, 4), np.float32)
+    write_rgbd(path, RGBD(np.ones((4, 4, 3)), ones, ones > 0, 0.5), {"inim:pixel_mm": "inf"})
+    with pytest.raises(FileError, match=r"a\.exr: .*pixel_mm = inf"):
+        read_rgbd(path)
+
+
+def test_surface_without_area_beside_a_sound_one_is_left_out(tmp_path: Path) -> None:
+    from inim.formats.smoothing import smoothed
+
+    path = tmp_path / "a.obj"
+    points = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\n"
+    path.write_text(points + "o one\nf 1 2 3\no two\nusemtl b\nf 1 2 4\n")
+    meshes = [smoothed(mesh) for mesh in read_mesh(path)]
+    assert sum(len(mesh.faces) for mesh in meshes) == 1
+
+
+@pytest.mark.parametrize("count", ["1e999", "-1", "1.5", '"8"', "null", "[]", "true"])
+def test_gltf_count_that_is_no_count_is_refused(tmp_path: Path, count: str) -> None:
+    path = tmp_path / "a.gltf"
+    accessor = f'{{"count": {count}, "componentType": 5126, "type": "VEC3"}}'
+    path.write_text(f'{{"asset": {{"version": "2.0"}}, "accessors": [{accessor}]}}')
+    with pytest.raises(InimError, match=r"a\.gltf"):
+        read_mesh(path)
+
+
+# --- Names in reports ---------------------------------------------------------------------------
+
+
+def test_names_of_any_letters_are_escaped_in_every_report(
+    tmp_path: Path, run_inim: Callable[..., Ended]
+) -> None:
+    mesh = "a 'b' \u9f0e.ply"
+    quad = "0 0 0\n1 0 0\n0 1 0.5\n3 0 1 2\n"
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    head += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / mesh).write_text(head + quad)
+    title = "&lt;script&gt;alert(1)&lt;/script&gt; | `x` &quot;\u9f0e&quot;"
+    text = scene_text(
+        f'<default name="inim.title" value="{title}"/>', SHAPE.format("ply", mesh),
+        sphere((0, 0, 0), 1), square((0, 0, 1), 1, "0.5"),
+    )  # fmt: skip
+    scene = write_scene(tmp_path, name="<img src=x>\n\u9f0e & 'q'.xml", text=text)
+    alone = {"algorithms": "template", "viewpoints": "centre"}
+    ended = run_inim(scene.name, "-o", "o\nu't <b>", folder=tmp_path, **alone)
+    assert ended.code == EXIT_PASSED, ended.stderr
+    out = tmp_path / "o\nu't <b>"
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "<script>alert" not in page
+    assert "<img src=x>" not in page
+    assert "\u9f0e" in page
+    assert "<script>" not in (out / "summary.md").read_text(encoding="utf-8")
+    assert ElementTree.parse(out / "junit.xml").getroot().findall(".//testcase")
+    assert "<script>alert(1)" in json.loads((out / "report.json").read_text("utf-8"))["title"]

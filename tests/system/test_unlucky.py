@@ -1,0 +1,492 @@
+"""Machines that are not kind: no home, broken caches, two runs at once, kills, little memory.
+
+Expected: the run succeeds, or says in one line what to do; no report is ever of mixed origin, and
+what a killed run leaves behind is no obstacle to the next, which clears it away.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from inim import numba_cache
+from inim.errors import EXIT_BACKEND, EXIT_PASSED, FileError
+from inim.formats.image import check_exr
+from inim.jobs.output import open_staging, publish
+from tests.system.conftest import (
+    TINY,
+    Ended,
+    assert_one_line,
+    command,
+    nothing_left,
+    small_disk,
+    write_scene,
+)
+
+Run = Callable[..., Ended]
+ALONE = {"algorithms": "template", "viewpoints": "centre"}
+#: As small as a run can be that writes every kind of file.
+SMALLEST = ALONE | {"pixel_pitch_mm": "0.125", "view_pixels_per_lens": "2"}
+SMALLEST |= {"capture_pixels_per_pitch": "4", "lens_model": "pinhole"}
+
+
+def assert_whole(out: Path) -> dict:
+    """Every file that the report lists is there and can be read to its end."""
+    from PIL import Image
+
+    data = json.loads((out / "report.json").read_text("utf-8"))
+    for name in data["files"]:
+        path = out / name
+        assert path.stat().st_size > 0, name
+        if path.suffix == ".exr":
+            check_exr(path)
+        elif path.suffix == ".png":
+            Image.open(path).load()
+    assert (out / "report.html").read_text("utf-8").rstrip().endswith("</html>")
+    ElementTree.parse(out / "junit.xml")
+    return data
+
+
+def files_in(folder: Path) -> set[str]:
+    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+
+
+# --- Caches -------------------------------------------------------------------------------------
+
+NOWHERE = Path("/dev/null/nowhere")  # not even root can make it
+
+
+@pytest.fixture
+def nothing_to_write(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Neither the home nor the package can be written, only the folder for temporary files."""
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(name, "")  # so that whatever the test sets is undone
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("HOME", str(NOWHERE))
+    monkeypatch.setattr(numba_cache.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.delitem(sys.modules, "numba", raising=False)
+    return tmp_path
+
+
+def test_kernels_find_a_private_folder_where_nothing_else_can_be_written(
+    nothing_to_write: Path,
+) -> None:
+    numba_cache.settle_cache(NOWHERE)
+    folder = Path(os.environ["NUMBA_CACHE_DIR"])
+    assert folder.parent == nothing_to_write
+    assert folder.stat().st_mode & 0o777 == 0o700
+    del os.environ["NUMBA_CACHE_DIR"]
+    numba_cache.settle_cache(NOWHERE)  # a second run takes the same
+    assert os.environ["NUMBA_CACHE_DIR"] == str(folder)
+
+
+@pytest.mark.parametrize("spoil", ["open", "link", "file"])
+def test_folder_that_others_could_fill_with_code_is_refused(
+    nothing_to_write: Path, spoil: str
+) -> None:
+    folder = nothing_to_write / f"inim-{os.getuid()}"
+    if spoil == "open":
+        folder.mkdir()
+        folder.chmod(0o777)
+    elif spoil == "link":
+        (nothing_to_write / "theirs").mkdir(mode=0o700)
+        folder.symlink_to("theirs")
+    else:
+        folder.write_text("")
+    with pytest.raises(FileError, match="NUMBA_CACHE_DIR"):
+        numba_cache.settle_cache(NOWHERE)
+    assert "NUMBA_CACHE_DIR" not in os.environ
+
+
+def test_kernels_stay_beside_the_source_or_at_home_where_they_can(
+    nothing_to_write: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numba_cache.settle_cache(nothing_to_write)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(nothing_to_write / "cache"))
+    numba_cache.settle_cache(NOWHERE)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/as/the/user/says")
+    numba_cache.settle_cache(NOWHERE)
+    assert os.environ["NUMBA_CACHE_DIR"] == "/as/the/user/says"
+
+
+def test_nowhere_to_write_at_all_is_one_line(
+    nothing_to_write: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(numba_cache.tempfile, "tempdir", str(NOWHERE))
+    with pytest.raises(FileError, match="set NUMBA_CACHE_DIR"):
+        numba_cache.settle_cache(NOWHERE)
+
+
+BROKEN_CACHE = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+import twice
+if sys.argv[2:]:
+    from inim.jobs.worker import _carried_out
+    tries = []
+    def carry_out(job, listener):
+        tries.append(1)
+        return twice.twice(21) == 42
+    assert _carried_out({}, None, carry_out)
+    print("tries", len(tries))
+else:
+    twice.twice(21)
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "content"), [("nbi", b""), ("nbi", b"garbage"), ("nbc", b"\x80\x05"), ("nbc", None)]
+)
+def test_broken_kernel_cache_costs_a_compilation_and_no_more(
+    tmp_path: Path, kind: str, content: bytes | None
+) -> None:
+    code = "import numba\n@numba.njit(cache=True)\ndef twice(x):\n    return 2 * x\n"
+    (tmp_path / "twice.py").write_text(code)
+    words = [sys.executable, "-c", BROKEN_CACHE, str(tmp_path)]
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    subprocess.run(words, env=variables, check=True)
+    (broken,) = (tmp_path / "cache").rglob(f"*.{kind}")
+    broken.write_bytes(broken.read_bytes()[:-40] if content is None else content)
+    for _ in range(2):  # once with what is broken, once with what that left
+        ended = subprocess.run(
+            [*words, "again"], env=variables, check=True, capture_output=True, text=True
+        )
+    assert ended.stdout == "tries 1\n"
+
+
+def test_fault_of_the_job_is_not_tried_again() -> None:
+    from inim.jobs.worker import _carried_out
+
+    tries = []
+
+    def carry_out(job: object, listener: object) -> bool:
+        tries.append(1)
+        raise EOFError("of the job itself")
+
+    with pytest.raises(EOFError):
+        _carried_out({}, None, carry_out)
+    assert len(tries) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("content", [b"", b"garbage" * 100, None])
+def test_broken_cache_of_the_renderer_is_survived(
+    tmp_path: Path, run_inim: Run, content: bytes | None
+) -> None:
+    scene = write_scene(tmp_path / "scene")
+    home = {"HOME": str(tmp_path)}
+    run_inim(scene, "-o", tmp_path / "first", folder=tmp_path, variables=home, **SMALLEST)
+    kernels = [p for p in (tmp_path / ".drjit").rglob("*") if p.is_file()]
+    assert kernels, "the renderer keeps its kernels elsewhere: this test tests nothing"
+    for path in kernels:
+        data = path.read_bytes()
+        path.write_bytes(data[: len(data) // 2] if content is None else content)
+    ended = run_inim(scene, "-o", tmp_path / "out", folder=tmp_path, variables=home, **SMALLEST)
+    assert ended.code == EXIT_PASSED, ended.stderr
+    assert_whole(tmp_path / "out")
+
+
+@pytest.mark.slow
+def test_read_only_package_and_no_home_is_enough(tmp_path: Path) -> None:
+    """As installed by root for a user without a home: the first run compiles, the second not."""
+    import shutil
+
+    if os.geteuid() != 0 or not shutil.which("setpriv"):
+        pytest.skip("gives up root's right to write anywhere, for which it needs root and setpriv")
+    source = Path(numba_cache.__file__).parent
+    package = tmp_path / "package" / "inim"
+    shutil.copytree(source, package, ignore=shutil.ignore_patterns("__pycache__"))
+    for path in [package, *package.rglob("*")]:
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    scene = write_scene(tmp_path / "scene")
+    (tmp_path / "tmp").mkdir()
+    rights = "-dac_override,-dac_read_search"
+    variables = {
+        **os.environ, "HOME": str(NOWHERE), "TMPDIR": str(tmp_path / "tmp"),
+        "PYTHONPATH": str(package.parent),
+    }  # fmt: skip
+    for name in ("XDG_CACHE_HOME", "XDG_DATA_HOME", "NUMBA_CACHE_DIR"):
+        variables.pop(name, None)
+    seconds = []
+    for _ in range(2):
+        started = time.perf_counter()
+        ended = subprocess.run(
+            ["setpriv", f"--bounding-set={rights}", f"--inh-caps={rights}",
+             *command(scene, "-o", tmp_path / "out", **SMALLEST)],
+            env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=300,
+        )  # fmt: skip
+        seconds.append(time.perf_counter() - started)
+        assert (ended.returncode, ended.stderr) == (EXIT_PASSED, "")
+    assert seconds[1] < seconds[0]
+    assert list((tmp_path / "tmp").glob("inim-*/**/*.nbi"))
+    assert not list(package.rglob("*.nbi"))
+
+
+# --- Surroundings -------------------------------------------------------------------------------
+
+
+def test_home_that_cannot_be_written_and_a_clock_set_back(tmp_path: Path, run_inim: Run) -> None:
+    """No home, no terminal, closed descriptors; scene and report are from the next century."""
+    scene = write_scene(tmp_path)
+    (tmp_path / "out").mkdir()
+    earlier = {"files": ["old.png"]}
+    (tmp_path / "out" / "report.json").write_text(json.dumps(earlier))
+    (tmp_path / "out" / "old.png").write_text("old")
+    for path in (scene, tmp_path / "out", tmp_path / "out" / "report.json", tmp_path):
+        os.utime(path, (4e9, 4e9))
+    bare = {"HOME": str(NOWHERE), "XDG_CACHE_HOME": None, "XDG_DATA_HOME": None, "TERM": None}
+    closed = ("sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh")
+    ended = run_inim(scene, "-o", "out", folder=tmp_path, variables=bare, prefix=closed, **SMALLEST)
+    assert ended.code == EXIT_PASSED
+    assert_whole(tmp_path / "out")
+    assert not (tmp_path / "out" / "old.png").exists()
+
+
+@pytest.mark.parametrize("share", [0.2, 0.9])
+def test_disk_that_fills_at_any_time_leaves_the_earlier_report(
+    tmp_path: Path, run_inim: Run, share: float
+) -> None:
+    scene = write_scene(tmp_path / "scene")
+    with small_disk(tmp_path / "disk", "2m") as disk:
+        first = run_inim(scene, "-o", disk / "out", folder=tmp_path, **SMALLEST)
+        assert first.code == EXIT_PASSED, first.stderr
+        before = {name: (disk / "out" / name).read_bytes() for name in files_in(disk / "out")}
+        free = os.statvfs(disk).f_bavail * os.statvfs(disk).f_frsize
+        left = int(share * sum(map(len, before.values())))  # of what a second report takes
+        (disk / "fill").write_bytes(bytes(free - left))
+        second = run_inim(scene, "-o", disk / "out", folder=tmp_path, seed="1", **SMALLEST)
+        assert second.code == 2
+        assert_one_line(second.stderr, ["No space left"])
+        after = {name: (disk / "out" / name).read_bytes() for name in files_in(disk / "out")}
+        assert after == before
+        assert nothing_left(disk)
+
+
+def test_memory_limit_of_the_shell_counts(tmp_path: Path) -> None:
+    """`ulimit -v`: what does not fit is said with its figure before it is tried."""
+    scene = write_scene(tmp_path)
+    limit = 2 * 2**30
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+    ended = subprocess.run(
+        command(scene, "-o", "out"), cwd=tmp_path, capture_output=True, text=True,
+        preexec_fn=limited,
+    )  # fmt: skip
+    assert ended.returncode == EXIT_BACKEND
+    assert_one_line(ended.stderr, ["GiB of the 2.0 GiB there are", "fewer pixels"])
+    assert list(tmp_path.iterdir()) == [scene]
+
+
+# --- Two at once --------------------------------------------------------------------------------
+
+
+def test_two_runs_into_one_folder_leave_one_report(tmp_path: Path) -> None:
+    scene = write_scene(tmp_path)
+    different = [SMALLEST, SMALLEST | {"algorithms": "wang2024", "viewpoints": "left,right"}]
+    runs = [
+        subprocess.Popen(
+            command(scene, "-o", "out", **settings), cwd=tmp_path,
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        )
+        for settings in different
+    ]  # fmt: skip
+    said = [run.communicate(timeout=120)[1] for run in runs]
+    assert [run.returncode for run in runs] == [EXIT_PASSED, EXIT_PASSED], said
+    data = assert_whole(tmp_path / "out")
+    assert files_in(tmp_path / "out") == set(data["files"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out", scene.name]
+
+
+MOVES = """
+import sys
+from pathlib import Path
+from inim.jobs.output import open_staging, publish
+out, name, count = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+for k in range(count):
+    staging = open_staging(out)
+    names = [f"{name}/{j}.txt" for j in range(30)] + ["report.json"]
+    for file in names[:-1]:
+        (staging / file).parent.mkdir(exist_ok=True)
+        (staging / file).write_text(name)
+    import json
+    (staging / "report.json").write_text(json.dumps({"files": names, "of": name}))
+    publish(staging, out)
+"""
+
+
+def test_reports_published_at_once_never_mix(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = [sys.executable, "-c", MOVES, str(out)]
+    runs = [subprocess.Popen([*words, name, "20"]) for name in ("one", "two", "three")]
+    assert [run.wait(timeout=60) for run in runs] == [0, 0, 0]
+    data = json.loads((out / "report.json").read_text())
+    assert files_in(out) == set(data["files"])
+    assert {p.read_text() for p in out.rglob("*.txt")} == {data["of"]}
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+# --- Kills --------------------------------------------------------------------------------------
+
+
+def test_staging_folder_of_a_dead_run_is_cleared_away_and_of_a_living_one_is_not(
+    tmp_path: Path,
+) -> None:
+    out = tmp_path / "o*ut"
+    code = "import sys, os; from pathlib import Path; from inim.jobs.output import open_staging"
+    code += "; open_staging(Path(sys.argv[1])); os.kill(os.getpid(), 9)"
+    for _ in range(3):
+        assert subprocess.run([sys.executable, "-c", code, str(out)]).returncode == -9
+    others = tmp_path / ".oXut.mine.partial"
+    others.mkdir()
+    mine, again = open_staging(out), open_staging(out)
+    assert sorted(tmp_path.iterdir()) == sorted([mine, again, others])
+
+
+def test_run_killed_while_it_moved_its_files_is_cleared_up_by_the_next(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "notes.txt").write_text("mine")
+    for name in ("old.png", "new.png"):
+        (out / name).write_text(name)
+    (out / ".moving.json").write_text(json.dumps({"files": ["old.png", "new.png"]}))
+    staging = open_staging(out)
+    (staging / "report.json").write_text('{"files": ["report.json"]}')
+    publish(staging, out)
+    assert files_in(out) == {"notes.txt", "report.json"}
+
+
+class Killer:
+    """Starts runs and kills them, or some of their processes, at random moments."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.folder, self.rng = folder, random.Random(seed)
+        self.words = command(write_scene(folder), "-o", "out", **SMALLEST)
+        started = time.perf_counter()
+        self.run_to_the_end()
+        self.seconds = time.perf_counter() - started
+
+    def run_to_the_end(self) -> None:
+        ended = subprocess.run(
+            self.words, cwd=self.folder, capture_output=True, text=True, timeout=120
+        )
+        assert (ended.returncode, ended.stderr) == (EXIT_PASSED, "")
+        data = assert_whole(self.folder / "out")
+        assert files_in(self.folder / "out") == set(data["files"])
+        assert sorted(p.name for p in self.folder.iterdir()) == ["out", "tiny.xml"]
+
+    def kill(self) -> str:
+        """Kill a run; whether it left a report, which is then whole."""
+        # Half of them near the end, when files move.
+        share = self.rng.choice((self.rng.random(), self.rng.uniform(0.8, 1.05)))
+        run = subprocess.Popen(
+            self.words, cwd=self.folder, start_new_session=True,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        time.sleep(share * self.seconds)
+        whom = self.rng.choice(("all", "all", "parent", "worker"))
+        children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
+        try:
+            worker = int(children.read_text().split()[0])
+        except (OSError, IndexError):
+            worker = run.pid
+        try:
+            if whom == "all":
+                os.killpg(run.pid, signal.SIGKILL)
+            else:
+                os.kill(run.pid if whom == "parent" else worker, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        run.wait(timeout=60)
+        self.wait_for_all(run.pid)
+        if (self.folder / "out" / "report.json").exists():
+            assert_whole(self.folder / "out")
+            return "whole"
+        return "none"
+
+    def wait_for_all(self, group: int) -> None:
+        """Until no process of the group is left: a worker notices its parent's end by itself."""
+        end = time.monotonic() + 30
+        while time.monotonic() < end:
+            try:
+                os.killpg(group, 0)
+            except ProcessLookupError:
+                return
+            time.sleep(0.02)
+        raise AssertionError("a worker outlived its parent by half a minute")
+
+
+def kills_and_reruns(folder: Path, count: int, seed: int) -> list[str]:
+    killer = Killer(folder, seed)
+    left = []
+    for number in range(count):
+        if number % 3 == 0:  # else there is a report to replace
+            import shutil
+
+            shutil.rmtree(folder / "out")
+        left.append(killer.kill())
+        killer.run_to_the_end()
+    return left
+
+
+on_linux = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds it in /proc")
+
+
+@on_linux
+def test_killed_runs_leave_no_corrupt_report_and_every_rerun_completes(tmp_path: Path) -> None:
+    assert len(kills_and_reruns(tmp_path, 3, seed=1)) == 3
+
+
+@on_linux
+@pytest.mark.slow
+def test_hundred_kills_leave_no_corrupt_report_and_every_rerun_completes(tmp_path: Path) -> None:
+    left = kills_and_reruns(tmp_path, 100, seed=2)
+    assert 5 < left.count("whole") < 95, "the moments were not random"
+
+
+# --- Many in one process ------------------------------------------------------------------------
+
+MANY_RUNS = """
+import sys
+from pathlib import Path
+from inim.jobs.plan import Request, make_plan
+from inim.jobs.validate import run
+folder, count = Path(sys.argv[1]), int(sys.argv[2])
+for k in range(count):
+    plan = make_plan(Request(folder / "tiny.xml", folder / "out", tuple(sys.argv[3:])))
+    staging = folder / f"run-{k}"
+    staging.mkdir()
+    assert run(plan, staging).passed
+    fields = Path("/proc/self/statm").read_text().split()
+    print(int(fields[1]) * 4096, flush=True)
+"""
+
+
+@on_linux
+@pytest.mark.slow
+def test_fifty_validations_in_one_process_take_no_more_memory_than_ten(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    settings = [f"{key}={value}" for key, value in TINY.items()]
+    settings += [f"inim.{key}={value}" for key, value in ALONE.items()]
+    ended = subprocess.run(
+        [sys.executable, "-c", MANY_RUNS, str(tmp_path), "50", *settings],
+        capture_output=True, text=True, timeout=900,
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    resident = [int(line) for line in ended.stdout.split()]
+    warm, last = max(resident[8:12]), max(resident[-4:])
+    print(f"{warm / 2**20:.0f} MiB after ten runs, {last / 2**20:.0f} MiB after fifty")
+    assert last < 1.05 * warm

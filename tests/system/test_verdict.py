@@ -1,0 +1,250 @@
+"""The verdict never fails open: what goes wrong inside a run is planted, and each is caught.
+
+Expected: a failed check and exit code 1, or an error that says what happened; never a pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inim import metrics
+from inim.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
+from inim.jobs import validate as validating
+from inim.jobs.ledger import Ledger
+from inim.jobs.listener import Listener
+from inim.jobs.plan import Plan, Request, make_plan
+from inim.report import Report
+from tests.conftest import scene_text, square
+from tests.system.conftest import TINY, write_scene
+
+VIEWS = "right, down"
+# The sound run scores 0.74 and 0.75 from there.
+LIMIT = 0.6
+MORE = {"inim.eia_spp": "16", "inim.view_spp": "16", "inim.reconstruction_spp": "16"}
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Plan:
+    """Two viewpoints and a limit that the sound run meets; the scene has no symmetry."""
+    shapes = square((-2, 1, 4), 1.2, "0.9,0.1,0.1"), square((2, -1, -4), 1.5, "0.1,0.9,0.1")
+    scene = write_scene(tmp_path, text=scene_text(*shapes))
+    settings = TINY | MORE | {"inim.min_ssim_to_ceiling": str(LIMIT), "inim.algorithms": "template"}
+    given = tuple(f"{key}={value}" for key, value in settings.items())
+    return make_plan(Request(scene, tmp_path / "out", given, viewpoints=VIEWS))
+
+
+@pytest.fixture
+def run(renderer: object, plan: Plan, tmp_path: Path) -> Callable[[], Report]:
+    def once() -> Report:
+        folder = tmp_path / "staging"
+        folder.mkdir()
+        return validating.run(plan, folder)
+
+    return once
+
+
+def failed(report: Report) -> set[str]:
+    assert report.passed is False
+    return {check["name"] for check in report.data["verdict"]["checks"] if not check["passed"]}
+
+
+def with_views(
+    monkeypatch: pytest.MonkeyPatch, change: Callable[[dict[str, Any]], dict[str, Any]]
+) -> None:
+    """Let something happen to what is seen of a contender, not to the ceiling."""
+    real = validating.reconstruct_views
+
+    def changed(job: Ledger, eia: Any, name: str) -> dict[str, Any]:
+        return change(real(job, eia, name))
+
+    monkeypatch.setattr(validating, "reconstruct_views", changed)
+
+
+def test_sound_run_passes(run: Callable[[], Report]) -> None:
+    assert run().passed is True
+
+
+def test_missing_view_fails_a_check(
+    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_views(monkeypatch, lambda seen: {"down": seen["down"]})
+    try:
+        assert "template: viewpoints missing" in failed(run())
+    except KeyError as error:  # an internal error: exit code 5
+        assert "right" in str(error)
+
+
+def test_no_view_at_all_fails_a_check(
+    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_views(monkeypatch, lambda seen: {})
+    try:
+        assert "template: viewpoints missing" in failed(run())
+    except KeyError as error:
+        assert "down" in str(error)
+
+
+def test_ledger_tells_missing_views(plan: Plan, tmp_path: Path) -> None:
+    for views, count in ((["down", "right"], None), (["down"], 1), ([], 2)):
+        job = Ledger(plan, tmp_path, Listener(), None)
+        job.complete("mine", views)
+        assert [check["value"] for check in job.checks] == ([] if count is None else [count])
+        assert not any(check["passed"] for check in job.checks)
+    job = Ledger(replace(plan, viewpoints=()), tmp_path, Listener(), None)
+    job.complete("mine", [])
+    assert [check["passed"] for check in job.checks] == [False]
+
+
+def test_swapped_views_fail_their_limit(
+    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_views(monkeypatch, lambda seen: {"down": seen["right"], "right": seen["down"]})
+    wanted = {f"template/{view}: SSIM to ceiling" for view in ("down", "right")}
+    assert wanted <= failed(run())
+
+
+def test_view_that_is_not_a_number_is_never_scored(
+    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def spoiled(seen: dict[str, Any]) -> dict[str, Any]:
+        seen["down"].first[3, 4] = np.nan
+        return seen
+
+    with_views(monkeypatch, spoiled)
+    with pytest.raises(UsageError, match="not finite"):
+        run()
+
+
+@pytest.mark.parametrize("factor", [255.0, 1 / 255])
+def test_eia_in_another_range_fails_its_limit(
+    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch, factor: float
+) -> None:
+    from inim.jobs import contenders
+
+    real = contenders.run_generator
+
+    def scaled(*words: Any) -> Any:
+        eia, *rest = real(*words)
+        return (np.float32(factor) * eia, *rest)
+
+    monkeypatch.setattr(contenders, "run_generator", scaled)
+    assert any("SSIM to ceiling" in name for name in failed(run()))
+
+
+def test_radiance_that_is_not_finite_is_counted_and_fails_a_check(
+    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three spoiled pixels in each half of the truth: counted, taken as black, and no pass."""
+    from inim.kernel import ground_truth
+
+    real = ground_truth.pickup
+
+    def spoiled(*words: Any, **options: Any) -> Any:
+        truth = real(*words, **options)
+        truth.first[2, 3:6] = np.nan
+        truth.second[9, 9:12] = np.inf
+        return truth
+
+    monkeypatch.setattr(ground_truth, "pickup", spoiled)
+    report = run()
+    assert "truth/eia: pixels not finite" in failed(report)
+    checks = {check["name"]: check for check in report.data["verdict"]["checks"]}
+    assert checks["truth/eia: pixels not finite"]["value"] == 6
+    assert checks["truth/eia: pixels not finite"]["detail"] == "taken as black"
+
+
+@pytest.mark.parametrize("value", [None, float("nan"), float("inf"), -float("inf")])
+@pytest.mark.parametrize("relation", [">=", "<="])
+def test_value_that_is_no_number_passes_no_check(
+    plan: Plan, tmp_path: Path, value: float | None, relation: str
+) -> None:
+    job = Ledger(plan, tmp_path, Listener(), None)
+    job.check("any", value, relation, 0.5)
+    assert job.checks[0]["passed"] is False
+
+
+# --- Scores -------------------------------------------------------------------------------------
+
+
+def test_noise_against_black_scores_next_to_nothing() -> None:
+    """With constants for 0..255 it would score 0.96."""
+    noise = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32) / 255
+    assert metrics.ssim(np.random.default_rng(1).random((64, 64, 3)), np.zeros((64, 64, 3))) < 0.05
+    assert metrics.ssim(noise, np.zeros_like(noise)) < 0.99
+
+
+def test_constants_of_the_data_range_are_those_of_pictures_in_0_to_1() -> None:
+    """Wang et al.'s closed form for flat pictures: (2ab + c1) / (a^2 + b^2 + c1), c1 = 0.01^2."""
+    from inim.color import srgb_from_linear
+
+    one, other = np.full((32, 32, 3), 0.2, np.float32), np.full((32, 32, 3), 0.6, np.float32)
+    a, b = (float(srgb_from_linear(x)[0, 0, 0]) for x in (one, other))
+    wanted = (2 * a * b + 1e-4) / (a * a + b * b + 1e-4)
+    assert metrics.ssim(one, other) == pytest.approx(wanted, abs=1e-5)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("score", [metrics.ssim, metrics.psnr_db, metrics.flip])
+def test_picture_that_is_not_finite_has_no_score(score: Any, value: float) -> None:
+    sound = np.random.default_rng(0).random((32, 32, 3)).astype(np.float32)
+    spoiled = sound.copy()
+    spoiled[5, 5, 1] = value
+    for pair in ((sound, spoiled), (spoiled, sound)):
+        with pytest.raises(UsageError, match="1 pixels that are not finite"):
+            score(*pair)
+
+
+def test_pictures_of_unlike_sizes_have_no_score() -> None:
+    for other in ((32, 31, 3), (32, 32, 4), (32, 32), (1, 32, 32, 3)):
+        with pytest.raises(UsageError, match="cannot be compared"):
+            metrics.ssim(np.zeros((32, 32, 3)), np.zeros(other))
+
+
+# --- The renderer -------------------------------------------------------------------------------
+
+
+def test_integrator_that_raises_is_an_error_and_no_pass(
+    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from inim.kernel import trace
+
+    def broken(*_: Any, **__: Any) -> Any:
+        raise RuntimeError("jit_llvm_compile(): the kernel does not compile")
+
+    monkeypatch.setattr(trace.dr, "eval", broken)
+    with pytest.raises(RuntimeError, match="does not compile"):
+        run()
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "says"),
+    [
+        (RuntimeError("kernel does not\ncompile"), EXIT_INTERNAL, "kernel does not compile"),
+        (UsageError("algorithm 'x' failed"), EXIT_USAGE, "algorithm 'x' failed"),
+        (MemoryError(), 3, "GiB in use of"),
+        (ZeroDivisionError("division"), EXIT_INTERNAL, "internal error: ZeroDivisionError"),
+    ],
+)
+def test_whatever_a_worker_raises_becomes_one_line_and_a_code(
+    error: Exception, code: int, says: str
+) -> None:
+    import io
+    import json
+
+    from inim.jobs.worker import answer, outcome_of
+
+    def carry_out(job: dict[str, Any], listener: Any) -> bool:
+        raise error
+
+    channel = io.StringIO()
+    answer({"quiet": True, "debug": False}, channel, carry_out)
+    with pytest.raises(InimError, match=says) as raised:
+        outcome_of(json.loads(channel.getvalue().splitlines()[-1]))
+    assert raised.value.exit_code == code
+    assert "\n" not in str(raised.value)

@@ -1,0 +1,294 @@
+"""The layers of closed-form scenes: fronts, backs, coverage, colours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inim.generators import NO_LENS, find_sources
+from tests.conftest import scene_text, small_display, sphere, square
+
+pytestmark = pytest.mark.usefixtures("renderer")
+
+DISPLAY = small_display()
+PER_PITCH = 5
+PIXEL_MM = DISPLAY.pitch_mm / PER_PITCH
+RANGE_MM = DISPLAY.depth_range_mm[1] - DISPLAY.depth_range_mm[0]
+RED, GREEN = "0.8,0.05,0.05", "0.05,0.8,0.05"
+# Lit from all around: nothing is black, and two bounces mix no colours.
+AROUND = """<integrator type="path"><integer name="max_depth" value="2"/></integrator>
+<emitter type="constant"/>"""
+FLIPPED = '<boolean name="flip_normals" value="true"/>'
+
+
+def cube(centre, half, rgb="0.8", more=""):
+    """A box of half sizes `half`."""
+    (x, y, z), (a, b, c) = centre, half
+    return f"""<shape type="cube">{more}<transform name="to_world">
+        <scale x="{a}" y="{b}" z="{c}"/><translate x="{x}" y="{y}" z="{z}"/></transform>
+        <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="{rgb}"/></bsdf>
+        </bsdf></shape>"""
+
+
+def around(*shapes):
+    return f'<scene version="3.0.0">{AROUND}{"".join(shapes)}</scene>'
+
+
+def peeled(open_fitted, text):
+    """The scene and its layers."""
+    from inim.kernel.peel import peel
+
+    fitted = open_fitted(text, DISPLAY)
+    found = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH)
+    assert not (found.covered[1:] & ~found.covered[:-1]).any(), "no layer without one before it"
+    # Behind each other, and each behind its own front; -inf where there is none.
+    assert (found.back_mm <= found.front_mm).all()
+    assert (found.front_mm[1:] <= found.back_mm[:-1])[found.covered[1:]].all()
+    return fitted, found
+
+
+def places(fitted, found):
+    """World x, y of the pixels' centres, and the display's z of a world z."""
+    rows, columns = found.front_mm.shape[1:]
+    back = fitted.fit.world_from_display
+    x = (np.arange(columns) + 0.5 - columns / 2) * PIXEL_MM * back[0, 0] + back[0, 3]
+    y = (rows / 2 - np.arange(rows) - 0.5) * PIXEL_MM * back[1, 1] + back[1, 3]
+    forward = fitted.fit.display_from_world
+    return x[None, :], y[:, None], lambda z: forward[2, 2] * z + forward[2, 3]
+
+
+def chord(x, y, centre, radius):
+    """World z of a sphere's front and back, nan where there is none."""
+    inside = radius**2 - (x - centre[0]) ** 2 - (y - centre[1]) ** 2
+    with np.errstate(invalid="ignore"):
+        half = np.sqrt(inside)
+    return centre[2] + half, centre[2] - half
+
+
+def close(found, expected, where):
+    assert where.sum() > 100
+    assert np.abs(found - expected)[where].max() < 1e-4 * RANGE_MM
+
+
+def test_two_spheres_in_a_row_are_two_layers(open_fitted):
+    text = scene_text(sphere((0, 0, 0), 5.0), sphere((0.7, -0.4, -14), 3.0))
+    fitted, found = peeled(open_fitted, text)
+    assert len(found.front_mm) == 2 and found.cut_share == 0
+    x, y, depth = places(fitted, found)
+    for layer, (centre, radius) in enumerate((((0, 0, 0), 5.0), ((0.7, -0.4, -14), 3.0))):
+        front, back = chord(x, y, centre, radius)
+        assert (found.covered[layer] == np.isfinite(front)).mean() > 0.999
+        clear = found.covered[layer] & (front - back > radius / 2)  # the rim is ill-conditioned
+        close(found.front_mm[layer], depth(front), clear)
+        close(found.back_mm[layer], depth(back), clear)
+
+
+def test_a_box_before_a_wall_hides_a_part_of_it(open_fitted):
+    fitted, found = peeled(
+        open_fitted, scene_text(cube((0, 0, 0), (2.02, 3.03, 1)), cube((0, 0, -6), (5, 5, 0.5)))
+    )
+    x, y, depth = places(fitted, found)
+    box = (np.abs(x) < 2.02) & (np.abs(y) < 3.03)
+    wall = (np.abs(x) < 5) & (np.abs(y) < 5)
+    assert np.array_equal(found.covered, [wall, box])
+    close(found.front_mm[0], np.where(box, depth(1), depth(-5.5)), wall)
+    close(found.back_mm[0], np.where(box, depth(-1), depth(-6.5)), wall)
+    close(found.front_mm[1], depth(-5.5), box)
+    close(found.back_mm[1], depth(-6.5), box)
+
+
+def test_a_wall_with_a_hole_shows_what_is_behind_as_its_front(open_fitted):
+    """Four bars round a hole: one layer through it, two through the bars."""
+    bars = [cube((s * 4, 0, 0), (1, 5, 1)) for s in (-1, 1)]
+    bars += [cube((0, s * 4, 0), (3, 1, 1)) for s in (-1, 1)]
+    fitted, found = peeled(open_fitted, scene_text(*bars, cube((0, 0, -8), (5, 5, 1))))
+    x, y, depth = places(fitted, found)
+    hole = (np.abs(x) < 3) & (np.abs(y) < 3)
+    frame = (np.abs(x) < 5) & (np.abs(y) < 5) & ~hole
+    assert np.array_equal(found.covered, [hole | frame, frame])
+    close(found.front_mm[0], np.where(hole, depth(-7), depth(1)), hole | frame)
+    close(found.front_mm[1], depth(-7), frame)
+
+
+def tilted_sheet(slope):
+    """A square whose world z is ``slope * x``, and a small box at either end of the range."""
+    angle = -np.degrees(np.arctan(slope))
+    return f"""<shape type="rectangle"><transform name="to_world"><scale value="5"/>
+        <rotate y="1" angle="{angle}"/></transform></shape>"""
+
+
+@pytest.mark.parametrize("more", ["", FLIPPED], ids=["front", "back"])
+def test_a_sheet_is_as_thick_as_its_slope_and_shows_no_gaps(open_fitted, more):
+    text = scene_text(tilted_sheet(0.8).replace("</shape>", f"{more}</shape>"))
+    fitted, found = peeled(open_fitted, text)
+    assert len(found.front_mm) == 1
+    x, y, depth = places(fitted, found)
+    own = found.covered[0]
+    reach = 5 * np.cos(np.arctan(0.8))
+    assert (own == ((np.abs(y) < 5) & (np.abs(x) < reach))).mean() > 0.995
+    close(found.front_mm[0], depth(0.8 * x) + 0 * y, own)
+    slope = 0.8 * fitted.fit.scale_z / fitted.fit.scale_xy
+    beside = own & np.roll(own, 1, axis=1)  # the lower end has nothing to reach for
+    close(found.back_mm[0], depth(0.8 * x) + 0 * y - PIXEL_MM * slope, beside)
+    # Rays of the display that the whole column behind the sheet stops, the sheet stops too.
+    thin, whole = (
+        sources(found, found.back_mm),
+        sources(found, np.full_like(found.back_mm, -np.inf)),
+    )
+    edge = 8
+    inner = own.copy()
+    for step in range(1, edge):
+        for down, right in ((step, 0), (-step, 0), (0, step), (0, -step)):
+            inner &= np.roll(own, (down, right), (0, 1))
+    shown = np.where(whole >= 0, inner.reshape(-1)[np.maximum(whole, 0)], False)
+    assert shown.sum() > 1000
+    assert np.array_equal(thin[shown], whole[shown])
+
+
+def sources(found, back_mm):
+    from inim.layered_rgbd import LayeredRGBD
+
+    front = np.where(found.covered, found.front_mm, 0)[0]
+    color = np.zeros((*front.shape, 3))
+    rgbd = LayeredRGBD(color, front, found.covered[0], found.pixel_mm, back_mm[0])
+    return find_sources(rgbd, DISPLAY, "layered", samples=1)
+
+
+def test_columns_that_reach_the_back_are_the_template_s(open_fitted):
+    from inim.rgbd import RGBD
+
+    _, found = peeled(open_fitted, scene_text(sphere((0, 0, 0), 5.0)))
+    front = np.where(found.covered, found.front_mm, 0)[0]
+    plain = RGBD(np.zeros((*front.shape, 3)), front, found.covered[0], found.pixel_mm)
+    expected = find_sources(plain, DISPLAY, "template")
+    assert np.array_equal(sources(found, np.full_like(found.back_mm, -np.inf)), expected)
+    solid = sources(found, found.back_mm)
+    assert (solid != expected).any(), "rays pass behind the sphere"
+    shows = (solid != expected) & (expected != NO_LENS)
+    assert (solid == expected)[~shows & (solid >= 0)].all()
+
+
+def test_a_shape_inside_another_is_no_layer(open_fitted):
+    text = scene_text(sphere((0, 0, 0), 5.0), sphere((0.5, 0, 1), 2.0))
+    fitted, found = peeled(open_fitted, text)
+    assert len(found.front_mm) == 1
+    x, y, depth = places(fitted, found)
+    front, back = chord(x, y, (0, 0, 0), 5.0)
+    clear = found.covered[0] & (front - back > 2.5)
+    close(found.front_mm[0], depth(front), clear)
+    close(found.back_mm[0], depth(back), clear)
+
+
+def test_shapes_through_each_other_are_one_solid(open_fitted):
+    text = scene_text(sphere((0, 0, 0), 4.0), sphere((0, 0, -5), 4.0))
+    fitted, found = peeled(open_fitted, text)
+    x, y, depth = places(fitted, found)
+    front = chord(x, y, (0, 0, 0), 4.0)[0]
+    back = chord(x, y, (0, 0, -5), 4.0)[1]
+    joined = np.hypot(x, y) < 3  # the spheres meet where both chords reach 2.5: r = 3.12
+    close(found.front_mm[0], depth(front), joined)
+    close(found.back_mm[0], depth(back), joined)
+    assert not found.covered[1:, joined].any()
+
+
+def test_boxes_of_single_faces_are_solid(open_fitted):
+    """A front of one shape and a back of another are closed together."""
+    back = square((0, 0, -3), 4, "0.8").replace(
+        "<translate", '<rotate y="1" angle="180"/><translate'
+    )
+    fitted, found = peeled(open_fitted, scene_text(square((0, 0, 0), 4, "0.8"), back))
+    assert len(found.front_mm) == 1
+    _, _, depth = places(fitted, found)
+    close(found.front_mm[0], depth(0), found.covered[0])
+    close(found.back_mm[0], depth(-3), found.covered[0])
+
+
+@pytest.mark.parametrize("shape", ["sphere", "cube"])
+def test_normals_that_point_inwards_make_the_same_solid(open_fitted, shape):
+    behind = sphere((0, 0, -12), 3.0)
+
+    def one(more):
+        body = cube((0, 0, 0), (4, 4, 3)) if shape == "cube" else sphere((0, 0, 0), 5.0)
+        return peeled(open_fitted, scene_text(body.replace("<bsdf", more + "<bsdf", 1), behind))[1]
+
+    right, wrong = one(""), one(FLIPPED)
+    assert np.array_equal(right.front_mm, wrong.front_mm)
+    assert np.array_equal(right.back_mm, wrong.back_mm)
+    assert not np.array_equal(right.facing[0], wrong.facing[0]), "they were the other way round"
+
+
+def test_nothing_behind_is_one_layer_and_too_much_is_counted(open_fitted):
+    from inim.kernel.peel import MOST_LAYERS
+
+    assert len(peeled(open_fitted, scene_text(sphere((0, 0, 0), 5.0)))[1].front_mm) == 1
+    # Ten plates, the last two of which stand behind the left half only.
+    plates = [cube((0, 0, -z), (4, 4, 0.2)) for z in range(MOST_LAYERS)]
+    plates += [cube((-2, 0, -MOST_LAYERS - z), (2, 4, 0.2)) for z in range(2)]
+    _, found = peeled(open_fitted, scene_text(*plates))
+    assert len(found.front_mm) == MOST_LAYERS
+    assert found.cut_share == pytest.approx(0.5, abs=0.02)
+
+
+def test_lamps_are_no_layers(open_fitted):
+    lamp = """<shape type="rectangle"><transform name="to_world"><scale value="2"/>
+        <translate z="{z}"/></transform>
+        <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>"""
+    body = sphere((0, 0, 0), 3.0), sphere((0, 0, -12), 3.0)
+    _, plain = peeled(open_fitted, scene_text(*body))
+    _, lit = peeled(open_fitted, scene_text(*body, lamp.format(z=4.5), lamp.format(z=-6)))
+    assert np.array_equal(plain.covered, lit.covered)
+    for name in ("front_mm", "back_mm"):
+        one, other = (getattr(p, name)[plain.covered] for p in (plain, lit))
+        assert np.abs(one - other).max() < 1e-4 * RANGE_MM
+
+
+def colours(open_fitted, text, spp=16, seed=1):
+    from inim.kernel.ground_truth import capture_layers
+
+    fitted, found = peeled(open_fitted, text)
+    return capture_layers(fitted, found, spp=spp, seed=seed), fitted, found
+
+
+def test_no_colour_mixes_surfaces(open_fitted):
+    """Red before green: every covered pixel of either layer is the one or the other."""
+    from inim.kernel.ground_truth import capture
+
+    text = around(sphere((0.3, 0.2, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN))
+    rgbd, fitted, _ = colours(open_fitted, text)
+    reds = 0
+    for layer in rgbd.layers:
+        red, green = layer.color[layer.covered][:, 0], layer.color[layer.covered][:, 1]
+        assert (np.maximum(red, green) > 0).all()
+        share = red / (red + green)
+        pure = np.minimum(np.abs(share - 16 / 17), np.abs(share - 1 / 17))
+        assert pure.max() < 1e-5
+        reds += np.count_nonzero(share > 0.5)
+    assert reds > 100
+    plain = capture(fitted, DISPLAY, pixels_per_pitch=PER_PITCH, spp=16, seed=1)
+    mixed = plain.color[..., 0] / np.maximum(plain.color.sum(axis=-1) - plain.color[..., 2], 1e-9)
+    assert ((mixed > 0.2) & (mixed < 0.8)).any(), "the picture of one layer mixes them"
+    assert np.array_equal(plain.depth_mm, rgbd.depth_mm)
+    assert np.array_equal(plain.covered, rgbd.covered)
+
+
+def test_a_hidden_surface_has_its_own_light(open_fitted):
+    """Lit from the side, the wall behind a square is in the sun: rho / pi E cos 45."""
+    sun = """<integrator type="path"><integer name="max_depth" value="2"/></integrator>
+        <emitter type="directional"><vector name="direction" value="1,0,-1"/>
+        <rgb name="irradiance" value="2.5"/></emitter>"""
+    shapes = square((0, 0, 0), 6, GREEN), square((0, 0, 4), 1, RED)
+    text = f'<scene version="3.0.0">{sun}{"".join(shapes)}</scene>'
+    rgbd, fitted, found = colours(open_fitted, text, spp=4)
+    hidden = rgbd.layers[1]
+    x, y, _ = places(fitted, found)
+    assert np.array_equal(hidden.covered, (np.abs(x) < 1) & (np.abs(y) < 1))
+    light = 2.5 / np.pi * np.sqrt(0.5)
+    assert np.abs(hidden.color[hidden.covered] - light * np.array([0.05, 0.8, 0.05])).max() < 1e-4
+    assert (hidden.color[~hidden.covered] == 0).all()
+
+
+def test_equal_seeds_give_equal_layers(open_fitted):
+    text = around(sphere((0, 0, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN))
+    one, other, third = (colours(open_fitted, text, 4, seed)[0].palette for seed in (1, 1, 2))
+    assert np.array_equal(one, other)
+    assert not np.array_equal(one, third)

@@ -1,0 +1,343 @@
+"""Colour and depth files: what is read, what is noticed, and one line for each way to be wrong."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.display import DISPLAYS
+from inim.errors import FileError, UsageError
+from inim.formats.eia_file import read_eia
+from inim.formats.image import exr_size, write_exr
+from inim.formats.true_size import write_eia, write_true_size_pdf
+from inim.pictures.camera import Pinhole, check_pinhole, parse_intrinsics
+from inim.pictures.color_file import read_color
+from inim.pictures.depth_file import DepthFile, read_depth, write_depth
+from inim.pictures.depth_values import Meaning, parse_unit, read_meaning
+from inim.pictures.missing import fill_missing
+from inim.pictures.registration import check_same_view, edge_shift, resampled
+from tests.conftest import small_display
+
+MM = Meaning(1.0, near_is_large=False)
+
+
+def room(rows=60, columns=80):
+    """A floor that comes nearer towards the bottom, a box in the middle: millimetres."""
+    depth = np.tile(np.linspace(3000, 1500, rows)[:, None], (1, columns)).round()
+    depth[rows // 3 : 2 * rows // 3, columns // 3 : 2 * columns // 3] = 1200
+    return depth.astype(np.uint16)
+
+
+def write_pfm(path: Path, values, little=True, color=False):
+    kind = "<f4" if little else ">f4"
+    header = f"{'PF' if color else 'Pf'}\n{values.shape[1]} {values.shape[0]}\n"
+    header += f"{'-1.0' if little else '1.0'}\n"
+    path.write_bytes(header.encode() + values[::-1].astype(kind).tobytes())
+
+
+def saved(folder: Path, kind: str) -> tuple[Path, np.ndarray]:
+    depth = room()
+    path = folder / f"depth.{kind}"
+    if kind in ("png", "tif"):
+        Image.fromarray(depth).save(path)
+    elif kind == "pgm":
+        path.write_bytes(b"P5\n80 60\n65535\n" + depth.astype(">u2").tobytes())
+    elif kind == "exr":
+        write_depth(path, depth, "distances in mm")
+    elif kind == "pfm":
+        write_pfm(path, depth.astype(np.float32))
+    else:
+        np.save(path, depth)
+    return path, depth
+
+
+@pytest.mark.parametrize("kind", ["png", "tif", "pgm", "exr", "pfm", "npy"])
+def test_every_kind_of_depth_file_gives_its_numbers_upright(tmp_path, kind):
+    path, depth = saved(tmp_path, kind)
+    np.testing.assert_array_equal(read_depth(path).values, depth)
+
+
+def test_a_big_endian_pfm_and_npy_give_the_same_numbers(tmp_path):
+    depth = room().astype(np.float32)
+    write_pfm(tmp_path / "d.pfm", depth, little=False)
+    np.save(tmp_path / "d.npy", depth.astype(">f4"))
+    for name in ("d.pfm", "d.npy"):
+        np.testing.assert_array_equal(read_depth(tmp_path / name).values, depth)
+
+
+def test_swapped_bytes_are_named_and_can_be_undone(tmp_path):
+    path = tmp_path / "depth.pgm"
+    depth = np.full((20, 30), 2047, np.uint16)
+    depth[:, 15:] = 2060
+    path.write_bytes(b"P5\n30 20\n65535\n" + depth.astype("<u2").tobytes())
+    with pytest.raises(
+        FileError, match=r"byte-swapped \(65287 where 2047 is meant\).*--swap-bytes"
+    ):
+        read_depth(path)
+    np.testing.assert_array_equal(read_depth(path, swap_bytes=True).values, depth)
+    right, _ = saved(tmp_path, "png")
+    with pytest.raises(FileError, match="leave out --swap-bytes"):
+        read_depth(right, swap_bytes=True)
+
+
+def test_noisy_and_shifted_up_depth_is_not_taken_for_swapped(tmp_path):
+    noise = np.random.default_rng(1).normal(0, 60, (60, 80))
+    np.save(tmp_path / "noisy.npy", (room() + noise).astype(np.uint16))
+    np.save(tmp_path / "eight.npy", (room() // 16).astype(np.uint16) << 8)
+    for name in ("noisy.npy", "eight.npy"):
+        assert read_depth(tmp_path / name).values.max() > 0
+
+
+def test_floats_in_the_wrong_byte_order_are_named(tmp_path):
+    np.save(tmp_path / "d.npy", np.full((4, 4), 1.5, np.float32).byteswap())
+    with pytest.raises(FileError, match="bytes of floats"):
+        read_depth(tmp_path / "d.npy")
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "says"),
+    [
+        ("d.txt", lambda p: p.write_text("1"), "a depth picture is a .png"),
+        ("d.png", lambda p: None, "no such file"),
+        ("d.png", lambda p: p.write_bytes(b"\x89PNG"), "not a readable picture"),
+        ("d.pfm", lambda p: p.write_bytes(b"Pf\n3 3\n-1\n123"), "cut short"),
+        ("d.pfm", lambda p: write_pfm(p, np.zeros((2, 2, 3)), color=True), "in colour"),
+        ("d.npy", lambda p: np.save(p, np.zeros((2, 2, 2))), "one number per pixel"),
+        ("d.npy", lambda p: np.save(p, np.zeros((2, 2), complex)), "complex128"),
+        ("d.npy", lambda p: np.save(p, np.array([None])), "not a readable .npy"),
+        (
+            "d.png",
+            lambda p: Image.fromarray(np.eye(3, dtype=np.uint8)[None] * 255).save(p),
+            "is coloured",
+        ),
+        ("d.exr", lambda p: write_exr(p, np.ones((2, 2, 3))), None),
+    ],
+)
+def test_a_bad_depth_file_is_one_line(tmp_path, name, make, says):
+    path = tmp_path / name
+    make(path)
+    if says is None:  # grey saved as colour is readable
+        assert read_depth(path).values.shape == (2, 2)
+        return
+    with pytest.raises(FileError, match=says) as raised:
+        read_depth(path)
+    assert "\n" not in str(raised.value)
+    assert str(raised.value).startswith(str(path))
+
+
+@pytest.mark.parametrize(
+    ("text", "unit_mm"), [("mm", 1), ("cm", 10), ("m", 1000), ("5000", 0.2), ("none", 0)]
+)
+def test_units_are_words_or_numbers_per_metre(text, unit_mm):
+    assert parse_unit(text) == unit_mm
+
+
+@pytest.mark.parametrize("text", ["", "inch", "0", "-1", "nan", "inf"])
+def test_other_units_are_refused(text):
+    with pytest.raises(UsageError, match="--depth-unit"):
+        parse_unit(text)
+
+
+def as_file(values, integer=True):
+    return DepthFile(np.asarray(values, np.float32), 65535 if integer else None)
+
+
+def test_a_wrong_unit_is_named_with_the_right_one():
+    with pytest.raises(FileError, match=r"wrong --depth-unit; --depth-unit mm would"):
+        read_meaning(as_file(room()), Meaning(1000.0), "d.png")
+    with pytest.raises(FileError, match=r"wrong --depth-unit; --depth-unit m would"):
+        read_meaning(as_file(room() / 1000, integer=False), Meaning(1.0), "d.exr")
+    vouched = Meaning(1000.0, range_stated=True)
+    assert np.nanmax(read_meaning(as_file(room()), vouched, "d.png").depth) == 3e6
+
+
+def test_depth_that_is_all_missing_is_named():
+    for values in (np.zeros((5, 5)), np.full((5, 5), np.nan), np.full((5, 5), -1.0)):
+        with pytest.raises(FileError, match="no pixel has a depth"):
+            read_meaning(as_file(values), MM, "d.png")
+    with pytest.raises(FileError, match="no pixel has a depth"):
+        read_meaning(as_file(np.full((5, 5), 7)), Meaning(1.0, missing=(7.0,)), "d.png")
+
+
+def test_zero_is_missing_of_distances_and_a_value_of_plain_numbers():
+    values = room().astype(np.float32)
+    values[0, 0] = 0
+    metric = read_meaning(as_file(values), MM, "d.png")
+    assert np.isnan(metric.depth[0, 0])
+    plain = read_meaning(as_file(values), Meaning(0.0, near_is_large=False), "d.png")
+    assert plain.depth[0, 0] == 0
+
+
+def test_inverted_depth_is_warned_of():
+    right = read_meaning(as_file(room()), MM, "d.png")
+    assert right.warnings == ()
+    for said in (MM, Meaning(1.0)):
+        wrong = read_meaning(as_file(4000.0 - room()), said, "d.png")
+        assert [w for w in wrong.warnings if "looks inverted" in w]
+        assert not wrong.near_is_large
+
+
+def test_direction_without_a_unit_is_detected_with_a_warning():
+    for values, near_is_large in ((255 - room() / 12, True), (room() / 12, False)):
+        found = read_meaning(DepthFile(values.astype(np.float32), 255), Meaning(0.0), "d.png")
+        assert found.near_is_large == near_is_large
+        assert [w for w in found.warnings if "direction of depth not stated" in w]
+    flat = DepthFile(np.full((60, 80), 9, np.float32), 255)
+    with pytest.raises(UsageError, match="--near-is-large"):
+        read_meaning(flat, Meaning(0.0), "d.png")
+
+
+def test_a_unit_that_is_not_stated_is_detected_with_a_warning():
+    for values, integer, scale in ((room(), True, 1), (room() / 1000, False, 1000)):
+        found = read_meaning(as_file(values, integer), Meaning(), "d")
+        assert any("unit of depth not stated" in w for w in found.warnings)
+        np.testing.assert_allclose(found.depth, np.asarray(values) * scale, rtol=1e-6)
+
+
+def test_depths_at_the_largest_number_are_warned_of():
+    values = room()
+    values[:5] = 65535
+    found = read_meaning(as_file(values), MM, "d.png")
+    assert any("--missing 65535" in w for w in found.warnings)
+
+
+def test_fill_rules_copy_the_neighbour_they_say():
+    nan = np.nan
+    depth = np.float32([[nan, 5, nan, nan, nan, 9, nan], [nan] * 7])
+    assert fill_missing(depth, "none") is depth
+    behind = fill_missing(depth, "behind")
+    np.testing.assert_array_equal(behind[0], [5, 5, 9, 9, 9, 9, 9])
+    assert np.isnan(behind[1]).all()
+    nearer = fill_missing(depth, "behind", near_is_large=True)
+    np.testing.assert_array_equal(nearer[0], [5, 5, 5, 5, 5, 9, 9])
+    nearest = fill_missing(depth, "nearest")
+    np.testing.assert_array_equal(nearest[0, [0, 1, 2, 4, 5, 6]], [5, 5, 5, 9, 9, 9])
+    np.testing.assert_array_equal(nearest[1, [1, 5]], [5, 9])
+    assert (fill_missing(depth, "far")[1] == 9).all()
+    assert (fill_missing(depth, "far", near_is_large=True)[1] == 5).all()
+
+
+def test_depth_of_another_size_is_taken_from_the_nearest_pixel_and_never_mixed():
+    depth = np.float32([[1, 2, 3], [4, 5, 6]])
+    np.testing.assert_array_equal(resampled(depth, (4, 6)), depth.repeat(2, 0).repeat(2, 1))
+    np.testing.assert_array_equal(resampled(depth.repeat(3, 0).repeat(3, 1), (2, 3)), depth)
+    assert set(np.unique(resampled(depth, (5, 7)))) <= set(range(1, 7))
+
+
+def test_pictures_of_another_shape_are_named():
+    check_same_view((480, 640), (240, 320), "d.png")
+    with pytest.raises(FileError, match=r"depth has 512 x 424 pixels, colour 640 x 480"):
+        check_same_view((480, 640), (424, 512), "d.png")
+    with pytest.raises(FileError, match="turned"):
+        check_same_view((480, 640), (640, 480), "d.png")
+
+
+def test_a_shift_between_colour_and_depth_is_found_and_its_absence_too():
+    rng = np.random.default_rng(3)
+    depth = np.full((240, 320), 3000.0, np.float32)
+    color = rng.integers(100, 110, (240, 320, 3)).astype(np.uint8)
+    for _ in range(12):
+        top, left = rng.integers(10, 190), rng.integers(10, 270)
+        place = slice(top, top + 40), slice(left, left + 40)
+        depth[place], color[place] = rng.integers(1000, 2500), rng.integers(0, 255, 3)
+    assert not edge_shift(color, depth).found
+    moved = edge_shift(np.roll(color, (9, -6), (0, 1)), depth)
+    assert moved.found
+    assert (moved.right, moved.down) == (-6, 9)
+    unrelated = rng.integers(0, 255, color.shape).astype(np.uint8)
+    assert not edge_shift(unrelated, depth).found
+
+
+def test_intrinsics_are_four_numbers_of_this_picture():
+    assert parse_intrinsics("525,525,319.5,239.5") == Pinhole(525, 525, 319.5, 239.5)
+    for text in ("525", "a,b,c,d", "0,525,1,1", "525,525,nan,1", "1,2,3,4,5"):
+        with pytest.raises(UsageError, match="--intrinsics"):
+            parse_intrinsics(text)
+    with pytest.raises(UsageError, match="principal point"):
+        check_pinhole(Pinhole(525, 525, 319.5, 239.5), (120, 160))
+    with pytest.raises(UsageError, match=r"fx = 4.2 pixels over 640 pixels"):
+        check_pinhole(Pinhole(4.2, 4.2, 319.5, 239.5), (480, 640))
+
+
+def test_a_colour_picture_is_read_upright_and_over_black(tmp_path):
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3) * 10
+    picture = Image.fromarray(pixels)
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turned by a quarter: rows are columns
+    picture.save(tmp_path / "turned.png", exif=exif)
+    assert read_color(tmp_path / "turned.png").shape == (4, 2, 3)
+    clear = np.dstack([pixels, np.uint8([[255] * 4, [0] * 4])])
+    Image.fromarray(clear).save(tmp_path / "clear.png")
+    read = read_color(tmp_path / "clear.png")
+    np.testing.assert_array_equal(read[0], pixels[0])
+    assert not read[1].any()
+    with pytest.raises(FileError, match="no such file"):
+        read_color(tmp_path / "none.jpg")
+    (tmp_path / "text.jpg").write_text("no picture")
+    with pytest.raises(FileError, match="not a colour picture"):
+        read_color(tmp_path / "text.jpg")
+
+
+def eia_of(display):
+    eia = np.random.default_rng(0).random((*display.eia_shape, 3)).astype(np.float32)
+    empty = np.zeros(display.eia_shape, bool)
+    empty[:3, :5] = True
+    eia[empty] = 0
+    return eia, empty
+
+
+def test_an_eia_png_carries_its_pixel_size_and_what_is_empty(tmp_path):
+    display = DISPLAYS["phone"].replace(
+        lens_columns=6, lens_rows=4, panel_columns=None, panel_rows=None
+    )
+    eia, empty = eia_of(display)
+    write_eia(tmp_path / "eia.png", eia, empty, display.pixel_pitch_mm)
+    data = (tmp_path / "eia.png").read_bytes()
+    at = data.index(b"pHYs") + 4
+    across, down = int.from_bytes(data[at : at + 4], "big"), int.from_bytes(data[at + 4 : at + 8])
+    assert data[at + 8] == 1  # per metre
+    # Whole pixels per metre: right to half of one.
+    assert across == down
+    assert abs(across - 1000 / 0.0636) <= 0.5
+    read, shown = read_eia(tmp_path / "eia.png", display)
+    np.testing.assert_array_equal(shown, ~empty)
+    np.testing.assert_allclose(read, eia, atol=0.01)
+
+
+def test_an_eia_exr_carries_both_too(tmp_path):
+    display = small_display()
+    eia, empty = eia_of(display)
+    write_eia(tmp_path / "eia.exr", eia, empty, display.pixel_pitch_mm)
+    read, shown = read_eia(tmp_path / "eia.exr", display)
+    np.testing.assert_array_equal(shown, ~empty)
+    np.testing.assert_array_equal(read, eia)
+    assert exr_size(tmp_path / "eia.exr") == display.eia_shape[::-1]
+    import OpenEXR
+
+    header = OpenEXR.File(str(tmp_path / "eia.exr"), header_only=True).header()
+    assert header["xDensity"] == pytest.approx(25.4 * 8)
+
+
+def test_a_pdf_page_is_as_large_as_the_panel_and_holds_its_pixels(tmp_path):
+    display = small_display(columns=7, rows=5)
+    eia, _ = eia_of(display)
+    write_true_size_pdf(tmp_path / "sheet.pdf", eia, display.pixel_pitch_mm)
+    data = (tmp_path / "sheet.pdf").read_bytes()
+    box = data.split(b"/MediaBox [")[1].split(b"]")[0].split()
+    points = [float(v) for v in box]
+    assert points[:2] == [0, 0]
+    assert points[2] == pytest.approx(7 / 25.4 * 72, abs=1e-5)  # 7 mm, 72 points an inch
+    assert points[3] == pytest.approx(5 / 25.4 * 72, abs=1e-5)
+    stream = data.split(b"stream\n")[3].split(b"\nendstream")[0]
+    pixels = np.frombuffer(zlib.decompress(stream), np.uint8).reshape(40, 56, 3)
+    write_eia(tmp_path / "eia.png", eia, None, display.pixel_pitch_mm)
+    np.testing.assert_array_equal(pixels, np.asarray(Image.open(tmp_path / "eia.png")))
+    start = int(data.split(b"startxref\n")[1].split()[0])
+    assert data[start : start + 4] == b"xref"
+    for number, line in enumerate(data[start:].splitlines()[3:8], 1):
+        place = int(line[:10])
+        assert data[place:].startswith(b"%d 0 obj" % number)

@@ -1,0 +1,252 @@
+"""A camera's picture in the display frame: places against closed forms, surfaces, holes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inim.display import DISPLAYS
+from inim.errors import UsageError
+from inim.pictures.camera import Pinhole
+from inim.pictures.depth_map import DepthMap, depth_range, map_depth
+from inim.pictures.depth_values import DepthValues
+from inim.pictures.fit import fit_picture
+from tests.conftest import small_display
+
+FOCAL = 200.0
+CAMERA = Pinhole(FOCAL, FOCAL, 79.5, 59.5)
+SHAPE = (120, 160)
+DISPLAY = small_display(columns=24, rows=18)
+
+
+def values(depth, near_is_large=False, step=0.0):
+    return DepthValues(np.asarray(depth, np.float32), near_is_large, True, step, ())
+
+
+def two_squares():
+    """A wall at 2 m, a red square at 1 m, a green one at 1.6 m; rows and columns of each."""
+    depth, color = np.full(SHAPE, 2000.0), np.zeros((*SHAPE, 3), np.uint8)
+    color[:] = 50, 50, 50
+    squares = {"red": (slice(31, 51), slice(40, 60), 1000.0)}
+    squares["green"] = (slice(70, 100), slice(95, 120), 1600.0)
+    for name, (rows, columns, z) in squares.items():
+        depth[rows, columns] = z
+        color[rows, columns] = (255, 0, 0) if name == "red" else (0, 255, 0)
+    return color, depth, squares
+
+
+def fitted(color, depth, camera=CAMERA, name="linear", ends=(1000.0, 2000.0), **options):
+    given = values(depth)
+    depth_map = map_depth(name, given, ends, DISPLAY)
+    return fit_picture(color, given, depth_map, DISPLAY, camera=camera, **options)
+
+
+def cell_centres(rgbd):
+    rows, columns = rgbd.shape
+    x = (np.arange(columns) + 0.5 - columns / 2) * rgbd.pixel_mm
+    y = (rows / 2 - np.arange(rows) - 0.5) * rgbd.pixel_mm
+    return np.meshgrid(x, y)
+
+
+@pytest.mark.parametrize("frame_at", [1037.0, 1713.0])
+@pytest.mark.parametrize("principal", [(79.5, 59.5), (70.25, 66.0)])
+def test_squares_lie_where_the_pinhole_formula_puts_them(frame_at, principal):
+    camera = Pinhole(FOCAL, FOCAL, *principal)
+    color, depth, squares = two_squares()
+    rgbd = fitted(color, depth, camera, frame_at=frame_at).rgbd
+    x, y = cell_centres(rgbd)
+    # The frame at `frame_at` is 160 / 200 of it wide and fills the array's 24 mm (or 18 mm).
+    scale = min(24.0 / (160 / FOCAL * frame_at), 18.0 / (120 / FOCAL * frame_at))
+    low, high = DISPLAY.depth_range_mm
+    middle = (79.5 - principal[0], 59.5 - principal[1])
+    for channel, (rows, columns, z) in zip((0, 1), squares.values(), strict=True):
+
+        def place(pixel, centre, off, z=z):
+            return scale * ((pixel - centre) * z - off * frame_at) / FOCAL
+
+        left, right = (
+            place(edge - 0.5, principal[0], middle[0]) for edge in (columns.start, columns.stop)
+        )
+        top, bottom = (
+            -place(edge - 0.5, principal[1], middle[1]) for edge in (rows.start, rows.stop)
+        )
+        inside = (x > left) & (x < right) & (y > bottom) & (y < top)
+        shown = rgbd.color[..., channel] > 0.9
+        assert inside.sum() > 50
+        np.testing.assert_array_equal(shown, inside)
+        expected = low + (2000 - z) / 1000 * (high - low)
+        np.testing.assert_allclose(rgbd.depth_mm[inside], expected, rtol=1e-6)
+
+
+def test_the_wall_behind_a_square_keeps_a_hole_where_the_camera_did_not_see_it():
+    color, depth, squares = two_squares()
+    rgbd = fitted(color, depth, frame_at=2000.0).rgbd
+    # Orthographically the square at 1 m is half as wide as its shadow on the wall at 2 m.
+    x, y = cell_centres(rgbd)
+    scale = 24.0 / (160 / FOCAL * 2000)
+    rows, columns, _ = squares["red"]
+    edges = [scale * (e - 0.5 - 79.5) * 2000 / FOCAL for e in (columns.start, columns.stop)]
+    heights = [-scale * (e - 0.5 - 59.5) * 2000 / FOCAL for e in (rows.start, rows.stop)]
+    shadow = (x > edges[0]) & (x < edges[1]) & (y < heights[0]) & (y > heights[1])
+    red = rgbd.color[..., 0] > 0.9
+    assert (shadow & ~rgbd.covered).sum() > 100
+    np.testing.assert_array_equal(rgbd.covered[shadow], red[shadow])
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.5, 2.0])
+def test_a_tilted_plane_has_no_crack_and_keeps_its_depths(slope):
+    """Z = 1500 + slope X, magnified: neighbouring samples are several cells apart."""
+    display = small_display(columns=60, rows=60)
+    rows, columns = 40, 50
+    camera = Pinhole(100.0, 100.0, 24.5, 19.5)
+    j = np.arange(columns)
+    depth = np.tile(1500 / (1 - slope * (j - 24.5) / 100), (rows, 1))
+    given = values(depth)
+    ends = float(depth.min()), float(depth.max()) + 100.0
+    depth_map = map_depth("linear", given, ends, display)
+    made = fit_picture(
+        np.zeros((rows, columns, 3), np.uint8), given, depth_map, display, camera=camera,
+        frame_at=1500.0, pixels_per_pitch=7,
+    )  # fmt: skip
+    rgbd = made.rgbd
+    x, y = cell_centres(rgbd)
+    space = 1500 + slope * x / made.scale  # the plane again, from the cell's place
+    expected = depth_map.offset_mm + depth_map.slope * space
+    # The outermost half samples have a neighbour on one side only.
+    u, v = x / made.scale / space * 100, y / made.scale / space * 100
+    inside = (np.abs(u) < 24) & (np.abs(v) < 19)
+    assert inside.sum() > 2000
+    assert rgbd.covered[inside].all()
+    np.testing.assert_allclose(rgbd.depth_mm[inside], expected[inside], atol=2e-4)
+
+
+def test_a_line_one_pixel_wide_stays():
+    color, depth = np.zeros((*SHAPE, 3), np.uint8), np.full(SHAPE, 2000.0)
+    depth[:, 80], color[:, 80] = 1000.0, 255
+    rgbd = fitted(color, depth, frame_at=1000.0).rgbd
+    assert (rgbd.color[..., 0] > 0.9).any(axis=1).sum() == pytest.approx(90, abs=1)
+
+
+def test_an_orthographic_picture_fills_the_array_at_every_depth():
+    color, depth, squares = two_squares()
+    rgbd = fitted(color, depth, camera=None).rgbd
+    x, y = cell_centres(rgbd)
+    on_array = (np.abs(x) < 12) & (np.abs(y) < 9)
+    assert rgbd.covered[on_array].all()
+    assert not rgbd.covered[~on_array].any()
+    rows, columns, _ = squares["red"]
+    inside = (x > columns.start * 0.15 - 12) & (x < columns.stop * 0.15 - 12)
+    inside &= (y < 9 - rows.start * 0.15) & (y > 9 - rows.stop * 0.15)
+    shown = rgbd.color[..., 0] > 0.9
+    np.testing.assert_array_equal(shown, inside)
+
+
+def test_colour_of_a_picture_finer_than_the_cells_is_its_mean_light():
+    """A chessboard of black and white single pixels, eight to a cell: half the light."""
+    rows, columns = 18 * 5 * 8, 24 * 5 * 8
+    board = np.indices((rows, columns)).sum(axis=0) % 2 * 255
+    color = np.repeat(board[..., None], 3, axis=2).astype(np.uint8)
+    rgbd = fitted(color, np.full((rows, columns), 1000.0), camera=None).rgbd
+    np.testing.assert_allclose(rgbd.color[rgbd.covered], 0.5, atol=1e-6)
+
+
+def test_two_surfaces_in_a_cell_do_not_mix():
+    rows, columns = 18 * 5 * 8, 24 * 5 * 8
+    depth = np.full((rows, columns), 2000.0)
+    color = np.zeros((rows, columns, 3), np.uint8)
+    depth[:, : columns // 2 + 5], color[:, : columns // 2 + 5] = 1000.0, 255
+    rgbd = fitted(color, depth, camera=None).rgbd
+    shown = rgbd.color[rgbd.covered][:, 0]
+    assert set(np.unique(shown)) == {np.float32(0), np.float32(1)}
+    depths = np.unique(rgbd.depth_mm[rgbd.covered])
+    assert len(depths) == 2
+
+
+def test_missing_depth_stays_a_hole_and_true_black_does_not():
+    color, depth = np.zeros((*SHAPE, 3), np.uint8), np.full(SHAPE, 1500.0)
+    depth[40:80, 40:80] = np.nan
+    rgbd = fitted(color, depth, camera=None).rgbd
+    x, y = cell_centres(rgbd)
+    hole = (x > 40 * 0.15 - 12) & (x < 80 * 0.15 - 12) & (y < 9 - 6) & (y > 9 - 12)
+    assert not rgbd.covered[hole].any()
+    assert rgbd.covered[(np.abs(x) < 12) & (np.abs(y) < 9) & ~hole].all()
+
+
+def test_linear_map_takes_near_to_the_front_and_far_to_the_back():
+    low, high = DISPLAY.depth_range_mm
+    for ends, large in (((1000.0, 3000.0), False), ((3000.0, 1000.0), True)):
+        made = map_depth("linear", values([[ends[0], ends[1]]], large), ends, DISPLAY)
+        assert made.z_mm(np.array(ends)) == pytest.approx([high, low])
+        assert made.z_mm(np.array([2000.0])) == pytest.approx([(low + high) / 2])
+
+
+def test_a_flat_picture_goes_to_the_central_depth_plane():
+    made = map_depth("linear", values([[5.0]]), (5.0, 5.0), DISPLAY)
+    assert made.z_mm(np.array([5.0])) == pytest.approx([DISPLAY.central_depth_mm])
+
+
+def test_reciprocal_map_keeps_proportions_and_clips_beyond_its_ratio():
+    """L = D (near + far) / 2d; whole up to far / near = 1 + span / D, clipped beyond."""
+    low, high = DISPLAY.depth_range_mm
+    d = DISPLAY.central_depth_mm
+    whole = 1 + DISPLAY.depth_span_mm / d
+    for ratio, clips in ((whole * 0.999, False), (whole * 1.01, True)):
+        near, far = 1000.0, 1000.0 * ratio
+        made = map_depth("reciprocal", values([[near, far]]), (near, far), DISPLAY)
+        exact = d * (near + far) / (2 * np.array([near, far]))
+        assert (exact[0] > high) == clips
+        np.testing.assert_allclose(made.z_mm(np.array([near, far])), np.clip(exact, low, high))
+    depth = np.full(SHAPE, 2000.0)
+    depth[:, :40] = 500.0
+    made = fitted(np.zeros((*SHAPE, 3), np.uint8), depth, None, "reciprocal", (500.0, 2000.0))
+    assert made.clipped == pytest.approx(1 / 4)
+
+
+def test_reciprocal_map_refuses_a_display_that_shows_behind_its_array():
+    virtual = small_display(gap_mm=2.7)
+    with pytest.raises(UsageError, match=r"central depth plane at -27"):
+        map_depth("reciprocal", values([[1.0, 2.0]]), (1.0, 2.0), virtual)
+
+
+def test_an_orthographic_picture_with_reciprocal_depth_keeps_a_plane_plane():
+    """1 / Z of a plane is affine in the pixel, and so is then z on the display."""
+    j, i = np.meshgrid(np.arange(160), np.arange(120))
+    inverse = (1 + 0.002 * (j - 79.5) + 0.001 * (i - 59.5)) / 1500
+    ends = (float(1 / inverse.max()), float(1 / inverse.min()))
+    made = fitted(np.zeros((*SHAPE, 3), np.uint8), 1 / inverse, None, "reciprocal", ends)
+    x, y = cell_centres(made.rgbd)
+    inside = (np.abs(x) < 11.7) & (np.abs(y) < 8.7)
+    design = np.stack([x[inside], y[inside], np.ones(inside.sum())], axis=1)
+    z = made.rgbd.depth_mm[inside]
+    plane, *_ = np.linalg.lstsq(design, z, rcond=None)
+    assert np.ptp(z) > 5
+    np.testing.assert_allclose(design @ plane, z, atol=1e-4)
+
+
+def test_what_lies_beyond_the_range_is_taken_to_its_end_or_left_out():
+    color, depth, _ = two_squares()
+    clipped = fitted(color, depth, ends=(1000.0, 1800.0), frame_at=1800.0)
+    dropped = fitted(color, depth, ends=(1000.0, 1800.0), frame_at=1800.0, drop=True)
+    share = (depth > 1800).mean()
+    assert clipped.clipped == dropped.clipped == pytest.approx(share)
+    wall = dropped.rgbd.covered & (dropped.rgbd.color[..., :2].max(axis=-1) < 0.9)
+    assert not wall.any()
+    assert clipped.empty < 0.2 < dropped.empty
+
+
+def test_the_range_passes_over_stray_pixels_unless_stated():
+    depth = np.full(SHAPE, 1000.0)
+    depth[60:] = 2000.0
+    depth[0, :20] = 65_000.0
+    assert depth_range(values(depth)) == (1000.0, 2000.0)
+    assert depth_range(values(depth), 900.0, 3000.0) == (900.0, 3000.0)
+    with pytest.raises(UsageError, match="--near 3000 --far 900"):
+        depth_range(values(depth), 3000.0, 900.0)
+
+
+def test_the_slope_of_a_depth_map_never_turns_the_order_round():
+    for display in (*DISPLAYS.values(), small_display(gap_mm=2.7)):
+        made = map_depth("linear", values([[1.0, 2.0]]), (1.0, 2.0), display)
+        assert isinstance(made, DepthMap)
+        z = made.z_mm(np.linspace(1, 2, 50))
+        assert (np.diff(z) < 0).all()

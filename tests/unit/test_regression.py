@@ -1,0 +1,435 @@
+"""Statistics of regression checks, against other methods and simulated noise of known law."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from inim.regression import log_ratios, score_interval, tile_statistics, view_scores, view_tile
+from inim.regression.fixed_picture import (
+    compare_fingerprints,
+    fingerprint,
+    fixed_picture,
+    picture_sha256,
+    sampled_pixels,
+)
+from inim.regression.inference import (
+    FALSE_ALARM_RATE,
+    binomial_interval,
+    freedom_of_sum,
+    shift_of,
+    sidak,
+    welch_half_width,
+    welch_p_value,
+)
+from inim.regression.pictures import codes_from_linear, compare_noise, compare_pictures
+from inim.regression.scores import ScoreEstimate, compare_scores
+from inim.regression.tiles import eia_tile
+from inim.regression.times import MOST_SLOWDOWN, compare_times
+from inim.regression.verdict import Verdict, all_passed, within
+from tests.conftest import small_display
+
+# Of the fixed picture on a display of 12 x 10 lenses: whole numbers and single divisions only.
+SHA256 = "f2f0938f306bcae96356de2e46dec045be511a7a0ff289a43ca3e930eac147d5"
+
+# --- Inference, against SciPy -------------------------------------------------------------------
+
+
+def test_sidak_s_level_makes_the_family_s_whole():
+    assert 1 - (1 - sidak(0.05, 1000)) ** 1000 == pytest.approx(0.05)
+    assert sidak(0.05, 1) == pytest.approx(0.05)
+
+
+def test_welch_s_test_agrees_with_scipy_s():
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(0, 1, 9), rng.normal(0.8, 3, 14)
+    sides = [np.asarray(x) for x in (stats.sem(a), len(a) - 1, stats.sem(b), len(b) - 1)]
+    expected = stats.ttest_ind(b, a, equal_var=False)
+    difference = np.asarray(b.mean() - a.mean())
+    assert welch_p_value(difference, *sides) == pytest.approx(expected.pvalue)
+    low, high = expected.confidence_interval(0.99)
+    assert 2 * welch_half_width(*sides, 0.01) == pytest.approx(high - low)
+
+
+def test_noiseless_means_differ_surely_or_not_at_all():
+    nothing, one = np.zeros(2), np.ones(2)
+    p = welch_p_value(np.array([0.0, 1e-9]), nothing, one, nothing, one)
+    assert p.tolist() == [1.0, 0.0]
+
+
+def test_binomial_interval_agrees_with_scipy_s():
+    for count in (0, 3, 40):
+        expected = stats.binomtest(count, 40).proportion_ci(0.99, method="exact")
+        assert binomial_interval(count, 40, 0.01) == pytest.approx((expected.low, expected.high))
+
+
+def test_freedom_of_a_sum_is_the_number_of_its_terms_when_they_are_alike():
+    rng = np.random.default_rng(2)
+    terms = np.square(rng.normal(size=(4000, 50)))
+    freedom = freedom_of_sum(terms.sum(axis=1), np.square(terms).sum(axis=1))
+    assert np.median(freedom) == pytest.approx(50, rel=0.1)
+    alone = np.zeros(50)
+    alone[7] = 3.0
+    assert freedom_of_sum(alone.sum(), np.square(alone).sum()) == 1.0
+
+
+def test_shift_s_p_value_agrees_with_scipy_s():
+    rng = np.random.default_rng(3)
+    a, b = rng.normal(0, 1, 9), rng.normal(0.5, 1, 11)
+    expected = stats.mannwhitneyu(b, a, method="exact").pvalue
+    assert shift_of(b, a, 0.05).p_value == pytest.approx(expected)
+
+
+def test_shift_s_interval_holds_the_shift_as_often_as_it_says():
+    rng = np.random.default_rng(4)
+    held = 0
+    for _ in range(1000):
+        found = shift_of(rng.standard_t(2, 12) + 0.7, rng.standard_t(2, 12), 0.1)
+        held += found.low <= 0.7 <= found.high
+    assert 0.88 <= held / 1000 <= 0.96
+
+
+def test_nine_rounds_on_each_side_bound_a_shift_at_the_family_s_level():
+    found = shift_of(np.arange(9) + 100.0, np.arange(9) / 10, sidak(FALSE_ALARM_RATE, 5))
+    assert 0 < found.low <= found.value <= found.high < math.inf
+
+
+# --- Tiles --------------------------------------------------------------------------------------
+
+
+def rendered(rng, scene, noise):
+    """Two halves of a picture: the scene with independent noise."""
+    first, second = (scene + noise * rng.normal(size=scene.shape) for _ in "ab")
+    return first.astype(np.float32), second.astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A smooth picture with an edge, 64 x 80."""
+    y, x = np.mgrid[0:64, 0:80]
+    grey = 0.3 + 0.2 * np.sin(x / 9) * np.cos(y / 7) + 0.2 * (x > 41)
+    return np.stack([grey, 0.8 * grey, 0.5 * grey], axis=-1)
+
+
+def statistics(rng, scene, noise=0.05):
+    return {"truth/a": tile_statistics(*rendered(rng, scene, noise), view_tile(scene.shape[:2]))}
+
+
+def test_tiles_hold_the_means_of_the_picture(scene):
+    found = tile_statistics(scene, scene, (8, 8))
+    blocks = scene.reshape(8, 8, 10, 8, 3)
+    np.testing.assert_allclose(found.mean, blocks.mean(axis=(1, 3)), rtol=1e-6)
+    np.testing.assert_allclose(found.power, np.square(blocks).mean(axis=(1, 3, 4)), rtol=1e-6)
+    assert not found.mean_error.any()
+
+
+def test_last_tiles_are_cut_and_count_what_they_have(scene):
+    found = tile_statistics(scene[:61, :75], scene[:61, :75], (8, 8))
+    assert found.mean.shape == (8, 10, 3)
+    np.testing.assert_allclose(found.mean[-1, -1], scene[56:61, 72:75].mean(axis=(0, 1)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("repeat", [1, 4])
+def test_errors_are_as_large_as_the_means_really_vary(scene, repeat):
+    """Also where neighbours show the same pixel, as in the EIA of a generator."""
+    rng = np.random.default_rng(5)
+    exact = scene.reshape(4, 16, 5, 16, 3).mean(axis=(1, 3))
+    p = []
+    for _ in range(100):
+        noise = 0.1 * rng.normal(size=(2, 64 // repeat, 80 // repeat, 3))
+        halves = scene + noise.repeat(repeat, axis=1).repeat(repeat, axis=2)
+        found = tile_statistics(*halves, (16, 16), generated=repeat > 1)
+        p.append(2 * stats.t.sf(np.abs(found.mean - exact) / found.mean_error, found.freedom))
+    for level in (0.3, 0.1, 0.02):
+        assert 0.4 * level < np.mean(np.array(p) < level) < 1.15 * level
+
+
+def test_power_does_not_depend_on_the_noise(scene):
+    rng = np.random.default_rng(6)
+    exact = np.square(scene).mean()
+    for noise in (0.02, 0.3):
+        powers = [statistics(rng, scene, noise)["truth/a"].power.mean() for _ in range(40)]
+        assert np.mean(powers) == pytest.approx(exact, abs=4 * float(np.std(powers)) / 40**0.5)
+
+
+def test_tile_of_an_eia_is_one_elemental_image_or_a_block_of_them():
+    assert eia_tile((408, 408), (24, 24)) == (17, 17)
+    assert eia_tile((1088, 1088), (64, 64)) == (34, 34)
+    assert eia_tile((1080, 2400), (68, 152)) == (48, 79)  # 15.9 and 15.8 pixels per lens
+
+
+# --- Verdicts on pictures -----------------------------------------------------------------------
+
+
+def test_codes_are_those_of_srgb():
+    from inim.color import srgb_from_linear
+
+    values = np.linspace(0, 1, 999)
+    np.testing.assert_allclose(codes_from_linear(values), 255 * srgb_from_linear(values), atol=1e-3)
+    assert codes_from_linear(np.array(-0.2)) == -codes_from_linear(np.array(0.2))
+
+
+def test_fresh_noise_is_no_change(scene):
+    """Also where one side has far fewer samples. 0.3 alarms are expected, 2 are allowed."""
+    rng = np.random.default_rng(7)
+    old = statistics(rng, scene)
+    noises = [0.05] * 200 + [0.3] * 100
+    found = [compare_pictures(old, statistics(rng, scene, noise))[0] for noise in noises]
+    assert sum(not verdict.passed for verdict in found) <= 2
+
+
+def test_p_values_of_fresh_noise_are_as_frequent_as_they_say(scene):
+    from inim.regression.pictures import tile_change
+
+    rng = np.random.default_rng(8)
+    old, p = statistics(rng, scene)["truth/a"], []
+    for _ in range(200):
+        new = statistics(rng, scene, 0.1)["truth/a"]
+        p.append(tile_change(old, new, 0.01).p_value[..., :3])
+    for level in (0.1, 0.01, 0.001):
+        assert 0.5 * level < np.mean(np.array(p) < level) < 1.3 * level
+
+
+def test_firefly_is_no_change(scene):
+    rng = np.random.default_rng(9)
+    first, second = rendered(rng, scene, 0.02)
+    first[20, 30] += 500
+    found = {"truth/a": tile_statistics(first, second, (8, 8))}
+    assert compare_pictures(statistics(rng, scene, 0.02), found)[0].passed
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        lambda s: (s + np.roll(s, 1, axis=1)) / 2,
+        lambda s: s[:, ::-1],
+        lambda s: np.power(s, 2.2),
+        lambda s: s * np.array([1, 1.05, 1]),
+        lambda s: s + 0.15 * (np.indices(s.shape).sum(axis=0) % 2 * 2 - 1) * _spot(s),
+    ],
+    ids=["half a pixel", "mirrored", "gamma twice", "green by 5 %", "pattern of mean 0 in a tile"],
+)
+def test_planted_change_of_a_picture_is_found(scene, plant):
+    rng = np.random.default_rng(10)
+    changed = statistics(rng, plant(scene), 0.02)
+    verdict = compare_pictures(statistics(rng, scene, 0.02), changed)[0]
+    assert not verdict.passed
+    assert abs(verdict.value) > verdict.limit
+    assert verdict.p_value < 1e-6
+
+
+def _spot(scene):
+    spot = np.zeros(scene.shape)
+    spot[16:24, 16:24] = 1
+    return spot
+
+
+def test_change_below_one_code_is_none_however_sure(scene):
+    old, new = ({"truth/a": tile_statistics(s, s, (8, 8))} for s in (scene, scene * 1.008))
+    verdict = compare_pictures(old, new)[0]
+    assert verdict.passed
+    assert 0.5 < verdict.value < 1
+    assert verdict.p_value == 0
+
+
+@pytest.mark.parametrize("how", ["missing", "nan", "smaller"])
+def test_picture_that_is_not_there_fails(scene, how):
+    rng = np.random.default_rng(11)
+    old, bad = statistics(rng, scene), scene.copy()
+    if how == "nan":
+        bad[30, 30, 1] = np.nan
+    new = {} if how == "missing" else statistics(rng, bad[:-8] if how == "smaller" else bad)
+    verdict = compare_pictures(old, new)[0]
+    assert not verdict.passed
+    assert verdict.detail
+
+
+def test_noise_of_half_the_samples_fails_and_of_a_twentieth_fewer_does_not(scene):
+    rng = np.random.default_rng(12)
+    old = statistics(rng, scene, 0.05)
+    for share, passed in ((0.95, True), (0.5, False), (2.0, True)):
+        found = compare_noise(old, statistics(rng, scene, 0.05 / math.sqrt(share)))
+        assert found.passed is passed
+        assert found.value == pytest.approx(1 / math.sqrt(share), rel=0.05)
+        assert found.interval[0] <= found.value <= found.interval[1]
+
+
+# --- Scores -------------------------------------------------------------------------------------
+
+
+def seen(rng, scene, noise):
+    first, second = rendered(rng, scene, noise)
+    return (first + second) / 2, first, second
+
+
+def test_score_s_error_is_as_large_as_the_score_really_varies(scene):
+    """Rather too large than too small: these pixels are not coupled by lenses."""
+    rng = np.random.default_rng(13)
+    big = np.tile(scene, (2, 2, 1))
+    made = np.roll(big, 1, axis=0)
+    found = [view_scores(seen(rng, big, 0.03), seen(rng, made, 0.03)) for _ in range(40)]
+    for name in ("ssim", "psnr_db"):
+        values = [one[name].value for one in found]
+        errors = [one[name].error for one in found]
+        assert 0.85 < np.sqrt(np.mean(np.square(errors))) / np.std(values) < 1.6, name
+
+
+def test_score_s_bias_is_what_noise_adds_to_it(scene):
+    rng = np.random.default_rng(14)
+    made = np.roll(scene, 1, axis=0)
+    clean = view_scores((scene, scene, scene), (made, made, made))
+    found = [view_scores(seen(rng, scene, 0.01), seen(rng, made, 0.01)) for _ in range(30)]
+    for name in ("ssim", "psnr_db"):
+        gap = np.mean([one[name].value for one in found]) - clean[name].value
+        assert np.mean([one[name].bias for one in found]) == pytest.approx(gap, rel=0.3)
+
+
+def test_scores_are_those_of_the_report(scene):
+    from inim import metrics
+
+    made = np.roll(scene, 1, axis=0)
+    found = view_scores((scene, scene, scene), (made, made, made))
+    assert found["ssim"].value == pytest.approx(metrics.ssim(scene, made))
+    assert found["psnr_db"].value == pytest.approx(metrics.psnr_db(scene, made))
+
+
+def compared(old, new, **more):
+    return compare_scores({"a/left": {"ssim": old}}, {"a/left": {"ssim": new}}, **more)[0]
+
+
+def test_score_beyond_noise_and_size_fails_either_way():
+    sure = ScoreEstimate(0.90, 0.0005, 30, 0.0)
+    for value, passed in ((0.90, True), (0.904, True), (0.88, False), (0.92, False)):
+        assert compared(sure, ScoreEstimate(value, 0.0005, 30, 0.0)).passed is passed
+    unsure = ScoreEstimate(0.88, 0.02, 30, 0.0)
+    assert compared(sure, unsure).passed
+
+
+def test_score_moved_by_fewer_samples_alone_passes():
+    old, new = ScoreEstimate(0.9, 1e-4, 50, -0.1), ScoreEstimate(0.89, 1e-4, 50, -0.11)
+    assert not compared(old, new).passed
+    assert compared(old, new, noise_ratio=math.sqrt(1.1)).passed
+
+
+def test_score_that_is_no_number_or_missing_fails():
+    sure = ScoreEstimate(0.90, 0.0005, 30, 0.0)
+    assert not compared(sure, ScoreEstimate(math.nan, 0.0005, 30, 0.0)).passed
+    assert not compared(sure, ScoreEstimate(0.9, math.nan, 30, 0.0)).passed
+    assert not compare_scores({"a/left": {"ssim": sure}}, {"a/right": {"ssim": sure}})[0].passed
+
+
+def test_identical_pictures_stay_identical_and_nothing_else():
+    same = ScoreEstimate(math.inf, 0.0, 1.0, 0.0)
+    assert compared(same, same).passed
+    assert not compared(same, ScoreEstimate(40.0, 0.1, 9, 0.0)).passed
+
+
+def test_interval_of_a_score_is_student_s():
+    low, high = score_interval(ScoreEstimate(0.9, 0.01, 7, 0.0))
+    assert (low, high) == pytest.approx(stats.t.interval(0.95, 7, 0.9, 0.01))
+
+
+# --- Times --------------------------------------------------------------------------------------
+
+
+def rounds(rng, slowdown=1.0, spread=0.05, session=0.0):
+    """Rounds on a machine that is interrupted in one of ten, in log ratios."""
+    yardstick = 1e-3 * np.exp(spread * rng.normal(size=31))
+    times = 2e-3 * slowdown * np.exp(spread * rng.normal(size=31) + session * rng.normal())
+    times[rng.random(31) < 0.1] *= 4
+    return {"template": log_ratios(times, yardstick)}
+
+
+def test_generator_slower_by_30_percent_fails_and_noise_does_not():
+    rng = np.random.default_rng(15)
+    slow = [compare_times(rounds(rng), rounds(rng, 1.3))[0].passed for _ in range(200)]
+    same = [compare_times(rounds(rng), rounds(rng, 1, 0.08, 0.02))[0].passed for _ in range(400)]
+    assert sum(slow) <= 2
+    assert all(same)
+
+
+def test_faster_generator_passes_and_its_gain_shows():
+    rng = np.random.default_rng(16)
+    verdict = compare_times(rounds(rng), rounds(rng, 0.5))[0]
+    assert verdict.passed
+    assert verdict.value == pytest.approx(0.5, rel=0.1)
+    assert verdict.interval[1] < 1
+
+
+def test_small_slowdown_passes_however_sure():
+    old, new = ({"a": tuple(s + 1e-4 * n for n in range(15))} for s in (0.0, math.log(1.1)))
+    verdict = compare_times(old, new)[0]
+    assert verdict.passed
+    assert 1 < verdict.interval[0] < verdict.value < MOST_SLOWDOWN == verdict.limit
+
+
+def test_too_few_rounds_are_no_measurement():
+    assert not compare_times({"a": (0.0,) * 15}, {"a": (0.0,) * 8})[0].passed
+    assert not compare_times({"a": (0.0,) * 15}, {})[0].passed
+
+
+# --- The fixed picture --------------------------------------------------------------------------
+
+
+def test_looked_at_pixels_lie_in_every_lens_and_none_is_looked_at_twice():
+    for display in (small_display(24, 24, 17), small_display(16, 12, 17), small_display(9, 7, 20)):
+        at = sampled_pixels(display)
+        assert len(set(at.tolist())) == len(at) == min(8192, display.lensed.sum())
+        row, column = np.divmod(at, display.eia_shape[1])
+        each = display.eia_shape[0] // display.lens_rows
+        counts = np.bincount((row // each) * display.lens_columns + column // each)
+        assert counts.min() > 0.4 * counts.mean()
+
+
+def test_fixed_picture_is_the_same_everywhere_and_covers_the_depth_range():
+    display = small_display(12, 10, 17)
+    rgbd = fixed_picture(display, (80, 96), 0.2)
+    assert picture_sha256(rgbd) == SHA256
+    low, high = display.depth_range_mm
+    depth = (rgbd.depth_mm[rgbd.covered] - low) / (high - low)
+    assert 0 < depth.min() < 0.1
+    assert 0.9 < depth.max() < 1
+    assert 0.6 < rgbd.covered.mean() < 0.95
+    same = (rgbd.color[:, 1:] == rgbd.color[:, :-1]).all(axis=-1) & rgbd.covered[:, 1:]
+    assert not (same & rgbd.covered[:, :-1]).any()
+
+
+def printed(eia, *, exact):
+    display = small_display(12, 10, 17)
+    return fingerprint(fixed_picture(display, (80, 96), 0.2), eia, display, exact=exact)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_changed_pixels_are_counted_and_an_exact_path_may_have_none(exact):
+    display, rng = small_display(12, 10, 17), np.random.default_rng(17)
+    eia = rng.random((*display.eia_shape, 3), np.float32)
+    old = {"a": printed(eia, exact=exact)}
+    assert compare_fingerprints(old, {"a": printed(eia.copy(), exact=exact)})[0].passed
+    rounded = compare_fingerprints(old, {"a": printed(eia + np.float32(1e-6), exact=exact)})[0]
+    assert rounded.passed is not exact
+    changed = np.where(rng.random(eia.shape[:2])[..., None] < 0.01, 1 - eia, eia)
+    verdict = compare_fingerprints(old, {"a": printed(changed, exact=exact)})[0]
+    assert not verdict.passed
+    assert verdict.interval[0] <= 0.01 <= verdict.interval[1]
+    assert not compare_fingerprints(old, {})[0].passed
+
+
+# --- Verdicts -----------------------------------------------------------------------------------
+
+
+def test_nothing_compared_has_not_passed():
+    assert not all_passed([])
+    good = within("a", "score", 0.0, 0.1, 0.1)
+    assert all_passed([good])
+    assert not all_passed([good, within("b", "score", math.nan, 0.1, 0.1)])
+
+
+def test_verdict_is_a_line_and_a_check_with_all_its_numbers():
+    found = within("a: b", "score", -0.02, 0.004, 0.001, unit="dB", detail="why")
+    assert found.line() == "FAILED  a: b: -0.02 dB (-0.024 to -0.016), within ±0.004; why"
+    check = found.as_check()
+    assert {"name", "value", "limit", "interval", "passed"} <= check.keys()
+    assert isinstance(found, Verdict)
