@@ -102,6 +102,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_film(commands)
     _add_inspect(commands)
     _add_generate(commands)
+    _add_export(commands)
+    _add_depth(commands)
     _add_backend_commands(commands)
     algorithms = commands.add_parser("algorithms", help="list the algorithms and their options")
     algorithms.set_defaults(run=_algorithms)
@@ -332,6 +334,22 @@ def _add_stress(commands: Commands) -> None:
     )
     command.add_arguments(parser)
     parser.set_defaults(run=command.run)
+
+
+def _add_export(commands: Commands) -> None:
+    from inim.jobs import export
+
+    parser = commands.add_parser("export", help="write an EIA's views: pictures, HCI, quilt")
+    export.add_arguments(parser)
+    parser.set_defaults(run=export.run)
+
+
+def _add_depth(commands: Commands) -> None:
+    from inim.jobs import depth
+
+    parser = commands.add_parser("depth", help="estimate the depth of a photograph")
+    depth.add_arguments(parser)
+    parser.set_defaults(run=depth.run)
 
 
 def _add_backend_commands(commands: Commands) -> None:

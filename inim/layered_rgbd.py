@@ -52,7 +52,8 @@ class LayeredRGBD(RGBD):
     Raises
     ------
     UsageError
-        As `RGBD`; a back in front of its front, or a layer without the one before it.
+        As `RGBD`; a back in front of its front, or a layer without or in front of the one before
+        it.
     """
 
     back_mm: NDArray[np.float32]
@@ -62,7 +63,7 @@ class LayeredRGBD(RGBD):
         super().__post_init__()
         object.__setattr__(self, "back_mm", np.array(self.back_mm, np.float32))
         object.__setattr__(self, "deeper", tuple(self.deeper))
-        above = self.covered
+        above, before = self.covered, self.layers[0]
         for number, layer in enumerate(self.layers):
             if layer.color.shape != self.color.shape or layer.color.dtype != self.color.dtype:
                 raise UsageError(
@@ -86,7 +87,11 @@ class LayeredRGBD(RGBD):
                 raise UsageError(
                     f"LayeredRGBD: layer {number} covers pixels that the layer before it does not"
                 )
-            above = layer.covered
+            if number and (front > before.front_mm[layer.covered]).any():
+                raise UsageError(
+                    f"LayeredRGBD: layer {number} begins in front of the layer before it"
+                )
+            above, before = layer.covered, layer
 
     @property
     def layers(self) -> tuple[Layer, ...]:

@@ -14,6 +14,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from inim.errors import FileError, SceneError, UsageError
+from inim.scene_folder import SceneFolder
 from inim.scene_parameters import SceneParameters
 from inim.settings import PREFIX
 
@@ -27,15 +28,10 @@ _MOST_INCLUDES = 64
 # Each shape, material and light costs Mitsuba up to a millisecond and a kernel some branches.
 _MOST_PLUGINS = 10_000
 _LARGEST_BYTES = 64 * 2**20
-# Places where files are looked for (folders of included files, <path> elements), and files named.
-_MOST_PLACES = 64
-_MOST_FILES = 4096
-_MOST_FILE_BYTES = 2**32
 _MESH_TYPES = frozenset({"ply", "obj", "serialized"})
 _VOLUME_TYPES = frozenset({"gridvolume", "sdfgrid"})
 # Of images; whatever the name ends with, the renderer goes by the content.
 _PICTURE_TYPES = frozenset({"bitmap", "envmap"})
-_LIBRARIES = (".so", ".dylib", ".dll")
 # What Mitsuba's own XML reader takes as the same text.
 _ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin1", "utf-16")
 _PLUGIN = re.compile(r"\w+", re.ASCII)
@@ -116,7 +112,7 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
         raise FileError(f"{path}: cannot be found ({error.strerror}); give its full path") from None
     scan = _Scan(folder, definitions)
     scan.read(path, shown=str(path), level=0)
-    scan.settle(str(path))
+    scan.folder.settle(str(path))
     own = {k: v for k, v in definitions.items() if k.startswith(PREFIX)}
     for key in definitions.keys() - own.keys() - scan.defaults.keys():
         known = ", ".join(k for k in scan.defaults if not k.startswith(PREFIX)) or "none"
@@ -131,7 +127,7 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
         tuple((kind, file) for kind, file in scan.files if kind in _MESH_TYPES),
         tuple(file for kind, file in scan.files if kind in _PICTURE_TYPES),
         tuple(file for kind, file in scan.files if kind in _VOLUME_TYPES),
-        {name: file for name, (file, _) in scan.named.items()},
+        scan.folder.named,
         scan.hash.hexdigest(),
     )
 
@@ -140,22 +136,21 @@ class _Scan:
     """State of one scan over a scene and its includes."""
 
     def __init__(self, folder: Path, definitions: Mapping[str, str]) -> None:
-        self.folder = folder
-        self.parameters = SceneParameters(definitions)
+        self.folder = SceneFolder(folder)
+        try:
+            self.parameters = SceneParameters(definitions)
+        except ValueError as error:
+            raise UsageError(f"-D: {error}") from None
         self.defaults: dict[str, str] = {}
-        self.files: list[tuple[str, Path]] = []
+        self.files: dict[tuple[str, Path], None] = {}
         self.hash = hashlib.sha256()
-        # Where Mitsuba may look for a name; which of them comes first is its own affair.
-        self.places = {folder: None}
-        self.named: dict[str, tuple[Path, str]] = {}
-        self.digests: dict[Path, bytes] = {}
-        self.elements = self.plugins = self.includes = self.xml_bytes = self.file_bytes = 0
+        self.elements = self.plugins = self.includes = self.xml_bytes = 0
 
     def read(self, path: Path, shown: str, level: int) -> None:
         """Parse one file; `shown` is its name in messages."""
         text = self._bytes(path, shown)
         self.hash.update(text)
-        self._add_place(path.resolve().parent, shown)
+        self.folder.add_place(path.resolve().parent, shown)
         stack: list[tuple[str, str]] = []
         parser = expat.ParserCreate()
 
@@ -183,19 +178,6 @@ class _Scan:
             raise FileError(f"{shown}: broken XML ({error})") from None
         except (LookupError, ValueError) as error:
             raise FileError(f"{shown}: unreadable XML ({error})") from None
-
-    def settle(self, shown: str) -> None:
-        """What only the whole scene tells: names that mean two files, plugins beside the scene."""
-        for name, (path, where) in self.named.items():
-            if self._found(name, where) != path:
-                raise SceneError(f"{where}: {name!r} names several files; rename all but one")
-        # Mitsuba looks for plugins where it looks for files: a library there would be run.
-        for place in (*self.places, Path()):
-            for library in _libraries(place / "plugins"):
-                raise SceneError(
-                    f"{shown}: {library} would be loaded into the renderer and run; move the "
-                    "folder 'plugins' elsewhere"
-                )
 
     def _bytes(self, path: Path, shown: str) -> bytes:
         try:
@@ -238,7 +220,7 @@ class _Scan:
         elif tag == "include":
             self._include(attributes.get("filename", ""), where, level)
         elif tag == "path":
-            self._add_place(self._inside(self.folder, attributes.get("value", ""), where), where)
+            self.folder.add_path(attributes.get("value", ""), where)
         elif tag == "string" and attributes.get("name") == "filename":
             self._names_file(attributes.get("value", ""), stack[-1][1] if stack else "", where)
         elif tag == "spectrum" and "filename" in attributes:
@@ -267,75 +249,10 @@ class _Scan:
         self.includes += 1
         if self.includes > _MOST_INCLUDES or level >= _DEEPEST // 4:
             raise SceneError(f"{where}: more than {_MOST_INCLUDES} includes, or a circle of them")
-        path = self._found(name, where) or self._inside(self.folder, name, where)
-        self.named.setdefault(name, (path, where))
+        path = self.folder.included(name, where)
         self.read(path, shown=f"{where}: {name}", level=level + 1)
 
     def _names_file(self, name: str, kind: str, where: str) -> None:
-        path = self._found(name, where)
-        if path is None or not path.is_file():
-            raise FileError(f"{where}: {name!r} is not there; paths start at the scene's folder")
-        self.named.setdefault(name, (path, where))
-        if len(self.named) > _MOST_FILES:
-            raise SceneError(f"{where}: names more than {_MOST_FILES} files; simplify the scene")
-        if (kind, path) not in self.files:
-            self.files.append((kind, path))
-        if path not in self.digests:
-            self.digests[path] = self._digest(path, name, where)
-        self.hash.update(self.digests[path])
-
-    def _digest(self, path: Path, name: str, where: str) -> bytes:
-        digest = hashlib.sha256()
-        try:
-            self.file_bytes += path.stat().st_size
-            if self.file_bytes > _MOST_FILE_BYTES:
-                raise SceneError(
-                    f"{where}: with {name!r}, the scene's files hold {self.file_bytes} bytes; at "
-                    f"most {_MOST_FILE_BYTES}"
-                )
-            with path.open("rb") as file:
-                while block := file.read(2**20):
-                    digest.update(block)
-        except OSError as error:
-            raise FileError(f"{where}: {name!r} cannot be read ({error.strerror})") from None
-        return digest.digest()
-
-    def _found(self, name: str, where: str) -> Path | None:
-        """The one file or folder that a name can mean; None where there is none."""
-        places = [self._inside(place, name, where) for place in self.places]
-        try:
-            there = {path for path in places if path.exists()}
-        except OSError as error:
-            raise _unusable(name, where, error) from None
-        if len(there) > 1:
-            raise SceneError(f"{where}: {name!r} names several files; rename all but one")
-        return there.pop() if there else None
-
-    def _add_place(self, place: Path, where: str) -> None:
-        self.places.setdefault(place)
-        if len(self.places) > _MOST_PLACES:
-            raise SceneError(f"{where}: more than {_MOST_PLACES} folders; gather the files in one")
-
-    def _inside(self, place: Path, name: str, where: str) -> Path:
-        try:
-            path = (place / name).resolve()
-        except (OSError, ValueError, RuntimeError) as error:
-            raise _unusable(name, where, error) from None
-        if not path.is_relative_to(self.folder):
-            raise SceneError(
-                f"{where}: {name!r} lies outside the scene's folder; copy it beside the scene"
-            )
-        return path
-
-
-def _unusable(name: str, where: str, error: Exception) -> FileError:
-    cause = getattr(error, "strerror", None) or error
-    return FileError(f"{where}: {name[:120]!r} is no usable file name ({cause})")
-
-
-def _libraries(folder: Path) -> list[str]:
-    """Shared libraries in a folder; none where it cannot be looked into."""
-    try:
-        return sorted(str(p) for p in folder.iterdir() if p.suffix in _LIBRARIES)
-    except OSError:
-        return []
+        path, digest = self.folder.file(name, where)
+        self.files.setdefault((kind, path))
+        self.hash.update(digest)

@@ -17,6 +17,7 @@ from inim.generators.cells import cell_rays
 from inim.viewpoint import Viewpoint
 
 __all__ = [
+    "CHANGED_BY_ROUNDING",
     "FEWEST_DEPTHS",
     "LANDING_PIXELS",
     "LEAST_INDEX",
@@ -34,6 +35,8 @@ STEEPEST_SLOPE = {"pinhole": 1000.0, "thin": 1000.0, "thick": 1.0}
 WIDEST_PANEL_PIXELS = 170_000
 #: Refractive index: nearer to 1, n - 1 loses the digits of float32.
 LEAST_INDEX = 1.01
+#: Largest share of a noise picture's pixels that lengths of too many digits changed.
+CHANGED_BY_ROUNDING = 0.34
 #: Depths a float32 picture must be able to tell within the depth range: those of 8 bits.
 FEWEST_DEPTHS = 256
 
@@ -80,9 +83,9 @@ def _of_generators(display: Display, pixel_mm: float | None) -> list[str]:
     if not _is_exact(display, display.pitch_mm if pixel_mm is None else pixel_mm):
         found.append(
             "the display's lengths have too many digits to be computed with exactly: a ray that "
-            "meets a corner of the picture's pixels may be given to a neighbour (up to 31 % of the "
-            "pixels of a noise picture, reports/stress); round gap_mm, pitch_mm and "
-            "pixel_pitch_mm to six digits"
+            "meets a corner of the picture's pixels may be given to a neighbour (up to "
+            f"{CHANGED_BY_ROUNDING:.0%} of the pixels of a noise picture, reports/stress); round "
+            "gap_mm, pitch_mm and pixel_pitch_mm to six digits"
         )
     low, high = display.depth_range_mm
     farthest = max(abs(low), abs(high))

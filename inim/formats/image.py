@@ -142,7 +142,7 @@ def read_rgbd(path: Path) -> RGBD:
         return LayeredRGBD(
             front.color, front.front_mm, front.covered, pixel_mm, front.back_mm, tuple(deeper)
         )
-    except (IndexError, KeyError, ValueError) as error:
+    except (IndexError, KeyError, TypeError, ValueError) as error:
         raise FileError(
             f"{path}: not an RGB-D picture of inim (two parts, R G B A and Z, with "
             f"inim:pixel_mm); missing {error}"

@@ -10,7 +10,6 @@ A picture without layers is solid all the way back, and shows what `template` sh
 
 from __future__ import annotations
 
-from dataclasses import replace
 from fractions import Fraction
 
 import numba
@@ -18,7 +17,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import PictureShape, SourceGenerator
+from inim.generators.base import PictureShape, SourceGenerator, check_out
 from inim.generators.cells import Aside, cell_rays, free_cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
 from inim.generators.lanes import (
@@ -33,7 +32,7 @@ from inim.generators.lanes import (
     same,
     store,
 )
-from inim.generators.polyphase import Phases, nearest_surface, write_strip
+from inim.generators.polyphase import Phases, write_strip
 from inim.generators.sources import HOLE, Sources
 from inim.generators.subpixels import by_subpixel
 from inim.generators.supersampling import Supersampled, sampled_places
@@ -116,13 +115,13 @@ class _Shared(SourceGenerator):
         self._offset = self._phases.row_offset(self._lists.row) + self._phases.column_offset(
             self._lists.column
         )
-        by_pixel_row = self._lists.first[: -1 : self._lists.pixels]
-        self._reach = self._phases.row_reach(self._lists.row, by_pixel_row)
+        # Offsets run along rows of slots of one phase: which of them each entry lies in.
+        self._phase_row = self._offset // self._phases.depth.shape[3]
         entry = np.roll(self._lists.exit_mm, 1)
         entry[self._lists.first[:-1]] = np.inf
         self._entry = entry
         self._fronts = self._backs = np.empty((0, 0), np.float32)
-        self._index = np.empty((0, 0), np.uint32)
+        self._words = np.empty((0, 0), np.uint32)
         self._nearest = np.empty((0, 0, 0), np.float32)
 
     def _make_room(self, layers: int) -> None:
@@ -132,81 +131,121 @@ class _Shared(SourceGenerator):
         cells = self._phases.depth.size
         self._fronts = np.full((layers, cells), -np.inf, np.float32)
         self._backs = np.full((layers, cells), -np.inf, np.float32)
-        self._index = np.zeros((layers, cells), np.uint32)
-        self._nearest = np.empty((layers, *self._phases.nearest.shape), np.float32)
+        self._words = np.zeros((layers, cells), np.uint32)
+        down, k, _, _ = self._phases.depth.shape
+        strips = self._phases.nearest.shape[1]
+        self._nearest = np.empty((layers, down * k * k, strips), np.float32)
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
+        cells = self.shape[0] * self.shape[1]
+        own = np.arange(cells, dtype=np.uint32).reshape(self.shape)
+        words = [own + np.uint32(n * cells) for n in range(len(_layers(rgbd)))]
+        found = np.empty(self.display.eia_shape, np.int32)
+        self._show(rgbd, words, HOLE % 2**32, found.view(np.uint32))
+        return found
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`; RGBA goes to the panel without a source map between."""
+        if rgbd.color.dtype != np.uint8:
+            return super().generate(rgbd, out)
+        self.check(rgbd)
+        out = check_out(out, rgbd, self.display)
+        words = [
+            np.ascontiguousarray(layer.color).view(np.uint32)[..., 0] for layer in _layers(rgbd)
+        ]
+        self._show(rgbd, words, 0, out.view(np.uint32)[..., 0])
+        return out
+
+    def _show(self, rgbd: RGBD, words: list[np.ndarray], empty: int, out: np.ndarray) -> None:
+        """Show each panel pixel the word of its first hit, all uint32."""
         layers = _layers(rgbd)
         self._make_room(len(layers))
-        cells = self.shape[0] * self.shape[1]
         shape = self._phases.depth.shape
-        own = np.arange(cells, dtype=np.uint32).reshape(self.shape)
         for number, layer in enumerate(layers):
-            index = self._index[number].reshape(shape)
-            nearest = self._nearest[number]
-            backs = self._backs[number].reshape(shape)
-            everywhere = np.ones(self.shape, bool)
-            # The bounds are those of the fronts, filled last.
-            for depth, values, where in (
-                (backs, layer.back_mm, everywhere),
-                (self._fronts[number].reshape(shape), layer.front_mm, layer.covered),
-            ):
-                phases = replace(self._phases, depth=depth, payload=index, nearest=nearest)
-                phases.fill(values, where, own + np.uint32(number * cells))
-        found = np.empty(self.display.eia_shape, np.int32)
-        lenses = self.display.lens_columns
-        pixels = self._lists.pixels
+            self._fronts[number] = -np.inf
+            self._nearest[number] = -np.inf
+            _place(
+                layer.front_mm, layer.back_mm, layer.covered, words[number], *self._phases.origin,
+                self._phases.window[1], self._fronts[number].reshape(shape),
+                self._backs[number].reshape(shape), self._words[number].reshape(shape),
+                self._nearest[number],
+            )  # fmt: skip
+        lenses, pixels = self.display.lens_columns, self._lists.pixels
         _run(
-            self._fronts, self._backs, self._index, self._phases.depth[0].size, self._nearest,
-            self._lists.first, self._offset, self._reach, self._lists.exit_mm, self._entry,
-            np.arange(lenses) * pixels, np.full(lenses, pixels), found.view(np.uint32),
+            self._fronts, self._backs, self._words, self._phases.depth[0].size,
+            shape[1] * shape[2], self._nearest,
+            self._lists.first, self._offset, self._phase_row, self._lists.exit_mm, self._entry,
+            np.arange(lenses) * pixels, np.full(lenses, pixels), np.uint32(empty), out,
         )  # fmt: skip
-        return found
+
+
+@numba.njit(cache=True, nogil=True)
+def _place(  # type: ignore[no-untyped-def]
+    front, back, covered, words, row0, column0, reach, fronts, backs, payload, nearest
+):
+    """Copy what a layer covers into its phases; note the nearest of each row of slots and strip.
+
+    Deep layers cover little, and cost as little.
+    """
+    rows, columns = front.shape
+    down, k, _, across = fronts.shape
+    for r in range(rows):
+        i, p = divmod(r - row0, k)
+        if i < 0 or i >= down:
+            continue
+        for c in range(columns):
+            if covered[r, c]:
+                j, q = divmod(c - column0, k)
+                if 0 <= j < across:
+                    z = front[r, c]
+                    fronts[i, p, q, j], backs[i, p, q, j] = z, back[r, c]
+                    payload[i, p, q, j] = words[r, c]
+                    row = (i * k + p) * k + q
+                    for s in range(nearest.shape[1]):
+                        start = min(s * LANES, across - LANES - reach + 1)
+                        if start <= j < start + LANES + reach - 1 and z > nearest[row, s]:
+                            nearest[row, s] = z
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _run(  # type: ignore[no-untyped-def]
-    fronts, backs, payload, row_stride, nearest, first, offset, reach, exits, entries, columns,
-    widths, out,
+    fronts, backs, payload, row_stride, row_phases, nearest, first, offset, phase_row, exits,
+    entries, columns, widths, empty, out,
 ):  # fmt: skip
     """All lens rows, shared among the threads."""
     pixels = widths[0]
     for m in numba.prange(out.shape[0] // pixels):
         strip = np.empty(pixels * LANES, np.uint32)
-        most = np.empty(len(fronts), np.float32)
         _run_row(
-            np.int64(m), fronts, backs, payload, row_stride, nearest, first, offset, reach, exits,
-            entries, columns, widths, most, strip, out,
+            np.int64(m), fronts, backs, payload, row_stride, row_phases, nearest, first, offset,
+            phase_row, exits, entries, columns, widths, empty, strip, out,
         )  # fmt: skip
 
 
 @numba.njit(cache=True, nogil=True)
 def _run_row(  # type: ignore[no-untyped-def]
-    m, fronts, backs, payload, row_stride, nearest, first, offset, reach, exits, entries, columns,
-    widths, most, strip, out,
+    m, fronts, backs, payload, row_stride, row_phases, nearest, first, offset, phase_row, exits,
+    entries, columns, widths, empty, strip, out,
 ):  # fmt: skip
     """One row of lenses, a panel row and a strip at a time; see `inim.generators.polyphase`."""
-    pixels, lenses = widths[0], len(widths)
+    pixels, lenses, layers = widths[0], len(widths), len(fronts)
     for v in range(pixels):
         for s in range(nearest.shape[2]):
             start = max(min(s * LANES, lenses - LANES), 0)
-            base = m * row_stride + start
-            top, bottom = m + reach[v, 0], m + reach[v, 1]
-            for layer in range(len(fronts)):
-                most[layer] = nearest_surface(nearest[layer], top, bottom, s)
+            base, first_row = m * row_stride + start, m * row_phases
             for u in range(pixels):
                 direction = v * pixels + u
-                k, end = np.uintp(first[direction]), np.uintp(first[direction + 1])
-                while k < end and exits[k] > most[0]:
-                    k += np.uintp(1)
-                searching, shown = all_lanes(), same(np.uint32(0xFFFFFFFF))
-                while k < end:
+                searching, shown = all_lanes(), same(empty)
+                for k in range(np.uintp(first[direction]), np.uintp(first[direction + 1])):
+                    row = first_row + phase_row[k]
+                    # Layers begin ever farther back: where one is out of reach, so are all.
+                    if nearest[0, row, s] < exits[k]:
+                        continue
                     cell = np.uintp(base + offset[k])
                     left, came = same(exits[k]), same(entries[k])
-                    for layer in range(len(fronts)):
-                        # Layers begin ever farther back: where one is out of reach, so are all.
-                        if most[layer] < exits[k]:
+                    for layer in range(layers):
+                        if nearest[layer, row, s] < exits[k]:
                             break
                         reaches = at_least(load(fronts[layer], cell), left)
                         solid = at_least(came, load(backs[layer], cell))
@@ -215,7 +254,6 @@ def _run_row(  # type: ignore[no-untyped-def]
                         searching = but_not(searching, hit)
                     if not any_lane(searching):
                         break
-                    k += np.uintp(1)
                 store(strip, np.uintp(u) * _LANES, shown)
             write_strip(strip, columns, widths, start, pixels, out[m * pixels + v])
 

@@ -9,10 +9,12 @@
 
 from __future__ import annotations
 
+import io
 import re
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import redirect_stderr
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -24,8 +26,6 @@ from inim.errors import InimError, UsageError
 from inim.formats.eia_file import read_eia
 from inim.generators import (
     PICKUP,
-    Generator,
-    SourceGenerator,
     algorithm_names,
     algorithm_summary,
     check_algorithm,
@@ -33,7 +33,6 @@ from inim.generators import (
     prepare,
 )
 from inim.jobs.foreign import blamed, run_generator
-from inim.layered_rgbd import LayeredRGBD
 from inim.regression import fixed_picture
 from inim.rgbd import RGBD
 from inim.viewpoint import is_file_safe
@@ -139,7 +138,7 @@ class Generated(Contender):
 
         def make(_: Ledger, truth: GroundTruth) -> Entry:
             picture, halves = truth.input(layers=self.wants_layers)
-            eia, seconds, empty = self._run(generator, picture, display)
+            eia, seconds, empty = run_generator(self.name, generator, picture, display)
             eia = eia.copy()  # a generator may keep one place to write to
             first, second = (again(rgbd) for rgbd in halves)
             fixed = again(fixed_picture(display, shape, pixel_mm))
@@ -147,19 +146,10 @@ class Generated(Contender):
             return Entry(eia, preparing + seconds, holes, (first - second) / 2, fixed)
 
         def again(rgbd: RGBD) -> np.ndarray:
-            return self._run(generator, rgbd, display)[0].copy()
+            with redirect_stderr(io.StringIO()):  # what it says, it has said
+                return run_generator(self.name, generator, rgbd, display)[0].copy()
 
         return make
-
-    def _run(
-        self, generator: Generator, rgbd: RGBD, display: Display
-    ) -> tuple[np.ndarray, float, np.ndarray | None]:
-        """See `run_generator`, which takes sources for the pixels of one layer."""
-        if not (isinstance(rgbd, LayeredRGBD) and isinstance(generator, SourceGenerator)):
-            return run_generator(self.name, generator, rgbd, display)
-        started = time.perf_counter()
-        eia = generator.generate(rgbd)
-        return eia, time.perf_counter() - started, generator.sources(rgbd) < 0
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from inim.jobs.differences import keep_fixed
 from inim.jobs.ledger import Ledger
 from inim.jobs.plan import Plan
 from inim.jobs.provenance import versions
+from inim.jobs.reconstruction import Seen
 from inim.jobs.truth import GroundTruth
 from inim.regression import (
     Evidence,
@@ -102,7 +103,12 @@ def _three(view: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def contender_findings(
-    job: Ledger, truth: GroundTruth, name: str, eia: Any, seen: Mapping[str, Any], fixed: Any
+    job: Ledger,
+    truth: GroundTruth,
+    name: str,
+    halves: tuple[np.ndarray, np.ndarray],
+    seen: Mapping[str, Seen],
+    fixed: np.ndarray | None,
 ) -> Findings:
     """Statistics and scores of one contender.
 
@@ -111,9 +117,9 @@ def contender_findings(
     job : Ledger
     truth : GroundTruth
     name : str
-    eia : Truth
-        Its EIA, in the two halves that its noise makes of it.
-    seen : mapping of str to Truth
+    halves : two (rows, columns, 3) float32
+        Its EIA, by either half of the samples.
+    seen : mapping of str to Seen
         Its views.
     fixed : (rows, columns, 3) float32, or None
         What it makes of the fixed picture.
@@ -136,7 +142,7 @@ def contender_findings(
         prints[name] = fingerprint(rgbd, fixed, display, exact=exact)
         if plan.baseline is not None:
             keep_fixed(job, name, fixed, prints[name], plan.baseline.fingerprints.get(name))
-    pictures = {f"eia/{name}": tile_statistics(eia.first, eia.second, tile, generated=True)}
+    pictures = {f"eia/{name}": tile_statistics(*halves, tile, generated=True)}
     return Findings(pictures, scores, prints)
 
 

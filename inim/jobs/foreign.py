@@ -111,7 +111,8 @@ def _sources(name: str, generator: Any, rgbd: RGBD, display: Display) -> np.ndar
     with blamed(name, "sources"):
         sources = generator.sources(rgbd)
     _check(name, sources, display.eia_shape, "int32")
-    low, high, pixels = int(sources.min()), int(sources.max()), rgbd.shape[0] * rgbd.shape[1]
+    colors = rgbd.palette
+    low, high, pixels = int(sources.min()), int(sources.max()), colors.shape[0] * colors.shape[1]
     if low < NO_LENS or high >= pixels:
         raise UsageError(
             f"algorithm {name!r} names sources {low} to {high}; this picture has 0 to {pixels - 1},"

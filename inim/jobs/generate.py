@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from inim.pictures.depth_map import DepthMap
     from inim.pictures.depth_values import DepthValues
     from inim.pictures.fit import Fitted
+    from inim.rgbd import RGBD
     from inim.settings import Settings
 
-__all__ = ["add_arguments", "run"]
+__all__ = ["add_arguments", "generate_picture", "generated", "run", "write_outputs"]
 
 _DEFAULT_ALGORITHM = "template"
 _EPILOG = """depth
@@ -32,7 +33,7 @@ _EPILOG = """depth
 
 perspective
   --intrinsics unprojects every sample to its place in space; the array then shows that space, and
-  at the distance --frame-at the camera's picture fits it. --orthographic takes the picture as it is.
+  at the distance --frame-at the camera's picture fits it. --orthographic takes the picture as is.
   Linear depth keeps an unprojected scene straight, reciprocal depth an orthographic one.
 """
 
@@ -45,6 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--color", type=Path, metavar="FILE", help="PNG, JPEG, ... (sRGB) or EXR (linear)")
     add("--depth", type=Path, metavar="FILE", help=".png, .pgm, .tif, .exr, .pfm or .npy")
+    add("--hci", type=Path, metavar="DIR", help="instead of both: an HCI 4D light field")
+    add("--true-views", action="store_true", help="with --hci: of all views, not of the centre one")
     add("--depth-unit", metavar="UNIT", help="mm, cm, m, units per metre (5000), or none")
     add("--intrinsics", metavar="FX,FY,CX,CY", help="of the camera, pixels of the colour picture")
     add("--orthographic", action="store_true", help="take the picture as orthographic")
@@ -75,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         report, warnings = generate_picture(args)
     except MemoryError as error:
         raise OutOfMemoryError(
-            f"{args.color}: not enough memory for a picture of this size; scale it down"
+            f"{args.color or args.hci}: not enough memory for a picture of this size; scale it down"
         ) from error
     for warning in warnings:
         line = "".join(c if c.isprintable() else " " for c in warning)
@@ -107,15 +110,19 @@ def generate_picture(args: argparse.Namespace) -> tuple[list[str], list[str]]:
     started = time.perf_counter()
     _check(args)
     display, settings = chosen_display(args.display, args.definitions, "inim generate")
+    if args.hci is not None:
+        from inim.jobs.light_field import generate_light_field
+
+        return generate_light_field(args, display, settings)
     intrinsics = _intrinsics(args)
     from inim.generators import check_algorithm
 
     check_algorithm(args.algorithm)
     taken = _read(args)
     fitted, depth_map = _fit(args, taken, intrinsics, display, settings)
-    eia, empty = _generated(args.algorithm, fitted, display)
+    eia, empty = generated(args.algorithm, fitted.rgbd, display)
     report = _report(args, taken, intrinsics, fitted, depth_map, display, empty)
-    written = _write(args, fitted, eia, empty, display)
+    written = write_outputs(args, fitted.rgbd, eia, empty, display)
     report.append(f"written    {', '.join(map(str, written))}")
     report.append(f"seconds    {time.perf_counter() - started:.1f}")
     return report, list(taken.warnings)
@@ -130,10 +137,17 @@ def _check(args: argparse.Namespace) -> None:
     from inim.pictures.fit import FITS
     from inim.pictures.missing import FILL_RULES
 
+    if args.hci is not None:
+        for name in ("color", "depth", "depth_unit", "intrinsics", "near", "far", "frame_at"):
+            if getattr(args, name) is not None:
+                option = f"--{name.replace('_', '-')}"
+                raise UsageError(f"{option}: the light field of --hci has its own; leave it out")
+    elif args.true_views:
+        raise UsageError("--true-views: are those of a light field; name it with --hci DIR")
     for name in ("color", "depth"):
-        if getattr(args, name) is None:
+        if getattr(args, name) is None and args.hci is None:
             raise UsageError(f"--{name}: missing; give --color FILE and --depth FILE")
-    if bool(args.intrinsics) == args.orthographic:
+    if args.hci is None and bool(args.intrinsics) == args.orthographic:
         raise UsageError(
             "give either --intrinsics fx,fy,cx,cy (a camera's picture, unprojected) or "
             "--orthographic (taken as it is)"
@@ -161,7 +175,8 @@ def _check(args: argparse.Namespace) -> None:
         if path.is_dir():
             raise FileError(f"{path}: is a folder; name a file with {option}")
         place = path.resolve()
-        if place in (args.color.resolve(), args.depth.resolve()) or place in outputs:
+        inputs = [p.resolve() for p in (args.color, args.depth) if p is not None]
+        if place in inputs or place in outputs:
             raise UsageError(
                 f"{option} {path}: is also {outputs.get(place, 'what is read')}; give it another "
                 "name"
@@ -211,8 +226,8 @@ def _read(args: argparse.Namespace) -> _Camera:
     if shift.found:
         warnings.append(
             f"{args.depth}: its edges match those of {args.color} better {shift.right:+.0f} pixels "
-            f"to the right and {shift.down:+.0f} down: the two may be misaligned; register depth to "
-            "colour first"
+            f"to the right and {shift.down:+.0f} down: the two may be misaligned; register depth "
+            "to colour first"
         )
     return _Camera(
         color, values, max(1.0, columns / size[1]), (size[1], size[0]), missing, tuple(warnings)
@@ -258,34 +273,33 @@ def _fit(
     return fitted, depth_map
 
 
-def _generated(
-    algorithm: str, fitted: Fitted, display: Display
-) -> tuple[np.ndarray, np.ndarray | None]:
+def generated(algorithm: str, rgbd: RGBD, display: Display) -> tuple[np.ndarray, np.ndarray | None]:
+    """A picture's EIA, linear RGB, and where it shows nothing, if the algorithm says."""
     from inim.generators import prepare
     from inim.jobs.foreign import blamed, run_generator
 
-    rgbd = fitted.rgbd
     with blamed(algorithm, "prepare"):
         generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
     eia, _, empty = run_generator(algorithm, generator, rgbd, display)
     return eia, empty
 
 
-def _write(
+def write_outputs(
     args: argparse.Namespace,
-    fitted: Fitted,
+    rgbd: RGBD | None,
     eia: np.ndarray,
     empty: np.ndarray | None,
     display: Display,
 ) -> list[Path]:
+    """Write what -o, --pdf and --rgbd ask for; what was written."""
     from inim.formats.image import write_rgbd
     from inim.formats.true_size import write_eia, write_true_size_pdf
 
     write_eia(args.out, eia, empty, display.pixel_pitch_mm)
     if args.pdf is not None:
         write_true_size_pdf(args.pdf, eia, display.pixel_pitch_mm)
-    if args.rgbd is not None:
-        write_rgbd(args.rgbd, fitted.rgbd)
+    if args.rgbd is not None and rgbd is not None:
+        write_rgbd(args.rgbd, rgbd)
     return [path for path in (args.out, args.pdf, args.rgbd) if path is not None]
 
 
@@ -317,8 +331,8 @@ def _report(
         f"picture    colour {columns} x {rows}, depth {taken.depth_size[0]} x "
         f"{taken.depth_size[1]}, {projection}",
         f"depth      {depth_map.near:.5g} (near) .. {depth_map.far:.5g} (far){unit}, "
-        f"{depth_map.name}, onto {depth_map.z_mm(depth_map.near):.4g} .. "
-        f"{depth_map.z_mm(depth_map.far):.4g} mm",
+        f"{depth_map.name}, onto {float(depth_map.z_mm(np.array(depth_map.near))):.4g} .. "
+        f"{float(depth_map.z_mm(np.array(depth_map.far))):.4g} mm",
         f"missing    {taken.missing:.1%} of the depth picture, fill: {args.fill}",
         f"clipped    {fitted.clipped:.1%} of the samples lay beyond, "
         f"{'left out' if args.outside == 'drop' else 'taken to the ends'}",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from inim.jobs.contenders import Generated
+from inim.jobs.contenders import Generated, reads_layers
 from inim.jobs.ledger import Ledger
 from inim.jobs.truth import GroundTruth
 from inim.regression import log_ratios
@@ -26,7 +26,10 @@ def generator_times(job: Ledger, truth: GroundTruth) -> dict[str, tuple[float, .
     with job.stage("time"):
         display = job.plan.display
         rgbd = display_ready(truth.rgbd)
-        contenders = [prepared(name, rgbd, display) for name in names]
+        layered = rgbd if truth.layered is None else display_ready(truth.layered)
+        contenders = [
+            prepared(name, layered if reads_layers(name) else rgbd, display) for name in names
+        ]
         times: Any = timed(contenders, rgbd, display, Rounds(runs=_ROUNDS))
     yardstick = times[YARDSTICK].times_s
     return {name: log_ratios(times[name].times_s, yardstick) for name in names}

@@ -10,7 +10,7 @@ import numpy as np
 from inim.display import Display
 from inim.formats.image import write_png, write_rgbd
 from inim.jobs.ledger import Ledger
-from inim.jobs.reconstruction import reconstruct_views
+from inim.jobs.reconstruction import Seen, reconstruct_views
 from inim.layered_rgbd import LayeredRGBD
 from inim.rgbd import RGBD
 
@@ -42,7 +42,7 @@ class GroundTruth:
         The scene itself, by viewpoint.
     relic : dict of str to (rows, columns) bool
         Where the relic is in each view.
-    ceiling : dict of str to Truth
+    ceiling : dict of str to Seen
         Views of the ground-truth EIA.
     layered : LayeredRGBD, optional
         The picture with what lies behind it, where a contender wants it.
@@ -56,7 +56,7 @@ class GroundTruth:
     eia: Any
     views: dict[str, Any]
     relic: dict[str, np.ndarray]
-    ceiling: dict[str, Any]
+    ceiling: dict[str, Seen]
     layered: LayeredRGBD | None = None
     layered_captures: tuple[LayeredRGBD, ...] = ()
 
@@ -86,7 +86,7 @@ def render_truth(job: Ledger) -> GroundTruth:
     relic: dict[str, np.ndarray] = {}
     for viewpoint in job.plan.viewpoints:
         views[viewpoint.name], relic[viewpoint.name] = _view(job, fitted, viewpoint)
-    ceiling = reconstruct_views(job, eia, "ceiling")
+    ceiling = reconstruct_views(job, eia.image, (eia.first - eia.second) / 2, "ceiling")
     with job.stage("write pictures"):
         _save(job, rgbd, layered, eia, views)
     _check(job, rgbd, eia, views)

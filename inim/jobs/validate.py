@@ -22,6 +22,7 @@ from inim.jobs.report_data import report_data
 from inim.jobs.truth import BLACK, CLIPPED_SHARE, GroundTruth, render_truth
 from inim.regression import score_interval
 from inim.report import Report
+from inim.trust import trust_warnings
 
 __all__ = ["default_out", "run", "validate"]
 
@@ -122,6 +123,7 @@ def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:
     check_conditions(plan, backend.variant)
     job = Ledger(plan, staging, listener, Clock())
     job.timings["start"] = perf_counter() - started
+    job.warnings += _outside_trust(plan)
     ready = _prepare(job)
     listener.begin(_planned_rays(plan))
     truth = render_truth(job)
@@ -146,13 +148,21 @@ def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:
     return report
 
 
+def _outside_trust(plan: Plan) -> list[str]:
+    """What of the display lies outside the limits that the stress run measured."""
+    pixel_mm = plan.display.pitch_mm / plan.settings.capture_pixels_per_pitch
+    return trust_warnings(
+        plan.display, plan.settings.lens_model, viewpoints=plan.viewpoints, pixel_mm=pixel_mm
+    )
+
+
 def _planned_rays(plan: Plan) -> int:
     s, d = plan.settings, plan.display
     capture = np.prod(d.capture_shape(s.capture_pixels_per_pitch)) * 2 * max(1, s.capture_spp // 2)
     eia = np.prod(d.eia_shape) * 2 * max(1, s.eia_spp // 2)
     view = d.lens_rows * d.lens_columns * s.view_pixels_per_lens**2
-    looks = len(plan.contenders) + 1
-    per_view = 2 * max(1, s.view_spp // 2) + looks * 2 * max(1, s.reconstruction_spp // 2)
+    looks = 3 * (len(plan.contenders) + 1)
+    per_view = 2 * max(1, s.view_spp // 2) + looks * max(1, s.reconstruction_spp // 2)
     made = sum(contender.rays(plan) for contender in plan.contenders)
     return int(capture + eia + made + view * per_view * len(plan.viewpoints))
 
@@ -168,21 +178,19 @@ def _prepare(job: Ledger) -> list[Make]:
 
 def _compete(job: Ledger, truth: GroundTruth, contender: Contender, make: Make) -> Contest:
     """One contender's scores; its pictures are written, its checks made."""
-    from inim.kernel.ground_truth import Truth
-
     name = contender.name
     with job.stage(f"{contender.doing} {name}"):
         entry = make(job, truth)
     eia = job.finite(f"eia/{name}", entry.eia)[0]
     with job.stage("write pictures"):
         job.save(f"eia/{name}", eia)
-    noise = np.zeros_like(eia) if entry.noise is None else np.nan_to_num(entry.noise)
-    halves = Truth(eia + noise, eia - noise)
-    seen = reconstruct_views(job, halves, name)
+    noise = None if entry.noise is None else np.nan_to_num(entry.noise)
+    seen = reconstruct_views(job, eia, noise, name)
     job.complete(name, seen)
     with job.stage("score"):
         views = {view: picture.image for view, picture in seen.items()}
         result = _score(truth, eia, views) | {"seconds": entry.seconds}
+        halves = (eia, eia) if noise is None else (eia + noise, eia - noise)
         findings = contender_findings(job, truth, name, halves, seen, entry.fixed)
     result["eia"]["hole_fraction"] = entry.hole_fraction
     _check(job, truth, name, entry, eia)

@@ -28,6 +28,8 @@ _FLAT = 1e-6
 # Integrators that return radiance ray by ray, and know `hide_emitters`. Others trace from the
 # lights, or return depth or moments, which would be scored as colour.
 _INTEGRATORS = ("path", "direct", "volpath", "volpathmis")
+# What some plugins need so much that Mitsuba dies without a word where it is missing.
+_NEEDS = {"bitmap": "filename", "blendbsdf": "weight"}
 _DEFAULT_INTEGRATOR = {"type": "path", "max_depth": 8, "hide_emitters": True}
 
 
@@ -112,6 +114,7 @@ def _load(file: SceneFile) -> Any:
         # lets some of them slip between triangles.
         state.root.props["embree_use_robust_intersections"] = True
         for node in state.nodes:
+            _check_needs(file, node.props)
             _settle_file(file, node.props)
             if node.type == mi.ObjectType.Integrator:
                 _check_integrator(file, node.props.plugin_name())
@@ -126,6 +129,14 @@ def _load(file: SceneFile) -> Any:
     finally:
         del resolver[0]
     return loaded[0] if isinstance(loaded, list) else loaded
+
+
+def _check_needs(file: SceneFile, properties: Any) -> None:
+    need = _NEEDS.get(properties.plugin_name())
+    if need and need not in properties:
+        raise SceneError(
+            f"{file.path}: a {properties.plugin_name()!r} has no {need!r}; give it one"
+        )
 
 
 def _settle_file(file: SceneFile, properties: Any) -> None:

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from inim.errors import FileError
 from inim.formats.image import check_unfolding, read_exr_texture
 from inim.formats.picture import is_exr
+from inim.formats.png import check_png
 
 __all__ = ["read_color"]
 
 _FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM")
 _OPAQUE = 255
+_CODES_OF_16_BITS = 65535 / 255
 
 
 def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
@@ -50,12 +52,17 @@ def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
 def _decoded(path: Path) -> NDArray[np.uint8]:
     from PIL import Image, ImageOps
 
+    check_png(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # on sizes, which are checked below
             with Image.open(path, formats=_FORMATS) as picture:
                 check_unfolding(path, picture.width * picture.height * len(picture.getbands()))
                 upright = ImageOps.exif_transpose(picture)
+                if upright.mode.startswith("I"):  # Pillow would cut 16 bits off at 255
+                    grey = np.asarray(upright, np.float32) / _CODES_OF_16_BITS
+                    codes = np.rint(np.clip(grey, 0, 255)).astype(np.uint8)
+                    return np.repeat(codes[..., None], 3, axis=-1)
                 if "A" not in upright.getbands() and "transparency" not in upright.info:
                     return np.asarray(upright.convert("RGB"))
                 rgba = upright.convert("RGBA")

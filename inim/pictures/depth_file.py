@@ -7,7 +7,6 @@ neighbours differ by little, and in the wrong one by multiples of 256.
 
 from __future__ import annotations
 
-import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +16,11 @@ from numpy.typing import NDArray
 
 from inim.errors import FileError
 from inim.formats.image import check_unfolding, read_exr_channels, write_atomically
+from inim.formats.pfm import read_pfm
+from inim.formats.png import check_png
 from inim.version import __version__
 
-__all__ = ["DepthFile", "read_depth", "read_pfm", "write_depth"]
+__all__ = ["DepthFile", "read_depth", "write_depth"]
 
 _PICTURES = {
     ".png": ("PNG",),
@@ -31,7 +32,6 @@ _PICTURES = {
 }
 # Of an EXR, the first of these: as this program, renderers and depth estimators call it.
 _CHANNELS = ("Z", "Y", "V", "depth.Z", "Depth.Z", "depth.V", "Depth.V", "R")
-_PFM = re.compile(rb"(P[Ff])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.eE+-]{1,30})[ \t\r]*\n")
 _MOST_PIXELS = 2**28
 # Colour channels of a grey picture saved as colour agree; those of a false-colour one do not.
 _MOST_CHANNEL_DIFFERENCE = 2
@@ -107,6 +107,7 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
 def _read_picture(path: Path) -> np.ndarray:
     from PIL import Image
 
+    check_png(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # on sizes, which are checked below
@@ -154,32 +155,6 @@ def _read_exr(path: Path) -> np.ndarray:
     )
 
 
-def read_pfm(path: Path) -> np.ndarray:
-    """A grey portable float map, (H, W) float32 with row 0 on top (the file has it below).
-
-    Raises
-    ------
-    FileError
-        Damaged, of another length than its header says, or in colour.
-    """
-    data = path.read_bytes()
-    header = _PFM.match(data)
-    if not header:
-        raise FileError(f"{path}: its PFM header makes no sense; save it as EXR or .npy")
-    if header[1] == b"PF":
-        raise FileError(f"{path}: is a PFM in colour; depth is a grey one, 'Pf'")
-    columns, rows = int(header[2]), int(header[3])
-    size = header.end() + 4 * columns * rows
-    if not columns * rows or len(data) != size:
-        raise FileError(
-            f"{path}: a PFM of {columns} x {rows} pixels is {size} bytes long, this one is "
-            f"{len(data)}; it is cut short or damaged"
-        )
-    kind = "<f4" if header[4].startswith(b"-") else ">f4"
-    stored = np.frombuffer(data, kind, columns * rows, header.end()).reshape(rows, columns)
-    return stored[::-1].astype(np.float32)
-
-
 def write_depth(path: Path, values: np.ndarray, meaning: str) -> None:
     """Write depth, (H, W) float, as an EXR of one channel, Z.
 
@@ -208,7 +183,7 @@ def _read_npy(path: Path) -> np.ndarray:
         if not isinstance(array, np.ndarray):
             raise ValueError("several arrays")
         return np.array(array, array.dtype.newbyteorder("="))
-    except (OSError, ValueError, EOFError, SyntaxError) as error:
+    except Exception as error:  # of any kind: its header is read as Python
         cause = str(error).partition("\n")[0]
         raise FileError(f"{path}: not a readable .npy array ({cause}); save it anew") from error
 

@@ -56,7 +56,9 @@ class DepthMap:
 
     def z_mm(self, depth: np.ndarray) -> np.ndarray:
         """Display depths of d, clipped: float64, NaN where d is."""
-        d = np.clip(np.asarray(depth, np.float64), *sorted((self.near, self.far)))
+        d = np.clip(
+            np.asarray(depth, np.float64), min(self.near, self.far), max(self.near, self.far)
+        )
         z = self.offset_mm + self.slope * (d if self.name == "linear" else 1 / d)
         clipped: np.ndarray = np.clip(z, self.low_mm, self.high_mm)
         return clipped

@@ -122,11 +122,11 @@ def fit_picture(
         place["oy"] = place["ay"] * ((rows - 1) / 2 - camera.cy) * frame_at
         apart, share = 0.0, steepest * coarseness / min(camera.fx, camera.fy)
     inverse = camera is not None or depth_map.name == "reciprocal"
-    ends = sorted(1 / d if inverse else d for d in (depth_map.near, depth_map.far))
+    ends = [1 / d if inverse else d for d in (depth_map.near, depth_map.far)]
     tiles = CameraTiles(
         q=_inverse(values.depth) if inverse else values.depth,
-        q_low=ends[0],
-        q_high=ends[1],
+        q_low=min(ends),
+        q_high=max(ends),
         perspective=camera is not None,
         over_q=camera is not None and depth_map.name == "linear",
         offset_mm=depth_map.offset_mm,
@@ -148,7 +148,7 @@ def fit_picture(
         )
     return Fitted(
         RGBD(drawn.color, drawn.depth_mm, drawn.covered, cell),
-        drawn.clipped / max(1, np.count_nonzero(~np.isnan(values.depth))),
+        drawn.clipped / max(1, int(np.count_nonzero(~np.isnan(values.depth)))),
         _empty(drawn, display, cell),
         frame_at,
         scale,

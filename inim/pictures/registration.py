@@ -16,6 +16,8 @@ from inim.errors import FileError
 
 __all__ = ["Shift", "check_same_view", "edge_shift", "resampled"]
 
+# Weights of red, green and blue; any that look at all three would do.
+_LUMA = (0.3, 0.6, 0.1)
 # Of width over height; cropped or letter-boxed pictures differ by more.
 _ASPECT_TOLERANCE = 0.01
 # Edges are compared on pictures about this wide; farther than this share of it is not looked.
@@ -87,7 +89,7 @@ def edge_shift(color: np.ndarray, depth: NDArray[np.float32]) -> Shift:
     """
     step = max(1, math.ceil(depth.shape[1] / _COMPARED_AT))
     small = depth[::step, ::step]
-    grey = np.asarray(color[::step, ::step], np.float32) @ np.float32([0.3, 0.6, 0.1])
+    grey = np.asarray(color[::step, ::step], np.float32) @ np.array(_LUMA, np.float32)
     edges, contrast = _depth_edges(small), _contrast(grey)
     farthest = max(1, round(_FARTHEST * max(small.shape)))
     if edges.sum() < _LEAST_EDGES or min(small.shape) <= 2 * farthest:

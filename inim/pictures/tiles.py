@@ -128,7 +128,8 @@ def draw_tiles(
 
 def _linear(color: np.ndarray) -> NDArray[np.float32]:
     if color.dtype == np.uint8:
-        return linear_from_srgb(np.arange(256) / 255)[color]
+        linear: NDArray[np.float32] = linear_from_srgb(np.arange(256) / 255)[color]
+        return linear
     return np.asarray(color, np.float32)
 
 

@@ -82,6 +82,18 @@ def _rgbd(path: Path) -> None:
     read_rgbd(path)
 
 
+def _depth(path: Path) -> None:
+    from inim.pictures.depth_file import read_depth
+
+    read_depth(path)
+
+
+def _color(path: Path) -> None:
+    from inim.pictures.color_file import read_color
+
+    read_color(path)
+
+
 #: By format: all doors by which a user's file comes in.
 DOORS: dict[str, tuple[Read, ...]] = {
     "exr-rgbd": (_rgbd,),
@@ -97,8 +109,12 @@ DOORS: dict[str, tuple[Read, ...]] = {
     "stl-binary": (_new_scene,),
     "serialized": (_in_a_scene(_MESH, "serialized"),),
     "volume": (_in_a_scene(_VOLUME, ""),),
+    **{f"depth-{kind}": (_depth,) for kind in ("exr", "png", "ppm", "tiff", "npy", "pfm")},
+    "color": (_color,),
     "xml": (_open_scene,),
 }
+
+_WITHOUT_RENDERER = (_new_scene, _eia, _rgbd, _depth, _color)
 
 
 def outcome(read: Read, path: Path) -> str:
@@ -157,10 +173,10 @@ def _peak_bytes() -> int:
 
 def _wake(kind: str) -> None:
     """Everything that is loaded once, so that it counts as the base."""
-    if any(door in (_new_scene, _eia, _rgbd) for door in DOORS[kind]):
+    if any(door in _WITHOUT_RENDERER for door in DOORS[kind]):
         import OpenEXR  # noqa: F401
         import trimesh  # noqa: F401
-    if not any(door in (_new_scene, _eia, _rgbd) for door in DOORS[kind]) or len(DOORS[kind]) > 1:
+    if not all(door in _WITHOUT_RENDERER for door in DOORS[kind]):
         from inim.kernel import variant
 
         variant.use()

@@ -255,6 +255,34 @@ def _xml(folder: Path) -> tuple[bytes, ...]:
     return first.encode(), f'<?xml version="1.0" encoding="utf-8"?>\n{second}'.encode()
 
 
+def _depth(folder: Path, kind: str) -> tuple[bytes, ...]:
+    """Depth pictures of 12 x 16 in what a kind of file can hold."""
+    from PIL import Image
+
+    values = np.linspace(1, 60_000, 12 * 16).reshape(12, 16)
+    grey = Image.fromarray(values.astype(np.uint16))
+    if kind == "npy":
+        made = []
+        for dtype in (np.float32, np.float64, np.uint16):
+            stream = io.BytesIO()
+            np.save(stream, values.astype(dtype))
+            made.append(stream.getvalue())
+        return tuple(made)
+    if kind == "pfm":
+        return (b"Pf\n16 12\n-1.0\n" + values.astype("<f4").tobytes(),)
+    if kind == "exr":
+        import OpenEXR
+
+        header = {"compression": OpenEXR.ZIPS_COMPRESSION, "type": OpenEXR.scanlineimage}
+        OpenEXR.File(header, {"Z": values.astype(np.float32)}).write(str(folder / "z.exr"))
+        return ((folder / "z.exr").read_bytes(),)
+    if kind == "tiff":
+        floats = Image.fromarray(values.astype(np.float32))
+        packed = _saved(grey, "TIFF", compression="tiff_lzw")
+        return _saved(grey, "TIFF"), packed, _saved(floats, "TIFF")
+    return (_saved(grey, kind.upper()),)
+
+
 #: By format: the suffix its files get, and what makes sound ones, given a folder for companions.
 SPECIMENS = {
     "exr-rgbd": (".exr", _rgbd),
@@ -270,5 +298,12 @@ SPECIMENS = {
     "stl-binary": (".stl", _stl_binary),
     "serialized": (".serialized", _serialized),
     "volume": (".vol", _volume),
+    "depth-exr": (".exr", lambda folder: _depth(folder, "exr")),
+    "depth-png": (".png", lambda folder: _depth(folder, "png")),
+    "depth-ppm": (".pgm", lambda folder: _depth(folder, "ppm")),
+    "depth-tiff": (".tif", lambda folder: _depth(folder, "tiff")),
+    "depth-npy": (".npy", lambda folder: _depth(folder, "npy")),
+    "depth-pfm": (".pfm", lambda folder: _depth(folder, "pfm")),
+    "color": (".png", lambda folder: (*_png(folder)[:2], _png(folder)[3], *_exr(folder)[:3])),
     "xml": (".xml", _xml),
 }

@@ -29,7 +29,7 @@ CLOSE_DB = 1.5
 GAIN_DB = 4.0
 
 
-def scores(fitted, *, per_pitch, capture_spp):
+def scores(fitted, *, per_pitch):
     """EIA PSNR of the noise floor, of `layered` and of `template`."""
     from inim.kernel.ground_truth import capture_layers, pickup
     from inim.kernel.peel import peel
@@ -37,7 +37,7 @@ def scores(fitted, *, per_pitch, capture_spp):
     truth = pickup(fitted, NOMINAL, spp=Settings().eia_spp, seed=1)
     peeled = peel(fitted, NOMINAL, pixels_per_pitch=per_pitch)
     assert peeled.cut_share == 0
-    rgbd = capture_layers(fitted, peeled, spp=capture_spp, seed=3)
+    rgbd = capture_layers(fitted, peeled, spp=Settings().capture_spp, seed=3)
     made = {name: generate(rgbd, NOMINAL, name, samples=4) for name in ("layered", "template")}
     floor = metrics.psnr_db(truth.first, truth.second)
     return floor, *(metrics.psnr_db(truth.image, eia) for eia in made.values())
@@ -52,9 +52,7 @@ def test_relics_come_within_the_noise_of_the_truth(name):
 
     fitted = open_scene(read_scene_file(SCENES / f"{name}.xml"), NOMINAL, 0.85)
     per_pitch = Settings().capture_pixels_per_pitch
-    floor, layered, template = scores(
-        fitted, per_pitch=per_pitch, capture_spp=Settings().capture_spp
-    )
+    floor, layered, template = scores(fitted, per_pitch=per_pitch)
     print(f"{name}: floor {floor:.2f} dB, layered {layered:.2f} dB, template {template:.2f} dB")
     assert layered > floor - CLOSE_DB
     assert layered > template + GAIN_DB
@@ -64,7 +62,7 @@ def test_relics_come_within_the_noise_of_the_truth(name):
 def test_two_spheres_come_within_the_noise_of_the_truth(open_fitted):
     near, far = sphere((5, 2, 8), 3.5, "0.2,0.5,0.8"), sphere((-4, -1, 0), 6, "0.8,0.3,0.2")
     fitted = open_fitted(scene_text(near, far), NOMINAL)
-    floor, layered, template = scores(fitted, per_pitch=32, capture_spp=4)
+    floor, layered, template = scores(fitted, per_pitch=32)
     print(f"spheres: floor {floor:.2f} dB, layered {layered:.2f} dB, template {template:.2f} dB")
     assert layered > floor - CLOSE_DB
     assert layered > template + GAIN_DB

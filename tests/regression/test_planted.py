@@ -57,18 +57,18 @@ class Run:
         times: dict[str, tuple[float, ...]] | None = None,
     ) -> Evidence:
         """What it leaves, with another truth, another generator or other views planted."""
-        from inim.kernel.ground_truth import Truth
         from inim.regression import fixed_picture
 
         truth, generate = truth or self.truth, generate or self.generate
         first, second = (generate(rgbd) for rgbd in truth.captures)
         plan = self.job.plan
         fixed = fixed_picture(plan.display, truth.rgbd.shape, truth.rgbd.pixel_mm)
-        views = seen(reconstruct_views(self.job, Truth(first, second), "template"))
+        eia, noise = (first + second) / 2, (first - second) / 2
+        views = seen(reconstruct_views(self.job, eia, noise, "template"))
         findings = [
             truth_findings(truth, plan.display),
             contender_findings(
-                self.job, truth, "template", Truth(first, second), views, generate(fixed)
+                self.job, truth, "template", (first, second), views, generate(fixed)
             ),
         ]
         return evidence_of(plan, self.backend, findings, {}, times or {})
@@ -177,7 +177,8 @@ def one_noisy_lens(eia: np.ndarray) -> np.ndarray:
     ("plant", "rows"),
     [
         (pseudoscopic, {EIA, FIXED, score("left"), score("right")}),
-        (lambda run: edited(run, half_a_pixel), {EIA, FIXED}),
+        # Against the noise of 16 samples it hides on a smooth relic; the fixed picture has none.
+        (lambda run: edited(run, half_a_pixel), {FIXED}),
         (lambda run: edited(run, gamma_twice), {EIA, FIXED, score("centre", "PSNR to ceiling")}),
         (lambda run: edited(run, one_noisy_lens), {EIA, FIXED}),
     ],

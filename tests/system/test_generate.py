@@ -248,3 +248,119 @@ def test_an_input_is_never_written_over(camera, capsys):
     assert main(words(camera, *more)) == EXIT_USAGE
     assert "give it another name" in capsys.readouterr().err
     assert (camera / "color.png").read_bytes() == before
+
+
+def light_field(folder: Path, across: int = 5, down: int = 3) -> np.ndarray:
+    """Views of a textured wall, disparity -1, and a square before it, +1; the views."""
+    from inim.formats.light_field import write_hci
+
+    rng = np.random.default_rng(5)
+    wall = rng.integers(0, 128, (70, 100, 3)).astype(np.uint8)
+    box = rng.integers(128, 256, (20, 24, 3)).astype(np.uint8)
+    views = np.empty((down, across, 30, 40, 3), np.uint8)
+    for v in range(down):
+        for u in range(across):
+            right, below = across // 2 - u, down // 2 - v  # where near things go, per pixel
+            top, left = 20 + below, 30 + right  # the wall goes the other way
+            views[v, u] = wall[top : top + 30, left : left + 40]
+            views[v, u, 5 + below : 25 + below, 8 + right : 32 + right] = box
+    write_hci(folder, views)
+    disparity = np.full((30, 40), -1, "<f4")
+    disparity[5:25, 8:32] = 1
+    (folder / "gt_disp_lowres.pfm").write_bytes(b"Pf\n40 30\n-1\n" + disparity[::-1].tobytes())
+    return views
+
+
+def test_the_centre_view_with_its_disparity_agrees_with_the_true_views(tmp_path, capsys):
+    light_field(tmp_path / "lf")
+    # Of 35 pixels each fifth shows one view; a pixel of disparity is 16.5 mm, half of D = 33 mm.
+    display = small_display(columns=40, rows=30, pixels=35, depth_min_mm=10, depth_max_mm=60)
+    given = {"lens_columns": 40, "lens_rows": 30, "pixel_pitch_mm": repr(1 / 35)}
+    given |= {"depth_min_mm": 10, "depth_max_mm": 60}
+    more = [word for k, v in given.items() for word in ("-D", f"inim.{k}={v}")]
+    more += ["--hci", str(tmp_path / "lf")]
+    for name, option in (("centre.png", ()), ("true.png", ("--true-views",))):
+        assert main(["generate", *more, *option, "-o", str(tmp_path / name)]) == EXIT_PASSED
+    said = capsys.readouterr()
+    assert "5 x 3 of 40 x 30 pixels" in said.out
+    assert "1 pixel is 16.5 mm of depth; +2 pixels added" in said.out
+    centre, shown = read_eia(tmp_path / "centre.png", display)
+    true, seen_by_all = read_eia(tmp_path / "true.png", display)
+    # The pixels in the middle of each view's share of a lens look exactly its way.
+    exact = np.tile(np.arange(35) % 7 == 3, 40)
+    grid = np.tile(np.arange(35) % 7 == 3, 30)[:, None] & exact[None, :]
+    # Three views down take three fifths of a lens; nothing says what lies beyond.
+    lens_row = np.arange(30 * 35) % 35
+    assert not seen_by_all[(lens_row < 7) | (lens_row >= 28)].any()
+    both = shown & seen_by_all & grid
+    assert both.sum() > 8000
+    same = (np.abs(centre - true).max(axis=-1) < 0.02)[both]
+    middle = both & (np.arange(1400) % 35 == 17)[None, :] & (lens_row == 17)[:, None]
+    assert (np.abs(centre - true)[middle] < 0.02).all()
+    # They part only where the centre view did not see: beside the square, and at its flanks.
+    assert same.mean() > 0.9
+
+
+def test_a_light_field_s_mistakes_are_one_line(tmp_path, capsys):
+    light_field(tmp_path / "lf", across=4, down=4)
+    before = sorted(tmp_path.rglob("*"))
+    out = ["-o", str(tmp_path / "eia.png")]
+    for more, says in (
+        (["--hci", str(tmp_path / "lf")], "4 x 4 views have none in the middle"),
+        (["--hci", str(tmp_path / "none")], "no such folder"),
+        (["--hci", str(tmp_path / "lf"), "--color", "c.png"], "--color: the light field of --hci"),
+        (["--true-views", "--color", "c.png", "--depth", "d.png"], "name it with --hci"),
+        (["--hci", str(tmp_path / "lf"), "--true-views", "--rgbd", "r.exr"], "have no depth"),
+    ):
+        assert main(["generate", *more, *out]) == EXIT_USAGE
+        said = capsys.readouterr().err
+        assert says in said
+        assert said.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("pixels", [16, 15])
+def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
+    from inim.formats.light_field import eia_from_views, read_hci
+    from inim.formats.quilt import read_quilt
+
+    display = small_display(columns=6, rows=5, pixels=pixels)
+    eia = np.random.default_rng(2).integers(0, 256, (*display.eia_shape, 3)).astype(np.uint8)
+    Image.fromarray(eia).save(tmp_path / "eia.png")
+    sizes = {"lens_columns": 6, "lens_rows": 5, "pixel_pitch_mm": repr(1 / pixels)}
+    more = [word for k, v in sizes.items() for word in ("-D", f"inim.{k}={v}")]
+    targets = {o: str(tmp_path / o[2:]) for o in ("--views", "--hci")}
+    targets["--quilt"] = str(tmp_path / "quilt.png")
+    words = [word for pair in targets.items() for word in pair]
+    assert main(["export", str(tmp_path / "eia.png"), *more, *words]) == EXIT_PASSED
+    views = read_hci(tmp_path / "hci").views
+    np.testing.assert_array_equal(eia_from_views(views, display), eia)
+    quilt = tmp_path / {16: "quilt_qs4x4a1.2.png", 15: "quilt_qs5x3a1.2.png"}[pixels]
+    assert str(quilt) in capsys.readouterr().out
+    tiles, aspect = read_quilt(quilt)
+    np.testing.assert_array_equal(tiles, views[pixels // 2])
+    assert aspect == 1.2
+    one = np.asarray(Image.open(tmp_path / "views" / "view_02_03.png"))
+    np.testing.assert_array_equal(one, views[2, 3])
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ((), "give --views DIR, --hci DIR or --quilt FILE"),
+        (("--quilt", "q.jpg"), "a quilt is a .png"),
+        (("--quilt", "q.png", "--grid", "8"), "--grid 8: write COLUMNSxROWS"),
+        (("--views", "eia.png"), "is a file; name a folder"),
+        (("--views", "v", "--name", "template"), "is for a report's folder"),
+        (("--views", "v", "-D", "inim.rotation_deg=3"), "rotation_deg = 3"),
+        (("--views", "v", "--display", "phone"), "needs 2400 x 1080"),
+    ],
+)
+def test_an_export_that_cannot_be_is_one_line(tmp_path, capsys, monkeypatch, more, says):
+    monkeypatch.chdir(tmp_path)
+    Image.new("RGB", (1088, 1088)).save("eia.png")
+    assert main(["export", "eia.png", *more]) == EXIT_USAGE
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["eia.png"]

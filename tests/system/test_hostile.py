@@ -469,6 +469,21 @@ def test_gltf_count_that_is_no_count_is_refused(tmp_path: Path, count: str) -> N
         read_mesh(path)
 
 
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        ('<texture type="bitmap" name="reflectance"><string name="filEname" value="a.png"/>'
+         "</texture>", "'bitmap' has no 'filename'"),
+        ('</bsdf><bsdf type="blendbsdf">', "'blendbsdf' has no 'weight'"),
+    ],
+)  # fmt: skip
+def test_plugin_without_what_it_needs_is_named(open_fitted: Any, body: str, says: str) -> None:
+    """Mitsuba ends the process there, without a word."""
+    shape = f'<shape type="sphere"><bsdf type="diffuse">{body}</bsdf></shape>'
+    with pytest.raises(SceneError, match=says):
+        open_fitted(scene_text(shape), small_display())
+
+
 # --- Names in reports ---------------------------------------------------------------------------
 
 

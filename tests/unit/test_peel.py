@@ -292,3 +292,56 @@ def test_equal_seeds_give_equal_layers(open_fitted):
     one, other, third = (colours(open_fitted, text, 4, seed)[0].palette for seed in (1, 1, 2))
     assert np.array_equal(one, other)
     assert not np.array_equal(one, third)
+
+
+def validated(folder, algorithms):
+    """A small validation of a red ball before a green wall, and what it made."""
+    from inim.jobs.plan import Request, make_plan
+    from inim.jobs.validate import run
+
+    scene = folder / "scene.xml"
+    scene.write_text(around(sphere((0, 0, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN)))
+    settings = {
+        "lens_columns": 12, "lens_rows": 10, "pixel_pitch_mm": 0.125, "capture_spp": 8,
+        "eia_spp": 8, "view_spp": 4, "reconstruction_spp": 4, "algorithms": algorithms,
+        "viewpoints": "centre",
+    }  # fmt: skip
+    out = folder / "_".join(algorithms.split(","))
+    out.mkdir()
+    definitions = tuple(f"inim.{key}={value}" for key, value in settings.items())
+    return run(make_plan(Request(scene, out, definitions)), out), out
+
+
+def test_layers_are_captured_for_those_that_want_them_and_change_nothing_else(tmp_path):
+    from inim.formats.image import read_exr, read_rgbd
+    from inim.layered_rgbd import LayeredRGBD
+
+    both, with_layers = validated(tmp_path, "layered,template")
+    alone, without = validated(tmp_path, "template")
+    eias = [read_exr(out / "eia" / "template.exr") for out in (with_layers, without)]
+    assert np.array_equal(*eias)
+    assert not isinstance(read_rgbd(without / "rgbd.exr"), LayeredRGBD)
+    rgbd = read_rgbd(with_layers / "rgbd.exr")
+    assert isinstance(rgbd, LayeredRGBD) and len(rgbd.layers) == 2
+    assert "capture layers" in both.data["timings"]
+    assert "capture layers" not in alone.data["timings"]
+    rows = {c["name"]: c for c in both.data["verdict"]["checks"]}
+    assert rows["RGB-D: layers"]["value"] == 2
+    assert f"{rgbd.deeper[0].covered.mean():.2%}" in rows["RGB-D: layers"]["detail"]
+    psnr = {name: made["eia"]["psnr_db"] for name, made in both.data["algorithms"].items()}
+    assert psnr["layered"] > psnr["template"] + 3
+
+
+def test_memory_is_planned_for_layers_where_one_wants_them(tmp_path, monkeypatch):
+    """A limit between what the two runs need refuses the one with layers, and says how to pass."""
+    from inim import backend
+    from inim.errors import OutOfMemoryError
+    from inim.jobs.plan import Request, make_plan
+
+    scene = tmp_path / "scene.xml"
+    scene.write_text(around(sphere((0, 0, 0), 3.0)))
+    monkeypatch.setattr(backend, "memory_limit_bytes", lambda: 4 * 2**30)
+    fine = ("inim.capture_pixels_per_pitch=16",)
+    make_plan(Request(scene, tmp_path, fine, algorithms="template"))
+    with pytest.raises(OutOfMemoryError, match="capture_pixels_per_pitch"):
+        make_plan(Request(scene, tmp_path, fine, algorithms="layered"))

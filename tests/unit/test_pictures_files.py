@@ -275,6 +275,9 @@ def test_a_colour_picture_is_read_upright_and_over_black(tmp_path):
     read = read_color(tmp_path / "clear.png")
     np.testing.assert_array_equal(read[0], pixels[0])
     assert not read[1].any()
+    grey = np.uint16([[0, 257, 32896, 65535]])
+    Image.fromarray(grey).save(tmp_path / "grey.png")
+    np.testing.assert_array_equal(read_color(tmp_path / "grey.png")[0, :, 1], [0, 1, 128, 255])
     with pytest.raises(FileError, match="no such file"):
         read_color(tmp_path / "none.jpg")
     (tmp_path / "text.jpg").write_text("no picture")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from inim.generators import (
     parse_algorithm,
     prepare,
 )
+from inim.layered_rgbd import LayeredRGBD
 from inim.rgbd import RGBD
 
 __all__ = [
@@ -80,8 +81,8 @@ class Contender:
         self.generator.generate(self.rgbd, self.out)
 
     def sources(self) -> Sources | None:
-        """Where the colours come from; None if the algorithm does not say."""
-        if isinstance(self.generator, SourceGenerator):
+        """Which pixels of the front the colours come from; None if that does not say it."""
+        if isinstance(self.generator, SourceGenerator) and not isinstance(self.rgbd, LayeredRGBD):
             return self.generator.sources(self.rgbd)
         return None
 
@@ -121,11 +122,19 @@ def is_interpreted(name: str) -> bool:
 
 def display_ready(rgbd: RGBD) -> RGBD:
     """A linear picture as a player has it: 8-bit sRGB with alpha, clear where nothing is."""
-    rgba = np.zeros((*rgbd.shape, 4), np.uint8)
-    rgba[..., :3] = srgb_to_uint8(srgb_from_linear(rgbd.color))
+    rgba = _rgba(rgbd.color, rgbd.covered)
+    if not isinstance(rgbd, LayeredRGBD):
+        return RGBD(rgba, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    deeper = [replace(layer, color=_rgba(layer.color, layer.covered)) for layer in rgbd.deeper]
+    return replace(rgbd, color=rgba, deeper=tuple(deeper))
+
+
+def _rgba(color: np.ndarray, covered: np.ndarray) -> np.ndarray:
+    rgba = np.zeros((*covered.shape, 4), np.uint8)
+    rgba[..., :3] = srgb_to_uint8(srgb_from_linear(color))
     rgba[..., 3] = 255
-    rgba[~rgbd.covered] = 0
-    return RGBD(rgba, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    rgba[~covered] = 0
+    return rgba
 
 
 def linear_picture(rgba: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,9 @@ from inim.jobs.bench.contenders import Contender, display_ready, is_interpreted,
 from inim.jobs.bench.machine import threads
 from inim.jobs.bench.quality import Judge, Looks, make_judge
 from inim.jobs.bench.timing import Rounds, Timing, in_turn, pareto, ratios
+from inim.jobs.contenders import reads_layers
 from inim.jobs.plan import Plan
+from inim.layered_rgbd import LayeredRGBD
 from inim.rgbd import RGBD
 
 __all__ = ["ERRORS", "YARDSTICK", "bench_scene", "contender_data", "timed"]
@@ -45,9 +48,12 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
     dict
         The keys of bench.json that a scene adds.
     """
-    judge, noise_floor = _rendered(plan, listener)
+    judge, layered, noise_floor = _rendered(plan, names, listener)
     listener.stage("time")
-    contenders = [prepared(name, judge.rgbd, plan.display) for name in names]
+    contenders = [
+        prepared(name, layered if reads_layers(name) else judge.rgbd, plan.display)
+        for name in names
+    ]
     times = timed(contenders, judge.rgbd, plan.display, rounds)
     listener.stage("score")
     data = [contender_data(c, times, plan.display) | judge.errors(c) for c in contenders]
@@ -66,9 +72,15 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
     }
 
 
-def _rendered(plan: Plan, listener: Any) -> tuple[Judge, dict[str, float]]:
-    """Ground truth and input, with the samples of a validation; no true views, none is scored."""
+def _rendered(
+    plan: Plan, names: Sequence[str], listener: Any
+) -> tuple[Judge, RGBD, dict[str, float]]:
+    """Ground truth and input, with the samples of a validation; no true views, none is scored.
+
+    The input comes as one picture, within the judge, and with its layers where one reads them.
+    """
     from inim.kernel import ground_truth
+    from inim.kernel.peel import peel
     from inim.kernel.scene import open_scene
 
     s, display = plan.settings, plan.display
@@ -90,6 +102,13 @@ def _rendered(plan: Plan, listener: Any) -> tuple[Judge, dict[str, float]]:
     )
     if not rgbd.covered.any():
         raise SceneError(f"{plan.request.scene}: the depth camera sees nothing to time with")
+    layered = _finite(rgbd)
+    if any(map(reads_layers, names)):
+        listener.stage("capture layers")
+        peeled = peel(fitted, display, pixels_per_pitch=s.capture_pixels_per_pitch)
+        layered = _finite(
+            ground_truth.capture_layers(fitted, peeled, spp=s.capture_spp, seed=2 * s.seed)
+        )
     listener.stage("ground-truth EIA")
     truth = ground_truth.pickup(
         fitted, display, spp=s.eia_spp, seed=2 * s.seed + 1, progress=listener.rays
@@ -99,12 +118,17 @@ def _rendered(plan: Plan, listener: Any) -> tuple[Judge, dict[str, float]]:
     judge = make_judge(
         display_ready(_finite(rgbd)), (first + second) / 2, Looks.of(display, plan.viewpoints, s)
     )
-    return judge, judge.noise_floor(first, second)
+    return judge, display_ready(layered), judge.noise_floor(first, second)
 
 
 def _finite(rgbd: RGBD) -> RGBD:
-    color = np.nan_to_num(rgbd.color.astype(np.float32), posinf=0.0)
-    return RGBD(color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    def finite(color: np.ndarray) -> np.ndarray:
+        return np.nan_to_num(color.astype(np.float32), posinf=0.0)
+
+    if not isinstance(rgbd, LayeredRGBD):
+        return replace(rgbd, color=finite(rgbd.color))
+    deeper = [replace(layer, color=finite(layer.color)) for layer in rgbd.deeper]
+    return replace(rgbd, color=finite(rgbd.color), deeper=tuple(deeper))
 
 
 def timed(

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class Size:
 
 
 QUICK = Size((3, 3), 5, 16, 2, 100, 60)
-FULL = Size((5, 3), 7, 1, 20, 800, 1000)
+FULL = Size((3, 3), 5, 2, 10, 225, 1000)
 
 
 @dataclass(frozen=True)
@@ -255,7 +256,7 @@ def _flat(size: Size) -> list[Case]:
     }
     found = [_case(name, make, z) for name, z in places.items()]
     for name, z in {"on the array": 0.0, "just in front": 1e-30, "just behind": -1e-30}.items():
-        found.append(Case(name, lambda z=z: make(z, **through)))  # type: ignore[misc]
+        found.append(Case(name, partial(make, z, **through)))
     return [Case(c.label, c.make) for c in found]
 
 
@@ -287,7 +288,7 @@ def _ties(size: Size) -> list[Case]:
         return display, with_depth(depth, pixel, blank.covered)
 
     return [
-        Case(f"{form}, {ulps:+d} ulp", lambda f=form, u=ulps: make(f, u))  # type: ignore[misc]
+        Case(f"{form}, {ulps:+d} ulp", partial(make, form, ulps))
         for form in _FORMS
         for ulps in (-1, 0, 1)
     ]
@@ -331,11 +332,7 @@ def _shapes(size: Size) -> list[Case]:
         return display, with_depth(depth, pixel)
 
     kinds = ("spikes", "slits", "checkerboard", "ramp", "stairs")
-    return [
-        Case(f"{kind}, {form}", lambda f=form, k=kind: make(f, k))  # type: ignore[misc]
-        for form in _FORMS
-        for kind in kinds
-    ]
+    return [Case(f"{kind}, {form}", partial(make, form, kind)) for form in _FORMS for kind in kinds]
 
 
 def _odd_and_even(size: Size) -> list[Case]:
@@ -348,7 +345,7 @@ def _odd_and_even(size: Size) -> list[Case]:
     return [
         Case(
             f"{n} x {m} lenses of {p} pixels, {k} per pitch",
-            lambda n=n, m=m, p=p, k=k: make(n, m, p, k),  # type: ignore[misc]
+            partial(make, n, m, p, k),
         )
         for n, m in ((1, 1), (1, 2), (2, 2), (3, 2), (4, 4))
         for p, k in ((1, 1), (2, 1), (3, 2), (4, 3), (5, 2))
@@ -390,19 +387,20 @@ def _not_finite(size: Size) -> list[Case]:
         depth[3, 3] = value
         return display, with_depth(depth, rgbd.pixel_mm)
 
+    def with_changes(changes: dict[str, float]) -> Made:
+        return _sized(display_of(size, **changes))
+
     found = []
     for value in (math.nan, math.inf, -math.inf):
-        found.append(Case(f"uncovered {value}", lambda v=value: garbage(v)))  # type: ignore[misc]
-        found.append(
-            Case(f"covered {value}", lambda v=value: covered(v), refused=True)  # type: ignore[misc]
-        )
+        found.append(Case(f"uncovered {value}", partial(garbage, value)))
+        found.append(Case(f"covered {value}", partial(covered, value), refused=True))
         for name in ("pitch_mm", "gap_mm", "focal_length_mm", "pixel_pitch_mm", "depth_min_mm"):
             both = {"depth_max_mm": 40.0} if name == "depth_min_mm" else {}
             given = {name: value, **both}
             found.append(
                 Case(
                     f"{name} = {value}",
-                    lambda g=given: _sized(display_of(size, **g)),  # type: ignore[misc]
+                    partial(with_changes, given),
                     refused=True,
                 )
             )
@@ -442,8 +440,8 @@ def _many_lenses(size: Size) -> list[Case]:
 
     side = size.many
     return [
-        Case(f"{side} x {side} lenses of {p} pixels", lambda p=p: make(p), side**2)  # type: ignore[misc]
-        for p in ((2,) if size.thin > 1 else (1, 2, 3))
+        Case(f"{side} x {side} lenses of {p} pixels", partial(make, p), side**2)
+        for p in ((2,) if size.many < 1000 else (1, 2))
     ]
 
 
@@ -487,23 +485,20 @@ def _shifted(size: Size) -> list[Case]:
         "a third of a micrometre": (1e-3 / 3, 0.0),
     }
     return [
-        Case(f"{name}, picture pixels of {p:g} mm", lambda s=s, p=p: make(*s, p), s[0])  # type: ignore[misc]
+        Case(f"{name}, picture pixels of {p:g} mm", partial(make, *s, p), s[0])
         for p in (0.5, 0.3)
         for name, s in shifts.items()
     ]
 
 
 def _random(size: Size) -> list[Case]:
-    return [
-        Case(f"seed {s}", lambda s=s: random_case(s))
-        for s in range(size.random)  # type: ignore[misc]
-    ]
+    return [Case(f"seed {s}", partial(random_case, s)) for s in range(size.random)]
 
 
 def _case(
     label: str, make: Callable[..., Made], value: float, refused: bool | None = False
 ) -> Case:
-    return Case(label, lambda: make(value), value, refused)
+    return Case(label, partial(make, value), value, refused)
 
 
 def _decades(first: int, last: int) -> list[float]:

@@ -62,6 +62,8 @@ CONTENDERS = [
 _MOST_EXACT = 400
 # Panel pixels of a case that each oracle is asked for: some take long.
 _MOST_PIXELS = {"template": 1000, "gu2020": 200, "wang2024": 60, "li2012": 120}
+# Landings that the oracle of `li2012` computes.
+_MOST_LANDINGS = 1_000_000
 # Panel pixels above which the EIA is not scored.
 _LARGEST_SCORED = 100_000
 # Samples of rays that the oracle of `gu2020` looks at.
@@ -120,7 +122,8 @@ def _chosen(display: Display, most: int) -> np.ndarray:
     rng = np.random.default_rng(len(pixels))
     kept = rng.choice(len(pixels), most - 5, replace=False)
     ends = [0, len(pixels) - 1, len(pixels) // 2, len(pixels) // 2 + 1, len(pixels) // 3]
-    return pixels[np.unique(np.concatenate([kept, ends]))]
+    chosen: np.ndarray = pixels[np.unique(np.concatenate([kept, ends]))]
+    return chosen
 
 
 def _refused(algorithm: str, dtype: str, error: InimError) -> dict[str, Any]:
@@ -183,7 +186,7 @@ def _compare(
     rays: Rays,
 ) -> dict[str, Any]:
     """Found sources against the oracle's, and against those in float64."""
-    rays = _affordable(rays, contender, display)
+    rays = _affordable(rays, contender, display, rgbd.depth_mm.size)
     oracle = answer(contender.oracle, rays, rgbd, display, contender.dtype)
     truth, settled = oracle.sources.copy(), 0
     shown = found[rays.pixels[:, 0], rays.pixels[:, 1]].astype(np.int64)
@@ -213,12 +216,18 @@ def _compare(
     }
 
 
-def _affordable(rays: Rays, contender: Contender, display: Display) -> Rays:
+def _affordable(rays: Rays, contender: Contender, display: Display, cells: int) -> Rays:
     """All rays, or an even choice of them where the oracle takes long for each."""
     most = _MOST_PIXELS[contender.oracle.partition(":")[0]]
     if contender.oracle == "gu2020" and not math.isinf(display.scene_pixel_mm):
         low, high = display.depth_range_mm
         most = min(most, max(8, int(_MOST_SAMPLES * display.scene_pixel_mm / (high - low))))
+    if contender.oracle == "li2012":
+        most = min(most, max(6, _MOST_LANDINGS // cells))
+    if contender.oracle == "template":
+        low, high = display.depth_range_mm
+        crossed = float(np.abs([rays.du, rays.dv]).max(initial=0)) * (high - low)
+        most = min(most, max(8, int(_MOST_SAMPLES / (crossed + 1))))
     if len(rays.pixels) <= most:
         return rays
     kept = np.unique(np.linspace(0, len(rays.pixels) - 1, most).astype(int))

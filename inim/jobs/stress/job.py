@@ -27,8 +27,8 @@ __all__ = ["run_stress", "work"]
 _MARKER = "stress.json"
 _VERSIONS = ("drjit", "hypothesis", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
 # Rays of a lens-model case.
-_RAYS = {True: 60, False: 300}
-_THIN = {True: 5, False: 1}
+_RAYS = {True: 60, False: 100}
+_THIN = {True: 8, False: 1}
 
 
 def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = False) -> bool:

@@ -19,7 +19,7 @@ __all__ = ["BAND_ULPS", "run_optics", "run_optics_case"]
 # Roundings a landing point may collect: each in an ulp of the largest coordinate on the way, or in
 # an eps of the numbers of its ray, which grazing rays amplify.
 BAND_ULPS = 32.0
-_TYPES = (np.float64, np.float32)
+_TYPES: tuple[Any, ...] = (np.float64, np.float32)
 
 
 def run_optics(count: int, thin: int, listener: Any) -> list[dict[str, Any]]:
@@ -185,7 +185,8 @@ def _largest(display: Display, rays: LensRays, truth: Landing) -> np.ndarray:
 
 
 def _pixel_of(place: np.ndarray, pixel_mm: float) -> np.ndarray:
-    return np.floor(place / np.longdouble(pixel_mm))
+    pixel: np.ndarray = np.floor(place / np.longdouble(pixel_mm))
+    return pixel
 
 
 def _clear(place: np.ndarray, pixel_mm: float) -> np.ndarray:

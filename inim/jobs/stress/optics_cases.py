@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -70,7 +72,7 @@ def _lenses_inside(lenses: int) -> float:
     return max(lenses - 4, 1)
 
 
-def _float32(*values: np.ndarray) -> LensRays:
+def _float32(*values: Any) -> LensRays:
     x, y, sx, sy = (np.asarray(v, np.float32) for v in np.broadcast_arrays(*values))
     return LensRays(x, y, sx, sy)
 
@@ -82,7 +84,7 @@ def _slopes(count: int) -> list[OpticsCase]:
 
     slopes = (0.0, 1e-6, 1e-3, 0.01, 0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 10.0, 100.0, 1e3, 1e4, 1e6)
     return [
-        OpticsCase(f"{s:g}, bulge to the {side}", lambda s=s, e=side: make(s, e), s)  # type: ignore[misc]
+        OpticsCase(f"{s:g}, bulge to the {side}", partial(make, s, side), s)
         for side in ("viewer", "panel")
         for s in slopes
     ]
@@ -129,7 +131,7 @@ def _focus(count: int) -> list[OpticsCase]:
     return [
         OpticsCase(
             f"g = f (1 {'+' if side > 0 else '-'} 2^-{k})",
-            lambda k=k, s=side: make(k, s),  # type: ignore[misc]
+            partial(make, k, side),
             float(k),
         )
         for side in (1, -1)
@@ -203,7 +205,7 @@ def _places(count: int) -> list[OpticsCase]:
 
     kinds = ("centre", "centre +1 ulp", "border", "border +1 ulp", "border -1 ulp")
     return [
-        OpticsCase(f"{kind}, slope {s:g}", lambda k=kind, s=s: make(k, s))  # type: ignore[misc]
+        OpticsCase(f"{kind}, slope {s:g}", partial(make, kind, s))
         for kind in kinds
         for s in (0.0, 0.1)
     ]
@@ -238,7 +240,7 @@ def _mountings(count: int) -> list[OpticsCase]:
         "tilted by 2 degrees": {"tilt_x_deg": 2.0, "tilt_y_deg": -1.0},
         "all at once": {"rotation_deg": 3.0, "tilt_x_deg": 1.0, "shift_y_mm": 0.31},
     }
-    return [OpticsCase(name, lambda c=c: make(**c)) for name, c in said.items()]  # type: ignore[misc]
+    return [OpticsCase(name, partial(make, **c)) for name, c in said.items()]
 
 
 def _faces(count: int) -> list[OpticsCase]:
@@ -257,7 +259,7 @@ def _faces(count: int) -> list[OpticsCase]:
         "conic, a4, a6": {"conic": -0.6, "asphere_a4": 0.004, "asphere_a6": -0.002},
     }
     return [
-        OpticsCase(f"{name}, bulge to the {side}", lambda c=c, s=side: make(s, **c))  # type: ignore[misc]
+        OpticsCase(f"{name}, bulge to the {side}", partial(make, side, **c))
         for name, c in said.items()
         for side in ("viewer", "panel")
     ]

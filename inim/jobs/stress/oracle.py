@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -157,7 +158,7 @@ def band_of(rays: Rays, display: Display, dtype: type) -> tuple[np.ndarray, np.n
     return across, down, unit * farthest
 
 
-_Find = Callable[[Rays, RGBD, Display, tuple], np.ndarray]
+_Find = Callable[[Rays, RGBD, Display, tuple[Any, Any, Any]], np.ndarray]
 _STILL = (0.0, 0.0, 0.0)
 
 
@@ -214,7 +215,8 @@ def _first_hits(
     down: tuple, across: tuple, depth: np.ndarray, shape: tuple[int, int], low: float, high: float
 ) -> np.ndarray:
     ends = np.broadcast_to([high, low], (len(down[0]), 2))
-    z = np.concatenate([ends, _crossings(*down, low, high), _crossings(*across, low, high)], axis=1)
+    met = [_crossings(start, slope, low, high) for start, slope in (down, across)]
+    z = np.concatenate([ends, *met], axis=1)
     z = -np.sort(-z, axis=1)
     top, end = z[:, :-1], z[:, 1:]
     middle = top / 2 + end / 2
@@ -222,12 +224,14 @@ def _first_hits(
     c = _cell(across[0][:, None] + across[1][:, None] * middle, shape[1])
     hit = (depth[r + 1, c + 1] >= end) & (top > end)
     first, each = np.argmax(hit, axis=1), np.arange(len(hit))
-    return np.where(hit.any(axis=1), r[each, first] * shape[1] + c[each, first], HOLE)
+    source: np.ndarray = r[each, first] * shape[1] + c[each, first]
+    return np.where(hit.any(axis=1), source, HOLE)
 
 
 def _cell(place: np.ndarray, cells: int) -> np.ndarray:
     """Cell of a place; -1 or `cells` outside, where the frame is."""
-    return np.clip(np.floor(place), -1, cells).astype(np.int64)
+    cell: np.ndarray = np.clip(np.floor(place), -1, cells).astype(np.int64)
+    return cell
 
 
 def _crossings(start: np.ndarray, slope: np.ndarray, low: float, high: float) -> np.ndarray:
@@ -261,7 +265,7 @@ def _exact_hit(rays: Rays, rgbd: RGBD, index: int, low: Fraction, high: Fraction
         if not (0 <= r < rgbd.shape[0] and 0 <= c < rgbd.shape[1]):
             continue
         if rgbd.covered[r, c] and Fraction(float(rgbd.depth_mm[r, c])) >= end:
-            return r * rgbd.shape[1] + c
+            return int(r * rgbd.shape[1] + c)
     return HOLE
 
 
@@ -393,7 +397,8 @@ def _landings(
     rows, columns = np.nonzero(rgbd.covered & (rgbd.depth_mm != 0))
     z = rgbd.depth_mm[rows, columns].astype(float)
     high, wide = display.eia_shape
-    found, keys = [], []
+    found: list[np.ndarray] = []
+    keys: list[tuple[np.ndarray, ...]] = []
     lens_v, lens_u = rays.rows.lens, rays.columns.lens
     shift = [np.median(p) if np.ndim(p) else 0.0 for p in push[:2]]
     placed: dict[tuple[int, int], tuple] = {}
@@ -433,7 +438,8 @@ def _landing(
     centre = Fraction(2 * number + 1 - lenses, 2) * stated(display.pitch_mm) + stated(shift)
     x0 = float(centre / pixel)
     X = (2 * cell + 1 - cells) / 2 * float(stated(rgbd.pixel_mm) / pixel)
-    return x0 + (x0 - X) * float(stated(display.gap_mm)) / z
+    place: np.ndarray = x0 + (x0 - X) * float(stated(display.gap_mm)) / z
+    return place
 
 
 def _panel_pixel(place: np.ndarray, pixels: int) -> np.ndarray:

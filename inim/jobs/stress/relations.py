@@ -191,7 +191,9 @@ def _mirror(axis: int) -> Callable[[Find, str, Size], Iterator[Outcome]]:
     def check(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
         for display, rgbd in _pictures(size):
             flipped = RGBD(
-                *(np.flip(a, axis) for a in (rgbd.color, rgbd.depth_mm, rgbd.covered)),
+                np.flip(rgbd.color, axis),
+                np.flip(rgbd.depth_mm, axis),
+                np.flip(rgbd.covered, axis),
                 rgbd.pixel_mm,
             )
             before = _colour(find(rgbd, display, algorithm), rgbd)
@@ -253,7 +255,8 @@ def _scale(factor: float) -> Callable[[Find, str, Size], Iterator[Outcome]]:
 
 def _short(depth: np.ndarray) -> np.ndarray:
     mantissa, power = np.frexp(depth)
-    return np.ldexp(np.rint(mantissa * 4096) / 4096, power).astype(np.float32)
+    short: np.ndarray = np.ldexp(np.rint(mantissa * 4096) / 4096, power).astype(np.float32)
+    return short
 
 
 def _stretch(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:

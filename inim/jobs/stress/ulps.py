@@ -80,10 +80,10 @@ def _exits(display: Display, rgbd: RGBD, dtype: type, rounded: bool) -> _Pairs:
 
 def _coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
     """Picture cells at depths along rays."""
-    depths = np.linspace(*display.depth_range_mm, _PLACES).astype(dtype)
+    depths: np.ndarray = np.linspace(*display.depth_range_mm, _PLACES).astype(dtype)
     for rays, line, chosen in _axes(display, rgbd):
-        start = (rays.start / rays.scale).astype(dtype)
-        slope = (rays.slope / rays.scale).astype(dtype)
+        start: np.ndarray = (rays.start / rays.scale).astype(dtype)
+        slope: np.ndarray = (rays.slope / rays.scale).astype(dtype)
         for i in chosen:
             for z in depths[np.isfinite(depths)]:
                 yield start[i] + slope[i] * z, line.start[i] + line.slope[i] * Fraction(float(z))

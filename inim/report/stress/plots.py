@@ -42,10 +42,10 @@ def draw_plots(data: Mapping[str, Any], folder: Path) -> list[str]:
     figure = Figure(figsize=(13.2, 8.2), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(2, 3)
-    for axis, panel in zip(axes[0], _LENS_PANELS, strict=True):
-        _lens_panel(axis, data["lens_models"], *panel)
-    for axis, panel in zip(axes[1], _GENERATOR_PANELS, strict=True):
-        _generator_panel(axis, data["generators"], *panel)
+    for axis, (family, title, label) in zip(axes[0], _LENS_PANELS, strict=True):
+        _lens_panel(axis, data["lens_models"], family, title, label)
+    for axis, (family, title, label, scale) in zip(axes[1], _GENERATOR_PANELS, strict=True):
+        _generator_panel(axis, data["generators"], family, title, label, scale)
     axes[0, 0].set_ylabel("worst error of the landing, panel pixels", fontsize=9)
     axes[1, 0].set_ylabel("panel pixels of another source, share", fontsize=9)
     for row in axes:
@@ -61,20 +61,22 @@ def draw_plots(data: Mapping[str, Any], folder: Path) -> list[str]:
     return ["stress.svg", "stress.png"]
 
 
-def _lens_panel(axis: Any, rows: Sequence[Mapping[str, Any]], family: str, *words: str) -> None:
+def _lens_panel(
+    axis: Any, rows: Sequence[Mapping[str, Any]], family: str, title: str, label: str
+) -> None:
     for model in ("pinhole", "thin", "thick"):
         for dtype in ("float32", "float64"):
             mine = [r for r in rows if _is(r, family, dtype) and r["model"] == model]
             _line(axis, mine, "worst_pixels", f"{model}, {dtype}", _NO_ERROR["lens"])
     axis.axhline(LANDING_PIXELS, **LINES["floor"])
-    _finish(axis, *words, "log")
+    _finish(axis, title, label, "log")
 
 
 def _generator_panel(
     axis: Any, rows: Sequence[Mapping[str, Any]], family: str, title: str, label: str, scale: str
 ) -> None:
     for name in ("template", "gu2020", "wang2024", "li2012"):
-        for algorithm, dtype in _TYPED(name):
+        for algorithm, dtype in _typed(name):
             mine = [
                 {**r, "share": r["changed"] / r["pixels"]}
                 for r in rows
@@ -85,7 +87,7 @@ def _generator_panel(
     _finish(axis, title, label, scale)
 
 
-def _TYPED(name: str) -> list[tuple[str, str]]:  # noqa: N802
+def _typed(name: str) -> list[tuple[str, str]]:
     both = [(f"{name}:dtype=float32", "float32"), (name, "float64")]
     return [*both, (name, "float32")] if name == "template" else both
 

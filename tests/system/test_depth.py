@@ -1,0 +1,181 @@
+"""`inim depth`: what a model says becomes distances that `inim generate` takes.
+
+Expected: inverse depth is turned round, metres are kept, and without torch, transformers or the
+model there is one line with the way out. The model is a tiny one with random weights where torch
+and transformers are installed, and otherwise a stand-in for the pipeline.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.cli import main
+from inim.errors import EXIT_PASSED, EXIT_USAGE, UsageError
+from inim.jobs.depth import relative_distance, says_distance
+from inim.pictures.depth_file import read_depth
+
+
+@pytest.fixture
+def photo(tmp_path: Path) -> Path:
+    path = tmp_path / "photo.png"
+    pixels = np.random.default_rng(0).integers(0, 256, (42, 56, 3)).astype(np.uint8)
+    Image.fromarray(pixels).save(path)
+    return path
+
+
+class _Tensor:
+    """As much of a tensor as is asked for."""
+
+    def __init__(self, values):
+        self.values = np.asarray(values, np.float32)
+
+    def detach(self):
+        return self
+
+    cpu = float = detach
+
+    def numpy(self):
+        return self.values
+
+
+def stand_in(monkeypatch, said, **config):
+    """Put a pipeline in place of transformers' that says `said` of any picture."""
+    seen = []
+
+    def pipeline(task, model):
+        assert task == "depth-estimation"
+        if isinstance(said, Exception):
+            raise said
+
+        def estimate(picture):
+            seen.append((model, picture.size))
+            return {"predicted_depth": _Tensor(said)}
+
+        estimate.model = SimpleNamespace(config=SimpleNamespace(**config))
+        return estimate
+
+    transformers = ModuleType("transformers")
+    transformers.pipeline = pipeline
+    monkeypatch.setitem(sys.modules, "transformers", transformers)
+    monkeypatch.setitem(sys.modules, "torch", ModuleType("torch"))
+    return seen
+
+
+def test_inverse_depth_is_turned_round(monkeypatch, photo, capsys):
+    inverse = np.linspace(3, 11, 42 * 56).reshape(1, 42, 56)
+    seen = stand_in(monkeypatch, inverse, model_type="dpt")
+    out = photo.with_name("d.exr")
+    assert main(["depth", str(photo), "-o", str(out), "--ratio", "5"]) == EXIT_PASSED
+    assert seen == [("depth-anything/Depth-Anything-V2-Small-hf", (56, 42))]
+    depth = read_depth(out).values
+    assert depth.shape == (42, 56)
+    # Inverse distance is affine in what was said: 1/5 at the least, 1 at the largest.
+    np.testing.assert_allclose(1 / depth, 0.2 + 0.8 * (inverse[0] - 3) / 8, rtol=1e-5)
+    assert "--depth-unit none --far-is-large" in capsys.readouterr().out
+
+
+def test_metres_are_kept_and_make_an_eia(monkeypatch, photo, capsys):
+    metres = np.linspace(4, 1, 42)[:, None].repeat(56, 1)
+    stand_in(monkeypatch, metres, model_type="depth_anything", depth_estimation_type="metric")
+    out, eia = photo.with_name("d.npy"), photo.with_name("eia.png")
+    assert main(["depth", str(photo), "-o", str(out)]) == EXIT_PASSED
+    np.testing.assert_allclose(read_depth(out).values, metres, rtol=1e-6)
+    use = capsys.readouterr().out.split("use it with ")[1].split()
+    size = [w for k in ("columns", "rows") for w in ("-D", f"inim.lens_{k}=8")]
+    more = ["--color", str(photo), "--orthographic", *size, "-o", str(eia)]
+    assert main(["generate", *more, *use]) == EXIT_PASSED
+    said = capsys.readouterr()
+    assert "1000 (near) .. 4000 (far) mm" in said.out
+    assert said.err == ""
+
+
+def test_flat_inverse_depth_is_all_near():
+    assert (relative_distance(np.full((3, 4), 7.0), 4.0) == 1).all()
+
+
+def test_what_a_model_says_follows_from_its_kind_or_is_asked_for():
+    def config(kind, **more):
+        return SimpleNamespace(model_type=kind, **more)
+
+    assert says_distance(config("zoedepth"), "m")
+    assert not says_distance(config("dpt"), "m")
+    assert not says_distance(config("depth_anything", depth_estimation_type="relative"), "m")
+    assert says_distance(config("dpt"), "m", "metres")
+    with pytest.raises(UsageError, match="--says inverse"):
+        says_distance(config("odd"), "m")
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (("-o", "d.png"), "-o d.png"),
+        (("-o", "d.exr", "--ratio", "1"), "--ratio 1"),
+        (("-o", "d.exr", "--says", "feet"), "--says feet"),
+    ],
+)
+def test_a_mistake_is_one_line(photo, capsys, monkeypatch, more, says):
+    monkeypatch.chdir(photo.parent)
+    assert main(["depth", str(photo), *more]) == EXIT_USAGE
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("missing", ["torch", "transformers"])
+def test_without_the_extra_the_line_to_type_is_said(photo, capsys, monkeypatch, missing):
+    stand_in(monkeypatch, np.ones((4, 4)))
+    monkeypatch.setitem(sys.modules, missing, None)
+    assert main(["depth", str(photo), "-o", str(photo.with_name("d.exr"))]) == EXIT_USAGE
+    said = capsys.readouterr().err
+    assert f"{missing} is missing" in said
+    assert "pip install 'inim[depth]'" in said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("said", "says"),
+    [
+        (OSError("mine is no local folder\nand more"), "--model mine: cannot be loaded (mine is"),
+        (np.full((4, 4), np.nan), "values not finite"),
+        (np.ones((2, 3, 4, 5)), "shape (2, 3, 4, 5)"),
+    ],
+)
+def test_a_model_that_cannot_be_used_is_named(photo, capsys, monkeypatch, said, says):
+    stand_in(monkeypatch, said, model_type="dpt")
+    out = photo.with_name("d.exr")
+    assert main(["depth", str(photo), "-o", str(out), "--model", "mine"]) == EXIT_USAGE
+    text = capsys.readouterr().err
+    assert says in text
+    assert text.count("\n") == 1
+    assert not out.exists()
+
+
+def test_a_tiny_model_from_a_folder(photo, tmp_path, capsys):
+    """The real pipeline, with random weights."""
+    pytest.importorskip("torch")
+    transformers = pytest.importorskip("transformers")
+    backbone = transformers.Dinov2Config(
+        hidden_size=16, num_hidden_layers=4, num_attention_heads=2, image_size=28, patch_size=14,
+        out_indices=[1, 2, 3, 4], apply_layernorm=True, reshape_hidden_states=False,
+    )  # fmt: skip
+    config = transformers.DepthAnythingConfig(
+        backbone_config=backbone, patch_size=14, reassemble_hidden_size=16,
+        neck_hidden_sizes=[4, 4, 8, 8], fusion_hidden_size=8, head_hidden_size=4,
+    )  # fmt: skip
+    folder = tmp_path / "tiny"
+    transformers.DepthAnythingForDepthEstimation(config).save_pretrained(folder)
+    size = {"height": 28, "width": 28}
+    transformers.DPTImageProcessor(size=size, keep_aspect_ratio=False).save_pretrained(folder)
+    out = tmp_path / "d.exr"
+    assert main(["depth", str(photo), "-o", str(out), "--model", str(folder)]) == EXIT_PASSED
+    depth = read_depth(out).values
+    assert depth.shape == (42, 56)
+    assert depth.min() == pytest.approx(1)
+    assert depth.max() == pytest.approx(4)
+    assert "inverse depth" in capsys.readouterr().out

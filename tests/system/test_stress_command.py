@@ -1,0 +1,75 @@
+"""A whole quick stress run from the command line.
+
+Expected: every check holds, every file is there, mistakes cost one line and no folder.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from inim.errors import EXIT_PASSED, EXIT_USAGE
+from tests.system.conftest import assert_one_line, nothing_left
+
+FILES = {"stress.html", "stress.json", "stress.md", "stress.png", "stress.svg"}
+KEYS = {
+    "schema", "mode", "command", "versions", "backend", "generators", "lens_models", "relations",
+    "jitter", "regions", "trust", "checks", "passed", "files", "seconds",
+}  # fmt: skip
+
+
+def run_stress(*words: object, folder: Path):
+    return subprocess.run(
+        [sys.executable, "-m", "inim.stress", *map(str, words)],
+        cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", timeout=600,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stress 鼎")
+    ended = run_stress("--quick", "-o", "out", folder=folder)
+    assert ended.returncode == EXIT_PASSED, ended.stderr + ended.stdout
+    return ended, folder, json.loads((folder / "out" / "stress.json").read_text("utf-8"))
+
+
+def test_every_file_is_there_and_nothing_half_written(finished):
+    _, folder, data = finished
+    assert {p.name for p in (folder / "out").iterdir()} == FILES == set(data["files"])
+    assert nothing_left(folder)
+
+
+def test_data_are_complete_and_every_check_holds(finished):
+    data = finished[2]
+    assert data.keys() >= KEYS
+    assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress/1", "quick", True)
+    assert all(c["passed"] and c["cases"] > 0 for c in data["checks"])
+    both = {(r["algorithm"], r["dtype"]) for r in data["generators"] if r["outcome"] == "ran"}
+    assert len(both) == 11
+    assert {(r["model"], r["dtype"]) for r in data["lens_models"] if r["outcome"] == "ran"} == {
+        (m, d) for m in ("pinhole", "thin", "thick") for d in ("float32", "float64")
+    }
+    assert "numba or Dr.Jit on LLVM" in {r["relation"] for r in data["relations"]}
+
+
+def test_each_check_has_a_line_and_the_page_its_place(finished):
+    ended, _, data = finished
+    lines = ended.stdout.splitlines()
+    for check, line in zip(data["checks"], lines, strict=False):
+        assert line.startswith("ok") and check["name"] in line
+    assert lines[-1] == f"passed; {Path('out') / 'stress.html'}"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [(("missing.xml",), ["missing.xml"]), (("-D", "inim.gap_mm=3"), ["-D", "scene"])],
+)
+def test_mistakes_cost_one_line_and_no_folder(tmp_path, words, says):
+    ended = run_stress(*words, folder=tmp_path)
+    assert ended.returncode == EXIT_USAGE
+    assert_one_line(ended.stderr, says)
+    assert not list(tmp_path.iterdir())

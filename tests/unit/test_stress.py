@@ -1,0 +1,490 @@
+"""The stress run's own tools: its oracles are right, and each of its checks can fail.
+
+An error is planted into a generator or a lens model, and the check that should see it must.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.database import DirectoryBasedExampleDatabase
+
+from inim.display import Display
+from inim.errors import UsageError
+from inim.generators import HOLE, find_sources, gu2020, prepare, wang2024
+from inim.generators.working_type import in_type
+from inim.jobs.stress import generators, optics, optics_relations, relations
+from inim.jobs.stress.cases import QUICK, Case, Family, noise
+from inim.jobs.stress.jitter import JITTERS, measure_jitter, quantised
+from inim.jobs.stress.optics_cases import display_of, rays_over
+from inim.jobs.stress.optics_oracle import LensRays, land
+from inim.jobs.stress.oracle import (
+    answer,
+    exact_template,
+    lensed_pixels,
+    rays_of,
+    template_sources,
+)
+from inim.jobs.stress.regions import checks_of, regions_of, trust_limits
+from inim.lens import trace_to_panel
+from inim.rgbd import RGBD
+from inim.trust import trust_warnings
+from tests import oracle as rational
+from tests.conftest import small_display
+
+# Failures found once are tried first ever after, here and wherever the folder goes.
+FAILURES = DirectoryBasedExampleDatabase(Path(__file__).parent / "stress_failures")
+RANDOM = settings(
+    max_examples=12,
+    deadline=None,
+    database=FAILURES,
+    suppress_health_check=[HealthCheck.too_slow],
+    derandomize=False,
+)
+
+
+def picture(display: Display, seed: int = 0, per_pitch: int = 2) -> RGBD:
+    shape = display.capture_shape(per_pitch)
+    return noise(display, shape, display.pitch_mm / per_pitch, seed)
+
+
+def asked(display: Display, rgbd: RGBD):
+    return rays_of(display, rgbd, lensed_pixels(display))
+
+
+# -- oracles ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1])
+@pytest.mark.parametrize("pixels", [4, 5])
+def test_the_exact_oracle_agrees_with_the_tests_rational_one(pixels, shift):
+    display = small_display(3, 2, pixels=pixels)
+    rgbd = picture(display)
+    rays = asked(display, rgbd)
+    found = exact_template(rays, rgbd, display, np.arange(len(rays.pixels)))
+    expected = rational.exact_sources(rgbd, display)[rays.pixels[:, 0], rays.pixels[:, 1]]
+    assert np.array_equal(found, expected)
+    # The float one agrees wherever it does not say that rounding decides.
+    float64 = answer("template", rays, rgbd, display, np.float64)
+    assert not ((float64.sources != found) & ~float64.uncertain).any()
+    if shift:
+        moved = display.replace(shift_x_mm=shift)
+        assert not np.array_equal(template_sources(asked(moved, rgbd), rgbd, moved), found)
+
+
+lengths = st.sampled_from([1.0, 0.5, 0.93, 1 / 3, 1.17, 2.0])
+
+
+@st.composite
+def displays(draw):
+    """Random displays, real and virtual, of whole and broken numbers of pixels."""
+    pitch = draw(lengths)
+    focal = pitch * draw(st.sampled_from([2.0, 3.0, 3.7]))
+    gap = focal * draw(st.sampled_from([0.8, 0.9, 1.1, 1.25]))
+    ratio = draw(st.sampled_from([2, 3, 4.5, 5, 5.3]))
+    columns, rows = draw(st.integers(1, 4)), draw(st.integers(1, 3))
+    ends = draw(st.sampled_from([None, (-6.0, 5.0), (3.0, 9.0), (-9.0, -2.5)]))
+    stated = {}
+    if ends is not None:
+        stated = {"depth_min_mm": ends[0] * pitch, "depth_max_mm": ends[1] * pitch}
+    return Display(pitch, focal, gap, pitch / ratio, columns, rows, **stated)
+
+
+@RANDOM
+@given(displays(), st.integers(0, 2**31), st.sampled_from([1, 2, 3, 1.7]))
+def test_random_displays_are_exact_and_uncertain_where_they_differ(display, seed, per_pitch):
+    """`template` in all forms against fractions; the others within rounding of their definition."""
+    rgbd = noise(display, (14, 16), display.pitch_mm / per_pitch, seed)
+    rays = asked(display, rgbd)
+    if not len(rays.pixels):
+        return
+    at = rays.pixels[:, 0], rays.pixels[:, 1]
+    exact = exact_template(rays, rgbd, display, np.arange(len(rays.pixels)))
+    whole = np.ones(display.eia_shape, bool)
+    # Lengths of too many digits (3 x 0.8 is not 2.4) are warned of, and then ties may be lost.
+    warned = bool(trust_warnings(display, pixel_mm=rgbd.pixel_mm))
+    uncertain = answer("template", rays, rgbd, display, np.float64).uncertain
+    for shown in (find_sources(rgbd, display), find_sources(rgbd, display, mask=whole)):
+        wrong = shown[at] != exact
+        assert not (wrong & ~uncertain if warned else wrong).any()
+    for algorithm in ("gu2020", "wang2024:matching=ray", "li2012"):
+        for dtype in (np.float64, np.float32):
+            known = answer(algorithm, rays, rgbd, display, dtype)
+            shown = find_sources(rgbd, display, f"{algorithm}:dtype={np.dtype(dtype).name}")[at]
+            assert not ((shown != known.sources) & ~known.uncertain).any(), (algorithm, dtype)
+
+
+@pytest.mark.parametrize("side", ["viewer", "panel"])
+def test_the_optics_oracle_obeys_the_thin_lens_near_the_axis(side):
+    """h (1 - g / f) + s g from the lens centre, as in closed form."""
+    display = display_of(curved_side=side)
+    tiny = np.array([1e-6])
+    found = land(display, "thick", LensRays(tiny, 0 * tiny, 2 * tiny, 0 * tiny))
+    expected = 1e-6 * (1 - 3.3 / 3) + 2e-6 * 3.3
+    assert float(found.x[0]) == pytest.approx(expected, rel=1e-8)
+
+
+def test_the_optics_oracle_knows_where_total_reflection_begins():
+    """Flat side first, parallel light is reflected beyond h = R / n."""
+    radius = 3.0 * 0.4917
+    display = display_of(curved_side="panel", pitch_mm=1.405 * radius, pixel_pitch_mm=0.08)
+    display = display.replace(lens_thickness_mm=1.5)
+    h = radius / 1.4917 * np.array([0.999, 1.001])
+    weight = land(display, "thick", LensRays(h, 0 * h, 0 * h, 0 * h)).weight
+    assert weight[0] > 0 and weight[1] == 0
+
+
+# -- working type -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("algorithm", ["template", "gu2020", "wang2024", "li2012"])
+def test_float64_is_the_default_to_the_bit(algorithm):
+    display = small_display(4, 3, pixels=5)
+    rgbd = picture(display)
+    default = find_sources(rgbd, display, algorithm)
+    assert np.array_equal(default, find_sources(rgbd, display, algorithm, dtype="float64"))
+
+
+@pytest.mark.parametrize("algorithm", ["template", "li2012"])
+def test_float32_is_another_arithmetic(algorithm):
+    """Rounded for certain: over a wide array, where cells have large numbers, pixels differ."""
+    display = small_display(400, 2, pixels=9, gap_mm=3.37)
+    rgbd = noise(display, (20, 1400), 0.31)
+    double, single = (
+        find_sources(rgbd, display, algorithm, dtype=d) for d in ("float64", "float32")
+    )
+    assert 0 < np.count_nonzero(double != single) < 0.05 * double.size
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "kernel"),
+    [("gu2020", gu2020._search_all), ("wang2024", wang2024._match_all)],
+)
+def test_float32_is_what_kernels_are_compiled_for(algorithm, kernel):
+    """Their decisions are so far from rounding that hardly a pixel shows it."""
+    display = small_display(2, 2, pixels=3)
+    find_sources(picture(display), display, f"{algorithm}:dtype=float32")
+    assert any(str(signature[3].dtype) == "float32" for signature in kernel.signatures)
+
+
+def test_float32_refuses_what_it_cannot_hold():
+    for lost in (1e40, -1e39, 1e-60, np.array([1.0, 1e40])):
+        with pytest.raises(UsageError, match="float32"):
+            in_type("float32", lost)
+    assert in_type("float32", 0.1) == np.float32(0.1)
+    assert in_type("float32", np.array([-np.inf]))[0] == -np.inf
+    display = small_display(2, 2, pixels=3)
+    with pytest.raises(UsageError, match="dtype = 'float16'"):
+        prepare(display, "template", shape=(3, 3), pixel_mm=1.0, dtype="float16")
+    with pytest.raises(UsageError, match="plain Python"):
+        find_sources(picture(display), display, "gu2020:dtype=float32:implementation=python")
+
+
+# -- what would run for ever, or take all memory --------------------------------------------------
+
+
+def test_rays_that_cross_too_many_cells_are_refused():
+    far = small_display(2, 2, pixels=3, gap_mm=3.0 * (1 + 2.0**-24))
+    for algorithm in ("template", "wang2024", "gu2020"):
+        with pytest.raises(UsageError, match="make sense"):
+            prepare(far, algorithm, shape=(9, 9), pixel_mm=0.5)
+
+
+def test_tables_that_would_fill_the_memory_give_way_to_rays():
+    """A picture of 50,000 pixels per pitch took 894 GiB as tables."""
+    display = small_display(3, 3, pixels=5, depth_min_mm=1e-3, depth_max_mm=1.5e-3)
+    rgbd = noise(display, (16, 16), 2e-5)
+    whole = np.ones(display.eia_shape, bool)
+    shown = find_sources(rgbd, display)
+    assert np.array_equal(shown, find_sources(rgbd, display, mask=whole))
+    assert (shown >= 0).any()
+
+
+# -- checks that can fail -------------------------------------------------------------------------
+
+
+def one_case(make=None, **changes):
+    display = small_display(3, 3, pixels=5, **changes)
+    made = (display, picture(display)) if make is None else make
+    family = Family("family", "value", lambda _: [])
+    return family, Case("case", lambda: made, 1.0)
+
+
+def plant(monkeypatch, wrong):
+    """Let every generator's answer pass through `wrong` in the cases."""
+
+    def planted(rgbd, display, algorithm="template", **options):
+        return wrong(find_sources(rgbd, display, algorithm, **options), display, rgbd, algorithm)
+
+    monkeypatch.setattr(generators, "find_sources", planted)
+
+
+def failed(rows):
+    return {(r["algorithm"], r["dtype"]) for r in rows if not r["passed"]}
+
+
+def test_an_honest_case_passes():
+    rows = generators.run_case(*one_case(), 225)
+    assert len(rows) == len(generators.CONTENDERS)
+    assert not failed(rows)
+    assert all(r["changed"] == 0 for r in rows if r["algorithm"] == "template")
+
+
+def test_a_lens_off_by_one_is_reported(monkeypatch):
+    plant(monkeypatch, lambda found, display, *_: np.roll(found, 5, axis=1))
+    rows = generators.run_case(*one_case(), 225)
+    assert len(failed(rows)) == len(rows)
+
+
+def test_a_wrong_sign_of_depth_is_reported(monkeypatch):
+    def planted(rgbd, display, algorithm="template", **options):
+        low, high = display.depth_range_mm
+        turned = RGBD(
+            rgbd.color, np.float32(low + high) - rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm
+        )
+        return find_sources(turned, display, algorithm, **options)
+
+    monkeypatch.setattr(generators, "find_sources", planted)
+    rows = generators.run_case(*one_case(), 225)
+    assert len(failed(rows)) == len(rows)
+
+
+def test_one_wrong_pixel_of_the_exact_path_is_reported(monkeypatch):
+    def wrong(found, display, rgbd, algorithm):
+        found = found.copy()
+        found[7, 7] = HOLE if found[7, 7] != HOLE else 0
+        return found
+
+    plant(monkeypatch, wrong)
+    rows = generators.run_case(*one_case(), 225)
+    assert {("template", "float32"), ("template", "float64")} <= failed(rows)
+
+
+def test_float32_where_float64_is_claimed_is_reported(monkeypatch):
+    """Exact tables replaced by a walk in single precision: ties give it away."""
+    ties = next(c for c in _family("ties") if c.label == "ray by ray, +0 ulp")
+
+    def single(rgbd, display, algorithm="template", **options):
+        if algorithm == "template":
+            return find_sources(rgbd, display, "template:dtype=float32")
+        return find_sources(rgbd, display, algorithm, **options)
+
+    monkeypatch.setattr(generators, "find_sources", single)
+    rows = generators.run_case(Family("ties", "", lambda _: []), ties, 225)
+    assert {("template", "float32"), ("template", "float64")} <= failed(rows)
+
+
+def _family(name):
+    from inim.jobs.stress.cases import FAMILIES
+
+    return next(f for f in FAMILIES if f.name == name).cases(QUICK)
+
+
+def test_a_crash_is_a_row_and_not_the_end(monkeypatch):
+    def broken(*_, **__):
+        raise ZeroDivisionError("by planting")
+
+    monkeypatch.setattr(generators, "find_sources", broken)
+    rows = generators.run_case(*one_case(), 225)
+    assert {r["outcome"] for r in rows} == {"crashed"} and len(failed(rows)) == len(rows)
+
+
+def test_what_must_be_refused_and_is_not_is_reported():
+    family, case = one_case()
+    (row,) = generators.run_case(family, Case(case.label, case.make, 1.0, refused=True), 225)
+    assert row["outcome"] == "accepted" and not row["passed"]
+
+
+BROKEN_BY = {
+    "shift by one pitch": lambda s, d, r: np.where(np.arange(s.shape[1]) < 9, s, np.roll(s, 1, 1)),
+    "mirror left and right": lambda s, d, r: np.roll(s, 1, axis=1),
+    "mirror top and bottom": lambda s, d, r: np.roll(s, 1, axis=0),
+    "transpose": lambda s, d, r: np.roll(s, 1, axis=1),
+    "all lengths x 2^10": lambda s, d, r: np.roll(s, int(d.pitch_mm > 2), axis=1),
+    "all lengths x 2^-7": lambda s, d, r: np.roll(s, int(d.pitch_mm < 0.5), axis=1),
+    "all lengths x 1000": lambda s, d, r: np.roll(s, int(d.pitch_mm > 2), axis=1),
+    "stretch along z x 4": lambda s, d, r: np.roll(s, int(d.gap_mm > 10), axis=1),
+    "move along z": lambda s, d, r: np.roll(s, int(d.depth_range_mm[1] > 30), axis=1),
+    "a nearer object changes only its shadow": lambda s, d, r: np.roll(
+        s, int(np.count_nonzero(r.covered)), axis=1
+    ),
+    "an object where nothing was": lambda s, d, r: np.roll(s, int(r.covered.all()), axis=1),
+    "uncovered pixels do not matter": lambda s, d, r: np.roll(
+        s, int(not np.isfinite(r.depth_mm).all()), axis=1
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN_BY)
+def test_every_relation_sees_what_breaks_it(monkeypatch, name):
+    wrong = BROKEN_BY[name]
+    (relation,) = [r for r in relations.RELATIONS if r.name == name]
+    monkeypatch.setattr(relations, "RELATIONS", [relation])
+    monkeypatch.setattr(relations, "ALGORITHMS", ("template",))
+
+    def planted(rgbd, display, algorithm):
+        return wrong(find_sources(rgbd, display, algorithm), display, rgbd)
+
+    def of_template(rows):
+        return next(r for r in rows if r["algorithm"] == "template")
+
+    assert of_template(relations.run_relations(QUICK))["passed"]
+    assert not of_template(relations.run_relations(QUICK, planted))["passed"]
+
+
+def test_threads_tiles_and_forms_are_compared_for_real(monkeypatch):
+    """An answer that changes with every call breaks the relations that compare two calls."""
+    calls = iter(range(1000))
+
+    def fickle(rgbd, display, algorithm):
+        return np.roll(find_sources(rgbd, display, algorithm), next(calls), axis=1)
+
+    names = ("one thread or all", "tiles or whole", "float32 tables or float64 rays")
+    chosen = [r for r in relations.RELATIONS if r.name in names]
+    monkeypatch.setattr(relations, "RELATIONS", chosen)
+    rows = relations.run_relations(QUICK, fickle)
+    assert {r["relation"] for r in rows if not r["passed"]} == set(names)
+
+
+def test_explained_relations_do_break_so_the_explanation_is_needed(monkeypatch):
+    explained = [r for r in relations.RELATIONS if r.explained]
+    monkeypatch.setattr(relations, "RELATIONS", explained)
+    rows = [r for r in relations.run_relations(QUICK) if r["explained"]]
+    assert rows and all(r["broken"] > r["uncertain"] for r in rows)
+
+
+OPTICS_BROKEN = {
+    "mirror left and right": lambda x, y, d: (x + 1e-9, y),
+    "transpose": lambda x, y, d: (x * (1 + 1e-9), y),
+    "shift by one pitch": lambda x, y, d: (x * (1 + 1e-9), y),
+    "array and rays shifted by half and whole pixels": lambda x, y, d: (
+        x - 2 * d.shift_x_mm,
+        y,
+    ),
+    "all lengths x 2^10": lambda x, y, d: (x + 1e-12, y),
+    "all lengths x 1000": lambda x, y, d: (x + 1e-9, y),
+    "one ray or many": lambda x, y, d: (x + 1e-12 * np.size(x), y),
+}
+
+
+@pytest.mark.parametrize("name", optics_relations.OPTICS_RELATIONS)
+def test_every_lens_relation_sees_what_breaks_it(name):
+    def planted(display, model, *ray):
+        x, y, weight = trace_to_panel(display, model, *ray)
+        return (*OPTICS_BROKEN[name](x, y, display), weight)
+
+    honest = [r for r in optics_relations.run_optics_relations() if r["relation"] == name]
+    wrong = [r for r in optics_relations.run_optics_relations(planted) if r["relation"] == name]
+    assert all(r["passed"] for r in honest)
+    assert not any(r["passed"] for r in wrong)
+
+
+def optics_case():
+    display = display_of()
+    rays = rays_over(display, 40)
+    family = optics.OpticsFamily("family", "value", ("pinhole", "thin", "thick"), lambda _: [])
+    return family, optics.OpticsCase("case", lambda: (display, rays), 1.0)
+
+
+def test_honest_lens_models_pass():
+    rows = optics.run_optics_case(*optics_case())
+    assert len(rows) == 6 and all(r["passed"] and r["safe"] for r in rows)
+
+
+@pytest.mark.parametrize("wrong", ["sign", "lens", "single"])
+def test_a_wrong_lens_model_is_reported(monkeypatch, wrong):
+    """A wrong sign, the next lens, float32 where float64 is claimed."""
+
+    def planted(display, model, x, y, sx, sy, dtype):
+        if wrong == "sign":
+            return trace_to_panel(display, model, x, y, -sx, sy, dtype=dtype)
+        if wrong == "lens":
+            a, b, weight = trace_to_panel(display, model, x, y, sx, sy, dtype=dtype)
+            return a + display.pitch_mm, b, weight
+        return trace_to_panel(display, model, x, y, sx, sy, dtype=np.float32)
+
+    monkeypatch.setattr(optics, "trace_to_panel", planted)
+    rows = optics.run_optics_case(*optics_case())
+    dtypes = ("float64",) if wrong == "single" else ("float64", "float32")
+    assert all(not r["passed"] for r in rows if r["dtype"] in dtypes)
+
+
+# -- what follows from rows -----------------------------------------------------------------------
+
+
+def row(value, safe=True, dtype="float32", **more):
+    common = {
+        "family": "incidence", "case": str(value), "value": value, "model": "thin", "dtype": dtype,
+        "algorithm": "template", "outcome": "ran", "safe": safe, "guards": [], "passed": safe,
+        "worst_pixels": 0.0, "pixels": 10, "changed": 0 if safe else 3, "digest": "same",
+    }  # fmt: skip
+    return common | more
+
+
+def test_a_region_ends_where_the_first_unsafe_value_is():
+    rows = [row(1.0), row(2.0), row(3.0), row(4.0, safe=False), row(5.0)]
+    (region,) = regions_of([], rows, {"incidence": "slope"})
+    assert (region["low"], region["high"], region["tried"]) == (1.0, 3.0, [1.0, 5.0])
+    far_off = [row(1.0), row(2.0, worst_pixels=0.02)]
+    (region,) = regions_of([], far_off, {"incidence": "slope"})
+    assert region["high"] == 1.0
+
+
+def test_limits_are_the_last_safe_values():
+    lenses = [row(v, safe=v < 3, model=m) for v in (1.0, 2.0, 3.0) for m in ("pinhole", "thin")]
+    lenses += [row(v, safe=v < 2, model="thick") for v in (1.0, 2.0)]
+    widths = [row(v, family="array width", model=m) for v in (9.0, 64.0) for m in
+              ("pinhole", "thin", "thick")]  # fmt: skip
+    indices = [row(v, safe=v > 1.1, family="index", model=m) for v in (1.05, 1.2, 1.5)
+               for m in ("thin", "thick")]  # fmt: skip
+    found = trust_limits([row(0.0), row(1.0, safe=False)], lenses + widths + indices, 17)
+    assert found["slope"] == {"pinhole": 2.0, "thin": 2.0, "thick": 1.0}
+    assert (found["panel_pixels"], found["least_index"]) == (17 * 64.0, 1.2)
+    assert found["changed_by_rounding"] == 0.3
+
+
+def verdicts(rows, relations_rows=({"passed": True},)):
+    data = {"generators": rows, "lens_models": rows, "relations": list(relations_rows)}
+    return {c["name"].partition(":")[0]: [] for c in checks_of(data)}, checks_of(data)
+
+
+def test_the_verdict_fails_for_what_is_unsafe_and_unguarded():
+    good = [row(1.0), row(1.0, dtype="float64"), row(2.0, algorithm="gu2020")]
+    assert all(c["passed"] for c in verdicts(good)[1])
+    bad = [*good, row(3.0, safe=False)]
+    assert not all(c["passed"] for c in verdicts(bad)[1])
+    guarded = [*good, row(3.0, safe=False, guards=["warned"], passed=True)]
+    assert all(c["passed"] for c in verdicts(guarded)[1])
+
+
+def test_the_verdict_fails_where_types_differ_or_nothing_was_tried():
+    other = [row(1.0), row(1.0, dtype="float64", digest="other"), row(2.0, algorithm="gu2020")]
+    by_name = {c["name"]: c["passed"] for c in verdicts(other)[1]}
+    assert not next(v for k, v in by_name.items() if "alike" in k)
+    assert not any(c["passed"] for c in verdicts([], ())[1])
+
+
+# -- jitter ---------------------------------------------------------------------------------------
+
+
+def test_quantised_depth_has_that_many_values_and_is_within_half_a_step():
+    display = small_display(4, 4)
+    rgbd = picture(display, per_pitch=8)
+    low, high = display.depth_range_mm
+    coarse = quantised(rgbd, display, 4)
+    assert len(np.unique(coarse.depth_mm)) == 16
+    assert np.abs(coarse.depth_mm - rgbd.depth_mm).max() <= (high - low) / 15 / 2 * 1.001
+
+
+def test_coarser_depth_changes_more():
+    display = small_display(4, 4)
+    rgbd = picture(display, per_pitch=4)
+    rows = measure_jitter(rgbd, display, ("template",))
+    assert [r["jitter"] for r in rows] == list(JITTERS)
+    changed = {r["jitter"]: r["changed"] for r in rows}
+    assert changed["8 bits"] > changed["10 bits"] > changed["16 bits"]
+    assert changed["+1 ulp"] <= changed["16 bits"] < 0.01

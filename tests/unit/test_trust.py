@@ -1,0 +1,113 @@
+"""Warnings of what was not measured safe: none for what is, one for each way out of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inim import trust
+from inim.display import DISPLAYS
+from inim.jobs.plan import Request, make_plan
+from inim.rgbd import RGBD
+from inim.trust import trust_warnings
+from inim.viewpoint import Viewpoint
+from tests.conftest import small_display
+from tests.oracle import exact_sources
+
+ROOT = Path(__file__).parents[2]
+SCENES = sorted((ROOT / "scenes").glob("*.xml"))
+PUBLISHED = ROOT / "reports" / "stress" / "stress.json"
+
+
+@pytest.fixture(scope="module")
+def measured():
+    return json.loads(PUBLISHED.read_text("utf-8"))
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda p: p.stem)
+def test_the_scenes_are_inside_the_trust_region(scene):
+    plan = make_plan(Request(scene, Path("unused"), algorithms="template"))
+    pixel = plan.display.pitch_mm / plan.settings.capture_pixels_per_pitch
+    assert (
+        trust_warnings(
+            plan.display, plan.settings.lens_model, viewpoints=plan.viewpoints, pixel_mm=pixel
+        )
+        == []
+    )
+
+
+@pytest.mark.parametrize("model", ["pinhole", "thin", "thick"])
+@pytest.mark.parametrize("display", DISPLAYS.values(), ids=DISPLAYS)
+def test_presets_are_inside_it(display, model):
+    assert trust_warnings(display, model, slope=0.3) == []
+
+
+def test_limits_are_those_of_the_published_run(measured):
+    """Constants are no wider than what was measured safe."""
+    found = measured["trust"]
+    for model, limit in trust.STEEPEST_SLOPE.items():
+        assert limit <= found["slope"][model], model
+    assert found["panel_pixels"] >= trust.WIDEST_PANEL_PIXELS
+    assert found["least_index"] <= trust.LEAST_INDEX
+    assert found["changed_by_rounding"] == pytest.approx(trust.CHANGED_BY_ROUNDING, abs=0.005)
+
+
+def test_the_published_run_holds_what_is_claimed(measured):
+    assert measured["schema"] == "inim.stress/1"
+    assert measured["mode"] == "full" and measured["passed"] is True
+    assert all(check["passed"] and check["cases"] > 0 for check in measured["checks"])
+    exact = measured["trust"]["exact"]
+    assert exact["changed"] == 0 and exact["rows"] > 100
+
+
+def test_each_limit_warns_on_its_far_side_only():
+    display = small_display()
+    for model, limit in trust.STEEPEST_SLOPE.items():
+        assert trust_warnings(display, model, slope=limit) == []
+        (said,) = trust_warnings(display, model, slope=1.01 * limit)
+        assert model in said and f"{limit:g}" in said
+    assert trust_warnings(display.replace(refractive_index=trust.LEAST_INDEX), "thin") == []
+    (said,) = trust_warnings(display.replace(refractive_index=1.009), "thin")
+    assert "refractive_index = 1.009" in said
+    assert trust_warnings(display.replace(refractive_index=1.009), "pinhole") == []
+    wide = display.replace(panel_columns=trust.WIDEST_PANEL_PIXELS, panel_rows=1)
+    assert trust_warnings(wide, "pinhole") == []
+    wider = wide.replace(panel_columns=trust.WIDEST_PANEL_PIXELS + 1)
+    (said,) = trust_warnings(wider, "pinhole")
+    assert str(trust.WIDEST_PANEL_PIXELS + 1) in said
+
+
+def test_the_eye_s_steepest_ray_counts():
+    display = small_display()
+    near, far = (Viewpoint("e", 0, 0, z) for z in (5.0, 500.0))
+    corner = np.hypot(6, 5)
+    assert trust.steepest_slope(display, near) == pytest.approx(corner / 5)
+    assert trust_warnings(display, "thick", viewpoints=[far]) == []
+    assert len(trust_warnings(display, "thick", viewpoints=[far, near])) == 1
+
+
+def test_a_depth_range_without_depths_warns():
+    shallow = small_display(depth_min_mm=1000.0, depth_max_mm=1000.001)
+    (said,) = trust_warnings(shallow)
+    assert "1000" in said and str(trust.FEWEST_DEPTHS) in said
+    assert trust_warnings(small_display(depth_min_mm=1000.0, depth_max_mm=1100.0)) == []
+
+
+def test_lengths_of_many_digits_warn_and_lose_ties():
+    """With them, corners are met inexactly: the warning is not for nothing."""
+    short = small_display(3, 3, pixels=5, gap_mm=3.3)
+    long = short.replace(gap_mm=3.0 * (1 + 2.0**-33), depth_min_mm=20.0, depth_max_mm=40.0)
+    assert trust_warnings(short, pixel_mm=0.5) == []
+    (said,) = trust_warnings(long, pixel_mm=0.3)
+    assert "digits" in said
+    assert np.isfinite(exact_sources(_noise(short), short)).all()
+
+
+def _noise(display):
+    rng = np.random.default_rng(0)
+    shape = display.capture_shape(2)
+    depth = rng.uniform(*display.depth_range_mm, shape).astype(np.float32)
+    return RGBD(rng.random((*shape, 3)).astype(np.float32), depth, np.ones(shape, bool), 0.5)
