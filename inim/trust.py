@@ -36,7 +36,9 @@ WIDEST_PANEL_PIXELS = 170_000
 #: Refractive index: nearer to 1, n - 1 loses the digits of float32.
 LEAST_INDEX = 1.01
 #: Largest share of a noise picture's pixels that lengths of too many digits changed.
-CHANGED_BY_ROUNDING = 0.34
+CHANGED_BY_ROUNDING = 0.29
+# Cells count too: what is exact over this picture is over smaller ones.
+_LARGEST_PICTURE = (8192, 8192)
 #: Depths a float32 picture must be able to tell within the depth range: those of 8 bits.
 FEWEST_DEPTHS = 256
 
@@ -108,7 +110,7 @@ def _is_exact(display: Display, pixel_mm: float) -> bool:
     if not display.is_separable:
         return True
     # Where they cannot be, everything is in cells: a scale of one.
-    return all(rays.scale > 1 for rays in cell_rays((1, 1), pixel_mm, display))
+    return all(rays.scale > 1 for rays in cell_rays(_LARGEST_PICTURE, pixel_mm, display))
 
 
 def _of_lenses(display: Display, lens_model: str, slope: float) -> list[str]:

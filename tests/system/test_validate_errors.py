@@ -89,7 +89,7 @@ SETTINGS = [
     ("inim.lens_columns=1.5", "inim.lens_columns = '1.5': must be a whole number"),
     (f"inim.lens_columns={'9' * 400}", "inim.lens_columns = '999"),
     ("inim.display=tv", "nominal or phone"),
-    ("inim.lens_model=thin", "pinhole or thick"),
+    ("inim.lens_model=fresnel", "use pinhole"),
     ("inim.algorithms=foo", "algorithm 'foo': use template or "),
     ("inim.algorithms=,", "name at least one"),
     ("inim.algorithms=template,template", "algorithm 'template' is given twice"),

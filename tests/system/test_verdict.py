@@ -60,8 +60,8 @@ def with_views(
     """Let something happen to what is seen of a contender, not to the ceiling."""
     real = validating.reconstruct_views
 
-    def changed(job: Ledger, eia: Any, name: str) -> dict[str, Any]:
-        return change(real(job, eia, name))
+    def changed(*words: Any) -> dict[str, Any]:
+        return change(real(*words))
 
     monkeypatch.setattr(validating, "reconstruct_views", changed)
 
@@ -113,7 +113,7 @@ def test_view_that_is_not_a_number_is_never_scored(
     run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def spoiled(seen: dict[str, Any]) -> dict[str, Any]:
-        seen["down"].first[3, 4] = np.nan
+        seen["down"].image[3, 4] = np.nan
         return seen
 
     with_views(monkeypatch, spoiled)

@@ -95,7 +95,8 @@ def trust_limits(generators: Rows, lens_models: Rows, pixels_per_lens: int) -> d
         },
         "panel_pixels": pixels_per_lens
         * min(_last_safe(optics, "array width", m, math.inf) for m in ("pinhole", "thin", "thick")),
-        "least_index": max(_last_safe(optics, "index", m, -math.inf) for m in ("thin", "thick")),
+        # The thick lens cannot be ground so flat, and is refused.
+        "least_index": _last_safe(optics, "index", "thin", -math.inf),
         "changed_by_rounding": max(
             (r["changed"] / r["pixels"] for r in exact if not r["safe"]), default=0.0
         ),

@@ -48,10 +48,9 @@ def draw_plots(data: Mapping[str, Any], folder: Path) -> list[str]:
         _generator_panel(axis, data["generators"], family, title, label, scale)
     axes[0, 0].set_ylabel("worst error of the landing, panel pixels", fontsize=9)
     axes[1, 0].set_ylabel("panel pixels of another source, share", fontsize=9)
-    for row in axes:
-        handles, labels = row[-1].get_legend_handles_labels()
-        if handles:
-            row[-1].legend(handles, labels, fontsize=7, frameon=False, loc="best", ncols=2)
+    for axis in (axes[0, 2], axes[1, 0]):
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend(fontsize=7, frameon=False, loc="best", ncols=2)
     # Without a date or random ids, equal data give equal files. Text stays text.
     with rc_context({"svg.hashsalt": "inim", "svg.fonttype": "none"}):
         write_atomically(
@@ -110,7 +109,7 @@ def _line(axis: Any, rows: Sequence[Mapping[str, Any]], key: str, label: str, le
     worst: dict[float, float] = {}
     for row in rows:
         worst[row["value"]] = max(worst.get(row["value"], 0.0), row[key])
-    points = sorted(worst.items())
+    points = sorted(p for p in worst.items() if p[0] > 0 or key == "share")
     if not points:
         return
     name, _, dressed = label.partition(", ")
@@ -131,8 +130,5 @@ def _line(axis: Any, rows: Sequence[Mapping[str, Any]], key: str, label: str, le
 
 def _finish(axis: Any, title: str, label: str, scale: str) -> None:
     style(axis, title, label, "")
-    axis.set_xscale(
-        "symlog" if title.endswith("incidence") else scale,
-        **({"linthresh": 1e-6} if title.endswith("incidence") else {}),
-    )
+    axis.set_xscale(scale)
     axis.set_yscale("log")

@@ -49,7 +49,7 @@ def summary_lines(data: Mapping[str, Any]) -> list[str]:
         f"in {exact.get('rows', MISSING)} runs differ from the definition, in float32 tables and "
         "float64 rays alike, wherever no warning is given.",
         f"Lengths of more digits than float64 can multiply exactly leave the proof: at worst "
-        f"{changed} of the pixels of a noise picture then go to a neighbour, all of them ties.",
+        f"{changed} of a noise picture then go to a neighbour, all within rounding.",
         "Lens models land within a hundredth of a panel pixel in float32 up to a slope of "
         f"{short(slope.get('pinhole'))} (pinhole), {short(slope.get('thin'))} (thin) and "
         f"{short(slope.get('thick'))} (thick), and up to {_count(trust.get('panel_pixels'))} panel "
@@ -74,17 +74,19 @@ def _checks(data: Mapping[str, Any]) -> Table:
 
 
 def _regions(data: Mapping[str, Any]) -> Table:
-    rows = [
-        [
-            f"{r['family']}: {r['parameter']}",
-            f"{r['name'].replace(':dtype=float32', '')}, {r['dtype']}",
-            _range(r["low"], r["high"]),
-            _range(*r["tried"]),
-        ]
-        for r in items(data, "regions")
-    ]
+    """Alike ranges of one family share a row."""
+    alike: dict[tuple[str, str, str], list[str]] = {}
+    for r in items(data, "regions"):
+        name = f"{_plain_name(r['name'])}, {_dress(r['name'], r['dtype'])}"
+        ranges = (_range(r["low"], r["high"]), _range(*r["tried"]))
+        alike.setdefault((f"{r['family']}: {r['parameter']}", *ranges), []).append(name)
+    rows = [[what, "; ".join(names), safe, tried] for (what, safe, tried), names in alike.items()]
     heads = ["parameter", "what", "safe", "tried"]
     return Table("trust", "Trust regions: measured safe between", heads, rows)
+
+
+def _plain_name(algorithm: str) -> str:
+    return algorithm.replace(":dtype=float32", "")
 
 
 def _range(low: object, high: object) -> str:
@@ -165,7 +167,7 @@ def _contenders(rows: Rows) -> Table:
         pixels = sum(m["pixels"] for m in ran)
         found.append(
             [
-                f"{algorithm.replace(':dtype=float32', '')}, {_dress(algorithm, dtype)}",
+                f"{_plain_name(algorithm)}, {_dress(algorithm, dtype)}",
                 str(len(ran)),
                 str(len(members) - len(ran)),
                 per_cent(sum(m["changed"] for m in ran) / pixels, 3),
@@ -185,8 +187,9 @@ def _contenders(rows: Rows) -> Table:
 
 
 def _dress(algorithm: str, dtype: str) -> str:
-    if algorithm == "template":
-        return "float32 tables" if dtype == "float32" else "float64 rays"
+    if algorithm.startswith("template"):
+        walked = "float32 walk" if "dtype" in algorithm else "float32 tables"
+        return walked if dtype == "float32" else "float64 rays"
     return dtype
 
 
