@@ -37,12 +37,14 @@ def finished(tmp_path_factory):
     return ended, folder, json.loads((folder / "out" / "stress.json").read_text("utf-8"))
 
 
+@pytest.mark.slow
 def test_every_file_is_there_and_nothing_half_written(finished):
     _, folder, data = finished
     assert {p.name for p in (folder / "out").iterdir()} == FILES == set(data["files"])
     assert nothing_left(folder)
 
 
+@pytest.mark.slow
 def test_data_are_complete_and_every_check_holds(finished):
     data = finished[2]
     assert data.keys() >= KEYS
@@ -56,6 +58,7 @@ def test_data_are_complete_and_every_check_holds(finished):
     assert "numba or Dr.Jit on LLVM" in {r["relation"] for r in data["relations"]}
 
 
+@pytest.mark.slow
 def test_each_check_has_a_line_and_the_page_its_place(finished):
     ended, _, data = finished
     lines = ended.stdout.splitlines()

@@ -108,7 +108,9 @@ def _figure(folder: Path) -> str:
         return ""
     words = "Error against parameter, float32 solid, float64 dashed"
     picture = element("img", src=f"data:image/svg+xml;base64,{drawn}", alt=words)
-    caption = element("figcaption", text(f"{words}. At the foot of an axis: no error at all."))
+    caption = element(
+        "figcaption", text(f"{words}. Generators at the foot of an axis: no pixel at all.")
+    )
     return element("figure", picture.replace("</img>", ""), caption, class_="plot")
 
 
