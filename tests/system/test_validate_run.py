@@ -273,11 +273,19 @@ def under_way(tiny_scene: Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
     """A run that would take minutes, and the process id of its worker."""
     words = command(tiny_scene, "-o", str(tiny_scene.parent / "out"), view_spp="1000000")
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(words, text=True, start_new_session=True, **pipes) as parent:
+    with subprocess.Popen(
+        words, text=True, start_new_session=True, preexec_fn=_hear_signals, **pipes
+    ) as parent:
         children = Path(f"/proc/{parent.pid}/task/{parent.pid}/children")
         wait_for(lambda: children.read_text().split() != [], 60)
         yield parent, int(children.read_text().split()[0])
         parent.kill()
+
+
+def _hear_signals() -> None:
+    """Undo what shells do to jobs in the background, and `nohup` to all: ignored stays ignored."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def wait_for(condition: Callable[[], bool], seconds: float) -> None:
