@@ -112,8 +112,9 @@ def _axis(
     twos = _twos(per_offset)
     odd = per_offset / Fraction(2) ** twos
     factor = math.lcm(2, per_centre.denominator) * odd.denominator
-    start = [int(factor * Fraction(cells, 2)) + n * int(factor * per_centre) for n in pixels.centre]
-    slope = [n * int(factor * odd) for n in pixels.moved_offset(aside)]
+    middle, along, per_mm = (int(factor * n) for n in (Fraction(cells, 2), per_centre, odd))
+    start = [middle + n * along for n in pixels.centre]
+    slope = [n * per_mm for n in pixels.moved_offset(aside)]
     if max(factor * cells, *map(abs, start), *map(abs, slope)) >= _EXACT:
         # Lengths without a short form: everything in cells, rounded as floats are.
         rounded = [np.array([n / factor for n in axis]) for axis in (start, slope)]

@@ -31,7 +31,9 @@ __all__ = [
     "greatest",
     "lanes_of",
     "load",
+    "load_for",
     "same",
+    "same_for",
     "store",
     "transpose",
 ]
@@ -44,26 +46,26 @@ LANES = 32
 # Edge of the square blocks that `transpose` turns: eight words fill a 256-bit vector.
 BLOCK = 8
 
-_FLOATS = ir.VectorType(ir.FloatType(), LANES)
-_WORDS = ir.VectorType(ir.IntType(32), LANES)
-_FLAGS = ir.VectorType(ir.IntType(1), LANES)
 _INDEX = ir.IntType(64)
+_ELEMENTS = {
+    "float32": ir.FloatType(),
+    "uint32": ir.IntType(32),
+    "flag": ir.IntType(1),
+}
 
 
 class Lanes(types.Type):  # type: ignore[misc]
     """One number (float32, uint32) or flag for each lane."""
 
-    def __init__(self, name: str, vector: ir.VectorType) -> None:
-        self.vector = vector
-        super().__init__(f"{name}x{LANES}")
+    def __init__(self, element: str, count: int) -> None:
+        self.element, self.count = element, count
+        self.vector = ir.VectorType(_ELEMENTS[element], count)
+        super().__init__(f"{element}x{count}")
 
-
-_floats, _words, _flags = (
-    Lanes("float32", _FLOATS),
-    Lanes("uint32", _WORDS),
-    Lanes("flag", _FLAGS),
-)
-_OF_SCALAR = {types.float32: _floats, types.uint32: _words}
+    @property
+    def flags(self) -> Lanes:
+        """A flag for each of these lanes."""
+        return Lanes("flag", self.count)
 
 
 @register_model(Lanes)
@@ -84,15 +86,27 @@ def _data(context: Any, builder: Any, kind: Any, array: Any) -> Any:
 
 @intrinsic
 def load(typing, array, index):  # type: ignore[no-untyped-def]
-    """The elements of a flat array from an index on, one for each lane."""
-    lanes = _OF_SCALAR[array.dtype]
+    """The elements of a flat array from an index on, one for each of `LANES`."""
+    lanes = Lanes(str(array.dtype), LANES)
+    return lanes(array, types.uintp), _loading(lanes, 0)
+
+
+@intrinsic
+def load_for(typing, beside, array, index):  # type: ignore[no-untyped-def]
+    """`load`, for as many lanes as another value has."""
+    lanes = Lanes(str(array.dtype), beside.count)
+    return lanes(beside, array, types.uintp), _loading(lanes, 1)
+
+
+def _loading(lanes: Lanes, first: int) -> Callable[..., Any]:
+    """Code that loads from an array and an index, the arguments from `first` on."""
 
     def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        data = _data(context, builder, signature.args[0], arguments[0])
-        place = builder.gep(data, [arguments[1]])
+        data = _data(context, builder, signature.args[first], arguments[first])
+        place = builder.gep(data, [arguments[first + 1]])
         return builder.load(builder.bitcast(place, lanes.vector.as_pointer()), align=4)
 
-    return lanes(array, types.uintp), build
+    return build
 
 
 @intrinsic
@@ -110,63 +124,71 @@ def store(typing, array, index, lanes):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def same(typing, number):  # type: ignore[no-untyped-def]
-    """A float32 or uint32 in every lane."""
-    lanes = _OF_SCALAR[number]
+    """A float32 or uint32 in each of `LANES`."""
+    build = _simple(lambda builder, value: _filled(builder, value, LANES))
+    return Lanes(str(number), LANES)(number), build
 
-    def build(builder, value):  # type: ignore[no-untyped-def]
-        undefined = ir.Constant(lanes.vector, ir.Undefined)
-        zero = ir.Constant(ir.IntType(32), 0)
-        one = builder.insert_element(undefined, value, zero)
-        return _shuffle(builder, one, undefined, [0] * LANES)
 
-    return lanes(number), _simple(build)
+@intrinsic
+def same_for(typing, beside, number):  # type: ignore[no-untyped-def]
+    """`same`, for as many lanes as another value has."""
+    build = _simple(lambda builder, _, value: _filled(builder, value, beside.count))
+    return Lanes(str(number), beside.count)(beside, number), build
+
+
+def _filled(builder: Any, value: Any, count: int) -> Any:
+    undefined = ir.Constant(ir.VectorType(value.type, count), ir.Undefined)
+    one = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
+    return _shuffle(builder, one, undefined, [0] * count)
 
 
 @intrinsic
 def all_lanes(typing):  # type: ignore[no-untyped-def]
-    """A flag set in every lane."""
-    return _flags(), _simple(lambda builder: ir.Constant(_FLAGS, [1] * LANES))
+    """A flag set in each of `LANES`."""
+    flags = Lanes("flag", LANES)
+    return flags(), _simple(lambda builder: ir.Constant(flags.vector, [1] * LANES))
 
 
 @intrinsic
 def lanes_of(typing, bits):  # type: ignore[no-untyped-def]
-    """Flags from the bits of a uint32, the lowest for the first lane."""
-    return _flags(types.uint32), _simple(lambda builder, bits: builder.bitcast(bits, _FLAGS))
+    """Flags from the bits of an unsigned integer, as many as it has; the lowest comes first."""
+    flags = Lanes("flag", bits.bitwidth)
+    return flags(bits), _simple(lambda builder, bits: builder.bitcast(bits, flags.vector))
 
 
 @intrinsic
 def at_least(typing, a, b):  # type: ignore[no-untyped-def]
     """Where a >= b."""
-    return _flags(_floats, _floats), _simple(lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
+    return a.flags(a, a), _simple(lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
 
 
 @intrinsic
 def both(typing, a, b):  # type: ignore[no-untyped-def]
     """Where two flags are set."""
-    return _flags(_flags, _flags), _simple(lambda builder, a, b: builder.and_(a, b))
+    return a(a, a), _simple(lambda builder, a, b: builder.and_(a, b))
 
 
 @intrinsic
 def but_not(typing, a, b):  # type: ignore[no-untyped-def]
     """Where the first flag is set and the second is not."""
-    return _flags(_flags, _flags), _simple(lambda builder, a, b: builder.and_(a, builder.not_(b)))
+    return a(a, a), _simple(lambda builder, a, b: builder.and_(a, builder.not_(b)))
 
 
 @intrinsic
 def any_lane(typing, flags):  # type: ignore[no-untyped-def]
     """Whether a flag is set in any lane."""
-    bits = ir.IntType(LANES)
+    bits = ir.IntType(flags.count)
 
     def build(builder, flags):  # type: ignore[no-untyped-def]
         return builder.icmp_unsigned("!=", builder.bitcast(flags, bits), ir.Constant(bits, 0))
 
-    return types.boolean(_flags), _simple(build)
+    return types.boolean(flags), _simple(build)
 
 
 @intrinsic
 def choose(typing, flags, a, b):  # type: ignore[no-untyped-def]
     """Lanes of a where the flag is set, of b elsewhere."""
-    return a(_flags, a, a), _simple(lambda builder, flags, a, b: builder.select(flags, a, b))
+    return a(flags, a, a), _simple(lambda builder, flags, a, b: builder.select(flags, a, b))
 
 
 @intrinsic
@@ -176,7 +198,7 @@ def greatest(typing, a, b):  # type: ignore[no-untyped-def]
     def build(builder, a, b):  # type: ignore[no-untyped-def]
         return builder.select(builder.fcmp_ordered(">", a, b), a, b)
 
-    return _floats(_floats, _floats), _simple(build)
+    return a(a, a), _simple(build)
 
 
 @intrinsic
