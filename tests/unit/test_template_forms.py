@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from inim.color import linear_from_srgb, srgb_from_linear
+from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
@@ -195,6 +195,29 @@ def test_samples_average_light_not_code_values():
         np.abs(coded - srgb_from_linear(generate(bright, display, samples=4))).max()
         < 0.5 / 255 + 1e-4
     )
+
+
+@pytest.mark.parametrize("samples", [2, 4])
+def test_codes_are_those_of_the_mean_light_to_the_last_bit(samples):
+    """Against the colour module's own formulas on every pixel's rays; alpha is no light."""
+    display = small_display(6, 5)
+    rgbd = picture(display, 4, rgba=True)
+    covered = rgbd.covered & (np.arange(rgbd.shape[1]) < rgbd.shape[1] // 2)  # or few rays agree
+    rgbd = RGBD(rgbd.color, rgbd.depth_mm, covered, rgbd.pixel_mm)
+    made = prepare(display, f"template:samples={samples}", shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+    sources = made.samples(rgbd)
+    palette = np.append(rgbd.color.reshape(-1, 4), np.zeros((1, 4), np.uint8), axis=0)
+    codes = palette[np.where(sources >= 0, sources, -1)] / np.float32(255)
+    light = np.concatenate([linear_from_srgb(codes[..., :3]), codes[..., 3:]], axis=-1)
+    mean = light[0] / np.float32(samples)
+    for ray in light[1:]:
+        mean = mean + ray / np.float32(samples)
+    expected = np.append(srgb_from_linear(mean[..., :3]), mean[..., 3:], axis=-1)
+    shown = made.generate(rgbd)
+    assert np.array_equal(shown, srgb_to_uint8(expected))
+    agree = (sources == sources[0]).all(axis=0)
+    assert 0.1 < agree.mean() < 0.9, "or the test says nothing"
+    assert np.array_equal(shown[agree], palette[np.where(sources[0] >= 0, sources[0], -1)][agree])
 
 
 def test_sources_of_several_samples_are_those_of_the_centres():
