@@ -10,6 +10,8 @@ A picture without layers is solid all the way back, and shows what `template` sh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 
 import numba
@@ -32,7 +34,7 @@ from inim.generators.lanes import (
     same,
     store,
 )
-from inim.generators.polyphase import Phases, write_strip
+from inim.generators.polyphase import Phases, index_payload, nearest_surface, write_strip
 from inim.generators.sources import HOLE, Sources
 from inim.generators.subpixels import by_subpixel
 from inim.generators.supersampling import Supersampled, sampled_places
@@ -99,7 +101,11 @@ def _stacked(rgbd: RGBD) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Shared(SourceGenerator):
-    """One template per direction for all lenses, over the phases of every layer."""
+    """One template per direction for all lenses, over the phases of every layer.
+
+    The front surface is laid out as `template` does; what lies deeper is little, and only its cells
+    are written, and looked at by rays that passed behind what is before them.
+    """
 
     def __init__(
         self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside
@@ -115,32 +121,21 @@ class _Shared(SourceGenerator):
         self._offset = self._phases.row_offset(self._lists.row) + self._phases.column_offset(
             self._lists.column
         )
-        # Offsets run along rows of slots of one phase: which of them each entry lies in.
-        self._phase_row = self._offset // self._phases.depth.shape[3]
+        by_pixel_row = self._lists.first[: -1 : self._lists.pixels]
+        self._reach = self._phases.row_reach(self._lists.row, by_pixel_row)
         entry = np.roll(self._lists.exit_mm, 1)
         entry[self._lists.first[:-1]] = np.inf
         self._entry = entry
-        self._fronts = self._backs = np.empty((0, 0), np.float32)
-        self._words = np.empty((0, 0), np.uint32)
-        self._nearest = np.empty((0, 0, 0), np.float32)
-
-    def _make_room(self, layers: int) -> None:
-        """Buffers for as many layers as the picture has; kept for the next one."""
-        if len(self._fronts) == layers:
-            return
-        cells = self._phases.depth.size
-        self._fronts = np.full((layers, cells), -np.inf, np.float32)
-        self._backs = np.full((layers, cells), -np.inf, np.float32)
-        self._words = np.zeros((layers, cells), np.uint32)
-        down, k, _, _ = self._phases.depth.shape
-        strips = self._phases.nearest.shape[1]
-        self._nearest = np.empty((layers, down * k * k, strips), np.float32)
+        self._slots = self._phases.slots(shape)
+        self._back = np.zeros(self._phases.depth.size, np.float32)
+        # Offsets run along rows of slots of one phase: which of them each entry lies in.
+        self._phase_row = self._offset // self._phases.depth.shape[3]
+        self._deeper = _Deeper.none(self._phases)
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        cells = self.shape[0] * self.shape[1]
-        own = np.arange(cells, dtype=np.uint32).reshape(self.shape)
-        words = [own + np.uint32(n * cells) for n in range(len(_layers(rgbd)))]
+        own = index_payload(self.shape)
+        words = [own + np.uint32(n * own.size) for n in range(len(_layers(rgbd)))]
         found = np.empty(self.display.eia_shape, np.int32)
         self._show(rgbd, words, HOLE % 2**32, found.view(np.uint32))
         return found
@@ -159,101 +154,170 @@ class _Shared(SourceGenerator):
 
     def _show(self, rgbd: RGBD, words: list[np.ndarray], empty: int, out: np.ndarray) -> None:
         """Show each panel pixel the word of its first hit, all uint32."""
-        layers = _layers(rgbd)
-        self._make_room(len(layers))
-        shape = self._phases.depth.shape
-        for number, layer in enumerate(layers):
-            self._fronts[number] = -np.inf
-            self._nearest[number] = -np.inf
-            _place(
-                layer.front_mm, layer.back_mm, layer.covered, words[number], *self._phases.origin,
-                self._phases.window[1], self._fronts[number].reshape(shape),
-                self._backs[number].reshape(shape), self._words[number].reshape(shape),
-                self._nearest[number],
-            )  # fmt: skip
+        front, *deeper = _layers(rgbd)
+        self._phases.fill(front.front_mm, front.covered, words[0])
+        _put(front.covered.reshape(-1), front.back_mm.reshape(-1), self._slots, self._back)
+        if len(deeper) != len(self._deeper.held):
+            self._deeper = _Deeper.none(self._phases, len(deeper))
+        self._deeper.hold(deeper, words[1:], self._slots)
         lenses, pixels = self.display.lens_columns, self._lists.pixels
+        phases, held, lists = self._phases, self._deeper, self._lists
+        _, down, across, _ = phases.depth.shape
         _run(
-            self._fronts, self._backs, self._words, self._phases.depth[0].size,
-            shape[1] * shape[2], self._nearest,
-            self._lists.first, self._offset, self._phase_row, self._lists.exit_mm, self._entry,
+            phases.depth.reshape(-1), self._back, phases.payload.reshape(-1),
+            held.front, held.back, held.payload,
+            phases.depth[0].size, down * across, phases.nearest, held.nearest,
+            lists.first, self._offset, self._phase_row, self._reach, lists.exit_mm, self._entry,
             np.arange(lenses) * pixels, np.full(lenses, pixels), np.uint32(empty), out,
         )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
-def _place(  # type: ignore[no-untyped-def]
-    front, back, covered, words, row0, column0, reach, fronts, backs, payload, nearest
-):
-    """Copy what a layer covers into its phases; note the nearest of each row of slots and strip.
+@dataclass(frozen=True)
+class _Deeper:
+    """Phases of all layers but the first, (layers, slots); taken over from picture to picture.
 
-    Deep layers cover little, and cost as little.
+    Attributes
+    ----------
+    front, back : float32
+        -inf where there is no layer; anything.
+    payload : uint32
+    nearest : (rows of slots, strips) float32
+        Greatest depth of what a strip of lenses can reach of them.
+    held : list of int32 array
+        The slots of each layer that hold something.
+    reach : int
+        Slots across that the rays of one lens can reach.
     """
-    rows, columns = front.shape
-    down, k, _, across = fronts.shape
-    for r in range(rows):
-        i, p = divmod(r - row0, k)
-        if i < 0 or i >= down:
-            continue
-        for c in range(columns):
-            if covered[r, c]:
-                j, q = divmod(c - column0, k)
-                if 0 <= j < across:
-                    z = front[r, c]
-                    fronts[i, p, q, j], backs[i, p, q, j] = z, back[r, c]
-                    payload[i, p, q, j] = words[r, c]
-                    row = (i * k + p) * k + q
-                    for s in range(nearest.shape[1]):
-                        start = min(s * LANES, across - LANES - reach + 1)
-                        if start <= j < start + LANES + reach - 1 and z > nearest[row, s]:
-                            nearest[row, s] = z
+
+    front: np.ndarray
+    back: np.ndarray
+    payload: np.ndarray
+    nearest: np.ndarray
+    held: list[np.ndarray]
+    reach: int
+
+    @classmethod
+    def none(cls, phases: Phases, layers: int = 0) -> _Deeper:
+        """No layers, or empty ones."""
+        size = phases.depth.size
+        rows = size // phases.depth.shape[3]
+        return cls(
+            np.full((layers, size), -np.inf, np.float32),
+            np.zeros((layers, size), np.float32),
+            np.zeros((layers, size), np.uint32),
+            np.full((rows, phases.nearest.shape[1]), -np.inf, np.float32),
+            [np.empty(0, np.int32)] * layers,
+            phases.window[1],
+        )
+
+    def hold(self, layers: Sequence[Layer], words: Sequence[np.ndarray], slots: np.ndarray) -> None:
+        """Hold other layers, as many; only cells that hold something, or did, are touched."""
+        self.nearest[:] = -np.inf
+        for number, (layer, word) in enumerate(zip(layers, words, strict=True)):
+            self.front[number][self.held[number]] = -np.inf
+            cells = np.flatnonzero(layer.covered)
+            own = slots[cells]
+            reached = own >= 0
+            cells, own = cells[reached], own[reached]
+            _put_cells(
+                cells, own, layer.front_mm.reshape(-1), layer.back_mm.reshape(-1),
+                word.reshape(-1), self.front[number], self.back[number], self.payload[number],
+            )  # fmt: skip
+            if number == 0:
+                _bound(own, self.front[0], self.reach, self.nearest)
+            self.held[number] = own
+
+
+@numba.njit(cache=True, nogil=True)
+def _put_cells(cells, own, front, back, words, fronts, backs, payload):  # type: ignore[no-untyped-def]
+    """Write some cells of a layer into their own slots."""
+    for i in range(len(cells)):
+        cell, slot = np.uintp(cells[i]), np.uintp(own[i])
+        fronts[slot], backs[slot], payload[slot] = front[cell], back[cell], words[cell]
+
+
+@numba.njit(cache=True, nogil=True)
+def _bound(own, fronts, reach, nearest):  # type: ignore[no-untyped-def]
+    """Note the greatest depth of some slots that each strip can reach, by rows of slots."""
+    across = len(fronts) // len(nearest)
+    for slot in own:
+        row, j = divmod(np.uint32(slot), np.uint32(across))
+        for s in range(nearest.shape[1]):
+            start = min(s * LANES, across - LANES - reach + 1)
+            if start <= j < start + LANES + reach - 1:
+                nearest[row, s] = max(nearest[row, s], fronts[slot])
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _put(covered, values, slots, out):  # type: ignore[no-untyped-def]
+    """Write what is covered into its slots."""
+    for i in numba.prange(len(slots)):
+        if covered[i] and slots[i] >= 0:
+            out[np.uintp(slots[i])] = values[i]
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _run(  # type: ignore[no-untyped-def]
-    fronts, backs, payload, row_stride, row_phases, nearest, first, offset, phase_row, exits,
-    entries, columns, widths, empty, out,
+    front, back, payload, deeper_front, deeper_back, deeper_payload, row_stride, row_phases,
+    nearest, deeper_nearest, first, offset, phase_row, reach, exits, entries, columns, widths,
+    empty, out,
 ):  # fmt: skip
     """All lens rows, shared among the threads."""
     pixels = widths[0]
     for m in numba.prange(out.shape[0] // pixels):
         strip = np.empty(pixels * LANES, np.uint32)
         _run_row(
-            np.int64(m), fronts, backs, payload, row_stride, row_phases, nearest, first, offset,
-            phase_row, exits, entries, columns, widths, empty, strip, out,
+            np.int64(m), front, back, payload, deeper_front, deeper_back, deeper_payload,
+            row_stride, row_phases, nearest, deeper_nearest, first, offset, phase_row, reach, exits,
+            entries, columns, widths, empty, strip, out,
         )  # fmt: skip
 
 
 @numba.njit(cache=True, nogil=True)
 def _run_row(  # type: ignore[no-untyped-def]
-    m, fronts, backs, payload, row_stride, row_phases, nearest, first, offset, phase_row, exits,
-    entries, columns, widths, empty, strip, out,
+    m, front, back, payload, deeper_front, deeper_back, deeper_payload, row_stride, row_phases,
+    nearest, deeper_nearest, first, offset, phase_row, reach, exits, entries, columns, widths,
+    empty, strip, out,
 ):  # fmt: skip
     """One row of lenses, a panel row and a strip at a time; see `inim.generators.polyphase`."""
-    pixels, lenses, layers = widths[0], len(widths), len(fronts)
+    pixels, lenses, layers = widths[0], len(widths), len(deeper_front)
     for v in range(pixels):
-        for s in range(nearest.shape[2]):
+        for s in range(nearest.shape[1]):
             start = max(min(s * LANES, lenses - LANES), 0)
             base, first_row = m * row_stride + start, m * row_phases
+            most = nearest_surface(nearest, m + reach[v, 0], m + reach[v, 1], s)
             for u in range(pixels):
                 direction = v * pixels + u
+                k, end = np.uintp(first[direction]), np.uintp(first[direction + 1])
+                while k < end and exits[k] > most:
+                    k += np.uintp(1)
                 searching, shown = all_lanes(), same(empty)
-                for k in range(np.uintp(first[direction]), np.uintp(first[direction + 1])):
-                    row = first_row + phase_row[k]
-                    # Layers begin ever farther back: where one is out of reach, so are all.
-                    if nearest[0, row, s] < exits[k]:
-                        continue
+                while k < end:
                     cell = np.uintp(base + offset[k])
-                    left, came = same(exits[k]), same(entries[k])
-                    for layer in range(layers):
-                        if nearest[layer, row, s] < exits[k]:
-                            break
-                        reaches = at_least(load(fronts[layer], cell), left)
-                        solid = at_least(came, load(backs[layer], cell))
-                        hit = both(searching, both(reaches, solid))
-                        shown = choose(hit, load(payload[layer], cell), shown)
-                        searching = but_not(searching, hit)
-                    if not any_lane(searching):
-                        break
+                    left = same(exits[k])
+                    below = both(searching, at_least(load(front, cell), left))
+                    if any_lane(below):
+                        came = same(entries[k])
+                        hit = both(below, at_least(came, load(back, cell)))
+                        if any_lane(hit):
+                            shown = choose(hit, load(payload, cell), shown)
+                            searching = but_not(searching, hit)
+                            if not any_lane(searching):
+                                break
+                        # Layers begin ever farther back: rays above one are above those behind.
+                        if layers > 0 and deeper_nearest[first_row + phase_row[k], s] >= exits[k]:
+                            below = but_not(below, hit)
+                            layer = 0
+                            while layer < layers and any_lane(below):
+                                below = both(below, at_least(load(deeper_front[layer], cell), left))
+                                hit = both(below, at_least(came, load(deeper_back[layer], cell)))
+                                shown = choose(hit, load(deeper_payload[layer], cell), shown)
+                                searching = but_not(searching, hit)
+                                below = but_not(below, hit)
+                                layer += 1
+                            if not any_lane(searching):
+                                break
+                    k += np.uintp(1)
                 store(strip, np.uintp(u) * _LANES, shown)
             write_strip(strip, columns, widths, start, pixels, out[m * pixels + v])
 

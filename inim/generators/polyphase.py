@@ -114,6 +114,19 @@ class Phases:
         offset: np.ndarray = phase * across + slot
         return offset
 
+    def slots(self, shape: PictureShape) -> np.ndarray:
+        """Flat slot of each cell of a picture, (cells,) int32; -1: beyond what rays reach."""
+        down, k, _, across = self.depth.shape
+        rows, columns = (np.arange(count) for count in shape)
+        reached = [
+            (cells >= first) & (cells < first + count * k)
+            for cells, first, count in zip(
+                (rows, columns), self.origin, (down, across), strict=True
+            )
+        ]
+        slots = self.row_offset(rows)[:, None] + self.column_offset(columns)
+        return np.where(np.logical_and.outer(*reached), slots, -1).astype(np.int32).reshape(-1)
+
     def row_reach(self, rows: np.ndarray, first: np.ndarray) -> np.ndarray:
         """First and last row of slots, from a lens's own, of runs of picture rows of lens row 0.
 
