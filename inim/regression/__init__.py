@@ -32,7 +32,7 @@ from inim.regression.evidence import (
 from inim.regression.fixed_picture import Fingerprint, fingerprint, fixed_picture
 from inim.regression.scores import ScoreEstimate, score_interval, view_scores
 from inim.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
-from inim.regression.times import log_ratios
+from inim.regression.times import is_steady, log_ratios
 from inim.regression.verdict import Verdict, all_passed
 
 __all__ = [
@@ -53,6 +53,7 @@ __all__ = [
     "eia_tile",
     "fingerprint",
     "fixed_picture",
+    "is_steady",
     "log_ratios",
     "read_evidence",
     "score_interval",

@@ -173,10 +173,8 @@ def _rank_sum_law(m: int, n: int) -> np.ndarray:
     ways = np.zeros(m * n + 1)
     ways[0] = 1
     for i in range(1, m + 1):
-        top = n + i
-        for u in range(ways.size - 1, top - 1, -1):
-            ways[u] -= ways[u - top]
-        for u in range(i, ways.size):
-            ways[u] += ways[u - i]
+        ways[n + i :] -= ways[: -(n + i)].copy()
+        for first in range(i):
+            ways[first::i] = np.cumsum(ways[first::i])
     law: np.ndarray = ways / ways.sum()
     return law

@@ -28,7 +28,7 @@ from inim.regression.inference import (
 from inim.regression.pictures import codes_from_linear, compare_noise, compare_pictures
 from inim.regression.scores import ScoreEstimate, compare_scores
 from inim.regression.tiles import eia_tile
-from inim.regression.times import MOST_SLOWDOWN, compare_times
+from inim.regression.times import MOST_SLOWDOWN, compare_times, is_steady
 from inim.regression.verdict import Verdict, all_passed, within
 from tests.conftest import small_display
 
@@ -336,11 +336,14 @@ def test_interval_of_a_score_is_student_s():
 
 
 def rounds(rng, slowdown=1.0, spread=0.05, session=0.0):
-    """Rounds on a machine that is interrupted in one of ten, in log ratios."""
-    yardstick = 1e-3 * np.exp(spread * rng.normal(size=31))
-    times = 2e-3 * slowdown * np.exp(spread * rng.normal(size=31) + session * rng.normal())
-    times[rng.random(31) < 0.1] *= 4
-    return {"template": log_ratios(times, yardstick)}
+    """Rounds on a machine that is interrupted in one of ten, in log ratios; more until steady."""
+    found, pace = (), math.exp(session * rng.normal())
+    while not is_steady(found):
+        yardstick = 1e-3 * np.exp(spread * rng.normal(size=31))
+        times = 2e-3 * slowdown * pace * np.exp(spread * rng.normal(size=31))
+        times[rng.random(31) < 0.1] *= 4
+        found += log_ratios(times, yardstick)
+    return {"template": found}
 
 
 def test_generator_slower_by_30_percent_fails_and_noise_does_not():
@@ -366,7 +369,33 @@ def test_small_slowdown_passes_however_sure():
     assert 1 < verdict.interval[0] < verdict.value < MOST_SLOWDOWN == verdict.limit
 
 
+def test_scatter_that_a_slowdown_could_hide_in_is_no_measurement():
+    """Of whole turns of rounds, as on a machine that others use: neither verdict would be sound."""
+    rng = np.random.default_rng(17)
+    loud, calm = ({"a": tuple(s * rng.normal(size=31))} for s in (0.6, 0.05))
+    for old, new in ((loud, calm), (calm, loud)):
+        verdict = compare_times(old, new)[0]
+        assert not verdict.passed
+        assert "scatter too much" in verdict.detail
+    assert is_steady(calm["a"])
+    assert not is_steady(loud["a"])
+    # Surely faster is faster, however loud.
+    assert compare_times({"a": tuple(2 + x for x in loud["a"])}, loud)[0].passed
+
+
+def test_more_rounds_make_up_for_scatter():
+    rng = np.random.default_rng(18)
+    old, same, slow = (tuple(s + 0.3 * rng.normal(size=155)) for s in (0, 0, math.log(1.3)))
+    assert not is_steady(old[:31])
+    assert is_steady(old)
+    assert compare_times({"a": old}, {"a": same})[0].passed
+    verdict = compare_times({"a": old}, {"a": slow})[0]
+    assert not verdict.passed
+    assert "scatter" not in verdict.detail
+
+
 def test_too_few_rounds_are_no_measurement():
+    assert not is_steady((0.0,) * 8)
     assert not compare_times({"a": (0.0,) * 15}, {"a": (0.0,) * 8})[0].passed
     assert not compare_times({"a": (0.0,) * 15}, {})[0].passed
 
