@@ -2,21 +2,21 @@
 
 Pictures are embedded. Should they make the page too large, it is built again with smaller ones;
 what is shown smaller or compressed is in full in the folder beside the page. It reads whole with
-scripts off: the only one is the virtual display's.
+scripts off: they only move what stands there anyway.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from inim.report import virtual_display, wipe
 from inim.report.markup import element, mark, section, text
 from inim.report.pictures import ENCODINGS, Pictures
+from inim.report.scripts import script_element, script_policy
 from inim.report.sections import SECTIONS
-from inim.report.virtual_display import SCRIPT_POLICY, is_live, script_element
-from inim.report.virtual_display import style as virtual_display_style
 from inim.report.wording import MISSING, check_passed, checks, items, part, plain, verdict
 
 __all__ = ["LARGEST_PAGE_BYTES", "render_html"]
@@ -24,9 +24,9 @@ __all__ = ["LARGEST_PAGE_BYTES", "render_html"]
 #: A page above this is built again with smaller pictures.
 LARGEST_PAGE_BYTES = 10_000_000
 
-# Everything is refused but embedded pictures, the page's own style sheet and its one script.
+# Everything is refused but embedded pictures, the page's own style sheets and its scripts.
 _POLICY = (
-    f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; {SCRIPT_POLICY}; "
+    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; {scripts}; "
     "base-uri 'none'; form-action 'none'"
 )
 
@@ -59,21 +59,29 @@ def _page(data: Mapping[str, Any], pictures: Pictures) -> str:
     shown = [(anchor, title, body) for anchor, title, body in bodies if body]
     header = _header(data, _navigation((anchor, title) for anchor, title, _ in shown))
     main = "\n".join(section(*one) for one in shown)
-    script = f"{script_element()}\n" if any(is_live(body) for _, _, body in shown) else ""
+    scripts = _scripts([body for _, _, body in shown])
+    script = "".join(f"{script_element(one)}\n" for one in scripts)
     return (
-        f'<!doctype html>\n<html lang="en">\n{_head(data)}\n<body>\n'
+        f'<!doctype html>\n<html lang="en">\n{_head(data, scripts)}\n<body>\n'
         f'<a class="skip" href="#overview">Skip to the scores</a>\n{header}\n'
         f"<main>\n{main}\n</main>\n{_footer(data)}\n{script}</body>\n</html>\n"
     )
 
 
-def _head(data: Mapping[str, Any]) -> str:
+def _scripts(bodies: Sequence[str]) -> list[str]:
+    """The scripts that any of the sections needs."""
+    needed = ((virtual_display.is_live, virtual_display.script), (wipe.is_wiped, wipe.script))
+    return [script() for needs, script in needed if any(map(needs, bodies))]
+
+
+def _head(data: Mapping[str, Any], scripts: Sequence[str]) -> str:
     style = resources.files("inim.report").joinpath("report.css").read_text("utf-8")
-    style += virtual_display_style()
+    style += virtual_display.style() + wipe.style()
+    policy = _POLICY.format(scripts=script_policy(scripts))
     title = f"{data.get('title') or 'Untitled'}: {verdict(data)} – inim report"
     return (
         '<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{text(_POLICY)}">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{text(policy)}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light dark">\n'
         f"<title>{text(title)}</title>\n<style>\n{style}</style>\n</head>"

@@ -18,6 +18,7 @@ __all__ = [
     "table",
     "text",
     "triple",
+    "void",
 ]
 
 _SIGNS = {"passed": "✓", "failed": "✕"}
@@ -33,6 +34,11 @@ def element(name: str, *content: str, **attributes: object) -> str:
     given = {key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()}
     written = "".join(f' {k}="{text(v)}"' for k, v in given.items() if v is not None)
     return f"<{name}{written}>{''.join(content)}</{name}>"
+
+
+def void(name: str, **attributes: object) -> str:
+    """An element that can have no content; attributes as in `element`."""
+    return element(name, **attributes).removesuffix(f"</{name}>")
 
 
 def section(anchor: str, title: str, content: str) -> str:
@@ -78,11 +84,11 @@ def captioned(
     images: Sequence[str],
     facts: Iterable[tuple[str, Sequence[tuple[str, str]]]],
 ) -> str:
-    """A figure of one or two pictures; under its name, per reference, the scores against it."""
+    """A figure of one or more pictures; under its name, per reference, the scores against it."""
     title = element("b", text(name)) + " " + element("span", text(remark))
     rows = "".join(element("div", element("dt", text(k)), _measured(v)) for k, v in facts)
     caption = element("figcaption", title, element("dl", rows))
-    kind = "pair" if len(images) == 2 else "single"
+    kind = "single" if len(images) == 1 else "pair"
     return element("figure", element("div", *images, class_=kind), caption)
 
 

@@ -14,9 +14,20 @@ from typing import Any
 
 import numpy as np
 
-from inim.report.markup import element, text
+from inim.color import linear_from_srgb
+from inim.metrics import SSIM_WINDOW, ssim_map
+from inim.report.markup import element, text, void
 
-__all__ = ["DIFFERENCE_GAIN", "ENCODINGS", "Encoding", "Pictures", "difference", "is_wide"]
+__all__ = [
+    "DIFFERENCE_GAIN",
+    "ENCODINGS",
+    "Encoding",
+    "Pictures",
+    "difference",
+    "is_wide",
+    "similarity",
+    "similarity_scale",
+]
 
 #: Differences are shown this many times brighter: most are below what an eye notices.
 DIFFERENCE_GAIN = 4
@@ -70,7 +81,13 @@ class Pictures:
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
             return None
 
-    def embed(self, pixels: np.ndarray | None, alt: str, longest_px: int | None = None) -> str:
+    def embed(
+        self,
+        pixels: np.ndarray | None,
+        alt: str,
+        longest_px: int | None = None,
+        **attributes: object,
+    ) -> str:
         """An img with the picture in it, or a visible box that says it is missing."""
         if pixels is None or min(pixels.shape[:2]) < 1:
             return _box("missing", alt)
@@ -79,7 +96,7 @@ class Pictures:
             return _box(_LEFT_OUT, alt)
         height, width = pixels.shape[:2]
         source = _data_uri(_shrink(pixels, limit), self.encoding)
-        return _img(source, alt, width=width, height=height)
+        return _img(source, alt, width=width, height=height, **attributes)
 
     def magnify(self, pixels: np.ndarray | None, alt: str) -> str:
         """A small picture, each of its pixels a whole number of pixels on the page."""
@@ -101,6 +118,29 @@ def difference(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
     return np.asarray(np.minimum(change * DIFFERENCE_GAIN, 255), np.uint8)
 
 
+def similarity(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
+    """SSIM's map of two pictures in colours, (rows, columns, 3) uint8: black is 1.
+
+    None unless the two are alike in size, and no smaller than SSIM's window.
+    """
+    if a is None or b is None or a.shape != b.shape or min(a.shape[:2]) < SSIM_WINDOW:
+        return None
+    first, second = (linear_from_srgb(codes.astype(np.float32) / 255) for codes in (a, b))
+    return _magma(1 - ssim_map(first, second))
+
+
+def similarity_scale() -> np.ndarray:
+    """The colours of `similarity` from 1, at the left, to 0: (1, 256, 3) uint8."""
+    return _magma(np.linspace(0, 1, 256)[None])
+
+
+def _magma(share: np.ndarray) -> np.ndarray:
+    """Matplotlib's colours for shares of one, the ones FLIP's own maps are shown in."""
+    from matplotlib import colormaps
+
+    return np.asarray(colormaps["magma"](np.clip(share, 0, 1), bytes=True)[..., :3], np.uint8)
+
+
 def is_wide(pixels: np.ndarray | None) -> bool:
     """Whether a picture is too wide for a narrow column."""
     return pixels is not None and pixels.shape[1] > _WIDE * pixels.shape[0]
@@ -112,7 +152,7 @@ def _box(reason: str, alt: str) -> str:
 
 
 def _img(source: str, alt: str, **attributes: Any) -> str:
-    return element("img", src=source, alt=alt, **attributes).removesuffix("</img>")
+    return void("img", src=source, alt=alt, **attributes)
 
 
 def _shrink(pixels: np.ndarray, longest_px: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import math
 import re
@@ -13,16 +14,18 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from skimage.metrics import structural_similarity
 
 from inim.display import DISPLAYS
 from inim.formats.image import write_rgbd
 from inim.report import html as report_html
+from inim.report import wipe
 from inim.report.depth_profile import depth_profile
 from inim.report.diagram import plan_view
 from inim.report.html import render_html
 from inim.rgbd import RGBD
 
-HOSTILE = "</style><script>alert(1)</script>\"'`\n&amp; 双耳陶罐 \x00\ud800"
+HOSTILE = "</style><script>alert(1)</script>\"'`$\n&amp; 双耳陶罐 \x00\ud800"
 VIEWS = ("centre", "left", "right", "up", "down")
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 
@@ -34,6 +37,7 @@ class Page(HTMLParser):
         super().__init__(convert_charrefs=True)
         self.elements: list[tuple[str, dict[str, str | None]]] = []
         self.words: list[str] = []
+        self.scripts: list[str] = []
         self.open: list[str] = []
         self.feed(page)
         self.close()
@@ -50,7 +54,9 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        if self.open and self.open[-1] != "style":
+        if self.open and self.open[-1] == "script":
+            self.scripts.append(data)
+        elif self.open and self.open[-1] != "style":
             self.words.append(data)
 
     @property
@@ -59,6 +65,9 @@ class Page(HTMLParser):
 
     def all(self, tag: str) -> list[dict[str, str | None]]:
         return [attributes for name, attributes in self.elements if name == tag]
+
+    def all_alts(self) -> str:
+        return "; ".join(image["alt"] for image in self.all("img"))
 
     def picture(self, alt: str) -> np.ndarray:
         source = next(i["src"] for i in self.all("img") if i["alt"] == alt)
@@ -156,7 +165,9 @@ def test_every_picture_is_embedded_and_described(folder):
     page = Page(render_html(report(ALGORITHMS), folder))
     images = page.all("img")
     assert len(images) > 30
-    assert all(image["src"].startswith("data:image/png;base64,") for image in images)
+    kinds = [image["src"].partition(";")[0] for image in images]
+    assert kinds.count("data:image/svg+xml") == 1
+    assert kinds.count("data:image/png") == len(kinds) - 1
     assert all(image["alt"] and image["width"] and image["height"] for image in images)
     assert "missing" not in page.text
 
@@ -165,10 +176,13 @@ def test_page_needs_nothing_from_outside_and_forbids_it(folder):
     html = render_html(report(ALGORITHMS), folder)
     page = Page(html)
     assert not re.search(r"https?://|@import|url\(", html)
-    assert not {"script", "link", "iframe", "object"} & {name for name, _ in page.elements}
+    assert not {"link", "iframe", "object"} & {name for name, _ in page.elements}
     policy = [m["content"] for m in page.all("meta") if "http-equiv" in m]
     assert len(policy) == 1
     assert policy[0].startswith("default-src 'none'; img-src data:;")
+    assert page.scripts == [wipe.script()]
+    digest = base64.b64encode(hashlib.sha256(page.scripts[0].encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}';" in policy[0]
 
 
 def test_hostile_names_are_shown_as_text_and_never_run(folder):
@@ -181,12 +195,12 @@ def test_hostile_names_are_shown_as_text_and_never_run(folder):
     page = Page(html)
     html.encode("utf-8")
     assert page.open == []
-    assert page.all("script") == []
+    assert page.all("script") == []  # and none of our own, for there are no pictures
     assert len(page.all("style")) == 1
     assert "<script>alert(1)</script>" in page.text
     assert "双耳陶罐" in page.text
     assert "\x00" not in html
-    allowed = {"src", "alt", "width", "height", "class", "style"}
+    allowed = {"src", "alt", "width", "height", "class", "style", "data-shows", "data-viewpoint"}
     assert {key for image in page.all("img") for key in image} <= allowed
 
 
@@ -205,6 +219,7 @@ def test_missing_or_damaged_picture_shows_a_box(folder, content):
     page = Page(render_html(report(ALGORITHMS), folder))
     assert "missing template from centre" in page.text
     assert "missing Difference of template and ceiling from centre" in page.text
+    assert "missing SSIM map of template and ceiling from centre" in page.text
 
 
 @pytest.mark.parametrize("data", [{}, {"algorithms": None, "viewpoints": [None, {}, 3]}])
@@ -225,6 +240,36 @@ def test_difference_is_the_absolute_srgb_difference_times_four_and_says_so(folde
     assert difference[0, 0].tolist() == [40, 12, 255]
     assert difference[1:].max() == 0
     assert "amplified × 4" in page.text
+
+
+def test_ssim_map_is_black_where_equal_and_its_mean_is_the_score(folder):
+    """The colours, read backwards on their own scale, hold what scikit-image says."""
+    ceiling = np.full((64, 64, 3), 100, np.uint8)
+    made = ceiling.copy()
+    made[20:40, 20:40] += np.random.default_rng(1).integers(0, 60, (20, 20, 3), np.uint8)
+    save(folder / "views/ceiling/centre.png", ceiling)
+    save(folder / "views/template/centre.png", made)
+    page = Page(render_html(report(ALGORITHMS), folder))
+    shown = page.picture("SSIM map of template and ceiling from centre").astype(int)
+    scale = page.picture("Colours of the SSIM maps, from black for 1 to pale yellow for 0")
+    places = abs(shown[:, :, None] - scale[0].astype(int)).sum(axis=-1).argmin(axis=-1)
+    assert scale[0, 0].max() < 10
+    assert places[:10].max() == 0
+    assert places[30, 30] > 100
+    score = structural_similarity(
+        ceiling, made, data_range=255, channel_axis=-1, gaussian_weights=True,
+        sigma=1.5, use_sample_covariance=False,
+    )  # fmt: skip
+    # Edges apart, which scikit-image leaves out of its mean; 256 colours, and none below 0.
+    assert 1 - places[5:-5, 5:-5].mean() / 255 == pytest.approx(score, abs=4e-3)
+
+
+def test_picture_smaller_than_ssim_s_window_has_no_map(folder):
+    for place in ("views/ceiling", "views/template"):
+        save(folder / place / "centre.png", noise(1, 10))
+    page = Page(render_html(report(ALGORITHMS), folder))
+    assert "missing SSIM map of template and ceiling from centre" in page.text
+    assert "missing Difference of template and ceiling from centre" not in page.text
 
 
 def test_pictures_of_unlike_sizes_are_not_compared(folder):
@@ -324,7 +369,7 @@ def test_page_too_large_is_built_again_with_smaller_pictures(folder, monkeypatch
 def test_pictures_are_left_out_and_say_so_when_nothing_else_helps(folder, monkeypatch):
     monkeypatch.setattr(report_html, "LARGEST_PAGE_BYTES", 60_000)
     page = Page(render_html(report(ALGORITHMS), folder))
-    assert page.all("img") == []
+    assert all(image["alt"].startswith("Time against error") for image in page.all("img"))
     assert "left out, the page would be too large Ground truth from centre" in page.text
 
 
@@ -451,3 +496,54 @@ def test_plan_view_keeps_the_panel_behind_the_array_and_the_depth_range_to_scale
 def test_plan_view_without_numbers_is_left_out(derived):
     usual = {**DISPLAYS["nominal"].derived(), **derived} if derived else {}
     assert plan_view({"given": {"gap_mm": 3.3}, "derived": usual}) == ""
+
+
+# --- Time against error, what was skipped -------------------------------------------------------
+
+
+def plot_words(page: Page) -> str:
+    source = next(i["src"] for i in page.all("img") if i["alt"].startswith("Time against error"))
+    return Page(base64.b64decode(source.split(",")[1]).decode()).text
+
+
+def test_time_against_error_names_every_algorithm_and_says_its_numbers(folder):
+    data = report(ALGORITHMS)
+    data["algorithms"]["wang2024"]["seconds"] = 12.0
+    page = Page(render_html(data, folder))
+    alt = next(i["alt"] for i in page.all("img") if i["alt"].startswith("Time against error"))
+    assert "template 0.5 seconds, 1 − SSIM to the ceiling 0.027" in alt
+    assert "wang2024 12 seconds, 1 − SSIM to the ceiling 0.079" in alt
+    words = plot_words(page)
+    assert words.count("template") == words.count("wang2024") == 2
+    assert "noise floor" in words
+
+
+def test_algorithm_without_a_time_has_no_point(folder):
+    data = report(ALGORITHMS)
+    data["algorithms"]["wang2024"]["seconds"] = None
+    assert "wang2024" not in plot_words(Page(render_html(data, folder)))
+    data["algorithms"]["template"]["seconds"] = None
+    assert "time" not in {s["id"] for s in Page(render_html(data, folder)).all("section")}
+
+
+def test_times_in_yardsticks_are_taken_where_all_have_them(folder):
+    data = report(ALGORITHMS)
+    data["algorithms"]["template"]["yardsticks"] = 1.5
+    assert "template 0.5 seconds" in Page(render_html(data, folder)).all_alts()
+    data["algorithms"]["wang2024"]["yardsticks"] = 60.0
+    page = Page(render_html(data, folder))
+    assert "template 1.5 yardsticks" in page.all_alts()
+    assert "medians of warm runs" in page.text
+
+
+def test_what_was_skipped_is_listed_with_its_reason(folder):
+    rows = [{"what": HOSTILE, "done": "3 of 5", "skipped": "2", "why": "nothing moves there"}]
+    page = Page(render_html({**report(ALGORITHMS), "skipped": rows}, folder))
+    assert "3 of 5 2 nothing moves there" in page.text
+    assert page.scripts == [wipe.script()]
+
+
+@pytest.mark.parametrize("rows", [None, [], "all", {}])
+def test_nothing_skipped_is_no_section(folder, rows):
+    page = Page(render_html({**report(ALGORITHMS), "skipped": rows}, folder))
+    assert "skipped" not in {s["id"] for s in page.all("section")}

@@ -18,10 +18,8 @@ _POLICY = (
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
     "base-uri 'none'; form-action 'none'"
 )
-# Plots are drawn on white, whatever the page's colours.
 _STYLE = """
-.plot { background: #fff; padding: 10px; border: 1px solid var(--line); margin: 0 0 18px; }
-.plot img { background: #fff; max-width: 1160px; margin: 0 auto; }
+.plot img { max-width: 1160px; }
 .bench th, .bench td { white-space: nowrap; }
 .bench th:not(:first-child), .bench td { text-align: right; }
 .bench thead th { white-space: normal; vertical-align: bottom; overflow-wrap: normal; }

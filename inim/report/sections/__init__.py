@@ -15,6 +15,8 @@ from inim.report.sections.parallax import parallax
 from inim.report.sections.record import check_list, reproduce, timings, warnings
 from inim.report.sections.regression import regression
 from inim.report.sections.rgbd import rgbd
+from inim.report.sections.skipped import skipped
+from inim.report.sections.time_against_error import time_against_error
 from inim.report.sections.views import views
 from inim.report.virtual_display import ANCHOR, TITLE, report_display
 
@@ -44,9 +46,11 @@ SECTIONS = (
     Section("parallax", "Parallax", parallax),
     Section("views", "Views", views),
     Section("eia", "Elemental images", elemental_images),
+    Section("time", "Time against error", _without_pictures(time_against_error)),
     Section("rgbd", "RGB-D input", rgbd),
     Section("checks", "Checks", _without_pictures(check_list)),
     Section("timings", "Timings", _without_pictures(timings)),
+    Section("skipped", "What was skipped", _without_pictures(skipped)),
     Section("warnings", "Warnings", _without_pictures(warnings)),
     Section("reproduce", "How to reproduce", _without_pictures(reproduce)),
     Section("meaning", "What the numbers mean", _without_pictures(meanings)),

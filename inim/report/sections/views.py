@@ -8,22 +8,50 @@ from typing import Any
 import numpy as np
 
 from inim.report.markup import captioned, decibels, element, text, triple
-from inim.report.pictures import DIFFERENCE_GAIN, Pictures, difference, is_wide
-from inim.report.wording import NBSP, items, part, score, short
+from inim.report.pictures import (
+    DIFFERENCE_GAIN,
+    Pictures,
+    difference,
+    is_wide,
+    similarity,
+    similarity_scale,
+)
+from inim.report.wipe import wipe
+from inim.report.wording import NBSP, best_algorithm, items, part, score, short, viewpoint_names
 
 __all__ = ["views"]
 
+_TRUTH, _CEILING = "Ground truth", "Ceiling"
 _INTRO = (
-    f"Differences are absolute differences of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: "
-    "black is equal. The ceiling is compared with the ground truth, which shows what the display "
-    "loses; an algorithm is compared with the ceiling, which shows what the algorithm loses."
+    "Below each picture are its difference and its SSIM map. Differences are absolute differences "
+    f"of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: black is equal. The ceiling is "
+    "compared with the ground truth, which shows what the display loses; an algorithm is compared "
+    "with the ceiling, which shows what the algorithm loses."
 )
 
 
 def views(data: Mapping[str, Any], pictures: Pictures) -> str:
     """The section on the views, one row of pictures for each viewpoint."""
     rows = [_viewpoint(data, pictures, v) for v in items(data, "viewpoints") if "name" in part(v)]
-    return element("p", text(_INTRO), class_="lead") + "".join(rows)
+    intro = element("p", text(_INTRO), class_="lead") + _scale(pictures)
+    return _wipe(data, pictures) + intro + "".join(rows)
+
+
+def _wipe(data: Mapping[str, Any], pictures: Pictures) -> str:
+    """Any two of the pictures below over each other: ground truth and best algorithm at first."""
+    views, best = viewpoint_names(data), best_algorithm(data)
+    if not views or not pictures.encoding.longest_px:
+        return ""
+    names = [_TRUTH, _CEILING, *part(data, "algorithms")]
+    return wipe(views, names, best or _CEILING, pictures.read("truth", f"{views[0]}.png"))
+
+
+def _scale(pictures: Pictures) -> str:
+    """What the colours of an SSIM map stand for."""
+    bar = np.repeat(similarity_scale(), 12, axis=0)
+    words = [element("span", text(word)) for word in ("1, alike", "SSIM", "0 or below, unlike")]
+    picture = pictures.embed(bar, "Colours of the SSIM maps, from black for 1 to pale yellow for 0")
+    return element("figure", picture, element("figcaption", *words), class_="ssim-scale")
 
 
 def _viewpoint(data: Mapping[str, Any], pictures: Pictures, viewpoint: Mapping[str, Any]) -> str:
@@ -47,8 +75,31 @@ def _truth_figure(
     data: Mapping[str, Any], pictures: Pictures, view: str, truth: np.ndarray | None
 ) -> str:
     facts = [("To itself", triple(part(data, "noise_floor", "views", view)))]
-    picture = pictures.embed(truth, f"Ground truth from {view}")
-    return captioned("Ground truth", "the scene itself", [picture], facts)
+    picture = _shown(pictures, truth, _TRUTH, view)
+    return captioned(_TRUTH, "the scene itself", [picture], facts)
+
+
+def _shown(pictures: Pictures, pixels: np.ndarray | None, name: str, view: str) -> str:
+    """A view that `wipe` finds by what it shows and from where."""
+    alt = f"{name} from {view}"
+    return pictures.embed(pixels, alt, data_shows=name, data_viewpoint=view)
+
+
+def _compared(
+    pictures: Pictures,
+    pixels: np.ndarray | None,
+    reference: np.ndarray | None,
+    name: str,
+    to: str,
+    view: str,
+) -> list[str]:
+    """A view, its difference to a reference, and SSIM's map of the two."""
+    pair = f"of {name} and {to} from {view}"
+    return [
+        _shown(pictures, pixels, name, view),
+        pictures.embed(difference(pixels, reference), f"Difference {pair}"),
+        pictures.embed(similarity(pixels, reference), f"SSIM map {pair}"),
+    ]
 
 
 def _ceiling_figure(
@@ -58,13 +109,9 @@ def _ceiling_figure(
     truth: np.ndarray | None,
     ceiling: np.ndarray | None,
 ) -> str:
-    change = difference(ceiling, truth)
-    pair = [
-        pictures.embed(ceiling, f"Ceiling from {view}"),
-        pictures.embed(change, f"Difference of ceiling and ground truth from {view}"),
-    ]
+    shown = _compared(pictures, ceiling, truth, _CEILING, "ground truth", view)
     facts = [("To scene", triple(part(data, "ceiling", "views", view)))]
-    return captioned("Ceiling", "and difference to ground truth", pair, facts)
+    return captioned(_CEILING, "compared with ground truth", shown, facts)
 
 
 def _algorithm_figure(
@@ -76,11 +123,7 @@ def _algorithm_figure(
 ) -> str:
     scores = part(data, "algorithms", name, "views", view)
     made = pictures.read("views", name, f"{view}.png")
-    change = difference(made, ceiling)
-    pair = [
-        pictures.embed(made, f"{name} from {view}"),
-        pictures.embed(change, f"Difference of {name} and ceiling from {view}"),
-    ]
+    shown = _compared(pictures, made, ceiling, name, "ceiling", view)
     to_ceiling = [
         ("SSIM", score(scores, "ssim_to_ceiling")),
         ("PSNR", decibels(scores, "psnr_to_ceiling_db")),
@@ -88,4 +131,4 @@ def _algorithm_figure(
     ]
     on_relic = [("SSIM", score(scores, "ssim_on_relic"))]
     facts = [("To ceiling", to_ceiling), ("To scene", triple(scores)), ("On the relic", on_relic)]
-    return captioned(name, "and difference to ceiling", pair, facts)
+    return captioned(name, "compared with ceiling", shown, facts)

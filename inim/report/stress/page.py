@@ -18,10 +18,8 @@ _POLICY = (
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
     "base-uri 'none'; form-action 'none'"
 )
-# The figure is drawn on white, whatever the page's colours.
 _STYLE = """
-.plot { background: #fff; padding: 10px; border: 1px solid var(--line); margin: 0 0 18px; }
-.plot img { background: #fff; width: 100%; max-width: 1240px; margin: 0 auto; }
+.plot img { max-width: 1240px; }
 .stress table { font-size: 13px; width: auto; min-width: min(100%, 700px); }
 .stress th, .stress td { text-align: left; vertical-align: top; padding: 3px 8px; }
 .stress thead th { vertical-align: bottom; }

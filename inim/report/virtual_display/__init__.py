@@ -7,14 +7,13 @@ beside this file, draw. Without scripts or WebGL 2, pre-rendered views stand in.
 from __future__ import annotations
 
 from inim.report.virtual_display.body import ANCHOR, TITLE, is_live, report_display
-from inim.report.virtual_display.scripts import SCRIPT_POLICY, script_element, style
+from inim.report.virtual_display.scripts import script, style
 
 __all__ = [
     "ANCHOR",
-    "SCRIPT_POLICY",
     "TITLE",
     "is_live",
     "report_display",
-    "script_element",
+    "script",
     "style",
 ]

@@ -11,7 +11,7 @@ import numpy as np
 from inim.display import Display
 from inim.errors import InimError
 from inim.misalignment import mounted
-from inim.report.markup import element, figure, text
+from inim.report.markup import element, figure, text, void
 from inim.report.pictures import Pictures, is_wide
 from inim.report.virtual_display.optics import SKETCHED_LENS_MODELS, drawn_as_none, optics
 from inim.report.virtual_display.panels import EmbeddedPanel, Panel, embed_panels
@@ -246,7 +246,7 @@ def _controls(eyes: Sequence[Eye], several: bool, lens_model: str) -> str:
     radios = [_radio(model, model == first) for model in SKETCHED_LENS_MODELS]
     parts = [_choices("Look from", buttons), _choices("Lens model", radios)]
     if several:
-        box = _void("input", type="checkbox", name_="together", checked="checked")
+        box = void("input", type="checkbox", name_="together", checked="checked")
         parts.append(_choices("Compare", [element("label", box, "side by side")]))
     return element("div", *parts, class_="controls")
 
@@ -258,7 +258,7 @@ def _choices(legend: str, choices: Sequence[str]) -> str:
 
 def _radio(model: str, checked: bool) -> str:
     chosen = "checked" if checked else None
-    button = _void("input", type="radio", name_="lens-model", value=model, checked=chosen)
+    button = void("input", type="radio", name_="lens-model", value=model, checked=chosen)
     return element("label", button, text(model))
 
 
@@ -288,7 +288,7 @@ def _screen(display: Display, names: Sequence[str], side: int, index: int) -> st
 
 def _sliders() -> str:
     sliders = [
-        element("label", text(label), _void("input", type="range", name_=name, **limits))
+        element("label", text(label), void("input", type="range", name_=name, **limits))
         for name, label, limits in (
             ("x", "Eye, left to right", {"step": "any"}),
             ("y", "Eye, down to up", {"step": "any"}),
@@ -296,10 +296,6 @@ def _sliders() -> str:
         )
     ]
     return element("div", *sliders, class_="sliders")
-
-
-def _void(tag: str, **attributes: object) -> str:
-    return element(tag, **attributes).removesuffix(f"</{tag}>")
 
 
 def _embedding_words(embedded: Sequence[EmbeddedPanel], left_out: Sequence[str]) -> list[str]:

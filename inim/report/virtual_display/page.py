@@ -5,14 +5,15 @@ from __future__ import annotations
 from importlib import resources
 
 from inim.report.markup import element, section, text
+from inim.report.scripts import script_element, script_policy
 from inim.report.virtual_display.body import ANCHOR, TITLE
-from inim.report.virtual_display.scripts import SCRIPT_POLICY, script_element, style
+from inim.report.virtual_display.scripts import script, style
 from inim.version import __version__
 
 __all__ = ["display_page"]
 
 _POLICY = (
-    f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; {SCRIPT_POLICY}; "
+    f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; {script_policy([script()])}; "
     "base-uri 'none'; form-action 'none'"
 )
 
@@ -37,6 +38,6 @@ def display_page(title: str, facts: str, content: str) -> str:
         '<meta name="color-scheme" content="light dark">\n'
         f"<title>{text(title)} – inim virtual display</title>\n<style>\n{sheet}</style>\n</head>\n"
         f"<body>\n{element('header', element('div', head))}\n"
-        f"<main>\n{section(ANCHOR, TITLE, content)}\n</main>\n{footer}\n{script_element()}\n"
-        "</body>\n</html>\n"
+        f"<main>\n{section(ANCHOR, TITLE, content)}\n</main>\n{footer}\n"
+        f"{script_element(script())}\n</body>\n</html>\n"
     )

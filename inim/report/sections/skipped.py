@@ -1,0 +1,28 @@
+"""What the run left out: asked for or usual, and why it was not done."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from inim.report.markup import element, table, text
+from inim.report.wording import MISSING, items, part
+
+__all__ = ["skipped"]
+
+_WORDS = "No score on this page depends on what was not done."
+_COLUMNS = {"what": "What", "done": "Done", "skipped": "Skipped", "why": "Why"}
+
+
+def skipped(data: Mapping[str, Any]) -> str:
+    """The section; empty for a report that does not say."""
+    rows = [
+        [text(MISSING if part(row).get(key) is None else part(row)[key]) for key in _COLUMNS]
+        for row in items(data, "skipped")
+    ]
+    if not rows:
+        return ""
+    caption = "Work that this run did not do"
+    return element("p", text(_WORDS), class_="lead") + table(
+        caption, list(_COLUMNS.values()), rows, "skips"
+    )

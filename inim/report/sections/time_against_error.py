@@ -1,0 +1,163 @@
+"""Time against error: what each algorithm of the run took, and how far it came."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from inim.report.bench.marks import LINES, MARKS, colour_of, plain_ticks, style
+from inim.report.bench.names import Name, across, set_apart
+from inim.report.markup import element, text, void
+from inim.report.wording import is_number, part, plain, viewpoint_names
+
+__all__ = ["time_against_error"]
+
+_YARDSTICKS = "yardsticks"
+_WORDS = "Down and left is better; the line joins those that no other beats in both. "
+_RATIOS = (
+    "Times are medians of warm runs, in turn with the yardstick, one gather of 4 bytes per display "
+    "pixel."
+)
+_SECONDS = (
+    "Times are of one run as it came, preparation and compiling included: they tell a second from "
+    "a minute. Warm ones, in turn, and in yardsticks come with "
+)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """An algorithm: its time, and an error whose smaller values are better."""
+
+    name: str
+    time: float
+    error: float
+
+
+def time_against_error(data: Mapping[str, Any]) -> str:
+    """The section; empty where no algorithm has a time and a score."""
+    times, unit = _times(data)
+    views, eias = _view_points(data, times), _eia_points(data, times)
+    if not (views or eias):
+        return ""
+    floor = part(data, "noise_floor", "eia").get("psnr_db")
+    known_floor = float(floor) if is_number(floor) and math.isfinite(floor) else None
+    drawn = base64.b64encode(_drawing(tuple(views), tuple(eias), unit, known_floor)).decode("ascii")
+    words = "; ".join(
+        f"{p.name} {p.time:.2g} {unit}, 1 − SSIM to the ceiling {p.error:.3f}" for p in views
+    )
+    alt = f"Time against error. {words}" if words else "Time against error"
+    plot = void("img", src=f"data:image/svg+xml;base64,{drawn}", alt=alt, width=760, height=330)
+    if unit == _YARDSTICKS:
+        how = text(_WORDS + _RATIOS)
+    else:
+        how = text(_WORDS + _SECONDS) + element("code", "python -m inim.bench") + "."
+    return element("p", how, class_="lead") + element("figure", plot, class_="plot")
+
+
+def _times(data: Mapping[str, Any]) -> tuple[dict[str, float], str]:
+    """Times by algorithm, and their unit: ratios where all that took time have one."""
+    runs = part(data, "algorithms")
+    seconds, ratios = (
+        {
+            name: float(value)
+            for name in runs
+            if is_number(value := part(runs, name).get(key)) and 0 < value < math.inf
+        }
+        for key in ("seconds", _YARDSTICKS)
+    )
+    return (ratios, _YARDSTICKS) if ratios.keys() >= seconds.keys() else (seconds, "seconds")
+
+
+def _view_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_Point]:
+    """1 − mean SSIM to the ceiling, of those that have all of them."""
+    names = viewpoint_names(data)
+    points = []
+    for name, time in times.items():
+        views = part(data, "algorithms", name, "views")
+        values = [part(views, view).get("ssim_to_ceiling") for view in names]
+        known = [v for v in values if is_number(v)]
+        if names and len(known) == len(names):
+            points.append(_Point(plain(name), time, 1 - math.fsum(known) / len(known)))
+    return points
+
+
+def _eia_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_Point]:
+    """PSNR of the EIA to ground truth, negative."""
+    points = []
+    for name, time in times.items():
+        psnr = part(data, "algorithms", name, "eia").get("psnr_db")
+        if is_number(psnr) and math.isfinite(psnr):
+            points.append(_Point(plain(name), time, -psnr))
+    return points
+
+
+@lru_cache(maxsize=8)  # a page too large is put together again
+def _drawing(
+    views: tuple[_Point, ...], eias: tuple[_Point, ...], unit: str, floor: float | None
+) -> bytes:
+    """Both panels over one time axis, as SVG."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.2, 4.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, 2, sharex=True)
+    panels = (
+        ("Views", views, 1.0, "1 − SSIM to the ceiling, mean", None),
+        ("Elemental images", eias, -1.0, "EIA PSNR to ground truth, dB", floor),
+    )
+    written = []
+    for axis, (title, points, sign, label, line) in zip(axes, panels, strict=True):
+        axis.set_xscale("log")
+        style(axis, title, f"{unit} (↙ better)", label)
+        written.append(_panel(axis, points, sign))
+        if line is not None and points:
+            axis.axhline(line, **LINES["floor"])
+            across(axis, "noise floor", y=line)
+    axes[1].invert_yaxis()  # as in the other panel, down is better
+    for axis in axes:
+        plain_ticks(axis)
+    stream = io.BytesIO()
+    # Without a date or random ids, equal data give equal files. Text stays text, and may have
+    # letters that the font here has not: a warning would be about this machine, not the reader's.
+    with rc_context({"svg.hashsalt": "inim", "svg.fonttype": "none"}), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        figure.canvas.draw()  # now all has its place, and names can be put beside one another
+        for axis, names in zip(axes, written, strict=True):
+            set_apart(axis, names)
+        figure.savefig(stream, format="svg", metadata={"Date": None})
+    return stream.getvalue()
+
+
+def _panel(axis: Any, points: Sequence[_Point], sign: float) -> list[Name]:
+    """Draw one panel; the names that go into it."""
+    for p in points:
+        mark = MARKS.get(p.name.partition(":")[0], "o")
+        colour = colour_of(p.name)
+        axis.plot(p.time, sign * p.error, mark, color=colour, markersize=7, zorder=3)
+    front = sorted((p.time, sign * p.error) for p in points if not _is_beaten(p, points))
+    if len(front) > 1:
+        axis.step(*zip(*front, strict=True), where="post", **LINES["front"])
+    axis.margins(0.25, 0.2)
+    # A dollar sign would begin a formula.
+    return [
+        Name(p.name.replace("$", r"\$"), p.time, sign * p.error, colour_of(p.name), 8)
+        for p in points
+    ]
+
+
+def _is_beaten(mine: _Point, points: Sequence[_Point]) -> bool:
+    """Whether another is as good in both and better in one."""
+    return any(
+        p.time <= mine.time
+        and p.error <= mine.error
+        and (p.time, p.error) != (mine.time, mine.error)
+        for p in points
+    )
