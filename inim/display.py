@@ -57,6 +57,8 @@ _WORDS = {
     "between_lenses": ("dark", "clear"),
     "subpixels": ("none", "rgb-stripe", "pentile"),
 }
+# Pictures hold depths as float32, which end at 3.4e38; products of two lengths are floats still.
+_LONGEST_MM = 1e38
 # Far above what a sheet glued by hand misses, and far below where a tilted panel meets its array.
 _STEEPEST_TILT_DEG = 10.0
 _OPTIONAL = frozenset(
@@ -206,7 +208,10 @@ class Display:
             return
         if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
             raise DisplayError(f"{name} = {value!r}: must be a finite number")
-        object.__setattr__(self, name, float(value))
+        number = float(value)
+        if name.endswith("_mm") and abs(number) > _LONGEST_MM:
+            raise DisplayError(f"{name} = {number:g}: at most {_LONGEST_MM:g} mm can be pictured")
+        object.__setattr__(self, name, number)
 
     def _take_count(self, name: str) -> None:
         value = getattr(self, name)

@@ -14,10 +14,21 @@ from inim.errors import FileError
 from inim.formats.image import exr_size, read_exr_channels
 from inim.formats.png import check_png
 
-__all__ = ["read_eia"]
+__all__ = ["check_eia_name", "read_eia"]
 
 # Pillow's names for grey of 16 bits.
 _GREY_16 = ("I;16", "I;16B", "I")
+
+
+def check_eia_name(path: Path) -> None:
+    """Raise `FileError` for a file that is missing or of another kind; it is not opened.
+
+    Decoders are native code: only a worker under supervision lets them at a file.
+    """
+    if path.suffix.lower() not in (".png", ".exr"):
+        raise FileError(f"{path}: a finished EIA is a .png (sRGB) or an .exr (linear)")
+    if not path.is_file():
+        raise FileError(f"{path}: no such file")
 
 
 def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | None]:
@@ -44,12 +55,9 @@ def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | Non
     FileError
         Missing, damaged, of another kind or another size.
     """
-    readers = {".png": _read_png, ".exr": _read_exr}
-    if path.suffix.lower() not in readers:
-        raise FileError(f"{path}: a finished EIA is a .png (sRGB) or an .exr (linear)")
-    if not path.is_file():
-        raise FileError(f"{path}: no such file")
-    eia, alpha = readers[path.suffix.lower()](path, display)
+    check_eia_name(path)
+    read = _read_png if path.suffix.lower() == ".png" else _read_exr
+    eia, alpha = read(path, display)
     return eia, None if alpha is None else alpha > 0
 
 

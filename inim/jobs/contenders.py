@@ -23,7 +23,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import InimError, UsageError
-from inim.formats.eia_file import read_eia
+from inim.formats.eia_file import check_eia_name, read_eia
 from inim.generators import (
     PICKUP,
     algorithm_names,
@@ -107,7 +107,10 @@ class Contender(ABC):
         return False
 
     def check(self, display: Display) -> None:  # noqa: B027 (most have nothing to check)
-        """Raise an `InimError` for what can be found out without the renderer."""
+        """Raise an `InimError` for what can be found out without native code.
+
+        Plans are made outside the worker too, where nothing survives a decoder's death.
+        """
 
     def rays(self, plan: Plan) -> int:  # noqa: ARG002
         """How many rays its making will trace."""
@@ -160,17 +163,18 @@ class FinishedFile(Contender):
 
     doing: ClassVar[str] = "read"
 
-    def check(self, display: Display) -> None:
-        """See `Contender`; the file is read to its end."""
-        read_eia(self.path, display)
+    def check(self, display: Display) -> None:  # noqa: ARG002
+        """See `Contender`; the file is not opened yet."""
+        check_eia_name(self.path)
 
     def prepare(self, plan: Plan) -> Make:
-        """See `Contender`."""
+        """See `Contender`; the file is read to its end."""
+        eia, shown = read_eia(self.path, plan.display)
+        empty = None if shown is None else ~shown
+        entry = Entry(eia, None, _hole_fraction(empty, plan.display))
 
         def make(_: Ledger, __: GroundTruth) -> Entry:
-            eia, shown = read_eia(self.path, plan.display)
-            empty = None if shown is None else ~shown
-            return Entry(eia, None, _hole_fraction(empty, plan.display))
+            return entry
 
         return make
 

@@ -10,6 +10,7 @@ from typing import Any
 from inim.display import Display
 from inim.errors import OutOfMemoryError, SceneError
 from inim.jobs.contenders import Contender, parse_contenders
+from inim.jobs.memory import LEAST_BYTES, rays_in_flight
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW
 from inim.misalignment import mounted
@@ -33,8 +34,6 @@ _LAYERS_BYTES = 1600
 # A view: float64 sums, rays of the coverage pass, the scorer's copies; and what each view keeps.
 _VIEW_BYTES = 400
 _KEPT_BYTES = 12
-# The renderer, its kernels, a scene and the rays in flight.
-_BASE_BYTES = 3 * 2**30
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Plan:
-    """A request checked against its scene file: all that can go wrong without rendering has not.
+    """A request checked against its scene file: what can go wrong without native code has not.
 
     Attributes
     ----------
@@ -120,6 +119,10 @@ class Plan:
         Whose EIAs are scored, in the report's order.
     ssim_limits : dict of str to float
         Least SSIM to the ceiling, by contender.
+    pictures_bytes : int
+        What the run's pictures take at their fullest moment.
+    rays_in_flight : int
+        That the memory beside them allows the renderer at once.
     baseline : Evidence, optional
         To compare with.
     """
@@ -132,6 +135,8 @@ class Plan:
     viewpoints: tuple[Viewpoint, ...]
     contenders: tuple[Contender, ...]
     ssim_limits: dict[str, float]
+    pictures_bytes: int
+    rays_in_flight: int
     baseline: Evidence | None = None
 
 
@@ -162,10 +167,10 @@ def make_plan(request: Request) -> Plan:
     contenders = parse_contenders(settings.algorithms, request.eias)
     limits = settings.ssim_limits(tuple(c.name for c in contenders), source)
     _check_sizes(display, settings, source)
-    _check_memory(display, settings, len(viewpoints), contenders)
+    memory = _share_memory(display, settings, len(viewpoints), contenders)
     for contender in contenders:
         contender.check(display)
-    plan = Plan(request, file, settings, display, real, viewpoints, contenders, limits)
+    plan = Plan(request, file, settings, display, real, viewpoints, contenders, limits, *memory)
     return plan if request.baseline is None else _with_baseline(plan, request.baseline)
 
 
@@ -196,10 +201,10 @@ def _view_shape(display: Display, pixels_per_lens: int) -> tuple[int, int]:
     return display.lens_rows * pixels_per_lens, display.lens_columns * pixels_per_lens
 
 
-def _check_memory(
+def _share_memory(
     display: Display, settings: Settings, views: int, contenders: Sequence[Contender]
-) -> None:
-    """Refuse what cannot fit before it takes the machine down: running out is a native death."""
+) -> tuple[int, int]:
+    """Bytes of pictures and rays in flight beside them; refuses pictures that leave no room."""
     from inim.backend import memory_limit_bytes
 
     layers = _LAYERS_BYTES if any(c.wants_layers for c in contenders) else 0
@@ -215,11 +220,14 @@ def _check_memory(
         ),
     }
     needs = {key: shape[0] * shape[1] * each for key, (shape, each) in pictures.items()}
-    needed, limit = _BASE_BYTES + sum(needs.values()), memory_limit_bytes()
-    if limit and needed > limit:
+    needed, limit = sum(needs.values()), memory_limit_bytes()
+    rays = rays_in_flight(limit, needed)
+    if not rays:
         way_out = max(needs, key=lambda name: needs[name])
         rows, columns = pictures[way_out][0]
         raise OutOfMemoryError(
             f"pictures of {columns} x {rows} pixels bring the run to about "
-            f"{needed / 2**30:.1f} GiB of the {limit / 2**30:.1f} GiB there are; {way_out}"
+            f"{(LEAST_BYTES + needed) / 2**30:.1f} GiB of the {limit / 2**30:.1f} GiB there are; "
+            f"{way_out}"
         )
+    return needed, rays

@@ -218,9 +218,41 @@ def test_bad_file_is_found_before_anything_is_rendered(
     folder = tiny_scene.parent
     write_bad_files(folder, make_plan(request(tiny_scene)).display.eia_shape)
     with pytest.raises(FileError) as caught:
-        make_plan(request(tiny_scene, f"mine={folder / name}"))
+        plan = make_plan(request(tiny_scene, f"mine={folder / name}"))
+        plan.contenders[0].prepare(plan)
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+DECODERS = """
+import sys
+from pathlib import Path
+from inim.jobs.plan import Request, make_plan
+make_plan(Request(Path(sys.argv[1]), Path("out"), eias=tuple(sys.argv[2:])))
+print(*sorted({"OpenEXR", "PIL", "mitsuba"} & set(sys.modules)))
+"""
+
+
+def test_plans_decode_nothing_for_they_are_made_outside_the_worker(tiny_scene: Path) -> None:
+    folder = tiny_scene.parent
+    eias = []
+    for name in ("a.png", "b.exr"):
+        (folder / name).write_bytes(b"never opened")
+        eias.append(f"{name[0]}={folder / name}")
+    ended = subprocess.run(
+        [sys.executable, "-c", DECODERS, tiny_scene, *eias], capture_output=True, text=True
+    )
+    assert (ended.returncode, ended.stdout.split()) == (0, []), ended.stderr
+
+
+def test_damaged_file_is_one_line_of_the_command_before_rendering(
+    tiny_scene: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tiny_scene.parent / "text.exr").write_text("no picture")
+    words = ["--eia", f"mine={tiny_scene.parent / 'text.exr'}", "-o", str(tiny_scene.parent / "o")]
+    assert main(["validate", str(tiny_scene), *words]) == EXIT_USAGE
+    assert_one_line(capfd.readouterr().err, ["text.exr: not a readable EXR"])
+    assert not (tiny_scene.parent / "o").exists()
 
 
 def write_bad_files(folder: Path, shape: tuple[int, int]) -> None:

@@ -114,6 +114,22 @@ def test_elemental_pitch_decides_the_pixels_of_a_lens_not_the_array() -> None:
 LENGTHS = ["pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm"]
 
 
+@pytest.mark.parametrize("name", [*LENGTHS, "pitch_y_mm", "shift_x_mm", "depth_max_mm"])
+@pytest.mark.parametrize("value", [1e39, 1e200, -1e300])
+def test_length_beyond_float32_is_refused_and_not_found_out_by_an_overflow(
+    name: str, value: float
+) -> None:
+    if value < 0 and name in [*LENGTHS, "pitch_y_mm"]:
+        value = -value
+    with pytest.raises(DisplayError, match=re.escape(f"{name} = {value:g}: at most 1e+38 mm")):
+        display(**{"depth_min_mm": -1.0, "depth_max_mm": 1.0, name: value})
+
+
+def test_longest_lengths_still_have_a_capture() -> None:
+    lengths = {"pitch_mm": 1e37, "focal_length_mm": 3e37, "gap_mm": 3.3e37}
+    assert display(pixel_pitch_mm=2e36, **lengths).capture_shape(5)[0] > 320
+
+
 @pytest.mark.parametrize("name", [*LENGTHS, "elemental_pitch_mm", "lens_thickness_mm"])
 @pytest.mark.parametrize("value", [0, -1.5, math.nan, math.inf, True, "1"])
 def test_length_that_is_none_is_refused_by_name_and_value(name: str, value: Any) -> None:

@@ -1,0 +1,54 @@
+"""Memory that is short: passes shrink before a run is refused, and never exceed what there is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from inim.errors import OutOfMemoryError
+from inim.jobs.memory import LEAST_BYTES, rays_in_flight
+from inim.jobs.plan import Request, make_plan
+from tests.system.conftest import write_scene
+
+GIB = 2**30
+
+
+def test_passes_shrink_by_halves_as_memory_goes_and_then_there_are_none() -> None:
+    limits = range(4 * GIB, GIB, -(2**20))
+    rays = [rays_in_flight(limit, GIB // 4) for limit in limits]
+    assert rays[0] == 2**22
+    assert sorted(set(rays), reverse=True) == [*(2**n for n in range(22, 15, -1)), 0]
+    assert rays == sorted(rays, reverse=True)
+
+
+def test_pictures_and_rays_together_stay_below_the_limit() -> None:
+    """By the plan's own figure for a ray: what one more takes beyond the fewest."""
+    each = (LEAST_BYTES - 2 * GIB) / 2**16
+    for limit in range(2 * GIB, 4 * GIB, 2**24):
+        for pictures in (0, GIB // 3, GIB):
+            rays = rays_in_flight(limit, pictures)
+            if rays:
+                assert 2 * GIB + pictures + rays * each <= limit
+            else:
+                assert LEAST_BYTES + pictures > limit
+
+
+def test_unknown_memory_limits_nothing() -> None:
+    assert rays_in_flight(0, 10**15) == 2**22
+
+
+@pytest.mark.parametrize("spare", [-1, 0, 2**26])
+def test_a_plan_is_refused_only_where_the_smallest_passes_do_not_fit(
+    spare: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    request = Request(write_scene(tmp_path), tmp_path / "out", algorithms="template")
+    plenty = make_plan(request)
+    assert plenty.rays_in_flight == 2**22
+    least = LEAST_BYTES + plenty.pictures_bytes
+    monkeypatch.setattr("inim.backend.memory_limit_bytes", lambda: least + spare)
+    if spare < 0:
+        with pytest.raises(OutOfMemoryError, match=r"GiB of the \d.\d GiB there are; use a disp"):
+            make_plan(request)
+    else:
+        assert make_plan(request).rays_in_flight == (2**16 if spare == 0 else 2**20)
