@@ -6,6 +6,9 @@ entry-point group ``inim.generators``, by the same function::
 
     [project.entry-points."inim.generators"]
     mine = "my_package.eia:prepare"
+
+One whose `prepare` also has a parameter ``mask`` is given which panel pixels are asked for, and
+need make no others; see `prepare` here.
 """
 
 from __future__ import annotations
@@ -20,14 +23,15 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import Generator, PictureShape, SourceGenerator
-from inim.generators.sources import HOLE, NO_LENS, Sources, colour_of, hole_fraction
+from inim.generators.base import Generator, PictureShape, SourceGenerator, check_mask
+from inim.generators.sources import HOLE, NO_LENS, NOT_ASKED, Sources, colour_of, hole_fraction
 from inim.numba_cache import settle_cache
 from inim.rgbd import RGBD
 
 __all__ = [
     "GENERATORS",
     "HOLE",
+    "NOT_ASKED",
     "NO_LENS",
     "PICKUP",
     "Generator",
@@ -61,6 +65,8 @@ GENERATORS: dict[str, str] = {
 _ENTRY_POINTS = "inim.generators"
 #: Ray tracing the scene itself, which a validation can score beside the generators.
 PICKUP = "pickup"
+# The parameter of a `prepare` that is no option of the algorithm.
+_MASK = "mask"
 
 
 def algorithm_names() -> list[str]:
@@ -144,8 +150,12 @@ def _find(name: str) -> Prepare:
 
 
 def _options(prepare_one: Prepare) -> list[inspect.Parameter]:
-    """The parameters of a `prepare` after display, shape and pixel_mm."""
-    return list(inspect.signature(prepare_one).parameters.values())[3:]
+    """What can be written after an algorithm's name: `prepare`'s parameters after the first three.
+
+    Without the mask, which is not the algorithm's.
+    """
+    parameters = list(inspect.signature(prepare_one).parameters.values())[3:]
+    return [p for p in parameters if p.name != _MASK]
 
 
 def _check_options(name: str, prepare_one: Prepare, options: dict[str, Any]) -> None:
@@ -165,6 +175,7 @@ def prepare(
     *,
     shape: PictureShape,
     pixel_mm: float,
+    mask: np.ndarray | None = None,
     **options: Any,
 ) -> Generator:
     """A generator ready for pictures of one size on one display; reusable for a stream of them.
@@ -178,22 +189,35 @@ def prepare(
         Of the pictures to come.
     pixel_mm : float
         Their pixel.
+    mask : (rows, columns) bool, optional
+        Panel pixels asked for. They show what they would without it, bit for bit; the others are
+        black, with alpha 0, and `NOT_ASKED` among sources. `template`, `gu2020` and `wang2024` do
+        the work of these pixels only; others are run in full.
     **options
         The algorithm's own; see its module.
 
     Raises
     ------
     UsageError
-        Unknown algorithm or option, or an option's value that makes no sense.
+        Unknown algorithm or option, an option's value that makes no sense, or a mask that is not
+        the panel's.
     """
     name, written = parse_algorithm(algorithm)
     found = _find(name)
     merged = {**written, **options}
     _check_options(name, found, merged)
+    knows = mask is not None and _MASK in inspect.signature(found).parameters
+    if mask is not None:
+        check_mask(mask, display)
+        merged |= {_MASK: mask} if knows else {}
     made = found(display, tuple(shape), float(pixel_mm), **merged)
     if not isinstance(made, Generator):
         raise UsageError(f"algorithm {name!r} made a {type(made).__name__}, which cannot generate")
-    return made
+    if mask is None or knows:
+        return made
+    from inim.generators.asked import masked
+
+    return masked(made, mask)
 
 
 def find_sources(
@@ -212,7 +236,8 @@ def find_sources(
     Returns
     -------
     (rows, columns) int32
-        ``row * W + column``, `HOLE` where the ray meets nothing, `NO_LENS` outside the array.
+        ``row * W + column``, `HOLE` where the ray meets nothing, `NO_LENS` outside the array, and
+        `NOT_ASKED` outside a mask.
 
     Raises
     ------

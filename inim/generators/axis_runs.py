@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from inim.generators.base import AskedPixels
 from inim.generators.cells import CellRays
 from inim.generators.direction_lists import rounded_up
+from inim.generators.sources import HOLE
 from inim.generators.traversal import entered, leaves
 
-__all__ = ["AxisRuns", "axis_runs", "doubtful_pixels"]
+__all__ = ["AxisRuns", "axis_runs", "doubtful_pixels", "first_hits_in_runs"]
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,68 @@ def _walk_axis(start, slope, scale, z_min, z_max, cells, exits, counts):  # type
                 break
             cell += step
         counts[i] = n
+
+
+def first_hits_in_runs(
+    rows: AxisRuns,
+    columns: AxisRuns,
+    pixels: AskedPixels,
+    depth: np.ndarray,
+    found: np.ndarray,
+) -> None:
+    """First hits of some panel pixels, as `inim.generators.traversal.first_hit` finds them.
+
+    Its borders' depths, in float64, are those of the runs: each is computed once for its row or
+    column, not for every ray. Runs left above the nearest surface of all cannot hit, and are passed
+    over; nothing of the kind holds below the farthest one, as a column is solid from there back:
+    a ray under all surfaces hits the next covered cell.
+
+    Parameters
+    ----------
+    rows, columns : AxisRuns
+        Of the panel's rows and columns.
+    pixels : AskedPixels
+    depth : (H, W) float32
+        -inf where nothing is covered.
+    found : (n,) int32
+        For ``row * W + column`` of the hits, or `HOLE`.
+    """
+    nearest, z_min = float(depth.max()), rows.exit_mm[-1]  # where all rays end
+    _first_hits(
+        pixels.rows, pixels.columns, _below(rows, nearest), rows.cell, rows.exit_mm,
+        _below(columns, nearest), columns.cell, columns.exit_mm, depth, z_min, found,
+    )  # fmt: skip
+
+
+def _below(runs: AxisRuns, nearest_mm: float) -> np.ndarray:
+    """For every panel column (or row), the first run left no nearer than a surface; or its last."""
+    above = np.concatenate([[0], np.cumsum(runs.exit_mm > nearest_mm)])
+    begin = runs.first[:-1] + above[runs.first[1:]] - above[runs.first[:-1]]
+    below: np.ndarray = np.minimum(begin, runs.first[1:] - 1)
+    return below
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _first_hits(  # type: ignore[no-untyped-def]
+    rows, columns, row_begin, row_cell, row_exit, column_begin, column_cell, column_exit, depth,
+    z_min, found,
+):  # fmt: skip
+    high, wide = depth.shape
+    for i in numba.prange(len(rows)):
+        r, c = row_begin[rows[i]], column_begin[columns[i]]
+        hit = HOLE
+        while True:
+            row_left, column_left = row_exit[r], column_exit[c]
+            left = max(row_left, column_left)
+            row, column = row_cell[r], column_cell[c]
+            if 0 <= row < high and 0 <= column < wide and depth[row, column] >= left:
+                hit = row * wide + column
+                break
+            if left <= z_min:
+                break
+            r += row_left >= left
+            c += column_left >= left
+        found[i] = hit
 
 
 def doubtful_pixels(rows: AxisRuns, columns: AxisRuns) -> np.ndarray:

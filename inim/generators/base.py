@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -13,7 +14,15 @@ from inim.errors import UsageError
 from inim.generators.sources import NO_LENS, Sources, colour_of
 from inim.rgbd import RGBD
 
-__all__ = ["Generator", "PictureShape", "SourceGenerator", "check_out", "require_separable"]
+__all__ = [
+    "AskedPixels",
+    "Generator",
+    "PictureShape",
+    "SourceGenerator",
+    "check_mask",
+    "check_out",
+    "require_separable",
+]
 
 #: Rows, columns of a picture.
 PictureShape = tuple[int, int]
@@ -45,6 +54,19 @@ class Generator(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class AskedPixels:
+    """Panel pixels under lenses, in the panel's order.
+
+    Attributes
+    ----------
+    rows, columns : (n,) int64
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+
+
 class SourceGenerator(ABC):
     """A generator that names, for each panel pixel, the picture's pixel it shows.
 
@@ -59,12 +81,29 @@ class SourceGenerator(ABC):
         Of the pictures to come.
     pixel_mm : float
         Their pixel.
+    asked : AskedPixels, optional
+        Yield one row of these, (1, n), in place of the panel; see `inim.generators.asked`.
     """
 
-    def __init__(self, display: Display, shape: PictureShape, pixel_mm: float) -> None:
+    #: For those by others that do without this class's `__init__`.
+    asked: AskedPixels | None = None
+
+    def __init__(
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        asked: AskedPixels | None = None,
+    ) -> None:
         self.display = display
         self.shape = shape
         self.pixel_mm = pixel_mm
+        self.asked = asked
+
+    @property
+    def made_shape(self) -> tuple[int, int]:
+        """Rows and columns of what it makes: the panel's, or those of a list of pixels."""
+        return self.display.eia_shape if self.asked is None else (1, len(self.asked.rows))
 
     @abstractmethod
     def find(self, rgbd: RGBD) -> Sources:
@@ -74,6 +113,10 @@ class SourceGenerator(ABC):
         """``row * W + column`` of each panel pixel's source, or `HOLE`, or `NO_LENS`."""
         self.check(rgbd)
         found = self.find(rgbd)
+        return found if self.asked is not None else self._without_lens(found)
+
+    def _without_lens(self, found: Sources) -> Sources:
+        """Sources of a panel, marked where there is no lens."""
         if self.display.is_separable:  # whole rows and columns: faster than pixel by pixel
             found[self.display.rows.lens < 0, :] = NO_LENS
             found[:, self.display.columns.lens < 0] = NO_LENS
@@ -83,7 +126,18 @@ class SourceGenerator(ABC):
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
-        return colour_of(self.sources(rgbd), rgbd, check_out(out, rgbd, self.display))
+        return colour_of(self.sources(rgbd), rgbd, self.place(rgbd, out))
+
+    def shown(self, rgbd: RGBD) -> tuple[np.ndarray, Sources]:
+        """What `generate` and `sources` yield; found once where one follows from the other."""
+        sources = self.sources(rgbd)
+        if type(self).generate is SourceGenerator.generate:
+            return colour_of(sources, rgbd), sources
+        return self.generate(rgbd), sources
+
+    def place(self, rgbd: RGBD, out: np.ndarray | None) -> NDArray[Any]:
+        """The array to write what is made of a picture into; see `check_out`."""
+        return check_out(out, (*self.made_shape, rgbd.color.shape[2]), rgbd.color.dtype)
 
     def check(self, rgbd: RGBD) -> None:
         """Raise `UsageError` for a picture of another size than prepared for."""
@@ -104,7 +158,16 @@ def require_separable(display: Display, name: str) -> None:
         )
 
 
-def check_out(out: np.ndarray | None, rgbd: RGBD, display: Display) -> NDArray[Any]:
+def check_mask(mask: np.ndarray, display: Display) -> None:
+    """Raise `UsageError` unless a mask is (rows, columns) bool of the panel."""
+    if mask.dtype != bool or mask.shape != display.eia_shape:
+        raise UsageError(
+            f"mask is {mask.dtype} of shape {mask.shape}; it must be bool of the panel's "
+            f"{display.eia_shape}"
+        )
+
+
+def check_out(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype) -> NDArray[Any]:
     """The array to write into: `out` if it fits, a new one if there is none.
 
     Raises
@@ -112,13 +175,12 @@ def check_out(out: np.ndarray | None, rgbd: RGBD, display: Display) -> NDArray[A
     UsageError
         Wrong shape, type or layout, or not writable.
     """
-    wanted = (*display.eia_shape, rgbd.color.shape[2])
     if out is None:
-        return np.empty(wanted, rgbd.color.dtype)
-    if out.shape != wanted or out.dtype != rgbd.color.dtype:
+        return np.empty(shape, dtype)
+    if out.shape != shape or out.dtype != dtype:
         raise UsageError(
-            f"out is {out.dtype} of shape {out.shape}; this picture and display need "
-            f"{rgbd.color.dtype} of shape {wanted}"
+            f"out is {out.dtype} of shape {out.shape}; this picture and display need {dtype} of "
+            f"shape {shape}"
         )
     if not (out.flags.c_contiguous and out.flags.writeable):
         raise UsageError("out must be writable and contiguous in C order")

@@ -7,18 +7,20 @@ or the exact height of a column, may fall to either side by rounding.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numba
 import numpy as np
 
 from inim.display import Display
-from inim.generators.base import PictureShape, SourceGenerator
+from inim.generators.base import AskedPixels, PictureShape, SourceGenerator
 from inim.generators.cells import CENTRE, Aside, free_cell_rays
-from inim.generators.sources import HOLE, NOT_ASKED, Sources
+from inim.generators.sources import HOLE, Sources
 from inim.generators.traversal import first_hit
 from inim.pixel_rays import pixel_rays, row_blocks
 from inim.rgbd import RGBD
 
-__all__ = ["FreeRays"]
+__all__ = ["FreeRays", "free_rays"]
 
 
 class FreeRays(SourceGenerator):
@@ -30,8 +32,8 @@ class FreeRays(SourceGenerator):
         See `inim.generators.prepare`.
     aside : (down, right)
         Where in its pixel each ray starts, in pixels from the centre.
-    mask : (rows, columns) bool, optional
-        Panel pixels asked for.
+    asked : AskedPixels, optional
+        As for `SourceGenerator`.
     """
 
     def __init__(
@@ -40,11 +42,10 @@ class FreeRays(SourceGenerator):
         shape: PictureShape,
         pixel_mm: float,
         aside: Aside = CENTRE,
-        mask: np.ndarray | None = None,
+        asked: AskedPixels | None = None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm)
+        super().__init__(display, shape, pixel_mm, asked)
         self._aside = float(aside[0]), float(aside[1])
-        self._mask = np.ones(display.eia_shape, bool) if mask is None else np.asarray(mask, bool)
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
@@ -53,24 +54,51 @@ class FreeRays(SourceGenerator):
         z_min, z_max = self.display.depth_range_mm
         # Above the nearest surface nothing is hit; just above it, a cell left exactly there counts.
         z_max = min(z_max, float(np.nextafter(np.float64(depth.max()), np.inf)))
-        found = np.where(self._mask, np.int32(HOLE), np.int32(NOT_ASKED))
+        found = np.full(self.made_shape, HOLE, np.int32)
         if z_max <= z_min:
             return found
-        for rows in row_blocks(self.display):
-            rays = pixel_rays(self.display, rows, self._aside)
-            asked = self._mask[rows] & (rays.lens >= 0)
-            cells = free_cell_rays(self.shape, self.pixel_mm, rays)
-            _first_hits(asked, depth, cells, z_min, z_max, found[rows])
+        for lensed, cells, at in free_rays(self, self._aside):
+            _first_hits(lensed, depth, cells, z_min, z_max, found[at])
         return found
 
 
+def free_rays(
+    made: SourceGenerator, aside: tuple[float, float]
+) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, ...], tuple[slice, slice]]]:
+    """Rays of all that a generator makes, a block of panel rows at a time.
+
+    Yields
+    ------
+    lensed : (block rows, columns) bool
+        Whether they pass a lens.
+    cells : four (block rows, columns) float64
+        See `free_cell_rays`.
+    at : (rows, columns) slices
+        Where in what is made they lie; of pixels asked for, a block is one row of those it has.
+    """
+    for rows in row_blocks(made.display):
+        at = (rows, slice(None))
+        if made.asked is None:
+            rays = pixel_rays(made.display, rows, aside)
+            yield rays.lens >= 0, free_cell_rays(made.shape, made.pixel_mm, rays), at
+            continue
+        first, end = np.searchsorted(made.asked.rows, (rows.start, rows.stop))
+        if first == end:
+            continue
+        rays = pixel_rays(made.display, rows, aside)
+        few = made.asked.rows[first:end] - rows.start, made.asked.columns[first:end]
+        cells = free_cell_rays(made.shape, made.pixel_mm, rays)
+        picked = tuple(coordinate[few][None] for coordinate in cells)
+        yield np.ones((1, end - first), bool), picked, (slice(None), slice(first, end))
+
+
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _first_hits(asked, depth, rays, z_min, z_max, found):  # type: ignore[no-untyped-def]
-    """`first_hit` of the pixels asked for, into `found`; rays as of `free_cell_rays`."""
+def _first_hits(lensed, depth, rays, z_min, z_max, found):  # type: ignore[no-untyped-def]
+    """`first_hit` of the pixels under lenses, into `found`; rays as of `free_cell_rays`."""
     u0, du, v0, dv = rays
     for i in numba.prange(found.shape[0]):
         for j in range(found.shape[1]):
-            if asked[i, j]:
+            if lensed[i, j]:
                 found[i, j] = first_hit(
                     depth, u0[i, j], du[i, j], 1.0, v0[i, j], dv[i, j], 1.0, z_min, z_max
                 )

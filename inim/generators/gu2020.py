@@ -33,8 +33,10 @@ from numba.extending import register_jitable
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import PictureShape, SourceGenerator
-from inim.generators.cells import Aside, cell_rays, free_cell_rays
+from inim.generators.asked import OnPanel, asked_pixels
+from inim.generators.base import AskedPixels, PictureShape, SourceGenerator
+from inim.generators.cells import Aside, cell_rays
+from inim.generators.free_rays import free_rays
 from inim.generators.options import one_of, positive_mm
 from inim.generators.plain import IMPLEMENTATIONS, run
 from inim.generators.sources import HOLE, Sources
@@ -42,7 +44,6 @@ from inim.generators.subpixels import by_subpixel
 from inim.generators.working_type import DTYPES
 from inim.panel import SubPixel
 from inim.pixel_axis import stated
-from inim.pixel_rays import pixel_rays, row_blocks
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
@@ -58,12 +59,14 @@ def prepare(
     step_mm: float | str | None = None,
     implementation: str = "compiled",
     dtype: str = "float64",
+    *,
+    mask: np.ndarray | None = None,
 ) -> SourceGenerator:
     """A generator by reverse search; see the module's text.
 
     Parameters
     ----------
-    display, shape, pixel_mm :
+    display, shape, pixel_mm, mask :
         See `inim.generators.prepare`.
     step_mm : float, optional
         Depth between two samples of a ray; by default P_I.
@@ -84,11 +87,14 @@ def prepare(
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
     typed = one_of("dtype", dtype, DTYPES)
 
+    asked = None if mask is None else asked_pixels(mask, display)
+
     def seen_from(subpixel: SubPixel) -> SourceGenerator:
         aside = (Fraction(0), subpixel.right)
-        return _Gu2020(display, shape, pixel_mm, depths, chosen, typed, aside)
+        return _Gu2020(display, shape, pixel_mm, depths, chosen, typed, aside, asked)
 
-    return by_subpixel(display.subpixels, seen_from)
+    made = by_subpixel(display.subpixels, seen_from)
+    return made if asked is None else OnPanel(made)
 
 
 class _Gu2020(SourceGenerator):
@@ -101,8 +107,9 @@ class _Gu2020(SourceGenerator):
         implementation: str,
         dtype: str,
         aside: Aside,
+        asked: AskedPixels | None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm)
+        super().__init__(display, shape, pixel_mm, asked)
         self._aside = aside
         self._depths = depths
         self._implementation = implementation
@@ -114,41 +121,43 @@ class _Gu2020(SourceGenerator):
         if not self.display.is_separable:
             return self._find_each(depth)
         column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display, self._aside)
-        return run(
-            _search_all,
-            self._implementation,
-            self.display.eia_shape,
-            HOLE,
-            depth.ravel(),
-            *self.shape,
+        rays = [
             column_rays.start / column_rays.scale,
             column_rays.slope / column_rays.scale,
             row_rays.start / row_rays.scale,
             row_rays.slope / row_rays.scale,
+        ]
+        if self.asked is not None:
+            columns, rows = self.asked.columns, self.asked.rows
+            rays = [r[at] for r, at in zip(rays, (columns, columns, rows, rows), strict=True)]
+        return run(
+            _search_all if self.asked is None else _search_each,
+            self._implementation,
+            self.made_shape,
+            HOLE,
+            depth.ravel(),
+            *self.shape,
+            *rays,
             self._depths,
             dtype=self._dtype,
         )
 
     def _find_each(self, depth: np.ndarray) -> Sources:
         """Where no two pixels share a coordinate, a block of panel rows at a time."""
-        found = []
-        for rows in row_blocks(self.display):
-            rays = pixel_rays(self.display, rows, (float(self._aside[0]), float(self._aside[1])))
-            cells = free_cell_rays(self.shape, self.pixel_mm, rays)
-            found.append(
-                run(
-                    _search_each,
-                    self._implementation,
-                    rays.lens.shape,
-                    HOLE,
-                    depth.ravel(),
-                    *self.shape,
-                    *(coordinate.ravel() for coordinate in cells),
-                    self._depths,
-                    dtype=self._dtype,
-                )
+        found = np.empty(self.made_shape, np.int32)
+        for lensed, cells, at in free_rays(self, (float(self._aside[0]), float(self._aside[1]))):
+            found[at] = run(
+                _search_each,
+                self._implementation,
+                lensed.shape,
+                HOLE,
+                depth.ravel(),
+                *self.shape,
+                *(coordinate.ravel() for coordinate in cells),
+                self._depths,
+                dtype=self._dtype,
             )
-        return np.concatenate(found)
+        return found
 
 
 def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:

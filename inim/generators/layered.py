@@ -19,7 +19,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import PictureShape, SourceGenerator, check_out
+from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.cells import Aside, cell_rays, free_cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
 from inim.generators.lanes import (
@@ -145,7 +145,7 @@ class _Shared(SourceGenerator):
         if rgbd.color.dtype != np.uint8:
             return super().generate(rgbd, out)
         self.check(rgbd)
-        out = check_out(out, rgbd, self.display)
+        out = self.place(rgbd, out)
         words = [
             np.ascontiguousarray(layer.color).view(np.uint32)[..., 0] for layer in _layers(rgbd)
         ]

@@ -38,7 +38,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from inim.display import Display
-from inim.generators.base import PictureShape, SourceGenerator, check_out, require_separable
+from inim.generators.base import PictureShape, SourceGenerator, require_separable
 from inim.generators.fill import FILLS, filled
 from inim.generators.forward import ForwardAxis, forward_axes
 from inim.generators.options import one_of
@@ -109,7 +109,7 @@ class _Li2012(SourceGenerator):
         return run(_map_all, self._implementation, shape, HOLE, *mapping, dtype=self._dtype)
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        out = check_out(out, rgbd, self.display)
+        out = self.place(rgbd, out)
         sources = self.sources(rgbd)
         if self._fill == "none":
             return colour_of(sources, rgbd, out)

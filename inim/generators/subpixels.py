@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from inim.generators.base import SourceGenerator, check_out
+from inim.generators.base import SourceGenerator
 from inim.generators.sources import Sources
 from inim.panel import SUBPIXELS, SubPixel
 from inim.rgbd import RGBD
@@ -52,7 +52,7 @@ class Subpixelled(SourceGenerator):
             channels.setdefault(place, []).append(channel)
         self._each = [(make(place), shown) for place, shown in channels.items()]
         one = self._each[0][0]
-        super().__init__(one.display, one.shape, one.pixel_mm)
+        super().__init__(one.display, one.shape, one.pixel_mm, one.asked)
 
     @cached_property
     def _centre(self) -> SourceGenerator:
@@ -65,7 +65,7 @@ class Subpixelled(SourceGenerator):
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
-        out = check_out(out, rgbd, self.display)
+        out = self.place(rgbd, out)
         alpha = np.full(out.shape[:2], 1, np.uint16)  # to round the mean to the nearest
         for one, channels in self._each:
             shown = one.generate(rgbd)

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
-from inim.generators.base import SourceGenerator, check_out
+from inim.generators.base import SourceGenerator
 from inim.generators.cells import CENTRE, Aside
 from inim.generators.sources import Sources
 from inim.panel import SubPixel
@@ -70,7 +70,8 @@ class Supersampled(SourceGenerator):
     def __init__(self, make: Callable[[Aside], SourceGenerator], places: Sequence[Aside]) -> None:
         self._make = make
         self._each = [make(place) for place in places]
-        super().__init__(self._each[0].display, self._each[0].shape, self._each[0].pixel_mm)
+        one = self._each[0]
+        super().__init__(one.display, one.shape, one.pixel_mm, one.asked)
 
     @cached_property
     def _centre(self) -> SourceGenerator:
@@ -80,7 +81,7 @@ class Supersampled(SourceGenerator):
     @cached_property
     def _shown(self) -> np.ndarray:
         """What each ray of every pixel shows, RGBA; kept for the next picture."""
-        return np.empty((len(self._each), *self.display.eia_shape, 4), np.uint8)
+        return np.empty((len(self._each), *self.made_shape, 4), np.uint8)
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
@@ -92,7 +93,7 @@ class Supersampled(SourceGenerator):
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`; a hole counts as nothing."""
-        out = check_out(out, rgbd, self.display)
+        out = self.place(rgbd, out)
         if rgbd.color.dtype != np.uint8:
             channels = rgbd.color.shape[2]
             _mean_colours(self.samples(rgbd), rgbd.palette.reshape(-1, channels), out)

@@ -15,8 +15,10 @@ Three ways lead to the same sources, bit for bit, on displays that are separable
   and runs over the picture's phases without a gather (`inim.generators.polyphase`);
 * where only the picture is so (15.7 pixels per lens, an elemental-image pitch of its own), strips
   of lenses share cells but not exit depths (`inim.generators.strips`);
-* anywhere else, and where only some pixels are asked for, each ray is walked by itself
-  (`inim.generators.traversal`).
+* anywhere else each ray is walked by itself (`inim.generators.traversal`).
+
+Where only some pixels are asked for, templates run over the few lenses that need them
+(`inim.generators.lens_runs`), and other rays are walked one by one.
 
 A fourth serves the others, hexagonal lattices and arrays that are turned or tilted: each ray by
 itself, in float64, exact but for ties (`inim.generators.free_rays`).
@@ -34,20 +36,22 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.axis_runs import AxisRuns, axis_runs, doubtful_pixels
+from inim.generators.asked import OnPanel, asked_pixels
+from inim.generators.axis_runs import AxisRuns, axis_runs, doubtful_pixels, first_hits_in_runs
 from inim.generators.base import (
+    AskedPixels,
     PictureShape,
     SourceGenerator,
-    check_out,
     require_separable,
 )
 from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
 from inim.generators.free_rays import FreeRays
 from inim.generators.lanes import LANES
+from inim.generators.lens_runs import LensRuns, run_asked
 from inim.generators.options import one_of
 from inim.generators.polyphase import Phases, index_payload, run_templates
-from inim.generators.sources import HOLE, NOT_ASKED, Sources
+from inim.generators.sources import HOLE, Sources
 from inim.generators.strips import cell_pairs, row_runs, run_strips, strip_columns
 from inim.generators.subpixels import by_subpixel
 from inim.generators.traversal import first_hits, first_hits_at, starts
@@ -56,7 +60,7 @@ from inim.panel import SubPixel
 from inim.pixel_axis import PixelAxis
 from inim.rgbd import RGBD
 
-__all__ = ["prepare"]
+__all__ = ["prepare", "ray_by_ray"]
 
 # Picture pixels on one ray: ten thousand times those of usual displays.
 _MOST_CELLS = 1_000_000
@@ -77,14 +81,12 @@ def prepare(
 
     Parameters
     ----------
-    display, shape, pixel_mm :
+    display, shape, pixel_mm, mask :
         See `inim.generators.prepare`.
     samples : {1, 2, 4}
         Rays per panel pixel, or per sub-pixel where it has some: through its centre; through two
         points on its diagonal; through the centres of its quarters, or of those of its shining part
         (`Display.pixel_fill`). Colours are averaged in linear light, a hole counting as black.
-    mask : (rows, columns) bool, optional
-        Panel pixels asked for; the others are left black and cost nothing.
     dtype : {"float64", "float32"}
         float32 walks every ray by itself in single precision, as a port to hardware without float64
         would: rounded, not exact. See `inim.generators.working_type`.
@@ -92,15 +94,11 @@ def prepare(
     Raises
     ------
     UsageError
-        Another number of samples, a mask of another shape, float32 on a display that is not
-        separable, or rays so long that they are a slip.
+        Another number of samples, float32 on a display that is not separable, or rays so long
+        that they are a slip.
     """
     if str(samples) not in ("1", "2", "4"):
         raise UsageError(f"template: samples = {samples!r}; use 1, 2 or 4")
-    if mask is not None and np.shape(mask) != display.eia_shape:
-        raise UsageError(
-            f"template: mask of shape {np.shape(mask)}; the panel has {display.eia_shape}"
-        )
 
     typed = one_of("dtype", dtype, DTYPES)
     if typed != "float64":
@@ -108,16 +106,20 @@ def prepare(
     if display.is_separable:
         _check_length(display, shape, pixel_mm)
 
+    if typed != "float64" and mask is None:
+        mask = np.ones(display.eia_shape, bool)
+    asked = None if mask is None else asked_pixels(mask, display)
+
     def first_hits_through(aside: Aside) -> SourceGenerator:
         if not display.is_separable:
-            return FreeRays(display, shape, pixel_mm, aside, mask)
-        if typed != "float64":
-            asked = display.lensed if mask is None else mask
+            return FreeRays(display, shape, pixel_mm, aside, asked)
+        if typed != "float64" or not _fits_tables(display, shape, pixel_mm):
             return _RayByRay(display, shape, pixel_mm, aside, asked, typed)
-        if mask is not None or not _fits_tables(display, shape, pixel_mm):
-            return _RayByRay(display, shape, pixel_mm, aside, mask)
-        kind = _Shared if shares_directions(display) else _Strips
-        return kind(display, shape, pixel_mm, aside)
+        if shares_directions(display):
+            return _Shared(display, shape, pixel_mm, aside, asked)
+        if asked is not None:
+            return _InRuns(display, shape, pixel_mm, aside, asked)
+        return _Strips(display, shape, pixel_mm, aside)
 
     def seen_from(subpixel: SubPixel) -> SourceGenerator:
         if int(samples) == 1:
@@ -127,7 +129,13 @@ def prepare(
         places = sampled_places(int(samples), subpixel, display.pixel_fill)
         return Supersampled(first_hits_through, places)
 
-    return by_subpixel(display.subpixels, seen_from)
+    made = by_subpixel(display.subpixels, seen_from)
+    return made if asked is None else OnPanel(made)
+
+
+def ray_by_ray(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
+    """The same first hits without tables: what those are held against, on separable displays."""
+    return _RayByRay(display, shape, pixel_mm)
 
 
 def _check_length(display: Display, shape: PictureShape, pixel_mm: float) -> None:
@@ -162,17 +170,23 @@ def _fits_tables(display: Display, shape: PictureShape, pixel_mm: float) -> bool
 class _Aligned(SourceGenerator):
     """Whole cells per lens pitch: lenses meet the same cells, moved by whole lenses."""
 
-    def __init__(self, display: Display, shape: PictureShape, pixel_mm: float) -> None:
-        super().__init__(display, shape, pixel_mm)
+    def __init__(
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        asked: AskedPixels | None = None,
+    ) -> None:
+        super().__init__(display, shape, pixel_mm, asked)
         self._index = index_payload(shape)
 
     @abstractmethod
     def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
-        """Show each panel pixel the payload of its first hit, all uint32."""
+        """Show each pixel of `made_shape` the payload of its first hit, all uint32."""
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        found = np.empty(self.display.eia_shape, np.int32)
+        found = np.empty(self.made_shape, np.int32)
         self._run(rgbd, self._index, HOLE % 2**32, found.view(np.uint32))
         return found
 
@@ -181,7 +195,7 @@ class _Aligned(SourceGenerator):
         if rgbd.color.dtype != np.uint8:
             return super().generate(rgbd, out)
         self.check(rgbd)
-        out = check_out(out, rgbd, self.display)
+        out = self.place(rgbd, out)
         self._run(rgbd, rgbd.color.view(np.uint32)[..., 0], 0, out.view(np.uint32)[..., 0])
         return out
 
@@ -190,25 +204,33 @@ class _Shared(_Aligned):
     """One template per direction for all lenses."""
 
     def __init__(
-        self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside = CENTRE
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        aside: Aside = CENTRE,
+        asked: AskedPixels | None = None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm)
+        super().__init__(display, shape, pixel_mm, asked)
         self._lists = build_lists(display, shape, pixel_mm, aside)
+        lenses = (display.lens_rows, display.lens_columns)
         self._phases = Phases.make(
-            self._lists.per_pitch,
-            self._lists.row,
-            self._lists.column,
-            (display.lens_rows, display.lens_columns),
+            self._lists.per_pitch, self._lists.row, self._lists.column, lenses
         )
         self._offset = self._phases.row_offset(self._lists.row) + self._phases.column_offset(
             self._lists.column
         )
         by_pixel_row = self._lists.first[: -1 : self._lists.pixels]
         self._reach = self._phases.row_reach(self._lists.row, by_pixel_row)
+        self._runs = None if asked is None else LensRuns.of(asked, self._lists.pixels, lenses)
 
     def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
         self._phases.fill(rgbd.depth_mm, rgbd.covered, payload)
-        run_templates(self._lists, self._offset, self._reach, self._phases, empty, out)
+        tables = (self._lists, self._offset, self._reach, self._phases)
+        if self._runs is None:
+            run_templates(*tables, empty, out)
+        else:
+            run_asked(*tables, self._runs, empty, out[0])
 
 
 class _Strips(_Aligned):
@@ -231,19 +253,18 @@ class _Strips(_Aligned):
         self._rows = row_runs(display, rows, per_pitch, self._phases)
         self._columns = strip_columns(display, columns, per_pitch, self._phases)
         self._pairs = cell_pairs(self._rows, self._columns)
-        doubtful = doubtful_pixels(rows, columns)
-        mask = np.zeros(display.eia_shape, bool)
-        mask.flat[doubtful] = True
-        self._doubtful = _RayByRay(display, shape, pixel_mm, aside, mask) if len(doubtful) else None
+        doubtful = np.zeros(display.eia_shape, bool)
+        doubtful.flat[doubtful_pixels(rows, columns)] = True
+        at = asked_pixels(doubtful, display)
+        self._doubtful = _InRuns(display, shape, pixel_mm, aside, at)
 
     def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
         self._phases.fill(rgbd.depth_mm, rgbd.covered, payload)
         run_strips(self._rows, self._columns, self._pairs, self._phases, empty, out)
-        if self._doubtful is not None:
-            sources = self._doubtful.sources(rgbd)
+        at = self._doubtful.asked
+        if at is not None and len(at.rows):
             known = np.append(payload.reshape(-1), np.uint32(empty))
-            asked = sources > NOT_ASKED
-            out[asked] = known[np.maximum(sources[asked], HOLE)]
+            out[at.rows, at.columns] = known[self._doubtful.sources(rgbd)[0]]
 
 
 def _relative(runs: AxisRuns, pixels: PixelAxis, per_pitch: int) -> np.ndarray:
@@ -251,6 +272,31 @@ def _relative(runs: AxisRuns, pixels: PixelAxis, per_pitch: int) -> np.ndarray:
     owner = np.repeat(pixels.lens, np.diff(runs.first))
     cells: np.ndarray = (runs.cell - per_pitch * owner)[owner >= 0]
     return cells
+
+
+class _InRuns(SourceGenerator):
+    """The rays asked for by themselves, over the runs of their rows and columns."""
+
+    def __init__(
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        aside: Aside,
+        asked: AskedPixels,
+    ) -> None:
+        super().__init__(display, shape, pixel_mm, asked)
+        self._pixels = asked
+        columns, rows = cell_rays(shape, pixel_mm, display, aside)
+        self._columns = axis_runs(columns, display.depth_range_mm)
+        self._rows = axis_runs(rows, display.depth_range_mm)
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
+        found = np.empty(self.made_shape, np.int32)
+        first_hits_in_runs(self._rows, self._columns, self._pixels, depth, found[0])
+        return found
 
 
 class _RayByRay(SourceGenerator):
@@ -262,19 +308,18 @@ class _RayByRay(SourceGenerator):
         shape: PictureShape,
         pixel_mm: float,
         aside: Aside = CENTRE,
-        mask: np.ndarray | None = None,
+        asked: AskedPixels | None = None,
         dtype: str = "float64",
     ) -> None:
-        super().__init__(display, shape, pixel_mm)
+        super().__init__(display, shape, pixel_mm, asked)
         self._dtype = dtype
-        self._asked = None if mask is None else np.flatnonzero(mask)
         columns, rows = cell_rays(shape, pixel_mm, display, aside)
         rays = (
             *(columns.start, columns.slope, columns.scale),
             *(rows.start, rows.slope, rows.scale),
         )
         self._rays = tuple(in_type(dtype, value) for value in rays)
-        if mask is None:
+        if asked is None:
             self._reach = (
                 *_reach(columns, display.columns, display),
                 *_reach(rows, display.rows, display),
@@ -285,11 +330,11 @@ class _RayByRay(SourceGenerator):
         # An uncovered cell is a column without height: it never reaches a ray.
         depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
         z_min, z_max = (in_type(self._dtype, z) for z in self.display.depth_range_mm)
-        if self._asked is not None:
-            found = np.full(self.display.eia_shape, NOT_ASKED, np.int32)
-            first_hits_at(self._asked, depth, self._rays, z_min, z_max, found)
+        found = np.empty(self.made_shape, np.int32)
+        if self.asked is not None:
+            rows, columns = self.asked.rows, self.asked.columns
+            first_hits_at(rows, columns, depth, self._rays, z_min, z_max, found[0])
             return found
-        found = np.empty(self.display.eia_shape, np.int32)
         lens_u, lens_v = (axis.lens for axis in (self.display.columns, self.display.rows))
         start = starts(depth, *self._reach, z_max)
         first_hits(depth, self._rays, lens_u, lens_v, start, z_min, found)

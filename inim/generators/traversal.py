@@ -88,15 +88,12 @@ def first_hits(depth, rays, lens_u, lens_v, start, z_min, found):  # type: ignor
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def first_hits_at(asked, depth, rays, z_min, z_max, found):  # type: ignore[no-untyped-def]
-    """`first_hit` of the panel pixels whose flat indices are `asked`, into `found`."""
+def first_hits_at(rows, columns, depth, rays, z_min, z_max, found):  # type: ignore[no-untyped-def]
+    """`first_hit` of the panel pixels in some rows and columns, (n,) each, into `found` (n,)."""
     u0, du, u1, v0, dv, v1 = rays
-    columns = found.shape[1]
-    for i in numba.prange(len(asked)):
-        row, column = asked[i] // columns, asked[i] % columns
-        found[row, column] = first_hit(
-            depth, u0[column], du[column], u1, v0[row], dv[row], v1, z_min, z_max
-        )
+    for i in numba.prange(len(rows)):
+        row, column = rows[i], columns[i]
+        found[i] = first_hit(depth, u0[column], du[column], u1, v0[row], dv[row], v1, z_min, z_max)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)

@@ -39,7 +39,8 @@ from numba.extending import register_jitable
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import PictureShape, SourceGenerator, require_separable
+from inim.generators.asked import OnPanel, asked_pixels
+from inim.generators.base import AskedPixels, PictureShape, SourceGenerator, require_separable
 from inim.generators.cells import cell_rays
 from inim.generators.options import one_of
 from inim.generators.plain import IMPLEMENTATIONS, run
@@ -61,12 +62,14 @@ def prepare(
     matching: str = "matrix",
     implementation: str = "compiled",
     dtype: str = "float64",
+    *,
+    mask: np.ndarray | None = None,
 ) -> SourceGenerator:
     """A generator by local depth template matching; see the module's text.
 
     Parameters
     ----------
-    display, shape, pixel_mm :
+    display, shape, pixel_mm, mask :
         See `inim.generators.prepare`.
     matching : {"matrix", "ray"}
         Search the whole matrix, as printed, or only the entries on the ray.
@@ -86,7 +89,10 @@ def prepare(
     typed = one_of("dtype", dtype, DTYPES)
     require_separable(display, "wang2024")
     _check_length(display, shape, pixel_mm, along_ray)
-    return _Wang2024(display, shape, pixel_mm, along_ray, chosen, typed)
+    if mask is None:
+        return _Wang2024(display, shape, pixel_mm, along_ray, chosen, typed)
+    asked = asked_pixels(mask, display)
+    return OnPanel(_Wang2024(display, shape, pixel_mm, along_ray, chosen, typed, asked))
 
 
 def _check_length(display: Display, shape: PictureShape, pixel_mm: float, along_ray: bool) -> None:
@@ -111,8 +117,9 @@ class _Wang2024(SourceGenerator):
         along_ray: bool,
         implementation: str,
         dtype: str,
+        asked: AskedPixels | None = None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm)
+        super().__init__(display, shape, pixel_mm, asked)
         self._along_ray = along_ray
         self._implementation = implementation
         self._dtype = dtype
@@ -124,10 +131,11 @@ class _Wang2024(SourceGenerator):
         if not z_min <= single <= z_max:
             single = (z_min + z_max) / 2
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), np.inf)
+        listed = () if self.asked is None else (self.asked.rows, self.asked.columns)
         return run(
-            _match_all,
+            _match_listed if listed else _match_all,
             self._implementation,
-            self.display.eia_shape,
+            self.made_shape,
             HOLE,
             depth.ravel(),
             *self.shape,
@@ -139,6 +147,7 @@ class _Wang2024(SourceGenerator):
             z_max,
             single,
             self._along_ray,
+            *listed,
             dtype=self._dtype,
         )
 
@@ -155,6 +164,20 @@ def _match_all(  # type: ignore[no-untyped-def]
             found[i * len(u0) + j] = _match(
                 depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len, along_ray
             )
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _match_listed(  # type: ignore[no-untyped-def]
+    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, along_ray, at_row, at_column, found
+):
+    """Match the panel pixels in some rows and columns."""
+    for n in numba.prange(len(at_row)):
+        i, j = at_row[n], at_column[n]
+        step, z_len = _steps(du[j], dv[i], z_min, z_max)
+        start = single if z_len == 1 else z_min
+        found[n] = _match(
+            depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len, along_ray
+        )
 
 
 @register_jitable

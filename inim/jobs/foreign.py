@@ -58,7 +58,11 @@ def blamed(name: str, doing: str) -> Iterator[None]:
 
 
 def run_generator(
-    name: str, generator: Generator, rgbd: RGBD, display: Display
+    name: str,
+    generator: Generator,
+    rgbd: RGBD,
+    display: Display,
+    mask: np.ndarray | None = None,
 ) -> tuple[np.ndarray, float, np.ndarray | None]:
     """Let a generator make its EIA, and look at what it made.
 
@@ -70,6 +74,8 @@ def run_generator(
     rgbd : RGBD
         In float32.
     display : Display
+    mask : (rows, columns) bool, optional
+        Panel pixels it was prepared for.
 
     Returns
     -------
@@ -78,7 +84,7 @@ def run_generator(
     seconds : float
         What it took.
     empty : (rows, columns) bool, or None
-        Panel pixels that show nothing; None where the generator does not say.
+        Panel pixels that show nothing, of those asked for; None where the generator does not say.
 
     Raises
     ------
@@ -91,6 +97,13 @@ def run_generator(
         sources = _sources(name, generator, rgbd, display)
         eia = colour_of(sources, rgbd)
         return eia, time.perf_counter() - started, sources < 0
+    if mask is not None and isinstance(generator, SourceGenerator):
+        with blamed(name, "generate"):
+            eia, sources = generator.shown(rgbd)
+        seconds = time.perf_counter() - started
+        _check(name, eia, (*display.eia_shape, 3), "float32")
+        _check_sources(name, sources[mask], rgbd)
+        return eia, seconds, (sources < 0) & mask
     with blamed(name, "generate"):
         eia = generator.generate(rgbd)
     seconds = time.perf_counter() - started
@@ -111,6 +124,13 @@ def _sources(name: str, generator: Any, rgbd: RGBD, display: Display) -> np.ndar
     with blamed(name, "sources"):
         sources = generator.sources(rgbd)
     _check(name, sources, display.eia_shape, "int32")
+    _check_sources(name, sources, rgbd)
+    return np.asarray(sources)
+
+
+def _check_sources(name: str, sources: np.ndarray, rgbd: RGBD) -> None:
+    if not sources.size:
+        return
     colors = rgbd.palette
     low, high, pixels = int(sources.min()), int(sources.max()), colors.shape[0] * colors.shape[1]
     if low < NO_LENS or high >= pixels:
@@ -118,7 +138,6 @@ def _sources(name: str, generator: Any, rgbd: RGBD, display: Display) -> np.ndar
             f"algorithm {name!r} names sources {low} to {high}; this picture has 0 to {pixels - 1},"
             f" and {NO_LENS} and -1 mean none"
         )
-    return np.asarray(sources)
 
 
 def _check(name: str, made: Any, shape: tuple[int, ...], kind: str) -> None:

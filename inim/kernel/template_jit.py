@@ -26,7 +26,6 @@ from inim.errors import UsageError
 from inim.generators.base import (
     PictureShape,
     SourceGenerator,
-    check_out,
     require_separable,
 )
 from inim.generators.cells import CellRays, cell_rays
@@ -92,7 +91,7 @@ class _Compiled(SourceGenerator):
         if rgbd.color.dtype != np.uint8:
             return super().generate(rgbd, out)
         self.check(rgbd)
-        out = check_out(out, rgbd, self.display)
+        out = self.place(rgbd, out)
         words = mi.UInt32(rgbd.color.view(np.uint32).reshape(-1))
         out.view(np.uint32)[..., 0] = self._show(rgbd, words).numpy().reshape(out.shape[:2])
         return out

@@ -16,6 +16,7 @@ from hypothesis.database import DirectoryBasedExampleDatabase
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, gu2020, prepare, wang2024
+from inim.generators.template import ray_by_ray
 from inim.generators.working_type import in_type
 from inim.jobs.stress import generators, optics, optics_relations, relations
 from inim.jobs.stress.cases import QUICK, Case, Family, noise
@@ -104,11 +105,11 @@ def test_random_displays_are_exact_and_uncertain_where_they_differ(display, seed
         return
     at = rays.pixels[:, 0], rays.pixels[:, 1]
     exact = exact_template(rays, rgbd, display, np.arange(len(rays.pixels)))
-    whole = np.ones(display.eia_shape, bool)
+    alone = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
     # Lengths of too many digits (3 x 0.8 is not 2.4) are warned of, and then ties may be lost.
     warned = bool(trust_warnings(display, pixel_mm=rgbd.pixel_mm))
     uncertain = answer("template", rays, rgbd, display, np.float64).uncertain
-    for shown in (find_sources(rgbd, display), find_sources(rgbd, display, mask=whole)):
+    for shown in (find_sources(rgbd, display), alone):
         wrong = shown[at] != exact
         assert not (wrong & ~uncertain if warned else wrong).any()
     for algorithm in ("gu2020", "wang2024:matching=ray", "li2012"):
@@ -198,9 +199,9 @@ def test_tables_that_would_fill_the_memory_give_way_to_rays():
     """A picture of 50,000 pixels per pitch took 894 GiB as tables."""
     display = small_display(3, 3, pixels=5, depth_min_mm=1e-3, depth_max_mm=1.5e-3)
     rgbd = noise(display, (16, 16), 2e-5)
-    whole = np.ones(display.eia_shape, bool)
     shown = find_sources(rgbd, display)
-    assert np.array_equal(shown, find_sources(rgbd, display, mask=whole))
+    alone = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm)
+    assert np.array_equal(shown, alone.sources(rgbd))
     assert (shown >= 0).any()
 
 

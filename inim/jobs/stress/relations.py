@@ -367,9 +367,11 @@ def _interpreted(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
 
 def _types(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     """The exact path: tables of float32 and rays in float64, the same bits."""
+    from inim.generators.template import ray_by_ray
+
     for display, rgbd in _pictures(size):
         tables = find(rgbd, display, algorithm)
-        rays = find_sources(rgbd, display, algorithm, mask=np.ones(display.eia_shape, bool))
+        rays = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
         yield _outcome(tables == rays, display.lensed, algorithm, rgbd, display)
 
 

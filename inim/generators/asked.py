@@ -1,0 +1,126 @@
+"""Generating only the panel pixels that somebody asks for: those that a few eyes see, say.
+
+Generators that can are prepared for a list of pixels in place of a panel: they yield one row of
+them, (1, n), at a cost that grows with n. `OnPanel` puts that row where it belongs, on a panel that
+is black elsewhere. The others are run in full, and `Masked` blackens what was not asked for.
+
+Why it is safe: in all of the project's generators that are given such a list, what a pixel shows
+depends on its own ray and the picture, and on no other pixel; it is computed by the same arithmetic
+either way, so the bits are the same.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from inim.display import Display
+from inim.generators.base import AskedPixels, Generator, SourceGenerator, check_out
+from inim.generators.sources import NOT_ASKED, Sources
+from inim.rgbd import RGBD
+
+__all__ = ["Masked", "OnPanel", "asked_pixels", "masked"]
+
+
+def asked_pixels(mask: np.ndarray, display: Display) -> AskedPixels:
+    """The pixels of a mask, (rows, columns) bool, that lie under a lens."""
+    rows, columns = np.nonzero(mask & display.lensed)
+    return AskedPixels(rows, columns)
+
+
+class OnPanel(SourceGenerator):
+    """The pixels asked for on their panel, the others black, with alpha 0.
+
+    Parameters
+    ----------
+    listed : SourceGenerator
+        Prepared for a list of pixels.
+    """
+
+    def __init__(self, listed: SourceGenerator) -> None:
+        super().__init__(listed.display, listed.shape, listed.pixel_mm)
+        assert listed.asked is not None
+        self._listed = listed
+        self._at = listed.asked.rows * self.display.eia_shape[1] + listed.asked.columns
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`; `NOT_ASKED` elsewhere."""
+        return self._sources_on_panel(self._listed.sources(rgbd))
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`."""
+        return self._on_panel(self._listed.generate(rgbd), out)
+
+    def shown(self, rgbd: RGBD) -> tuple[np.ndarray, Sources]:
+        """See `SourceGenerator.shown`."""
+        eia, sources = self._listed.shown(rgbd)
+        return self._on_panel(eia, None), self._without_lens(self._sources_on_panel(sources))
+
+    def _sources_on_panel(self, listed: Sources) -> Sources:
+        found = np.full(self.display.eia_shape, NOT_ASKED, np.int32)
+        _put(listed.reshape(-1, 1), self._at, found.reshape(-1, 1))
+        return found
+
+    def _on_panel(self, listed: np.ndarray, out: np.ndarray | None) -> np.ndarray:
+        shape = (*self.display.eia_shape, listed.shape[-1])
+        if out is None:
+            out = np.zeros(shape, listed.dtype)  # what is never touched takes neither time nor room
+        else:
+            check_out(out, shape, listed.dtype)[...] = 0
+        _put(listed[0], self._at, out.reshape(-1, shape[-1]))
+        return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _put(values, at, out):  # type: ignore[no-untyped-def]
+    """``out[at[i]] = values[i]``, both (..., channels)."""
+    for i in range(len(at)):
+        for c in range(values.shape[1]):
+            out[at[i], c] = values[i, c]
+
+
+class Masked:
+    """A generator run in full, of which only what was asked for is shown.
+
+    Parameters
+    ----------
+    whole : Generator
+    mask : (rows, columns) bool
+    """
+
+    def __init__(self, whole: Generator, mask: np.ndarray) -> None:
+        self._whole, self._mask = whole, mask
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`."""
+        eia = self._whole.generate(rgbd)  # it may keep one place to write to: leave that alone
+        if out is None:
+            out = np.empty_like(eia)
+        else:
+            check_out(out, eia.shape, eia.dtype)
+        out[...] = np.where(self._mask[..., None], eia, np.zeros((), eia.dtype))
+        return out
+
+
+class MaskedSources(SourceGenerator):
+    """`Masked`, of a generator that says where its colours come from."""
+
+    def __init__(self, whole: SourceGenerator, mask: np.ndarray) -> None:
+        super().__init__(whole.display, whole.shape, whole.pixel_mm)
+        self._whole, self._mask, self._shown = whole, mask, Masked(whole, mask)
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`; `NOT_ASKED` where nobody asked."""
+        found = self._whole.sources(rgbd)
+        return np.where(self._mask, found, np.int32(NOT_ASKED))
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`."""
+        return self._shown.generate(rgbd, out)
+
+
+def masked(whole: Generator, mask: np.ndarray) -> Generator:
+    """A generator that knows of no mask, under one."""
+    if isinstance(whole, SourceGenerator):
+        return MaskedSources(whole, mask)
+    return Masked(whole, mask)
