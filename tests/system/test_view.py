@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from inim.report.virtual_display.still import still_view
 from inim.viewpoint import Viewpoint
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
+from tests.frame_rate import COUNT_WORK, drag_about
 from tests.system.conftest import Ended, assert_one_line
 from tests.unit.test_report_html import report
 
@@ -75,10 +77,12 @@ def view(*words: str | Path, folder: Path) -> Ended:
 
 
 def show_eia(tab: Tab, folder: Path, codes: np.ndarray, **settings: object) -> None:
-    """Open the live display of an EIA and wait for it."""
+    """Open the live display of an EIA, on a small screen that is soon drawn."""
     eia = save(folder / "eia.png", codes)
     definitions = [word for word in display_words(**settings) if word != "-D"]
-    show(tab, view_eia(eia, "nominal", definitions, folder / "page.html"))
+    tab.size(360, 400)
+    tab.open(view_eia(eia, "nominal", definitions, folder / "page.html"))
+    assert tab.evaluate("inimDisplay.ready") is True
 
 
 def display_words(**settings: object) -> list[str]:
@@ -184,7 +188,6 @@ def test_dragging_the_eye_shows_what_the_ray_tracer_sees_from_there(tab, page, t
     assert tab.complaints == []
 
 
-@pytest.mark.parametrize("lens_model", ["pinhole", "thin"])
 @pytest.mark.parametrize(
     "changes",
     [
@@ -201,24 +204,24 @@ def test_dragging_the_eye_shows_what_the_ray_tracer_sees_from_there(tab, page, t
     ],
     ids=lambda changes: " ".join(changes) or "plain",
 )
-def test_every_kind_of_array_is_drawn_as_the_lens_models_trace_it(
-    tab, tmp_path, changes, lens_model
-):
+def test_every_kind_of_array_is_drawn_as_the_lens_models_trace_it(tab, tmp_path, changes):
     display = DISPLAY.replace(**changes)
     codes = tilted_plane(display)
     show_eia(tab, tmp_path, codes, **changes)
-    tab.click(f"input[value={lens_model}]")
     tab.evaluate("inimDisplay.setEye(23, -14, 190)")
     shape = display.lens_rows * 4, display.lens_columns * 4
-    expected = still_view(codes, display, eye(tab), lens_model, grid=8).astype(int)
-    shown = canvas(tab, 0, shape).astype(int)
-    assert expected.max() > 150
-    # A sample on the border of two panel pixels may fall to either side.
-    assert (abs(shown - expected).max(axis=-1) > 2).mean() < MOST_CHANGED
+    for lens_model in ("pinhole", "thin"):
+        tab.click(f"input[value={lens_model}]")
+        expected = still_view(codes, display, eye(tab), lens_model, grid=8).astype(int)
+        shown = canvas(tab, 0, shape).astype(int)
+        assert expected.max() > 150
+        # A sample on the border of two panel pixels may fall to either side.
+        assert (abs(shown - expected).max(axis=-1) > 2).mean() < MOST_CHANGED, lens_model
     assert tab.complaints == []
 
 
 def test_every_control_works_and_nothing_complains(tab, page):
+    tab.size(700, 500)
     show(tab, page)
     start = eye(tab)
     assert start == (0, 0, 180)
@@ -260,7 +263,7 @@ def test_every_control_works_and_nothing_complains(tab, page):
     rest(tab)
     widths = "[...document.querySelectorAll('canvas')].map((c) => c.clientWidth)"
     wide, none = tab.evaluate(widths)
-    assert (wide > 500, none) == (True, 0)
+    assert (wide > 600, none) == (True, 0)
     tab.click("input[name=together]")
     rest(tab)
     assert min(tab.evaluate(widths)) > 300
@@ -366,6 +369,107 @@ def test_viewing_zone_moves_with_the_array(tab, tmp_path):
     ):
         tab.evaluate(f"inimDisplay.setEye({x}, {y}, 180)")
         assert tab.evaluate("inimDisplay.state().isOutside") is outside, (x, y)
+
+
+# --- What it asks of the graphics card ----------------------------------------------------------
+
+
+@pytest.fixture
+def counted(shared_tab: Tab, page: Path) -> Iterator[Tab]:
+    """A page whose work is counted from the start, in `work`."""
+    shared_tab.size(700, 500)
+    shared_tab.complaints.clear()
+    script = shared_tab.send("Page.addScriptToEvaluateOnNewDocument", source=COUNT_WORK)
+    show(shared_tab, page)
+    yield shared_tab
+    shared_tab.send("Page.removeScriptToEvaluateOnNewDocument", **script)
+
+
+def work(tab: Tab) -> dict[str, int]:
+    return dict(tab.evaluate("({...work, frames: inimDisplay.state().frames})"))
+
+
+def test_frame_is_one_triangle_a_screen_and_one_texture_read_a_sample(counted):
+    before = work(counted)
+    counted.drag("#virtual-display canvas", (60, 20))
+    rest(counted)
+    after = {key: value - before[key] for key, value in work(counted).items()}
+    assert after["frames"] >= 4  # one that moved, three refinements
+    assert after["draws"] == 2 * after["frames"]
+    assert after["vertices"] == 3 * after["draws"]
+    assert after["uploads"] == 0
+    counted.click("input[name=together]")
+    rest(counted)
+    before = work(counted)
+    counted.key("Home")
+    counted.evaluate("inimDisplay.setEye(5, 5, 170)")
+    rest(counted)
+    after = {key: value - before[key] for key, value in work(counted).items()}
+    assert after["draws"] == after["frames"] > 0  # the hidden screen is not drawn
+    shader = json.loads(
+        counted.evaluate("document.getElementById('virtual-display-data').textContent")
+    )["shader"]
+    body = shader[shader.index("void main()") :]
+    assert shader.count("texelFetch(") == 1
+    assert body.count("panel_light(") == 4  # one for each colour, or one for all
+
+
+def test_nothing_is_drawn_while_nothing_changes(counted):
+    before = work(counted)
+    x, y = counted.middle("#virtual-display canvas")
+    for step in range(5):
+        counted.mouse("mouseMoved", (x + 5 * step, y), buttons=0, button="none")
+    counted.click("#virtual-display canvas")
+    counted.key("Home")  # where the eye is already
+    counted.evaluate("inimDisplay.setEye(0, 0, 180)")
+    counted.evaluate("scrollBy(0, 200)")
+    assert counted.evaluate("new Promise((r) => setTimeout(r, 500)).then(() => 1)") == 1
+    assert work(counted) == before
+    reach = counted.evaluate("inimDisplay.setEye(1e6, 0, 180)")  # as far as the eye may go
+    rest(counted)
+    before = work(counted)
+    assert counted.evaluate("inimDisplay.setEye(2e6, 0, 180)") == reach
+    counted.evaluate("new Promise((r) => setTimeout(r, 200))")
+    assert work(counted) == before
+
+
+# A sample takes a microsecond, and a frame 0.4 s at most.
+SLOW_CARD = """
+(() => {
+  const type = WebGL2RenderingContext.prototype, {drawArrays, getSyncParameter} = type;
+  const {uniform1i} = type;
+  let done = 0, grid = 1;
+  type.uniform1i = function (place, value) {
+    grid = value;
+    return uniform1i.call(this, place, value);
+  };
+  type.drawArrays = function (...given) {
+    const samples = this.canvas.width * this.canvas.height * grid ** 2;
+    done = Math.max(done, performance.now()) + Math.min(samples * 1e-3, 400);
+    return drawArrays.apply(this, given);
+  };
+  type.getSyncParameter = function (...given) {
+    return performance.now() < done ? this.UNSIGNALED : getSyncParameter.apply(this, given);
+  };
+})();
+"""
+
+
+def test_slow_card_draws_fewer_pixels_while_the_eye_moves_and_all_of_them_at_rest(tab, page):
+    tab.size(500, 500)
+    script = tab.send("Page.addScriptToEvaluateOnNewDocument", source=SLOW_CARD)
+    try:
+        tab.open(page)
+        assert tab.evaluate("inimDisplay.ready") is True
+        rest(tab)
+        found = drag_about(tab, 3.0)
+        assert "1 at 0.25" in found["chosen"]
+        assert max(found["chosen"], key=found["chosen"].get) == "1 at 0.25"
+        rest(tab)
+        state = tab.evaluate("[inimDisplay.state().grid, document.querySelector('canvas').width]")
+        assert state == [2, found["width"]]
+    finally:
+        tab.send("Page.removeScriptToEvaluateOnNewDocument", **script)
 
 
 def test_without_scripts_the_page_still_shows_the_views(tab, page):

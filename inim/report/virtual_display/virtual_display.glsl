@@ -21,13 +21,8 @@ uniform vec2 turn;         // cosine and sine of its rotation
 uniform vec2 tilt;         // growth of the gap per millimetre
 uniform float pixel;       // panel pixel
 uniform ivec2 panel_size;  // columns, rows
-uniform sampler2D panel;   // sRGB code values, row 0 on top
+uniform sampler2D panel;   // sRGB, which the card makes linear; row 0 on top
 out vec4 shown;
-
-vec3 linear_from_srgb(vec3 code) {
-  vec3 curve = pow((max(code, 0.04045) + 0.055) / 1.055, vec3(2.4));
-  return mix(curve, code / 12.92, vec3(lessThanEqual(code, vec3(0.04045))));
-}
 
 vec3 srgb_from_linear(vec3 light) {
   vec3 curve = 1.055 * pow(max(light, 0.0031308), vec3(1.0 / 2.4)) - 0.055;
@@ -107,8 +102,7 @@ vec3 panel_light(vec2 point, vec2 slope, float lens_power) {
   vec2 on_panel = step(vec2(0.0), spot) * step(spot, vec2(panel_size) - 1.0);
   // A fetch beside the panel is undefined, so it is aimed inside and not counted.
   vec2 place = clamp(spot, vec2(0.0), vec2(panel_size) - 1.0);
-  vec3 light = linear_from_srgb(texelFetch(panel, ivec2(place), 0).rgb);
-  return lit * on_panel.x * on_panel.y * light;
+  return lit * on_panel.x * on_panel.y * texelFetch(panel, ivec2(place), 0).rgb;
 }
 
 void main() {

@@ -146,7 +146,7 @@
 
     show(index, image) {
       const gl = this.gl;
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, image);
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8, gl.RGB, gl.UNSIGNED_BYTE, image);
       this.panel = index;
     }
 
@@ -347,7 +347,11 @@
     }, 700);
   }
 
-  const moveTo = (x, y, z) => { setEye(x, y, z); moved(); };
+  function moveTo(x, y, z) {
+    const before = eye;
+    setEye(x, y, z);
+    if (eye.some((value, axis) => value !== before[axis])) moved();
+  }
 
   /* ---- choosing ------------------------------------------------------------------------------ */
 
