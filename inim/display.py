@@ -533,8 +533,8 @@ class Display:
         )
 
     @property
-    def _side_travel_mm(self) -> tuple[float, float]:
-        """Farthest that a pixel's ray gets from its lens's axis, in x and y, in the depth range."""
+    def steepest_slopes(self) -> tuple[float, float]:
+        """Millimetres sideways per millimetre of depth of a pixel's ray at the most, in x and y."""
         cell_x, cell_y = self.elemental_image_pitch_mm, self.elemental_row_pitch_mm
         if self.lattice == "hexagonal":
             # Where three cells of the lattice meet; those of rows far apart are that tall.
@@ -545,9 +545,15 @@ class Display:
         c, s = self._turn
         aside = max(abs(float(colour.right)) for colour in SUBPIXELS[self.subpixels])
         across = c * cell_x + s * cell_y + 2 * aside * self.pixel_pitch_mm
-        reach = max(abs(z) for z in self.depth_range_mm)
         gap = least_gap_mm(self)
-        return across * reach / (2 * gap), (c * cell_y + s * cell_x) * reach / (2 * gap)
+        return across / (2 * gap), (c * cell_y + s * cell_x) / (2 * gap)
+
+    @property
+    def _side_travel_mm(self) -> tuple[float, float]:
+        """Farthest that a pixel's ray gets from its lens's axis, in x and y, in the depth range."""
+        reach = max(abs(z) for z in self.depth_range_mm)
+        across, up = self.steepest_slopes
+        return across * reach, up * reach
 
     @property
     def _overhang_mm(self) -> tuple[float, float]:

@@ -16,12 +16,15 @@ Which back belongs to which front:
 Sheets have no thickness, and walls may be thinner than the step in depth from one pixel to the
 next; rays aslant would slip between. So each column goes on down to the fronts beside it that its
 own slope and theirs make part of the same surface, but never to the next surface.
+
+What is so closed in that no ray of the display gets there (`inim.generators.layers_in_view`) is
+left out, and counted: it would be coloured for nothing.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -31,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
+from inim.generators.layers_in_view import in_view
 from inim.kernel.scene import FittedScene
 from inim.kernel.sensors import RayFamily, capture_rays, make_sensor
 from inim.kernel.trace import Clock, Progress, mean_light
@@ -67,6 +71,9 @@ class Peeled:
         Width in pixels over which colours are averaged.
     cut_share : float
         Share of the covered pixels that lack layers beyond `MOST_LAYERS`.
+    hidden_share : float
+        Share of what lies behind the front surface that is left out: no ray of the display meets
+        it. Zero where nothing lies behind.
     """
 
     rays: RayFamily
@@ -78,6 +85,7 @@ class Peeled:
     facing: NDArray[np.bool_]
     spread: NDArray[np.float32]
     cut_share: float
+    hidden_share: float = 0.0
 
     @property
     def covered(self) -> NDArray[np.bool_]:
@@ -86,7 +94,12 @@ class Peeled:
 
 
 def peel(
-    fitted: FittedScene, display: Display, *, pixels_per_pitch: int, clock: Clock | None = None
+    fitted: FittedScene,
+    display: Display,
+    *,
+    pixels_per_pitch: int,
+    hidden: bool = False,
+    clock: Clock | None = None,
 ) -> Peeled:
     """Find the layers of a scene along the rays of its RGB-D picture.
 
@@ -96,6 +109,8 @@ def peel(
     display : Display
     pixels_per_pitch : int
         Of the picture.
+    hidden : bool
+        Keep also what no ray of the display can meet.
     clock : Clock, optional
         Adds the time spent here.
     """
@@ -113,9 +128,7 @@ def peel(
     front, back = front.reshape(shape), back.reshape(shape)
     _close_gaps(front, back, slope.reshape(shape), facing.reshape(shape), np.float32(pixel_mm))
     covered = int(np.count_nonzero(found))
-    if clock:
-        clock.seconds += time.perf_counter() - started
-    return Peeled(
+    peeled = Peeled(
         rays,
         pixel_mm,
         front,
@@ -125,6 +138,33 @@ def peel(
         facing.reshape(shape),
         spread.reshape(shape),
         cut_share=int(np.count_nonzero(found > MOST_LAYERS)) / max(1, covered),
+    )
+    if not hidden:
+        peeled = _without(peeled, ~in_view(front, back, display, pixel_mm) & peeled.covered)
+    if clock:
+        clock.seconds += time.perf_counter() - started
+    return peeled
+
+
+def _without(peeled: Peeled, hidden: np.ndarray) -> Peeled:
+    """Leave out the hidden, (layers, rows, columns), and let what lies behind it move up."""
+    behind = int(np.count_nonzero(peeled.covered[1:]))
+    order = np.argsort(hidden, axis=0, kind="stable")
+    layers = max(1, int((peeled.covered & ~hidden).sum(axis=0).max()))
+
+    def kept(values: np.ndarray) -> np.ndarray:
+        return np.take_along_axis(values, order, axis=0)[:layers]
+
+    there, nothing = kept(peeled.covered & ~hidden), np.float32(-np.inf)
+    return replace(
+        peeled,
+        front_mm=np.where(there, kept(peeled.front_mm), nothing),
+        back_mm=np.where(there, kept(peeled.back_mm), nothing),
+        near=kept(peeled.near),
+        far=kept(peeled.far),
+        facing=kept(peeled.facing),
+        spread=kept(peeled.spread),
+        hidden_share=int(np.count_nonzero(hidden)) / max(1, behind),
     )
 
 

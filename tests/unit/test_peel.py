@@ -39,7 +39,7 @@ def peeled(open_fitted, text):
     from inim.kernel.peel import peel
 
     fitted = open_fitted(text, DISPLAY)
-    found = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH)
+    found = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH, hidden=True)
     assert not (found.covered[1:] & ~found.covered[:-1]).any(), "no layer without one before it"
     # Behind each other, and each behind its own front; -inf where there is none.
     assert (found.back_mm <= found.front_mm).all()
@@ -345,3 +345,18 @@ def test_memory_is_planned_for_layers_where_one_wants_them(tmp_path, monkeypatch
     make_plan(Request(scene, tmp_path, fine, algorithms="template"))
     with pytest.raises(OutOfMemoryError, match="capture_pixels_per_pitch"):
         make_plan(Request(scene, tmp_path, fine, algorithms="layered"))
+
+
+def test_what_no_ray_of_the_display_meets_is_left_out_and_counted(open_fitted):
+    """A small sphere in a box: closed all around, it is no layer. Before it, it is."""
+    from inim.kernel.peel import peel
+
+    inside = [cube((0, 0, 0), (5, 5, 0.4)), cube((0, 0, -9), (5, 5, 0.4))]
+    walls = [cube((s * 4.8, 0, -4.5), (0.4, 5, 5)) for s in (-1, 1)]
+    walls += [cube((0, s * 4.8, -4.5), (5, 0.4, 5)) for s in (-1, 1)]
+    fitted = open_fitted(scene_text(*inside, *walls, sphere((0, 0, -5), 1.5)), DISPLAY)
+    all_of_it = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH, hidden=True)
+    found = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH)
+    assert len(all_of_it.front_mm) == 3 and all_of_it.hidden_share == 0
+    assert len(found.front_mm) == 1 and found.hidden_share == 1
+    assert np.array_equal(found.front_mm[0], all_of_it.front_mm[0])
