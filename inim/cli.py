@@ -98,6 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_new_scene(commands)
     _add_bench(commands)
     _add_stress(commands)
+    _add_sweep(commands)
     _add_view(commands)
     _add_film(commands)
     _add_inspect(commands)
@@ -329,6 +330,19 @@ def _add_stress(commands: Commands) -> None:
     parser = commands.add_parser(
         "stress",
         help="find where the numbers stop being trustworthy",
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.add_arguments(parser)
+    parser.set_defaults(run=command.run)
+
+
+def _add_sweep(commands: Commands) -> None:
+    from inim.jobs.sweep import command
+
+    parser = commands.add_parser(
+        "sweep",
+        help="validate a whole study: scenes x displays x algorithms x viewpoints x settings",
         epilog=_EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -30,7 +30,7 @@ from inim.jobs.output import open_staging
 from inim.jobs.plan import Request, make_plan
 from inim.numba_cache import go_without_cache, is_cache_fault
 
-__all__ = ["outcome_of", "run_in_worker", "serve", "supervise", "work"]
+__all__ = ["Watcher", "outcome_of", "run_in_worker", "serve", "supervise", "work"]
 
 #: What a worker does with its job and a listener: publish, and say whether every check passed.
 CarryOut = Callable[[dict[str, Any], Any], bool]
@@ -87,7 +87,19 @@ def outcome_of(said: dict[str, Any]) -> bool:
     return bool(said["passed"])
 
 
-def supervise(module: str, job: dict[str, Any], backend: Any) -> dict[str, Any]:
+class Watcher:
+    """Hears of a worker while it is at work; this one does not listen."""
+
+    def started(self, process: subprocess.Popen[bytes]) -> None:
+        """It has a process, which whoever waits for it may end."""
+
+    def stage(self, name: str) -> None:
+        """It begins with a stage of its job."""
+
+
+def supervise(
+    module: str, job: dict[str, Any], backend: Any, watcher: Watcher | None = None
+) -> dict[str, Any]:
     """Run `python -m module` on a job, which it hands to `serve`; what it said last.
 
     Raises
@@ -103,9 +115,15 @@ def supervise(module: str, job: dict[str, Any], backend: Any) -> dict[str, Any]:
         pass_fds=(write_end,),
     )
     os.close(write_end)
+    watcher = watcher or Watcher()
+    said: list[dict[str, Any]] = []
     try:
+        watcher.started(process)
         with os.fdopen(read_end, encoding="utf-8") as messages:
-            said = [json.loads(line) for line in messages if line.endswith("\n")]
+            for line in messages:
+                if line.endswith("\n"):
+                    said.append(json.loads(line))
+                    watcher.stage(said[-1].get("stage", ""))
         code = process.wait()
     except BaseException:  # an interrupt of the parent is one of the job
         process.terminate()

@@ -1,0 +1,1 @@
+"""A sweep: scenes, displays, algorithms, viewpoints and settings, multiplied into one table."""

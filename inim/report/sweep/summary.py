@@ -1,0 +1,133 @@
+"""What a page says of a table: means over viewpoints, grouped as they are compared.
+
+Scores of different scenes are never averaged into one another's rank: a scene's row is compared
+with itself only, and where a figure stands for several scenes it is the mean of what each lost
+against its own ceiling.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from inim.report.wording import is_number
+
+__all__ = [
+    "Contest",
+    "contests_of",
+    "mean",
+    "names_of",
+    "on_front",
+    "settings_of",
+    "varied_settings",
+]
+
+Row = Mapping[str, Any]
+
+# What tells rows of one scene, display, algorithm and viewpoint apart.
+_SETTINGS = (
+    "lens_model",
+    "misalign",
+    "fit_share",
+    "viewing_distance_mm",
+    "pupil_mm",
+    "focus_mm",
+    "view_pixels_per_lens",
+    "capture_pixels_per_pitch",
+    "capture_spp",
+    "eia_spp",
+    "view_spp",
+    "reconstruction_spp",
+    "seed",
+)
+
+
+@dataclass(frozen=True)
+class Contest:
+    """One algorithm on one scene, display and set of settings: means over its viewpoints.
+
+    Attributes
+    ----------
+    scene, display, settings, algorithm : str
+    failed : bool
+    scores : dict of str to float or None
+        By column of the table; None where a viewpoint lacks it.
+    """
+
+    scene: str
+    display: str
+    settings: str
+    algorithm: str
+    failed: bool
+    scores: dict[str, float | None]
+
+
+_MEANS = (
+    "ssim",
+    "ssim_to_ceiling",
+    "ceiling_ssim",
+    "noise_floor_ssim",
+    "flip",
+    "seconds",
+    "yardsticks",
+    "unit_seconds",
+)
+
+
+def contests_of(rows: Sequence[Row]) -> list[Contest]:
+    """The rows by contest, in the table's order."""
+    varied = varied_settings(rows)
+    groups: dict[tuple[str, str, str, str], list[Row]] = {}
+    for row in rows:
+        settings = settings_of(row, varied)
+        key = (str(row["scene"]), str(row["display"]), settings, str(row["algorithm"]))
+        groups.setdefault(key, []).append(row)
+    return [
+        Contest(
+            *key,
+            any(row["status"] != "ok" for row in group),
+            {name: mean(row.get(name) for row in group) for name in _MEANS},
+        )
+        for key, group in groups.items()
+    ]
+
+
+def varied_settings(rows: Sequence[Row]) -> list[str]:
+    """Settings that the study varies: of which one scene and display has several values."""
+    values: dict[tuple[Any, Any, str], set[Any]] = {}
+    for row in rows:
+        for name in _SETTINGS:
+            if name in row:
+                values.setdefault((row["scene"], row["display"], name), set()).add(row[name])
+    return [
+        n for n in _SETTINGS if any(len(v) > 1 for (_, _, name), v in values.items() if name == n)
+    ]
+
+
+def settings_of(row: Row, varied: Iterable[str]) -> str:
+    """The varied settings of a row, as text; empty where nothing varies."""
+    return ", ".join(f"{name} = {row.get(name)}" for name in varied)
+
+
+def names_of(contests: Sequence[Contest], field: str) -> list[str]:
+    """The values of a field, each once, in order."""
+    return list(dict.fromkeys(getattr(contest, field) for contest in contests))
+
+
+def mean(values: Iterable[Any]) -> float | None:
+    """The arithmetic mean; None of nothing, or where a value is missing or not finite."""
+    known = list(values)
+    if not known or not all(is_number(v) and math.isfinite(v) for v in known):
+        return None
+    return math.fsum(known) / len(known)
+
+
+def on_front(points: Mapping[str, tuple[float, float]]) -> set[str]:
+    """Of points to be small in both values, those that no other beats in one and equals in both."""
+    return {
+        name
+        for name, (x, y) in points.items()
+        if not any((a <= x and b <= y and (a, b) != (x, y)) for a, b in points.values())
+    }

@@ -1,0 +1,112 @@
+"""The page of a sweep: means, fronts and rankings against hand-made tables."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+
+from inim.report.sweep import write_page
+from inim.report.sweep.page import render_page
+from inim.report.sweep.plots import time_column
+from inim.report.sweep.summary import contests_of, mean, on_front
+from inim.report.sweep.tables import best_displays
+
+ABOUT = {"title": "T <b>&", "command": "inim sweep s.toml", "created": "2026", "inim_version": "1"}
+
+
+def row(scene="jade", display="wide", algorithm="template", viewpoint="centre", **values):
+    given = {
+        "status": "ok", "error": None, "ssim": 0.5, "ssim_to_ceiling": 0.8, "ceiling_ssim": 0.7,
+        "noise_floor_ssim": 0.99, "flip": 0.1, "seconds": 1.0, "yardsticks": None,
+        "unit_seconds": 9.0, "passed": True, "failed_checks": None, "lens_model": "thick",
+    }  # fmt: skip
+    names = {"scene": scene, "display": display, "algorithm": algorithm, "viewpoint": viewpoint}
+    return names | given | values
+
+
+def test_a_contest_is_the_mean_over_its_viewpoints():
+    rows = [row(ssim=0.4), row(viewpoint="left", ssim=0.8), row(algorithm="gu2020", ssim=0.1)]
+    first, second = contests_of(rows)
+    assert first.scores["ssim"] == pytest.approx(0.6)
+    assert second.scores["ssim"] == pytest.approx(0.1)
+    assert not first.failed
+
+
+def test_a_mean_of_what_is_not_all_there_is_none():
+    assert mean([]) is None
+    assert mean([0.5, None]) is None
+    assert mean([0.5, math.nan]) is None
+    assert mean([0.5, 0.7]) == pytest.approx(0.6)
+
+
+def test_settings_tell_contests_apart_only_where_they_vary():
+    rows = [row(lens_model="thin"), row(lens_model="thick"), row(display="fine")]
+    assert [c.settings for c in contests_of(rows)] == [
+        "lens_model = thin", "lens_model = thick", "lens_model = thick",
+    ]  # fmt: skip
+    assert [c.settings for c in contests_of(rows[1:])] == ["", ""]
+
+
+def test_the_front_is_what_nothing_beats():
+    points = {"fast": (1, 9), "good": (9, 1), "both": (2, 2), "beaten": (3, 3), "tied": (1, 10)}
+    assert on_front(points) == {"fast", "good", "both"}
+    assert on_front({"one": (1, 1), "same": (1, 1)}) == {"one", "same"}
+
+
+def test_displays_are_ranked_for_each_relic_by_their_best_algorithm():
+    rows = [
+        row(display="wide", ssim=0.5), row(display="wide", algorithm="gu2020", ssim=0.6),
+        row(display="fine", ssim=0.7), row(display="fine", algorithm="gu2020", ssim=0.2),
+        row("tripod", "wide", ssim=0.9), row("tripod", "fine", ssim=0.8),
+        row("tripod", "bad", status="failed", error="why", ssim=None),
+    ]  # fmt: skip
+    cells = re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", best_displays(contests_of(rows)))
+    texts = [re.sub("<[^>]*>", "", cell) for cell in cells][6:]
+    found = [(texts[i], texts[i + 1], texts[i + 2], texts[i + 3]) for i in range(0, 24, 6)]
+    assert found == [
+        ("jade", "fine", "template", "0.7000"),
+        ("", "wide", "gu2020", "0.6000"),
+        ("tripod", "wide", "template", "0.9000"),
+        ("", "fine", "template", "0.8000"),
+    ]
+    assert len(texts) == 24  # what failed is not ranked
+
+
+def test_times_are_yardsticks_only_where_all_have_them():
+    timed = row(yardsticks=2.0)
+    assert time_column(contests_of([timed, row(algorithm="gu2020")])) == "seconds"
+    assert (
+        time_column(contests_of([timed, row(algorithm="gu2020", yardsticks=3.0)])) == "yardsticks"
+    )
+
+
+def test_the_page_needs_nothing_else_and_shows_what_is_in_the_table(tmp_path):
+    rows = [row(scene="<i>jade", ssim_to_ceiling=0.4321), row("tripod")]
+    write_page(tmp_path / "page.html", rows, ABOUT)
+    page = (tmp_path / "page.html").read_text("utf-8")
+    assert not re.search(r"(src|href)=\"(?!#|data:)", page)
+    assert "&lt;i&gt;jade" in page
+    assert "<i>jade" not in page
+    assert "T &lt;b&gt;&amp;" in page
+    assert "0.4321" in page
+    assert "inim sweep s.toml" in page
+    assert "What failed" not in page
+    assert "Passed" in page
+
+
+def test_failures_stand_first_with_their_reasons():
+    rows = [row(), row("tripod", status="failed", error="no <such> lens", passed=None)]
+    rows.append(row("coin", passed=False, failed_checks="template: 0 shown"))
+    page = render_page(rows, ABOUT)
+    assert page.index("What failed") < page.index("Time against error")
+    assert "no &lt;such&gt; lens" in page
+    assert "template: 0 shown" in page
+    assert "Failed" in page
+
+
+def test_a_page_of_nothing_but_failures_is_a_page():
+    page = render_page([row(status="failed", error="why", ssim=None, ssim_to_ceiling=None)], ABOUT)
+    assert "why" in page
+    assert "Best display" not in page

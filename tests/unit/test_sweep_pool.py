@@ -1,0 +1,171 @@
+"""The pool: how many at once, by cores and by memory; what the board says."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from inim.errors import UsageError, WorkerError
+from inim.jobs.plan import Request
+from inim.jobs.sweep import pool, task
+from inim.jobs.sweep.board import Board, clock_words
+from inim.jobs.sweep.pool import choose_slots, run_pool
+from inim.jobs.sweep.task import Task, attempt
+
+GIB = 2**30
+
+
+def make(unit: str, memory_bytes: int = GIB, out: Path = Path("out")) -> Task:
+    request = Request(Path("/s.xml"), out, ("inim.seed=1",), algorithms="template")
+    return Task(
+        unit, f"label {unit}", request, {"scene": "x"}, ("template",), False, 2, memory_bytes
+    )
+
+
+@pytest.mark.parametrize(
+    ("workers", "threads", "cores", "chosen"),
+    [
+        (None, None, 2, (2, 1)),
+        (None, None, 1, (1, 1)),
+        (1, None, 8, (1, 8)),
+        (3, None, 8, (3, 2)),
+        (None, 4, 8, (2, 4)),
+        (None, 16, 8, (1, 16)),
+        (5, 1, 2, (5, 1)),
+    ],
+)
+def test_what_is_not_said_follows_from_the_cores(workers, threads, cores, chosen):
+    assert choose_slots(workers, threads, cores) == chosen
+
+
+def test_no_worker_and_no_thread_are_refused():
+    with pytest.raises(UsageError, match="--workers 0"):
+        choose_slots(0, None, 2)
+    with pytest.raises(UsageError, match="--threads 0"):
+        choose_slots(None, 0, 2)
+
+
+class Crowd:
+    """Stands in for the work: counts who is at work at once, and what memory they hold."""
+
+    def __init__(self):
+        self.lock, self.now, self.most, self.bytes, self.most_bytes = threading.Lock(), 0, 0, 0, 0
+        self.done: list[str] = []
+
+    def __call__(self, task, watcher):
+        with self.lock:
+            self.now, self.bytes = self.now + 1, self.bytes + task.memory_bytes
+            self.most, self.most_bytes = max(self.most, self.now), max(self.most_bytes, self.bytes)
+        time.sleep(0.05)
+        with self.lock:
+            self.now, self.bytes = self.now - 1, self.bytes - task.memory_bytes
+            self.done.append(task.unit)
+
+
+def crowd_of(monkeypatch, tasks, workers, limit):
+    crowd = Crowd()
+    monkeypatch.setattr(pool, "attempt", crowd)
+    monkeypatch.setattr(pool.backends, "memory_limit_bytes", lambda: limit)
+    assert run_pool(tasks, workers, Board(len(tasks), quiet=True)) == {}
+    assert sorted(crowd.done) == sorted(t.unit for t in tasks)
+    return crowd
+
+
+def test_as_many_at_once_as_there_are_workers(monkeypatch):
+    assert crowd_of(monkeypatch, [make(str(i)) for i in range(6)], 3, 0).most == 3
+
+
+def test_never_more_at_once_than_memory_holds(monkeypatch):
+    sizes = [2, 5, 1, 4, 3]
+    tasks = [make(str(size), size * GIB) for size in sizes]
+    crowd = crowd_of(monkeypatch, tasks, 4, 6 * GIB)
+    assert crowd.most >= 2
+    assert crowd.most_bytes <= 6 * GIB
+
+
+def test_a_unit_too_large_for_a_share_runs_alone(monkeypatch):
+    crowd = crowd_of(monkeypatch, [make(str(i), 9 * GIB) for i in range(3)], 4, 6 * GIB)
+    assert crowd.most == 1
+
+
+def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
+    def fails(one, watcher):
+        return WorkerError("it broke") if one.unit == "1" else None
+
+    monkeypatch.setattr(pool, "attempt", fails)
+    assert run_pool([make(str(i)) for i in range(3)], 1, Board(3)) == {"1": "it broke"}
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 3
+    assert sum("label 1" in line and line.endswith("FAILED: it broke") for line in lines) == 1
+
+
+def test_an_interrupt_ends_what_runs(monkeypatch):
+    begun, ended = threading.Event(), threading.Event()
+
+    class Process:
+        returncode = None
+
+        def terminate(self):
+            ended.set()
+
+    def works(one, watcher):
+        watcher.started(Process())
+        begun.set()
+        assert ended.wait(10)
+
+    def interrupted(*_):
+        assert begun.wait(10)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pool, "attempt", works)
+    monkeypatch.setattr(pool, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_pool([make("1")], 1, Board(1, quiet=True))
+    assert ended.is_set()
+
+
+def test_a_worker_s_death_is_tried_once_more_and_its_own_error_is_not(monkeypatch):
+    for error, times in ((WorkerError("died"), 2), (UsageError("wrong"), 1)):
+        tries = []
+
+        def carry_out(one, watcher, error=error, tries=tries):
+            tries.append(one)
+            raise error
+
+        monkeypatch.setattr(task, "_carry_out", carry_out)
+        assert attempt(make("1")) is error
+        assert len(tries) == times
+
+
+def test_a_task_survives_its_way_to_another_process():
+    one = make("1")
+    assert Task.from_json(one.as_json()) == one
+
+
+def test_a_folder_that_a_machine_does_not_see_is_named(tmp_path):
+    error = attempt(make("1", out=tmp_path / "elsewhere"))
+    assert error is not None
+    assert "all machines share" in str(error)
+
+
+def test_the_board_tells_who_is_at_work_and_what_is_left():
+    board = Board(4, quiet=True)
+    board.began("a", "jade · wide", "tcp://h:1")
+    board.began("b", "tripod · wide")
+    board.stage("a", "ground-truth EIA")
+    board.ended("b", "tripod · wide", "broke")
+    first, last = board.lines(time.monotonic())
+    assert re_words(first) == "jade · wide ground-truth EIA 0 s tcp://h:1"
+    assert last.startswith("1 of 4 done, 1 in work, 2 waiting, 1 FAILED; about ")
+
+
+def re_words(line: str) -> str:
+    return " ".join(line.split())
+
+
+def test_durations_in_the_units_that_say_most():
+    assert clock_words(59.6) == "1 min 00 s"
+    assert clock_words(3 * 3600 + 61) == "3 h 01 min"

@@ -1,0 +1,203 @@
+"""Studies: what is multiplied, what is refused and in which words, and what units are known by."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from inim.errors import EXIT_USAGE, InimError
+from inim.jobs.sweep.rows import DISPLAY_COLUMNS, SETTING_COLUMNS, failed_rows
+from inim.jobs.sweep.study import AS_SCENE, read_study
+from inim.jobs.sweep.table import COLUMNS
+from inim.jobs.sweep.unit import expand, key_of, making_of, unit_hash
+from inim.report.sweep.summary import _SETTINGS
+from inim.settings import Settings
+from tests.conftest import scene_text, sphere
+
+STUDY = """
+[study]
+scenes = ["one.xml", "sub/two.xml"]
+displays = ["nominal", "tiny", "scene"]
+algorithms = ["template", "gu2020"]
+viewpoints = ["centre", "near=0 0 300"]
+lens_model = ["thin", "thick"]
+
+[settings]
+eia_spp = [2, 4]
+view_spp = 2
+
+[[display]]
+name = "tiny"
+lens_columns = 8
+lens_rows = 6
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Write two scenes and a study of them; its path."""
+    (tmp_path / "sub").mkdir()
+    for name, radius in (("one.xml", 1.0), ("sub/two.xml", 2.0)):
+        (tmp_path / name).write_text(scene_text(sphere((0, 0, 0), radius)))
+
+    def write(text: str = STUDY, name: str = "study.toml") -> Path:
+        (tmp_path / name).write_text(text)
+        return tmp_path / name
+
+    return write
+
+
+def units_of(path: Path):
+    return expand(read_study(path), path.parent / "out")
+
+
+def test_a_study_multiplies_scenes_displays_and_lists(written):
+    study = read_study(written())
+    assert list(study.scenes) == ["one", "two"]
+    assert [d.name for d in study.displays] == ["nominal", "tiny", AS_SCENE]
+    assert study.algorithms == ("template", "gu2020")
+    assert list(study.variations) == [
+        f"eia_spp = {spp}, lens_model = {model}" for spp in (2, 4) for model in ("thin", "thick")
+    ]
+    units = units_of(study.path)
+    assert len(units) == 2 * 3 * 4
+    # `scene` is nominal here: the same work by another name, and the same key.
+    assert len({unit.hash for unit in units}) == 2 * 2 * 4
+    plan = units[0].plan
+    assert plan.settings.eia_spp == 2
+    assert plan.settings.view_spp == 2
+    assert [v.name for v in plan.viewpoints] == ["centre", "near"]
+
+
+def test_paths_start_at_the_study_s_folder_and_equal_stems_keep_their_path(written, tmp_path):
+    (tmp_path / "sub" / "one.xml").write_text(scene_text(sphere((0, 0, 0), 3)))
+    text = STUDY.replace('"sub/two.xml"', '"sub/one.xml"')
+    assert read_study(written(text)).scenes == {
+        "one.xml": tmp_path / "one.xml",
+        "sub/one.xml": tmp_path / "sub/one.xml",
+    }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("[study]", "[stduy]", ["stduy", "did you mean study"]),
+        ("scenes =", "scene =", ["study.scene", "did you mean scenes"]),
+        ('scenes = ["one.xml", "sub/two.xml"]', "", ["study.scenes", "is missing"]),
+        ('"one.xml"', '"gone.xml"', ["study.scenes", "'gone.xml'", "study's folder"]),
+        ('"one.xml"', '"sub/two.xml"', ["study.scenes", "twice"]),
+        ('["one.xml", "sub/two.xml"]', '"one.xml"', ["study.scenes", "list of texts"]),
+        ('["nominal", "tiny", "scene"]', '["huge"]', ["study.displays", "'huge'", "tiny"]),
+        ('"gu2020"]', '"nonesuch"]', ["study.algorithms", "nonesuch", "template"]),
+        ('"gu2020"]', '"template"]', ["study.algorithms", "twice"]),
+        ('["thin", "thick"]', '["fish"]', ["study.lens_model", "'fish'", "pinhole"]),
+        ("view_spp = 2", "veiw_spp = 2", ["settings.veiw_spp", "did you mean view_spp"]),
+        ("view_spp = 2", "pitch_mm = 2", ["settings.pitch_mm", "[[display]]"]),
+        ("view_spp = 2", 'algorithms = "x"', ["settings.algorithms", "study.algorithms"]),
+        ("view_spp = 2", "view_spp = 2.5", ["view_spp", "2.5", "whole number"]),
+        ("view_spp = 2", "view_spp = true", ["settings.view_spp", "a number or a text"]),
+        ("[2, 4]", "[2, 2]", ["settings.eia_spp", "twice"]),
+        ("[2, 4]", "[]", ["settings.eia_spp", "empty"]),
+        ("lens_rows = 6", "lens_rows = 0", ["tiny", "lens_rows"]),
+        ("lens_rows = 6", "rows = 6", ["display 'tiny': rows", "did you mean lens_rows"]),
+        ('name = "tiny"', 'name = "phone"', ["display.name", "'phone'", "taken"]),
+        ('name = "tiny"', 'preset = "phone"', ["display.name", "text"]),
+        ("[2, 4]", "[2, 4", ["no TOML"]),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_line_with_file_key_and_way_out(written, old, new, says):
+    assert old in STUDY
+    path = written(STUDY.replace(old, new, 1))
+    with pytest.raises(InimError) as caught:
+        read_study(path)
+    message = str(caught.value)
+    assert caught.value.exit_code == EXIT_USAGE
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    for words in says:
+        assert words in message
+
+
+def test_too_much_at_once_is_refused(written):
+    numbers = ", ".join(map(str, range(2, 2002)))
+    with pytest.raises(InimError, match="24000 validations"):
+        read_study(written(STUDY.replace("[2, 4]", f"[{numbers}]")))
+
+
+def test_a_display_that_a_scene_changes_is_not_taken_for_it(written, tmp_path):
+    scene = (tmp_path / "one.xml").read_text()
+    own = '<default name="inim.conic" value="-0.5"/>'
+    (tmp_path / "one.xml").write_text(scene.replace('"3.0.0">', f'"3.0.0">{own}'))
+    units = units_of(written())
+    refused = [unit for unit in units if unit.plan is None]
+    assert {(unit.scene, unit.display) for unit in refused} == {("one", "nominal"), ("one", "tiny")}
+    assert all("inim.conic" in unit.error for unit in refused)
+
+
+def test_where_nothing_can_be_run_the_first_reason_is_an_error(written):
+    with pytest.raises(InimError, match="outside the viewing zone"):
+        units_of(written(STUDY.replace("near=0 0 300", "far=900 0 300")))
+
+
+def test_a_key_follows_what_decides_and_nothing_else(written, tmp_path):
+    def first(text: str = STUDY):
+        return units_of(written(text))[0].hash
+
+    before = first()
+    assert first(STUDY.replace("[study]", '[study]\ntitle = "other"')) == before
+    assert first(STUDY.replace('["template", "gu2020"]', '["li2012"]')) == before
+    (tmp_path / "one.xml").rename(tmp_path / "renamed.xml")
+    assert first(STUDY.replace("one.xml", "renamed.xml")) == before
+    (tmp_path / "renamed.xml").rename(tmp_path / "one.xml")
+    changed = [
+        first(STUDY.replace("view_spp = 2", "view_spp = 4")),
+        first(STUDY.replace("0 0 300", "0 0 301")),
+        first(STUDY.replace('["thin", "thick"]', '"thick"')),
+        first(STUDY.replace("[study]", "[study]\ntime = true")),
+    ]
+    (tmp_path / "one.xml").write_text(scene_text(sphere((0, 0, 0), 1.5)))
+    changed.append(first())
+    assert len({before, *changed}) == 1 + len(changed)
+
+
+def test_a_key_follows_versions_and_code(written, monkeypatch):
+    from inim.jobs.sweep import unit
+
+    plan = units_of(written())[0].plan
+    before = unit_hash(key_of(plan))
+    monkeypatch.setattr(unit, "__version__", "9.9")
+    newer = unit_hash(key_of(plan))
+    monkeypatch.setattr(unit, "_own_code", lambda: "edited")
+    assert len({before, newer, unit_hash(key_of(plan))}) == 3
+
+
+def test_a_criterion_belongs_to_its_algorithm(written):
+    text = STUDY.replace("view_spp = 2", 'min_ssim_to_ceiling = "template:0.5"')
+    unit = units_of(written(text))[0]
+    assert unit.hash == units_of(written(STUDY.replace("view_spp = 2", "")))[0].hash
+    assert making_of(unit.plan, "template") == {"min_ssim_to_ceiling": 0.5}
+    assert making_of(unit.plan, "gu2020") == {"min_ssim_to_ceiling": None}
+    # A run of the other algorithm alone must not be refused for it.
+    request = unit.only(["gu2020"])
+    assert request.algorithms == "gu2020"
+    assert "inim.min_ssim_to_ceiling=" in request.definitions
+    assert "inim.min_ssim_to_ceiling=template:0.5" in unit.only(["template"]).definitions
+
+
+def test_rows_of_what_failed_have_all_that_is_known(written):
+    unit = units_of(written())[0]
+    rows = failed_rows(unit, "template", "why")
+    assert [row["viewpoint"] for row in rows] == ["centre", "near"]
+    assert all(row["status"] == "failed" and row["error"] == "why" for row in rows)
+    assert rows[0]["pixels_per_lens"] == pytest.approx(17)
+    (row,) = failed_rows(replace(unit, plan=None, hash=""), "template", "why")
+    assert (row["lens_model"], row["eia_spp"]) == ("thin", 2)
+    assert row.keys() <= COLUMNS.keys()
+
+
+def test_columns_are_settings_and_displays_by_their_own_names():
+    fields = Settings.__dataclass_fields__.keys()
+    assert fields >= {*SETTING_COLUMNS, *DISPLAY_COLUMNS}
+    assert set(SETTING_COLUMNS) == set(_SETTINGS)
