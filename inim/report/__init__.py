@@ -95,7 +95,12 @@ class Report:
             _write_text(self.folder / name, text)
 
     def _repr_html_(self) -> str | None:
-        """The page in a frame of its own: its styles must not reach the notebook around it."""
+        """The page in a frame of its own: its styles must not reach the notebook around it.
+
+        Scripts run in it, so that the virtual display is live, but as those of a stranger: the
+        frame is no part of the notebook's origin, cannot reach its page, cookies or kernel, nor
+        open windows, and the page's own policy lets run no script but the report's.
+        """
         try:
             page = self.html_path.read_text(encoding="utf-8")
         except OSError:
@@ -103,7 +108,7 @@ class Report:
         # A framed page takes its links to be relative to the notebook unless told otherwise.
         page = page.replace("<head>", '<head><base href="about:srcdoc">', 1)
         return (
-            f'<iframe srcdoc="{escape(page)}" title="inim report" sandbox '
+            f'<iframe srcdoc="{escape(page)}" title="inim report" sandbox="allow-scripts" '
             f'style="width:100%;height:{_NOTEBOOK_HEIGHT_PX}px;border:0"></iframe>'
         )
 

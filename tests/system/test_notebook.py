@@ -1,0 +1,104 @@
+"""A report in a notebook: live in a frame of its own, from which nothing reaches the notebook."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from inim.report import Report
+from tests.chromium import WEBGL, Tab, browser
+from tests.system.test_view import report_data, report_folder
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
+    # In a process of its own the frame would be out of this pipe's reach, too.
+    flags = (*WEBGL, "--disable-features=IsolateSandboxedIframes")
+    with browser(tmp_path_factory.mktemp("profile"), flags) as tab:
+        tab.size(1100, 1000)
+        yield tab
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Report:
+    made = Report(report_folder(tmp_path_factory.mktemp("report")), report_data())
+    made.write()
+    return made
+
+
+def notebook(tab: Tab, report: Report, folder: Path) -> None:
+    """A page that shows the report as a notebook does, and has something to steal."""
+    path = folder / "notebook.html"
+    cell = report._repr_html_()
+    path.write_text(
+        f"<!doctype html><title>mine</title><script>secret = 42</script>{cell}", encoding="utf-8"
+    )
+    tab.complaints.clear()
+    tab.open(path)
+
+
+def inside(tab: Tab, expression: str) -> Any:
+    """The value of an expression in the frame, whatever it may reach from there."""
+    frame = tab.send("Page.getFrameTree")["frameTree"]["childFrames"][0]["frame"]["id"]
+    world = tab.send("Page.createIsolatedWorld", frameId=frame)["executionContextId"]
+    said = tab.send(
+        "Runtime.evaluate",
+        expression=expression,
+        contextId=world,
+        awaitPromise=True,
+        returnByValue=True,
+    )
+    assert "exceptionDetails" not in said, said["exceptionDetails"]
+    return said["result"].get("value")
+
+
+def test_virtual_display_is_live_in_the_frame(tab, report, tmp_path):
+    notebook(tab, report, tmp_path)
+    end = time.monotonic() + 60
+    while inside(tab, "document.getElementById('virtual-display-live').clientHeight") < 300:
+        assert time.monotonic() < end, inside(
+            tab, "document.getElementById('virtual-display-why').textContent"
+        )
+        time.sleep(0.1)
+    words = "document.querySelector('#virtual-display .readout').textContent"
+    inside(tab, "document.querySelector('button[data-viewpoint=\"1\"]').click()")
+    while "−20.0" not in inside(tab, words):
+        assert time.monotonic() < end, inside(tab, words)
+        time.sleep(0.1)
+    assert inside(tab, "document.getElementById('wipe').clientHeight") > 300
+    assert tab.complaints == []
+
+
+@pytest.mark.parametrize(
+    "attempt",
+    [
+        "parent.secret",
+        "parent.document.title",
+        "document.cookie",
+        "localStorage.length",
+        "(top.location = 'about:blank', 'gone')",
+    ],
+)
+def test_frame_reaches_nothing_of_the_notebook(tab, report, tmp_path, attempt):
+    notebook(tab, report, tmp_path)
+    tried = (
+        f"(() => {{ try {{ return {attempt} ?? 'undefined'; }} catch (e) {{ return e.name; }} }})()"
+    )
+    assert inside(tab, tried) == "SecurityError"
+    assert tab.evaluate("secret") == 42
+
+
+def test_script_that_got_into_a_report_does_not_run_in_the_frame(tab, report, tmp_path):
+    page = report.html_path.read_text(encoding="utf-8")
+    folder = tmp_path / "tampered"
+    folder.mkdir()
+    evil = "<script>document.title = 'ran'</script><img src=x onerror=\"document.title = 'ran'\">"
+    (folder / "report.html").write_text(page.replace("</main>", f"{evil}</main>"))
+    notebook(tab, Report(folder, report.data), tmp_path)
+    assert inside(tab, "document.title") != "ran"
+    assert any("Content Security Policy" in said for said in tab.complaints)
+    assert tab.evaluate("document.title") == "mine"
