@@ -99,7 +99,7 @@ def _seed(picture: str, run_seed: int) -> int:
 
 
 def _common(job: Ledger) -> dict[str, Any]:
-    return {"clock": job.clock, "progress": job.listener.rays}
+    return {"skip": True, "clock": job.clock, "progress": job.listener.rays}
 
 
 def _capture(job: Ledger, fitted: Any) -> tuple[RGBD, RGBD]:
@@ -108,16 +108,13 @@ def _capture(job: Ledger, fitted: Any) -> tuple[RGBD, RGBD]:
 
     s = job.plan.settings
     with job.stage("capture RGB-D"):
-        first, second = (
-            ground_truth.capture(
-                fitted,
-                job.plan.display,
-                pixels_per_pitch=s.capture_pixels_per_pitch,
-                spp=max(1, s.capture_spp // 2),
-                seed=2 * _seed("capture", s.seed) + half,
-                **_common(job),
-            )
-            for half in (0, 1)
+        first, second = ground_truth.capture_halves(
+            fitted,
+            job.plan.display,
+            pixels_per_pitch=s.capture_pixels_per_pitch,
+            spp=s.capture_spp,
+            seed=_seed("capture", s.seed),
+            **_common(job),
         )
         one, other = job.finite("RGB-D", first.color, second.color)
         return replace(first, color=one), replace(first, color=other)

@@ -37,7 +37,7 @@ from inim.display import Display
 from inim.generators.layers_in_view import in_view
 from inim.kernel.scene import FittedScene
 from inim.kernel.sensors import RayFamily, capture_rays, make_sensor
-from inim.kernel.trace import Clock, Progress, mean_light
+from inim.kernel.trace import Clock, Progress, Tracer, mean_light
 
 __all__ = ["MOST_LAYERS", "Peeled", "layer_colours", "peel"]
 
@@ -461,21 +461,20 @@ def layer_colours(
     for layer, covered in enumerate(peeled.covered):
         if not covered.any():
             continue
-        mean = mean_light(
+        tracer = Tracer(
             _light(fitted, sensor, peeled, layer),
             _Row(int(np.count_nonzero(covered))),
-            spp=spp,
-            seed=int(np.random.SeedSequence((seed, layer)).generate_state(1)[0]),
-            clock=clock,
-            progress=progress,
+            int(np.random.SeedSequence((seed, layer)).generate_state(1)[0]),
+            clock,
+            progress,
         )
-        colours[layer][covered] = mean[0]
+        colours[layer][covered] = mean_light(tracer, spp)[0]
     return colours
 
 
 @dataclass(frozen=True)
 class _Row:
-    """A sensor for `mean_light` whose film is one row of all pixels that a layer covers."""
+    """A sensor for `Tracer` whose film is one row of all pixels that a layer covers."""
 
     pixels: int
     has_pupil: bool = False

@@ -12,7 +12,7 @@ from inim.kernel import variant
 from inim.kernel.display_emitter import LensedPanel
 from inim.kernel.full_lens import FullLens
 from inim.kernel.sensors import eye_rays, make_sensor
-from inim.kernel.trace import mean_light
+from inim.kernel.trace import Tracer, mean_light
 from inim.lens import FULL, check_lens_model
 from inim.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm
 
@@ -100,9 +100,7 @@ class DisplayScene:
             focus_distance_mm(viewpoint, self.display),
         )
         sensor = make_sensor(rays, np.eye(4))
-        return mean_light(
-            self._shown.light, sensor, spp=spp, seed=seed, clock=clock, progress=progress
-        )
+        return mean_light(Tracer(self._shown.light, sensor, seed, clock, progress), spp)
 
 
 class AnalyticLens:

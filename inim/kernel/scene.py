@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import mitsuba as mi
@@ -15,6 +16,7 @@ from inim.formats.image import read_exr_texture
 from inim.formats.mesh import check_mesh_file
 from inim.formats.picture import check_picture, is_exr
 from inim.formats.volume import check_volume
+from inim.kernel.silhouette import Silhouette
 from inim.kernel.trace import Clock
 from inim.scene_file import SceneFile
 
@@ -69,6 +71,11 @@ class FittedScene:
     fit: Fit
     start_mm: float
     shapes: int
+
+    @cached_property
+    def silhouette(self) -> Silhouette:
+        """Which pixels may show anything of it."""
+        return Silhouette.of(self.scene, self.fit.display_from_world, self.start_mm)
 
 
 def open_scene(

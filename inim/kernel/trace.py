@@ -1,14 +1,15 @@
 """Tracing a sensor's rays in passes of bounded memory.
 
 Mitsuba's own pass splitting raises memory and fails when the sample count does not divide, so the
-passes are planned here: each traces a wavefront of whole pixels, averages their samples on the
-device in float32 (at most a few dozen values) and adds the result up in float64.
+passes are planned here: each traces a wavefront of samples, adds up those of a pixel on the device
+in float32 (at most a few dozen values) and goes into float64 sums. A sample's random numbers follow
+from its address (`inim.kernel.addressed`), so passes may hold any pixels in any order.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,11 +17,24 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-__all__ = ["Clock", "Light", "Progress", "Surface", "mean_light", "radiance", "surface"]
+from inim.kernel.addressed import PLUGIN
+
+__all__ = [
+    "Clock",
+    "Light",
+    "Progress",
+    "Surface",
+    "Tracer",
+    "mean_light",
+    "scene_light",
+    "surface",
+]
 
 # Rays in flight: a path tracer's state is roughly 300 bytes a ray, so this is about 1.3 GB at
 # most; larger gains nothing on two cores.
 _RAYS_PER_PASS = 2**22
+# Pixels whose float64 sums are held at once.
+_PIXELS_PER_BAND = 2**20
 
 Progress = Callable[[int], None]
 #: What a sensor's ray brings: (sensor, pixel, place within it, point of the pupil, sampler) to
@@ -30,40 +44,25 @@ Light = Callable[[Any, Any, Any, Any, Any], Any]
 
 @dataclass
 class Clock:
-    """Seconds spent inside the renderer, summed over calls."""
+    """Seconds spent inside the renderer and samples traced there, summed over calls."""
 
     seconds: float = 0.0
+    samples: int = 0
 
 
-def radiance(
-    scene: Any,
-    integrator: Any,
-    sensor: Any,
-    *,
-    spp: int,
-    seed: int,
-    clock: Clock | None = None,
-    progress: Progress | None = None,
-) -> np.ndarray:
-    """Mean radiance of a Mitsuba scene in each film pixel; see `mean_light`."""
+def scene_light(scene: Any, integrator: Any) -> Light:
+    """What a sensor's rays bring of a Mitsuba scene."""
 
     def light(sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:
         ray = sensor.rays_through(pixel, within, pupil)
         return integrator.sample(scene, sampler, mi.RayDifferential3f(ray))[0]
 
-    return mean_light(light, sensor, spp=spp, seed=seed, clock=clock, progress=progress)
+    return light
 
 
-def mean_light(
-    light: Light,
-    sensor: Any,
-    *,
-    spp: int,
-    seed: int,
-    clock: Clock | None = None,
-    progress: Progress | None = None,
-) -> np.ndarray:
-    """Mean of what a sensor's rays bring to each film pixel, a box filter over its area.
+@dataclass(frozen=True)
+class Tracer:
+    """Traces samples of a sensor's pixels, any of them.
 
     Parameters
     ----------
@@ -71,73 +70,115 @@ def mean_light(
         Traced once for each pass; Dr.Jit compiles it once.
     sensor :
         One of `inim.kernel.sensors`.
-    spp : int
-        Samples per pixel.
     seed : int
-        Passes derive their own seeds from it: equal seeds give equal pictures.
     clock : Clock, optional
-        Adds the time spent here.
+        Adds the time spent here, and the samples.
     progress : callable, optional
         Called with the number of rays finished.
+    """
+
+    light: Light
+    sensor: Any
+    seed: int
+    clock: Clock | None = None
+    progress: Progress | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the film."""
+        columns, rows = (int(n) for n in self.sensor.film().size())
+        return rows, columns
+
+    def means(self, pixels: np.ndarray, samples: int) -> np.ndarray:
+        """Means over the first samples of pixels, box filters over their areas.
+
+        Not-a-number samples are kept: the caller counts them.
+
+        Parameters
+        ----------
+        pixels : (n,) int array
+            Flat film indices.
+        samples : int
+
+        Returns
+        -------
+        (n, 3) float64, linear RGB
+        """
+        started = time.perf_counter()
+        total = np.zeros((len(pixels), 3))
+        for part, first, some in _passes(len(pixels), samples):
+            color = self._wavefront(pixels[part], first, some)
+            # Summing outside the kernel keeps the count out of it: no compilation per setting.
+            total[part] += np.stack([np.asarray(dr.block_sum(c, some)) for c in color], -1)
+            if self.progress:
+                self.progress((part.stop - part.start) * some)
+        if self.clock:
+            self.clock.seconds += time.perf_counter() - started
+            self.clock.samples += len(pixels) * samples
+        mean: np.ndarray = total / samples
+        return mean
+
+    def _wavefront(self, pixels: np.ndarray, first: int, samples: int) -> Any:
+        """What each sample of one pass brings; one compiled kernel for all passes."""
+        lane = dr.arange(mi.UInt32, len(pixels) * samples)
+        count = dr.opaque(mi.UInt32, samples)
+        entry = lane // count
+        index = dr.gather(mi.UInt32, mi.UInt32(np.asarray(pixels, np.uint32)), entry)
+        sample = lane - entry * count + dr.opaque(mi.UInt32, first)
+        seed = int(np.random.SeedSequence(self.seed).generate_state(1)[0])
+        sampler = mi.load_dict({"type": PLUGIN})
+        sampler.start(seed, index, sample)
+        width = dr.opaque(mi.UInt32, self.shape[1])
+        pixel = mi.Point2u(index % width, index // width)
+        within, pupil = sampler.next_2d(), None
+        if self.sensor.has_pupil:
+            pupil = mi.warp.square_to_uniform_disk_concentric(sampler.next_2d())
+        color = self.light(self.sensor, pixel, within, pupil, sampler)
+        dr.eval(color)
+        return color
+
+
+def mean_light(tracer: Tracer, spp: int, asked: np.ndarray | None = None) -> np.ndarray:
+    """Mean of what a sensor's rays bring to each film pixel, a box filter over its area.
+
+    Parameters
+    ----------
+    tracer : Tracer
+    spp : int
+        Samples per pixel.
+    asked : (rows, columns) bool, optional
+        Pixels to be traced; the others stay black and cost nothing.
 
     Returns
     -------
-    (rows, columns, 3) float32, linear RGB. Not-a-number samples are kept: the caller counts them.
+    (rows, columns, 3) float32, linear RGB. Equal seeds give equal pixels, whatever is asked.
     """
-    started = time.perf_counter()
-    columns, rows = (int(n) for n in sensor.film().size())
-    total = np.zeros((rows * columns, 3))
-    for first, pixels, first_sample, samples in _passes(rows * columns, spp):
-        pass_seed = _pass_seed(seed, first, first_sample)
-        total[first : first + pixels] += (
-            _trace_pass(light, sensor, columns, first, pixels, samples, pass_seed) * samples
-        )
-        if progress:
-            progress(pixels * samples)
-    if clock:
-        clock.seconds += time.perf_counter() - started
-    return (total / spp).astype(np.float32).reshape(rows, columns, 3)
+    rows, columns = tracer.shape
+    image = np.zeros((rows * columns, 3), np.float32)
+    for pixels in _bands(rows * columns, asked):
+        image[pixels] = tracer.means(pixels, spp)
+    return image.reshape(rows, columns, 3)
 
 
-def _passes(pixels: int, spp: int) -> list[tuple[int, int, int, int]]:
-    """(first pixel, pixels, first sample, samples) of each pass, within `_RAYS_PER_PASS`."""
-    samples = min(spp, _RAYS_PER_PASS)
-    per_pass = min(pixels, max(1, _RAYS_PER_PASS // samples))
+def _bands(count: int, asked: np.ndarray | None = None) -> Iterator[np.ndarray]:
+    """Flat indices of the pixels asked for, so many at a time that their float64 sums are small."""
+    for first in range(0, count, _PIXELS_PER_BAND):
+        last = min(first + _PIXELS_PER_BAND, count)
+        if asked is None:
+            yield np.arange(first, last)
+        elif len(pixels := first + np.flatnonzero(asked.reshape(-1)[first:last])):
+            yield pixels
+
+
+def _passes(pixels: int, samples: int) -> list[tuple[slice, int, int]]:
+    """Pixels, first sample and samples of each pass, within `_RAYS_PER_PASS`."""
+    some = min(samples, _RAYS_PER_PASS)
+    each = max(1, _RAYS_PER_PASS // some)
     return [
-        (first, min(per_pass, pixels - first), sample, min(samples, spp - sample))
-        for first in range(0, pixels, per_pass)
-        for sample in range(0, spp, samples)
+        (slice(start, min(start + each, pixels)), first, min(some, samples - first))
+        for start in range(0, pixels, each)
+        for first in range(0, samples, some)
     ]
-
-
-def _pass_seed(*parts: int) -> int:
-    return int(np.random.SeedSequence(parts).generate_state(1)[0])
-
-
-def _trace_pass(
-    light: Light,
-    sensor: Any,
-    columns: int,
-    first: int,
-    pixels: int,
-    samples: int,
-    seed: int,
-) -> np.ndarray:
-    """Mean over the samples of each pixel, (pixels, 3) float64; one compiled kernel for all."""
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, pixels * samples)
-    lane = dr.arange(mi.UInt32, pixels * samples)
-    index = lane // dr.opaque(mi.UInt32, samples) + dr.opaque(mi.UInt32, first)
-    width = dr.opaque(mi.UInt32, columns)
-    pixel = mi.Point2u(index % width, index // width)
-    within, pupil = sampler.next_2d(), None
-    if sensor.has_pupil:
-        pupil = mi.warp.square_to_uniform_disk_concentric(sampler.next_2d())
-    color = light(sensor, pixel, within, pupil, sampler)
-    dr.eval(color)
-    # Summing outside the kernel keeps the sample count out of it: no compilation per setting.
-    mean = [np.asarray(dr.block_sum(channel, samples), np.float64) for channel in color]
-    return np.stack(mean, axis=-1) / samples
 
 
 @dataclass(frozen=True)

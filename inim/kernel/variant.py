@@ -42,7 +42,7 @@ def use(wanted: str = "auto") -> backends.Backend:
 @cache
 def _announce_once() -> None:
     """Register the plugins in the variant there is, if any, and in all that follow."""
-    from inim.kernel import display_emitter, sensors
+    from inim.kernel import addressed, display_emitter, sensors
 
-    for plugins in (sensors, display_emitter):
+    for plugins in (addressed, sensors, display_emitter):
         plugins.announce()

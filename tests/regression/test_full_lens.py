@@ -122,7 +122,7 @@ def test_finer_facets_change_less_than_the_noise(bulge):
     """Equal seeds make equal choices, so what is left of the difference is the facets'."""
     from inim.kernel.full_lens import FullLens
     from inim.kernel.sensors import eye_rays, make_sensor
-    from inim.kernel.trace import mean_light
+    from inim.kernel.trace import Tracer, mean_light
     from inim.lens.sheet_mesh import facets_per_lens
 
     display = display_of(curved_side=bulge)
@@ -133,7 +133,7 @@ def test_finer_facets_change_less_than_the_noise(bulge):
         mesh = FullLens(eia, display, count)
         rays = eye_rays(display, EYE.position_mm, PER_LENS, mesh.start_mm)
         sensor = make_sensor(rays, np.eye(4))
-        looks = [mean_light(mesh.light, sensor, spp=256, seed=seed) for seed in SEEDS]
+        looks = [mean_light(Tracer(mesh.light, sensor, seed), 256) for seed in SEEDS]
         seen.append(np.stack([by_lens(look) for look in looks]))
     noise = seen[0].std(axis=0, ddof=1) / np.sqrt(len(SEEDS))
     change = np.abs(seen[0].mean(axis=0) - seen[1].mean(axis=0))

@@ -67,12 +67,12 @@ def edge_profile(eye, z, spp=128):
     import mitsuba as mi
 
     from inim.kernel.sensors import make_sensor
-    from inim.kernel.trace import radiance
+    from inim.kernel.trace import Tracer, mean_light, scene_light
 
     display, per_lens = small_display(12, 10), 8
     sensor = make_sensor(family(display, eye, per_lens, start_mm=z + 1), np.eye(4))
     integrator = mi.load_dict({"type": "path", "max_depth": 1})
-    picture = radiance(edge(z), integrator, sensor, spp=spp, seed=2)
+    picture = mean_light(Tracer(scene_light(edge(z), integrator), sensor, 2), spp)
     return picture[..., 0].mean(axis=0).astype(np.float64), display.pitch_mm / per_lens
 
 
@@ -187,7 +187,7 @@ def test_a_view_needs_no_scene(model, pupil):
 
     from inim.kernel.display_emitter import display_shape
     from inim.kernel.sensors import make_sensor
-    from inim.kernel.trace import radiance
+    from inim.kernel.trace import Tracer, mean_light, scene_light
 
     display = small_display()
     eia = random_eia(display)
@@ -196,7 +196,7 @@ def test_a_view_needs_no_scene(model, pupil):
     scene = mi.load_dict({"type": "scene", "display": display_shape(eia, display, model)})
     integrator = mi.load_dict({"type": "path", "max_depth": 1})
     sensor = make_sensor(family(display, eye), np.eye(4))
-    composed = radiance(scene, integrator, sensor, spp=64, seed=5)
+    composed = mean_light(Tracer(scene_light(scene, integrator), sensor, 5), 64)
     # Rounding moves a few landing points across the border of two panel pixels, one sample in 64
     # of their view pixels each; any other ray would move nearly all.
     differ = np.abs(alone - composed).max(axis=-1) > 1e-5

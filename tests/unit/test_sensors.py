@@ -111,7 +111,7 @@ def test_the_pickup_plugin_renders_with_the_stock_renderer(open_fitted):
     import mitsuba as mi
 
     from inim.kernel.sensors import make_sensor, pickup_rays
-    from inim.kernel.trace import radiance
+    from inim.kernel.trace import Tracer, mean_light, scene_light
 
     display = small_display()
     fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
@@ -119,36 +119,32 @@ def test_the_pickup_plugin_renders_with_the_stock_renderer(open_fitted):
     stock = np.asarray(
         mi.render(fitted.scene, sensor=sensor, integrator=fitted.integrator, spp=256, seed=3)
     )
-    own = radiance(fitted.scene, fitted.integrator, sensor, spp=256, seed=4)
+    own = mean_light(Tracer(scene_light(fitted.scene, fitted.integrator), sensor, 4), 256)
     assert stock.shape == own.shape
     # Delta light: the only noise is where inside a pixel the sample lies, largest at the rim.
     assert np.abs(stock - own).mean() < 2e-3
     assert own.max() > 0.1
 
 
-def test_passes_of_any_size_give_the_same_mean(open_fitted, monkeypatch):
+def test_passes_of_any_size_give_the_same_pixels(open_fitted, monkeypatch):
+    """A sample's numbers follow from its address: passes, bands and masks only sort the work."""
     from inim.kernel import trace
     from inim.kernel.sensors import make_sensor, pickup_rays
 
     display = small_display()
     fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
     sensor = make_sensor(pickup_rays(display, fitted.start_mm), fitted.fit.world_from_display)
-    whole = trace.radiance(fitted.scene, fitted.integrator, sensor, spp=48, seed=1)
-    monkeypatch.setattr(trace, "_RAYS_PER_PASS", 20)
-    monkeypatch.setattr(trace, "_passes", lambda n, spp: _odd_passes(n, spp))
-    split = trace.radiance(fitted.scene, fitted.integrator, sensor, spp=48, seed=1)
-    assert np.abs(whole - split).mean() < 5e-3
-    again = trace.radiance(fitted.scene, fitted.integrator, sensor, spp=48, seed=1)
-    assert np.array_equal(split, again), "equal seeds give equal pictures"
-
-
-def _odd_passes(pixels, spp):
-    """Sizes that divide neither the pixels nor the samples."""
-    return [
-        (first, min(1777, pixels - first), sample, min(11, spp - sample))
-        for first in range(0, pixels, 1777)
-        for sample in range(0, spp, 11)
-    ]
+    tracer = trace.Tracer(trace.scene_light(fitted.scene, fitted.integrator), sensor, 1)
+    whole = trace.mean_light(tracer, 48)
+    asked = np.random.default_rng(1).random(whole.shape[:2]) < 0.1
+    assert np.array_equal(trace.mean_light(tracer, 48, asked), whole * asked[..., None])
+    monkeypatch.setattr(trace, "_RAYS_PER_PASS", 48 * 1777)
+    monkeypatch.setattr(trace, "_PIXELS_PER_BAND", 4321)
+    assert np.array_equal(trace.mean_light(tracer, 48), whole)
+    monkeypatch.setattr(trace, "_RAYS_PER_PASS", 20)  # pixels whose samples take three passes
+    few = np.flatnonzero(asked)[:50]
+    apart = tracer.means(few, 48)
+    assert np.abs(apart - whole.reshape(-1, 3)[few]).max() < 1e-6, "only sums are rounded elsewhere"
 
 
 @pytest.mark.parametrize(("pixels", "spp"), [(1, 1), (10, 3), (1088 * 1088, 32), (7, 10**7)])
@@ -156,9 +152,10 @@ def test_passes_cover_every_sample_once(pixels, spp):
     from inim.kernel.trace import _RAYS_PER_PASS, _passes
 
     passes = _passes(pixels, spp)
-    assert sum(p[1] * p[3] for p in passes) == pixels * spp
-    assert max(p[1] * p[3] for p in passes) <= max(_RAYS_PER_PASS, 1)
-    assert len({(p[0], p[2]) for p in passes}) == len(passes)
+    sizes = [(part.stop - part.start) * samples for part, _, samples in passes]
+    assert sum(sizes) == pixels * spp
+    assert max(sizes) <= max(_RAYS_PER_PASS, 1)
+    assert len({(part.start, first) for part, first, _ in passes}) == len(passes)
 
 
 def test_lights_are_hidden_from_depth_and_colour(open_fitted):

@@ -1,0 +1,107 @@
+"""Sampler plugin `inim_addressed`: random numbers by address, not by turn, and well spread.
+
+The numbers of a sample follow from (seed, pixel, sample) and nothing else: which other pixels are
+traced with it, in what order and in how many passes changes none of them. So whatever is skipped
+leaves every other pixel its bits, and a picture may be traced in tiles, in part, or on and on.
+
+Every pair of numbers that a path asks for is a point of the Sobol' (0, 2)-sequence, in an order and
+with an Owen scrambling of its own for each seed, pixel and pair (Burley, "Practical hash-based Owen
+scrambling", JCGT 9(4), 2020). Each sample alone is uniform and pictures of two seeds share nothing;
+but the samples of one pixel spread over it, its light and its lens, and leave less noise than as
+many independent ones.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+__all__ = ["PLUGIN", "announce"]
+
+PLUGIN = "inim_addressed"
+
+# Multipliers of the Laine-Karras permutation, as improved by Vegdahl (2021).
+_PERMUTATION = (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6)
+# Of the integer hash by Wellons (2018), "lowbias32".
+_HASH = ((16, 0x7FEB352D), (15, 0x846CA68B))
+# The sequence's second axis is Pascal's triangle mod 2, whose blocks repeat at every scale: shifts
+# and the bits they take.
+_PASCAL = ((16, 0xFFFF0000), (8, 0xFF00FF00), (4, 0xF0F0F0F0), (2, 0xCCCCCCCC), (1, 0xAAAAAAAA))
+_TO_UNIT = 2.0**-24
+
+
+def announce() -> None:
+    """Register the plugin in every variant that is set from now on."""
+    mi.detail.add_variant_callback(_register)
+    _register()
+
+
+def _hashed(x: Any) -> Any:
+    """A number that has nothing to do with `x`, UInt32."""
+    for shift, factor in _HASH:
+        x = (x ^ (x >> shift)) * factor
+    return x ^ (x >> 16)
+
+
+def _scrambled(x: Any, seed: Any) -> Any:
+    """Owen scrambling: each bit turned over or not, by the bits above it."""
+    x = dr.brev(x) + seed
+    for factor in _PERMUTATION:
+        x ^= x * factor
+    return dr.brev(x)
+
+
+def _second_axis(index: Any) -> Any:
+    """The second coordinate of the sequence's points, UInt32; the first is `brev(index)`."""
+    for shift, bits in _PASCAL:
+        index ^= (index & bits) >> shift
+    return dr.brev(index)
+
+
+def _unit(x: Any) -> Any:
+    """A UInt32 as a number in [0, 1): 24 bits, so that it cannot round to 1."""
+    return mi.Float(x >> 8) * _TO_UNIT
+
+
+def _register(_old: str | None = None, _new: str | None = None) -> None:
+    """Define and register the class anew: plugins belong to the variant they were made in."""
+    if mi.variant() is None or mi.variant().startswith("scalar"):
+        return
+
+    class AddressedSampler(mi.Sampler):  # type: ignore[misc]
+        """Addresses in, a stream of numbers out for each."""
+
+        def __init__(self, props: Any) -> None:
+            super().__init__(props)
+            self._sample: Any = None
+            self._stream: Any = None
+
+        def start(self, seed: int, pixel: Any, sample: Any) -> None:
+            """Begin the streams of the addresses: `pixel` and `sample` are (n,) UInt32."""
+            self._sample = mi.UInt32(sample)
+            self._stream = _hashed(_hashed(pixel) + _hashed(dr.opaque(mi.UInt32, seed)))
+
+        def _next(self, active: Any) -> tuple[Any, Any]:
+            """Where a path's next number or pair lies in the sequence, and a key of its own."""
+            key = _hashed(self._stream)
+            # The stream goes on by a step that is prime to its period.
+            self._stream = dr.select(mi.Mask(active), self._stream + 0x9E3779B9, self._stream)
+            return _scrambled(self._sample, key), key
+
+        def next_1d(self, active: Any = True) -> Any:
+            index, key = self._next(active)
+            return _unit(_scrambled(dr.brev(index), _hashed(key ^ 0x55555555)))
+
+        def next_2d(self, active: Any = True) -> Any:
+            index, key = self._next(active)
+            return mi.Point2f(
+                _unit(_scrambled(dr.brev(index), _hashed(key ^ 0x55555555))),
+                _unit(_scrambled(_second_axis(index), _hashed(key ^ 0xAAAAAAAA))),
+            )
+
+        def to_string(self) -> str:
+            return PLUGIN
+
+    mi.register_sampler(PLUGIN, AddressedSampler)
