@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["linear_from_srgb", "srgb_from_linear", "srgb_to_uint8"]
+from inim.row_bands import row_bands
+
+__all__ = ["linear_from_srgb", "srgb_codes", "srgb_from_linear", "srgb_to_uint8"]
 
 # Where the straight part of the curve ends, in linear light and in code value.
 _KNEE = 0.0031308
@@ -48,4 +50,12 @@ def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
 def srgb_to_uint8(srgb: np.ndarray) -> np.ndarray:
     """The 8-bit code values of sRGB in 0..1, rounded to nearest."""
     codes: np.ndarray = np.rint(np.clip(srgb, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return codes
+
+
+def srgb_codes(linear: np.ndarray) -> np.ndarray:
+    """The 8-bit sRGB of linear light, (rows, columns, ...), a band of rows at a time."""
+    codes = np.empty(linear.shape, np.uint8)
+    for band in row_bands(*linear.shape[:2]):
+        codes[band] = srgb_to_uint8(srgb_from_linear(linear[band]))
     return codes

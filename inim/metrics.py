@@ -12,6 +12,7 @@ import numpy as np
 
 from inim.color import srgb_from_linear
 from inim.errors import UsageError
+from inim.row_bands import row_bands
 
 __all__ = ["SSIM_WINDOW", "flip", "psnr_db", "score", "ssim", "ssim_map"]
 
@@ -24,7 +25,7 @@ _FLIP_PIXELS_PER_DEGREE = 67.0
 
 
 def ssim_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
-    """Structural similarity of each pixel, (rows, columns), mean over the channels.
+    """Structural similarity of each pixel, (rows, columns) float32, mean over the channels.
 
     Parameters
     ----------
@@ -36,17 +37,24 @@ def ssim_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
     from skimage.metrics import structural_similarity
 
     _check_alike(reference, test)
-    _, local = structural_similarity(
-        srgb_from_linear(reference),
-        srgb_from_linear(test),
-        data_range=1.0,
-        channel_axis=-1,
-        gaussian_weights=True,
-        sigma=_SSIM_SIGMA,
-        use_sample_covariance=False,
-        full=True,
-    )
-    return np.asarray(local.mean(axis=-1))
+    rows, columns = reference.shape[:2]
+    found = np.empty((rows, columns), np.float32)
+    for band in row_bands(rows, columns):
+        # With what the window reaches beyond it, and no less than a window, seams do not show.
+        first = max(0, min(band.start - SSIM_WINDOW // 2, rows - SSIM_WINDOW))
+        reach = slice(first, max(band.stop + SSIM_WINDOW // 2, SSIM_WINDOW))
+        _, local = structural_similarity(
+            srgb_from_linear(reference[reach]),
+            srgb_from_linear(test[reach]),
+            data_range=1.0,
+            channel_axis=-1,
+            gaussian_weights=True,
+            sigma=_SSIM_SIGMA,
+            use_sample_covariance=False,
+            full=True,
+        )
+        found[band] = local[band.start - first : band.stop - first].mean(axis=-1)
+    return found
 
 
 def ssim(reference: np.ndarray, test: np.ndarray, mask: np.ndarray | None = None) -> float:
@@ -61,8 +69,12 @@ def _mean(local: np.ndarray, mask: np.ndarray | None = None) -> float:
 def psnr_db(reference: np.ndarray, test: np.ndarray) -> float:
     """Peak signal-to-noise ratio of sRGB in 0..1, dB; infinite for equal pictures."""
     _check_alike(reference, test)
-    difference = srgb_from_linear(reference).astype(np.float64) - srgb_from_linear(test)
-    error = float(np.mean(np.square(difference)))
+    by_row: list[float] = []  # and these exactly: in bands of any height the same
+    for band in row_bands(*reference.shape[:2]):
+        first, second = (srgb_from_linear(image[band]) for image in (reference, test))
+        squares = np.square(first.astype(np.float64) - second)
+        by_row += squares.reshape(len(squares), -1).sum(axis=1).tolist()
+    error = math.fsum(by_row) / reference.size
     return math.inf if error == 0 else -10 * math.log10(error)
 
 
@@ -107,6 +119,7 @@ def _check_alike(reference: np.ndarray, test: np.ndarray) -> None:
             "both must be (rows, columns, 3)"
         )
     for name, image in (("reference", reference), ("test", test)):
-        if not np.isfinite(image).all():
-            bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
+        bands = row_bands(*image.shape[:2])
+        bad = sum(int(np.count_nonzero(~np.isfinite(image[b]).all(axis=-1))) for b in bands)
+        if bad:
             raise UsageError(f"the {name} picture has {bad} pixels that are not finite")

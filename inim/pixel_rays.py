@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from inim.errors import DisplayError
+from inim.row_bands import row_bands
 
 if TYPE_CHECKING:
     from inim.display import Display
@@ -55,9 +56,7 @@ class PixelRays:
 
 def row_blocks(display: Display) -> Iterator[slice]:
     """The panel's rows in blocks of bounded size, top to bottom."""
-    rows, columns = display.eia_shape
-    step = max(1, _PIXELS_AT_ONCE // columns)
-    return (slice(first, min(first + step, rows)) for first in range(0, rows, step))
+    return row_bands(*display.eia_shape, _PIXELS_AT_ONCE)
 
 
 def pixel_rays(display: Display, rows: slice, aside: tuple[float, float] = (0.0, 0.0)) -> PixelRays:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.color import srgb_from_linear, srgb_to_uint8
+from inim.color import srgb_codes
 from inim.errors import FileError
 from inim.formats.image import write_atomically
 from inim.version import __version__
@@ -63,7 +63,7 @@ def _write_png(
 ) -> None:
     from PIL import Image
 
-    codes = srgb_to_uint8(srgb_from_linear(eia))
+    codes = srgb_codes(eia)
     if empty is not None:
         alpha = np.where(empty, 0, 255).astype(np.uint8)
         codes = np.concatenate([codes, alpha[..., None]], axis=-1)
@@ -120,7 +120,7 @@ def write_true_size_pdf(path: Path, eia: NDArray[np.float32], pixel_mm: float) -
             f"{path}: a page of {columns * pixel_mm:.0f} x {rows * pixel_mm:.0f} mm is larger than "
             "PDF allows; print the PNG from a program that keeps its size"
         )
-    codes = srgb_to_uint8(srgb_from_linear(eia))
+    codes = srgb_codes(eia)
     content = f"q {width:.6f} 0 0 {height:.6f} 0 0 cm /EIA Do Q\n".encode()
     picture = zlib.compress(codes.tobytes(), 6)
     objects = [

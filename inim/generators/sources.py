@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from inim.errors import UsageError
 from inim.rgbd import RGBD
+from inim.row_bands import row_bands
 
 __all__ = ["HOLE", "NOT_ASKED", "NO_LENS", "Sources", "colour_of", "hole_fraction"]
 
@@ -15,6 +17,9 @@ HOLE = -1
 NO_LENS = -2
 #: A panel pixel that was not asked for.
 NOT_ASKED = -3
+
+# Indices and colours of so many pixels stay in a processor's cache.
+_PIXELS_AT_ONCE = 2**15
 
 #: (rows, columns) int32: ``row * W + column`` of the picture's pixel, `HOLE` or `NO_LENS`.
 Sources = NDArray[np.int32]
@@ -29,7 +34,20 @@ def colour_of(sources: Sources, rgbd: RGBD, out: np.ndarray | None = None) -> np
     # One empty pixel at the end serves holes and unlensed pixels alike.
     nothing = np.zeros((1, channels), rgbd.color.dtype)
     palette = np.concatenate([rgbd.palette.reshape(-1, channels), nothing])
-    return np.take(palette, np.where(sources >= 0, sources, len(palette) - 1), axis=0, out=out)
+    if out is None:
+        out = np.empty((*sources.shape, channels), palette.dtype)
+    nowhere = len(palette) - 1
+    for band in row_bands(sources.shape[0], sources.shape[1], _PIXELS_AT_ONCE):
+        some = sources[band]
+        if some.max(initial=HOLE) >= nowhere:
+            raise UsageError(
+                f"a source is {some.max()}; this picture has 0 to {nowhere - 1}, and {NO_LENS} and "
+                f"{HOLE} mean none"
+            )
+        index = np.where(some >= 0, some, nowhere)
+        # Not "raise", by which all of the output would be written twice.
+        np.take(palette, index, axis=0, out=out[band], mode="clip")
+    return out
 
 
 def hole_fraction(sources: Sources) -> float:

@@ -68,7 +68,7 @@ def _grid(text: str | None) -> tuple[int, int] | None:
 
 def _eia(args: argparse.Namespace) -> tuple[np.ndarray, Display]:
     """The EIA as 8-bit sRGB, and its display."""
-    from inim.color import srgb_from_linear, srgb_to_uint8
+    from inim.color import srgb_codes
     from inim.formats.eia_file import read_eia
 
     if args.what.is_dir():
@@ -82,7 +82,7 @@ def _eia(args: argparse.Namespace) -> tuple[np.ndarray, Display]:
         if args.name:
             raise UsageError("--name: is for a report's folder; an EIA has no others beside it")
         path, display = args.what, chosen_display(args.display, args.definitions, "inim export")[0]
-    return srgb_to_uint8(srgb_from_linear(read_eia(path, display)[0])), display
+    return srgb_codes(read_eia(path, display)[0]), display
 
 
 def _of_report(folder: Path, name: str | None) -> tuple[Path, Display]:

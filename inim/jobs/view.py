@@ -130,7 +130,7 @@ def view_eia(
     InimError
         Of the kind that fits: a display or an EIA that cannot be, or that do not fit together.
     """
-    from inim.color import srgb_from_linear, srgb_to_uint8
+    from inim.color import srgb_codes
     from inim.formats.eia_file import read_eia
     from inim.misalignment import mounted
     from inim.report.pictures import ENCODINGS, Pictures
@@ -145,7 +145,7 @@ def view_eia(
     viewpoints = parse_viewpoints(settings.viewpoints, design, settings.viewing_distance_mm)
     eyes = [Eye(v.name, v.position_mm) for v in viewpoints]
     real = mounted(design, settings.misalign)
-    codes = srgb_to_uint8(srgb_from_linear(read_eia(eia, real)[0]))
+    codes = srgb_codes(read_eia(eia, real)[0])
     stills = [
         Still(eye.name, "thin lenses", still_view(codes, real, eye.position_mm, "thin"))
         for eye in eyes

@@ -21,6 +21,7 @@ from inim.display import Display
 from inim.regression.inference import FALSE_ALARM_RATE, binomial_interval
 from inim.regression.verdict import Verdict
 from inim.rgbd import RGBD
+from inim.row_bands import row_bands
 
 __all__ = ["Fingerprint", "compare_fingerprints", "fingerprint", "fixed_picture"]
 
@@ -125,8 +126,10 @@ def fingerprint(rgbd: RGBD, eia: np.ndarray, display: Display, *, exact: bool) -
     values = np.nan_to_num(eia.reshape(-1, 3)[picked], nan=0.0, posinf=1.0, neginf=0.0)
     sample = np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
     # Adding zero turns -0 into 0, which is the same light.
-    digest = hashlib.sha256(np.ascontiguousarray(eia + np.float32(0)).tobytes()).hexdigest()
-    return Fingerprint(exact, picture_sha256(rgbd), digest, sample)
+    digest = hashlib.sha256()
+    for band in row_bands(*display.eia_shape):
+        digest.update((eia[band] + np.float32(0)).tobytes())
+    return Fingerprint(exact, picture_sha256(rgbd), digest.hexdigest(), sample)
 
 
 def sampled_pixels(display: Display) -> np.ndarray:

@@ -30,10 +30,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
 from inim.regression.inference import freedom_of_sum
+from inim.row_bands import row_bands
 
 __all__ = ["TileStatistics", "eia_tile", "tile_statistics", "view_tile"]
 
@@ -41,6 +43,8 @@ __all__ = ["TileStatistics", "eia_tile", "tile_statistics", "view_tile"]
 _LEAST_TILE_PX = 8
 # Statistics of a picture take 40 bytes a tile: at most 40 KB, before compression.
 _MOST_TILES_ALONG = 32
+# Some 200 bytes each on the way.
+_PIXELS_AT_ONCE = 2**20
 
 
 @dataclass(frozen=True)
@@ -131,35 +135,81 @@ def tile_statistics(
     generated : bool
         Whether pixels may show the same pixel of another picture, as a generator's EIA does.
     """
-    a, b = first.astype(np.float64), second.astype(np.float64)
-    noise = np.square(a - b)
-    count = _sums(np.ones(a.shape[:2]), tile)
-    mean = _sums((a + b) / 2, tile) / count[..., None]
-    powers = _Sets(a - b, tile, count.shape).powers if generated else _each(tile)
-    squares, fourths = powers((a - b) / 2, 2), powers((a - b) / 2, 4)
-    variance = squares / np.square(count)[..., None]
-    halves = (_sums(a, tile) - _sums(b, tile)) / count[..., None]
-    effect = _design_effect(np.square(halves) / 4, variance)
-    # var(a b) = 2 x^2 s^2 + s^4 with s^2 from (a - b)^2 / 2 and s^4 from (a - b)^4 / 12, Gaussian;
-    # a pixel's colours come from the same paths, so their errors are added, not their squares.
-    spread = np.sqrt(np.square((a + b) / 2) * noise + np.square(noise) / 12).mean(axis=-1)
-    power = _sums((a * b).mean(axis=-1), tile) / count
-    power_variance = powers(spread[..., None], 2)[..., 0] / np.square(count)
+    rows, columns = first.shape[:2]
+    # Whole rows of tiles: what is found of a tile depends on its own pixels only.
+    tiles = max(1, _PIXELS_AT_ONCE // (columns * tile[0]))
+    found = [
+        _Sums.of(first[band], second[band], tile, generated=generated)
+        for band in row_bands(rows, columns, tiles * tile[0] * columns)
+    ]
+    all_tiles = _Sums(*(np.concatenate(each) for each in zip(*found, strict=True)))
+    count = all_tiles.pixels
+    variance = all_tiles.squares / np.square(count)[..., None]
+    effect = _design_effect(np.square(all_tiles.halves / count[..., None]) / 4, variance)
+    power_variance = all_tiles.spread / np.square(count)
     # No more than there are pixels, however even their noise happened to be.
-    freedom = np.minimum(freedom_of_sum(squares, fourths), count[..., None])
-    freedom = np.maximum(freedom / effect, 1.0)
+    freedom = freedom_of_sum(all_tiles.squares, all_tiles.fourths)
+    freedom = np.maximum(np.minimum(freedom, count[..., None]) / effect, 1.0)
     if generated:
         variance = _moderated(variance, freedom)
         power_variance = _moderated(power_variance, freedom.min(axis=-1))
+    mean = all_tiles.mean / count[..., None]
+    power = all_tiles.power / count
     return TileStatistics(
         tile,
-        (first.shape[0], first.shape[1]),
+        (rows, columns),
         mean.astype(np.float32),
         np.sqrt(effect * variance).astype(np.float32),
         power.astype(np.float32),
         np.sqrt(effect * power_variance).astype(np.float32),
         freedom.astype(np.float32),
     )
+
+
+class _Sums(NamedTuple):
+    """Sums over the pixels of each tile; see the module.
+
+    Attributes
+    ----------
+    pixels, power, spread : (R, C) float64
+        How many, `a b`, and squared errors of `a b`.
+    mean, halves : (R, C, 3) float64
+        Of ``(a + b) / 2`` and ``a - b``.
+    squares, fourths : (R, C, 3) float64
+        Powers of ``(a - b) / 2`` summed over each set.
+    """
+
+    pixels: np.ndarray
+    mean: np.ndarray
+    halves: np.ndarray
+    squares: np.ndarray
+    fourths: np.ndarray
+    power: np.ndarray
+    spread: np.ndarray
+
+    @classmethod
+    def of(
+        cls, first: np.ndarray, second: np.ndarray, tile: tuple[int, int], *, generated: bool
+    ) -> _Sums:
+        """Of the two halves of a band of whole tiles."""
+        a, b = first.astype(np.float64), second.astype(np.float64)
+        difference = a - b
+        count = _sums(np.ones(a.shape[:2]), tile)
+        powers = _Sets(difference, tile, count.shape).powers if generated else _each(tile)
+        noise = np.square(difference)
+        # var(a b) = 2 x^2 s^2 + s^4 with s^2 from (a - b)^2 / 2 and s^4 from (a - b)^4 / 12,
+        # Gaussian; a pixel's colours come from the same paths, so their errors are added, not their
+        # squares.
+        spread = np.sqrt(np.square((a + b) / 2) * noise + np.square(noise) / 12).mean(axis=-1)
+        return cls(
+            count,
+            _sums((a + b) / 2, tile),
+            _sums(a, tile) - _sums(b, tile),
+            powers(difference / 2, 2),
+            powers(difference / 2, 4),
+            _sums((a * b).mean(axis=-1), tile),
+            powers(spread[..., None], 2)[..., 0],
+        )
 
 
 def _each(tile: tuple[int, int]) -> Callable[[np.ndarray, int], np.ndarray]:
@@ -184,7 +234,9 @@ class _Sets:
     ) -> None:
         self._tile, self._tiles = tile, tiles
         # One number for three colours: equal for equal ones, and for others only by chance.
-        mixed = self._listed(difference @ np.array([1.0, 0.754877666, 0.569840291]))
+        # Term by term: a matrix product's rounding may depend on where in the array a pixel stands.
+        red, green, blue = (difference[..., c] for c in range(3))
+        mixed = self._listed(red + 0.754877666 * green + 0.569840291 * blue)
         self._order = np.argsort(mixed, axis=-1)
         mixed = np.take_along_axis(mixed, self._order, axis=-1)
         begins = np.ones(mixed.shape, bool)

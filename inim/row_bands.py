@@ -1,0 +1,16 @@
+"""Pictures a band of rows at a time, so that what is made of them on the way stays small."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+__all__ = ["row_bands"]
+
+# Pixels of a band: its temporaries, a few dozen bytes a pixel, stay below a hundred megabytes.
+_PIXELS = 2**20
+
+
+def row_bands(rows: int, columns: int, pixels: int | None = None) -> Iterator[slice]:
+    """Slices of rows from top to bottom, each of about as many pixels, one row at least."""
+    step = max(1, (pixels or _PIXELS) // max(1, columns))
+    return (slice(first, min(first + step, rows)) for first in range(0, rows, step))

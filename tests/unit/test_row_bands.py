@@ -1,0 +1,130 @@
+"""What is computed a band of rows at a time has no seams: the same bits as in one piece."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+
+import numpy as np
+import pytest
+
+from inim import metrics
+from inim.color import linear_from_srgb, srgb_codes, srgb_from_linear, srgb_to_uint8
+from inim.errors import UsageError
+from inim.generators import colour_of
+from inim.regression import fingerprint, fixed_picture
+from inim.regression.tiles import tile_statistics
+from inim.rgbd import RGBD
+from inim.row_bands import row_bands
+from tests.conftest import small_display
+
+# Pixels of a band: single rows, a few, one less than all, all.
+BANDS = [1, 200, 700, 40 * 37 - 1, 2**20]
+
+
+@pytest.fixture(params=BANDS)
+def band(request, monkeypatch) -> int:
+    monkeypatch.setattr("inim.row_bands._PIXELS", request.param)
+    monkeypatch.setattr("inim.regression.tiles._PIXELS_AT_ONCE", request.param)
+    monkeypatch.setattr("inim.generators.sources._PIXELS_AT_ONCE", request.param)
+    return request.param
+
+
+def pictures(rows: int = 40, columns: int = 37) -> tuple[np.ndarray, np.ndarray]:
+    random = np.random.default_rng(rows)
+    first = random.random((rows, columns, 3), np.float32)
+    return first, np.clip(first + random.normal(0, 0.1, first.shape), -0.1, 1.2).astype(np.float32)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(1, 5), (7, 3), (40, 37), (5, 4000)])
+def test_bands_are_the_rows_once_each_in_order(rows, columns, band):
+    found = list(row_bands(rows, columns))
+    assert [r for b in found for r in range(rows)[b]] == list(range(rows))
+    assert all((b.stop - b.start) * columns <= max(band, columns) for b in found)
+
+
+@pytest.mark.parametrize("rows", [11, 12, 15, 16, 17, 40])
+def test_ssim_is_that_of_scikit_image_on_the_whole_picture(rows, band):
+    from skimage.metrics import structural_similarity
+
+    pair = pictures(rows)
+    whole = structural_similarity(
+        *map(srgb_from_linear, pair), data_range=1.0, channel_axis=-1, gaussian_weights=True,
+        sigma=1.5, use_sample_covariance=False, full=True,
+    )[1]  # fmt: skip
+    assert np.array_equal(metrics.ssim_map(*pair), whole.mean(axis=-1))
+
+
+def test_psnr_is_the_same_in_any_bands(band, monkeypatch):
+    pair = pictures()
+    difference = np.subtract(*(srgb_from_linear(p).astype(np.float64).ravel() for p in pair))
+    error = math.fsum((difference**2).tolist()) / difference.size
+    assert metrics.psnr_db(*pair) == pytest.approx(-10 * math.log10(error), rel=1e-14)
+    found = metrics.psnr_db(*pair)
+    monkeypatch.setattr("inim.row_bands._PIXELS", 2**30)
+    assert metrics.psnr_db(*pair) == found
+
+
+def test_pixels_that_are_not_finite_are_counted_over_all_bands(band):
+    first, second = pictures()
+    second[3, 4, 1] = second[39, 36] = np.nan
+    with pytest.raises(UsageError, match="the test picture has 2 pixels"):
+        metrics.psnr_db(first, second)
+
+
+def test_codes_are_those_of_the_whole_picture(band):
+    picture = pictures()[1]
+    codes = srgb_codes(picture)
+    assert codes.dtype == np.uint8
+    assert np.array_equal(codes, srgb_to_uint8(srgb_from_linear(picture)))
+    every = np.arange(256, dtype=np.uint8).reshape(32, 8)
+    assert np.array_equal(srgb_codes(linear_from_srgb(every / np.float32(255))), every)
+
+
+@pytest.mark.parametrize("generated", [False, True])
+def test_statistics_of_tiles_are_those_of_each_tile_alone(generated, band):
+    """Sums of a tile know nothing of the others; only what is moderated does, so not here."""
+    palette = pictures(2, 40)
+    source = np.random.default_rng(3).integers(0, 80, (40, 37))
+    halves = [p.reshape(-1, 3)[source] for p in palette] if generated else pictures()
+    found = tile_statistics(*halves, (9, 8), generated=generated)
+    assert found.mean.shape == (5, 5, 3)
+    for r in range(5):
+        for c in range(5):
+            at = slice(9 * r, 9 * r + 9), slice(8 * c, 8 * c + 8)
+            a, b = (h[at].astype(np.float64) for h in halves)
+            assert found.mean[r, c] == pytest.approx(((a + b) / 2).mean(axis=(0, 1)), rel=1e-6)
+            assert found.power[r, c] == pytest.approx((a * b).mean(), rel=1e-6)
+
+
+@pytest.mark.parametrize("generated", [False, True])
+def test_statistics_of_tiles_are_the_same_in_any_bands(generated, band, monkeypatch):
+    palette = pictures(2, 40)
+    source = np.random.default_rng(3).integers(0, 80, (40, 37))
+    halves = [p.reshape(-1, 3)[source] for p in palette] if generated else pictures()
+    found = tile_statistics(*halves, (9, 8), generated=generated).arrays()
+    monkeypatch.setattr("inim.regression.tiles._PIXELS_AT_ONCE", 2**30)
+    whole = tile_statistics(*halves, (9, 8), generated=generated).arrays()
+    assert all(np.array_equal(found[name], whole[name]) for name in whole)
+
+
+def test_a_fingerprint_is_of_the_whole_eia(band):
+    display = small_display(5, 4, 8)
+    rgbd = fixed_picture(display, (8, 10), 0.5)
+    eia = np.random.default_rng(1).random((*display.eia_shape, 3), np.float32)
+    eia[0, 0] = -0.0
+    known = hashlib.sha256((eia + np.float32(0)).tobytes()).hexdigest()
+    assert fingerprint(rgbd, eia, display, exact=True).eia_sha256 == known
+
+
+def test_colours_of_sources_are_looked_up_one_by_one(band):
+    color = np.random.default_rng(2).random((6, 7, 3), np.float32)
+    rgbd = RGBD(color, np.zeros((6, 7)), np.ones((6, 7), bool), 1.0)
+    sources = np.random.default_rng(2).integers(-3, 42, (40, 37)).astype(np.int32)
+    shown = colour_of(sources, rgbd)
+    for at in np.ndindex(sources.shape):
+        source = sources[at]
+        assert np.array_equal(shown[at], color[source // 7, source % 7] if source >= 0 else [0] * 3)
+    sources[39, 36] = 42
+    with pytest.raises(UsageError, match="a source is 42; this picture has 0 to 41"):
+        colour_of(sources, rgbd)
