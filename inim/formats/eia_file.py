@@ -13,6 +13,7 @@ from inim.display import Display
 from inim.errors import FileError
 from inim.formats.image import exr_size, read_exr_channels
 from inim.formats.png import check_png
+from inim.row_bands import row_bands
 
 __all__ = ["check_eia_name", "read_eia"]
 
@@ -106,9 +107,19 @@ def _read_png(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | No
 def _linear(picture: Any) -> tuple[np.ndarray, np.ndarray | None]:
     """Linear RGB and alpha of an open picture, decoded here."""
     if picture.mode in _GREY_16:
-        grey = linear_from_srgb(np.asarray(picture, np.float32) / 65535)
-        return np.repeat(grey[..., None], 3, axis=-1), None
+        return _linear_codes(np.asarray(picture)[..., None], 65535), None
     if "transparency" not in picture.info and "A" not in picture.getbands():
-        return linear_from_srgb(np.asarray(picture.convert("RGB"), np.float32) / 255), None
-    rgba = np.asarray(picture.convert("RGBA"), np.float32) / 255
-    return linear_from_srgb(rgba[..., :3]) * rgba[..., 3:], rgba[..., 3]
+        return _linear_codes(np.asarray(picture.convert("RGB")), 255), None
+    rgba = np.asarray(picture.convert("RGBA"))
+    alpha = rgba[..., 3].astype(np.float32) / 255
+    rgb = _linear_codes(rgba[..., :3], 255)
+    rgb *= alpha[..., None]
+    return rgb, alpha
+
+
+def _linear_codes(codes: np.ndarray, white: int) -> np.ndarray:
+    """Linear RGB, (rows, columns, 3) float32, of grey or colour codes up to that of white."""
+    linear = np.empty((*codes.shape[:2], 3), np.float32)
+    for band in row_bands(*codes.shape[:2]):
+        linear[band] = linear_from_srgb(codes[band].astype(np.float32) / white)
+    return linear

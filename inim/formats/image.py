@@ -72,8 +72,8 @@ def write_png(path: Path, linear: np.ndarray) -> None:
 
 def write_exr(path: Path, linear: np.ndarray, attributes: Mapping[str, Any] | None = None) -> None:
     """Write (H, W, 3) linear RGB as a one-part float32 EXR."""
-    part = ({"R": linear[..., 0], "G": linear[..., 1], "B": linear[..., 2]}, "color")
-    _write_parts(path, [part], attributes)
+    # Packed, the file is the same, and channels need not be copied apart.
+    _write_parts(path, [({"RGB": linear}, "color")], attributes)
 
 
 def write_rgbd(path: Path, rgbd: RGBD, attributes: Mapping[str, Any] | None = None) -> None:

@@ -87,7 +87,7 @@ def _write_exr(
         "inim:pixel_mm": repr(float(pixel_mm)),
         "xDensity": _MM_PER_INCH / pixel_mm,
     }
-    channels = {name: np.ascontiguousarray(eia[..., i], np.float32) for i, name in enumerate("RGB")}
+    channels = {"RGB": np.ascontiguousarray(eia, np.float32)}
     if empty is not None:
         channels["A"] = np.where(empty, np.float32(0), np.float32(1))
     write_atomically(path, lambda p: OpenEXR.File(header, channels).write(str(p)))
