@@ -14,7 +14,7 @@ from inim.color import srgb_from_linear
 from inim.errors import UsageError
 from inim.row_bands import row_bands
 
-__all__ = ["SSIM_WINDOW", "flip", "psnr_db", "score", "ssim", "ssim_map"]
+__all__ = ["SSIM_WINDOW", "flip", "flip_map", "psnr_db", "score", "ssim", "ssim_map"]
 
 # Wang et al. 2004: Gaussian window of 1.5 pixels.
 _SSIM_SIGMA = 1.5
@@ -79,7 +79,12 @@ def psnr_db(reference: np.ndarray, test: np.ndarray) -> float:
 
 
 def flip(reference: np.ndarray, test: np.ndarray) -> float:
-    """Mean LDR-FLIP error, 0 (equal) to 1.
+    """Mean of `flip_map`."""
+    return _mean(flip_map(reference, test))
+
+
+def flip_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+    """LDR-FLIP error of each pixel, (rows, columns), 0 (equal) to 1.
 
     Source: Andersson et al., HPG 2020, at 67 pixels per degree.
     """
@@ -87,16 +92,16 @@ def flip(reference: np.ndarray, test: np.ndarray) -> float:
 
     _check_alike(reference, test)
     # Floats: 8-bit input silently scores 0.
-    _, mean, _ = flip_evaluator.evaluate(
+    local, _, _ = flip_evaluator.evaluate(
         srgb_from_linear(reference),
         srgb_from_linear(test),
         "LDR",
         inputsRGB=True,
         applyMagma=False,
-        computeMeanError=True,
+        computeMeanError=False,
         parameters={"ppd": _FLIP_PIXELS_PER_DEGREE},
     )
-    return float(mean)
+    return np.asarray(local, np.float32).reshape(reference.shape[:2])
 
 
 def score(

@@ -89,7 +89,7 @@ def truth_findings(truth: GroundTruth, display: Display) -> Findings:
     scores = {}
     for name, view in truth.views.items():
         pictures[f"truth/{name}"] = _view_statistics(view)
-        found = view_scores(_three(view), _three(truth.ceiling[name]))
+        found = view_scores(_three(view), _three(truth.ceiling[name]), ["ssim"])
         scores[f"ceiling/{name}"] = {"ssim_to_scene": found["ssim"]}
     return Findings(pictures, scores)
 
@@ -129,10 +129,11 @@ def contender_findings(
     scores = {}
     for view, picture in seen.items():
         to_ceiling = view_scores(_three(truth.ceiling[view]), _three(picture))
-        to_scene = view_scores(_three(truth.views[view]), _three(picture))
+        to_scene = view_scores(_three(truth.views[view]), _three(picture), ["ssim"])
         scores[f"{name}/{view}"] = {
             "ssim_to_ceiling": to_ceiling["ssim"],
             "psnr_to_ceiling_db": to_ceiling["psnr_db"],
+            "flip_to_ceiling": to_ceiling["flip"],
             "ssim_to_scene": to_scene["ssim"],
         }
     prints = {}

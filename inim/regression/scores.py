@@ -1,9 +1,10 @@
 """Scores with their standard errors, from the two independent halves of a run's samples.
 
-A score is the mean of a local map m (SSIM's, or the squared error of PSNR). The run is split into
-two halves a, b that share no random number: ground truth, capture, reconstruction. Their
-difference is noise and nothing else, so pictures moved a little along it, by ``h (a - b) / 2``
-either way, tell how the score answers to noise of the run's own kind, at the run's own level:
+A score is the mean of a local map m (SSIM's, FLIP's, or the squared error of PSNR). The run is
+split into two halves a, b that share no random number: ground truth, capture, reconstruction.
+Their difference is noise and nothing else, so pictures moved a little along it, by
+``h (a - b) / 2`` either way, tell how the score answers to noise of the run's own kind, at the
+run's own level:
 
     D = (m(+h) - m(-h)) / h                   expectation 0 in every block, either sign alike
     error^2 = c sum over blocks (sum of D in the block)^2 / (4 N^2)
@@ -14,22 +15,24 @@ moved pictures would be the halves themselves, whose greater noise makes SSIM an
 whole picture's does. Blocks are wider than what SSIM's window and a lens couple; `c` makes up for
 what they couple across the blocks' borders.
 
-The bias is what noise adds to the score, SSIM of noisy pictures being too low; it grows as one over
-the samples. Runs of unlike sample counts are compared free of it: a score is expected to move by
-``bias (r^2 - 1)`` where the ground truth's standard errors grew r times.
+The bias is by how much the score moves as the noise's variance grows by its own amount, SSIM of
+noisy pictures being too low. That is all that noise adds to it where the map is smooth; FLIP takes
+a root of small errors, and noise has added more. Runs of unlike sample counts are compared free of
+it: a score is expected to move by ``bias (r^2 - 1)`` where the ground truth's standard errors grew
+r times.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from inim.color import srgb_from_linear
-from inim.metrics import ssim_map
+from inim.metrics import flip_map, ssim_map
 from inim.regression.inference import (
     FALSE_ALARM_RATE,
     freedom_of_sum,
@@ -41,9 +44,10 @@ from inim.regression.verdict import Verdict, within
 
 __all__ = ["SMALLEST_CHANGES", "ScoreEstimate", "compare_scores", "score_interval", "view_scores"]
 
-#: The smallest changes that count. SSIM: half of the last digit but one that reports quote; where
-#: algorithms differ, they differ by hundredths. PSNR: below a tenth of a decibel no one sees it.
-SMALLEST_CHANGES = {"ssim": 0.005, "psnr_db": 0.1}
+#: The smallest changes that count. SSIM and FLIP: half of the last digit but one that reports
+#: quote; where algorithms differ, they differ by hundredths. PSNR: below a tenth of a decibel no
+#: one sees it.
+SMALLEST_CHANGES = {"ssim": 0.005, "flip": 0.005, "psnr": 0.1}
 #: Confidence of the interval shown beside a single score.
 SHOWN_LEVEL = 0.05
 # A ratio of variances beyond these is no matter of sample counts, and has a verdict of its own.
@@ -52,7 +56,8 @@ _SCALES = (0.5, 2.0)
 _BLOCK_PX = 16
 # Errors of D are alike over some 2.2 pixels: SSIM's window, a Gaussian of 1.5, meets itself
 # at a mean distance of 1.5 * sqrt(2) * sqrt(2 / pi) = 1.7, and lenses of 4 pixels at 4 / 3. Blocks
-# of side L miss what crosses their borders, and keep (1 - 2.2 / L)^2 of the variance.
+# of side L miss what crosses their borders, and keep (1 - 2.2 / L)^2 of the variance. FLIP's errors
+# proved to need no more.
 _COUPLING = (1 - 2.2 / _BLOCK_PX) ** -2
 # The step h: noise grows by h^2, and differences are far above float32's rounding.
 _STEP = 0.25
@@ -71,7 +76,7 @@ class ScoreEstimate:
     freedom : float
         Degrees of freedom of `error`.
     bias : float
-        What the noise of the samples adds to `value`.
+        What as much noise again would add to `value`.
     """
 
     value: float
@@ -95,18 +100,20 @@ class ScoreEstimate:
 def view_scores(
     reference: tuple[np.ndarray, np.ndarray, np.ndarray],
     test: tuple[np.ndarray, np.ndarray, np.ndarray],
+    names: Sequence[str] = ("ssim", "psnr_db", "flip"),
 ) -> dict[str, ScoreEstimate]:
-    """SSIM and PSNR of a view, with their errors.
+    """SSIM, PSNR and FLIP of a view, with their errors.
 
     Parameters
     ----------
     reference, test : three (rows, columns, 3) float32, linear RGB
         The picture, and the two halves it is the mean of.
+    names : sequence of str
+        Those wanted.
     """
     pairs = list(zip(_moved(*reference), _moved(*test), strict=True))
-    maps = [ssim_map(r, t) for r, t in pairs]
-    squares = [_squared_error(r, t) for r, t in pairs]
-    return {"ssim": _estimate(*maps), "psnr_db": _decibels(_estimate(*squares))}
+    found = {name: _estimate(*(_MAPS[name](r, t) for r, t in pairs)) for name in names}
+    return {n: _decibels(one) if n == "psnr_db" else one for n, one in found.items()}
 
 
 def _moved(whole: np.ndarray, first: np.ndarray, second: np.ndarray) -> list[np.ndarray]:
@@ -120,6 +127,13 @@ def _squared_error(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
     difference = srgb_from_linear(reference).astype(np.float64) - srgb_from_linear(test)
     error: np.ndarray = np.square(difference).mean(axis=-1)
     return error
+
+
+_MAPS: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
+    "ssim": ssim_map,
+    "psnr_db": _squared_error,
+    "flip": flip_map,
+}
 
 
 def _estimate(whole: np.ndarray, plus: np.ndarray, minus: np.ndarray) -> ScoreEstimate:
@@ -195,7 +209,7 @@ def _verdict(
     level: float,
     scale: float,
 ) -> Verdict:
-    smallest = SMALLEST_CHANGES["psnr_db" if name.startswith("psnr") else "ssim"]
+    smallest = SMALLEST_CHANGES[name.partition("_")[0]]
     unit = "dB" if name.startswith("psnr") else ""
     label = f"{label} against the baseline"
     if new is None:
@@ -216,6 +230,6 @@ def _verdict(
 
 
 def _words(name: str) -> str:
-    return {"ssim": "SSIM", "psnr_db": "PSNR"}.get(
-        name, name.replace("ssim", "SSIM").replace("psnr", "PSNR").replace("_db", "")
-    ).replace("_", " ")
+    """Words for a score's name: ``psnr_to_ceiling_db`` is "PSNR to ceiling"."""
+    metric, _, against = name.removesuffix("_db").partition("_")
+    return f"{metric.upper()} {against.replace('_', ' ')}".strip()

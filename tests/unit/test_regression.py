@@ -271,7 +271,7 @@ def test_score_s_error_is_as_large_as_the_score_really_varies(scene):
     big = np.tile(scene, (2, 2, 1))
     made = np.roll(big, 1, axis=0)
     found = [view_scores(seen(rng, big, 0.03), seen(rng, made, 0.03)) for _ in range(40)]
-    for name in ("ssim", "psnr_db"):
+    for name in ("ssim", "psnr_db", "flip"):
         values = [one[name].value for one in found]
         errors = [one[name].error for one in found]
         assert 0.85 < np.sqrt(np.mean(np.square(errors))) / np.std(values) < 1.6, name
@@ -287,6 +287,23 @@ def test_score_s_bias_is_what_noise_adds_to_it(scene):
         assert np.mean([one[name].bias for one in found]) == pytest.approx(gap, rel=0.3)
 
 
+@pytest.mark.parametrize("noise", [0.01, 0.05])
+def test_bias_foretells_what_fewer_samples_do_to_flip(scene, noise):
+    """A fifth fewer samples: a root of small errors makes FLIP answer to noise most unevenly."""
+    rng = np.random.default_rng(15)
+    made = np.roll(scene, 1, axis=0)
+
+    def scores(noise):
+        found = [view_scores(seen(rng, scene, noise), seen(rng, made, noise), ["flip"])
+                 for _ in range(30)]  # fmt: skip
+        return (np.mean([getattr(one["flip"], key) for one in found]) for key in ("value", "bias"))
+
+    (old, old_bias), (new, new_bias) = scores(noise), scores(noise * math.sqrt(1.25))
+    expected = (old_bias + new_bias / 1.25) / 2 * 0.25
+    assert new - old > 5e-4
+    assert expected == pytest.approx(new - old, rel=0.3)
+
+
 def test_scores_are_those_of_the_report(scene):
     from inim import metrics
 
@@ -294,6 +311,7 @@ def test_scores_are_those_of_the_report(scene):
     found = view_scores((scene, scene, scene), (made, made, made))
     assert found["ssim"].value == pytest.approx(metrics.ssim(scene, made))
     assert found["psnr_db"].value == pytest.approx(metrics.psnr_db(scene, made))
+    assert found["flip"].value == pytest.approx(metrics.flip(scene, made))
 
 
 def compared(old, new, **more):
