@@ -8,7 +8,7 @@ a solid is, there are none. What has no such place, in any slice that it reaches
 meets: to leave it out changes no pixel.
 
 Too much is let in, never too little: paths that bend within the display's cone of directions, and
-what passes through solids thinner than a slice.
+what passes through solids thinner than a slice, such as sheets.
 """
 
 from __future__ import annotations

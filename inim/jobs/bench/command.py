@@ -43,6 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--views", action="store_true", help="views by each lens model, and a textured rectangle"
     )
+    parser.add_argument(
+        "--layers",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="SCENE",
+        help="what layers are worth and cost on each of these scenes; some minutes",
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
 
@@ -66,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
         scaling=args.scaling,
         paper=args.paper,
         views=args.views,
+        layers=tuple(args.layers),
     )
     run_bench(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:

@@ -21,6 +21,7 @@ from inim.generators import (
     parse_algorithm,
     prepare,
 )
+from inim.generators.supersampling import Supersampled
 from inim.layered_rgbd import LayeredRGBD
 from inim.rgbd import RGBD
 
@@ -85,6 +86,13 @@ class Contender:
         if isinstance(self.generator, SourceGenerator) and not isinstance(self.rgbd, LayeredRGBD):
             return self.generator.sources(self.rgbd)
         return None
+
+    def averaged_share(self) -> float | None:
+        """Share of the panel's pixels whose rays meet unlike things; None of those with one ray."""
+        if not isinstance(self.generator, Supersampled):
+            return None
+        sources = self.generator.samples(self.rgbd)
+        return float((sources != sources[0]).any(axis=0).mean())
 
 
 def available(names: Iterable[str]) -> tuple[list[str], list[str]]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from inim import backend as backends
 from inim.jobs.bench.contenders import chosen
+from inim.jobs.bench.layers import bench_layers
 from inim.jobs.bench.machine import load_average, most_threads, warn_of_load
 from inim.jobs.bench.paper import bench_paper
 from inim.jobs.bench.request import BenchRequest, check_request, scene_plan
@@ -74,10 +75,12 @@ def _measured(request: BenchRequest, load: float | None, listener: Any) -> dict[
     data = _record(request, backend, thread_count)
     data["warnings"] = warn_of_load(load)
     data["load"] = {"start": load, "cores": os.cpu_count()}
-    data |= {"scaling": None, "paper": None, "views": None, "contenders": [], "notes": []}
+    data |= dict.fromkeys(("scaling", "paper", "views", "layers"))
+    data |= {"contenders": [], "notes": []}
     if request.scene is not None:
         names, data["notes"] = chosen(request.algorithms)
-        data |= bench_scene(scene_plan(request), names, request.rounds, listener)
+        plan = scene_plan(request, request.scene)
+        data |= bench_scene(plan, names, request.rounds, listener)
         _print_contenders(listener, data)
     if request.scaling:
         data["scaling"] = bench_scaling(request.rounds, listener)
@@ -87,13 +90,17 @@ def _measured(request: BenchRequest, load: float | None, listener: Any) -> dict[
             listener.line(f"{'yes' if claim['holds'] else 'NO '}  {claim['claim']}")
     if request.views:
         data["views"] = bench_views(request.rounds, listener)
+    if request.layers:
+        plans = [scene_plan(request, scene) for scene in request.layers]
+        data["layers"] = bench_layers(plans, request.rounds, listener)
     data["load"]["end"] = load_average()
     return data
 
 
 def _record(request: BenchRequest, backend: Any, thread_count: int) -> dict[str, Any]:
     """What made it and how to make it again."""
-    named = request.scene.stem if request.scene else "synthetic pictures"
+    named = "layers" if request.layers else "synthetic pictures"
+    named = request.scene.stem if request.scene else named
     return {
         "schema": SCHEMA,
         "title": f"Bench: {named}",

@@ -96,6 +96,7 @@ class Judge:
         return {
             "wrong_source": wrong_source_share(sources, self.exact),
             "hole_fraction": hole_share(sources, contender.out, self.exact),
+            "averaged_share": contender.averaged_share(),
             "eia_ssim": metrics.ssim(self.eia, made),
             "eia_psnr_db": metrics.psnr_db(self.eia, made),
             "view_ssim_to_ceiling": self.view_ssim(self.looks.at(made)),

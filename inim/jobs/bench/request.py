@@ -29,6 +29,8 @@ class BenchRequest:
     threads : int, optional
         All there are if None.
     scaling, paper, views : bool
+    layers : tuple of Path
+        Scenes to bench with and without their layers; -D and `display` hold for them too.
     """
 
     out: Path
@@ -42,6 +44,7 @@ class BenchRequest:
     scaling: bool = False
     paper: bool = False
     views: bool = False
+    layers: tuple[Path, ...] = ()
 
     @property
     def rounds(self) -> Rounds:
@@ -58,6 +61,7 @@ class BenchRequest:
             if getattr(self, name) is not None:
                 words += [f"--{name}", str(getattr(self, name))]
         words += [f"--{name}" for name in ("scaling", "paper", "views") if getattr(self, name)]
+        words += ["--layers", *map(str, self.layers)] if self.layers else []
         defaults = Rounds()
         for name in ("runs", "warmups"):
             if getattr(self, name) != getattr(defaults, name):
@@ -66,14 +70,16 @@ class BenchRequest:
 
     def as_json(self) -> dict[str, Any]:
         """For the worker's command line; `from_json` reads it."""
-        return {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
+        raw = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
+        return {**raw, "layers": [str(path) for path in self.layers]}
 
     @classmethod
     def from_json(cls, raw: dict[str, Any]) -> BenchRequest:
         """The request that `as_json` wrote."""
         scene = raw["scene"]
         paths = {"out": Path(raw["out"]), "scene": None if scene is None else Path(scene)}
-        return cls(**{**raw, **paths, "definitions": tuple(raw["definitions"])})
+        many = {"definitions": tuple(raw["definitions"]), "layers": tuple(map(Path, raw["layers"]))}
+        return cls(**{**raw, **paths, **many})
 
 
 def default_out(scene: Path | None) -> Path:
@@ -86,25 +92,28 @@ def check_request(request: BenchRequest) -> None:
     from inim.jobs.bench.contenders import chosen
     from inim.jobs.bench.machine import most_threads
 
-    if request.scene is None and not (request.scaling or request.paper or request.views):
-        raise UsageError("bench: name a scene, or ask for --scaling, --paper or --views")
-    if request.scene is None and (request.definitions or request.display or request.algorithms):
-        raise UsageError("bench: -D, --display and --algorithms belong to a scene; name one")
+    others = request.scaling or request.paper or request.views
+    if not (request.scene or request.layers or others):
+        raise UsageError("bench: name a scene, or ask for --scaling, --paper, --views or --layers")
+    if not (request.scene or request.layers) and (request.definitions or request.display):
+        raise UsageError("bench: -D and --display belong to a scene; name one")
+    if not request.scene and request.algorithms:
+        raise UsageError("bench: --algorithms belongs to a scene; name one")
     Rounds(request.runs, request.warmups)  # checks both
     if request.threads is not None and not 1 <= request.threads <= most_threads():
         raise UsageError(f"--threads {request.threads}: this machine has 1 to {most_threads()}")
-    if request.scene is not None:
-        scene_plan(request)
-        if request.algorithms is not None:
-            chosen(request.algorithms)
+    for scene in (request.scene, *request.layers):
+        if scene is not None:
+            scene_plan(request, scene)
+    if request.algorithms is not None:
+        chosen(request.algorithms)
 
 
-def scene_plan(request: BenchRequest) -> Plan:
-    """The plan of a validation of the scene: its display, viewpoints and sampling."""
-    assert request.scene is not None
+def scene_plan(request: BenchRequest, scene: Path) -> Plan:
+    """The plan of a validation of one of the scenes: its display, viewpoints and sampling."""
     return make_plan(
         Request(
-            request.scene,
+            scene,
             request.out,
             request.definitions,
             request.display,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -48,10 +48,11 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
     dict
         The keys of bench.json that a scene adds.
     """
-    judge, layered, noise_floor = _rendered(plan, names, listener)
+    rendered = _rendered(plan, names, listener)
+    judge = rendered.judge
     listener.stage("time")
     contenders = [
-        prepared(name, layered if reads_layers(name) else judge.rgbd, plan.display)
+        prepared(name, rendered.layered if reads_layers(name) else judge.rgbd, plan.display)
         for name in names
     ]
     times = timed(contenders, judge.rgbd, plan.display, rounds)
@@ -68,17 +69,36 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
         },
         "yardstick": times[YARDSTICK].as_data(),
         "contenders": marked(data),
-        "noise_floor": noise_floor,
+        "noise_floor": rendered.noise_floor,
+        "captured_layers": rendered.layers,
     }
 
 
-def _rendered(
-    plan: Plan, names: Sequence[str], listener: Any
-) -> tuple[Judge, RGBD, dict[str, float]]:
-    """Ground truth and input, with the samples of a validation; no true views, none is scored.
+@dataclass(frozen=True)
+class _Rendered:
+    """Ground truth and input.
 
-    The input comes as one picture, within the judge, and with its layers where one reads them.
+    Attributes
+    ----------
+    judge : Judge
+        With the input as one picture.
+    layered : RGBD
+        With its layers, where a contender reads them.
+    noise_floor : dict
+        See `Judge.noise_floor`.
+    layers : dict or None
+        What the capture of layers found: `covered_shares`, nearest first, of the picture, and
+        `hidden_share` of what lies behind the front, which was left out.
     """
+
+    judge: Judge
+    layered: RGBD
+    noise_floor: dict[str, float]
+    layers: dict[str, Any] | None
+
+
+def _rendered(plan: Plan, names: Sequence[str], listener: Any) -> _Rendered:
+    """As in a validation, with its samples; no true views, none is scored."""
     from inim.kernel import ground_truth
     from inim.kernel.peel import peel
     from inim.kernel.scene import open_scene
@@ -102,13 +122,17 @@ def _rendered(
     )
     if not rgbd.covered.any():
         raise SceneError(f"{plan.request.scene}: the depth camera sees nothing to time with")
-    layered = _finite(rgbd)
+    layered, layers = _finite(rgbd), None
     if any(map(reads_layers, names)):
         listener.stage("capture layers")
         peeled = peel(fitted, display, pixels_per_pitch=s.capture_pixels_per_pitch)
         layered = _finite(
             ground_truth.capture_layers(fitted, peeled, spp=s.capture_spp, seed=2 * s.seed)
         )
+        layers = {
+            "covered_shares": [float(layer.mean()) for layer in peeled.covered],
+            "hidden_share": peeled.hidden_share,
+        }
     listener.stage("ground-truth EIA")
     truth = ground_truth.pickup(
         fitted, display, spp=s.eia_spp, seed=2 * s.seed + 1, progress=listener.rays
@@ -118,7 +142,7 @@ def _rendered(
     judge = make_judge(
         display_ready(_finite(rgbd)), (first + second) / 2, Looks.of(display, plan.viewpoints, s)
     )
-    return judge, display_ready(layered), judge.noise_floor(first, second)
+    return _Rendered(judge, display_ready(layered), judge.noise_floor(first, second), layers)
 
 
 def _finite(rgbd: RGBD) -> RGBD:

@@ -18,11 +18,19 @@ _COLOURS = {
     "wang2024": "#d55e00",
     "gu2020": "#009e73",
     "li2012": "#cc79a7",
+    "layered": "#6a51a3",
     "yardstick": "#5a5f63",
 }
-_OTHERS = ("#56b4e9", "#e69f00", "#8c6d31", "#6a51a3")
+_OTHERS = ("#56b4e9", "#e69f00", "#8c6d31")
 #: Mark of each algorithm.
-MARKS = {"template": "o", "wang2024": "s", "gu2020": "^", "li2012": "D", "yardstick": "x"}
+MARKS = {
+    "template": "o",
+    "wang2024": "s",
+    "gu2020": "^",
+    "li2012": "D",
+    "layered": "P",
+    "yardstick": "x",
+}
 #: Lines across a panel.
 LINES: dict[str, dict[str, Any]] = {
     "front": {"color": _INK, "linewidth": 0.8, "alpha": 0.35, "zorder": 1},

@@ -60,6 +60,15 @@ _PARTS = {
         "its texture, and is rendered by the stock camera, integrator and film. The noise of a "
         "sample is what it adds to a view pixel, root mean square.",
     ),
+    "layers": (
+        "Layers",
+        "layers",
+        "One RGB-D picture knows nothing behind its front surface; a picture with its layers does. "
+        "Left: how near the EIA comes to the noise of its ground truth, one half of whose samples "
+        "scores the floor against the other. Right: the time of both at equal samples. Where a "
+        "pixel's four rays meet the same thing there is nothing to average: 'rays differ' is the "
+        "share of the panel where they do not.",
+    ),
 }
 
 

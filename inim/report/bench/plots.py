@@ -15,6 +15,9 @@ __all__ = ["draw_plots"]
 
 _PNG_DPI = 160
 _TIME = "milliseconds per EIA"
+# How far below the noise floor counts as reaching it, and what layers may cost.
+_CLOSE_DB = 1.5
+_MOST_TIMES = 3.0
 # Below this share of wrong pixels the axis is linear, so that zero has a place on it.
 _LINEAR_SHARE = 1e-3
 
@@ -28,6 +31,8 @@ def draw_plots(data: Mapping[str, Any], folder: Path) -> list[str]:
         drawn += _save(_scaling(data["scaling"]), folder, "scaling")
     if data.get("paper"):
         drawn += _save(_paper(data["paper"]), folder, "paper")
+    if data.get("layers"):
+        drawn += _save(_layers(data["layers"]), folder, "layers")
     return drawn
 
 
@@ -187,3 +192,48 @@ def _line(axis: Any, sizes: Sequence[float], points: Sequence[Any], name: str) -
         linestyle="--" if interpreted else ":" if name == "yardstick" else "-",
         linewidth=1.4,
     )
+
+
+# -- layers -------------------------------------------------------------------------------------
+
+
+def _layers(scenes: Sequence[Mapping[str, Any]]) -> Any:
+    """A row for each scene: PSNR beside the noise floor, time beside what layers may cost."""
+    figure, (quality, cost) = _figure(2, 1.8 + 0.55 * len(scenes), sharey=True)
+    for row, found in enumerate(scenes):
+        floor = part(found, "noise_floor").get("eia_psnr_db")
+        if is_number(floor):
+            height = [row - 0.3, row + 0.3]
+            quality.plot([floor, floor], height, **LINES["floor"])
+            close = {"color": SOFT, "alpha": 0.15, "linewidth": 0}
+            quality.fill_betweenx(height, floor - _CLOSE_DB, floor, **close)
+        contenders = found["contenders"]
+        for contender in contenders:
+            name = contender["name"]
+            if is_number(contender["eia_psnr_db"]):
+                _mark(quality, contender["eia_psnr_db"], row, name)
+            _mark(cost, contender["ratio"], row, name)
+        for template, layered in zip(contenders[::2], contenders[1::2], strict=True):
+            both = [template["ratio"], layered["ratio"]]
+            cost.plot(both, [row, row], **LINES["front"])
+            cost.plot(_MOST_TIMES * both[0], row, "|", color=SOFT, markersize=14)
+    cost.set_xscale("log")
+    style(quality, f"Dashed: noise floor; shaded: {_CLOSE_DB:g} dB below it", "EIA PSNR, dB", "")
+    style(cost, f"Ticks: {_MOST_TIMES:g} times template", "yardsticks per EIA", "")
+    quality.set_yticks(range(len(scenes)), [found["title"] for found in scenes])
+    quality.invert_yaxis()
+    plain_ticks(cost)
+    handles = dict(zip(*reversed(quality.get_legend_handles_labels()), strict=True))
+    figure.legend(
+        handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8,
+        frameon=False,
+    )  # fmt: skip
+    return figure
+
+
+def _mark(axis: Any, value: float, row: int, name: str) -> None:
+    """An algorithm's mark on a scene's row; hollow with one sample a pixel."""
+    colour = colour_of(name)
+    fill = colour if name.endswith("samples=4") else "white"
+    mark = MARKS.get(name.partition(":")[0], "o")
+    axis.plot(value, row, mark, color=colour, markerfacecolor=fill, label=name, zorder=3)

@@ -20,7 +20,7 @@ class Table:
     Attributes
     ----------
     part : str
-        The part of the bench it belongs to: scene, scaling, paper or views.
+        The part of the bench it belongs to: scene, scaling, paper, views or layers.
     caption : str
     heads : sequence of str
     rows : sequence of sequence of str
@@ -43,6 +43,8 @@ def tables_of(data: Mapping[str, Any]) -> list[Table]:
         found += _paper(part(data, "paper"))
     if data.get("views"):
         found.append(_views(part(data, "views")))
+    if data.get("layers"):
+        found += _layers(items(data, "layers"))
     return found
 
 
@@ -262,6 +264,57 @@ def _views(views: Mapping[str, Any]) -> Table:
         "(fewer timed: scaled up)"
     )
     return Table("views", caption, heads, rows)
+
+
+# -- layers -------------------------------------------------------------------------------------
+
+
+def _layers(scenes: Sequence[Mapping[str, Any]]) -> list[Table]:
+    heads = [
+        "scene", "algorithm", *_TIME_HEADS, "times template", "by fastest", "EIA SSIM",
+        "EIA PSNR dB", "to noise floor dB", "view SSIM to ceiling", "rays differ",
+    ]  # fmt: skip
+    rows = [
+        [
+            found["title"],
+            c["name"],
+            *_time_cells(c),
+            times(c["template_ratio"]),
+            times(c["template_ratio_min"]),
+            number(c["eia_ssim"], 4),
+            score({"psnr_db": c["eia_psnr_db"]}, "psnr_db"),
+            f"{c['to_floor_db']:+.2f}",
+            number(c["view_ssim_to_ceiling"], 4),
+            per_cent(c["averaged_share"], 1),
+        ]
+        for found in scenes
+        for c in items(found, "contenders")
+    ]
+    captured = [_captured_row(found, part(found, "captured_layers")) for found in scenes]
+    capture_heads = [
+        "scene", "noise floor dB", "picture", "layers", "front covers", "what lies behind",
+        "of it hidden, left out", "yardstick ms",
+    ]  # fmt: skip
+    return [
+        Table("layers", "One layer and all, at equal samples", heads, rows),
+        Table(
+            "layers", "What the capture found, in shares of the picture", capture_heads, captured
+        ),
+    ]
+
+
+def _captured_row(found: Mapping[str, Any], captured: Mapping[str, Any]) -> list[str]:
+    front, *deeper = captured["covered_shares"]
+    return [
+        found["title"],
+        score({"psnr_db": found["noise_floor"]["eia_psnr_db"]}, "psnr_db"),
+        f"{found['picture']['columns']} × {found['picture']['rows']}",
+        str(1 + len(deeper)),
+        per_cent(front, 1),
+        per_cent(sum(deeper), 2),
+        per_cent(captured["hidden_share"], 1),
+        milliseconds(found["yardstick"]["median_ms"]),
+    ]
 
 
 def claim_lines(paper: Mapping[str, Any]) -> list[str]:
