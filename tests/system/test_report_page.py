@@ -1,0 +1,153 @@
+"""The whole report in a real browser, for those who do not see it, and on any screen or paper."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from inim.report.html import render_html
+from tests.chromium import Tab, browser
+from tests.system.test_view import report_data, report_folder
+
+WORKED_BY_HAND = ("button", "link", "checkbox", "radio", "slider", "combobox", "application")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = report_folder(tmp_path_factory.mktemp("report"))
+    data = report_data()
+    data["skipped"] = [{"what": "samples", "done": "3", "skipped": "5", "why": "no noise there"}]
+    path = folder / "report.html"
+    path.write_text(render_html(data, folder), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def shared_tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
+    with browser(tmp_path_factory.mktemp("profile")) as tab:
+        yield tab
+
+
+@pytest.fixture
+def tab(shared_tab: Tab, page: Path) -> Tab:
+    shared_tab.size(1000, 700)
+    shared_tab.send("Emulation.setEmulatedMedia", media="", features=[])
+    shared_tab.complaints.clear()
+    shared_tab.open(page)
+    assert shared_tab.evaluate("inimDisplay.ready") is True
+    return shared_tab
+
+
+def spoken(tab: Tab) -> list[dict[str, Any]]:
+    """What a screen reader is told: role and name of every node it does not pass over."""
+    nodes = tab.send("Accessibility.getFullAXTree")["nodes"]
+    return [
+        {"role": node["role"]["value"], "name": node.get("name", {}).get("value", "").strip()}
+        for node in nodes
+        if not node["ignored"] and "role" in node
+    ]
+
+
+def test_whatever_can_be_worked_or_seen_has_a_name(tab):
+    nodes = spoken(tab)
+    roles = {node["role"] for node in nodes}
+    assert {*WORKED_BY_HAND, "image", "navigation", "main", "table"} <= roles
+    nameless = [n for n in nodes if n["role"] in (*WORKED_BY_HAND, "image") and not n["name"]]
+    assert nameless == []
+
+
+def test_headings_go_down_one_level_at_a_time(tab):
+    levels = tab.evaluate("[...document.querySelectorAll('h1,h2,h3')].map((h) => +h.tagName[1])")
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after - before <= 1 for before, after in itertools.pairwise(levels))
+
+
+def test_keyboard_reaches_every_control_and_leaves_it_again(tab):
+    """By the Tab key alone: each of the display's and the wipe's, and the page's last link."""
+    wanted = tab.evaluate(
+        "[...document.querySelectorAll(':is(a, button, select, input, canvas, [tabindex])')]"
+        ".filter((e) => e.checkVisibility() && !e.disabled && (e.type !== 'radio' || e.checked))"
+        ".map((e, i) => { e.dataset.place = i; return String(i); })"
+    )
+    assert len(wanted) > 40
+    reached = []
+    for _ in range(len(wanted) + 5):
+        for kind in ("rawKeyDown", "keyUp"):
+            tab.send("Input.dispatchKeyEvent", type=kind, key="Tab", code="Tab",
+                     windowsVirtualKeyCode=9)  # fmt: skip
+        reached.append(tab.evaluate("document.activeElement.dataset.place ?? ''"))
+    assert set(wanted) <= set(reached)
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("width", [320, 390, 1280])
+def test_nothing_sticks_out_of_the_screen(tab, theme, width):
+    tab.size(width, 800)
+    scheme = [{"name": "prefers-color-scheme", "value": theme}]
+    tab.send("Emulation.setEmulatedMedia", media="", features=scheme)
+    out = tab.evaluate(
+        "[...document.querySelectorAll('body *')].filter((e) => e.checkVisibility() && "
+        "!e.closest('.scroll, svg, pre, .skip, .spoken, #overview > h2') && "
+        "e.getBoundingClientRect().right > innerWidth + 1).map((e) => e.outerHTML.slice(0, 80))"
+    )
+    assert out == []
+    assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert tab.complaints == []
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_words_stand_out_from_what_is_behind_them(tab, theme):
+    """Contrast of 4.5 at least, as WCAG 2.1, 1.4.3 asks, by its formula on computed colours."""
+    scheme = [{"name": "prefers-color-scheme", "value": theme}]
+    tab.send("Emulation.setEmulatedMedia", media="", features=scheme)
+    pairs = tab.evaluate(
+        """[...document.querySelectorAll('body *')].filter((e) => e.checkVisibility() &&
+          !e.closest('svg, .stage, option') &&
+          [...e.childNodes].some((n) => n.nodeType === 3 && n.data.trim())).map((e) => {
+            let behind = e;
+            while (behind && getComputedStyle(behind).backgroundColor === 'rgba(0, 0, 0, 0)')
+              behind = behind.parentElement;
+            return [getComputedStyle(e).color,
+              getComputedStyle(behind || document.body).backgroundColor, e.textContent.trim()];
+          })"""
+    )
+    assert len(pairs) > 200
+    weak = {(ink, paper, words[:40]) for ink, paper, words in pairs if contrast(ink, paper) < 4.5}
+    assert weak == set()
+
+
+def contrast(ink: str, paper: str) -> float:
+    dark, light = sorted(map(luminance, (ink, paper)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+def luminance(color: str) -> float:
+    codes = [float(one) / 255 for one in re.findall(r"[\d.]+", color)[:3]]
+    linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in codes]
+    return float(sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True)))
+
+
+def test_page_prints_and_reads_whole_without_scripts(tab, page):
+    sections = "[...document.querySelectorAll('main section')].map((s) => s.id)"
+    live = tab.evaluate(sections)
+    assert {"virtual-display", "views", "time", "skipped", "warnings", "reproduce"} <= set(live)
+    pdf = base64.b64decode(tab.send("Page.printToPDF", preferCSSPageSize=True)["data"])
+    assert 3 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 30
+    tab.send("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        tab.open(page)
+        assert tab.evaluate(sections) == live
+        broken = "[...document.images].filter((i) => !i.naturalWidth).length"
+        assert tab.evaluate(broken) == 0
+        empty = "[...document.querySelectorAll('main section')].filter((s) => s.clientHeight < 60)"
+        assert tab.evaluate(f"{empty}.map((s) => s.id)") == []
+    finally:
+        tab.send("Emulation.setScriptExecutionDisabled", value=False)
+    assert tab.complaints == []
