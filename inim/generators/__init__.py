@@ -191,8 +191,8 @@ def prepare(
         Their pixel.
     mask : (rows, columns) bool, optional
         Panel pixels asked for. They show what they would without it, bit for bit; the others are
-        black, with alpha 0, and `NOT_ASKED` among sources. `template`, `gu2020` and `wang2024` do
-        the work of these pixels only; others are run in full.
+        black, with alpha 0, and `NOT_ASKED` among sources. `template`, `layered`, `gu2020` and
+        `wang2024` do the work of these pixels only; others are run in full.
     **options
         The algorithm's own; see its module.
 

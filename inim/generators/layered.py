@@ -19,9 +19,11 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import PictureShape, SourceGenerator
-from inim.generators.cells import Aside, cell_rays, free_cell_rays
+from inim.generators.asked import OnPanel, asked_pixels
+from inim.generators.base import AskedPixels, PictureShape, SourceGenerator
+from inim.generators.cells import Aside, cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
+from inim.generators.free_rays import free_rays
 from inim.generators.lanes import (
     LANES,
     all_lanes,
@@ -41,7 +43,6 @@ from inim.generators.supersampling import Supersampled, sampled_places
 from inim.generators.traversal import entered, leaves
 from inim.layered_rgbd import Layer, LayeredRGBD
 from inim.panel import SubPixel
-from inim.pixel_rays import pixel_rays, row_blocks
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
@@ -50,13 +51,18 @@ _LANES = np.uintp(LANES)
 
 
 def prepare(
-    display: Display, shape: PictureShape, pixel_mm: float, *, samples: int | str = 4
+    display: Display,
+    shape: PictureShape,
+    pixel_mm: float,
+    *,
+    samples: int | str = 4,
+    mask: np.ndarray | None = None,
 ) -> SourceGenerator:
     """A generator of exact first hits in layers.
 
     Parameters
     ----------
-    display, shape, pixel_mm :
+    display, shape, pixel_mm, mask :
         See `inim.generators.prepare`.
     samples : {1, 2, 4}
         As for `template`.
@@ -69,12 +75,14 @@ def prepare(
     if str(samples) not in ("1", "2", "4"):
         raise UsageError(f"layered: samples = {samples!r}; use 1, 2 or 4")
 
+    asked = None if mask is None else asked_pixels(mask, display)
+
     def first_hits_through(aside: Aside) -> SourceGenerator:
         if not display.is_separable:
-            return _FreeRays(display, shape, pixel_mm, aside)
-        if cells_per_pitch(display, pixel_mm) and shares_directions(display):
+            return _FreeRays(display, shape, pixel_mm, aside, asked)
+        if asked is None and cells_per_pitch(display, pixel_mm) and shares_directions(display):
             return _Shared(display, shape, pixel_mm, aside)
-        return _RayByRay(display, shape, pixel_mm, aside)
+        return _RayByRay(display, shape, pixel_mm, aside, asked)
 
     def seen_from(subpixel: SubPixel) -> SourceGenerator:
         if int(samples) == 1:
@@ -82,7 +90,8 @@ def prepare(
         places = sampled_places(int(samples), subpixel, display.pixel_fill)
         return Supersampled(first_hits_through, places)
 
-    return by_subpixel(display.subpixels, seen_from)
+    made = by_subpixel(display.subpixels, seen_from)
+    return made if asked is None else OnPanel(made)
 
 
 def _layers(rgbd: RGBD) -> tuple[Layer, ...]:
@@ -323,42 +332,54 @@ def _run_row(  # type: ignore[no-untyped-def]
 
 
 class _RayByRay(SourceGenerator):
-    """Every ray by itself, where rows and columns are separable."""
+    """Every ray, or those asked for, by itself, where rows and columns are separable."""
 
     def __init__(
-        self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        aside: Aside,
+        asked: AskedPixels | None = None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm)
+        super().__init__(display, shape, pixel_mm, asked)
         columns, rows = cell_rays(shape, pixel_mm, display, aside)
         self._columns = (columns.start, columns.slope, columns.scale)
         self._rows = (rows.start, rows.slope, rows.scale)
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        found = np.empty(self.display.eia_shape, np.int32)
+        found = np.empty(self.made_shape, np.int32)
         fronts, backs = _stacked(rgbd)
-        z_min, z_max = self.display.depth_range_mm
-        _first_hits(fronts, backs, *self._columns, *self._rows, z_min, z_max, found)
+        rays = (*self._columns, *self._rows, *self.display.depth_range_mm)
+        if self.asked is None:
+            _first_hits(fronts, backs, *rays, found)
+        else:
+            at = (self.asked.rows, self.asked.columns)
+            _first_hits_at(fronts, backs, *rays, *at, found[0])
         return found
 
 
 class _FreeRays(SourceGenerator):
-    """Every ray by itself, where no two share a coordinate."""
+    """Every ray, or those asked for, by itself, where no two share a coordinate."""
 
     def __init__(
-        self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        aside: Aside,
+        asked: AskedPixels | None = None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm)
+        super().__init__(display, shape, pixel_mm, asked)
         self._aside = float(aside[0]), float(aside[1])
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        found = np.empty(self.display.eia_shape, np.int32)
+        found = np.empty(self.made_shape, np.int32)
         fronts, backs = _stacked(rgbd)
-        for rows in row_blocks(self.display):
-            rays = pixel_rays(self.display, rows, self._aside)
-            cells = free_cell_rays(self.shape, self.pixel_mm, rays)
-            _free_first_hits(fronts, backs, *cells, *self.display.depth_range_mm, found[rows])
+        for _, cells, at in free_rays(self, self._aside):
+            _free_first_hits(fronts, backs, *cells, *self.display.depth_range_mm, found[at])
         return found
 
 
@@ -370,6 +391,16 @@ def _first_hits(fronts, backs, u0, du, u1, v0, dv, v1, z_min, z_max, found):  # 
             found[i, j] = _first_hit(
                 fronts, backs, u0[j], du[j], u1, v0[i], dv[i], v1, z_min, z_max
             )
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _first_hits_at(  # type: ignore[no-untyped-def]
+    fronts, backs, u0, du, u1, v0, dv, v1, z_min, z_max, rows, columns, found
+):
+    """As `_first_hits`, of the panel pixels in some rows and columns, (n,) each."""
+    for n in numba.prange(len(rows)):
+        i, j = rows[n], columns[n]
+        found[n] = _first_hit(fronts, backs, u0[j], du[j], u1, v0[i], dv[i], v1, z_min, z_max)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)

@@ -25,6 +25,7 @@ from inim.generators.cells import cell_rays
 from inim.generators.lens_runs import LensRuns
 from inim.generators.template import ray_by_ray
 from inim.jobs.foreign import run_generator
+from inim.layered_rgbd import Layer, LayeredRGBD
 from inim.rgbd import RGBD
 from tests.conftest import small_display
 
@@ -64,6 +65,8 @@ def cases(draw):
     columns, rows = draw(st.integers(1, 45)), draw(st.integers(1, 5))
     display = small_display(columns, rows, draw(st.integers(3, 9)), **changes)
     rgbd = noise(display, draw(st.integers(1, 4)), draw(st.integers(0, 99)), draw(st.booleans()))
+    if algorithm.startswith("layered") and draw(st.booleans()):
+        rgbd = with_a_layer_behind(rgbd, display)
     return algorithm, display, rgbd, draw_mask(draw, display)
 
 
@@ -78,6 +81,16 @@ def noise(display: Display, per_pitch: int, seed: int, coded: bool) -> RGBD:
         random.random(shape) < 0.67,
         display.pitch_mm / per_pitch,
     )
+
+
+def with_a_layer_behind(rgbd: RGBD, display: Display) -> LayeredRGBD:
+    """Fronts a tenth of the range deep, and a second surface behind half of them, all the way."""
+    random = np.random.default_rng(rgbd.shape[0])
+    low, high = display.depth_range_mm
+    back = rgbd.depth_mm - np.float32((high - low) / 10)
+    covered = rgbd.covered & (random.random(rgbd.shape) < 0.5)
+    behind = Layer(rgbd.color[::-1, ::-1], back, np.full_like(back, -np.inf), covered)
+    return LayeredRGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm, back, (behind,))
 
 
 def draw_mask(draw, display: Display) -> np.ndarray:
