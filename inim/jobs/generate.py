@@ -23,7 +23,15 @@ if TYPE_CHECKING:
     from inim.rgbd import RGBD
     from inim.settings import Settings
 
-__all__ = ["add_arguments", "generate_picture", "generated", "run", "write_outputs"]
+__all__ = [
+    "add_arguments",
+    "add_picture_arguments",
+    "fitted_picture",
+    "generate_picture",
+    "generated",
+    "run",
+    "write_outputs",
+]
 
 _DEFAULT_ALGORITHM = "template"
 _EPILOG = """depth
@@ -43,16 +51,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = "Make an elemental image array of a camera's colour and depth picture."
     parser.epilog = _EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    add_picture_arguments(parser)
+    add_display_arguments(parser)
+    add = parser.add_argument
+    add("--hci", type=Path, metavar="DIR", help="instead of both: an HCI 4D light field")
+    add("--true-views", action="store_true", help="with --hci: of all views, not of the centre one")
+    add("--algorithm", default=_DEFAULT_ALGORITHM, help="see `inim algorithms`; template:samples=4")
+    add("-o", "--out", type=Path, default=Path("eia.png"), help="EIA, .png or .exr (eia.png)")
+    add("--pdf", type=Path, help="also a PDF that prints at true size")
+    add("--rgbd", type=Path, help="also the fitted colour and depth, .exr")
+    add("--debug", action="store_true", help="show tracebacks of internal errors")
+
+
+def add_picture_arguments(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """The two pictures, and what they mean: `fitted_picture` reads them."""
     add = parser.add_argument
     add("--color", type=Path, metavar="FILE", help="PNG, JPEG, ... (sRGB) or EXR (linear)")
     add("--depth", type=Path, metavar="FILE", help=".png, .pgm, .tif, .exr, .pfm or .npy")
-    add("--hci", type=Path, metavar="DIR", help="instead of both: an HCI 4D light field")
-    add("--true-views", action="store_true", help="with --hci: of all views, not of the centre one")
     add("--depth-unit", metavar="UNIT", help="mm, cm, m, units per metre (5000), or none")
     add("--intrinsics", metavar="FX,FY,CX,CY", help="of the camera, pixels of the colour picture")
     add("--orthographic", action="store_true", help="take the picture as orthographic")
-    add_display_arguments(parser)
-    add("--algorithm", default=_DEFAULT_ALGORITHM, help="see `inim algorithms`; template:samples=4")
     add("--depth-map", default="linear", help="linear, or reciprocal (Li 2012)")
     direction = parser.add_mutually_exclusive_group()
     direction.add_argument("--near-is-large", action="store_true", help="white is near")
@@ -66,10 +84,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--frame-at", type=float, metavar="D", help="distance at which it fits (the median)")
     add("--steepest", type=float, default=10.0, help="slope up to which samples are one surface")
     add("--swap-bytes", action="store_true", help="16-bit depth in the other byte order")
-    add("-o", "--out", type=Path, default=Path("eia.png"), help="EIA, .png or .exr (eia.png)")
-    add("--pdf", type=Path, help="also a PDF that prints at true size")
-    add("--rgbd", type=Path, help="also the fitted colour and depth, .exr")
-    add("--debug", action="store_true", help="show tracebacks of internal errors")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -128,14 +142,20 @@ def generate_picture(args: argparse.Namespace) -> tuple[list[str], list[str]]:
     return report, list(taken.warnings)
 
 
+def fitted_picture(
+    args: argparse.Namespace, display: Display, settings: Settings
+) -> tuple[RGBD, tuple[str, ...]]:
+    """The picture that `add_picture_arguments` describe, fitted to a display; and warnings."""
+    _check_files(args)
+    _check_choices(args)
+    intrinsics = _intrinsics(args)
+    taken = _read(args)
+    return _fit(args, taken, intrinsics, display, settings)[0].rgbd, taken.warnings
+
+
 def _check(args: argparse.Namespace) -> None:
     """What can be told from the arguments alone."""
-    import math
-
     from inim.formats.true_size import EIA_SUFFIXES
-    from inim.pictures.depth_map import DEPTH_MAPS
-    from inim.pictures.fit import FITS
-    from inim.pictures.missing import FILL_RULES
 
     if args.hci is not None:
         for name in ("color", "depth", "depth_unit", "intrinsics", "near", "far", "frame_at"):
@@ -144,27 +164,9 @@ def _check(args: argparse.Namespace) -> None:
                 raise UsageError(f"{option}: the light field of --hci has its own; leave it out")
     elif args.true_views:
         raise UsageError("--true-views: are those of a light field; name it with --hci DIR")
-    for name in ("color", "depth"):
-        if getattr(args, name) is None and args.hci is None:
-            raise UsageError(f"--{name}: missing; give --color FILE and --depth FILE")
-    if args.hci is None and bool(args.intrinsics) == args.orthographic:
-        raise UsageError(
-            "give either --intrinsics fx,fy,cx,cy (a camera's picture, unprojected) or "
-            "--orthographic (taken as it is)"
-        )
-    words = {
-        "--depth-map": (args.depth_map, DEPTH_MAPS),
-        "--fill": (args.fill, FILL_RULES),
-        "--fit": (args.fit, FITS),
-        "--outside": (args.outside, ("clip", "drop")),
-    }
-    for option, (word, known) in words.items():
-        if word not in known:
-            raise UsageError(f"{option} {word}: use {', '.join(known[:-1])} or {known[-1]}")
-    if not (math.isfinite(args.steepest) and args.steepest > 0):
-        raise UsageError(f"--steepest {args.steepest:g}: a slope above 0; 10 is 84 degrees")
-    if args.frame_at is not None and args.orthographic:
-        raise UsageError("--frame-at: an orthographic picture is as large at every distance")
+    else:
+        _check_files(args)
+    _check_choices(args)
     suffixes = (("-o", args.out, EIA_SUFFIXES), ("--pdf", args.pdf, (".pdf",)))
     outputs: dict[Path, str] = {}
     for option, path, allowed in (*suffixes, ("--rgbd", args.rgbd, (".exr",))):
@@ -182,6 +184,39 @@ def _check(args: argparse.Namespace) -> None:
                 "name"
             )
         outputs[place] = option
+
+
+def _check_files(args: argparse.Namespace) -> None:
+    for name in ("color", "depth"):
+        if getattr(args, name) is None:
+            raise UsageError(f"--{name}: missing; give --color FILE and --depth FILE")
+    if bool(args.intrinsics) == args.orthographic:
+        raise UsageError(
+            "give either --intrinsics fx,fy,cx,cy (a camera's picture, unprojected) or "
+            "--orthographic (taken as it is)"
+        )
+
+
+def _check_choices(args: argparse.Namespace) -> None:
+    import math
+
+    from inim.pictures.depth_map import DEPTH_MAPS
+    from inim.pictures.fit import FITS
+    from inim.pictures.missing import FILL_RULES
+
+    words = {
+        "--depth-map": (args.depth_map, DEPTH_MAPS),
+        "--fill": (args.fill, FILL_RULES),
+        "--fit": (args.fit, FITS),
+        "--outside": (args.outside, ("clip", "drop")),
+    }
+    for option, (word, known) in words.items():
+        if word not in known:
+            raise UsageError(f"{option} {word}: use {', '.join(known[:-1])} or {known[-1]}")
+    if not (math.isfinite(args.steepest) and args.steepest > 0):
+        raise UsageError(f"--steepest {args.steepest:g}: a slope above 0; 10 is 84 degrees")
+    if args.frame_at is not None and args.orthographic:
+        raise UsageError("--frame-at: an orthographic picture is as large at every distance")
 
 
 def _intrinsics(args: argparse.Namespace) -> Pinhole | None:
