@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import queue
+import socket
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
@@ -27,7 +28,7 @@ from inim.jobs.sweep.board import Board
 from inim.jobs.sweep.task import Task, attempt
 from inim.jobs.worker import Watcher
 
-__all__ = ["check_dask", "on_worker", "run_cluster"]
+__all__ = ["check_answers", "check_dask", "on_worker", "run_cluster"]
 
 _TOPIC = "inim-sweep"
 _TICK_S = 0.5
@@ -150,6 +151,24 @@ def _key(task: Task) -> str:
     return f"inim-{task.unit}-{hashlib.sha256(words.encode()).hexdigest()[:8]}"
 
 
+def check_answers(scheduler: str) -> None:
+    """Raise the `UsageError` that fits where nobody listens at a scheduler's address.
+
+    A dask client that cannot connect takes twice its patience to give up, and prints tracebacks.
+    """
+    host, _, port = scheduler.rpartition("://")[2].rpartition(":")
+    if not (host and port.isdigit()):
+        raise UsageError(
+            f"--scheduler {scheduler}: write tcp://HOST:PORT, as `dask scheduler` says"
+        )
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), _ANSWERS_WITHIN_S).close()
+    except (OSError, OverflowError) as error:
+        raise UsageError(
+            f"--scheduler {scheduler}: nobody answers there ({error}); start one: dask scheduler"
+        ) from None
+
+
 @contextmanager
 def _client(scheduler: str) -> Iterator[Any]:
     from distributed import Client
@@ -159,11 +178,10 @@ def _client(scheduler: str) -> Iterator[Any]:
         warnings.simplefilter("ignore")  # of versions that differ; ours are in every key
         try:
             client = Client(scheduler, timeout=_ANSWERS_WITHIN_S, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
+        except (OSError, ValueError) as error:
             words = " ".join(str(error).split())[:160]
             raise UsageError(
-                f"--scheduler {scheduler}: no scheduler answers there ({words}); start one: "
-                "dask scheduler"
+                f"--scheduler {scheduler}: what answers there is no dask scheduler ({words})"
             ) from None
     with client:
         yield client

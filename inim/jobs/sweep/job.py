@@ -13,7 +13,7 @@ from inim import backend as backends
 from inim.backend.machine import cpu_count
 from inim.errors import FileError
 from inim.jobs.sweep.board import Board
-from inim.jobs.sweep.cluster import check_dask, run_cluster
+from inim.jobs.sweep.cluster import check_answers, check_dask, run_cluster
 from inim.jobs.sweep.pool import choose_slots, run_pool
 from inim.jobs.sweep.results import FOLDER, Results
 from inim.jobs.sweep.rows import failed_rows, finished_rows
@@ -138,6 +138,7 @@ def _checked(request: SweepRequest) -> tuple[int, int | None]:
     if request.scheduler is None:
         return workers, threads
     check_dask()
+    check_answers(request.scheduler)
     return workers, request.threads
 
 

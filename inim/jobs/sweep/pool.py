@@ -22,8 +22,8 @@ _TICK_S = 0.5
 def choose_slots(workers: int | None, threads: int | None, cores: int) -> tuple[int, int]:
     """Workers at once and threads of each; what the user leaves open follows from the cores.
 
-    A validation spends about half its time on one thread: scoring, writing pictures, opening the
-    scene. So a worker for each core is faster than one with them all; README, *Sweeps*.
+    A validation spends more than half of its time on one thread: scoring, compiling, writing
+    pictures. So a worker for each core is faster than one with them all (README, *Sweeps*).
 
     Raises
     ------

@@ -31,7 +31,7 @@ _STYLE = """
 """
 _SCORES = (
     "Each number is a mean over the viewpoints. Large: SSIM to the ceiling, what the algorithm "
-    "keeps of what this display can show; Small: SSIM to the scene, "
+    "keeps of what this display can show. Small: SSIM to the scene, "
     "what the viewer gets. Rows are not to be compared with one another: scores depend on what a "
     "scene shows. No digit beyond the noise floor's distance from 1 means anything."
 )
@@ -46,9 +46,9 @@ _TIMES = {
 }
 _BEST = (
     "What a viewer gets of a relic from the best algorithm on each display: the mean SSIM to the "
-    "scene, and the ceiling that no algorithm on that display can pass. Each display's views have "
-    "as many pixels as it has lenses to fill them, so a display is judged at its own resolution: "
-    "FLIP, which weighs differences as an eye does, stands beside."
+    "scene, beside the ceiling, which only noise takes an algorithm above. Each display's views "
+    "have as many pixels as it has lenses to fill them, so a display is judged at its own "
+    "resolution: FLIP, which weighs differences as an eye does, stands beside."
 )
 _QUERY = """SELECT scene, display, algorithm, avg(ssim_to_ceiling) AS kept
 FROM 'sweep.parquet' WHERE status = 'ok'

@@ -65,7 +65,7 @@ def _figure(panels: dict[str, dict[str, tuple[float, float]]], unit: str) -> Any
         _panel(axis, points)
         style(axis, display, f"{unit} per EIA (↙ better)", "1 − SSIM to the ceiling")
         axis.set_xscale("log")
-        axis.margins(0.16, 0.14)
+        axis.margins(0.24, 0.14)
     for axis, _ in drawn:
         plain_ticks(axis)
     figure.canvas.draw()  # now all has its place, and names can be put beside one another

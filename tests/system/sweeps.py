@@ -1,0 +1,110 @@
+"""Tiny studies, the command run on them, and what its tables must share whoever computed them."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from inim.jobs.sweep.table import TABLE, read_table
+from tests.conftest import sphere, square
+from tests.system.conftest import Ended, write_scene
+
+#: What a run takes differs from run to run; everything else may not.
+TIMES = ("seconds", "yardsticks", "unit_seconds", "render_seconds", "created")
+WITHIN_S = 240
+
+
+def write_study(
+    folder: Path,
+    scenes: int = 2,
+    displays: int = 1,
+    algorithms: Sequence[str] = ("template", "gu2020"),
+    extra: str = "",
+) -> Path:
+    """Scenes of a sphere and a square on displays of few lenses, with hardly any samples."""
+    names = []
+    for number in range(scenes):
+        shapes = (sphere((0, 0, 1), 1 + number), square((number, 1, 0), 0.7, "0.9,0.1,0.1"))
+        names.append(write_scene(folder, *shapes, name=f"relic{number}.xml").name)
+    tables = "".join(
+        f'[[display]]\nname = "d{n}"\nlens_columns = {6 + n}\nlens_rows = 6\n'
+        for n in range(displays)
+    )
+    path = folder / "study.toml"
+    path.write_text(
+        f"[study]\nscenes = {names}\nalgorithms = {list(algorithms)}\n"
+        f"viewpoints = 'centre'\n{extra}"
+        "[settings]\ncapture_spp = 2\neia_spp = 2\nview_spp = 2\nreconstruction_spp = 2\n" + tables
+    )
+    return path
+
+
+def command(*words: object) -> list[str]:
+    """`inim sweep` as a user's shell runs it."""
+    return [sys.executable, "-m", "inim", "sweep", *map(str, words)]
+
+
+def sweep(*words: object, folder: Path) -> Ended:
+    """Run it to its end in a folder."""
+    done = subprocess.run(
+        command(*words), cwd=folder, stdin=subprocess.DEVNULL, capture_output=True,
+        encoding="utf-8", timeout=WITHIN_S,
+    )  # fmt: skip
+    return Ended(done.returncode, done.stdout, done.stderr)
+
+
+def start(*words: object, folder: Path) -> subprocess.Popen[str]:
+    """Begin with it."""
+    return subprocess.Popen(
+        command(*words), cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, encoding="utf-8",
+    )  # fmt: skip
+
+
+def table(out: Path) -> list[dict[str, Any]]:
+    """Its rows without times."""
+    rows = read_table(out / TABLE)
+    return [{key: value for key, value in row.items() if key not in TIMES} for row in rows]
+
+
+def results(out: Path) -> dict[str, int]:
+    """Every result there is, with the moment it was written [ns]."""
+    return {
+        str(p.relative_to(out)): p.stat().st_mtime_ns for p in sorted(out.glob("units/*/*.json"))
+    }
+
+
+def until(holds: Any, what: str) -> Any:
+    """Wait until something holds."""
+    end = time.monotonic() + WITHIN_S
+    while time.monotonic() < end:
+        found = holds()
+        if found:
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"not within {WITHIN_S} s: {what}")
+
+
+def workers_of(out: Path) -> list[int]:
+    """Processes that validate a unit of this sweep, whoever started them."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            words = (entry / "cmdline").read_bytes().split(b"\0")
+            state = (entry / "stat").read_text().rpartition(")")[2].split()[0]
+        except OSError:
+            continue
+        if b"inim.jobs.sweep" not in words or state == "Z":
+            continue
+        job = json.loads(next(word for word in words if word.startswith(b"{")))
+        if job["task"]["request"]["out"] == os.path.abspath(out):  # noqa: PTH100
+            found.append(int(entry.name))
+    return found

@@ -1,0 +1,220 @@
+"""Sweeps of tiny studies, from the command line.
+
+Expected: a row for each combination with the very scores a validation of its own gives; nothing
+computed twice, nothing lost by whatever is killed; failures in rows, and one line for a mistake.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from pathlib import Path
+
+import pytest
+
+import inim
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
+from inim.jobs.sweep.job import SweepRequest, run_sweep
+from inim.jobs.sweep.table import COLUMNS, TABLE
+from tests.conftest import scene_text
+from tests.system.conftest import assert_one_line, nothing_left
+from tests.system.sweeps import (
+    results,
+    start,
+    sweep,
+    table,
+    until,
+    workers_of,
+    write_study,
+)
+
+README = Path(__file__).parents[2] / "README.md"
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """Two relics, one display, two algorithms."""
+    folder = tmp_path_factory.mktemp("sweep 鼎")
+    study = write_study(folder)
+    ended = sweep(study.name, "-o", "out", folder=folder)
+    assert ended.code == EXIT_PASSED, ended.stderr + ended.stdout
+    return folder, ended
+
+
+def test_a_row_for_each_combination(swept):
+    folder, ended = swept
+    rows = table(folder / "out")
+    names = [(r["scene"], r["display"], r["algorithm"], r["viewpoint"]) for r in rows]
+    assert names == [
+        (f"relic{n}", "d0", algorithm, "centre")
+        for n in (0, 1)
+        for algorithm in ("template", "gu2020")
+    ]
+    assert all(row["status"] == "ok" and row["passed"] and row["error"] is None for row in rows)
+    assert "2 of 2 validations run, 4 rows" in ended.stdout
+    assert (folder / "out" / "sweep.html").is_file()
+    assert nothing_left(folder)
+    assert not list((folder / "out" / "reports").iterdir())
+
+
+def test_scores_are_those_of_a_validation_of_its_own(swept, tmp_path):
+    folder = swept[0]
+    settings = {"lens_columns": 6, "lens_rows": 6, "capture_spp": 2, "eia_spp": 2, "view_spp": 2}
+    report = inim.validate(
+        folder / "relic1.xml", tmp_path / "alone", algorithms="gu2020", viewpoints="centre",
+        definitions={f"inim.{k}": v for k, v in (settings | {"reconstruction_spp": 2}).items()},
+    )  # fmt: skip
+    (row,) = [
+        r for r in table(folder / "out") if (r["scene"], r["algorithm"]) == ("relic1", "gu2020")
+    ]
+    data = report.data
+    for key, value in data["algorithms"]["gu2020"]["views"]["centre"].items():
+        assert row[key] == value, key
+    for key in ("ssim", "psnr_db"):
+        assert row[f"eia_{key}"] == data["algorithms"]["gu2020"]["eia"][key]
+        assert row[f"ceiling_{key}"] == data["ceiling"]["views"]["centre"][key]
+        assert row[f"noise_floor_{key}"] == data["noise_floor"]["views"]["centre"][key]
+        assert row[f"noise_floor_eia_{key}"] == data["noise_floor"]["eia"][key]
+    assert row["scene_sha256"] == data["scene"]["sha256"]
+    assert [row[k] for k in ("x_mm", "y_mm", "z_mm")] == data["viewpoints"][0]["position_mm"]
+    assert row["eia_spp"] == data["settings"]["eia_spp"] == 2
+
+
+def test_columns_have_the_types_that_the_readme_states(swept):
+    from pyarrow import parquet
+
+    schema = parquet.read_schema(swept[0] / "out" / TABLE)
+    assert {f.name: str(f.type).replace("double", "float64") for f in schema} == COLUMNS
+    text = README.read_text("utf-8").split("<!-- sweep columns -->")[1]
+    stated = re.findall(r"`(\w+)`", text.split("<!-- /sweep columns -->")[0])
+    assert sorted(stated) == sorted(COLUMNS)
+
+
+def test_the_readme_s_query_answers(swept):
+    duckdb = pytest.importorskip("duckdb")
+    text = README.read_text("utf-8")
+    (query,) = re.findall(r"```sql\n(.*?)```", text, re.S)
+    found = duckdb.sql(query.replace("OUT/", f"{swept[0]}/out/")).fetchall()
+    assert len(found) == 2
+    assert {row[0] for row in found} == {"relic0", "relic1"}
+
+
+def test_an_unchanged_study_computes_nothing(swept):
+    folder = swept[0]
+    before, rows = results(folder / "out"), table(folder / "out")
+    ended = sweep("study.toml", "-o", "out", folder=folder)
+    assert ended.code == EXIT_PASSED
+    assert "4 of 4 results are there, 0 validations to run" in ended.stdout
+    assert results(folder / "out") == before
+    assert table(folder / "out") == rows
+
+
+def test_a_cluster_makes_the_same_table(swept, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        processes=False,
+        dashboard_address=":0",
+        protocol="tcp://",
+    ) as cluster:
+        request = SweepRequest(swept[0] / "study.toml", tmp_path / "out", cluster.scheduler_address)
+        outcome = run_sweep(request)
+    assert outcome.passed
+    assert table(tmp_path / "out") == table(swept[0] / "out")
+    assert results(tmp_path / "out").keys() == results(swept[0] / "out").keys()
+
+
+@pytest.mark.slow
+def test_what_is_added_or_damaged_is_computed_and_nothing_else(tmp_path):
+    write_study(tmp_path)
+    assert sweep("study.toml", "-o", "out", folder=tmp_path).code == EXIT_PASSED
+    rows, before = table(tmp_path / "out"), results(tmp_path / "out")
+    damaged = next(name for name in before if name.endswith("gu2020.json"))
+    (tmp_path / "out" / damaged).write_text('{"schema"')
+    write_study(tmp_path, algorithms=("li2012", "template", "gu2020"))
+    ended = sweep("study.toml", "-o", "out", folder=tmp_path)
+    assert ended.code == EXIT_PASSED, ended.stderr
+    assert "3 of 6 results are there, 2 validations to run" in ended.stdout
+    after = results(tmp_path / "out")
+    changed = {name for name in after if after[name] != before.get(name)}
+    assert changed == {damaged} | {name for name in after if name.endswith("li2012.json")}
+    kept = [row for row in table(tmp_path / "out") if row["algorithm"] != "li2012"]
+    assert kept == rows
+
+
+@pytest.mark.slow
+def test_a_unit_that_fails_is_a_row_and_the_others_go_on(tmp_path):
+    study = write_study(tmp_path, scenes=2, algorithms=("template",), extra="keep_reports = true\n")
+    (tmp_path / "relic0.xml").write_text(scene_text())  # nothing to see
+    ended = sweep(study.name, "-o", "out", "--quiet", folder=tmp_path)
+    assert ended.code == EXIT_CHECK_FAILED
+    assert ended.stdout == ""
+    (line,) = ended.stderr.splitlines()
+    bad, good = table(tmp_path / "out")
+    assert line == f"inim: failed: relic0 · d0: {bad['error']}"
+    assert (bad["status"], bad["viewpoint"], bad["ssim"]) == ("failed", "centre", None)
+    assert (good["status"], good["scene"]) == ("ok", "relic1")
+    assert bad["error"] in (tmp_path / "out" / "sweep.html").read_text("utf-8")
+    # The good one's report was asked to be kept.
+    assert inim.Report.load(tmp_path / "out" / "reports" / good["unit"]).passed
+    assert nothing_left(tmp_path)
+
+
+@pytest.mark.slow
+def test_a_killed_worker_and_a_killed_driver_lose_nothing_and_double_nothing(tmp_path):
+    study = write_study(tmp_path, scenes=3, displays=2)
+    assert sweep(study.name, "-o", "whole", folder=tmp_path).code == EXIT_PASSED
+    out = tmp_path / "out"
+    driver = start(study.name, "-o", "out", folder=tmp_path)
+    first = until(lambda: workers_of(out), "a worker starts")[0]
+    os.kill(first, signal.SIGKILL)
+    until(lambda: len(results(out)) >= 4, "some results")
+    driver.send_signal(signal.SIGKILL)
+    driver.communicate()
+    until(lambda: not workers_of(out), "workers end with their driver")
+    before = results(out)
+    assert 4 <= len(before) < 12
+    assert not (out / TABLE).exists()
+    ended = sweep(study.name, "-o", "out", folder=tmp_path)
+    assert ended.code == EXIT_PASSED, ended.stderr
+    assert f"{len(before)} of 12 results are there" in ended.stdout
+    after = results(out)
+    assert len(after) == 12
+    assert {name: after[name] for name in before} == before  # nothing was done again
+    assert table(out) == table(tmp_path / "whole")
+    assert nothing_left(tmp_path)
+
+
+@pytest.mark.slow
+def test_an_interrupt_takes_the_workers_along(tmp_path):
+    study = write_study(tmp_path)
+    driver = start(study.name, "-o", "out", folder=tmp_path)
+    until(lambda: workers_of(tmp_path / "out"), "a worker starts")
+    driver.send_signal(signal.SIGTERM)
+    driver.communicate(timeout=60)
+    assert driver.returncode == 128 + signal.SIGTERM
+    assert not workers_of(tmp_path / "out")
+    assert nothing_left(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("gone.toml",), ["gone.toml", "study (.toml)"]),
+        (("study.toml", "--workers", "0"), ["--workers 0"]),
+        (("relic0.xml",), ["relic0.xml", "no TOML"]),
+        (("study.toml", "-o", "relic0.xml"), ["relic0.xml", "-o"]),
+        (("study.toml", "--scheduler", "nowhere"), ["--scheduler nowhere", "tcp://HOST:PORT"]),
+        (("study.toml", "--scheduler", "tcp://127.0.0.1:1"), ["nobody answers", "dask scheduler"]),
+    ],
+)
+def test_mistakes_cost_one_line_and_no_file(tmp_path, words, says):
+    write_study(tmp_path, scenes=1)
+    before = sorted(tmp_path.rglob("*"))
+    ended = sweep(*words, folder=tmp_path)
+    assert ended.code == EXIT_USAGE
+    assert_one_line(ended.stderr, says)
+    left = [p for p in tmp_path.rglob("*") if p not in before and p.is_file()]
+    assert left == []
