@@ -131,9 +131,13 @@ class SourceGenerator(ABC):
     def shown(self, rgbd: RGBD) -> tuple[np.ndarray, Sources]:
         """What `generate` and `sources` yield; found once where one follows from the other."""
         sources = self.sources(rgbd)
-        if type(self).generate is SourceGenerator.generate:
+        if self.shows_sources(rgbd):
             return colour_of(sources, rgbd), sources
         return self.generate(rgbd), sources
+
+    def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
+        """Whether what it makes of a picture are the colours of its sources and nothing else."""
+        return type(self).generate is SourceGenerator.generate
 
     def place(self, rgbd: RGBD, out: np.ndarray | None) -> NDArray[Any]:
         """The array to write what is made of a picture into; see `check_out`."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.asked import OnPanel, asked_pixels
+from inim.generators.asked import OnPanel, asked_pixels, masked
 from inim.generators.base import AskedPixels, PictureShape, SourceGenerator
 from inim.generators.cells import Aside, cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
@@ -48,6 +48,9 @@ from inim.rgbd import RGBD
 __all__ = ["prepare"]
 
 _LANES = np.uintp(LANES)
+# Share of the panel above which rays by themselves take longer than tables for all: those of a
+# pixel take some five times as long as its share of the tables.
+_MOST_ALONE = 0.15
 
 
 def prepare(
@@ -75,12 +78,15 @@ def prepare(
     if str(samples) not in ("1", "2", "4"):
         raise UsageError(f"layered: samples = {samples!r}; use 1, 2 or 4")
 
+    tables = bool(cells_per_pitch(display, pixel_mm)) and shares_directions(display)
+    if mask is not None and tables and np.count_nonzero(mask) > _MOST_ALONE * mask.size:
+        return masked(prepare(display, shape, pixel_mm, samples=samples), mask)
     asked = None if mask is None else asked_pixels(mask, display)
 
     def first_hits_through(aside: Aside) -> SourceGenerator:
         if not display.is_separable:
             return _FreeRays(display, shape, pixel_mm, aside, asked)
-        if asked is None and cells_per_pitch(display, pixel_mm) and shares_directions(display):
+        if asked is None and tables:
             return _Shared(display, shape, pixel_mm, aside)
         return _RayByRay(display, shape, pixel_mm, aside, asked)
 

@@ -51,7 +51,7 @@ class LensRuns:
     asked : (runs,) uint8
         Which lenses from there on are asked for, a bit each.
     place : (runs, 8) int32
-        Where in the list of pixels each of them stands.
+        Where in the list of pixels each of those asked for stands.
     """
 
     first: np.ndarray
@@ -73,7 +73,7 @@ class LensRuns:
         """
         most = len(pixels.rows)
         direction, lens = np.empty(most, np.int32), np.empty(most, np.int32)
-        asked, place = np.zeros(most, np.uint8), np.zeros((most, _FEW), np.int32)
+        asked, place = np.zeros(most, np.uint8), np.empty((most, _FEW), np.int32)
         first = np.zeros(lenses[0] + 1, np.int64)
         runs = _gather(
             pixels.rows, pixels.columns, per_lens, lenses[1], first, direction, lens, asked, place

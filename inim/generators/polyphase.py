@@ -5,8 +5,14 @@ so what one template entry reads for a row of lenses is contiguous: a vector of 
 colours.
 
 A strip of lenses (`inim.generators.lanes`) follows a direction's list from near to far until each
-has hit. Entries left above the nearest surface that the strip can reach cannot hit, and are passed
-over first.
+has hit.
+
+Entries left above the nearest surface that the strip can reach cannot hit, as a hit takes a depth
+of at least the exit: they are passed over first. There is no such bound below. A cell is solid from
+its depth back, so under the farthest surface a ray still hits the next covered cell, and that there
+is none left on its way only the cells themselves can tell: to ask them whether they are covered
+costs the load that asks them for their depth. Lenses with nothing covered in reach could be left
+out of a strip, yet hardly a search would end sooner, for the rays of others beside the object.
 """
 
 from __future__ import annotations

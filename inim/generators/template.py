@@ -190,6 +190,10 @@ class _Aligned(SourceGenerator):
         self._run(rgbd, self._index, HOLE % 2**32, found.view(np.uint32))
         return found
 
+    def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
+        """See `SourceGenerator.shows_sources`."""
+        return True
+
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`; RGBA goes to the panel without a source map between."""
         if rgbd.color.dtype != np.uint8:

@@ -93,7 +93,7 @@ def run_generator(
     """
     started = time.perf_counter()
     # Sources are asked for once, where the colours are no more than theirs.
-    if _is_plain(generator):
+    if mask is None and isinstance(generator, SourceGenerator) and generator.shows_sources(rgbd):
         sources = _sources(name, generator, rgbd, display)
         eia = colour_of(sources, rgbd)
         return eia, time.perf_counter() - started, sources < 0
@@ -111,13 +111,6 @@ def run_generator(
     if not isinstance(generator, SourceGenerator):
         return eia, seconds, None
     return eia, seconds, _sources(name, generator, rgbd, display) < 0
-
-
-def _is_plain(generator: Generator) -> bool:
-    return (
-        isinstance(generator, SourceGenerator)
-        and type(generator).generate is SourceGenerator.generate
-    )
 
 
 def _sources(name: str, generator: Any, rgbd: RGBD, display: Display) -> np.ndarray:
