@@ -32,7 +32,7 @@ from inim.regression.evidence import (
 from inim.regression.fixed_picture import Fingerprint, fingerprint, fixed_picture
 from inim.regression.scores import ScoreEstimate, score_interval, view_scores
 from inim.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
-from inim.regression.times import is_steady, log_ratios
+from inim.regression.times import is_steady, log_ratios, yardsticks
 from inim.regression.verdict import Verdict, all_passed
 
 __all__ = [
@@ -61,4 +61,5 @@ __all__ = [
     "view_scores",
     "view_tile",
     "write_evidence",
+    "yardsticks",
 ]

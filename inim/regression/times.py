@@ -12,12 +12,20 @@ Noise may explain a slowdown only while it is small itself: an interval that hol
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Mapping, Sequence
 
 from inim.regression.inference import FALSE_ALARM_RATE, shift_of, sidak
 from inim.regression.verdict import Verdict
 
-__all__ = ["LEAST_ROUNDS", "MOST_SLOWDOWN", "compare_times", "is_steady", "log_ratios"]
+__all__ = [
+    "LEAST_ROUNDS",
+    "MOST_SLOWDOWN",
+    "compare_times",
+    "is_steady",
+    "log_ratios",
+    "yardsticks",
+]
 
 #: Fewer rounds say nothing: with nine on each side the interval still has an end at this level.
 LEAST_ROUNDS = 9
@@ -31,6 +39,11 @@ _NEVER_HIDDEN = 1.3
 def log_ratios(times_s: Sequence[float], yardstick_s: Sequence[float]) -> tuple[float, ...]:
     """Natural logarithms of time over yardstick, round by round, of the rounds both were in."""
     return tuple(math.log(t / y) for t, y in zip(times_s, yardstick_s, strict=False))
+
+
+def yardsticks(ratios: Sequence[float]) -> float:
+    """Median time in yardsticks, from `log_ratios`."""
+    return math.exp(statistics.median(ratios))
 
 
 def is_steady(ratios: Sequence[float]) -> bool:
@@ -70,7 +83,7 @@ def _verdict(name: str, old: Sequence[float], new: Sequence[float], level: float
     known = rounds >= LEAST_ROUNDS and math.isfinite(value)
     hidden = shift.low <= 0 and shift.high > math.log(_NEVER_HIDDEN)
     passed = bool(known and not hidden and value <= limit)
-    detail = f"{_yardsticks(new)} yardsticks, baseline {_yardsticks(old)}; {rounds} rounds"
+    detail = f"{_words(new)} yardsticks, baseline {_words(old)}; {rounds} rounds"
     if rounds < LEAST_ROUNDS:
         detail += f", {LEAST_ROUNDS} needed"
     elif hidden:
@@ -81,8 +94,5 @@ def _verdict(name: str, old: Sequence[float], new: Sequence[float], level: float
     )
 
 
-def _yardsticks(ratios: Sequence[float]) -> str:
-    if not ratios:
-        return "no"
-    ordered = sorted(ratios)
-    return f"{math.exp(ordered[len(ordered) // 2]):.3g}"
+def _words(ratios: Sequence[float]) -> str:
+    return f"{yardsticks(ratios):.3g}" if ratios else "no"

@@ -229,6 +229,23 @@ def test_generator_slower_by_30_percent_fails_and_itself_does_not(bench: Bench) 
         assert (row in bench.failed("again")) is is_slow
 
 
+@pytest.mark.slow
+def test_five_percent_fewer_samples_pass_and_half_as_many_do_not(bench: Bench) -> None:
+    """From the command line. Half of the samples have 1.4 times the noise; 1.25 is allowed."""
+    names = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp")
+    samples = {"all": "40", "fewer": "38", "half": "20"}
+    for out, spp in samples.items():
+        given = dict.fromkeys(names, spp)
+        if out == "all":
+            assert bench.run("-o", out, **given).code == EXIT_PASSED
+            words = ["baseline", "accept", str(bench.folder / out), "--reason", "many samples"]
+            assert main([*words, "--to", str(bench.folder / "many")]) == EXIT_PASSED
+        else:
+            bench.run("-o", out, "--baseline", "many", seed="1", **given)
+    assert bench.failed("fewer") == set()
+    assert "ground truth: noise against the baseline" in bench.failed("half")
+
+
 # --- What cannot be compared --------------------------------------------------------------------
 
 
@@ -446,6 +463,7 @@ def test_workflow_s_steps_pass_on_a_clean_copy(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_workflow_s_installation_works_in_an_environment_of_its_own(tmp_path: Path) -> None:
+    """And there pytest finds the plugin: it accepts a baseline and holds the next run to it."""
     copy = clean_copy(tmp_path / "clone")
     subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True)
     variables = {"PATH": f"{tmp_path / 'venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"}
@@ -453,6 +471,15 @@ def test_workflow_s_installation_works_in_an_environment_of_its_own(tmp_path: Pa
     execute(install, copy, variables)
     execute(get_llvm, copy, variables)
     execute({"run": "cd / && inim --version && python -m inim.validate --help"}, copy, variables)
+    project = tmp_path / "project"
+    write_scene(project)
+    settings = {f"inim.{k}": v for k, v in SETTINGS.items() if k != "algorithms"}
+    (project / "test_it.py").write_text(TEST.format(definitions=settings, algorithms="template"))
+    execute({"run": "python -m pip install pytest"}, project, variables)
+    execute({"run": 'pytest --inim-update --inim-reason "the first"'}, project, variables)
+    execute({"run": "pytest"}, project, variables)
+    shutil.rmtree(project / "inim_baselines")
+    execute({"run": "if pytest; then exit 1; fi"}, project, variables)
 
 
 # --- The pytest plugin --------------------------------------------------------------------------

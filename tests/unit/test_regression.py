@@ -28,7 +28,7 @@ from inim.regression.inference import (
 from inim.regression.pictures import codes_from_linear, compare_noise, compare_pictures
 from inim.regression.scores import ScoreEstimate, compare_scores
 from inim.regression.tiles import eia_tile
-from inim.regression.times import MOST_SLOWDOWN, compare_times, is_steady
+from inim.regression.times import MOST_SLOWDOWN, compare_times, is_steady, yardsticks
 from inim.regression.verdict import Verdict, all_passed, within
 from tests.conftest import small_display
 
@@ -410,6 +410,11 @@ def test_more_rounds_make_up_for_scatter():
     verdict = compare_times({"a": old}, {"a": slow})[0]
     assert not verdict.passed
     assert "scatter" not in verdict.detail
+
+
+def test_time_in_yardsticks_is_the_median_of_the_rounds():
+    ratios = log_ratios((2.0, 3.0, 80.0, 4.0, 2.5), (1.0, 1.0, 1.0, 1.0, 1.0))
+    assert yardsticks(ratios) == pytest.approx(3.0)
 
 
 def test_too_few_rounds_are_no_measurement():
