@@ -122,7 +122,9 @@ def _add_validate(commands: Commands) -> None:
         epilog=_EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml) with inim.* settings")
+    parser.add_argument(
+        "scene", type=Path, nargs="?", help="Mitsuba scene (.xml) with inim.* settings"
+    )
     parser.add_argument(
         "-o", "--out", type=Path, help="folder for the report (default: SCENE-report)"
     )
@@ -169,7 +171,30 @@ def _add_validate(commands: Commands) -> None:
     )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
+    _add_picture(parser)
     parser.set_defaults(run=_validate)
+
+
+def _add_picture(parser: argparse.ArgumentParser) -> None:
+    from inim.jobs.generate import add_picture_arguments
+
+    picture = parser.add_argument_group(
+        "in place of a scene",
+        "A picture of your own: what can be scored without ground truth is, the rest says why not. "
+        "Colour and depth as for `inim generate`, or what its --rgbd wrote; --display may be an "
+        ".xml with inim.* settings.",
+    )
+    picture.add_argument("--rgbd", type=Path, metavar="FILE", help="fitted colour and depth, .exr")
+    add_picture_arguments(picture)
+
+
+def _validate_picture(args: argparse.Namespace) -> int:
+    from inim.jobs.picture.job import run_picture
+
+    passed, out = run_picture(args)
+    if not args.quiet:
+        print(f"{'passed' if passed else 'FAILED'}; report: {out / 'report.html'}")
+    return EXIT_PASSED if passed else EXIT_CHECK_FAILED
 
 
 def _validate(args: argparse.Namespace) -> int:
@@ -186,6 +211,10 @@ def _validate(args: argparse.Namespace) -> int:
                 f"{word!a}: is no text in this locale ({sys.getfilesystemencoding()}); "
                 "rename it, or set PYTHONUTF8=1"
             )
+    if args.rgbd or args.color or args.depth:
+        return _validate_picture(args)
+    if args.scene is None:
+        raise UsageError("validate: name a scene, or a picture with --rgbd, or --color and --depth")
     request = Request(
         scene=args.scene,
         out=args.out or default_out(args.scene),

@@ -1,0 +1,164 @@
+"""`inim validate` on a picture of one's own: what it says itself is scored, the rest is named.
+
+Expected: exact algorithms show no wrong source, others do; views show the parallax of the picture's
+own depth; what would need a scene is refused or listed with its reason.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inim.cli import main
+from inim.errors import EXIT_PASSED, EXIT_USAGE
+from inim.formats.image import read_rgbd
+from inim.jobs.picture.oracle import exact_hits
+from inim.jobs.picture.warp import warped
+from inim.rgbd import RGBD
+from inim.viewpoint import Viewpoint
+from tests import oracle
+from tests.conftest import small_display
+from tests.system.conftest import assert_one_line, nothing_left
+from tests.system.test_generate import (
+    CAMERA,
+    DISPLAY,
+    EYES,
+    SQUARES,
+    camera,
+    expected_place,
+    place_seen,
+    the_display,
+)
+
+ALGORITHMS = "template,wang2024:matching=ray"
+QUICK = [*DISPLAY, "-D", "inim.reconstruction_spp=4", "--algorithms", ALGORITHMS, "--quiet"]
+EYE_WORDS = ["--viewpoints", "l=-14 0 400, r=14 0 400"]
+
+
+def taken(folder: Path) -> list[str]:
+    files = ["--color", str(folder / "color.png"), "--depth", str(folder / "depth.png")]
+    return [*files, "--depth-unit", "mm", *CAMERA]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("picture")
+    camera.__wrapped__(folder)
+    words = ["validate", *taken(folder), *QUICK, *EYE_WORDS, "-o", str(folder / "out")]
+    assert main(words) == EXIT_PASSED
+    return folder, json.loads((folder / "out" / "report.json").read_text("utf-8"))
+
+
+def test_exact_first_hits_are_never_wrong_and_others_sometimes(finished):
+    made = finished[1]["algorithms"]
+    assert list(made) == ALGORITHMS.split(",")
+    assert finished[1]["oracle_pixels"] == 2000
+    assert made["template"]["wrong_source"] == 0
+    assert 0 < made["wang2024:matching=ray"]["wrong_source"] < 1
+
+
+def test_views_are_scored_against_the_picture_and_the_exact_eia(finished):
+    metrics = {"ssim", "psnr_db", "flip"}
+    for made in finished[1]["algorithms"].values():
+        for view in made["views"].values():
+            assert view["to_picture"].keys() == view["to_exact"].keys() == metrics
+    own = {name: own["ssim"] for name, own in finished[1]["exact"].items()}
+    assert own.keys() == {"l", "r"}
+    worse = finished[1]["algorithms"]["wang2024:matching=ray"]["views"]
+    assert all(worse[name]["to_picture"]["ssim"] < own[name] for name in own)
+
+
+def test_what_cannot_be_scored_is_named_with_the_reason(finished):
+    words = " ".join(finished[1]["not_scored"])
+    assert "no scene" in words and "did not see" in words
+    page = (finished[0] / "out" / "report.html").read_text("utf-8")
+    assert all(line in page for line in finished[1]["not_scored"])
+
+
+def test_every_file_listed_is_there_and_nothing_else(finished):
+    out = finished[0] / "out"
+    files = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
+    assert files == set(finished[1]["files"])
+    assert {"eia/template.png", "views/picture/l.png", "views/exact/r.png", "rgbd.exr"} <= files
+    assert nothing_left(finished[0])
+
+
+def test_a_fitted_picture_gives_the_same_scores(finished):
+    folder, data = finished
+    words = ["--rgbd", str(folder / "out" / "rgbd.exr"), *QUICK, *EYE_WORDS]
+    assert main(["validate", *words, "-o", str(folder / "again")]) == EXIT_PASSED
+    again = json.loads((folder / "again" / "report.json").read_text("utf-8"))
+    for made in (*data["algorithms"].values(), *again["algorithms"].values()):
+        made.pop("seconds", None)
+    assert again["algorithms"] == data["algorithms"]
+    assert again["exact"] == data["exact"]
+
+
+def test_the_warped_picture_shows_each_square_where_it_is_seen_from_the_eye(finished):
+    """Against the line from the eye to the square's middle, in closed form."""
+    display = the_display()
+    rgbd = read_rgbd(finished[0] / "out" / "rgbd.exr")
+    for eye in EYES.values():
+        view, met = warped(rgbd, display, Viewpoint("eye", *eye), 8)
+        assert np.array_equal(met > 0, view.any(axis=-1))
+        for channel, square in enumerate(SQUARES):
+            found = place_seen(view, channel, display)
+            # The median distance of the picture's pixels, where it fits the array.
+            wanted = expected_place(square, eye, 2000.0, display)
+            # Half a pixel of the picture at either side, and the column's side that is seen.
+            assert found == pytest.approx(wanted, abs=0.6)
+
+
+def test_exact_hits_are_those_of_the_tests_own_oracle():
+    display = small_display(4, 3, pixels=6)
+    random = np.random.default_rng(2)
+    shape = display.capture_shape(3)
+    low, high = display.depth_range_mm
+    depth = (low + (high - low) * random.random(shape)).astype(np.float32)
+    color = random.random((*shape, 3), dtype=np.float32)
+    rgbd = RGBD(color, depth, random.random(shape) < 0.7, 1 / 3)
+    found = exact_hits(rgbd, display)
+    wanted = oracle.exact_sources(rgbd, display)
+    assert len(found.sources) == wanted.size
+    assert found.wrong_share(wanted) == 0
+    assert found.wrong_share(np.full_like(wanted, -1)) == (found.sources != -1).mean() > 0
+
+
+def test_a_hexagonal_array_is_not_set_against_the_oracle(finished, tmp_path):
+    folder = finished[0]
+    words = [*taken(folder), *QUICK, "-D", "inim.lattice=hexagonal", "--viewpoints", "centre"]
+    words = ["template" if word == ALGORITHMS else word for word in words]
+    assert main(["validate", *words, "-o", str(tmp_path / "out")]) == EXIT_PASSED
+    data = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
+    assert data["algorithms"]["template"]["wrong_source"] is None
+    assert any("rows and columns" in line for line in data["not_scored"])
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((), ["name a scene", "--rgbd"]),
+        (("scene.xml", "--rgbd", "x.exr"), ["scene.xml", "a scene and a picture"]),
+        (("--rgbd", "x.exr", "--color", "c.png"), ["--rgbd", "--color"]),
+        (("--rgbd", "x.exr"), ["x.exr"]),
+        (("--rgbd", "x.exr", "--eia", "a=b.png"), ["--eia", "ground truth"]),
+        (("--rgbd", "x.exr", "--baseline", "here"), ["--baseline", "ground truth"]),
+        (("--color", "c.png", "--orthographic"), ["--depth"]),
+        (("--rgbd", "x.exr", "--algorithms", "pickup"), ["pickup"]),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_nothing(words, says, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["validate", *words]) == EXIT_USAGE
+    assert_one_line(capsys.readouterr().err, says)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_picture_fitted_to_another_display_is_refused(finished, tmp_path, capsys):
+    fitted = finished[0] / "out" / "rgbd.exr"
+    words = ["--rgbd", str(fitted), "-D", "inim.gap_mm=2.7", "-o", str(tmp_path / "out")]
+    assert main(["validate", *words]) == EXIT_USAGE
+    assert_one_line(capsys.readouterr().err, ["rgbd.exr", "depth range", "inim generate --rgbd"])
