@@ -30,9 +30,9 @@ _REFERENCES = {"to_picture": "the picture, warped", "to_exact": "the exact EIA's
 _LEAD = (
     "Wrong source: panel pixels that show another pixel of the picture than the first one that "
     "their ray meets, by rational arithmetic. The picture, warped: as the eye would see it by its "
-    "own depth, with no display between; every display blurs that. The exact EIA's view: what the EIA of the "
-    "exact first hits, four rays a pixel, shows through the same lenses: all that an algorithm can "
-    "get out of this picture."
+    "own depth, with no display between; every display blurs that. The exact EIA's view: what the "
+    "EIA of the exact first hits, four rays a pixel, shows through the same lenses: all that an "
+    "algorithm can get out of this picture."
 )
 
 
