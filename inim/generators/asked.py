@@ -48,27 +48,15 @@ class OnPanel(SourceGenerator):
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`; `NOT_ASKED` elsewhere."""
-        return self._sources_on_panel(self._listed.sources(rgbd))
+        found = np.full(self.display.eia_shape, NOT_ASKED, np.int32)
+        _put(self._listed.sources(rgbd).reshape(-1, 1), self._at, found.reshape(-1, 1))
+        return found
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
         if rgbd.color.dtype != np.uint8 and self._listed.shows_sources(rgbd):
             return self._colours_on_panel(self._listed.sources(rgbd), rgbd, out)
         return self._on_panel(self._listed.generate(rgbd), out)
-
-    def shown(self, rgbd: RGBD) -> tuple[np.ndarray, Sources]:
-        """See `SourceGenerator.shown`."""
-        sources = self._listed.sources(rgbd)
-        if self._listed.shows_sources(rgbd):
-            eia = self._colours_on_panel(sources, rgbd, None)
-        else:
-            eia = self._on_panel(self._listed.generate(rgbd), None)
-        return eia, self._without_lens(self._sources_on_panel(sources))
-
-    def _sources_on_panel(self, listed: Sources) -> Sources:
-        found = np.full(self.display.eia_shape, NOT_ASKED, np.int32)
-        _put(listed.reshape(-1, 1), self._at, found.reshape(-1, 1))
-        return found
 
     def _on_panel(self, listed: np.ndarray, out: np.ndarray | None) -> np.ndarray:
         black = self._black(listed, out)

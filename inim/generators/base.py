@@ -128,13 +128,6 @@ class SourceGenerator(ABC):
         """See `Generator.generate`."""
         return colour_of(self.sources(rgbd), rgbd, self.place(rgbd, out))
 
-    def shown(self, rgbd: RGBD) -> tuple[np.ndarray, Sources]:
-        """What `generate` and `sources` yield; found once where one follows from the other."""
-        sources = self.sources(rgbd)
-        if self.shows_sources(rgbd):
-            return colour_of(sources, rgbd), sources
-        return self.generate(rgbd), sources
-
     def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
         """Whether what it makes of a picture are the colours of its sources and nothing else."""
         return type(self).generate is SourceGenerator.generate

@@ -97,40 +97,31 @@ def run_generator(
         sources = _sources(name, generator, rgbd, display)
         eia = colour_of(sources, rgbd)
         return eia, time.perf_counter() - started, sources < 0
-    if mask is not None and isinstance(generator, SourceGenerator):
-        with blamed(name, "generate"):
-            eia, sources = generator.shown(rgbd)
-        seconds = time.perf_counter() - started
-        _check(name, eia, (*display.eia_shape, 3), "float32")
-        _check_sources(name, sources[mask], rgbd)
-        return eia, seconds, (sources < 0) & mask
     with blamed(name, "generate"):
         eia = generator.generate(rgbd)
     seconds = time.perf_counter() - started
     _check(name, eia, (*display.eia_shape, 3), "float32")
     if not isinstance(generator, SourceGenerator):
         return eia, seconds, None
-    return eia, seconds, _sources(name, generator, rgbd, display) < 0
+    empty = _sources(name, generator, rgbd, display, mask) < 0
+    return eia, seconds, empty if mask is None else empty & mask
 
 
-def _sources(name: str, generator: Any, rgbd: RGBD, display: Display) -> np.ndarray:
+def _sources(
+    name: str, generator: Any, rgbd: RGBD, display: Display, mask: np.ndarray | None = None
+) -> np.ndarray:
     with blamed(name, "sources"):
         sources = generator.sources(rgbd)
     _check(name, sources, display.eia_shape, "int32")
-    _check_sources(name, sources, rgbd)
-    return np.asarray(sources)
-
-
-def _check_sources(name: str, sources: np.ndarray, rgbd: RGBD) -> None:
-    if not sources.size:
-        return
-    colors = rgbd.palette
-    low, high, pixels = int(sources.min()), int(sources.max()), colors.shape[0] * colors.shape[1]
+    colors, asked = rgbd.palette, sources if mask is None else sources[mask]
+    low, high = int(asked.min(initial=NO_LENS)), int(asked.max(initial=NO_LENS))
+    pixels = colors.shape[0] * colors.shape[1]
     if low < NO_LENS or high >= pixels:
         raise UsageError(
             f"algorithm {name!r} names sources {low} to {high}; this picture has 0 to {pixels - 1},"
             f" and {NO_LENS} and -1 mean none"
         )
+    return np.asarray(sources)
 
 
 def _check(name: str, made: Any, shape: tuple[int, ...], kind: str) -> None:
