@@ -31,7 +31,7 @@ from inim.regression.evidence import (
 )
 from inim.regression.fixed_picture import Fingerprint, fingerprint, fixed_picture
 from inim.regression.scores import ScoreEstimate, score_interval, view_scores
-from inim.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
+from inim.regression.tiles import OneHalf, TileStatistics, eia_tile, tile_statistics, view_tile
 from inim.regression.times import is_steady, log_ratios, yardsticks
 from inim.regression.verdict import Verdict, all_passed
 
@@ -41,6 +41,7 @@ __all__ = [
     "SCHEMA",
     "Evidence",
     "Fingerprint",
+    "OneHalf",
     "ScoreEstimate",
     "TileStatistics",
     "Verdict",

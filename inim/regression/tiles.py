@@ -37,7 +37,7 @@ import numpy as np
 from inim.regression.inference import freedom_of_sum
 from inim.row_bands import row_bands
 
-__all__ = ["TileStatistics", "eia_tile", "tile_statistics", "view_tile"]
+__all__ = ["OneHalf", "TileStatistics", "eia_tile", "tile_statistics", "view_tile"]
 
 # Views: small enough to see a shift of half a pixel at an edge, large enough for a standard error.
 _LEAST_TILE_PX = 8
@@ -99,6 +99,34 @@ class TileStatistics:
         return cls(tile, shape, **kept)
 
 
+@dataclass(frozen=True)
+class OneHalf:
+    """A half of a picture's samples, from the picture and its noise, made as its rows are read.
+
+    Attributes
+    ----------
+    image : (rows, columns, 3) float32, linear RGB
+    noise : (rows, columns, 3) float32
+        Half of the difference of the two halves.
+    sign : {+1, -1}
+        Which of the two.
+    """
+
+    image: np.ndarray
+    noise: np.ndarray
+    sign: int
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """As the picture's."""
+        return self.image.shape
+
+    def __getitem__(self, rows: slice) -> np.ndarray:
+        image, noise = self.image[rows], self.noise[rows]
+        half: np.ndarray = image + noise if self.sign > 0 else image - noise
+        return half
+
+
 def view_tile(shape: tuple[int, int]) -> tuple[int, int]:
     """Tile of a view: eight pixels square, larger where that makes more than 32 along a side."""
     size = max(_LEAST_TILE_PX, *(math.ceil(n / _MOST_TILES_ALONG) for n in shape))
@@ -123,13 +151,18 @@ def eia_tile(shape: tuple[int, int], lens_counts: tuple[int, int]) -> tuple[int,
 
 
 def tile_statistics(
-    first: np.ndarray, second: np.ndarray, tile: tuple[int, int], *, generated: bool = False
+    first: np.ndarray | OneHalf,
+    second: np.ndarray | OneHalf,
+    tile: tuple[int, int],
+    *,
+    generated: bool = False,
 ) -> TileStatistics:
     """Statistics of a picture from the two halves of its samples; see the module.
 
     Parameters
     ----------
     first, second : (rows, columns, 3) float32, linear RGB
+        Read a band of rows at a time.
     tile : (int, int)
         Rows and columns of a tile.
     generated : bool

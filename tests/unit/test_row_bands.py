@@ -13,7 +13,7 @@ from inim.color import linear_from_srgb, srgb_codes, srgb_from_linear, srgb_to_u
 from inim.errors import UsageError
 from inim.generators import colour_of
 from inim.regression import fingerprint, fixed_picture
-from inim.regression.tiles import tile_statistics
+from inim.regression.tiles import OneHalf, tile_statistics
 from inim.rgbd import RGBD
 from inim.row_bands import row_bands
 from tests.conftest import small_display
@@ -106,6 +106,14 @@ def test_statistics_of_tiles_are_the_same_in_any_bands(generated, band, monkeypa
     monkeypatch.setattr("inim.regression.tiles._PIXELS_AT_ONCE", 2**30)
     whole = tile_statistics(*halves, (9, 8), generated=generated).arrays()
     assert all(np.array_equal(found[name], whole[name]) for name in whole)
+
+
+def test_halves_made_as_they_are_read_have_the_same_statistics(band):
+    image, noise = pictures()
+    read = (OneHalf(image, noise, +1), OneHalf(image, noise, -1))
+    found = tile_statistics(*read, (9, 8), generated=True).arrays()
+    known = tile_statistics(image + noise, image - noise, (9, 8), generated=True).arrays()
+    assert all(np.array_equal(found[name], known[name]) for name in known)
 
 
 def test_a_fingerprint_is_of_the_whole_eia(band):
