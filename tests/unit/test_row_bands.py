@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -136,3 +137,29 @@ def test_colours_of_sources_are_looked_up_one_by_one(band):
     sources[39, 36] = 42
     with pytest.raises(UsageError, match="a source is 42; this picture has 0 to 41"):
         colour_of(sources, rgbd)
+
+
+@pytest.mark.parametrize(
+    ("score", "copies"),
+    [
+        (lambda a, b: metrics.ssim(a, b), 0.6),  # the map alone is a third
+        (lambda a, b: metrics.psnr_db(a, b), 0.2),
+        (lambda a, b: srgb_codes(a), 0.4),  # the codes alone are a quarter
+        (lambda a, b: tile_statistics(a, b, (40, 40)), 0.6),
+        (lambda a, b: tile_statistics(a, OneHalf(a, b, -1), (40, 40), generated=True), 0.6),
+    ],
+    ids=["ssim", "psnr", "codes", "tiles", "generated tiles"],
+)
+def test_an_eia_is_scored_in_less_memory_than_its_own(score, copies, monkeypatch):
+    """Bands of a hundredth of it; in one piece they took up to ten times the EIA."""
+    pair = pictures(2000, 500)
+    for module in ("inim.row_bands._PIXELS", "inim.regression.tiles._PIXELS_AT_ONCE"):
+        monkeypatch.setattr(module, 10_000)
+    score(*(p[:40, :40] for p in pair))  # imports, compiled kernels
+    tracemalloc.start()
+    try:
+        score(*pair)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < copies * pair[0].nbytes
