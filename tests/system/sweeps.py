@@ -54,7 +54,7 @@ def sweep(*words: object, folder: Path) -> Ended:
     """Run it to its end in a folder."""
     done = subprocess.run(
         command(*words), cwd=folder, stdin=subprocess.DEVNULL, capture_output=True,
-        encoding="utf-8", timeout=WITHIN_S,
+        encoding="utf-8", timeout=WITHIN_S, env=_own_tmp(folder),
     )  # fmt: skip
     return Ended(done.returncode, done.stdout, done.stderr)
 
@@ -63,8 +63,14 @@ def start(*words: object, folder: Path) -> subprocess.Popen[str]:
     """Begin with it."""
     return subprocess.Popen(
         command(*words), cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, encoding="utf-8",
+        stderr=subprocess.PIPE, encoding="utf-8", env=_own_tmp(folder),
     )  # fmt: skip
+
+
+def _own_tmp(folder: Path) -> dict[str, str]:
+    """Reports under way lie where a test can see whether they are cleared away."""
+    (folder / "tmp").mkdir(exist_ok=True)
+    return {**os.environ, "TMPDIR": str(folder / "tmp")}
 
 
 def table(out: Path) -> list[dict[str, Any]]:

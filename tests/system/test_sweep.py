@@ -15,7 +15,8 @@ import pytest
 
 import inim
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
-from inim.jobs.sweep.job import SweepRequest, run_sweep
+from inim.jobs.sweep.job import run_sweep
+from inim.jobs.sweep.plan import SweepRequest
 from inim.jobs.sweep.table import COLUMNS, TABLE
 from tests.conftest import scene_text
 from tests.system.conftest import assert_one_line, nothing_left
@@ -55,7 +56,7 @@ def test_a_row_for_each_combination(swept):
     assert "2 of 2 validations run, 4 rows" in ended.stdout
     assert (folder / "out" / "sweep.html").is_file()
     assert nothing_left(folder)
-    assert not list((folder / "out" / "reports").iterdir())
+    assert {p.name for p in (folder / "out").iterdir()} == {"units", TABLE, "sweep.html"}
 
 
 def test_scores_are_those_of_a_validation_of_its_own(swept, tmp_path):
@@ -103,6 +104,8 @@ def test_the_readme_s_query_answers(swept):
 def test_an_unchanged_study_computes_nothing(swept):
     folder = swept[0]
     before, rows = results(folder / "out"), table(folder / "out")
+    planned = sweep("study.toml", "-o", "out", "--dry-run", folder=folder)
+    assert planned.stdout.endswith("4 of 4 results are there, 0 validations to run\n")
     ended = sweep("study.toml", "-o", "out", folder=folder)
     assert ended.code == EXIT_PASSED
     assert "4 of 4 results are there, 0 validations to run" in ended.stdout
@@ -185,6 +188,7 @@ def test_a_killed_worker_and_a_killed_driver_lose_nothing_and_double_nothing(tmp
     assert {name: after[name] for name in before} == before  # nothing was done again
     assert table(out) == table(tmp_path / "whole")
     assert nothing_left(tmp_path)
+    assert not list((tmp_path / "tmp").rglob("*.partial"))
 
 
 @pytest.mark.slow
@@ -196,7 +200,7 @@ def test_an_interrupt_takes_the_workers_along(tmp_path):
     driver.communicate(timeout=60)
     assert driver.returncode == 128 + signal.SIGTERM
     assert not workers_of(tmp_path / "out")
-    assert nothing_left(tmp_path)
+    assert not list((tmp_path / "tmp").rglob("*.partial"))
 
 
 @pytest.mark.parametrize(

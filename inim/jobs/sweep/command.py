@@ -33,13 +33,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--threads", type=int, metavar="T", help="threads of each (the cores there are for it)"
     )
+    parser.add_argument(
+        "--dry-run", action="store_true", help="say what is there and what would be run, and stop"
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry out `inim sweep`; the exit code."""
-    from inim.jobs.sweep.job import SweepRequest, default_out, run_sweep
+    from inim.jobs.sweep.job import run_sweep
+    from inim.jobs.sweep.plan import SweepRequest, default_out, plan_sweep
     from inim.report.sweep import PAGE
 
     # An asked-for end takes the workers along, as Ctrl-C does.
@@ -51,6 +55,9 @@ def run(args: argparse.Namespace) -> int:
         args.workers,
         args.threads,
     )
+    if args.dry_run:
+        print("\n".join(plan_sweep(request).lines()))
+        return EXIT_PASSED
     outcome = run_sweep(request, quiet=args.quiet, debug=args.debug)
     if args.quiet:  # else each was told when it happened
         for label, error in outcome.failed.items():

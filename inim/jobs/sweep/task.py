@@ -6,8 +6,11 @@ the sweep's folder by then, put there by the worker itself.
 
 from __future__ import annotations
 
+import os
 import shutil
 import socket
+import stat
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,7 +26,7 @@ from inim.jobs.sweep.rows import result_of
 from inim.jobs.sweep.unit import Unit, key_of, making_of
 from inim.jobs.worker import Watcher, outcome_of, supervise
 
-__all__ = ["Task", "attempt", "make_task", "work"]
+__all__ = ["Task", "attempt", "make_task", "report_folder", "work"]
 
 _REPORTS = "reports"
 # With one thread the renderer's own file readers hang; see `inim.kernel.variant`.
@@ -117,7 +120,7 @@ def _carry_out(task: Task, watcher: Watcher | None) -> None:
             "that all machines share"
         )
     backend = backends.choose_backend(task.request.backend)
-    staging = open_staging(_report_folder(task))
+    staging = _open_staging(task)
     job = {"task": task.as_json(), "staging": str(staging), "quiet": True, "debug": task.debug}
     try:
         outcome_of(supervise("inim.jobs.sweep", job, backend, watcher))
@@ -125,9 +128,37 @@ def _carry_out(task: Task, watcher: Watcher | None) -> None:
         shutil.rmtree(staging, ignore_errors=True)
 
 
+def _open_staging(task: Task) -> Path:
+    """Where the report is built: beside its place if it is kept, else on this machine's own disk.
+
+    A report is some megabytes of pictures, thousands of times its rows: no load for a shared one.
+    One folder for all units, so that each clears away what killed ones left of any.
+    """
+    if task.keep_report:
+        return open_staging(_report_folder(task))
+    folder = Path(tempfile.gettempdir()) / f"inim-sweep-{os.getuid()}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError as error:
+        raise FileError(
+            f"{folder}: cannot be written ({error.strerror}); set TMPDIR to a folder with room"
+        ) from None
+    if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) != 0o700:
+        raise FileError(
+            f"{folder}: belongs to another user or is open to others; set TMPDIR to a folder of "
+            "your own"
+        )
+    return open_staging(folder / "unit")
+
+
 def _report_folder(task: Task) -> Path:
-    """Where a unit's report is built, and where it stays if it is kept."""
-    return task.request.out / _REPORTS / task.unit
+    return report_folder(task.request.out, task.unit)
+
+
+def report_folder(out: Path, unit: str) -> Path:
+    """Where the report of a unit stays, if it is kept."""
+    return out / _REPORTS / unit
 
 
 def work(job: dict[str, Any], listener: Any) -> bool:
@@ -137,12 +168,12 @@ def work(job: dict[str, Any], listener: Any) -> bool:
     _check_same(task, plan)
     report = _validated(task, plan, staging, listener)
     times = _times(staging)
+    if task.keep_report:  # before the results: they say that nothing is left to do
+        publish(staging, _report_folder(task))
     results = Results(task.request.out)
     for name in task.algorithms:
         content = {"making": making_of(plan, name), "key": task.key}
         results.write(task.unit, name, content | result_of(report.data, times, name))
-    if task.keep_report:
-        publish(staging, _report_folder(task))
     return True
 
 

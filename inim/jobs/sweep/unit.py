@@ -145,7 +145,7 @@ def key_of(plan: Plan) -> dict[str, Any]:
         "viewpoints": [asdict(viewpoint) for viewpoint in plan.viewpoints],
         "backend": plan.request.backend,
         "time": plan.request.time,
-        "versions": {"inim": __version__, **versions(_VERSIONS)},
+        "versions": {"inim": __version__, **_versions()},
         "code": _own_code(),
     }
     found: dict[str, Any] = json.loads(json.dumps(key))
@@ -179,6 +179,12 @@ def making_of(plan: Plan, algorithm: str) -> dict[str, Any]:
     if spec is not None and spec.origin is not None:
         found["sha256"] = hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()
     return found
+
+
+@cache
+def _versions() -> dict[str, str]:
+    """Looked up once: each look reads the packages' own files."""
+    return versions(_VERSIONS)
 
 
 @cache
