@@ -57,10 +57,14 @@ class LightField:
         Row 0 from the uppermost eye, column 0 from the leftmost.
     disparity : (H, W) float32, or None
         Of the centre view: pixels to the next view, positive where nearer.
+    of_display : bool
+        Whether they are an EIA's views, as `write_hci` marks them: what lies on the lens array has
+        no disparity. Of others nobody knows where that plane is.
     """
 
     views: NDArray[np.uint8]
     disparity: NDArray[np.float32] | None = None
+    of_display: bool = False
 
 
 def view_grid(display: Display) -> tuple[int, int]:
@@ -197,7 +201,7 @@ def read_hci(folder: Path) -> LightField:
         views[number] = picture
     assert views is not None
     shaped = views.reshape(down, across, *views.shape[1:])
-    return LightField(shaped, _disparity(folder, shaped))
+    return LightField(shaped, _disparity(folder, shaped), _is_of_display(folder))
 
 
 def write_hci(folder: Path, views: NDArray[np.uint8], display: Display | None = None) -> None:
@@ -234,6 +238,13 @@ def write_hci(folder: Path, views: NDArray[np.uint8], display: Display | None = 
             f"view_pixel_mm = {display.width_mm / width!r}\ndepth_of_one_disparity_mm = {step!r}\n"
         )
     write_atomically(folder / _PARAMETERS, lambda p: _put(p, text))
+
+
+def _is_of_display(folder: Path) -> bool:
+    """Whether `write_hci` was told a display; the file was read before, for the grid."""
+    parser = configparser.ConfigParser(interpolation=None)
+    parser.read(folder / _PARAMETERS, encoding="utf-8")
+    return parser.get("inim", "projection", fallback="") == "parallel"
 
 
 def _put(path: Path, text: str) -> None:

@@ -3,8 +3,9 @@
 The views are laid over the lens array, and the outermost directions of a lens's field become the
 outermost views. A point of disparity d then stands at ``z = k (d + shift)``, with k from
 `inim.formats.light_field.disparity_step_mm`; the shift takes the middle of the disparities to the
-central depth plane. Depth is not fitted to the display's range: so the EIA of the centre view can
-be compared, pixel by pixel, with that of the true views.
+central depth plane. Views that `inim export` made of an EIA are not shifted, and give it back.
+Depth is not fitted to the display's range: so the EIA of the centre view can be compared, pixel by
+pixel, with that of the true views.
 """
 
 from __future__ import annotations
@@ -140,7 +141,9 @@ def _step_mm(field: LightField, display: Display) -> float:
 
 
 def _shift(field: LightField, display: Display) -> float:
-    """Disparity to add so that the middle comes to the central depth plane."""
+    """Disparity to add so that the middle comes to the central depth plane; none to an EIA's."""
+    if field.of_display:
+        return 0.0
     low, high = display.depth_range_mm
     centre = display.central_depth_mm
     target = centre if low <= centre <= high else (low + high) / 2

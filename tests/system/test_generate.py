@@ -342,6 +342,10 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
     assert aspect == 1.2
     one = np.asarray(Image.open(tmp_path / "views" / "view_02_03.png"))
     np.testing.assert_array_equal(one, views[2, 3])
+    back = tmp_path / "back.png"
+    words = ["--hci", str(tmp_path / "hci"), "--true-views", *more, "-o", str(back)]
+    assert main(["generate", *words]) == EXIT_PASSED
+    np.testing.assert_array_equal(np.asarray(Image.open(back).convert("RGB")), eia)
 
 
 @pytest.mark.parametrize(
