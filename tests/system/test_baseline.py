@@ -111,11 +111,30 @@ def bench(tmp_path_factory: pytest.TempPathFactory, run_inim: Run) -> Bench:
     (site / "planted.py").write_text(PLANTED)
     paths = [str(site), os.environ.get("PYTHONPATH", "")]
     made = Bench(folder, run_inim, {"PYTHONPATH": os.pathsep.join(filter(None, paths))})
-    ended = made.run("-o", "first", "--time")
+    ended = made.run("-o", "first")
     assert ended.code == EXIT_PASSED, ended.stderr
     assert main(["baseline", "accept", str(folder / "first"), "--reason", "the first",
                  "--to", str(folder / "base")]) == EXIT_PASSED  # fmt: skip
     return made
+
+
+@pytest.fixture(scope="module")
+def timed(bench: Bench) -> Bench:
+    """A baseline with times in `timed-base`, and a run compared with it in `timed`."""
+    assert bench.run("-o", "timed-first", "--time").code == EXIT_PASSED
+    to = str(bench.folder / "timed-base")
+    words = ["baseline", "accept", str(bench.folder / "timed-first"), "--reason", "times", "--to"]
+    assert main([*words, to]) == EXIT_PASSED
+    bench.run("-o", "timed", "--time", "--baseline", to)
+    return bench
+
+
+@pytest.fixture(scope="module")
+def with_nan(bench: Bench) -> Bench:
+    """One pixel is not a number: the run is in `nan`."""
+    ended = bench.judged("nan", fault="nan")
+    assert ended.code == EXIT_CHECK_FAILED, ended.stderr
+    return bench
 
 
 @pytest.fixture(scope="module")
@@ -199,16 +218,14 @@ def test_mirrored_pictures_fail_in_every_view(bench: Bench) -> None:
     assert rows <= bench.failed("mirrored")
 
 
-def test_picture_with_a_nan_fails(bench: Bench) -> None:
-    assert bench.judged("nan", fault="nan").code == EXIT_CHECK_FAILED
-    assert "eia/planted: pixels not finite" in bench.failed("nan")
+def test_picture_with_a_nan_fails(with_nan: Bench) -> None:
+    assert "eia/planted: pixels not finite" in with_nan.failed("nan")
 
 
-def test_times_of_the_same_machine_are_compared(bench: Bench) -> None:
-    bench.judged("timed", "--time")
-    rows = [c for c in bench.data("timed")["verdict"]["checks"] if c.get("kind") == "time"]
+def test_times_of_the_same_machine_are_compared(timed: Bench) -> None:
+    rows = [c for c in timed.data("timed")["verdict"]["checks"] if c.get("kind") == "time"]
     assert [row["name"] for row in rows] == ["planted: time against the baseline"]
-    rounds = min(len(bench.ratios(out)) for out in ("first", "timed"))
+    rounds = min(len(timed.ratios(out)) for out in ("timed-first", "timed"))
     assert rounds >= 31
     assert f"{rounds} rounds" in rows[0]["detail"]
     assert rows[0]["interval"][0] <= rows[0]["value"] <= rows[0]["interval"][1]
@@ -289,10 +306,14 @@ def _set(path: Path, **values: Any) -> None:
     path.write_text(json.dumps(data | values))
 
 
-def _other_variant(folder: Path) -> None:
-    path = folder / "baseline.json"
+def _change_condition(path: Path, name: str, value: str) -> None:
     conditions = json.loads(path.read_text())["conditions"]
-    _set(path, conditions={**conditions, "variant": "cuda_ad_rgb"})
+    assert name in conditions
+    _set(path, conditions={**conditions, name: value})
+
+
+def _other_variant(folder: Path) -> None:
+    _change_condition(folder / "baseline.json", "variant", "cuda_ad_rgb")
 
 
 @pytest.mark.parametrize(
@@ -319,11 +340,11 @@ def test_baseline_that_is_none_ends_with_4(
     assert not (bench.folder / "out4").exists()
 
 
-def test_times_of_another_machine_end_with_4(bench: Bench, tmp_path: Path) -> None:
+def test_times_of_another_machine_end_with_4(timed: Bench) -> None:
     from inim.errors import BaselineError
     from inim.regression import check_times, read_evidence
 
-    base = read_evidence(bench.folder / "base", "baseline")
+    base = read_evidence(timed.folder / "timed-base", "baseline")
     check_times(base, base.circumstances, "here")
     for name, value in (("threads", 99), ("processor", "abacus")):
         with pytest.raises(BaselineError, match=f"{name}.*{value}"):
@@ -342,10 +363,9 @@ def test_accepted_change_passes_from_then_on(noisy: Bench, tmp_path: Path) -> No
 
 
 def test_run_that_failed_on_its_own_cannot_be_accepted(
-    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    with_nan: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert bench.run("-o", "nan2", fault="nan").code == EXIT_CHECK_FAILED
-    words = ["baseline", "accept", str(bench.folder / "nan2"), "--reason", "hide it"]
+    words = ["baseline", "accept", str(with_nan.folder / "nan"), "--reason", "hide it"]
     assert main([*words, "--to", str(tmp_path / "base")]) == EXIT_USAGE
     assert_one_line(capsys.readouterr().err, ["pixels not finite"])
     assert not (tmp_path / "base").exists()
@@ -386,8 +406,9 @@ def test_compare_gives_the_verdicts_of_the_baseline_check(
 def test_compare_of_unlike_runs_ends_with_4(
     bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bench.run("-o", "pinhole", "--lens-model", "pinhole")
-    folders = [str(bench.folder / name) for name in ("first", "pinhole")]
+    shutil.copytree(bench.folder / "first", tmp_path / "pinhole")
+    _change_condition(tmp_path / "pinhole/regression/candidate.json", "lens model", "pinhole")
+    folders = [str(bench.folder / "first"), str(tmp_path / "pinhole")]
     assert main(["compare", *folders, "-o", str(tmp_path / "cmp")]) == EXIT_BASELINE
     assert_one_line(capsys.readouterr().err, ["lens model"])
     assert not (tmp_path / "cmp").exists()
