@@ -48,9 +48,9 @@ from inim.rgbd import RGBD
 __all__ = ["prepare"]
 
 _LANES = np.uintp(LANES)
-# Share of the panel above which rays by themselves take longer than tables for all: those of a
-# pixel take some five times as long as its share of the tables.
-_MOST_ALONE = 0.15
+# Share of the panel above which rays by themselves take longer than tables for all, colours
+# included: those of a pixel take more than ten times as long as its share of the tables.
+_MOST_ALONE = 0.1
 
 
 def prepare(
