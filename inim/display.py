@@ -484,11 +484,23 @@ class Display:
 
     @cached_property
     def lensed(self) -> np.ndarray:
-        """Panel pixels that lie under a lens, (rows, columns) bool."""
+        """Panel pixels that lie under a lens, (rows, columns) bool.
+
+        Raises
+        ------
+        DisplayError
+            When none does.
+        """
         if self.is_separable:
             under: np.ndarray = (self.rows.lens >= 0)[:, None] & (self.columns.lens >= 0)[None, :]
             return under
-        return np.concatenate([pixel_rays(self, rows).lens >= 0 for rows in row_blocks(self)])
+        under = np.concatenate([pixel_rays(self, rows).lens >= 0 for rows in row_blocks(self)])
+        if not under.any():
+            raise DisplayError(
+                f"shift_x_mm = {self.shift_x_mm:g}, shift_y_mm = {self.shift_y_mm:g}: the array "
+                "lies wholly beside its panel"
+            )
+        return under
 
     def _axis(self, pixels: int, lenses: int, sign: int) -> PixelAxis:
         if not self.is_separable:

@@ -1,8 +1,9 @@
 """Where the numbers can be trusted: the limits that the stress run measured, as warnings.
 
 `python -m inim.stress` finds them; `reports/stress` holds the run they are taken from, and a test
-compares the two. Inside all limits, sources of `template` are proved exact, float32 or float64
-alike, and landing points of lens models are off by at most `LANDING_PIXELS` in float32.
+compares the two. Inside all limits, sources of `template` and `layered` are proved exact on
+displays that are separable, float32 or float64 alike, and landing points of lens models are off by
+at most `LANDING_PIXELS` in float32.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from inim.viewpoint import Viewpoint
 
 __all__ = [
     "CHANGED_BY_ROUNDING",
+    "CHANGED_BY_TIES",
     "FEWEST_DEPTHS",
     "LANDING_PIXELS",
     "LEAST_INDEX",
+    "LEAST_TURN_DEG",
     "STEEPEST_SLOPE",
     "WIDEST_PANEL_PIXELS",
     "steepest_slope",
@@ -37,6 +40,12 @@ WIDEST_PANEL_PIXELS = 170_000
 LEAST_INDEX = 1.01
 #: Largest share of a noise picture's pixels that lengths of too many digits changed.
 CHANGED_BY_ROUNDING = 0.29
+#: The same of hexagonal, turned and tilted arrays, whose rays are float64 and meet corners there.
+CHANGED_BY_TIES = 0.44
+#: Degrees off every multiple of `_REGULAR_TURN_DEG` from which only rays near the axis meet any.
+LEAST_TURN_DEG = 1e-3
+# Turns at which rows of pixels and of lenses run along or through each other's corners.
+_REGULAR_TURN_DEG = 15.0
 # Cells count too: what is exact over this picture is over smaller ones.
 _LARGEST_PICTURE = (8192, 8192)
 #: Depths a float32 picture must be able to tell within the depth range: those of 8 bits.
@@ -89,6 +98,13 @@ def _of_generators(display: Display, pixel_mm: float | None) -> list[str]:
             f"{CHANGED_BY_ROUNDING:.0%} of the pixels of a noise picture, reports/stress); round "
             "gap_mm, pitch_mm and pixel_pitch_mm to six digits"
         )
+    if not display.is_separable and _meets_corners(display):
+        found.append(
+            f"{display.not_separable_by}: rays of this array meet corners of the picture's pixels, "
+            f"and rounding decides which neighbour they show (up to {CHANGED_BY_TIES:.0%} of the "
+            "pixels of a noise picture, reports/stress); where the very pixel matters, change "
+            f"rotation_deg by {LEAST_TURN_DEG:g}"
+        )
     low, high = display.depth_range_mm
     farthest = max(abs(low), abs(high))
     with np.errstate(over="ignore"):
@@ -105,12 +121,18 @@ def _of_generators(display: Display, pixel_mm: float | None) -> list[str]:
 def _is_exact(display: Display, pixel_mm: float) -> bool:
     """Whether rays over the picture are whole numbers, which proves them exact.
 
-    Displays that are not separable have no such rays: theirs are float64, exact but for ties.
+    Displays that are not separable have no such rays: see `_meets_corners`.
     """
     if not display.is_separable:
         return True
     # Where they cannot be, everything is in cells: a scale of one.
     return all(rays.scale > 1 for rays in cell_rays(_LARGEST_PICTURE, pixel_mm, display))
+
+
+def _meets_corners(display: Display) -> bool:
+    """Whether an array is turned so little off a regular angle that its rays still meet corners."""
+    off = math.remainder(display.rotation_deg, _REGULAR_TURN_DEG)
+    return abs(off) < LEAST_TURN_DEG * (1 - 1e-9)
 
 
 def _of_lenses(display: Display, lens_model: str, slope: float) -> list[str]:

@@ -44,6 +44,9 @@ class DirectionLists:
     exit_mm : (n,) float32
         Depths at which the ray leaves them, rounded up: a float32 depth reaches the exact exit
         if and only if it reaches this.
+    entry_mm : (n,) float32
+        Depths at which it enters them, rounded down: a float32 depth lies at or below the exact
+        entry if and only if it does so here. inf for the first cells: rays come from in front.
     """
 
     pixels: int
@@ -52,6 +55,7 @@ class DirectionLists:
     row: np.ndarray
     column: np.ndarray
     exit_mm: np.ndarray
+    entry_mm: np.ndarray
 
 
 def cells_per_pitch(display: Display, pixel_mm: float) -> int | None:
@@ -92,13 +96,17 @@ def build_lists(
             left.append(exits[:count].copy())
             first.append(first[-1] + count)
     place = np.concatenate(visited).astype(np.int32)
+    exit_mm = np.concatenate(left)
+    entry = np.roll(exit_mm, 1)
+    entry[first[:-1]] = np.inf
     return DirectionLists(
         pixels,
         per_pitch,
         np.array(first, np.int32),
         np.ascontiguousarray(place[:, 0]),
         np.ascontiguousarray(place[:, 1]),
-        rounded_up(np.concatenate(left)),
+        rounded_up(exit_mm),
+        -rounded_up(-entry),
     )
 
 

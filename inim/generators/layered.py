@@ -22,7 +22,7 @@ from inim.errors import UsageError
 from inim.generators.asked import OnPanel, asked_pixels, masked
 from inim.generators.base import AskedPixels, PictureShape, SourceGenerator
 from inim.generators.cells import Aside, cell_rays
-from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
+from inim.generators.direction_lists import build_lists, shares_directions
 from inim.generators.free_rays import free_rays
 from inim.generators.lanes import (
     LANES,
@@ -37,6 +37,7 @@ from inim.generators.lanes import (
     store,
 )
 from inim.generators.polyphase import Phases, index_payload, nearest_surface, write_strip
+from inim.generators.ray_length import check_ray_length, fits_tables
 from inim.generators.sources import HOLE, Sources
 from inim.generators.subpixels import by_subpixel
 from inim.generators.supersampling import Supersampled, sampled_places
@@ -51,6 +52,8 @@ _LANES = np.uintp(LANES)
 # Share of the panel above which rays by themselves take longer than tables for all, colours
 # included: those of a pixel take more than ten times as long as its share of the tables.
 _MOST_ALONE = 0.1
+# Of usual pictures: what tables are made for is not known before a picture comes.
+_LAYERS = 4
 
 
 def prepare(
@@ -73,12 +76,13 @@ def prepare(
     Raises
     ------
     UsageError
-        Another number of samples.
+        Another number of samples, or rays so long that they are a slip.
     """
     if str(samples) not in ("1", "2", "4"):
         raise UsageError(f"layered: samples = {samples!r}; use 1, 2 or 4")
+    check_ray_length("layered", display, shape, pixel_mm)
 
-    tables = bool(cells_per_pitch(display, pixel_mm)) and shares_directions(display)
+    tables = fits_tables(display, shape, pixel_mm, _LAYERS) and shares_directions(display)
     if mask is not None and tables and np.count_nonzero(mask) > _MOST_ALONE * mask.size:
         return masked(prepare(display, shape, pixel_mm, samples=samples), mask)
     asked = None if mask is None else asked_pixels(mask, display)
@@ -138,9 +142,6 @@ class _Shared(SourceGenerator):
         )
         by_pixel_row = self._lists.first[: -1 : self._lists.pixels]
         self._reach = self._phases.row_reach(self._lists.row, by_pixel_row)
-        entry = np.roll(self._lists.exit_mm, 1)
-        entry[self._lists.first[:-1]] = np.inf
-        self._entry = entry
         self._slots = self._phases.slots(shape)
         self._back = np.zeros(self._phases.depth.size, np.float32)
         # Offsets run along rows of slots of one phase: which of them each entry lies in.
@@ -182,7 +183,7 @@ class _Shared(SourceGenerator):
             phases.depth.reshape(-1), self._back, phases.payload.reshape(-1),
             held.front, held.back, held.payload,
             phases.depth[0].size, down * across, phases.nearest, held.nearest,
-            lists.first, self._offset, self._phase_row, self._reach, lists.exit_mm, self._entry,
+            lists.first, self._offset, self._phase_row, self._reach, lists.exit_mm, lists.entry_mm,
             np.arange(lenses) * pixels, np.full(lenses, pixels), np.uint32(empty), out,
         )  # fmt: skip
 

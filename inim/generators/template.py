@@ -47,10 +47,10 @@ from inim.generators.base import (
 from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
 from inim.generators.free_rays import FreeRays
-from inim.generators.lanes import LANES
 from inim.generators.lens_runs import LensRuns, run_asked
 from inim.generators.options import one_of
 from inim.generators.polyphase import Phases, index_payload, run_templates
+from inim.generators.ray_length import check_ray_length, fits_tables
 from inim.generators.sources import HOLE, Sources
 from inim.generators.strips import cell_pairs, row_runs, run_strips, strip_columns
 from inim.generators.subpixels import by_subpixel
@@ -61,11 +61,6 @@ from inim.pixel_axis import PixelAxis
 from inim.rgbd import RGBD
 
 __all__ = ["prepare", "ray_by_ray"]
-
-# Picture pixels on one ray: ten thousand times those of usual displays.
-_MOST_CELLS = 1_000_000
-# Slots for depths and payloads, 8 bytes each, below which nobody asks how many are needed.
-_MOST_SLOTS = 2**25
 
 
 def prepare(
@@ -103,8 +98,7 @@ def prepare(
     typed = one_of("dtype", dtype, DTYPES)
     if typed != "float64":
         require_separable(display, "template:dtype=float32")
-    if display.is_separable:
-        _check_length(display, shape, pixel_mm)
+    check_ray_length("template", display, shape, pixel_mm)
 
     if typed != "float64" and mask is None:
         mask = np.ones(display.eia_shape, bool)
@@ -113,7 +107,7 @@ def prepare(
     def first_hits_through(aside: Aside) -> SourceGenerator:
         if not display.is_separable:
             return FreeRays(display, shape, pixel_mm, aside, asked)
-        if typed != "float64" or not _fits_tables(display, shape, pixel_mm):
+        if typed != "float64" or not fits_tables(display, shape, pixel_mm):
             return _RayByRay(display, shape, pixel_mm, aside, asked, typed)
         if shares_directions(display):
             return _Shared(display, shape, pixel_mm, aside, asked)
@@ -136,35 +130,6 @@ def prepare(
 def ray_by_ray(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
     """The same first hits without tables: what those are held against, on separable displays."""
     return _RayByRay(display, shape, pixel_mm)
-
-
-def _check_length(display: Display, shape: PictureShape, pixel_mm: float) -> None:
-    """Refuse rays that would be walked for ever."""
-    longest = max(r.most_cells(display.depth_range_mm) for r in cell_rays(shape, pixel_mm, display))
-    if longest > _MOST_CELLS:
-        raise UsageError(
-            f"template: a ray crosses {longest:.3g} picture pixels within the depth range; at most "
-            f"{_MOST_CELLS} make sense; state a shorter depth_min_mm to depth_max_mm, or "
-            "larger picture pixels"
-        )
-
-
-def _fits_tables(display: Display, shape: PictureShape, pixel_mm: float) -> bool:
-    """Whether pictures laid out by phases, with all that rays reach around, take little memory.
-
-    Where they do not, rays are walked one by one: the same bits.
-    """
-    per_pitch = cells_per_pitch(display, pixel_mm)
-    if not per_pitch:
-        return False
-    columns, rows = (
-        2 + axis.most_cells(display.depth_range_mm) // per_pitch
-        for axis in cell_rays(shape, pixel_mm, display)
-    )
-    across = max(display.lens_columns, LANES) + columns
-    cells = (display.lens_rows + rows) * across * per_pitch * per_pitch
-    panel = display.eia_shape[0] * display.eia_shape[1]
-    return cells <= max(_MOST_SLOTS, 4 * (panel + shape[0] * shape[1]))
 
 
 class _Aligned(SourceGenerator):

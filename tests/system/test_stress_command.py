@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from inim.errors import EXIT_PASSED, EXIT_USAGE
-from tests.system.conftest import assert_one_line, nothing_left
+from inim.settings import Settings
+from tests.system.conftest import TINY, assert_one_line, definitions, nothing_left, write_scene
 
 FILES = {"stress.html", "stress.json", "stress.md", "stress.png", "stress.svg"}
 KEYS = {
@@ -51,11 +52,15 @@ def test_data_are_complete_and_every_check_holds(finished):
     assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress/1", "quick", True)
     assert all(c["passed"] and c["cases"] > 0 for c in data["checks"])
     both = {(r["algorithm"], r["dtype"]) for r in data["generators"] if r["outcome"] == "ran"}
-    assert len(both) == 11
+    assert len(both) == 15
     assert {(r["model"], r["dtype"]) for r in data["lens_models"] if r["outcome"] == "ran"} == {
         (m, d) for m in ("pinhole", "thin", "thick") for d in ("float32", "float64")
     }
-    assert "numba or Dr.Jit on LLVM" in {r["relation"] for r in data["relations"]}
+    relations = {r["relation"] for r in data["relations"]}
+    assert {"numba or Dr.Jit on LLVM", "a solid cut in two", "free array upside down"} <= relations
+    assert {r["form"] for r in data["generators"] if r["outcome"] == "ran"} >= {
+        "lists", "strips", "ray by ray", "free rays"
+    }  # fmt: skip
 
 
 @pytest.mark.slow
@@ -65,6 +70,30 @@ def test_each_check_has_a_line_and_the_page_its_place(finished):
     for check, line in zip(data["checks"], lines, strict=False):
         assert line.startswith("ok") and check["name"] in line
     assert lines[-1] == f"passed; {Path('out') / 'stress.html'}"
+
+
+@pytest.mark.slow
+def test_a_scene_s_own_depth_is_jittered(tmp_path):
+    scene = write_scene(tmp_path / "scene")
+    ended = run_stress(scene, "--quick", "-o", "out", *definitions(TINY), folder=tmp_path)
+    assert ended.returncode == EXIT_PASSED, ended.stderr + ended.stdout
+    data = json.loads((tmp_path / "out" / "stress.json").read_text("utf-8"))
+    assert (data["title"], data["picture"]["name"]) == ("Stress: tiny", str(scene))
+    display = Settings.parse(TINY, "tiny").make_display("tiny")
+    shape = data["picture"]["rows"], data["picture"]["columns"]
+    assert shape == display.capture_shape(Settings().capture_pixels_per_pitch)
+    changed = {r["jitter"]: r["changed"] for r in data["jitter"] if r["algorithm"] == "template"}
+    assert 0 < changed["8 bits"] < 0.2 and changed["+1 ulp"] < 0.01
+    assert data["command"].split()[:4] == ["python", "-m", "inim.stress", str(scene)]
+
+
+@pytest.mark.slow
+def test_a_scene_that_shows_nothing_is_one_line(tmp_path):
+    clear = '<bsdf type="null"/>'
+    scene = write_scene(tmp_path, f'<shape type="rectangle">{clear}</shape>')
+    ended = run_stress(scene, "--quick", "-o", "out", *definitions(TINY), folder=tmp_path)
+    assert ended.returncode == EXIT_USAGE
+    assert_one_line(ended.stderr, ["tiny.xml", "sees nothing"])
 
 
 @pytest.mark.parametrize(

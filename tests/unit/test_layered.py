@@ -13,6 +13,9 @@ from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
 from inim.generators.layered import _FreeRays, _RayByRay, _Shared
 from inim.generators.sources import NO_LENS
+from inim.jobs.stress.case import FULL, noise
+from inim.jobs.stress.cases import ties
+from inim.jobs.stress.solids import solids_of
 from inim.layered_rgbd import Layer, LayeredRGBD
 from inim.rgbd import RGBD
 from tests import oracle
@@ -73,7 +76,7 @@ def exact(rgbd: LayeredRGBD, display: Display) -> np.ndarray:
                     if not layer.covered[r, c]:
                         continue
                     reaches = Fraction(float(layer.front_mm[r, c])) >= left
-                    began = number == 0 or Fraction(float(layer.back_mm[r, c])) <= entry
+                    began = number == 0 or float(layer.back_mm[r, c]) <= entry
                     if reaches and began:
                         found[i, j] = k * cells + r * rgbd.shape[1] + c
                         break
@@ -108,6 +111,40 @@ def test_every_pixel_shows_the_solid_of_the_definition(layers, mode, lenses, pix
     assert np.array_equal(found, wanted)
     if layers > 1:  # or the test says nothing about layers
         assert (wanted >= rgbd.shape[0] * rgbd.shape[1]).mean() > 0.02
+
+
+@pytest.mark.parametrize("ulps", [-1, 0, 1])
+def test_backs_at_the_very_depth_where_a_ray_enters_are_exact(ulps):
+    """Fronts and backs at the float32 nearest to a border's depth, or next to it.
+
+    Entries rounded up, as exits are, took a solid for begun an ulp before it was.
+    """
+    display = small_display(3, 3, pixels=8, gap_mm=4.0)
+    plain = tied(display, ulps)
+    rgbd = solids_of(plain, display)
+    wanted = exact(rgbd, display)
+    assert np.array_equal(find_sources(rgbd, display, "layered", samples=1), wanted)
+    assert len(np.unique(wanted // plain.depth_mm.size)) > 2  # two layers and holes at least
+
+
+def tied(display: Display, ulps: int) -> RGBD:
+    """Every picture pixel at a depth at which some ray leaves it, to the ulp."""
+    (case,) = [c for c in ties(FULL) if c.label == f"lists, binary lengths, {ulps:+d} ulp"]
+    made, rgbd = case.make()
+    assert made == display
+    return rgbd
+
+
+def test_rays_and_tables_without_end_are_refused_or_walked():
+    """A picture of 50,000 pixels per pitch took 894 GiB as tables."""
+    fine = small_display(3, 3, pixels=5, depth_min_mm=1e-3, depth_max_mm=1.5e-3)
+    rgbd = solids_of(noise(fine, (16, 16), 2e-5), fine)
+    assert (find_sources(rgbd, fine, "layered", samples=1) >= 0).any()
+    far = small_display(2, 2, pixels=3, gap_mm=3.0 * (1 + 2.0**-24))
+    for display in (far, far.replace(rotation_deg=4.0)):
+        for algorithm in ("layered", "template"):
+            with pytest.raises(UsageError, match=f"{algorithm}: a ray crosses .* make sense"):
+                prepare(display, algorithm, shape=(9, 9), pixel_mm=0.5)
 
 
 @pytest.mark.parametrize("per_pitch", [1, 2, 5])

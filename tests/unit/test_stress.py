@@ -5,31 +5,33 @@ An error is planted into a generator or a lens model, and the check that should 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.database import DirectoryBasedExampleDatabase
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators import HOLE, find_sources, gu2020, prepare, wang2024
+from inim.generators import HOLE, find_sources, generate, gu2020, prepare, wang2024
 from inim.generators.template import ray_by_ray
 from inim.generators.working_type import in_type
-from inim.jobs.stress import generators, optics, optics_relations, relations
-from inim.jobs.stress.cases import QUICK, Case, Family, noise
+from inim.jobs.stress import generators, optics, optics_cases, optics_relations, relations
+from inim.jobs.stress.case import FULL, QUICK, Case, Family, noise
+from inim.jobs.stress.first_hits import exact_hits, first_hits
+from inim.jobs.stress.free_cases import FREE_FAMILIES, MOUNTINGS
+from inim.jobs.stress.free_rays import chosen_pixels, rays_over
+from inim.jobs.stress.free_relations import FREE_RELATIONS
 from inim.jobs.stress.jitter import JITTERS, measure_jitter, quantised
-from inim.jobs.stress.optics_cases import display_of, rays_over
+from inim.jobs.stress.layer_relations import LAYER_RELATIONS
+from inim.jobs.stress.optics_cases import display_of
 from inim.jobs.stress.optics_oracle import LensRays, land
-from inim.jobs.stress.oracle import (
-    answer,
-    exact_template,
-    lensed_pixels,
-    rays_of,
-    template_sources,
-)
+from inim.jobs.stress.oracle import answer
+from inim.jobs.stress.rays import lensed_pixels, rays_of
 from inim.jobs.stress.regions import checks_of, regions_of, trust_limits
 from inim.lens import trace_to_panel
 from inim.rgbd import RGBD
@@ -66,7 +68,7 @@ def test_the_exact_oracle_agrees_with_the_tests_rational_one(pixels, shift):
     display = small_display(3, 2, pixels=pixels)
     rgbd = picture(display)
     rays = asked(display, rgbd)
-    found = exact_template(rays, rgbd, display, np.arange(len(rays.pixels)))
+    found = exact_hits(rays, rgbd, display, np.arange(len(rays.pixels)))
     expected = rational.exact_sources(rgbd, display)[rays.pixels[:, 0], rays.pixels[:, 1]]
     assert np.array_equal(found, expected)
     # The float one agrees wherever it does not say that rounding decides.
@@ -74,7 +76,7 @@ def test_the_exact_oracle_agrees_with_the_tests_rational_one(pixels, shift):
     assert not ((float64.sources != found) & ~float64.uncertain).any()
     if shift:
         moved = display.replace(shift_x_mm=shift)
-        assert not np.array_equal(template_sources(asked(moved, rgbd), rgbd, moved), found)
+        assert not np.array_equal(first_hits(asked(moved, rgbd), rgbd, moved), found)
 
 
 lengths = st.sampled_from([1.0, 0.5, 0.93, 1 / 3, 1.17, 2.0])
@@ -95,8 +97,13 @@ def displays(draw):
     return Display(pitch, focal, gap, pitch / ratio, columns, rows, **stated)
 
 
+#: Found once: in float32 each of wang2024's entries, all of them on borders, goes its own way.
+ON_BORDERS = Display(1 / 3, 2 / 3, 1.6 / 3, 1 / 15, 1, 2)
+
+
 @RANDOM
 @given(displays(), st.integers(0, 2**31), st.sampled_from([1, 2, 3, 1.7]))
+@example(ON_BORDERS, 113, 3)
 def test_random_displays_are_exact_and_uncertain_where_they_differ(display, seed, per_pitch):
     """`template` in all forms against fractions; the others within rounding of their definition."""
     rgbd = noise(display, (14, 16), display.pitch_mm / per_pitch, seed)
@@ -104,7 +111,7 @@ def test_random_displays_are_exact_and_uncertain_where_they_differ(display, seed
     if not len(rays.pixels):
         return
     at = rays.pixels[:, 0], rays.pixels[:, 1]
-    exact = exact_template(rays, rgbd, display, np.arange(len(rays.pixels)))
+    exact = exact_hits(rays, rgbd, display, np.arange(len(rays.pixels)))
     alone = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
     # Lengths of too many digits (3 x 0.8 is not 2.4) are warned of, and then ties may be lost.
     warned = bool(trust_warnings(display, pixel_mm=rgbd.pixel_mm))
@@ -205,6 +212,9 @@ def test_tables_that_would_fill_the_memory_give_way_to_rays():
     assert (shown >= 0).any()
 
 
+MEANS = {(c.algorithm, np.dtype(c.dtype).name) for c in generators.CONTENDERS if c.samples > 1}
+
+
 # -- checks that can fail -------------------------------------------------------------------------
 
 
@@ -221,7 +231,22 @@ def plant(monkeypatch, wrong):
     def planted(rgbd, display, algorithm="template", **options):
         return wrong(find_sources(rgbd, display, algorithm, **options), display, rgbd, algorithm)
 
-    monkeypatch.setattr(generators, "find_sources", planted)
+    replace_finder(monkeypatch, planted)
+
+
+def replace_finder(monkeypatch, finder):
+    """Let sources come from elsewhere in the cases, those of rays walked alone too."""
+
+    def alone(display, *_):
+        return SimpleNamespace(sources=lambda rgbd: finder(rgbd, display))
+
+    monkeypatch.setattr(generators, "find_sources", finder)
+    monkeypatch.setattr(generators, "ray_by_ray", alone)
+
+
+def of_sources(rows):
+    """Rows of what names its sources; means of colours are planted in by themselves."""
+    return [r for r in rows if (r["algorithm"], r["dtype"]) not in MEANS]
 
 
 def failed(rows):
@@ -237,8 +262,8 @@ def test_an_honest_case_passes():
 
 def test_a_lens_off_by_one_is_reported(monkeypatch):
     plant(monkeypatch, lambda found, display, *_: np.roll(found, 5, axis=1))
-    rows = generators.run_case(*one_case(), 225)
-    assert len(failed(rows)) == len(rows)
+    rows = of_sources(generators.run_case(*one_case(), 225))
+    assert len(rows) == len(generators.CONTENDERS) - len(MEANS) == len(failed(rows))
 
 
 def test_a_wrong_sign_of_depth_is_reported(monkeypatch):
@@ -249,9 +274,9 @@ def test_a_wrong_sign_of_depth_is_reported(monkeypatch):
         )
         return find_sources(turned, display, algorithm, **options)
 
-    monkeypatch.setattr(generators, "find_sources", planted)
-    rows = generators.run_case(*one_case(), 225)
-    assert len(failed(rows)) == len(rows)
+    replace_finder(monkeypatch, planted)
+    rows = of_sources(generators.run_case(*one_case(), 225))
+    assert len(rows) == len(generators.CONTENDERS) - len(MEANS) == len(failed(rows))
 
 
 def test_one_wrong_pixel_of_the_exact_path_is_reported(monkeypatch):
@@ -274,13 +299,13 @@ def test_float32_where_float64_is_claimed_is_reported(monkeypatch):
             return find_sources(rgbd, display, "template:dtype=float32")
         return find_sources(rgbd, display, algorithm, **options)
 
-    monkeypatch.setattr(generators, "find_sources", single)
+    replace_finder(monkeypatch, single)
     rows = generators.run_case(Family("ties", "", lambda _: []), ties, 225)
     assert {("template", "float32"), ("template", "float64")} <= failed(rows)
 
 
 def _family(name):
-    from inim.jobs.stress.cases import FAMILIES
+    from inim.jobs.stress.families import FAMILIES
 
     return next(f for f in FAMILIES if f.name == name).cases(QUICK)
 
@@ -289,9 +314,72 @@ def test_a_crash_is_a_row_and_not_the_end(monkeypatch):
     def broken(*_, **__):
         raise ZeroDivisionError("by planting")
 
-    monkeypatch.setattr(generators, "find_sources", broken)
+    for name in ("find_sources", "ray_by_ray", "generate"):
+        monkeypatch.setattr(generators, name, broken)
     rows = generators.run_case(*one_case(), 225)
     assert {r["outcome"] for r in rows} == {"crashed"} and len(failed(rows)) == len(rows)
+
+
+@pytest.mark.parametrize("wrong", ["lens", "place", "weight", "one pixel"])
+def test_a_wrong_mean_of_rays_is_reported(monkeypatch, wrong):
+    def planted(rgbd, display, algorithm):
+        if wrong == "place":  # all rays through the centre
+            return generate(rgbd, display, algorithm.partition(":")[0], samples=1)
+        eia = generate(rgbd, display, algorithm)
+        if wrong == "lens":
+            return np.roll(eia, 5, axis=1)
+        if wrong == "weight":
+            return eia * np.float32(1 + 2e-6)
+        eia[0, 0, 0] += np.float32(1e-5)  # of the pixels that are always looked at
+        return eia
+
+    honest = generators.run_case(*one_case(), 225)
+    assert not failed(honest)
+    monkeypatch.setattr(generators, "generate", planted)
+    assert failed(generators.run_case(*one_case(), 225)) == MEANS
+
+
+@pytest.mark.parametrize("name", MOUNTINGS)
+def test_a_wrong_ray_of_a_free_array_is_reported(monkeypatch, name):
+    """The gap of the panel's middle for all pixels, a turn the other way, another lattice."""
+    slip = {
+        "turned": {"rotation_deg": -4.0},
+        "tilted": {"tilt_x_deg": 0.0, "tilt_y_deg": 0.001},
+        "hexagonal": {"pitch_y_mm": 0.9},
+        "all at once": {"elemental_pitch_mm": 1.0},
+    }[name]
+    family, case = one_case(**MOUNTINGS[name])
+    rows = generators.run_case(family, case, 225)
+    ran = {r["algorithm"] for r in rows if r["outcome"] == "ran"}
+    assert ran >= {"template", "gu2020", "layered:samples=1", "template:samples=4"}
+    assert not failed(rows)
+
+    def planted(rgbd, display, algorithm="template", **options):
+        return find_sources(rgbd, display.replace(**slip), algorithm, **options)
+
+    replace_finder(monkeypatch, planted)
+    rows = of_sources(generators.run_case(family, case, 225))
+    assert all(r["outside"] for r in rows if r["outcome"] == "ran")
+
+
+def test_a_free_array_turned_to_straight_has_the_straight_one_s_rays():
+    """Long doubles and fractions tell of the same rays, whichever way lenses are found."""
+    straight = small_display(4, 3, pixels=5, shift_x_mm=0.13)
+    rgbd = picture(straight)
+    pixels = chosen_pixels(straight, 1000)
+    free = rays_over(straight.replace(rotation_deg=360.0), rgbd, pixels)
+    exact = rays_over(straight, rgbd, pixels)
+    assert not free.doubtful.any() and len(pixels) == 20 * 15 - 15
+    for name in ("v0", "dv", "u0", "du"):
+        off = np.abs(getattr(free, name) - getattr(exact, name))
+        assert off.max() < 1e-14 * np.abs(getattr(exact, name)).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", FREE_FAMILIES, ids=lambda f: f.name)
+def test_every_case_of_free_arrays_holds(family):
+    rows = [row for c in family.cases(FULL) for row in generators.run_case(family, c, 225)]
+    assert rows and [r for r in rows if not r["passed"]] == []
 
 
 def test_what_must_be_refused_and_is_not_is_reported():
@@ -320,41 +408,56 @@ BROKEN_BY = {
 }
 
 
-@pytest.mark.parametrize("name", BROKEN_BY)
-def test_every_relation_sees_what_breaks_it(monkeypatch, name):
-    wrong = BROKEN_BY[name]
-    (relation,) = [r for r in relations.RELATIONS if r.name == name]
-    monkeypatch.setattr(relations, "RELATIONS", [relation])
-    monkeypatch.setattr(relations, "ALGORITHMS", ("template",))
+BROKEN_FREE = {
+    "turned right round, as straight": lambda s, d, r: np.roll(s, int(d.rotation_deg != 0), 1),
+    "free array upside down": lambda s, d, r: np.roll(s, 1, axis=1),
+    "free array in a mirror": lambda s, d, r: np.roll(s, 1, axis=0),
+    "free array, all lengths x 2^10": lambda s, d, r: np.roll(s, int(d.pitch_mm > 2), axis=1),
+}
+BROKEN_LAYERS = {
+    "without layers as template": lambda s, d, r: np.roll(s, 1, axis=1),
+    "a solid cut in two": lambda s, d, r: np.roll(s, len(r.layers) % 2, axis=1),
+    "the deepest solid changes what shows it": lambda s, d, r: np.roll(
+        s, len(r.layers) % 2, axis=1
+    ),
+    "solids without gaps are columns": lambda s, d, r: np.roll(s, len(r.layers) // 2, axis=1),
+}
+
+
+@pytest.mark.parametrize("name", [*BROKEN_BY, *BROKEN_FREE, *BROKEN_LAYERS])
+def test_every_relation_sees_what_breaks_it(name):
+    wrong = (BROKEN_BY | BROKEN_FREE | BROKEN_LAYERS)[name]
+    every = [*relations.RELATIONS, *FREE_RELATIONS, *LAYER_RELATIONS]
+    (relation,) = [r for r in every if r.name == name]
+    algorithm = relation.algorithms[0]
+    relation = replace(relation, algorithms=(algorithm,), explained=())
 
     def planted(rgbd, display, algorithm):
-        return wrong(find_sources(rgbd, display, algorithm), display, rgbd)
+        return wrong(relations.sources_shown(rgbd, display, algorithm), display, rgbd)
 
-    def of_template(rows):
-        return next(r for r in rows if r["algorithm"] == "template")
+    (row,) = relations.run_relations(QUICK, relations=[relation])
+    assert row["passed"] and row["algorithm"] == algorithm
+    (row,) = relations.run_relations(QUICK, planted, [relation])
+    assert not row["passed"]
 
-    assert of_template(relations.run_relations(QUICK))["passed"]
-    assert not of_template(relations.run_relations(QUICK, planted))["passed"]
 
-
-def test_threads_tiles_and_forms_are_compared_for_real(monkeypatch):
+def test_threads_tiles_and_forms_are_compared_for_real():
     """An answer that changes with every call breaks the relations that compare two calls."""
     calls = iter(range(1000))
 
     def fickle(rgbd, display, algorithm):
-        return np.roll(find_sources(rgbd, display, algorithm), next(calls), axis=1)
+        return np.roll(relations.sources_shown(rgbd, display, algorithm), next(calls), axis=1)
 
     names = ("one thread or all", "tiles or whole", "float32 tables or float64 rays")
-    chosen = [r for r in relations.RELATIONS if r.name in names]
-    monkeypatch.setattr(relations, "RELATIONS", chosen)
-    rows = relations.run_relations(QUICK, fickle)
+    names += ("free array, one thread or all",)
+    chosen = [r for r in [*relations.RELATIONS, *FREE_RELATIONS] if r.name in names]
+    rows = relations.run_relations(QUICK, fickle, chosen)
     assert {r["relation"] for r in rows if not r["passed"]} == set(names)
 
 
-def test_explained_relations_do_break_so_the_explanation_is_needed(monkeypatch):
-    explained = [r for r in relations.RELATIONS if r.explained]
-    monkeypatch.setattr(relations, "RELATIONS", explained)
-    rows = [r for r in relations.run_relations(QUICK) if r["explained"]]
+def test_explained_relations_do_break_so_the_explanation_is_needed():
+    explained = [replace(r, algorithms=()) for r in relations.RELATIONS if r.explained]
+    rows = relations.run_relations(QUICK, relations=explained)
     assert rows and all(r["broken"] > r["uncertain"] for r in rows)
 
 
@@ -386,7 +489,7 @@ def test_every_lens_relation_sees_what_breaks_it(name):
 
 def optics_case():
     display = display_of()
-    rays = rays_over(display, 40)
+    rays = optics_cases.rays_over(display, 40)
     family = optics.OpticsFamily("family", "value", ("pinhole", "thin", "thick"), lambda _: [])
     return family, optics.OpticsCase("case", lambda: (display, rays), 1.0)
 
@@ -421,6 +524,7 @@ def row(value, safe=True, dtype="float32", **more):
     common = {
         "family": "incidence", "case": str(value), "value": value, "model": "thin", "dtype": dtype,
         "algorithm": "template", "outcome": "ran", "safe": safe, "guards": [], "passed": safe,
+        "exact": more.get("algorithm", "template") == "template", "form": "lists",
         "worst_pixels": 0.0, "pixels": 10, "changed": 0 if safe else 3, "digest": "same",
     }  # fmt: skip
     return common | more

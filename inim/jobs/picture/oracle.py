@@ -8,7 +8,8 @@ import numpy as np
 
 from inim.display import Display
 from inim.generators import Sources
-from inim.jobs.stress.oracle import exact_template, lensed_pixels, rays_of
+from inim.jobs.stress import first_hits
+from inim.jobs.stress.rays import lensed_pixels, rays_of
 from inim.layered_rgbd import LayeredRGBD
 from inim.rgbd import RGBD
 
@@ -54,10 +55,10 @@ def why_no_oracle(rgbd: RGBD, display: Display) -> str | None:
 def exact_hits(rgbd: RGBD, display: Display, most: int = _MOST_PIXELS) -> ExactHits:
     """Exact first hits of panel pixels under lenses: of all, or of a random sample of them.
 
-    By `inim.jobs.stress.oracle`, which shares no code with the generators.
+    By `inim.jobs.stress.first_hits`, which shares no code with the generators.
     """
     pixels = lensed_pixels(display)
     if len(pixels) > most:
         pixels = pixels[np.random.default_rng(0).choice(len(pixels), most, replace=False)]
     rays = rays_of(display, rgbd, pixels)
-    return ExactHits(pixels, exact_template(rays, rgbd, display, np.arange(len(pixels))))
+    return ExactHits(pixels, first_hits.exact_hits(rays, rgbd, display, np.arange(len(pixels))))

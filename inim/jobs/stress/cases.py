@@ -1,177 +1,54 @@
-"""Cases for the generators: families that push one parameter at a time to where arithmetic fails.
+"""Families of cases that push one parameter of a display at a time to where arithmetic fails.
 
 A case is a display and a picture, made when it is run: some are there to be refused. Pictures are
 noise unless their family says otherwise: random depths over the whole depth range, a few pixels
-uncovered, random colours. Nothing in them is smooth, so a wrong source shows.
+uncovered, random colours.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
 from fractions import Fraction
 from functools import partial
 
 import numpy as np
 
 from inim.display import Display
-from inim.jobs.stress.oracle import rays_of
+from inim.jobs.stress.case import (
+    Case,
+    Family,
+    Made,
+    Size,
+    case_at,
+    decades,
+    display_of,
+    noise,
+    over,
+    shaped,
+    sized,
+    windowed,
+    with_depth,
+)
+from inim.jobs.stress.rays import rays_of
 from inim.rgbd import RGBD
 
-__all__ = ["FAMILIES", "Case", "Family", "Size", "all_cases", "noise", "random_case"]
-
-Made = tuple[Display, RGBD]
-
-
-@dataclass(frozen=True)
-class Size:
-    """How much is run.
-
-    Attributes
-    ----------
-    lenses : (columns, rows)
-        Of the displays whose size is not the parameter; odd, so that one lens is on the axis.
-    pixels : int
-        Per lens.
-    thin : int
-        Every so manieth point of a family.
-    random : int
-        Random displays.
-    most_pixels : int
-        Panel pixels compared with the oracle; a sample where there are more.
-    many : int
-        Lenses along a side of the largest array.
-    """
-
-    lenses: tuple[int, int]
-    pixels: int
-    thin: int
-    random: int
-    most_pixels: int
-    many: int
-
-
-QUICK = Size((3, 3), 5, 16, 2, 100, 60)
-FULL = Size((3, 3), 5, 2, 10, 225, 1000)
-
-
-@dataclass(frozen=True)
-class Case:
-    """One display and picture.
-
-    Attributes
-    ----------
-    label : str
-    make : callable
-        Makes display and picture; may be refused.
-    value : float, optional
-        Of the family's parameter.
-    refused : bool, optional
-        Whether it must be refused; None: it may be.
-    """
-
-    label: str
-    make: Callable[[], Made]
-    value: float | None = None
-    refused: bool | None = False
-
-
-@dataclass(frozen=True)
-class Family:
-    """Cases along one parameter.
-
-    Attributes
-    ----------
-    name : str
-    parameter : str
-        What `Case.value` is, with its unit; empty where cases have no order.
-    cases : callable
-        From a `Size`.
-    """
-
-    name: str
-    parameter: str
-    cases: Callable[[Size], list[Case]]
-
-
-# -- displays and pictures ----------------------------------------------------------------------
-
-
-def display_of(size: Size, **changes: object) -> Display:
-    """The small display of most cases: 1 mm lenses, real mode, a whole number of pixels."""
-    values: dict[str, object] = {
-        "pitch_mm": 1.0,
-        "focal_length_mm": 3.0,
-        "gap_mm": 3.3,
-        "pixel_pitch_mm": 1.0 / size.pixels,
-        "lens_columns": size.lenses[0],
-        "lens_rows": size.lenses[1],
-    }
-    return Display(**(values | changes))  # type: ignore[arg-type]
-
-
-def noise(
-    display: Display, shape: tuple[int, int], pixel_mm: float, seed: int = 0, covered: float = 0.85
-) -> RGBD:
-    """Random depths over the depth range, colours and cover."""
-    rng = np.random.default_rng(seed)
-    low, high = display.depth_range_mm
-    depth = (low + (high - low) * rng.random(shape)).astype(np.float32)
-    return with_depth(depth, pixel_mm, rng.random(shape) < covered, seed)
-
-
-def with_depth(
-    depth: np.ndarray, pixel_mm: float, covered: np.ndarray | None = None, seed: int = 0
-) -> RGBD:
-    """A picture of given depths and random colours."""
-    colour = np.random.default_rng(seed + 1).random((*depth.shape, 3)).astype(np.float32)
-    cover = np.ones(depth.shape, bool) if covered is None else covered
-    return RGBD(colour, depth, cover, pixel_mm)
-
-
-def over(display: Display, per_pitch: int = 2) -> tuple[tuple[int, int], float]:
-    """Shape and pixel of a picture that covers what rays reach."""
-    return display.capture_shape(per_pitch), display.pitch_mm / per_pitch
-
-
-def window(display: Display, cells: int = 48) -> tuple[tuple[int, int], float]:
-    """A picture around the axis whose pixel is an eighth of how far rays travel sideways."""
-    reach = max(map(abs, display.depth_range_mm)) * display.pitch_mm / (2 * display.gap_mm)
-    return (cells, cells), _nice(reach / 8)
-
-
-def _nice(length: float) -> float:
-    """The next number below with one digit: what a person would write."""
-    power = math.floor(math.log10(length))
-    digit = math.floor(length / 10.0**power) or 1
-    return float(Fraction(digit) * Fraction(10) ** power)
-
-
-def _sized(display: Display, seed: int = 0, per_pitch: int = 2) -> Made:
-    return display, noise(display, *over(display, per_pitch), seed)
-
-
-def _windowed(display: Display, seed: int = 0) -> Made:
-    return display, noise(display, *window(display), seed)
-
-
-# -- families -----------------------------------------------------------------------------------
+__all__ = ["SEPARABLE_FAMILIES", "random_case", "ties"]
 
 
 def _distances(size: Size) -> list[Case]:
     def make(z: float) -> Made:
-        return _windowed(display_of(size, depth_min_mm=z, depth_max_mm=1.5 * z))
+        return windowed(display_of(size, depth_min_mm=z, depth_max_mm=1.5 * z))
 
-    return [_case(f"{z:g} mm", make, z) for z in _decades(-3, 6)]
+    return [case_at(f"{z:g} mm", make, z) for z in decades(-3, 6)]
 
 
 def _distances_behind(size: Size) -> list[Case]:
     def make(z: float) -> Made:
         range_mm = {"depth_min_mm": -1.5 * z, "depth_max_mm": -z}
-        return _windowed(display_of(size, focal_length_mm=3.3, gap_mm=3.0, **range_mm))
+        return windowed(display_of(size, focal_length_mm=3.3, gap_mm=3.0, **range_mm))
 
-    return [_case(f"-{z:g} mm", make, z) for z in _decades(-3, 6)]
+    return [case_at(f"-{z:g} mm", make, z) for z in decades(-3, 6)]
 
 
 def _pixels_per_lens(size: Size) -> list[Case]:
@@ -182,11 +59,11 @@ def _pixels_per_lens(size: Size) -> list[Case]:
             size, lens_columns=3, lens_rows=3, pixel_pitch_mm=1 / ratio,
             depth_min_mm=20.0, depth_max_mm=40.0, **panel,
         )  # fmt: skip
-        return _sized(display)
+        return sized(display)
 
-    below = [_case(f"{r:g}", make, r, refused=True) for r in (1e-3, 1e-2, 0.1, 0.999)]
+    below = [case_at(f"{r:g}", make, r, refused=True) for r in (1e-3, 1e-2, 0.1, 0.999)]
     ratios = (1.0, 1.5, 2.0, 3.3, 10.0, 15.7, 17.0, 33.3, 100.0, 333.3, 1000.0)
-    return below + [_case(f"{r:g}", make, r) for r in ratios]
+    return below + [case_at(f"{r:g}", make, r) for r in ratios]
 
 
 def _picture_pixels_per_pitch(size: Size) -> list[Case]:
@@ -198,7 +75,7 @@ def _picture_pixels_per_pitch(size: Size) -> list[Case]:
         return display, noise(display, (cells, cells), 1 / ratio)
 
     ratios = (1e-3, 1e-2, 0.1, 0.5, 1.0, 1.7, 2.0, 3.0, 3.7, 10.0, 33.0, 100.0, 333.3, 1000.0)
-    return [_case(f"{r:g}", make, r) for r in ratios]
+    return [case_at(f"{r:g}", make, r) for r in ratios]
 
 
 def _focus(side: int, stated: bool) -> Callable[[Size], list[Case]]:
@@ -210,9 +87,9 @@ def _focus(side: int, stated: bool) -> Callable[[Size], list[Case]]:
             own = {"gap_mm": gap}
             if stated:
                 own |= {"depth_min_mm": 5.0, "depth_max_mm": 20.0}
-            return _windowed(display_of(size, **own))
+            return windowed(display_of(size, **own))
 
-        found = [_case(f"|g - f| / f = 2^-{k}", make, float(k)) for k in (*range(3, 52, 3), 52)]
+        found = [case_at(f"|g - f| / f = 2^-{k}", make, float(k)) for k in (*range(3, 52, 3), 52)]
         exact = math.inf
         return [*found, Case("g = f", lambda: make(2000), exact, refused=not stated)]
 
@@ -226,15 +103,15 @@ def _fine_focus(size: Size) -> list[Case]:
         display = display_of(size, gap_mm=3.0 * (1 + 2.0 ** -int(k)))
         return display, noise(display, (48, 48), 0.5)
 
-    return [_case(f"|g - f| / f = 2^-{k}", make, float(k), refused=None) for k in range(3, 53, 7)]
+    return [case_at(f"|g - f| / f = 2^-{k}", make, float(k), refused=None) for k in range(3, 53, 7)]
 
 
 def _depth_spans(size: Size) -> list[Case]:
     def make(k: float) -> Made:
         top = 20.0 * (1 + 2.0 ** -int(k))
-        return _sized(display_of(size, depth_min_mm=20.0, depth_max_mm=top))
+        return sized(display_of(size, depth_min_mm=20.0, depth_max_mm=top))
 
-    found = [_case(f"20 mm x 2^-{k}", make, float(k)) for k in (*range(0, 52, 3), 52)]
+    found = [case_at(f"20 mm x 2^-{k}", make, float(k)) for k in (*range(0, 52, 3), 52)]
     return [*found, Case("no depth at all", lambda: make(2000), math.inf, refused=True)]
 
 
@@ -254,7 +131,7 @@ def _flat(size: Size) -> list[Case]:
         "an ulp beyond z_min": np.nextafter(np.float32(low), np.float32(-np.inf)),
         "an ulp above z_max": np.nextafter(np.float32(high), np.float32(np.inf)),
     }
-    found = [_case(name, make, z) for name, z in places.items()]
+    found = [case_at(name, make, z) for name, z in places.items()]
     for name, z in {"on the array": 0.0, "just in front": 1e-30, "just behind": -1e-30}.items():
         found.append(Case(name, partial(make, z, **through)))
     return [Case(c.label, c.make) for c in found]
@@ -276,7 +153,7 @@ def _form(size: Size, form: str) -> tuple[Display, tuple[int, int], float]:
     return display, (round(shape[0] * 0.5 / pixel), round(shape[1] * 0.5 / pixel)), pixel
 
 
-def _ties(size: Size) -> list[Case]:
+def ties(size: Size) -> list[Case]:
     """Depths that are template boundaries, or the float32 next to one on either side."""
 
     def make(form: str, ulps: int) -> Made:
@@ -318,18 +195,7 @@ def _boundary_depths(display: Display, blank: RGBD) -> np.ndarray:
 def _shapes(size: Size) -> list[Case]:
     def make(form: str, kind: str) -> Made:
         display, shape, pixel = _form(size, form)
-        low, high = display.depth_range_mm
-        r, c = np.indices(shape)
-        far, near = np.float32(low), np.float32(high)
-        odd = (r + c) % 2 == 1
-        depth = {
-            "spikes": np.where((r % 5 == 2) & (c % 7 == 3), near, far),
-            "slits": np.where(c % 6 == 2, far, near),
-            "checkerboard": np.where(odd, near, far),
-            "ramp": far + (near - far) * (r + c) / (sum(shape) - 2),
-            "stairs": far + (near - far) * (c // 3 % 5) / 4,
-        }[kind].astype(np.float32)
-        return display, with_depth(depth, pixel)
+        return display, shaped(kind, display, shape, pixel)
 
     kinds = ("spikes", "slits", "checkerboard", "ramp", "stairs")
     return [Case(f"{kind}, {form}", partial(make, form, kind)) for form in _FORMS for kind in kinds]
@@ -340,7 +206,7 @@ def _odd_and_even(size: Size) -> list[Case]:
 
     def make(columns: int, rows: int, pixels: int, per_pitch: int) -> Made:
         small = Size((columns, rows), pixels, 1, 0, 0, 0)
-        return _sized(display_of(small), seed=columns + 7 * rows, per_pitch=per_pitch)
+        return sized(display_of(small), seed=columns + 7 * rows, per_pitch=per_pitch)
 
     return [
         Case(
@@ -364,7 +230,9 @@ def _tiny_lengths(size: Size) -> list[Case]:
 
     may = dict.fromkeys((-60.0, -42.0, -40.0, 30.0, 36.0, 40.0))
     powers = (-60.0, -42.0, -40.0, -30.0, -9.0, 9.0, 18.0, 30.0, 36.0, 40.0)
-    return [_case(f"10^{p:g}", make, 10.0**p, refused=None if p in may else False) for p in powers]
+    return [
+        case_at(f"10^{p:g}", make, 10.0**p, refused=None if p in may else False) for p in powers
+    ]
 
 
 def _subnormal_depths(size: Size) -> list[Case]:
@@ -372,23 +240,23 @@ def _subnormal_depths(size: Size) -> list[Case]:
         display = display_of(size, depth_min_mm=-half, depth_max_mm=half)
         return display, noise(display, (12, 12), 0.5)
 
-    return [_case(f"+-{z:g} mm", make, z) for z in (1e-45, 1e-42, 1e-38, 1e-30, 1e-10)]
+    return [case_at(f"+-{z:g} mm", make, z) for z in (1e-45, 1e-42, 1e-38, 1e-30, 1e-10)]
 
 
 def _not_finite(size: Size) -> list[Case]:
     def garbage(value: float) -> Made:
-        display, rgbd = _sized(display_of(size))
+        display, rgbd = sized(display_of(size))
         depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(value))
         return display, with_depth(depth, rgbd.pixel_mm, rgbd.covered)
 
     def covered(value: float) -> Made:
-        display, rgbd = _sized(display_of(size))
+        display, rgbd = sized(display_of(size))
         depth = np.array(rgbd.depth_mm)
         depth[3, 3] = value
         return display, with_depth(depth, rgbd.pixel_mm)
 
     def with_changes(changes: dict[str, float]) -> Made:
-        return _sized(display_of(size, **changes))
+        return sized(display_of(size, **changes))
 
     found = []
     for value in (math.nan, math.inf, -math.inf):
@@ -417,10 +285,10 @@ def _small(size: Size) -> list[Case]:
 
     def one_panel_pixel() -> Made:
         one = Size((1, 1), 1, 1, 0, 0, 0)
-        return _sized(display_of(one))
+        return sized(display_of(one))
 
     def bare() -> Made:
-        display, rgbd = _sized(display_of(size))
+        display, rgbd = sized(display_of(size))
         return display, with_depth(np.array(rgbd.depth_mm), 0.5, np.zeros(rgbd.shape, bool))
 
     return [
@@ -428,7 +296,7 @@ def _small(size: Size) -> list[Case]:
         Case("a picture without pixels", empty, refused=True),
         Case("one lens over one pixel", one_panel_pixel),
         Case("nothing covered", bare),
-        Case("one lens", lambda: _sized(display_of(size, lens_columns=1, lens_rows=1))),
+        Case("one lens", lambda: sized(display_of(size, lens_columns=1, lens_rows=1))),
     ]
 
 
@@ -436,7 +304,7 @@ def _many_lenses(size: Size) -> list[Case]:
     def make(pixels: int) -> Made:
         many = Size((size.many, size.many), pixels, 1, 0, 0, 0)
         display = display_of(many, depth_min_mm=2.0, depth_max_mm=6.0)
-        return _sized(display, per_pitch=1)
+        return sized(display, per_pitch=1)
 
     side = size.many
     return [
@@ -462,7 +330,7 @@ def random_case(seed: int) -> Made:
         return display, noise(display, (40, 36), pitch / float(rng.uniform(0.5, 3)), seed)
     shape = display.capture_shape(per_pitch)
     if max(shape) > 160:  # a display out of focus reaches far; its picture need not
-        return _windowed(display, seed)
+        return windowed(display, seed)
     return display, noise(display, shape, pitch / per_pitch, seed)
 
 
@@ -495,17 +363,7 @@ def _random(size: Size) -> list[Case]:
     return [Case(f"seed {s}", partial(random_case, s)) for s in range(size.random)]
 
 
-def _case(
-    label: str, make: Callable[..., Made], value: float, refused: bool | None = False
-) -> Case:
-    return Case(label, partial(make, value), value, refused)
-
-
-def _decades(first: int, last: int) -> list[float]:
-    return [float(Fraction(10) ** k) for k in range(first, last + 1)]
-
-
-FAMILIES = [
+SEPARABLE_FAMILIES = [
     Family("distance in front", "nearest surface, mm", _distances),
     Family("distance behind", "nearest surface, mm", _distances_behind),
     Family("pixels per lens", "P / P_D", _pixels_per_lens),
@@ -517,7 +375,7 @@ FAMILIES = [
     Family("g to f, fine picture", "-log2 |g - f| / f", _fine_focus),
     Family("depth span", "-log2 of span / distance", _depth_spans),
     Family("flat depth", "", _flat),
-    Family("ties", "", _ties),
+    Family("ties", "", ties),
     Family("shapes", "", _shapes),
     Family("odd and even", "", _odd_and_even),
     Family("all lengths", "factor", _tiny_lengths),
@@ -528,12 +386,3 @@ FAMILIES = [
     Family("shifted array", "shift to the right, mm", _shifted),
     Family("random displays", "", _random),
 ]
-
-
-def all_cases(size: Size) -> Iterator[tuple[Family, Case]]:
-    """Every family's cases, thinned out; the first and the last of each are kept."""
-    for family in FAMILIES:
-        cases = family.cases(size)
-        for i, case in enumerate(cases):
-            if i % size.thin == 0 or i == len(cases) - 1:
-                yield family, case

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,17 @@ import numpy as np
 from inim import metrics
 from inim.display import Display
 from inim.errors import InimError
-from inim.generators import HOLE, NO_LENS, colour_of, find_sources
+from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
 from inim.generators.direction_lists import cells_per_pitch, shares_directions
-from inim.jobs.stress.cases import Case, Family, Size, all_cases
-from inim.jobs.stress.oracle import Rays, answer, exact_template, lensed_pixels, rays_of
+from inim.generators.template import ray_by_ray
+from inim.jobs.stress.averages import compare_colours
+from inim.jobs.stress.case import Case, Family, Size
+from inim.jobs.stress.families import all_cases
+from inim.jobs.stress.free_rays import chosen_pixels, rays_over
+from inim.jobs.stress.oracle import answer
+from inim.jobs.stress.rays import Rays
+from inim.jobs.stress.settled import settle
+from inim.jobs.stress.solids import solids_of
 from inim.jobs.stress.ulps import deciding_ulps
 from inim.rgbd import RGBD
 from inim.trust import trust_warnings
@@ -37,31 +44,41 @@ class Contender:
     dtype : float type
     exact : bool
         Whether it must agree with the definition in every pixel, ties included.
-    masked : bool
-        Whether all panel pixels are asked for by a mask, which `template` walks ray by ray.
+    alone : bool
+        Whether it walks each ray by itself, where it would not.
+    samples : int
+        Rays per panel pixel; where there are several, colours are compared in place of sources.
     """
 
     algorithm: str
     oracle: str
     dtype: type
     exact: bool = False
-    masked: bool = False
+    alone: bool = False
+    samples: int = 1
+
+    @property
+    def is_first_hit(self) -> bool:
+        """Whether fractions can settle it."""
+        return self.oracle in ("template", "layered")
 
 
 _ROUNDED = ("gu2020", "wang2024", "wang2024:matching=ray", "li2012")
 CONTENDERS = [
     # float64 before float32: the one is what the other is compared with.
-    Contender("template", "template", np.float64, exact=True, masked=True),
+    Contender("template", "template", np.float64, exact=True, alone=True),
     # What users get: exits as float32 tables where the picture allows.
     Contender("template", "template", np.float32, exact=True),
     Contender("template:dtype=float32", "template", np.float32),
+    Contender("layered:samples=1", "layered", np.float32, exact=True),
+    Contender("template:samples=2", "template", np.float32, exact=True, samples=2),
+    Contender("template:samples=4", "template", np.float32, exact=True, samples=4),
+    Contender("layered:samples=4", "layered", np.float32, exact=True, samples=4),
     *(Contender(name, name, np.float64) for name in _ROUNDED),
     *(Contender(f"{name}:dtype=float32", name, np.float32) for name in _ROUNDED),
 ]
-# More pixels than this are not settled in fractions: only where rounding would decide.
-_MOST_EXACT = 400
 # Panel pixels of a case that each oracle is asked for: some take long.
-_MOST_PIXELS = {"template": 1000, "gu2020": 200, "wang2024": 60, "li2012": 120}
+_MOST_PIXELS = {"template": 1000, "layered": 400, "gu2020": 200, "wang2024": 60, "li2012": 120}
 # Landings that the oracle of `li2012` computes.
 _MOST_LANDINGS = 1_000_000
 # Panel pixels above which the EIA is not scored.
@@ -73,14 +90,18 @@ _LONGEST_S = 60.0
 
 
 def form_of(contender: Contender, display: Display, rgbd: RGBD) -> str:
-    """How `template` goes about it: lists, strips, or ray by ray."""
-    if contender.oracle != "template":
+    """How first hits are gone about: lists, strips, or ray by ray."""
+    if not contender.is_first_hit:
         return ""
-    if contender.masked or "dtype" in contender.algorithm:
+    if not display.is_separable:
+        return "free rays"
+    if contender.alone or "dtype" in contender.algorithm:
         return "ray by ray"
     if not cells_per_pitch(display, rgbd.pixel_mm):
         return "ray by ray"
-    return "lists" if shares_directions(display) else "strips"
+    if shares_directions(display):
+        return "lists"
+    return "strips" if contender.oracle == "template" else "ray by ray"
 
 
 def run_cases(size: Size, listener: Any) -> list[dict[str, Any]]:
@@ -108,22 +129,15 @@ def run_case(family: Family, case: Case, most_pixels: int) -> list[dict[str, Any
     if case.refused:
         missed = {"algorithm": "all", "dtype": "", "outcome": "accepted", "passed": False}
         return [common | missed | {"message": "should have been refused"}]
-    pixels = _chosen(display, most_pixels)
-    rays = rays_of(display, rgbd, pixels)
+    pixels = chosen_pixels(display, most_pixels)
+    rays = rays_over(display, rgbd, pixels)
+    solid = solids_of(rgbd, display)
     doubles: dict[str, np.ndarray] = {}
-    return [common | _run(c, case, (display, rgbd), rays, doubles) for c in CONTENDERS]
-
-
-def _chosen(display: Display, most: int) -> np.ndarray:
-    """All lensed panel pixels, or a sample of them, the middle and the corners included."""
-    pixels = lensed_pixels(display)
-    if len(pixels) <= most:
-        return pixels
-    rng = np.random.default_rng(len(pixels))
-    kept = rng.choice(len(pixels), most - 5, replace=False)
-    ends = [0, len(pixels) - 1, len(pixels) // 2, len(pixels) // 2 + 1, len(pixels) // 3]
-    chosen: np.ndarray = pixels[np.unique(np.concatenate([kept, ends]))]
-    return chosen
+    rows = []
+    for contender in CONTENDERS:
+        picture = solid if contender.oracle == "layered" else rgbd
+        rows.append(common | _run(contender, case, (display, picture), rays, doubles))
+    return rows
 
 
 def _refused(algorithm: str, dtype: str, error: InimError) -> dict[str, Any]:
@@ -150,15 +164,17 @@ def _run(
     """One contender's row; float64's sources are kept for float32's to be compared with."""
     display, rgbd = made
     said = {"algorithm": contender.algorithm, "dtype": np.dtype(contender.dtype).name}
-    options = {"mask": np.ones(display.eia_shape, bool)} if contender.masked else {}
     started = time.perf_counter()
     try:
-        found = find_sources(rgbd, display, contender.algorithm, **options)
+        if contender.samples > 1:
+            found = generate(rgbd, display, contender.algorithm)
+        elif contender.alone and display.is_separable:
+            prepare(display, contender.algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+            found = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
+        else:
+            found = find_sources(rgbd, display, contender.algorithm)
         took = time.perf_counter() - started
-        if contender.dtype is np.float64:
-            doubles[contender.oracle] = found
-        double = doubles.get(contender.oracle)
-        row = said | _compare(contender, found, double, display, rgbd, rays)
+        row = said | _judged(contender, found, doubles, display, rgbd, rays)
         row["seconds"] = took
     except InimError as error:
         return _refused(said["algorithm"], said["dtype"], error) | {
@@ -166,53 +182,66 @@ def _run(
         }
     except Exception as error:
         return said | _crashed(error)
-    safe = not (row["changed"] if contender.exact else row["outside"])
+    # Rays of the other arrays are float64: what meets a corner exactly may go either way.
+    exact = contender.exact and display.is_separable
+    safe = not (row["changed"] if exact else row["outside"])
     guards = trust_warnings(display, pixel_mm=rgbd.pixel_mm)
     return row | {
         "outcome": "ran",
         "message": "",
         "safe": safe,
         "guards": guards,
+        "exact": exact,
         "passed": (safe or bool(guards)) and took < _LONGEST_S,
     }
 
 
-def _compare(
+def _judged(
     contender: Contender,
     found: np.ndarray,
-    double: np.ndarray | None,
+    doubles: dict[str, np.ndarray],
     display: Display,
     rgbd: RGBD,
     rays: Rays,
 ) -> dict[str, Any]:
-    """Found sources against the oracle's, and against those in float64."""
-    rays = _affordable(rays, contender, display, rgbd.depth_mm.size)
-    oracle = answer(contender.oracle, rays, rgbd, display, contender.dtype)
-    truth, settled = oracle.sources.copy(), 0
+    """What was found against the oracle, and against float64's."""
+    few = _affordable(rays, contender, display, rgbd.depth_mm.size)
+    common = {
+        "form": form_of(contender, display, rgbd),
+        "digest": hashlib.sha256(found.tobytes()).hexdigest()[:16],
+    }
+    if contender.samples > 1:
+        oracle = (contender.oracle, contender.samples)
+        return common | compare_colours(oracle, found, few.pixels, rgbd, display)
+    if contender.dtype is np.float64:
+        doubles[contender.oracle] = found
+    double = doubles.get(contender.oracle)
+    loss = None if double is None else _loss_of_type(double, found, display, rgbd)
+    return common | {"ssim_loss": loss} | _compare(contender, found, display, rgbd, few)
+
+
+def _compare(
+    contender: Contender, found: np.ndarray, display: Display, rgbd: RGBD, rays: Rays
+) -> dict[str, Any]:
+    """Found sources against the oracle's."""
     shown = found[rays.pixels[:, 0], rays.pixels[:, 1]].astype(np.int64)
-    if contender.oracle == "template":
-        # The float64 oracle rounds too: wherever that may have decided, ask the exact one.
-        fine = answer("template", rays, rgbd, display, np.float64).uncertain
-        doubt = np.flatnonzero(fine | (shown != truth))
-        settled = min(len(doubt), _MOST_EXACT)
-        step = max(1, len(doubt) // _MOST_EXACT)
-        which = np.unique(np.concatenate([doubt[::step], np.flatnonzero(shown != truth)]))
-        truth[which] = exact_template(rays, rgbd, display, which)
+    oracle = answer(contender.oracle, rays, rgbd, display, contender.dtype)
+    truth, settled = oracle.sources, 0
+    if contender.is_first_hit:
+        truth, settled = settle(truth, shown, rays, rgbd, display)
     changed = shown != truth
     outside = changed & ~oracle.uncertain
     worst, mean = deciding_ulps(contender.algorithm, contender.dtype, display, rgbd)
-    bad = (found < HOLE) & (found != NO_LENS) | (found >= rgbd.depth_mm.size)
+    most = rgbd.palette.shape[0] * rgbd.palette.shape[1]
+    bad = (found < HOLE) & (found != NO_LENS) | (found >= most)
     return {
-        "form": form_of(contender, display, rgbd),
         "pixels": len(shown),
         "changed": int(changed.sum()),
         "uncertain": int(oracle.uncertain.sum()),
         "outside": int(outside.sum()) + int(bad.sum()),
-        "settled_exactly": int(settled),
-        "ssim_loss": None if double is None else _loss_of_type(double, found, display, rgbd),
+        "settled_exactly": settled,
         "worst_ulp": worst,
         "mean_ulp": mean,
-        "digest": hashlib.sha256(found.tobytes()).hexdigest()[:16],
     }
 
 
@@ -224,15 +253,13 @@ def _affordable(rays: Rays, contender: Contender, display: Display, cells: int) 
         most = min(most, max(8, int(_MOST_SAMPLES * display.scene_pixel_mm / (high - low))))
     if contender.oracle == "li2012":
         most = min(most, max(6, _MOST_LANDINGS // cells))
-    if contender.oracle == "template":
+    if contender.is_first_hit:
         low, high = display.depth_range_mm
         crossed = float(np.abs([rays.du, rays.dv]).max(initial=0)) * (high - low)
-        most = min(most, max(8, int(_MOST_SAMPLES / (crossed + 1))))
+        most = min(most, max(8, int(_MOST_SAMPLES / (crossed + 1)))) // contender.samples
     if len(rays.pixels) <= most:
         return rays
-    kept = np.unique(np.linspace(0, len(rays.pixels) - 1, most).astype(int))
-    one = {name: getattr(rays, name)[kept] for name in ("pixels", "v0", "dv", "u0", "du")}
-    return replace(rays, **one)
+    return rays.chosen(np.unique(np.linspace(0, len(rays.pixels) - 1, most).astype(int)))
 
 
 def _loss_of_type(double: np.ndarray, single: np.ndarray, display: Display, rgbd: RGBD) -> Any:

@@ -77,9 +77,12 @@ def _measured(request: StressRequest, listener: Any) -> dict[str, Any]:
     from inim.kernel import variant
 
     backend = variant.use("llvm")
-    from inim.jobs.stress.cases import FAMILIES, FULL, QUICK
+    from inim.jobs.stress.case import FULL, QUICK
+    from inim.jobs.stress.families import FAMILIES
+    from inim.jobs.stress.free_relations import FREE_RELATIONS
     from inim.jobs.stress.generators import run_cases
     from inim.jobs.stress.jitter import measure_jitter
+    from inim.jobs.stress.layer_relations import LAYER_RELATIONS
     from inim.jobs.stress.optics import run_optics
     from inim.jobs.stress.optics_cases import OPTICS_FAMILIES, display_of
     from inim.jobs.stress.optics_relations import run_optics_relations
@@ -91,7 +94,11 @@ def _measured(request: StressRequest, listener: Any) -> dict[str, Any]:
     data["generators"] = run_cases(size, listener)
     data["lens_models"] = run_optics(_RAYS[request.quick], _THIN[request.quick], listener)
     listener.stage("relations")
-    data["relations"] = run_relations(size) + run_optics_relations()
+    data["relations"] = [
+        *run_relations(size),
+        *run_relations(size, relations=[*LAYER_RELATIONS, *FREE_RELATIONS]),
+        *run_optics_relations(),
+    ]
     listener.stage("jitter")
     picture, display, name = _picture(request, listener)
     data["jitter"] = measure_jitter(picture, display)

@@ -1,4 +1,4 @@
-"""Oracles of the generators: the definitions in float64 NumPy, and `template` in fractions too.
+"""Oracles of the generators: the definitions in float64 NumPy.
 
 Written from the generators' docstrings, not from their kernels, and by other methods: where a
 kernel walks from cell to cell, an oracle gathers all border crossings and sorts them; where a
@@ -6,8 +6,8 @@ kernel keeps the best so far, an oracle lists all candidates and takes the least
 
 Every oracle answers for a list of panel pixels, and says for which of them the answer hangs on
 rounding: those that change when coordinates and depths move by a *band*, the error that arithmetic
-of some type may make. Such pixels are called uncertain. What a length means (0.0636 is 636/10000)
-is part of the definition: `inim.pixel_axis.stated`.
+of some type may make. Such pixels are called uncertain. First hits, of `template` and `layered`,
+are `inim.jobs.stress.first_hits`, which knows them in fractions too.
 """
 
 from __future__ import annotations
@@ -17,66 +17,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from inim.display import Display
 from inim.generators.sources import HOLE
+from inim.jobs.stress.first_hits import CHUNK, cell_of, first_hits, framed
+from inim.jobs.stress.rays import Rays, band_of
 from inim.pixel_axis import stated
 from inim.rgbd import RGBD
 
-__all__ = [
-    "Answer",
-    "Rays",
-    "answer",
-    "band_of",
-    "exact_template",
-    "lensed_pixels",
-    "rays_of",
-    "template_sources",
-]
+__all__ = ["Answer", "answer"]
 
-# Rounding errors a coordinate collects on its way: of start, slope, depth, product and sum.
+# Roundings in the number of an entry of a template.
 _ROUNDINGS = 4
-# Numbers in the largest array an oracle makes at once.
-_CHUNK = 2_000_000
 
 #: Shifts of (columns, rows, depths) in bands: the corners of a cube.
 _PUSHES = [(a, b, c) for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)]
-
-
-@dataclass(frozen=True)
-class AxisRays:
-    """Rays of one panel axis: ``cell(z) = start + slope z`` in picture cells; lens -1: none."""
-
-    lens: tuple[int, ...]
-    start: tuple[Fraction, ...]
-    slope: tuple[Fraction, ...]
-
-
-@dataclass(frozen=True)
-class Rays:
-    """Rays of some panel pixels over a picture.
-
-    Attributes
-    ----------
-    pixels : (n, 2) int
-        Row and column of each.
-    rows, columns : AxisRays
-        Of all panel rows and columns, exactly.
-    v0, dv, u0, du : (n,) float64
-        Row and column of the picture each pixel's ray is in: ``v0 + dv z``, ``u0 + du z``.
-    """
-
-    pixels: np.ndarray
-    rows: AxisRays
-    columns: AxisRays
-    v0: np.ndarray
-    dv: np.ndarray
-    u0: np.ndarray
-    du: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -95,69 +53,6 @@ class Answer:
     uncertain: np.ndarray
 
 
-def lensed_pixels(display: Display) -> np.ndarray:
-    """Row and column of every panel pixel under a lens, (n, 2)."""
-    rows, columns = display.eia_shape
-    down = np.array(_lenses(display, rows, display.lens_rows, -display.shift_y_mm)) >= 0
-    across = np.array(_lenses(display, columns, display.lens_columns, display.shift_x_mm)) >= 0
-    return np.argwhere(down[:, None] & across[None, :])
-
-
-def _lenses(display: Display, pixels: int, lenses: int, shift_mm: float) -> list[int]:
-    """Lens over each pixel of an axis: the elemental image that holds its centre, -1 outside.
-
-    On a border: the one nearer the array's centre, and on that the left or upper one.
-    """
-    elemental = stated(display.elemental_image_pitch_mm)
-    found = []
-    for i in range(pixels):
-        x = Fraction(2 * i + 1 - pixels, 2) * stated(display.pixel_pitch_mm)
-        from_axis = (x - stated(shift_mm)) / elemental
-        place = from_axis + Fraction(lenses, 2)
-        lens = math.floor(place)
-        if lens == place and from_axis >= 0:
-            lens -= 1
-        found.append(lens if 0 <= lens < lenses else -1)
-    return found
-
-
-def _axis(
-    display: Display, pixels: int, lenses: int, shift_mm: float, cells: int, cell_mm: float
-) -> AxisRays:
-    """Eq. 1, X(z) = x0 + (x0 - x) z / g, in cells; to the right or downwards alike."""
-    pitch, gap, cell = stated(display.pitch_mm), stated(display.gap_mm), stated(cell_mm)
-    pixel = stated(display.pixel_pitch_mm)
-    owners = _lenses(display, pixels, lenses, shift_mm)
-    start, slope = [], []
-    for i, owner in enumerate(owners):
-        x = Fraction(2 * i + 1 - pixels, 2) * pixel
-        x0 = Fraction(2 * owner + 1 - lenses, 2) * pitch + stated(shift_mm)
-        start.append(x0 / cell + Fraction(cells, 2))
-        slope.append((x0 - x) / (gap * cell))
-    return AxisRays(tuple(owners), tuple(start), tuple(slope))
-
-
-def rays_of(display: Display, rgbd: RGBD, pixels: np.ndarray) -> Rays:
-    """The rays of panel pixels, (n, 2) rows and columns, over a picture."""
-    high, wide = display.eia_shape
-    shift = (display.shift_x_mm, -display.shift_y_mm)  # to the right, downwards
-    rows = _axis(display, high, display.lens_rows, shift[1], rgbd.shape[0], rgbd.pixel_mm)
-    columns = _axis(display, wide, display.lens_columns, shift[0], rgbd.shape[1], rgbd.pixel_mm)
-    v0, dv = np.array(rows.start, float), np.array(rows.slope, float)
-    u0, du = np.array(columns.start, float), np.array(columns.slope, float)
-    r, c = pixels[:, 0], pixels[:, 1]
-    return Rays(pixels, rows, columns, v0[r], dv[r], u0[c], du[c])
-
-
-def band_of(rays: Rays, display: Display, dtype: type) -> tuple[np.ndarray, np.ndarray, float]:
-    """How far rounding in a type may move columns, rows (cells) and depths (mm) of each ray."""
-    farthest = max(map(abs, display.depth_range_mm))
-    unit = _ROUNDINGS * float(np.finfo(dtype).eps)
-    across = unit * (np.abs(rays.u0) + np.abs(rays.du) * farthest + 1)
-    down = unit * (np.abs(rays.v0) + np.abs(rays.dv) * farthest + 1)
-    return across, down, unit * farthest
-
-
 _Find = Callable[[Rays, RGBD, Display, tuple[Any, Any, Any]], np.ndarray]
 _STILL = (0.0, 0.0, 0.0)
 
@@ -167,7 +62,7 @@ def answer(algorithm: str, rays: Rays, rgbd: RGBD, display: Display, dtype: type
 
     Parameters
     ----------
-    algorithm : {"template", "gu2020", "wang2024", "wang2024:matching=ray", "li2012"}
+    algorithm : {"template", "layered", "gu2020", "wang2024", "wang2024:matching=ray", "li2012"}
     rays : Rays
     rgbd : RGBD
     display : Display
@@ -176,7 +71,7 @@ def answer(algorithm: str, rays: Rays, rgbd: RGBD, display: Display, dtype: type
     find = _ORACLES[algorithm]
     band = band_of(rays, display, dtype)
     sources = find(rays, rgbd, display, _STILL)
-    uncertain = np.zeros(len(sources), bool)
+    uncertain = rays.doubtful.copy()
     for a, b, c in _PUSHES:
         pushed = find(rays, rgbd, display, (a * band[0], b * band[1], c * band[2]))
         uncertain |= pushed != sources
@@ -184,97 +79,6 @@ def answer(algorithm: str, rays: Rays, rgbd: RGBD, display: Display, dtype: type
     if near is not None:
         uncertain |= near(rays, rgbd, display, band)
     return Answer(sources, uncertain)
-
-
-# -- template -----------------------------------------------------------------------------------
-
-
-def template_sources(rays: Rays, rgbd: RGBD, display: Display, push: tuple = _STILL) -> np.ndarray:
-    """First hits: all border crossings of a ray sorted, each interval's cell by its midpoint."""
-    low, high = display.depth_range_mm
-    depth = _framed(rgbd, push[2])
-    v0, u0 = rays.v0 + push[1], rays.u0 + push[0]
-    found = np.empty(len(u0), np.int64)
-    reach = np.abs([rays.du, rays.dv]).max(initial=0) * (high - low)
-    step = max(1, int(_CHUNK // (2 * reach + 6)))
-    for begin in range(0, len(u0), step):
-        part = slice(begin, begin + step)
-        found[part] = _first_hits(
-            (v0[part], rays.dv[part]), (u0[part], rays.du[part]), depth, rgbd.shape, low, high
-        )
-    return found
-
-
-def _framed(rgbd: RGBD, push: float) -> np.ndarray:
-    """Depths in float64 with a frame of nothing around."""
-    depth = np.where(rgbd.covered, rgbd.depth_mm.astype(float) + push, -np.inf)
-    return np.pad(depth, 1, constant_values=-np.inf)
-
-
-def _first_hits(
-    down: tuple, across: tuple, depth: np.ndarray, shape: tuple[int, int], low: float, high: float
-) -> np.ndarray:
-    ends = np.broadcast_to([high, low], (len(down[0]), 2))
-    met = [_crossings(start, slope, low, high) for start, slope in (down, across)]
-    z = np.concatenate([ends, *met], axis=1)
-    z = -np.sort(-z, axis=1)
-    top, end = z[:, :-1], z[:, 1:]
-    middle = top / 2 + end / 2
-    r = _cell(down[0][:, None] + down[1][:, None] * middle, shape[0])
-    c = _cell(across[0][:, None] + across[1][:, None] * middle, shape[1])
-    hit = (depth[r + 1, c + 1] >= end) & (top > end)
-    first, each = np.argmax(hit, axis=1), np.arange(len(hit))
-    source: np.ndarray = r[each, first] * shape[1] + c[each, first]
-    return np.where(hit.any(axis=1), source, HOLE)
-
-
-def _cell(place: np.ndarray, cells: int) -> np.ndarray:
-    """Cell of a place; -1 or `cells` outside, where the frame is."""
-    cell: np.ndarray = np.clip(np.floor(place), -1, cells).astype(np.int64)
-    return cell
-
-
-def _crossings(start: np.ndarray, slope: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Depths at which rays meet cell borders, (rays, most crossings), padded with `high`."""
-    ends = np.stack([start + slope * low, start + slope * high])
-    first, last = np.floor(ends.min(axis=0)), np.ceil(ends.max(axis=0))
-    border = first[:, None] + np.arange(int((last - first).max(initial=0)) + 1)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        z = (border - start[:, None]) / slope[:, None]
-    return np.where((z > low) & (z < high), z, high)
-
-
-def exact_template(rays: Rays, rgbd: RGBD, display: Display, which: np.ndarray) -> np.ndarray:
-    """First hits of the rays numbered `which`, in fractions: no rounding, ties by the definition.
-
-    A cell counts when the ray spends a stretch of depth in it, not when it touches it in a point; a
-    ray along a border is in the cell of the larger row or column.
-    """
-    low, high = map(Fraction, display.depth_range_mm)
-    return np.array([_exact_hit(rays, rgbd, int(i), low, high) for i in which], np.int64)
-
-
-def _exact_hit(rays: Rays, rgbd: RGBD, index: int, low: Fraction, high: Fraction) -> int:
-    row, column = rays.pixels[index]
-    v0, dv = rays.rows.start[row], rays.rows.slope[row]
-    u0, du = rays.columns.start[column], rays.columns.slope[column]
-    ends = sorted({low, high, *_meets(v0, dv, low, high), *_meets(u0, du, low, high)}, reverse=True)
-    for top, end in pairwise(ends):
-        middle = (top + end) / 2
-        r, c = math.floor(v0 + dv * middle), math.floor(u0 + du * middle)
-        if not (0 <= r < rgbd.shape[0] and 0 <= c < rgbd.shape[1]):
-            continue
-        if rgbd.covered[r, c] and Fraction(float(rgbd.depth_mm[r, c])) >= end:
-            return int(r * rgbd.shape[1] + c)
-    return HOLE
-
-
-def _meets(start: Fraction, slope: Fraction, low: Fraction, high: Fraction) -> list[Fraction]:
-    """Depths strictly inside the range at which a ray meets borders."""
-    if slope == 0:
-        return []
-    a, b = sorted((start + slope * low, start + slope * high))
-    return [(k - start) / slope for k in range(math.floor(a) + 1, math.ceil(b))]
 
 
 # -- gu2020 -------------------------------------------------------------------------------------
@@ -291,14 +95,14 @@ def _gu2020(rays: Rays, rgbd: RGBD, display: Display, push: tuple) -> np.ndarray
         else abs(f / (g - f)) * stated(display.pixel_pitch_mm)
     )
     depths = _stepped(low, high, step)
-    depth = _framed(rgbd, push[2])
+    depth = framed(rgbd, push[2])
     v0, u0 = rays.v0 + push[1], rays.u0 + push[0]
     found = np.empty(len(u0), np.int64)
-    chunk = max(1, _CHUNK // len(depths))
+    chunk = max(1, CHUNK // len(depths))
     for begin in range(0, len(u0), chunk):
         part = slice(begin, begin + chunk)
-        r = _cell(v0[part, None] + rays.dv[part, None] * depths, rgbd.shape[0])
-        c = _cell(u0[part, None] + rays.du[part, None] * depths, rgbd.shape[1])
+        r = cell_of(v0[part, None] + rays.dv[part, None] * depths, rgbd.shape[0])
+        c = cell_of(u0[part, None] + rays.du[part, None] * depths, rgbd.shape[1])
         hit = depth[r + 1, c + 1] >= depths
         first, each = np.argmax(hit, axis=1), np.arange(len(hit))
         source = r[each, first] * rgbd.shape[1] + c[each, first]
@@ -367,17 +171,28 @@ def _wang(along_ray: bool) -> _Find:
 
 
 def _wang_close(along_ray: bool) -> Callable[[Rays, RGBD, Display, tuple], np.ndarray]:
-    """Pixels whose best match beats another source, or the limit, by less than the band."""
+    """Pixels whose best match beats another source, or the limit, by less than the band.
+
+    Steps are of one cell, so where one entry lies on a border all do, and in arithmetic each goes
+    to its own side: every entry is asked for in all the cells that it may fall into.
+    """
 
     def close(rays: Rays, rgbd: RGBD, display: Display, band: tuple) -> np.ndarray:
         found = np.empty(len(rays.u0), bool)
+        nudges = [(a * band[0], b * band[1], 0.0) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
         for i in range(len(found)):
             off, source, step = _mismatches(rays, rgbd, display, _STILL, i, along_ray)
             best = int(np.argmin(off))
+            moved = [_mismatches(rays, rgbd, display, push, i, along_ray) for push in nudges]
+            offs = np.stack([off, *(m[0] for m in moved)])
+            sources = np.stack([source, *(m[1] for m in moved)])
+            # Some entry is at most so far off, wherever entries fall.
+            surely = float(offs.max(axis=0).min())
+            bound = min(surely, step) + 4 * band[2]
             # Entries of one depth and one surface depth tie exactly, in any arithmetic.
-            rivals = off[(source != source[best]) & (off != off[best])]
-            least = min(float(np.min(rivals, initial=np.inf)), step)
-            found[i] = abs(least - off[best]) <= 4 * band[2]
+            rivals = (offs <= bound) & (sources != source[best]) & (offs != off[best])
+            at_limit = float(offs.min()) < step + 4 * band[2] and surely >= step - 4 * band[2]
+            found[i] = bool(rivals.any()) or at_limit
         return found
 
     return close
@@ -479,7 +294,8 @@ def _li_close(rays: Rays, rgbd: RGBD, display: Display, band: tuple) -> np.ndarr
 
 
 _ORACLES: dict[str, _Find] = {
-    "template": template_sources,
+    "template": first_hits,
+    "layered": first_hits,
     "gu2020": _gu2020,
     "wang2024": _wang(along_ray=False),
     "wang2024:matching=ray": _wang(along_ray=True),

@@ -82,11 +82,14 @@ def trust_limits(generators: Rows, lens_models: Rows, pixels_per_lens: int) -> d
     dict
         `slope` by lens model, `panel_pixels`, `least_index`: the last safe values;
         `changed_by_rounding`: the largest share of pixels changed where lengths are too long to be
-        exact; `exact`: how many rows of the exact path without a warning, and pixels they changed.
+        exact; `changed_by_ties`: the same of arrays whose rays are float64, with the warning of
+        corners and without; `exact`: how many rows of exact paths without a warning, and pixels
+        they changed.
     """
     ran = [r for r in generators if r["outcome"] == "ran"]
-    exact = [r for r in ran if r["algorithm"] == "template"]
+    exact = [r for r in ran if r["exact"]]
     unguarded = [r for r in exact if not r["guards"]]
+    free = [r for r in ran if r["form"] == "free rays"]
     optics = [r for r in lens_models if r["outcome"] == "ran"]
     return {
         "slope": {
@@ -97,15 +100,22 @@ def trust_limits(generators: Rows, lens_models: Rows, pixels_per_lens: int) -> d
         * min(_last_safe(optics, "array width", m, math.inf) for m in ("pinhole", "thin", "thick")),
         # The thick lens cannot be ground so flat, and is refused.
         "least_index": _last_safe(optics, "index", "thin", -math.inf),
-        "changed_by_rounding": max(
-            (r["changed"] / r["pixels"] for r in exact if not r["safe"]), default=0.0
-        ),
+        "changed_by_rounding": _most_changed(r for r in exact if not r["safe"]),
+        "changed_by_ties": {
+            "warned": _most_changed(r for r in free if r["guards"]),
+            "unwarned": _most_changed(r for r in free if not r["guards"]),
+        },
         "exact": {
             "rows": len(unguarded),
             "pixels": sum(r["pixels"] for r in unguarded),
             "changed": sum(r["changed"] for r in unguarded),
         },
     }
+
+
+def _most_changed(rows: Iterable[Mapping[str, Any]]) -> float:
+    """The largest share of a case's pixels that show another source."""
+    return max((r["changed"] / r["pixels"] for r in rows), default=0.0)
 
 
 def _last_safe(rows: Rows, family: str, model: str, towards: float) -> float:
@@ -126,11 +136,11 @@ def checks_of(data: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The verdict's rows: what was claimed, how many cases, how many break it."""
     generators, optics = data["generators"], data["lens_models"]
     ran = [r for r in generators if r["outcome"] == "ran"]
-    exact = [r for r in ran if r["algorithm"] == "template"]
-    bitwise = _pairs_that_differ(exact)
+    exact = [r for r in ran if r["exact"]]
+    bitwise = _pairs_that_differ(r for r in exact if r["algorithm"] == "template")
     return [
         _check(
-            "exact path: every pixel as defined, where no warning is given",
+            "exact paths: every pixel as defined, where no warning is given",
             [r for r in exact if not r["guards"]],
             lambda r: r["safe"],
         ),
@@ -142,7 +152,7 @@ def checks_of(data: Mapping[str, Any]) -> list[dict[str, Any]]:
         },
         _check(
             "generators: changes only where the type's rounding decides, or a warning is given",
-            [r for r in ran if r["algorithm"] != "template"],
+            [r for r in ran if not r["exact"]],
             lambda r: r["safe"] or r["guards"],
         ),
         _check(

@@ -6,7 +6,7 @@ definition does not promise is measured all the same, and said to be explained.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,17 +15,32 @@ import numpy as np
 from inim.display import Display
 from inim.errors import InimError
 from inim.generators import HOLE, find_sources
-from inim.jobs.stress.cases import Size, display_of, noise, over, with_depth
-from inim.jobs.stress.oracle import answer, rays_of
+from inim.jobs.stress.case import Size, display_of, noise, over, with_depth
+from inim.jobs.stress.free_rays import rays_over
+from inim.jobs.stress.oracle import answer
+from inim.jobs.stress.solids import solids_of
 from inim.rgbd import RGBD
 
-__all__ = ["ALGORITHMS", "RELATIONS", "Relation", "run_relations"]
+__all__ = [
+    "ALGORITHMS",
+    "RELATIONS",
+    "Find",
+    "Outcome",
+    "Relation",
+    "colours_shown",
+    "noise_pictures",
+    "outcome_of",
+    "run_relations",
+    "same_colour",
+    "sources_shown",
+]
 
 Find = Callable[[RGBD, Display, str], np.ndarray]
 
 ALGORITHMS = ("template", "gu2020", "wang2024", "wang2024:matching=ray", "li2012")
 _FIRST_HIT = ("template", "gu2020")
 _RIVALS = ALGORITHMS[1:]
+_AND_LAYERS = (*ALGORITHMS, "layered")
 
 
 @dataclass(frozen=True)
@@ -60,6 +75,8 @@ class Relation:
         Which do not, and why.
     bitwise : bool
         Whether not even a pixel within rounding may differ.
+    free : bool
+        Whether it is one of arrays whose rays are float64, where ties are left to rounding.
     """
 
     name: str
@@ -67,19 +84,31 @@ class Relation:
     algorithms: tuple[str, ...] = ALGORITHMS
     explained: tuple[tuple[str, str], ...] = ()
     bitwise: bool = False
+    free: bool = False
 
 
-def run_relations(size: Size, find: Find = find_sources) -> list[dict[str, Any]]:
+def sources_shown(rgbd: RGBD, display: Display, algorithm: str, **options: Any) -> np.ndarray:
+    """What a generator shows; `layered` of the picture's solids, at pixel centres."""
+    if algorithm != "layered":
+        return find_sources(rgbd, display, algorithm, **options)
+    return find_sources(solids_of(rgbd, display), display, algorithm, samples=1, **options)
+
+
+def run_relations(
+    size: Size, find: Find = sources_shown, relations: Sequence[Relation] | None = None
+) -> list[dict[str, Any]]:
     """A row for each relation and algorithm.
 
     Parameters
     ----------
     size : Size
     find : callable
-        What to test instead of `inim.generators.find_sources`.
+        What to test instead of `sources_shown`.
+    relations : sequence of Relation, optional
+        `RELATIONS` unless given.
     """
     rows = []
-    for relation in RELATIONS:
+    for relation in RELATIONS if relations is None else relations:
         why = dict(relation.explained)
         for algorithm in (*relation.algorithms, *why):
             rows.append(_row(relation, algorithm, why.get(algorithm, ""), find, size))
@@ -99,7 +128,8 @@ def _row(relation: Relation, algorithm: str, why: str, find: Find, size: Size) -
     compared, broken, uncertain = (
         sum(getattr(o, name) for o in outcomes) for name in ("compared", "broken", "uncertain")
     )
-    allowed = 0 if relation.bitwise or algorithm == "template" else uncertain
+    exact = algorithm in ("template", "layered") and not relation.free
+    allowed = 0 if relation.bitwise or exact else uncertain
     return row | {
         "compared": compared,
         "broken": broken,
@@ -109,15 +139,16 @@ def _row(relation: Relation, algorithm: str, why: str, find: Find, size: Size) -
     }
 
 
-def _outcome(
+def outcome_of(
     same: np.ndarray, which: np.ndarray, algorithm: str, rgbd: RGBD, display: Display
 ) -> Outcome:
     """Count what is broken of the panel pixels `which`, (rows, columns) bool both."""
     broken = np.argwhere(which & ~same)
     doubt = 0
-    if len(broken) and algorithm in ALGORITHMS:
-        rays = rays_of(display, rgbd, broken)
-        doubt = int(answer(algorithm, rays, rgbd, display, np.float64).uncertain.sum())
+    if len(broken) and algorithm in _AND_LAYERS:
+        rays = rays_over(display, rgbd, broken)
+        picture = solids_of(rgbd, display) if algorithm == "layered" else rgbd
+        doubt = int(answer(algorithm, rays, picture, display, np.float64).uncertain.sum())
     return Outcome(int(which.sum()), len(broken), doubt)
 
 
@@ -131,22 +162,28 @@ _DISPLAYS: tuple[dict[str, object], ...] = (
 )
 
 
-def _pictures(size: Size) -> Iterator[tuple[Display, RGBD]]:
+def noise_pictures(size: Size) -> Iterator[tuple[Display, RGBD]]:
+    """Noise over small displays of each kind."""
     for seed, changes in enumerate(_DISPLAYS):
         display = display_of(size, lens_columns=size.lenses[0] + 2, **changes)
         yield display, noise(display, *over(display), seed=seed)
 
 
-def _colour(sources: np.ndarray, rgbd: RGBD) -> np.ndarray:
-    """Colours of sources: what two pictures with their pixels at other places share."""
+def colours_shown(sources: np.ndarray, rgbd: RGBD) -> np.ndarray:
+    """Colours of sources: what two pictures with their pixels at other places share.
+
+    Each layer has its own, and so have holes and pixels without a lens.
+    """
     flat = rgbd.color.reshape(-1, 3)
+    layer, cell = np.divmod(np.maximum(sources, 0), len(flat))
     found: np.ndarray = np.where(
-        (sources >= 0)[..., None], flat[np.maximum(sources, 0)], sources[..., None] - 5.0
+        (sources >= 0)[..., None], flat[cell] + 2.0 * layer[..., None], sources[..., None] - 5.0
     )
     return found
 
 
-def _alike(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def same_colour(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Where two pictures of colours agree, (rows, columns) bool."""
     found: np.ndarray = (a == b).all(axis=-1)
     return found
 
@@ -156,7 +193,7 @@ def _alike(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _shift(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     """A picture moved by one pitch shows under the next lens."""
-    for display, rgbd in _pictures(size):
+    for display, rgbd in noise_pictures(size):
         if not display.has_integer_ratio:
             continue  # lenses differ: no two show alike
         cells, pixels = 2, round(display.pixels_per_lens)
@@ -166,13 +203,13 @@ def _shift(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
             np.roll(rgbd.covered, cells, axis=1),
             rgbd.pixel_mm,
         )
-        before = _colour(find(rgbd, display, algorithm), rgbd)[:, :-pixels]
-        after = _colour(find(moved, display, algorithm), moved)[:, pixels:]
+        before = colours_shown(find(rgbd, display, algorithm), rgbd)[:, :-pixels]
+        after = colours_shown(find(moved, display, algorithm), moved)[:, pixels:]
         which = _away_from_rim(display, rgbd, cells)[:, :-pixels]
         full = np.zeros(display.eia_shape, bool)
         same = np.ones(display.eia_shape, bool)
-        full[:, :-pixels], same[:, :-pixels] = which, _alike(before, after)
-        yield _outcome(same, full, algorithm, rgbd, display)
+        full[:, :-pixels], same[:, :-pixels] = which, same_colour(before, after)
+        yield outcome_of(same, full, algorithm, rgbd, display)
 
 
 def _away_from_rim(display: Display, rgbd: RGBD, cells: int) -> np.ndarray:
@@ -189,17 +226,17 @@ def _mirror(axis: int) -> Callable[[Find, str, Size], Iterator[Outcome]]:
     """A mirrored picture gives the mirrored EIA, but for rays along borders, which take a side."""
 
     def check(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
-        for display, rgbd in _pictures(size):
+        for display, rgbd in noise_pictures(size):
             flipped = RGBD(
                 np.flip(rgbd.color, axis),
                 np.flip(rgbd.depth_mm, axis),
                 np.flip(rgbd.covered, axis),
                 rgbd.pixel_mm,
             )
-            before = _colour(find(rgbd, display, algorithm), rgbd)
-            after = np.flip(_colour(find(flipped, display, algorithm), flipped), axis)
+            before = colours_shown(find(rgbd, display, algorithm), rgbd)
+            after = np.flip(colours_shown(find(flipped, display, algorithm), flipped), axis)
             which = display.lensed & _off_borders(display, rgbd)
-            yield _outcome(_alike(before, after), which, algorithm, rgbd, display)
+            yield outcome_of(same_colour(before, after), which, algorithm, rgbd, display)
 
     return check
 
@@ -222,12 +259,12 @@ def _off_borders(display: Display, rgbd: RGBD) -> np.ndarray:
 
 def _transpose(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     """Rows and columns are treated alike."""
-    for display, rgbd in _pictures(size):
+    for display, rgbd in noise_pictures(size):
         turned = display.replace(lens_columns=display.lens_rows, lens_rows=display.lens_columns)
         other = RGBD(np.swapaxes(rgbd.color, 0, 1), rgbd.depth_mm.T, rgbd.covered.T, rgbd.pixel_mm)
-        before = _colour(find(rgbd, display, algorithm), rgbd)
-        after = np.swapaxes(_colour(find(other, turned, algorithm), other), 0, 1)
-        yield _outcome(_alike(before, after), display.lensed, algorithm, rgbd, display)
+        before = colours_shown(find(rgbd, display, algorithm), rgbd)
+        after = np.swapaxes(colours_shown(find(other, turned, algorithm), other), 0, 1)
+        yield outcome_of(same_colour(before, after), display.lensed, algorithm, rgbd, display)
 
 
 def _scale(factor: float) -> Callable[[Find, str, Size], Iterator[Outcome]]:
@@ -235,7 +272,7 @@ def _scale(factor: float) -> Callable[[Find, str, Size], Iterator[Outcome]]:
     names = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm")
 
     def check(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
-        for display, rgbd in _pictures(size):
+        for display, rgbd in noise_pictures(size):
             low, high = display.depth_range_mm
             lengths = {name: getattr(display, name) * factor for name in names}
             ends = {"depth_min_mm": low * factor, "depth_max_mm": high * factor}
@@ -248,7 +285,7 @@ def _scale(factor: float) -> Callable[[Find, str, Size], Iterator[Outcome]]:
                 rgbd.color, depth * np.float32(factor), rgbd.covered, rgbd.pixel_mm * factor
             )
             before, after = find(one, base, algorithm), find(other, scaled, algorithm)
-            yield _outcome(before == after, display.lensed, algorithm, one, base)
+            yield outcome_of(before == after, display.lensed, algorithm, one, base)
 
     return check
 
@@ -261,7 +298,7 @@ def _short(depth: np.ndarray) -> np.ndarray:
 
 def _stretch(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     """Scene, gap and depth range stretched along z alone: every ray meets the same cells."""
-    for display, rgbd in _pictures(size):
+    for display, rgbd in noise_pictures(size):
         low, high = display.depth_range_mm
         base = display.replace(depth_min_mm=low, depth_max_mm=high)
         # f follows, so that D and P_I, which some of them step by, stretch too.
@@ -273,7 +310,7 @@ def _stretch(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
         )
         other = RGBD(rgbd.color, rgbd.depth_mm * np.float32(4), rgbd.covered, rgbd.pixel_mm)
         before, after = find(rgbd, base, algorithm), find(other, long, algorithm)
-        yield _outcome(before == after, display.lensed, algorithm, rgbd, base)
+        yield outcome_of(before == after, display.lensed, algorithm, rgbd, base)
 
 
 def _along_z(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
@@ -287,12 +324,12 @@ def _along_z(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
         other = RGBD(rgbd.color, depth + np.float32(step), rgbd.covered, rgbd.pixel_mm)
         before, after = find(one, display, algorithm), find(other, moved, algorithm)
         upright = (display.rows.slope == 0)[:, None] & (display.columns.slope == 0)[None, :]
-        yield _outcome(before == after, upright & display.lensed, algorithm, one, display)
+        yield outcome_of(before == after, upright & display.lensed, algorithm, one, display)
 
 
 def _shadow(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     """A nearer object changes only panel pixels that now show it."""
-    for display, rgbd in _pictures(size):
+    for display, rgbd in noise_pictures(size):
         high = np.float32(display.depth_range_mm[1])
         r, c = (n // 2 for n in rgbd.shape)
         depth = np.array(rgbd.depth_mm)
@@ -304,12 +341,12 @@ def _shadow(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
         other = RGBD(rgbd.color, depth, covered, rgbd.pixel_mm)
         before, after = find(rgbd, display, algorithm), find(other, display, algorithm)
         shows = (after >= 0) & there.ravel()[np.maximum(after, 0)]
-        yield _outcome((before == after) | shows, display.lensed, algorithm, rgbd, display)
+        yield outcome_of((before == after) | shows, display.lensed, algorithm, rgbd, display)
 
 
 def _appears(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     """An object where nothing was changes only panel pixels that now show it."""
-    for display, rgbd in _pictures(size):
+    for display, rgbd in noise_pictures(size):
         there = ~rgbd.covered
         full = with_depth(rgbd.depth_mm, rgbd.pixel_mm)
         before = find(rgbd, display, algorithm)
@@ -317,17 +354,17 @@ def _appears(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
             RGBD(rgbd.color, full.depth_mm, full.covered, full.pixel_mm), display, algorithm
         )
         shows = (after >= 0) & there.ravel()[np.maximum(after, 0)]
-        yield _outcome((before == after) | shows, display.lensed, algorithm, rgbd, display)
+        yield outcome_of((before == after) | shows, display.lensed, algorithm, rgbd, display)
 
 
 def _garbage(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     """What uncovered pixels hold, NaN and infinities too, changes nothing."""
-    for display, rgbd in _pictures(size):
+    for display, rgbd in noise_pictures(size):
         before = find(rgbd, display, algorithm)
         for value in (np.nan, np.inf, -np.inf, 1e30):
             depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(value))
             after = find(RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm), display, algorithm)
-            yield _outcome(before == after, display.lensed, algorithm, rgbd, display)
+            yield outcome_of(before == after, display.lensed, algorithm, rgbd, display)
 
 
 def _threads(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
@@ -335,51 +372,51 @@ def _threads(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     import numba
 
     before = numba.get_num_threads()
-    for display, rgbd in _pictures(size):
+    for display, rgbd in noise_pictures(size):
         many = find(rgbd, display, algorithm)
         numba.set_num_threads(1)
         try:
             one = find(rgbd, display, algorithm)
         finally:
             numba.set_num_threads(before)
-        yield _outcome(many == one, display.lensed, algorithm, rgbd, display)
+        yield outcome_of(many == one, display.lensed, algorithm, rgbd, display)
 
 
 def _tiles(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     """Asked for in pieces, the panel is the same as whole."""
-    for display, rgbd in _pictures(size):
+    for display, rgbd in noise_pictures(size):
         whole = find(rgbd, display, algorithm)
         pieces = np.full_like(whole, HOLE)
         tile = np.indices(display.eia_shape).sum(axis=0) // 3 % 3
         for n in range(3):
-            part = find_sources(rgbd, display, algorithm, mask=tile == n)
+            part = sources_shown(rgbd, display, algorithm, mask=tile == n)
             pieces[tile == n] = part[tile == n]
-        yield _outcome(whole == pieces, display.lensed, algorithm, rgbd, display)
+        yield outcome_of(whole == pieces, display.lensed, algorithm, rgbd, display)
 
 
 def _interpreted(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     """Compiled or as plain Python: the same bits."""
-    for display, rgbd in _pictures(size):
+    for display, rgbd in noise_pictures(size):
         compiled = find(rgbd, display, algorithm)
         plain = find(rgbd, display, f"{algorithm}:implementation=python")
-        yield _outcome(compiled == plain, display.lensed, algorithm, rgbd, display)
+        yield outcome_of(compiled == plain, display.lensed, algorithm, rgbd, display)
 
 
 def _types(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     """The exact path: tables of float32 and rays in float64, the same bits."""
     from inim.generators.template import ray_by_ray
 
-    for display, rgbd in _pictures(size):
+    for display, rgbd in noise_pictures(size):
         tables = find(rgbd, display, algorithm)
         rays = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
-        yield _outcome(tables == rays, display.lensed, algorithm, rgbd, display)
+        yield outcome_of(tables == rays, display.lensed, algorithm, rgbd, display)
 
 
 def _backends(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
     """Compiled by numba or by Dr.Jit for LLVM: the same bits."""
-    for display, rgbd in _pictures(size):
+    for display, rgbd in noise_pictures(size):
         ours, theirs = find(rgbd, display, algorithm), find(rgbd, display, "template_jit")
-        yield _outcome(ours == theirs, display.lensed, algorithm, rgbd, display)
+        yield outcome_of(ours == theirs, display.lensed, algorithm, rgbd, display)
 
 
 _NO_OCCLUSION = "the best match wins, wherever on the ray: occlusion is no part of the method"
@@ -388,21 +425,22 @@ _STEPS = "its step P_I is a length across: along a stretched z it samples more f
 _SIZE = "a picture pixel is a point: farther away, more of them land on one panel pixel"
 
 RELATIONS = [
-    Relation("shift by one pitch", _shift),
-    Relation("mirror left and right", _mirror(1)),
-    Relation("mirror top and bottom", _mirror(0)),
+    Relation("shift by one pitch", _shift, _AND_LAYERS),
+    Relation("mirror left and right", _mirror(1), _AND_LAYERS),
+    Relation("mirror top and bottom", _mirror(0), _AND_LAYERS),
     Relation(
-        "transpose", _transpose, ("template", "gu2020", "wang2024:matching=ray", "li2012"),
+        "transpose", _transpose,
+        ("template", "gu2020", "wang2024:matching=ray", "li2012", "layered"),
         (("wang2024", "z depends on the rows alone: a transposed picture is another problem"),),
     ),
-    Relation("all lengths x 2^10", _scale(1024.0), bitwise=True),
-    Relation("all lengths x 2^-7", _scale(2.0**-7), bitwise=True),
-    Relation("all lengths x 1000", _scale(1000.0)),
+    Relation("all lengths x 2^10", _scale(1024.0), _AND_LAYERS, bitwise=True),
+    Relation("all lengths x 2^-7", _scale(2.0**-7), _AND_LAYERS, bitwise=True),
+    Relation("all lengths x 1000", _scale(1000.0), _AND_LAYERS),
     Relation(
-        "stretch along z x 4", _stretch, tuple(a for a in ALGORITHMS if a != "gu2020"),
+        "stretch along z x 4", _stretch, tuple(a for a in _AND_LAYERS if a != "gu2020"),
         (("gu2020", _STEPS),), bitwise=True,
     ),
-    Relation("move along z", _along_z, ALGORITHMS[:-1], (("li2012", _SIZE),)),
+    Relation("move along z", _along_z, (*ALGORITHMS[:-1], "layered"), (("li2012", _SIZE),)),
     Relation(
         "a nearer object changes only its shadow", _shadow, _FIRST_HIT,
         (
@@ -412,9 +450,9 @@ RELATIONS = [
         ),
     ),
     Relation("an object where nothing was", _appears),
-    Relation("uncovered pixels do not matter", _garbage, bitwise=True),
-    Relation("one thread or all", _threads, bitwise=True),
-    Relation("tiles or whole", _tiles, ("template",), bitwise=True),
+    Relation("uncovered pixels do not matter", _garbage, _AND_LAYERS, bitwise=True),
+    Relation("one thread or all", _threads, _AND_LAYERS, bitwise=True),
+    Relation("tiles or whole", _tiles, _AND_LAYERS, bitwise=True),
     Relation("compiled or plain Python", _interpreted, _RIVALS, bitwise=True),
     Relation("float32 tables or float64 rays", _types, ("template",), bitwise=True),
     Relation("numba or Dr.Jit on LLVM", _backends, ("template",), bitwise=True),

@@ -15,13 +15,15 @@ from fractions import Fraction
 import numpy as np
 
 from inim.display import Display
-from inim.generators.cells import CellRays, cell_rays
+from inim.generators.cells import CellRays, cell_rays, free_cell_rays
 from inim.generators.direction_lists import rounded_up
 from inim.generators.forward import forward_axes
 from inim.generators.li2012 import _position
 from inim.generators.traversal import leaves
-from inim.jobs.stress.oracle import AxisRays, rays_of
+from inim.jobs.stress.free_rays import chosen_pixels, free_rays_of
+from inim.jobs.stress.rays import AxisRays, rays_of
 from inim.pixel_axis import stated
+from inim.pixel_rays import pixel_rays
 from inim.rgbd import RGBD
 
 __all__ = ["deciding_ulps"]
@@ -34,9 +36,11 @@ _Pairs = Iterator[tuple[float, Fraction]]
 def deciding_ulps(algorithm: str, dtype: type, display: Display, rgbd: RGBD) -> tuple[float, float]:
     """Worst and mean error, in ulps of the exact value, of what decides; (0, 0) if nothing does."""
     kind = algorithm.partition(":")[0]
-    if kind == "li2012":
+    if not display.is_separable:
+        found = list(_free_coordinates(display, rgbd, dtype))
+    elif kind == "li2012":
         found = list(_landing(display, rgbd, dtype))
-    elif kind == "template":
+    elif kind in ("template", "layered"):
         rounded = dtype is np.float32 and "dtype" not in algorithm
         found = list(_exits(display, rgbd, dtype, rounded))
     else:
@@ -87,6 +91,30 @@ def _coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
         for i in chosen:
             for z in depths[np.isfinite(depths)]:
                 yield start[i] + slope[i] * z, line.start[i] + line.slope[i] * Fraction(float(z))
+
+
+def _free_coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
+    """The same of rays that share nothing, against long doubles."""
+    depths: np.ndarray = np.linspace(*display.depth_range_mm, _PLACES).astype(dtype)
+    pixels = chosen_pixels(display, _RAYS * 4)
+    known = free_rays_of(display, rgbd, pixels)
+    r, c = pixels.T
+    cells = free_cell_rays(
+        rgbd.shape, rgbd.pixel_mm, pixel_rays(display, slice(0, display.eia_shape[0]))
+    )
+    with np.errstate(over="ignore"):
+        u0, du, v0, dv = (one[r, c].astype(dtype) for one in cells)
+    for i in np.flatnonzero(~known.doubtful)[: _RAYS * 2]:
+        exact_v0, exact_dv, exact_u0, exact_du = known.line(int(i))
+        for z in depths[np.isfinite(depths)]:
+            for start, slope, exact_start, exact_slope in (
+                (u0[i], du[i], exact_u0, exact_du),
+                (v0[i], dv[i], exact_v0, exact_dv),
+            ):
+                with np.errstate(over="ignore", invalid="ignore"):
+                    place = start + slope * z
+                if np.isfinite(place):
+                    yield place, exact_start + exact_slope * Fraction(float(z))
 
 
 def _landing(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:

@@ -44,12 +44,18 @@ def summary_lines(data: Mapping[str, Any]) -> list[str]:
     trust = part(data, "trust")
     exact, slope = part(trust, "exact"), part(trust, "slope")
     changed = per_cent(trust.get("changed_by_rounding"), 0)
+    ties = part(trust, "changed_by_ties")
     return [
-        f"Exact path: {exact.get('changed', MISSING)} of {_count(exact.get('pixels'))} pixels "
-        f"in {exact.get('rows', MISSING)} runs differ from the definition, in float32 tables and "
+        "Exact paths (template, its means of 2 and 4 rays, layered): "
+        f"{exact.get('changed', MISSING)} of {_count(exact.get('pixels'))} pixels in "
+        f"{exact.get('rows', MISSING)} runs differ from the definition, in float32 tables and "
         "float64 rays alike, wherever no warning is given.",
         f"Lengths of more digits than float64 can multiply exactly leave the proof: at worst "
         f"{changed} of a noise picture then go to a neighbour, all within rounding.",
+        "Hexagonal, turned and tilted arrays have rays in float64. Rays of regular ones meet "
+        f"corners: at worst {per_cent(ties.get('warned'), 0)} of a picture's pixels go to a "
+        f"neighbour, with a warning; of the others {per_cent(ties.get('unwarned'), 0)}, near the "
+        "axis.",
         "Lens models land within a hundredth of a panel pixel in float32 up to a slope of "
         f"{short(slope.get('pinhole'))} (pinhole), {short(slope.get('thin'))} (thin) and "
         f"{short(slope.get('thick'))} (thick), and up to {_count(trust.get('panel_pixels'))} panel "
@@ -187,6 +193,8 @@ def _contenders(rows: Rows) -> Table:
 
 
 def _dress(algorithm: str, dtype: str) -> str:
+    if ":samples" in algorithm:
+        return "as run" if algorithm.endswith("=1") else "mean colours"
     if algorithm.startswith("template"):
         walked = "float32 walk" if "dtype" in algorithm else "float32 tables"
         return walked if dtype == "float32" else "float64 rays"
