@@ -233,7 +233,8 @@ def test_times_of_the_same_machine_are_compared(timed: Bench) -> None:
 
 @pytest.mark.slow
 def test_generator_slower_by_30_percent_fails_and_itself_does_not(bench: Bench) -> None:
-    """On a display whose EIA takes milliseconds; both runs share the machine as it is."""
+    """On a display whose EIA takes milliseconds. Beside other programs nobody can tell, and the
+    row says so: then there is nothing to claim."""
     large = {"lens_columns": "100", "lens_rows": "100", "eia_spp": "2", "view_spp": "2",
              "reconstruction_spp": "2", "capture_spp": "2", "viewpoints": "left"}  # fmt: skip
     assert bench.run("-o", "large", "--time", **large).code == EXIT_PASSED
@@ -243,7 +244,12 @@ def test_generator_slower_by_30_percent_fails_and_itself_does_not(bench: Bench) 
     row = "planted: time against the baseline"
     for fault, is_slow in (("", False), ("slow", True)):
         bench.run("-o", "again", "--time", "--baseline", to, fault=fault, **large)
-        assert (row in bench.failed("again")) is is_slow
+        checks = bench.data("again")["verdict"]["checks"]
+        found = next(check for check in checks if check["name"] == row)
+        if "scatter too much" in found["detail"]:
+            assert not found["passed"]
+            pytest.skip("other programs use this machine: " + found["detail"])
+        assert found["passed"] is not is_slow
 
 
 @pytest.mark.slow
