@@ -97,6 +97,7 @@ def _color(path: Path) -> None:
 #: By format: all doors by which a user's file comes in.
 DOORS: dict[str, tuple[Read, ...]] = {
     "exr-rgbd": (_rgbd,),
+    "exr-layers": (_rgbd,),
     "exr-eia": (_eia,),
     "png-eia": (_eia,),
     "picture": (_in_a_scene(_TEXTURED, ""),),

@@ -7,6 +7,7 @@ import io
 import json
 import struct
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from inim.display import Display
 from inim.formats.image import write_exr, write_rgbd
 from inim.formats.mesh import Mesh, write_ply
+from inim.jobs.stress.solids import solids_of
 from inim.rgbd import RGBD
 from tests.conftest import scene_text, small_display, sphere, square
 
@@ -32,6 +34,18 @@ def _rgbd(folder: Path) -> tuple[bytes, ...]:
     covered = np.random.default_rng(2).random((12, 14)) > 0.3
     write_rgbd(folder / "a.exr", RGBD(_picture(12, 14), np.ones((12, 14)), covered, 0.1))
     return ((folder / "a.exr").read_bytes(), *_exr(folder)[:1])
+
+
+def _layers(folder: Path) -> tuple[bytes, ...]:
+    """Pictures of three layers, and of one."""
+    covered = np.random.default_rng(2).random((12, 14)) > 0.3
+    depth = np.random.default_rng(3).uniform(1, 9, (12, 14)).astype(np.float32)
+    solid = solids_of(RGBD(_picture(12, 14), depth, covered, 0.1), DISPLAY)
+    made = []
+    for rgbd in (solid, replace(solid, deeper=())):
+        write_rgbd(folder / "a.exr", rgbd)
+        made.append((folder / "a.exr").read_bytes())
+    return tuple(made)
 
 
 def _exr(folder: Path) -> tuple[bytes, ...]:
@@ -286,6 +300,7 @@ def _depth(folder: Path, kind: str) -> tuple[bytes, ...]:
 #: By format: the suffix its files get, and what makes sound ones, given a folder for companions.
 SPECIMENS = {
     "exr-rgbd": (".exr", _rgbd),
+    "exr-layers": (".exr", _layers),
     "exr-eia": (".exr", _exr),
     "png-eia": (".png", _png),
     "picture": (".png", _pictures),

@@ -198,6 +198,8 @@ def test_rows_and_columns_of_an_array_that_has_none_are_refused():
 def test_an_array_beside_its_panel_or_through_it_is_refused():
     with pytest.raises(DisplayError, match="shift_x_mm = 40"):
         _ = small_display(shift_x_mm=40.0).columns
+    with pytest.raises(DisplayError, match="shift_x_mm = 40, shift_y_mm = 0: the array lies"):
+        _ = small_display(shift_x_mm=40.0, rotation_deg=3.0).lensed
     steep = small_display(60, 10, 4, tilt_x_deg=8.0)
     with pytest.raises(DisplayError, match="tilt_x_deg = 8"):
         pixel_rays(steep, slice(0, 4))

@@ -12,6 +12,8 @@ from inim import trust
 from inim.display import DISPLAYS
 from inim.generators import find_sources
 from inim.jobs.plan import Request, make_plan
+from inim.jobs.stress.first_hits import exact_hits
+from inim.jobs.stress.free_rays import chosen_pixels, rays_over
 from inim.rgbd import RGBD
 from inim.trust import trust_warnings
 from inim.viewpoint import Viewpoint
@@ -54,6 +56,9 @@ def test_limits_are_those_of_the_published_run(measured):
     assert found["panel_pixels"] >= trust.WIDEST_PANEL_PIXELS
     assert found["least_index"] <= trust.LEAST_INDEX
     assert found["changed_by_rounding"] == pytest.approx(trust.CHANGED_BY_ROUNDING, abs=0.005)
+    if "changed_by_ties" in found:  # runs before free arrays were among the cases lack it
+        warned = found["changed_by_ties"]["warned"]
+        assert warned == pytest.approx(trust.CHANGED_BY_TIES, abs=0.005)
 
 
 def test_the_published_run_holds_what_is_claimed(measured):
@@ -106,6 +111,33 @@ def test_lengths_of_many_digits_warn():
     assert "digits" in said
     rgbd = _noise(short)
     assert np.array_equal(find_sources(rgbd, short), exact_sources(rgbd, short))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"lattice": "hexagonal"}, {"tilt_x_deg": 2.0}, {"rotation_deg": 90.0},
+     {"rotation_deg": -30.0 + trust.LEAST_TURN_DEG / 2}],
+)  # fmt: skip
+def test_free_arrays_that_are_regular_warn_and_a_slight_turn_is_the_way_out(changes):
+    display = small_display(**changes)
+    (said,) = trust_warnings(display)
+    assert next(iter(changes)) in said and f"{trust.CHANGED_BY_TIES:.0%}" in said
+    turned = display.replace(rotation_deg=display.rotation_deg + trust.LEAST_TURN_DEG)
+    assert trust_warnings(turned) == []
+
+
+def test_the_way_out_of_corners_is_one():
+    """A tilted display shows sources of its corners' neighbours; turned a little, next to none."""
+    lost = []
+    for degrees in (0.0, trust.LEAST_TURN_DEG):
+        display = small_display(3, 3, pixels=5, tilt_x_deg=2.0, rotation_deg=degrees)
+        rgbd = _noise(display)
+        rays = rays_over(display, rgbd, chosen_pixels(display, 225))
+        shown = find_sources(rgbd, display)[rays.pixels[:, 0], rays.pixels[:, 1]]
+        truth = exact_hits(rays, rgbd, display, np.arange(len(shown)))
+        lost.append(np.count_nonzero(shown != truth) / len(shown))
+    assert 0.05 < lost[0] < trust.CHANGED_BY_TIES
+    assert lost[1] < 0.01
 
 
 def _noise(display):
