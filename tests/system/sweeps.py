@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -63,8 +64,13 @@ def start(*words: object, folder: Path) -> subprocess.Popen[str]:
     """Begin with it."""
     return subprocess.Popen(
         command(*words), cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, encoding="utf-8", env=_own_tmp(folder),
+        stderr=subprocess.PIPE, encoding="utf-8", env=_own_tmp(folder), preexec_fn=_hear_signals,
     )  # fmt: skip
+
+
+def _hear_signals() -> None:
+    """Undo what shells do to jobs in the background: ignored stays ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _own_tmp(folder: Path) -> dict[str, str]:

@@ -192,13 +192,15 @@ def test_a_killed_worker_and_a_killed_driver_lose_nothing_and_double_nothing(tmp
 
 
 @pytest.mark.slow
-def test_an_interrupt_takes_the_workers_along(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_an_interrupt_takes_the_workers_along(tmp_path, number):
     study = write_study(tmp_path)
     driver = start(study.name, "-o", "out", folder=tmp_path)
     until(lambda: workers_of(tmp_path / "out"), "a worker starts")
-    driver.send_signal(signal.SIGTERM)
-    driver.communicate(timeout=60)
-    assert driver.returncode == 128 + signal.SIGTERM
+    driver.send_signal(number)
+    _, told = driver.communicate(timeout=60)
+    assert driver.returncode == 128 + number
+    assert told.startswith("inim: interrupted; results are kept") == (number == signal.SIGINT)
     assert not workers_of(tmp_path / "out")
     assert not list((tmp_path / "tmp").rglob("*.partial"))
 

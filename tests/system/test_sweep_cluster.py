@@ -70,11 +70,13 @@ def parent_of(pid: int) -> int:
 
 
 def test_four_workers_make_the_table_of_a_pool(scheduler, tmp_path):
-    study = write_study(tmp_path, scenes=3, displays=2)
+    algorithms = ("template", "template:samples=4", "wang2024:matching=ray", "gu2020", "li2012")
+    study = write_study(tmp_path, scenes=4, displays=3, algorithms=algorithms)
     pool = sweep(study.name, "-o", "pool", folder=tmp_path)
     assert pool.code == EXIT_PASSED, pool.stderr
     ended = sweep(study.name, "-o", "cluster", "--scheduler", scheduler, folder=tmp_path)
     assert ended.code == EXIT_PASSED, ended.stderr
+    assert len(table(tmp_path / "cluster")) == 4 * 3 * 5
     assert table(tmp_path / "cluster") == table(tmp_path / "pool")
     assert results(tmp_path / "cluster").keys() == results(tmp_path / "pool").keys()
     assert nothing_left(tmp_path)

@@ -162,6 +162,17 @@ def test_the_board_tells_who_is_at_work_and_what_is_left():
     assert last.startswith("1 of 4 done, 1 in work, 2 waiting, 1 FAILED; about ")
 
 
+def test_a_unit_told_of_again_keeps_its_clock_unless_it_moved():
+    board = Board(1, quiet=True)
+    board.began("a", "jade", "tcp://h:1")
+    board.stage("a", "score")
+    later = time.monotonic() + 60
+    board.began("a", "jade", "tcp://h:1")
+    assert re_words(board.lines(later)[0]) == "jade score 60 s tcp://h:1"
+    board.began("a", "jade", "tcp://h:2")
+    assert re_words(board.lines(later)[0]) == "jade start 60 s tcp://h:2"
+
+
 def re_words(line: str) -> str:
     return " ".join(line.split())
 

@@ -46,9 +46,10 @@ class Board:
         self._drawn_at = 0.0
 
     def began(self, unit: str, label: str, where: str = "") -> None:
-        """A unit is in work; again, if it was begun anew elsewhere."""
+        """A unit is in work; told again, it was begun anew if it is elsewhere."""
         with self._lock:
-            self._running[unit] = _Running(label, where=where)
+            if unit not in self._running or self._running[unit].where != where:
+                self._running[unit] = _Running(label, where=where)
         self.draw()
 
     def stage(self, unit: str, stage: str) -> None:

@@ -12,6 +12,9 @@ from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
 __all__ = ["add_arguments", "run"]
 
+# As shells have it: 128 and the signal's number.
+_INTERRUPTED = 128 + signal.SIGINT
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `inim sweep`."""
@@ -58,7 +61,11 @@ def run(args: argparse.Namespace) -> int:
     if args.dry_run:
         print("\n".join(plan_sweep(request).lines()))
         return EXIT_PASSED
-    outcome = run_sweep(request, quiet=args.quiet, debug=args.debug)
+    try:
+        outcome = run_sweep(request, quiet=args.quiet, debug=args.debug)
+    except KeyboardInterrupt:
+        print("inim: interrupted; results are kept: run it again to go on", file=sys.stderr)
+        return _INTERRUPTED
     if args.quiet:  # else each was told when it happened
         for label, error in outcome.failed.items():
             print(f"inim: failed: {label}: {error}", file=sys.stderr)
