@@ -166,11 +166,11 @@ def test_a_unit_told_of_again_keeps_its_clock_unless_it_moved():
     board = Board(1, quiet=True)
     board.began("a", "jade", "tcp://h:1")
     board.stage("a", "score")
-    later = time.monotonic() + 60
+    first = board.lines(0.0)[0]
     board.began("a", "jade", "tcp://h:1")
-    assert re_words(board.lines(later)[0]) == "jade score 60 s tcp://h:1"
+    assert board.lines(0.0)[0] == first
     board.began("a", "jade", "tcp://h:2")
-    assert re_words(board.lines(later)[0]) == "jade start 60 s tcp://h:2"
+    assert re_words(board.lines(time.monotonic())[0]).startswith("jade start 0 s")
 
 
 def re_words(line: str) -> str:
