@@ -43,7 +43,7 @@ $(VENV)/.installed: $(VENV)/.made pyproject.toml
 	@touch $@
 
 $(VENV)/.installed-test: $(VENV)/.made pyproject.toml
-	@echo "installing inim and its test tools into $(VENV) (some 250 MB, a minute or two)"
+	@echo "installing inim and its test tools into $(VENV) (some 500 MB, a few minutes)"
 	@$(BIN)/python -m pip install --quiet --editable '.[test]'
 	@touch $@ $(VENV)/.installed
 
