@@ -105,6 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_generate(commands)
     _add_export(commands)
     _add_depth(commands)
+    _add_cache(commands)
     _add_backend_commands(commands)
     algorithms = commands.add_parser("algorithms", help="list the algorithms and their options")
     algorithms.set_defaults(run=_algorithms)
@@ -169,6 +170,17 @@ def _add_validate(commands: Commands) -> None:
         action="store_true",
         help="time the generators in yardsticks, too; with --baseline, 15 %% slower fails",
     )
+    parser.add_argument(
+        "--lazy",
+        action="store_true",
+        help="make and render only the panel pixels that the viewpoints observe: the same scores "
+        "of views, none of whole EIAs",
+    )
+    parser.add_argument(
+        "--no-skip",
+        action="store_true",
+        help="do everything, also what changes no result, and use no store",
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
     _add_picture(parser)
@@ -228,6 +240,8 @@ def _validate(args: argparse.Namespace) -> int:
         backend=args.backend,
         baseline=args.baseline,
         time=args.time,
+        lazy=args.lazy,
+        no_skip=args.no_skip,
     )
     passed = run_in_worker(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:
@@ -393,6 +407,14 @@ def _add_depth(commands: Commands) -> None:
     parser = commands.add_parser("depth", help="estimate the depth of a photograph")
     depth.add_arguments(parser)
     parser.set_defaults(run=depth.run)
+
+
+def _add_cache(commands: Commands) -> None:
+    from inim.jobs import cache
+
+    parser = commands.add_parser("cache", help="what the store of results holds; empty it")
+    cache.add_arguments(parser)
+    parser.set_defaults(run=cache.run)
 
 
 def _add_backend_commands(commands: Commands) -> None:

@@ -27,11 +27,14 @@ class Halves:
     @property
     def image(self) -> np.ndarray:
         """Mean of the halves, (rows, columns, 3) float32."""
-        mean: np.ndarray = (self.first + self.second) / 2
+        # In place: of an 8K panel each array takes 0.4 GB.
+        mean: np.ndarray = self.first + self.second
+        mean /= 2
         return mean
 
     @property
     def noise(self) -> np.ndarray:
         """Half of their difference, (rows, columns, 3) float32."""
-        half: np.ndarray = (self.first - self.second) / 2
+        half: np.ndarray = self.first - self.second
+        half /= 2
         return half

@@ -34,6 +34,8 @@ _VOLUME_TYPES = frozenset({"gridvolume", "sdfgrid"})
 _PICTURE_TYPES = frozenset({"bitmap", "envmap"})
 # What Mitsuba's own XML reader takes as the same text.
 _ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin1", "utf-16")
+# What only leads to other elements, or to their parameters.
+_UNSEEN = frozenset({"default", "include", "path"})
 _PLUGIN = re.compile(r"\w+", re.ASCII)
 
 
@@ -57,6 +59,9 @@ class SceneFile:
         By the name in the scene, every file that it names and where that is.
     sha256 : str
         Over the XML and all files it names.
+    look_sha256 : str
+        Over what the renderer makes of them: elements with their parameters put in, and the bytes
+        of files. Not over `inim.*` settings, comments, layout, includes, or the names of files.
     """
 
     path: Path
@@ -67,6 +72,7 @@ class SceneFile:
     volumes: tuple[Path, ...]
     named: dict[str, Path]
     sha256: str
+    look_sha256: str = ""
 
 
 def parse_definitions(items: list[str]) -> dict[str, str]:
@@ -129,6 +135,7 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
         tuple(file for kind, file in scan.files if kind in _VOLUME_TYPES),
         scan.folder.named,
         scan.hash.hexdigest(),
+        scan.look(wanted),
     )
 
 
@@ -144,7 +151,20 @@ class _Scan:
         self.defaults: dict[str, str] = {}
         self.files: dict[tuple[str, Path], None] = {}
         self.hash = hashlib.sha256()
+        self._look = hashlib.sha256()
         self.elements = self.plugins = self.includes = self.xml_bytes = 0
+
+    def look(self, parameters: Mapping[str, str]) -> str:
+        """See `SceneFile.look_sha256`; the parameters are those handed to the renderer."""
+        found = self._look.copy()
+        found.update(repr(sorted(parameters.items())).encode())
+        return found.hexdigest()
+
+    def _see(self, tag: str, attributes: Mapping[str, str], level: int, *, end: bool) -> None:
+        """Take an element's begin or end into what the renderer sees."""
+        if tag not in _UNSEEN and not (tag == "scene" and level):
+            words = ["end", tag] if end else [tag, *(sorted(attributes.items()))]
+            self._look.update(repr(words).encode())
 
     def read(self, path: Path, shown: str, level: int) -> None:
         """Parse one file; `shown` is its name in messages."""
@@ -157,8 +177,13 @@ class _Scan:
         def start(tag: str, attributes: dict[str, str]) -> None:
             where = f"{shown}:{parser.CurrentLineNumber}"
             substituted = self._substituted(attributes, where)
-            self._element(tag, substituted, stack, where, level)
+            content = self._element(tag, substituted, stack, where, level)
+            self._see(tag, substituted | content, level, end=False)
             stack.append((tag, substituted.get("type", "")))
+
+        def finish(tag: str) -> None:
+            stack.pop()
+            self._see(tag, {}, level, end=True)
 
         def doctype(*_: object) -> None:
             raise SceneError(f"{shown}: has a DOCTYPE; entities are refused, remove it")
@@ -169,7 +194,7 @@ class _Scan:
                 raise FileError(f"{shown}: unknown encoding {encoding[:40]!r}; save it as UTF-8")
 
         parser.StartElementHandler = start
-        parser.EndElementHandler = lambda _tag: stack.pop()
+        parser.EndElementHandler = finish
         parser.StartDoctypeDeclHandler = doctype
         parser.XmlDeclHandler = declaration
         try:
@@ -206,7 +231,8 @@ class _Scan:
         stack: list[tuple[str, str]],
         where: str,
         level: int,
-    ) -> None:
+    ) -> dict[str, str]:
+        """Check an element; its attributes that name a file, with the file's digest instead."""
         self.elements += 1
         if len(stack) >= _DEEPEST:
             raise SceneError(f"{where}: nested deeper than {_DEEPEST} levels; flatten the scene")
@@ -222,9 +248,11 @@ class _Scan:
         elif tag == "path":
             self.folder.add_path(attributes.get("value", ""), where)
         elif tag == "string" and attributes.get("name") == "filename":
-            self._names_file(attributes.get("value", ""), stack[-1][1] if stack else "", where)
+            kind = stack[-1][1] if stack else ""
+            return {"value": self._names_file(attributes.get("value", ""), kind, where)}
         elif tag == "spectrum" and "filename" in attributes:
-            self._names_file(attributes["filename"], "", where)
+            return {"filename": self._names_file(attributes["filename"], "", where)}
+        return {}
 
     def _plugin(self, name: str, where: str) -> None:
         if not name:
@@ -252,7 +280,9 @@ class _Scan:
         path = self.folder.included(name, where)
         self.read(path, shown=f"{where}: {name}", level=level + 1)
 
-    def _names_file(self, name: str, kind: str, where: str) -> None:
+    def _names_file(self, name: str, kind: str, where: str) -> str:
+        """Take note of a file; the digest of what is in it."""
         path, digest = self.folder.file(name, where)
         self.files.setdefault((kind, path))
         self.hash.update(digest)
+        return digest.hex()

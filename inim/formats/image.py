@@ -6,20 +6,25 @@ import contextlib
 import io
 import os
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from inim.color import srgb_codes
+from inim.digest import value_digest
 from inim.errors import FileError, UsageError
 from inim.layered_rgbd import Layer, LayeredRGBD
 from inim.rgbd import RGBD
+from inim.store import remembered
 from inim.version import __version__
 
 __all__ = [
     "check_exr",
     "check_unfolding",
+    "encoded",
     "exr_size",
     "read_exr",
     "read_exr_channels",
@@ -39,7 +44,7 @@ _MOST_UNFOLDED_BYTES = 2**28
 _MOST_UNFOLDING = 100
 
 
-def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` fill a temporary file beside `path`, then rename it into place.
 
     Raises
@@ -63,11 +68,39 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
 def write_png(path: Path, linear: np.ndarray) -> None:
     """Write (H, W, 3) linear RGB as an 8-bit sRGB PNG."""
-    from PIL import Image
-
     pixels = srgb_codes(linear)
     # Level 1: level 6 costs four times the time for 5 % of the bytes on noisy pictures.
-    write_atomically(path, lambda p: Image.fromarray(pixels).save(p, "PNG", compress_level=1))
+    data = encoded(pixels, "PNG", compress_level=1)
+    write_atomically(path, lambda p: p.write_bytes(data))
+
+
+def encoded(pixels: np.ndarray, form: str, **options: Any) -> bytes:
+    """A picture's file in memory, by Pillow; found again where a store is in use.
+
+    Parameters
+    ----------
+    pixels : (H, W, 3) uint8
+    form : {"PNG", "JPEG"}
+    **options
+        Of Pillow's writer.
+    """
+
+    def make() -> np.ndarray:
+        from PIL import Image
+
+        stream = io.BytesIO()
+        Image.fromarray(np.ascontiguousarray(pixels)).save(stream, form, **options)
+        return np.frombuffer(stream.getvalue(), np.uint8)
+
+    def address() -> str:
+        return value_digest(["picture file", pixels, form, options, _pillow_version()])
+
+    return remembered(address, make).tobytes()
+
+
+@cache
+def _pillow_version() -> str:
+    return metadata.version("pillow")
 
 
 def write_exr(path: Path, linear: np.ndarray, attributes: Mapping[str, Any] | None = None) -> None:

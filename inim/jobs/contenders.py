@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import redirect_stderr
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -27,15 +27,18 @@ from inim.formats.eia_file import check_eia_name, read_eia
 from inim.generators import (
     GENERATORS,
     PICKUP,
+    Generator,
     algorithm_names,
     algorithm_summary,
     check_algorithm,
     parse_algorithm,
     prepare,
 )
+from inim.jobs.deciding import eia_parts, scene_parts
 from inim.jobs.foreign import blamed, run_generator
 from inim.regression import fixed_picture
 from inim.rgbd import RGBD
+from inim.store import Record
 from inim.viewpoint import is_file_safe
 
 if TYPE_CHECKING:
@@ -72,15 +75,16 @@ class Entry:
     noise : (rows, columns, 3) float32, or None
         Half of the difference of what two halves of the input's samples yield: the EIA is known
         to this. None: it has no noise.
-    fixed : (rows, columns, 3) float32, or None
-        What the generator makes of `inim.regression.fixed_picture`.
+    fixed : callable, optional
+        Makes what the generator makes of `inim.regression.fixed_picture`, (rows, columns, 3)
+        float32: of an 8K panel, 0.4 GB that need not be held while views are looked at.
     """
 
     eia: np.ndarray
     seconds: float | None = None
     hole_fraction: float | None = None
     noise: np.ndarray | None = None
-    fixed: np.ndarray | None = None
+    fixed: Callable[[], np.ndarray] | None = None
 
 
 #: Makes the entry, once the ground truth is there.
@@ -118,7 +122,7 @@ class Contender(ABC):
         return 0
 
     @abstractmethod
-    def prepare(self, plan: Plan) -> Make:
+    def prepare(self, job: Ledger) -> Make:
         """Get ready before anything is rendered: mistakes found here cost no rendering time."""
 
 
@@ -131,37 +135,81 @@ class Generated(Contender):
         """See `Contender`."""
         return reads_layers(self.name)
 
-    def prepare(self, plan: Plan) -> Make:
-        """See `Contender`."""
-        display, per_pitch = plan.display, plan.settings.capture_pixels_per_pitch
-        started = time.perf_counter()
-        with blamed(self.name, "prepare"):
-            shape, pixel_mm = display.capture_shape(per_pitch), display.pitch_mm / per_pitch
-            generator = prepare(display, self.name, shape=shape, pixel_mm=pixel_mm)
-        preparing = time.perf_counter() - started
+    @property
+    def _is_own(self) -> bool:
+        """Whether the project's code decides it: of others, nothing tells what has changed."""
+        return parse_algorithm(self.name)[0] in GENERATORS
 
-        def make(_: Ledger, truth: GroundTruth) -> Entry:
-            picture, halves = truth.input(layers=self.wants_layers)
-            eia, seconds, empty = run_generator(self.name, generator, picture, display)
-            eia, holes = kept(eia), _hole_fraction(empty, display)
-            del empty
-            noise, second = (again(rgbd) for rgbd in halves)
-            # In place: of an 8K panel each of these takes 0.4 GB.
-            noise -= second
-            noise /= 2
-            del second
-            fixed = again(fixed_picture(display, shape, pixel_mm))
-            return Entry(eia, preparing + seconds, holes, noise, fixed)
+    def prepare(self, job: Ledger) -> Make:
+        """See `Contender`; nothing is loaded where the store has the EIA."""
+        product = f"EIA of {self.name}"
+        parts = eia_parts(job, self.name, "layers" if self.wants_layers else "capture")
+        known = self._is_own and job.memo.knows(product, parts)
+        generator = None if known else self._generator(job)
 
-        def again(rgbd: RGBD) -> np.ndarray:
-            with redirect_stderr(io.StringIO()):  # what it says, it has said
-                return kept(run_generator(self.name, generator, rgbd, display)[0])
+        def make(job: Ledger, truth: GroundTruth) -> Entry:
+            def prepared() -> tuple[Generator, float]:
+                nonlocal generator
+                generator = generator or self._generator(job)
+                return generator
 
-        def kept(eia: np.ndarray) -> np.ndarray:
-            """Ours make a new one each time; others may keep one place to write to."""
-            return eia if parse_algorithm(self.name)[0] in GENERATORS else eia.copy()
+            def once(product: str, anew: Callable[[], Record], told: Any = None) -> Record:
+                return job.memo.recall(product, parts, anew, told=told) if self._is_own else anew()
+
+            def fixed() -> np.ndarray:
+                rgbd = fixed_picture(job.plan.display, truth.rgbd.shape, truth.rgbd.pixel_mm)
+                name = f"{product}, fixed picture"
+                made = once(name, lambda: Record({"eia": self._again(job, prepared()[0], rgbd)}))
+                return made.arrays["eia"]
+
+            record = once(product, lambda: self._made(job, truth, prepared()), _made)
+            return Entry(
+                record.arrays["eia"],
+                record.facts["seconds"],
+                record.facts["hole_fraction"],
+                record.arrays["noise"],
+                # Of an EIA that is made in part, no fingerprint could be compared.
+                fixed if job.observed is None else None,
+            )
 
         return make
+
+    def _generator(self, job: Ledger) -> tuple[Generator, float]:
+        """The generator, prepared, and the seconds that took."""
+        display, per_pitch = job.plan.display, job.plan.settings.capture_pixels_per_pitch
+        shape, pixel_mm = display.capture_shape(per_pitch), display.pitch_mm / per_pitch
+        started = time.perf_counter()
+        with blamed(self.name, "prepare"):
+            made = prepare(display, self.name, shape=shape, pixel_mm=pixel_mm, mask=job.observed)
+        return made, time.perf_counter() - started
+
+    def _made(self, job: Ledger, truth: GroundTruth, prepared: tuple[Generator, float]) -> Record:
+        """The EIA and its noise; seconds and holes."""
+        (generator, preparing), display, mask = prepared, job.plan.display, job.observed
+        picture, halves = truth.input(layers=self.wants_layers)
+        eia, seconds, empty = run_generator(self.name, generator, picture, display, mask)
+        eia, holes = self._kept(eia), _hole_fraction(empty, display, mask)
+        del empty
+        noise, second = (self._again(job, generator, rgbd) for rgbd in halves)
+        # In place: of an 8K panel each of these takes 0.4 GB.
+        noise -= second
+        noise /= 2
+        facts = {"seconds": preparing + seconds, "hole_fraction": holes}
+        return Record({"eia": eia, "noise": noise}, facts)
+
+    def _again(self, job: Ledger, generator: Generator, rgbd: RGBD) -> np.ndarray:
+        """The EIA of another picture."""
+        with redirect_stderr(io.StringIO()):  # what it says, it has said
+            made = run_generator(self.name, generator, rgbd, job.plan.display, job.observed)
+        return self._kept(made[0])
+
+    def _kept(self, eia: np.ndarray) -> np.ndarray:
+        """Ours make a new one each time; others may keep one place to write to."""
+        return eia if self._is_own else eia.copy()
+
+
+def _made() -> tuple[str, str, str]:
+    return "generated", "nothing", "the algorithm or its picture is new"
 
 
 @dataclass(frozen=True)
@@ -176,11 +224,11 @@ class FinishedFile(Contender):
         """See `Contender`; the file is not opened yet."""
         check_eia_name(self.path)
 
-    def prepare(self, plan: Plan) -> Make:
+    def prepare(self, job: Ledger) -> Make:
         """See `Contender`; the file is read to its end."""
-        eia, shown = read_eia(self.path, plan.display)
+        eia, shown = read_eia(self.path, job.plan.display)
         empty = None if shown is None else ~shown
-        entry = Entry(eia, None, _hole_fraction(empty, plan.display))
+        entry = Entry(eia, None, _hole_fraction(empty, job.plan.display, job.observed))
 
         def make(_: Ledger, __: GroundTruth) -> Entry:
             return entry
@@ -210,37 +258,46 @@ class Pickup(Contender):
     def _spp(self, plan: Plan) -> int:
         return self.spp or plan.settings.eia_spp
 
-    def prepare(self, plan: Plan) -> Make:
+    def prepare(self, job: Ledger) -> Make:  # noqa: ARG002
         """See `Contender`."""
 
-        def make(job: Ledger, truth: GroundTruth) -> Entry:
+        def make(job: Ledger, _: GroundTruth) -> Entry:
             from inim.jobs.truth import render_pickup
 
-            started = time.perf_counter()
-            eia = render_pickup(job, truth.fitted, plan.display, self._spp(plan), PICKUP)
-            seconds = time.perf_counter() - started
-            holes = _hole_fraction(_misses(job, truth), plan.display)
-            return Entry(eia.image, seconds, holes, (eia.first - eia.second) / 2)
+            plan, name = job.plan, f"EIA of {self.name}"
+            eia, seconds = render_pickup(job, plan.display, self._spp(plan), PICKUP, name)
+            holes = _hole_fraction(_misses(job), plan.display, job.observed)
+            return Entry(eia.image, seconds, holes, eia.noise)
 
         return make
 
 
-def _misses(job: Ledger, truth: GroundTruth) -> np.ndarray:
+def _misses(job: Ledger) -> np.ndarray:
     """Panel pixels whose centre ray meets nothing of the scene, (rows, columns) bool."""
-    from inim.kernel.sensors import make_sensor, pickup_rays
-    from inim.kernel.trace import surface
+    display = job.plan.display
 
-    fitted = truth.fitted
-    rays = pickup_rays(job.plan.display, fitted.start_mm)
-    sensor = make_sensor(rays, fitted.fit.world_from_display)
-    return ~surface(fitted.scene, sensor, job.clock).covered
+    def make() -> Record:
+        fitted = job.fitted
+        from inim.kernel.sensors import make_sensor, pickup_rays
+        from inim.kernel.trace import surface
+
+        rays = pickup_rays(display, fitted.start_mm)
+        sensor = make_sensor(rays, fitted.fit.world_from_display)
+        return Record({"covered": surface(fitted.scene, sensor, job.clock).covered})
+
+    found = job.memo.recall("panel pixels that meet the scene", scene_parts(job, display), make)
+    return ~found.arrays["covered"]
 
 
-def _hole_fraction(empty: np.ndarray | None, display: Display) -> float | None:
+def _hole_fraction(
+    empty: np.ndarray | None, display: Display, mask: np.ndarray | None
+) -> float | None:
+    """Share of the lensed pixels asked for that show nothing."""
     if empty is None:
         return None
-    pixels = np.count_nonzero(display.lensed)
-    return np.count_nonzero(empty & display.lensed) / pixels if pixels else 0.0
+    asked = display.lensed if mask is None else display.lensed & mask
+    pixels = np.count_nonzero(asked)
+    return np.count_nonzero(empty & asked) / pixels if pixels else 0.0
 
 
 def reads_layers(algorithm: str) -> bool:

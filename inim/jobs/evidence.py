@@ -14,6 +14,8 @@ import numpy as np
 from inim.backend import machine
 from inim.display import Display
 from inim.generators import parse_algorithm
+from inim.halves import Halves
+from inim.jobs.deciding import score_parts
 from inim.jobs.differences import keep_fixed
 from inim.jobs.ledger import Ledger
 from inim.jobs.plan import Plan
@@ -23,16 +25,20 @@ from inim.jobs.truth import GroundTruth
 from inim.regression import (
     Evidence,
     Fingerprint,
+    OneHalf,
     ScoreEstimate,
     TileStatistics,
     eia_tile,
     fingerprint,
     fixed_picture,
     tile_statistics,
-    view_scores,
     view_tile,
 )
+from inim.store import Record
 from inim.version import __version__
+
+#: Of a picture's samples.
+Half = np.ndarray | OneHalf
 
 __all__ = [
     "Contest",
@@ -82,20 +88,45 @@ class Contest:
     findings: Findings
 
 
-def truth_findings(truth: GroundTruth, display: Display) -> Findings:
+def truth_findings(job: Ledger, truth: GroundTruth) -> Findings:
     """Statistics of the ground truth, and scores of the ceiling."""
-    tile = eia_tile(display.eia_shape, (display.lens_rows, display.lens_columns))
-    pictures = {"truth/eia": tile_statistics(truth.eia.first, truth.eia.second, tile)}
+    pictures = {}
+    if job.observed is None:
+        tile = _eia_tile(job.plan.display)
+        pictures["truth/eia"] = _statistics(job, (truth.eia.first, truth.eia.second), tile)
     scores = {}
     for name, view in truth.views.items():
-        pictures[f"truth/{name}"] = _view_statistics(view)
-        found = view_scores(_three(view), _three(truth.ceiling[name]), ["ssim"])
+        pictures[f"truth/{name}"] = _view_statistics(job, view)
+        found = job.scorer.estimates(_three(view), _three(truth.ceiling[name]), ["ssim"])
         scores[f"ceiling/{name}"] = {"ssim_to_scene": found["ssim"]}
     return Findings(pictures, scores)
 
 
-def _view_statistics(view: Any) -> TileStatistics:
-    return tile_statistics(view.first, view.second, view_tile(view.first.shape[:2]))
+def _eia_tile(display: Display) -> tuple[int, int]:
+    return eia_tile(display.eia_shape, (display.lens_rows, display.lens_columns))
+
+
+def _view_statistics(job: Ledger, view: Halves) -> TileStatistics:
+    return _statistics(job, (view.first, view.second), view_tile(view.first.shape[:2]))
+
+
+def _statistics(
+    job: Ledger,
+    halves: tuple[Half, Half],
+    tile: tuple[int, int],
+    *,
+    generated: bool = False,
+) -> TileStatistics:
+    """`tile_statistics`, made once."""
+
+    def make() -> Record:
+        found = tile_statistics(*halves, tile, generated=generated)
+        return Record({name: getattr(found, name) for name in TileStatistics.array_names()})
+
+    pictures = {"halves": list(halves), "tile": tile, "generated": generated}
+    record = job.memo.recall("tile statistics", pictures | score_parts(), make)
+    rows, columns = halves[0].shape[:2]
+    return TileStatistics.of(tile, (rows, columns), record.arrays)
 
 
 def _three(view: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -106,7 +137,7 @@ def contender_findings(
     job: Ledger,
     truth: GroundTruth,
     name: str,
-    halves: tuple[np.ndarray, np.ndarray],
+    halves: tuple[Half, Half],
     seen: Mapping[str, Seen],
     fixed: np.ndarray | None,
 ) -> Findings:
@@ -125,11 +156,10 @@ def contender_findings(
         What it makes of the fixed picture.
     """
     display, plan = job.plan.display, job.plan
-    tile = eia_tile(display.eia_shape, (display.lens_rows, display.lens_columns))
     scores = {}
     for view, picture in seen.items():
-        to_ceiling = view_scores(_three(truth.ceiling[view]), _three(picture))
-        to_scene = view_scores(_three(truth.views[view]), _three(picture), ["ssim"])
+        to_ceiling = job.scorer.estimates(_three(truth.ceiling[view]), _three(picture))
+        to_scene = job.scorer.estimates(_three(truth.views[view]), _three(picture), ["ssim"])
         scores[f"{name}/{view}"] = {
             "ssim_to_ceiling": to_ceiling["ssim"],
             "psnr_to_ceiling_db": to_ceiling["psnr_db"],
@@ -143,7 +173,10 @@ def contender_findings(
         prints[name] = fingerprint(rgbd, fixed, display, exact=exact)
         if plan.baseline is not None:
             keep_fixed(job, name, fixed, prints[name], plan.baseline.fingerprints.get(name))
-    pictures = {f"eia/{name}": tile_statistics(*halves, tile, generated=True)}
+    pictures = {}
+    if job.observed is None:
+        tile = _eia_tile(display)
+        pictures[f"eia/{name}"] = _statistics(job, halves, tile, generated=True)
     return Findings(pictures, scores, prints)
 
 
@@ -169,6 +202,7 @@ def conditions_of(plan: Plan, variant: str | None = None) -> dict[str, Any]:
         "view pixels per lens": s.view_pixels_per_lens,
         "RGB-D pixels per pitch": s.capture_pixels_per_pitch,
         "algorithms": sorted(contender.name for contender in plan.contenders),
+        **({"panel pixels": "observed ones only"} if request.lazy else {}),
     }
     return conditions if variant is None else {**conditions, "variant": variant}
 

@@ -6,14 +6,19 @@ import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from inim.backend import Backend, choose_backend
+from inim.clock import Clock
 from inim.formats.image import write_exr, write_png
 from inim.jobs.listener import Listener
+from inim.jobs.memo import Memo
 from inim.jobs.plan import Plan
+from inim.jobs.scoring import Scorer
 
 __all__ = ["Ledger"]
 
@@ -29,16 +34,54 @@ class Ledger:
         Where the pictures go.
     listener : Listener
     clock : Clock
-        Of `inim.kernel.trace`: time inside the renderer.
+        Time and samples inside the renderer.
+    memo : Memo
+        Results found again.
+    observed : (rows, columns) bool, optional
+        Panel pixels that anything asked for depends on; all if None.
     """
 
     plan: Plan
     folder: Path
     listener: Listener
-    clock: Any
+    clock: Clock
+    memo: Memo = field(default_factory=Memo)
+    observed: np.ndarray | None = None
     timings: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     checks: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def skip(self) -> bool:
+        """Whether to leave out what changes no result."""
+        return not self.plan.request.no_skip
+
+    @cached_property
+    def scorer(self) -> Scorer:
+        """The run's scores."""
+        return Scorer(self.memo)
+
+    @cached_property
+    def backend(self) -> Backend:
+        """What renders, should anything have to be rendered."""
+        return choose_backend(self.plan.request.backend)
+
+    def use_renderer(self) -> None:
+        """Load the renderer: a run that finds all its pictures again never does."""
+        from inim.kernel import trace, variant
+
+        variant.use(self.plan.request.backend)
+        trace.limit_rays(self.plan.rays_in_flight)
+
+    @cached_property
+    def fitted(self) -> Any:
+        """The scene in the renderer, a `FittedScene`; opened when it is first asked for."""
+        self.use_renderer()
+        from inim.kernel.scene import open_scene
+
+        with self.stage("open scene"):
+            plan = self.plan
+            return open_scene(plan.file, plan.display, plan.settings.fit_share, self.clock)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

@@ -65,7 +65,7 @@ class Memo:
         record = self._store.load(address)
         if record is not None:
             if told:
-                self.tell(product, "read from the store", "making it", _UNCHANGED)
+                self.tell(product, "read from the store", "all of it", _UNCHANGED)
                 self._store.remember_parts(topic, digests)
             return record
         made = make()
@@ -83,7 +83,13 @@ class Memo:
         return self._store is not None and self._store.holds(address_of(product, digests))
 
     def tell(self, what: str, done: str, skipped: str, why: str) -> None:
-        """Add a row to what was done and skipped."""
+        """Add a row to what was done and skipped; like ones are one row."""
+        kind, _, name = what.partition(": ")
+        for row in self.rows:
+            alike = (row["done"], row["skipped"], row["why"]) == (done, skipped, why)
+            if name and alike and row["what"].startswith(f"{kind}: "):
+                row["what"] += f", {name}"
+                return
         self.rows.append({"what": what, "done": done, "skipped": skipped, "why": why})
 
 

@@ -54,6 +54,10 @@ class Request:
         Folder of the baseline to compare with.
     time : bool
         Time the generators, too.
+    lazy : bool
+        Make and render only the panel pixels that the viewpoints observe.
+    no_skip : bool
+        Do everything, also what changes no result; use no store.
     """
 
     scene: Path
@@ -68,6 +72,8 @@ class Request:
     backend: str = "auto"
     baseline: Path | None = None
     time: bool = False
+    lazy: bool = False
+    no_skip: bool = False
 
     def command(self) -> list[str]:
         """The command line that repeats this request, after `python -m inim.validate`."""
@@ -84,8 +90,8 @@ class Request:
             words += ["--backend", self.backend]
         if self.baseline is not None:
             words += ["--baseline", str(self.baseline)]
-        if self.time:
-            words.append("--time")
+        flags = {"--time": self.time, "--lazy": self.lazy, "--no-skip": self.no_skip}
+        words += [flag for flag, given in flags.items() if given]
         return words
 
     def as_json(self) -> dict[str, Any]:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from inim.digest import array_digest
+from inim.jobs.deciding import look_parts
 from inim.jobs.ledger import Ledger
 from inim.lens import white_exposure
+from inim.store import Record
+from inim.viewpoint import Viewpoint
 
-__all__ = ["Seen", "reconstruct_views"]
+__all__ = ["Seen", "observed_pixels", "reconstruct_views"]
 
 
 @dataclass(frozen=True)
@@ -63,38 +69,106 @@ def reconstruct_views(
     dict of str to Seen
         By viewpoint.
     """
-    first, second = (_look(job, eia, half) for half in (0, 1))
-    moved = first if noise is None else _look(job, eia + noise, 0)
-    seen = {
-        view: Seen(
-            np.float32(0.5) * (one + second[view]),
-            np.float32(0.5) * (one - second[view]) + (moved[view] - one),
-        )
-        for view, one in first.items()
-    }
+    digest = array_digest(eia, noise)
+    looks = _Looks(job, eia, noise)
+    seen = {}
+    for viewpoint in job.plan.viewpoints:
+        parts = look_parts(job) | {
+            "EIA": digest,
+            "viewpoint": [*viewpoint.position_mm, viewpoint.pupil_mm, viewpoint.focus_mm],
+        }
+        with job.stage("reconstruct views"):
+            found = job.memo.recall(
+                f"view of {name}: {viewpoint.name}",
+                parts,
+                lambda viewpoint=viewpoint: looks.view(viewpoint),  # type: ignore[misc]
+                told=lambda: ("looked at", "nothing", "its EIA or its eye is new"),
+            )
+        seen[viewpoint.name] = Seen(found.arrays["image"], found.arrays["noise"])
     with job.stage("write pictures"):
         for view, picture in seen.items():
             job.save(f"views/{name}/{view}", picture.image)
     return seen
 
 
-def _look(job: Ledger, eia: np.ndarray, half: int) -> dict[str, np.ndarray]:
-    """Every view by half of the samples."""
-    from inim.kernel.reconstruct import DisplayScene
+class _Looks:
+    """An EIA on the display, looked at by halves of the samples; shown when first looked at."""
 
+    def __init__(self, job: Ledger, eia: np.ndarray, noise: np.ndarray | None) -> None:
+        self._job, self._eia, self._noise = job, eia, noise
+
+    def view(self, viewpoint: Viewpoint) -> Record:
+        """What is seen of it, and the noise of that."""
+        first, second = (self._look(self._shown, viewpoint, half) for half in (0, 1))
+        moved = first if self._noise is None else self._look(self._moved, viewpoint, 0)
+        image = np.float32(0.5) * (first + second)
+        noise = np.float32(0.5) * (first - second) + (moved - first)
+        return Record({"image": image, "noise": noise})
+
+    @cached_property
+    def _shown(self) -> Any:
+        return self._display_scene(self._eia)
+
+    @cached_property
+    def _moved(self) -> Any:
+        assert self._noise is not None
+        moved: np.ndarray = self._eia + self._noise
+        return self._display_scene(moved)
+
+    def _display_scene(self, eia: np.ndarray) -> Any:
+        self._job.use_renderer()
+        from inim.kernel.reconstruct import DisplayScene
+
+        return DisplayScene(eia, self._job.plan.mounted, self._job.plan.settings.lens_model)
+
+    def _look(self, shown: Any, viewpoint: Viewpoint, half: int) -> np.ndarray:
+        """A view by half of the samples."""
+        job, s = self._job, self._job.plan.settings
+        seen: np.ndarray = shown.view(
+            viewpoint,
+            pixels_per_lens=s.view_pixels_per_lens,
+            spp=half_of(s.reconstruction_spp),
+            seed=look_seeds(s.seed)[half],
+            clock=job.clock,
+            progress=job.listener.rays,
+        )
+        return np.float32(white_exposure(job.plan.mounted, s.lens_model)) * seen
+
+
+def half_of(spp: int) -> int:
+    """Samples of each of two looks."""
+    return max(1, spp // 2)
+
+
+def look_seeds(seed: int) -> tuple[int, int]:
+    """Of the two looks at any EIA: equal EIAs look equal."""
+    return 2 * seed, 2 * seed + 1
+
+
+def observed_pixels(job: Ledger) -> np.ndarray | None:
+    """Panel pixels that the run's views have samples of, (rows, columns) bool; None: all may be."""
     plan, s = job.plan, job.plan.settings
-    exposure = np.float32(white_exposure(plan.mounted, s.lens_model))
-    with job.stage("reconstruct views"):
-        shown = DisplayScene(eia, plan.mounted, s.lens_model)
-        return {
-            viewpoint.name: exposure
-            * shown.view(
-                viewpoint,
-                pixels_per_lens=s.view_pixels_per_lens,
-                spp=max(1, s.reconstruction_spp // 2),
-                seed=2 * s.seed + half,
-                clock=job.clock,
-                progress=job.listener.rays,
-            )
-            for viewpoint in plan.viewpoints
-        }
+    parts = look_parts(job) | {
+        "viewpoints": [[*v.position_mm, v.pupil_mm, v.focus_mm] for v in plan.viewpoints]
+    }
+
+    def make() -> Record:
+        job.use_renderer()
+        from inim.kernel import reconstruct
+
+        found = reconstruct.observed_pixels(
+            plan.mounted,
+            plan.viewpoints,
+            s.lens_model,
+            pixels_per_lens=s.view_pixels_per_lens,
+            spp=half_of(s.reconstruction_spp),
+            seeds=look_seeds(s.seed),
+            clock=job.clock,
+        )
+        return Record({} if found is None else {"pixels": np.packbits(found, axis=1)})
+
+    with job.stage("observed pixels"):
+        arrays = job.memo.recall("observed panel pixels", parts, make).arrays
+    if "pixels" not in arrays:
+        return None
+    return np.unpackbits(arrays["pixels"], axis=1, count=plan.display.eia_shape[1]).astype(bool)

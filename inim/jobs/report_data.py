@@ -9,21 +9,35 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from inim import metrics
+import numpy as np
+
+from inim.halves import Halves
 from inim.jobs.ledger import Ledger
 from inim.jobs.provenance import backend_data, versions
 from inim.jobs.truth import GroundTruth
 from inim.report import SCHEMA
 from inim.version import __version__
 
-__all__ = ["report_data"]
+__all__ = ["eia_scores", "report_data"]
 
 _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "OpenEXR", "scikit-image")
 
 
-def report_data(
-    job: Ledger, truth: GroundTruth, algorithms: Mapping[str, Any], backend: Any
-) -> dict[str, Any]:
+def eia_scores(
+    job: Ledger, truth: Halves, eia: np.ndarray | None = None
+) -> dict[str, float | None]:
+    """SSIM and PSNR of an EIA; none where the run makes only what is observed of it.
+
+    Without an EIA, the noise floor's.
+    """
+    if job.observed is not None:
+        return {"ssim": None, "psnr_db": None}
+    if eia is None:
+        return dict(job.scorer.eia(truth.first, truth.second))
+    return dict(job.scorer.eia(truth.image, eia))
+
+
+def report_data(job: Ledger, truth: GroundTruth, algorithms: Mapping[str, Any]) -> dict[str, Any]:
     """Everything a report holds, but the run's total time.
 
     Parameters
@@ -32,14 +46,12 @@ def report_data(
     truth : GroundTruth
     algorithms : mapping
         Scores by name.
-    backend : Backend
-        What it was rendered on.
     """
     plan = job.plan
     with job.stage("score"):
-        noise_floor = _noise_floor(truth)
+        noise_floor = _noise_floor(job, truth)
         ceiling = {
-            n: metrics.score(t.image, truth.ceiling[n].image) for n, t in truth.views.items()
+            n: job.scorer.view(t.image, truth.ceiling[n].image) for n, t in truth.views.items()
         }
     return {
         "schema": SCHEMA,
@@ -52,7 +64,7 @@ def report_data(
         "settings": asdict(plan.settings),
         "display": {"given": plan.display.given(), "derived": plan.display.derived()},
         "misalign": plan.settings.misalign,
-        "backend": backend_data(backend),
+        "backend": backend_data(job.backend),
         "lens_model": plan.settings.lens_model,
         "viewpoints": [
             {"name": v.name, "position_mm": list(v.position_mm)} for v in plan.viewpoints
@@ -62,34 +74,25 @@ def report_data(
         "ceiling": {"views": ceiling},
         "algorithms": algorithms,
         "timings": job.timings,
+        "skipped": job.memo.rows,
         "warnings": job.warnings,
         "verdict": {"passed": all(c["passed"] for c in job.checks), "checks": job.checks},
         "files": _listed_files(job.folder),
     }
 
 
-def _noise_floor(truth: GroundTruth) -> dict[str, Any]:
-    eia = truth.eia
+def _noise_floor(job: Ledger, truth: GroundTruth) -> dict[str, Any]:
     return {
-        "eia": {
-            "ssim": metrics.ssim(eia.first, eia.second),
-            "psnr_db": metrics.psnr_db(eia.first, eia.second),
-        },
-        "views": {n: metrics.score(t.first, t.second) for n, t in truth.views.items()},
+        "eia": eia_scores(job, truth.eia),
+        "views": {n: job.scorer.view(t.first, t.second) for n, t in truth.views.items()},
     }
 
 
 def _scene(job: Ledger, truth: GroundTruth) -> dict[str, Any]:
-    fit = truth.fitted.fit
     return {
         "path": str(job.plan.request.scene),
         "sha256": job.plan.file.sha256,
-        "shapes": truth.fitted.shapes,
-        "fit": {
-            "scale_xy": fit.scale_xy,
-            "scale_z": fit.scale_z,
-            "display_from_world": fit.display_from_world.tolist(),
-        },
+        **truth.scene,
     }
 
 

@@ -9,19 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from inim import metrics
+from inim.clock import Clock
 from inim.jobs.baseline import check_conditions, judge
 from inim.jobs.contenders import Contender, Entry, Make
-from inim.jobs.evidence import Contest, contender_findings, evidence_of, truth_findings
+from inim.jobs.evidence import Contest, Half, contender_findings, evidence_of, truth_findings
 from inim.jobs.generator_times import generator_times
 from inim.jobs.ledger import Ledger
 from inim.jobs.listener import Listener
+from inim.jobs.memo import Memo
 from inim.jobs.plan import Plan, Request
-from inim.jobs.reconstruction import reconstruct_views
-from inim.jobs.report_data import report_data
-from inim.jobs.truth import BLACK, CLIPPED_SHARE, GroundTruth, render_truth
-from inim.regression import score_interval
+from inim.jobs.reconstruction import observed_pixels, reconstruct_views
+from inim.jobs.report_data import eia_scores, report_data
+from inim.jobs.truth import BLACK, CLIPPED_SHARE, GroundTruth, render_truth, share_outside
+from inim.regression import OneHalf, score_interval, yardsticks
 from inim.report import Report
+from inim.store import Store, open_store, use_store
 from inim.trust import trust_warnings
 
 __all__ = ["default_out", "run", "validate"]
@@ -41,6 +43,8 @@ def validate(
     backend: str = "auto",
     baseline: str | Path | None = None,
     time: bool = False,
+    lazy: bool = False,
+    no_skip: bool = False,
 ) -> Report:
     """Validate a scene in a worker process, as `python -m inim.validate` does.
 
@@ -61,6 +65,11 @@ def validate(
         Folder of a baseline that `inim baseline accept` made, to compare with.
     time : bool
         Time the generators in yardsticks, too, and compare times where the baseline has them.
+    lazy : bool
+        Make and render only the panel pixels that the viewpoints observe: the same views and
+        scores of views, and none of the EIA as a whole.
+    no_skip : bool
+        Do everything, also what changes no result, and use no store (`inim cache`).
 
     Returns
     -------
@@ -88,6 +97,8 @@ def validate(
         backend=backend,
         baseline=None if baseline is None else Path(baseline),
         time=time,
+        lazy=lazy,
+        no_skip=no_skip,
     )
     run_in_worker(request)
     return Report.load(request.out)
@@ -112,18 +123,21 @@ def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:
     -------
     Report
     """
+    store = None if plan.request.no_skip else open_store()
+    with use_store(store):
+        return _run(plan, staging, listener or Listener(), store)
+
+
+def _run(plan: Plan, staging: Path, listener: Listener, store: Store | None) -> Report:
     started = perf_counter()
-    listener = listener or Listener()
     listener.stage("start")
-    from inim.kernel import variant
-
-    backend = variant.use(plan.request.backend)
-    from inim.kernel.trace import Clock
-
-    check_conditions(plan, backend.variant)
-    job = Ledger(plan, staging, listener, Clock())
+    memo = Memo(store, str(plan.request.scene.resolve()))
+    job = Ledger(plan, staging, listener, Clock(), memo)
+    check_conditions(plan, job.backend.variant)
     job.timings["start"] = perf_counter() - started
     job.warnings += _outside_trust(plan)
+    if plan.request.lazy:
+        job.observed = _observed(job)
     ready = _prepare(job)
     listener.begin(_planned_rays(plan))
     truth = render_truth(job)
@@ -133,10 +147,12 @@ def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:
     }
     algorithms = {name: contest.scores for name, contest in contests.items()}
     times = generator_times(job, truth) if plan.request.time else {}
+    for name, ratios in times.items():
+        algorithms[name]["yardsticks"] = yardsticks(ratios)
     with job.stage("score"):
-        findings = [truth_findings(truth, plan.display), *(c.findings for c in contests.values())]
-        regression = judge(job, evidence_of(plan, backend, findings, algorithms, times))
-    data = report_data(job, truth, algorithms, backend)
+        findings = [truth_findings(job, truth), *(c.findings for c in contests.values())]
+        regression = judge(job, evidence_of(plan, job.backend, findings, algorithms, times))
+    data = report_data(job, truth, algorithms)
     data |= {"regression": regression} if regression else {}
     data["timings"] |= {
         "mitsuba_render": job.clock.seconds,
@@ -156,6 +172,19 @@ def _outside_trust(plan: Plan) -> list[str]:
     )
 
 
+def _observed(job: Ledger) -> np.ndarray | None:
+    """The panel pixels to make, (rows, columns) bool; None: all."""
+    observed = observed_pixels(job)
+    if observed is None:
+        why = "the full lens model scatters rays between lenses: any pixel may be observed"
+        job.memo.tell("panel pixels", "all", "none", why)
+        return None
+    done = f"{np.count_nonzero(observed)} of {observed.size} ({observed.mean():.1%})"
+    why = "no sample of any asked-for view comes from the others"
+    job.memo.tell("panel pixels", done, "the others, and scores of whole EIAs", why)
+    return observed
+
+
 def _planned_rays(plan: Plan) -> int:
     s, d = plan.settings, plan.display
     capture = np.prod(d.capture_shape(s.capture_pixels_per_pitch)) * 2 * max(1, s.capture_spp // 2)
@@ -172,7 +201,7 @@ def _prepare(job: Ledger) -> list[Make]:
     ready = []
     for contender in job.plan.contenders:
         with job.stage(f"{contender.doing} {contender.name}"):
-            ready.append(contender.prepare(job.plan))
+            ready.append(contender.prepare(job))
     return ready
 
 
@@ -189,9 +218,12 @@ def _compete(job: Ledger, truth: GroundTruth, contender: Contender, make: Make) 
     job.complete(name, seen)
     with job.stage("score"):
         views = {view: picture.image for view, picture in seen.items()}
-        result = _score(truth, eia, views) | {"seconds": entry.seconds}
-        halves = (eia, eia) if noise is None else (eia + noise, eia - noise)
-        findings = contender_findings(job, truth, name, halves, seen, entry.fixed)
+        result = _score(job, truth, eia, views) | {"seconds": entry.seconds}
+        halves: tuple[Half, Half] = (eia, eia)
+        if noise is not None:
+            halves = OneHalf(eia, noise, 1), OneHalf(eia, noise, -1)
+        fixed = None if entry.fixed is None else entry.fixed()
+        findings = contender_findings(job, truth, name, halves, seen, fixed)
     result["eia"]["hole_fraction"] = entry.hole_fraction
     _check(job, truth, name, entry, eia)
     for view, scores in result["views"].items() if name in job.plan.ssim_limits else ():
@@ -209,34 +241,26 @@ def _check(job: Ledger, truth: GroundTruth, name: str, entry: Entry, eia: np.nda
         shown = 1 - entry.hole_fraction
         job.check(f"{name}: share of pixels shown", shown, ">=", 1e-6, "not all holes")
     # What the scene's own light clips has its warning already.
-    extra = _outside(eia) - _outside(truth.eia.image)
-    if extra > CLIPPED_SHARE:
+    outside = share_outside(eia)
+    if outside - truth.clipped > CLIPPED_SHARE:
         job.warnings.append(
-            f"eia/{name}: {_outside(eia):.1%} of the pixels are below black or brighter than the "
-            "panel's white, which no panel shows; clip them, or check that they are linear"
+            f"eia/{name}: {outside:.1%} of the pixels are below black or brighter than the panel's "
+            "white, which no panel shows; clip them, or check that they are linear"
         )
 
 
-def _outside(eia: np.ndarray) -> float:
-    return float(((eia < 0) | (eia > 1)).any(axis=-1).mean())
-
-
-def _score(truth: GroundTruth, eia: np.ndarray, seen: dict[str, np.ndarray]) -> dict[str, Any]:
+def _score(
+    job: Ledger, truth: GroundTruth, eia: np.ndarray, seen: dict[str, np.ndarray]
+) -> dict[str, Any]:
     views = {}
     for name, view in seen.items():
-        reference = truth.views[name].image
-        to_ceiling = metrics.score(truth.ceiling[name].image, view)
-        views[name] = metrics.score(reference, view, truth.relic[name]) | {
+        to_ceiling = job.scorer.view(truth.ceiling[name].image, view)
+        views[name] = job.scorer.view(truth.views[name].image, view, truth.relic[name]) | {
             "ssim_to_ceiling": to_ceiling["ssim"],
             "psnr_to_ceiling_db": to_ceiling["psnr_db"],
             "flip_to_ceiling": to_ceiling["flip"],
         }
-    # No FLIP here: an EIA is never looked at as a picture, so its visibility model says nothing.
-    reference = truth.eia.image
-    return {
-        "eia": {"ssim": metrics.ssim(reference, eia), "psnr_db": metrics.psnr_db(reference, eia)},
-        "views": views,
-    }
+    return {"eia": eia_scores(job, truth.eia, eia), "views": views}
 
 
 def _print_scores(listener: Listener, data: Mapping[str, Any]) -> None:

@@ -96,9 +96,12 @@ class LensedPanel:
     """
 
     def __init__(self, eia: Any, parameters: Any) -> None:
+        self._set_up(eia.shape, parameters)
         self.picture = mi.Float(eia.array)
-        self.rows = dr.opaque(mi.Float, eia.shape[0])
-        self.columns = dr.opaque(mi.Float, eia.shape[1])
+
+    def _set_up(self, shape: tuple[int, ...], parameters: Any) -> None:
+        self.rows = dr.opaque(mi.Float, shape[0])
+        self.columns = dr.opaque(mi.Float, shape[1])
         self.pixel_mm = dr.opaque(mi.Float, parameters["pixel_mm"])
         self.fill = dr.opaque(mi.Float, parameters["pixel_fill"])
         self.subpixels = SUBPIXELS[parameters["subpixels"]] if parameters["subpixels"] else None
@@ -118,23 +121,38 @@ class LensedPanel:
         tensor = mi.TensorXf(np.ascontiguousarray(eia, np.float32))
         return cls(tensor, _parameters(display, lens_model))
 
+    @classmethod
+    def dark(cls, display: Display, lens_model: str) -> LensedPanel:
+        """A panel that only tells where light would come from."""
+        panel = object.__new__(cls)
+        panel._set_up(display.eia_shape, _parameters(display, lens_model))
+        return panel
+
     def leaving(self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True) -> Any:
         """Radiance along display-frame rays that cross z = 0 at (x, y) with slopes (sx, sy)."""
+        landings = self.landings(x, y, sx, sy, lit)
+        if len(landings) == 1:
+            place, weight, lit = landings[0]
+            color = dr.gather(mi.Color3f, self.picture, place, lit)
+            return mi.Spectrum(color * weight) & lit
+        color = mi.Color3f(0.0)
+        for channel, (place, weight, shown) in enumerate(landings):
+            value = dr.gather(mi.Float, self.picture, 3 * place + channel, shown)
+            color[channel] = dr.select(shown, value * weight, 0.0)
+        return mi.Spectrum(color)
+
+    def landings(
+        self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True
+    ) -> list[tuple[Any, Any, Any]]:
+        """Where rays come from on the panel, as of `pixel`: once, or for red, green and blue."""
         # Red stands for all colours where nothing tells them apart.
         rays = [
             through_array(self.lens_model, self.array, self.traits, _OPS, x, y, sx, sy, index)
             for index in self.indices
         ]
         if len(rays) == 1 and self.subpixels is None:
-            place, weight, lit = self.pixel(*rays[0], lit)
-            color = dr.gather(mi.Color3f, self.picture, place, lit)
-            return mi.Spectrum(color * weight) & lit
-        color = mi.Color3f(0.0)
-        for channel in range(3):
-            place, weight, shown = self.pixel(*rays[channel % len(rays)], lit, channel)
-            value = dr.gather(mi.Float, self.picture, 3 * place + channel, shown)
-            color[channel] = dr.select(shown, value * weight, 0.0)
-        return mi.Spectrum(color)
+            return [self.pixel(*rays[0], lit)]
+        return [self.pixel(*rays[c % len(rays)], lit, c) for c in range(3)]
 
     def pixel(
         self, x: Any, y: Any, weight: Any, lit: Any, channel: int = 0

@@ -7,40 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from inim.clock import Clock
 from inim.display import Display
+from inim.halves import Halves
 from inim.kernel.free_bundles import FreeBundles
 from inim.kernel.peel import Peeled, layer_colours
 from inim.kernel.scene import FittedScene
 from inim.kernel.sensors import RayFamily, capture_rays, eye_rays, make_sensor, pickup_rays
-from inim.kernel.trace import Clock, Progress, Tracer, mean_light, scene_light, surface
+from inim.kernel.trace import Progress, Tracer, mean_light, scene_light, surface
 from inim.layered_rgbd import Layer, LayeredRGBD
 from inim.panel import SUBPIXELS
 from inim.rgbd import RGBD
 from inim.viewpoint import Viewpoint, focus_distance_mm
 
-__all__ = ["Truth", "capture", "capture_halves", "capture_layers", "pickup", "true_view"]
-
-
-@dataclass(frozen=True)
-class Truth:
-    """A ground-truth picture from two independent halves of its samples.
-
-    The picture is their mean; the score of one half against the other is the noise floor, a
-    cautious one, as each half is noisier than the mean.
-
-    Attributes
-    ----------
-    first, second : (rows, columns, 3) float32, linear RGB
-    """
-
-    first: np.ndarray
-    second: np.ndarray
-
-    @property
-    def image(self) -> np.ndarray:
-        """Mean of the halves, (rows, columns, 3) float32."""
-        mean: np.ndarray = (self.first + self.second) / 2
-        return mean
+__all__ = ["capture", "capture_halves", "capture_layers", "pickup", "true_view"]
 
 
 def capture(
@@ -137,7 +117,7 @@ def pickup(
     asked: np.ndarray | None = None,
     clock: Clock | None = None,
     progress: Progress | None = None,
-) -> Truth:
+) -> Halves:
     """The ground-truth EIA: every panel pixel path traced through its lens centre (Eq. 1).
 
     Over what shines of the pixel: each colour through a pickup of its own where sub-pixels have
@@ -165,7 +145,7 @@ def pickup(
         each = [getattr(seen[place], half)[..., channel] for channel, place in enumerate(places)]
         return np.stack(each, axis=-1)
 
-    return Truth(colours("first"), colours("second"))
+    return Halves(colours("first"), colours("second"))
 
 
 def true_view(
@@ -179,7 +159,7 @@ def true_view(
     skip: bool = True,
     clock: Clock | None = None,
     progress: Progress | None = None,
-) -> tuple[Truth, np.ndarray]:
+) -> tuple[Halves, np.ndarray]:
     """The scene itself from an eye, through the window of the array; and where the relic is.
 
     `skip`: see `pickup`.
@@ -214,7 +194,7 @@ def _halves(
     clock: Clock | None,
     progress: Progress | None,
     asked: np.ndarray | None = None,
-) -> Truth:
+) -> Halves:
     if skip:
         seen = fitted.silhouette.seen_by(rays)
         asked = seen if asked is None else asked & seen
@@ -224,4 +204,4 @@ def _halves(
         )
         for half in (0, 1)
     ]
-    return Truth(halves[0], halves[1])
+    return Halves(halves[0], halves[1])

@@ -33,11 +33,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from inim.clock import Clock
 from inim.display import Display
 from inim.generators.layers_in_view import in_view
 from inim.kernel.scene import FittedScene
 from inim.kernel.sensors import RayFamily, capture_rays, make_sensor
-from inim.kernel.trace import Clock, Progress, Tracer, mean_light
+from inim.kernel.trace import Progress, Tracer, mean_light
 
 __all__ = ["MOST_LAYERS", "Peeled", "layer_colours", "peel"]
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
+from inim.clock import Clock
 from inim.display import Display
 from inim.errors import UsageError
 from inim.kernel import variant
@@ -16,7 +20,7 @@ from inim.kernel.trace import Tracer, mean_light
 from inim.lens import FULL, check_lens_model
 from inim.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm
 
-__all__ = ["DisplayScene", "reconstruct"]
+__all__ = ["DisplayScene", "observed_pixels", "reconstruct"]
 
 
 def reconstruct(
@@ -62,6 +66,67 @@ def reconstruct(
     return scene.view(viewpoint, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed)
 
 
+def observed_pixels(
+    display: Display,
+    viewpoints: Sequence[Viewpoint],
+    lens_model: str,
+    *,
+    pixels_per_lens: int,
+    spp: int,
+    seeds: Sequence[int],
+    clock: Clock | None = None,
+) -> np.ndarray | None:
+    """Panel pixels that the views depend on: those that their very samples come from.
+
+    Other pixels may hold anything, and the views are the same to the bit.
+
+    Parameters
+    ----------
+    display, viewpoints, lens_model, pixels_per_lens, spp :
+        As of the views; see `reconstruct`.
+    seeds : ints
+        Of all looks that will be taken.
+
+    Returns
+    -------
+    (rows, columns) bool, or None
+        None for ``full``, whose rays scatter between the lenses.
+    """
+    check_lens_model(lens_model, display)
+    if lens_model == FULL:
+        return None
+    panel = LensedPanel.dark(display, lens_model)
+    rows, columns = display.eia_shape
+    marks = dr.zeros(mi.UInt32, rows * columns)
+
+    def light(sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:  # noqa: ARG001
+        (x, y), (sx, sy) = sensor.lines_through(pixel, within, pupil)
+        shares = []
+        for place, weight, lit in panel.landings(x, y, sx, sy):
+            dr.scatter(marks, mi.UInt32(1), place, lit & (weight > 0))
+            shares.append(dr.select(lit, weight, 0.0))
+        return mi.Color3f(*(shares * 3)[:3])
+
+    for viewpoint in viewpoints:
+        sensor = _eye(display, viewpoint, pixels_per_lens, AnalyticLens.start_mm)
+        for seed in seeds:
+            mean_light(Tracer(light, sensor, seed, clock), spp)
+    return np.asarray(marks).reshape(rows, columns) > 0
+
+
+def _eye(display: Display, viewpoint: Viewpoint, pixels_per_lens: int, start_mm: float) -> Any:
+    """The sensor of an eye before a display."""
+    rays = eye_rays(
+        display,
+        viewpoint.position_mm,
+        pixels_per_lens,
+        start_mm,
+        viewpoint.pupil_mm,
+        focus_distance_mm(viewpoint, display),
+    )
+    return make_sensor(rays, np.eye(4))
+
+
 class DisplayScene:
     """A display showing one EIA, ready to be looked at from many viewpoints.
 
@@ -91,15 +156,7 @@ class DisplayScene:
         progress: Any = None,
     ) -> np.ndarray:
         """One view, (rows, columns, 3) float32; see `reconstruct`."""
-        rays = eye_rays(
-            self.display,
-            viewpoint.position_mm,
-            pixels_per_lens,
-            self._shown.start_mm,
-            viewpoint.pupil_mm,
-            focus_distance_mm(viewpoint, self.display),
-        )
-        sensor = make_sensor(rays, np.eye(4))
+        sensor = _eye(self.display, viewpoint, pixels_per_lens, self._shown.start_mm)
         return mean_light(Tracer(self._shown.light, sensor, seed, clock, progress), spp)
 
 

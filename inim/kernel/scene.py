@@ -10,6 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from inim.clock import Clock
 from inim.display import Display
 from inim.errors import FileError, SceneError
 from inim.formats.image import read_exr_texture
@@ -17,7 +18,6 @@ from inim.formats.mesh import check_mesh_file
 from inim.formats.picture import check_picture, is_exr
 from inim.formats.volume import check_volume
 from inim.kernel.silhouette import Silhouette
-from inim.kernel.trace import Clock
 from inim.scene_file import SceneFile
 
 __all__ = ["Fit", "FittedScene", "fit_to_display", "open_scene"]
@@ -112,6 +112,9 @@ def open_scene(
 
 def _load(file: SceneFile) -> Any:
     config = mi.parser.ParserConfig(mi.variant())
+    # Merged shapes come in the order of a hash table of pointers, and lights with them: equal seeds
+    # would light a scene otherwise from one process to the next.
+    config.merge_meshes = False
     resolver = mi.file_resolver()
     resolver.prepend(str(file.path.resolve().parent))
     try:

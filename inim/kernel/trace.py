@@ -17,21 +17,21 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from inim.clock import Clock
 from inim.kernel.addressed import PLUGIN
 
 __all__ = [
-    "Clock",
     "Light",
     "Progress",
     "Surface",
     "Tracer",
+    "limit_rays",
     "mean_light",
     "scene_light",
     "surface",
 ]
 
-# Rays in flight: a path tracer's state is roughly 300 bytes a ray, so this is about 1.3 GB at
-# most; larger gains nothing on two cores.
+# Rays in flight, at most; see `limit_rays`. Larger gains nothing on two cores.
 _RAYS_PER_PASS = 2**22
 # Pixels whose float64 sums are held at once.
 _PIXELS_PER_BAND = 2**20
@@ -42,12 +42,10 @@ Progress = Callable[[int], None]
 Light = Callable[[Any, Any, Any, Any, Any], Any]
 
 
-@dataclass
-class Clock:
-    """Seconds spent inside the renderer and samples traced there, summed over calls."""
-
-    seconds: float = 0.0
-    samples: int = 0
+def limit_rays(count: int) -> None:
+    """Trace at most so many rays at once, in this process: what its memory allows."""
+    global _RAYS_PER_PASS
+    _RAYS_PER_PASS = count
 
 
 def scene_light(scene: Any, integrator: Any) -> Light:

@@ -7,7 +7,6 @@ tries the `ENCODINGS` in turn, and what it shows smaller lies in full in the fol
 from __future__ import annotations
 
 import base64
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,11 @@ from typing import Any
 import numpy as np
 
 from inim.color import linear_from_srgb
+from inim.digest import code_digest, value_digest
+from inim.formats.image import encoded
 from inim.metrics import SSIM_WINDOW, ssim_map
 from inim.report.markup import element, text, void
+from inim.store import remembered
 
 __all__ = [
     "DIFFERENCE_GAIN",
@@ -125,8 +127,13 @@ def similarity(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
     """
     if a is None or b is None or a.shape != b.shape or min(a.shape[:2]) < SSIM_WINDOW:
         return None
-    first, second = (linear_from_srgb(codes.astype(np.float32) / 255) for codes in (a, b))
-    return _magma(1 - ssim_map(first, second))
+
+    def make() -> np.ndarray:
+        first, second = (linear_from_srgb(codes.astype(np.float32) / 255) for codes in (a, b))
+        return _magma(1 - ssim_map(first, second))
+
+    code = code_digest("metrics.py", "color.py", "report/pictures.py")
+    return remembered(lambda: value_digest(["map of SSIM", a, b, code]), make)
 
 
 def similarity_scale() -> np.ndarray:
@@ -167,12 +174,8 @@ def _shrink(pixels: np.ndarray, longest_px: int) -> np.ndarray:
 
 
 def _data_uri(pixels: np.ndarray, encoding: Encoding) -> str:
-    from PIL import Image
-
     # No "optimize": with it Pillow's JPEG writer runs out of buffer on noisy pictures.
     lossy = encoding.form == "JPEG"
     options = {"quality": encoding.quality, "subsampling": 0} if lossy else {}
-    stream = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(stream, encoding.form, **options)
-    coded = base64.b64encode(stream.getvalue()).decode("ascii")
+    coded = base64.b64encode(encoded(pixels, encoding.form, **options)).decode("ascii")
     return f"data:image/{encoding.form.lower()};base64,{coded}"

@@ -66,7 +66,7 @@ class Run:
         eia, noise = (first + second) / 2, (first - second) / 2
         views = seen(reconstruct_views(self.job, eia, noise, "template"))
         findings = [
-            truth_findings(truth, plan.display),
+            truth_findings(self.job, truth),
             contender_findings(
                 self.job, truth, "template", (first, second), views, generate(fixed)
             ),
@@ -76,9 +76,9 @@ class Run:
 
 def run_of(folder: Path, **settings: Any) -> Run:
     """A run of the small scene, without a report."""
+    from inim.clock import Clock
     from inim.generators import prepare
     from inim.kernel import variant
-    from inim.kernel.trace import Clock
 
     backend = variant.use()
     definitions = tuple(f"inim.{key}={value}" for key, value in (SMALL | settings).items())
@@ -88,7 +88,7 @@ def run_of(folder: Path, **settings: Any) -> Run:
     rgbd = truth.rgbd
     made = prepare(plan.display, "template", shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
     contender: Contender = plan.contenders[0]
-    entry = contender.prepare(plan)(job, truth)
+    entry = contender.prepare(job)(job, truth)
     return Run(job, truth, entry, backend, lambda picture: made.generate(picture))
 
 
@@ -232,9 +232,9 @@ def test_swapped_views_of_the_scene_are_found_by_name(baseline, run):
 
 @pytest.mark.parametrize("edit", [half_a_pixel, gamma_twice], ids=["half a pixel", "gamma twice"])
 def test_renderer_that_went_wrong_is_found(baseline, run, edit):
-    from inim.kernel.ground_truth import Truth
+    from inim.halves import Halves
 
-    wrong = Truth(*(edit(half).astype(np.float32) for half in _halves(run.truth.views["centre"])))
+    wrong = Halves(*(edit(half).astype(np.float32) for half in _halves(run.truth.views["centre"])))
     truth = dataclasses.replace(run.truth, views=run.truth.views | {"centre": wrong})
     found = failed(baseline, run.evidence(truth=truth))
     assert tiles("centre") in found

@@ -25,6 +25,7 @@ from PIL import Image
 
 import inim
 from inim.cli import main
+from inim.clock import Clock
 from inim.color import linear_from_srgb
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, UsageError
 from inim.formats.eia_file import read_eia
@@ -32,6 +33,8 @@ from inim.formats.image import read_exr, write_exr
 from inim.generators import SourceGenerator
 from inim.jobs.contenders import parse_contenders
 from inim.jobs.foreign import run_generator
+from inim.jobs.ledger import Ledger
+from inim.jobs.listener import Listener
 from inim.jobs.plan import Request, make_plan
 from tests.conftest import small_display, square
 from tests.system.conftest import TINY, Ended, assert_one_line, nothing_left, write_scene
@@ -219,7 +222,7 @@ def test_bad_file_is_found_before_anything_is_rendered(
     write_bad_files(folder, make_plan(request(tiny_scene)).display.eia_shape)
     with pytest.raises(FileError) as caught:
         plan = make_plan(request(tiny_scene, f"mine={folder / name}"))
-        plan.contenders[0].prepare(plan)
+        plan.contenders[0].prepare(Ledger(plan, folder, Listener(), Clock()))
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -23,8 +23,8 @@ ARRAYS = {
 
 @pytest.mark.parametrize("array", ARRAYS)
 def test_the_eia_is_the_same_without_what_is_black(array, open_fitted):
+    from inim.clock import Clock
     from inim.kernel.ground_truth import pickup
-    from inim.kernel.trace import Clock
 
     display = small_display(**ARRAYS[array])
     fitted = open_fitted(scene_text(*SPHERES, LAMP, GLASS), display)
@@ -41,8 +41,8 @@ def test_the_eia_is_the_same_without_what_is_black(array, open_fitted):
 
 @pytest.mark.parametrize("pupil", [0.0, 6.0])
 def test_views_and_captures_are_the_same_without_what_is_black(pupil, open_fitted):
+    from inim.clock import Clock
     from inim.kernel.ground_truth import capture_halves, true_view
-    from inim.kernel.trace import Clock
 
     display = small_display()
     fitted = open_fitted(scene_text(*SPHERES, LAMP, GLASS), display)

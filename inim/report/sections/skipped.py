@@ -1,4 +1,4 @@
-"""What the run left out: asked for or usual, and why it was not done."""
+"""What the run did and what it left out, and why that changes no result."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from inim.report.wording import MISSING, items, part
 
 __all__ = ["skipped"]
 
-_WORDS = "No score on this page depends on what was not done."
+_WORDS = "No score on this page would be another, had everything been done."
 _COLUMNS = {"what": "What", "done": "Done", "skipped": "Skipped", "why": "Why"}
 
 
@@ -22,7 +22,7 @@ def skipped(data: Mapping[str, Any]) -> str:
     ]
     if not rows:
         return ""
-    caption = "Work that this run did not do"
+    caption = "What this run did and skipped"
     return element("p", text(_WORDS), class_="lead") + table(
         caption, list(_COLUMNS.values()), rows, "skips"
     )

@@ -11,10 +11,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
+from inim.digest import code_digest, value_digest
 from inim.report.bench.marks import LINES, MARKS, colour_of, plain_ticks, style
 from inim.report.bench.names import Name, across, set_apart
 from inim.report.markup import element, text, void
 from inim.report.wording import is_number, part, plain, viewpoint_names
+from inim.store import remembered
 
 __all__ = ["time_against_error"]
 
@@ -47,7 +51,9 @@ def time_against_error(data: Mapping[str, Any]) -> str:
         return ""
     floor = part(data, "noise_floor", "eia").get("psnr_db")
     known_floor = float(floor) if is_number(floor) and math.isfinite(floor) else None
-    drawn = base64.b64encode(_drawing(tuple(views), tuple(eias), unit, known_floor)).decode("ascii")
+    drawn = base64.b64encode(_remembered(tuple(views), tuple(eias), unit, known_floor)).decode(
+        "ascii"
+    )
     words = "; ".join(
         f"{p.name} {p.time:.2g} {unit}, 1 − SSIM to the ceiling {p.error:.3f}" for p in views
     )
@@ -98,6 +104,15 @@ def _eia_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_Po
 
 
 @lru_cache(maxsize=8)  # a page too large is put together again
+def _remembered(*drawn: Any) -> bytes:
+    """`_drawing`, found again where a store is in use: loading the plotter takes the longest."""
+
+    def address() -> str:
+        return value_digest(["time against error", drawn, code_digest("report")])
+
+    return remembered(address, lambda: np.frombuffer(_drawing(*drawn), np.uint8)).tobytes()
+
+
 def _drawing(
     views: tuple[_Point, ...], eias: tuple[_Point, ...], unit: str, floor: float | None
 ) -> bytes:

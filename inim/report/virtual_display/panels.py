@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from inim.formats.image import encoded
 
 __all__ = ["EmbeddedPanel", "Panel", "embed_panels"]
 
@@ -78,11 +79,7 @@ def _fill_up(
 
 
 def _embed(panel: Panel, form: str, quality: int) -> EmbeddedPanel:
-    from PIL import Image
-
     exact = form == "PNG"
     options = {"compress_level": 9} if exact else {"quality": quality, "subsampling": 0}
-    stream = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(panel.codes)).save(stream, form, **options)
-    coded = base64.b64encode(stream.getvalue()).decode("ascii")
+    coded = base64.b64encode(encoded(panel.codes, form, **options)).decode("ascii")
     return EmbeddedPanel(panel.name, f"data:image/{form.lower()};base64,{coded}", exact)
