@@ -170,7 +170,10 @@ def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:
             f"step_mm = {step_mm:g}: {steps} steps over the depth range of {float(high - low):g} "
             f"mm; at most {_MOST_STEPS} make sense"
         )
-    return np.array([*(float(high - k * step) for k in range(steps)), float(low)])
+    # Whole numbers of a common part: their quotient is rounded once, as a fraction's is, and soon.
+    parts = math.lcm(high.denominator, step.denominator)
+    top, down = int(high * parts), int(step * parts)
+    return np.array([*((top - k * down) / parts for k in range(steps)), float(low)])
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)

@@ -49,7 +49,7 @@ def compare_colours(
         rays = rays_over(display, rgbd, pixels, (down * fill, right * fill))
         known = answer(name, rays, rgbd, display, np.float64)
         # What is shown has no source to differ by: all that rounding may have decided is settled.
-        sources, exact = settle(known.sources, known.sources, rays, rgbd, display)
+        sources, exact = settle(known, known.sources, rays, rgbd, display)
         settled += exact
         uncertain |= known.uncertain
         mean += np.where((sources >= 0)[:, None], palette[np.maximum(sources, 0)], 0) / samples

@@ -66,7 +66,7 @@ class Size:
     many: int
 
 
-QUICK = Size((3, 3), 5, 16, 2, 100, 60)
+QUICK = Size((3, 3), 5, 24, 2, 49, 60)
 FULL = Size((3, 3), 5, 2, 10, 225, 1000)
 
 

@@ -228,7 +228,9 @@ def _compare(
     oracle = answer(contender.oracle, rays, rgbd, display, contender.dtype)
     truth, settled = oracle.sources, 0
     if contender.is_first_hit:
-        truth, settled = settle(truth, shown, rays, rgbd, display)
+        double = contender.dtype is np.float64
+        fine = oracle if double else answer(contender.oracle, rays, rgbd, display, np.float64)
+        truth, settled = settle(fine, shown, rays, rgbd, display)
     changed = shown != truth
     outside = changed & ~oracle.uncertain
     worst, mean = deciding_ulps(contender.algorithm, contender.dtype, display, rgbd)

@@ -111,10 +111,10 @@ def _lenses(display: Display, pixels: int, lenses: int, shift_mm: float) -> list
     On a border: the one nearer the array's centre, and on that the left or upper one.
     """
     elemental = stated(display.elemental_image_pitch_mm)
+    pixel, shift = stated(display.pixel_pitch_mm), stated(shift_mm)
     found = []
     for i in range(pixels):
-        x = Fraction(2 * i + 1 - pixels, 2) * stated(display.pixel_pitch_mm)
-        from_axis = (x - stated(shift_mm)) / elemental
+        from_axis = (Fraction(2 * i + 1 - pixels, 2) * pixel - shift) / elemental
         place = from_axis + Fraction(lenses, 2)
         lens = math.floor(place)
         if lens == place and from_axis >= 0:
@@ -136,12 +136,12 @@ def _axis(
     """
     pixels, lenses, shift_mm = panel
     pitch, gap, cell = stated(display.pitch_mm), stated(display.gap_mm), stated(cell_mm)
-    pixel = stated(display.pixel_pitch_mm)
+    pixel, shift = stated(display.pixel_pitch_mm), stated(shift_mm)
     start, slope = [], []
     owners = _lenses(display, pixels, lenses, shift_mm)
     for i, owner in enumerate(owners):
         x = (Fraction(2 * i + 1 - pixels, 2) + aside) * pixel
-        x0 = Fraction(2 * owner + 1 - lenses, 2) * pitch + stated(shift_mm)
+        x0 = Fraction(2 * owner + 1 - lenses, 2) * pitch + shift
         start.append(x0 / cell + Fraction(cells, 2))
         slope.append((x0 - x) / (gap * cell))
     return AxisRays(tuple(owners), tuple(start), tuple(slope))
