@@ -160,7 +160,7 @@ class Store:
             os.utime(path)  # when it was last of use
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        except Exception:  # readers of archives raise of all kinds, whatever bytes they meet
             with contextlib.suppress(OSError):
                 path.unlink()
             return None

@@ -300,13 +300,11 @@ def render_pickup(
     """
     seed, before = picture_seed(picture, job.plan.settings.seed), job.clock.samples
     parts = scene_parts(job, job.plan.display) | {
-        "mounted": job.plan.mounted.given(),
+        "array as mounted": scene_parts(job, display),
         "eia_spp": spp,
         "seed": seed,
         "panel pixels": job.observed,
     }
-    if display is not job.plan.mounted:
-        parts["mounted"] = display.given()
 
     def make() -> Record:
         from inim.kernel.ground_truth import pickup

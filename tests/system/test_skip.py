@@ -1,0 +1,202 @@
+"""What a run need not do: found again, black for certain, not observed; and nothing else."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inim.formats.image import read_exr
+from tests.system.conftest import Ended, write_scene
+
+LOOKS = {"viewpoints": "centre,left"}
+
+
+class Bench:
+    """A scene, and a store of its own."""
+
+    def __init__(self, run_inim: Callable[..., Ended], folder: Path) -> None:
+        self._run, self.folder = run_inim, folder
+        self.scene = write_scene(folder)
+        self.out = folder / "out"
+
+    def report(self, *words: str, store: bool = True, **settings: str) -> dict[str, Any]:
+        """Of a run that passed, in a fresh folder."""
+        shutil.rmtree(self.out, ignore_errors=True)
+        cache = str(self.folder / "cache") if store else "off"
+        ended = self._run(
+            *(self.scene, "-o", self.out, "--quiet", *words),
+            folder=self.folder,
+            variables={"INIM_CACHE": cache},
+            **(LOOKS | settings),
+        )
+        assert ended.code == 0, ended.stderr
+        found: dict[str, Any] = json.loads((self.out / "report.json").read_text("utf-8"))
+        return found
+
+
+@pytest.fixture
+def bench(run_inim: Callable[..., Ended], tmp_path: Path) -> Bench:
+    return Bench(run_inim, tmp_path)
+
+
+def lasting(report: dict[str, Any]) -> dict[str, Any]:
+    """What must not depend on what was skipped: all but times, and what was done."""
+    kept = json.loads(json.dumps(report))
+    for name in ("created", "command", "skipped", "timings"):
+        del kept[name]
+    for result in kept["algorithms"].values():
+        del result["seconds"]
+    return kept
+
+
+def rendered(report: dict[str, Any]) -> set[str]:
+    """Products of the renderer that were made, not read."""
+    kinds = ("RGB-D", "ground-truth", "true view")
+    return {
+        row["what"]
+        for row in report["skipped"]
+        if row["what"].startswith(kinds) and "samples traced" in row["done"]
+    }
+
+
+def why(report: dict[str, Any], what: str) -> str:
+    (row,) = [row for row in report["skipped"] if row["what"].startswith(what)]
+    return f"{row['done']}; {row['why']}"
+
+
+def test_a_rerun_renders_nothing_and_says_the_same(bench: Bench) -> None:
+    cold = bench.report()
+    pictures = {p: p.read_bytes() for p in bench.out.rglob("*.png")}
+    assert len(rendered(cold)) == 4
+    warm = bench.report()
+    assert rendered(warm) == set()
+    assert lasting(warm) == lasting(cold)
+    assert {p: p.read_bytes() for p in bench.out.rglob("*.png")} == pictures
+    assert warm["timings"]["mitsuba_render"] == 0
+
+
+def test_everything_done_scores_the_same(bench: Bench) -> None:
+    skipping = bench.report()
+    everything = bench.report("--no-skip")
+    assert lasting(everything) == lasting(skipping)
+    assert "0 samples" in next(
+        row["skipped"] for row in everything["skipped"] if row["what"] == "ground-truth EIA"
+    )
+
+
+def test_names_comments_and_settings_of_a_scene_decide_nothing(bench: Bench) -> None:
+    bench.report()
+    text = bench.scene.read_text("utf-8")
+    bench.scene = bench.scene.rename(bench.folder / "renamed.xml")
+    bench.scene.write_text(text.replace("</scene>", "<!-- a remark -->\n\n</scene>"), "utf-8")
+    assert rendered(bench.report()) == set()
+
+
+def test_another_algorithm_renders_nothing(bench: Bench) -> None:
+    bench.report()
+    other = bench.report("--algorithms", "li2012")
+    assert rendered(other) == set()
+    assert "generated" in why(other, "EIA of li2012")
+
+
+def test_another_viewpoint_renders_one_view(bench: Bench) -> None:
+    bench.report()
+    moved = bench.report(**{"viewpoints": "centre,right"})
+    assert rendered(moved) == {"true view: right"}
+
+
+def test_another_light_renders_all_and_says_why(bench: Bench) -> None:
+    bench.report()
+    text = bench.scene.read_text("utf-8")
+    brighter = text.replace('name="irradiance" value="2.5"', 'name="irradiance" value="2.4"')
+    assert brighter != text
+    bench.scene.write_text(brighter, "utf-8")
+    report = bench.report()
+    assert len(rendered(report)) == 4
+    assert "changed: scene)" in why(report, "ground-truth EIA")
+
+
+def test_a_lens_alone_renders_no_scene(bench: Bench) -> None:
+    bench.report()
+    report = bench.report(**{"refractive_index": "1.6"})
+    assert rendered(report) == set()
+    assert "looked at" in why(report, "view of template")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("seed", "3", "seed"),
+        ("eia_spp", "6", "eia_spp"),
+        ("gap_mm", "3.4", "display gap_mm"),
+        ("fit_share", "0.7", "fit_share"),
+    ],
+)
+def test_what_decides_the_eia_makes_it_anew(bench: Bench, key: str, value: str, says: str) -> None:
+    bench.report()
+    assert says in why(bench.report(**{key: value}), "ground-truth EIA")
+
+
+def test_lazy_makes_what_is_observed_and_scores_views_the_same(bench: Bench) -> None:
+    whole = bench.report("--lens-model", "thin", store=False)
+    eia = read_exr(bench.out / "eia" / "template.exr")
+    truth = read_exr(bench.out / "truth" / "eia.exr")
+    lazy = bench.report("--lens-model", "thin", "--lazy", store=False)
+    assert lazy["ceiling"] == whole["ceiling"]
+    for name, result in lazy["algorithms"].items():
+        assert result["views"] == whole["algorithms"][name]["views"]
+        assert result["eia"]["ssim"] is None
+        assert result["eia"]["psnr_db"] is None
+    part = read_exr(bench.out / "eia" / "template.exr")
+    made = (part != 0).any(axis=-1)
+    assert 0 < made.sum() < 0.8 * (eia != 0).any(axis=-1).sum()
+    assert np.array_equal(part[made], eia[made])
+    true_part = read_exr(bench.out / "truth" / "eia.exr")
+    lit = (true_part != 0).any(axis=-1)
+    assert np.array_equal(true_part[lit], truth[lit])
+    assert "no sample of any asked-for view" in why(lazy, "panel pixels")
+
+
+def test_lazy_with_lenses_that_scatter_makes_all(bench: Bench) -> None:
+    report = bench.report("--lens-model", "full", "--lazy", "--algorithms", "template")
+    assert "scatters" in why(report, "panel pixels")
+    assert report["algorithms"]["template"]["eia"]["ssim"] is not None
+
+
+def test_a_store_of_damaged_records_changes_nothing(bench: Bench) -> None:
+    whole = bench.report()
+    records = sorted((bench.folder / "cache").glob("*.npz"))
+    assert len(records) > 10
+    for number, record in enumerate(records):
+        data = bytearray(record.read_bytes())
+        if number % 2:
+            record.write_bytes(data[: len(data) // 2])
+        else:
+            data[len(data) // 2] ^= 0xFF
+            record.write_bytes(data)
+    assert lasting(bench.report()) == lasting(whole)
+
+
+def test_the_cache_command(bench: Bench) -> None:
+    def cache(action: str, where: str | None = None) -> str:
+        variables = {**os.environ, "INIM_CACHE": where or str(bench.folder / "cache")}
+        words = [sys.executable, "-m", "inim", "cache", action]
+        return subprocess.run(
+            words, env=variables, capture_output=True, text=True, check=True
+        ).stdout
+
+    assert cache("info").startswith("0 results, 0.0 MiB")
+    bench.report()
+    assert not cache("info").startswith("0 results")
+    assert cache("clear").startswith("removed ")
+    assert cache("info").startswith("0 results")
+    assert "no store is used" in cache("info", "off")

@@ -1,0 +1,200 @@
+"""The store: whole records or none, within its size, whoever else uses it."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inim.digest import address_of, array_digest, code_digest, value_digest
+from inim.errors import UsageError
+from inim.store import Record, Store, open_store, remembered, use_store
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return Store(tmp_path / "store", 2**24)
+
+
+def picture(seed: int, size: int = 100) -> np.ndarray:
+    return np.random.default_rng(seed).random((size, size), np.float32)
+
+
+def test_what_is_kept_comes_back(store):
+    arrays = {"a": picture(1), "covered": picture(2) > 0.5, "none": np.zeros((0, 3))}
+    facts = {"score": 1 / 3, "infinite": float("inf"), "missing": None, "names": ["a", "ü"]}
+    assert store.load("x") is None
+    assert store.keep("x", Record(arrays, facts))
+    found = store.load("x")
+    assert found.facts == facts
+    assert found.arrays.keys() == arrays.keys()
+    for name, array in arrays.items():
+        assert np.array_equal(found.arrays[name], array)
+        assert found.arrays[name].dtype == array.dtype
+
+
+def test_a_damaged_record_is_made_again_never_read(store):
+    """Every byte counts: any one that is changed, or any end cut off, is found out."""
+    whole = Record({"a": picture(1, 10)}, {"score": 0.5})
+    store.keep("x", whole)
+    path = store.folder / "x.npz"
+    good = path.read_bytes()
+    random = np.random.default_rng(0)
+    for place in random.integers(0, len(good), 300):
+        bad = bytearray(good)
+        bad[place] ^= 1 << random.integers(8)
+        path.write_bytes(bytes(bad))
+        found = store.load("x")
+        # Some bytes, such as a time of writing, mean nothing.
+        same = found is not None and np.array_equal(found.arrays["a"], whole.arrays["a"])
+        assert found is None or (same and found.facts == whole.facts)
+    for length in range(0, len(good), 37):
+        path.write_bytes(good[:length])
+        assert store.load("x") is None
+        assert not path.exists()
+
+
+def test_no_pickle_is_ever_loaded(store, tmp_path):
+    class Bomb:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "exploded"),)
+
+    store.folder.mkdir(parents=True)
+    facts = np.frombuffer(b"null", np.uint8)
+    np.savez(store.folder / "x.npz", facts=facts, a=np.array([Bomb()], object))
+    assert store.load("x") is None
+    assert not (tmp_path / "exploded").exists()
+
+
+def test_the_longest_unused_goes_first(tmp_path):
+    each = picture(0).nbytes
+    store = Store(tmp_path, 6 * each)
+    for k in range(5):
+        store.keep(str(k), Record({"a": picture(k)}))
+        os.utime(tmp_path / f"{k}.npz", (1000 + k, 1000 + k))
+    assert store.load("0") is not None  # of use again
+    others = tmp_path / "notes.txt"
+    others.write_text("not the store's")
+    for k in range(5, 8):
+        store.keep(str(k), Record({"a": picture(k)}))
+    left = {k for k in range(8) if store.holds(str(k))}
+    assert store.info().size_bytes <= 6 * each
+    assert {0, 7} <= left
+    assert not {1, 2} & left
+    assert store.clear().records == len(left)
+    assert store.info().records == 0
+    assert others.exists()
+
+
+def test_a_folder_that_takes_nothing_is_no_error(tmp_path):
+    (tmp_path / "file").write_text("")
+    store = Store(tmp_path / "file" / "store", 2**20)
+    assert not store.keep("x", Record({"a": picture(1)}))
+    assert store.load("x") is None
+    store.remember_parts("t", {"a": "1"})
+    assert store.last_parts("t") is None
+    assert store.info().records == 0
+
+
+def test_two_that_write_at_once_leave_a_whole_record(store):
+    stop = threading.Event()
+    wrong = []
+
+    def write(seed):
+        while not stop.is_set():
+            store.keep("x", Record({"a": np.full((200, 200), seed)}))
+
+    threads = [threading.Thread(target=write, args=(k,)) for k in range(3)]
+    for thread in threads:
+        thread.start()
+    ends = time.monotonic() + 1
+    while time.monotonic() < ends:
+        found = store.load("x")
+        if found is not None and len(np.unique(found.arrays["a"])) != 1:
+            wrong.append(found)
+    stop.set()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+    assert store.load("x") is not None
+
+
+KEEPER = """
+import sys, numpy as np
+from pathlib import Path
+from inim.store import Record, Store
+store = Store(Path(sys.argv[1]), 2**30)
+print("ready", flush=True)
+for k in range(10**6):
+    store.keep(str(k % 5), Record({"a": np.full((500, 500), k % 5)}))
+"""
+
+
+def test_killed_while_writing_leaves_whole_records_only(tmp_path):
+    for delay in (0.0, 0.003, 0.01, 0.02, 0.05):
+        process = subprocess.Popen(
+            [sys.executable, "-c", KEEPER, str(tmp_path)], stdout=subprocess.PIPE
+        )
+        process.stdout.readline()
+        time.sleep(delay)
+        process.kill()
+        process.wait()
+        process.stdout.close()
+    store = Store(tmp_path, 2**30)
+    for k in range(5):
+        found = store.load(str(k))
+        assert found is None or (found.arrays["a"] == k).all()
+
+
+def test_remembered_makes_once_and_without_a_store_always(store):
+    made = []
+
+    def make():
+        made.append(1)
+        return picture(1)
+
+    assert np.array_equal(remembered(lambda: "x", make), picture(1))
+    with use_store(store):
+        for _ in range(3):
+            assert np.array_equal(remembered(lambda: "x", make), picture(1))
+    remembered(lambda: "x", make)
+    assert len(made) == 3
+
+
+def test_the_store_s_place(monkeypatch, tmp_path):
+    monkeypatch.setenv("INIM_CACHE", "OFF")
+    assert open_store() is None
+    monkeypatch.setenv("INIM_CACHE", str(tmp_path))
+    assert open_store().folder == tmp_path
+    monkeypatch.setenv("INIM_CACHE", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert open_store().folder == tmp_path / "cache" / "inim"
+    monkeypatch.setenv("INIM_CACHE_GIB", "a lot")
+    with pytest.raises(UsageError, match="INIM_CACHE_GIB = 'a lot'"):
+        open_store()
+
+
+def test_digests_tell_apart_what_differs():
+    a = np.arange(6, dtype=np.float32)
+    different = [
+        a,
+        a.reshape(2, 3),
+        a.astype(np.float64),
+        a + np.float32(1e-6),
+        None,
+    ]
+    assert len({array_digest(x) for x in different}) == len(different)
+    assert array_digest(a, None) != array_digest(None, a)
+    assert array_digest(np.asfortranarray(a.reshape(2, 3))) == array_digest(a.reshape(2, 3))
+    assert value_digest({"x": a}) == value_digest({"x": a.copy()})
+    assert value_digest({"x": 1, "y": 2}) == value_digest({"y": 2, "x": 1})
+    assert address_of("p", {"a": "1"}) != address_of("q", {"a": "1"})
+    assert code_digest("kernel") != code_digest("lens")
+    with pytest.raises(FileNotFoundError):
+        code_digest("no_such_module.py")
+    with pytest.raises(TypeError):
+        value_digest(Path("decides nothing"))
