@@ -35,10 +35,11 @@ CONTENDER = {
 }  # fmt: skip
 
 
-def run_bench(*words: object, folder: Path):
+def run_bench(*words: object, folder: Path, timeout: float = 120):
     return subprocess.run(
         [sys.executable, "-m", "inim.bench", *map(str, words)],
-        cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", timeout=120,
+        cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
+        timeout=timeout,
     )  # fmt: skip
 
 

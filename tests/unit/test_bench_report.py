@@ -10,7 +10,8 @@ import pytest
 
 from inim.jobs.bench.paper_claims import claims
 from inim.report.bench import SCHEMA, write_bench
-from inim.report.bench.tables import milliseconds, render_markdown, tables_of, times
+from inim.report.bench.cells import milliseconds, times
+from inim.report.bench.tables import render_markdown, tables_of
 
 
 def timing(ms, **more):

@@ -51,6 +51,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SCENE",
         help="what layers are worth and cost on each of these scenes; some minutes",
     )
+    parser.add_argument(
+        "--commands",
+        type=Path,
+        metavar="SCENE",
+        help="whole commands on this scene: cold, unchanged, changed, --lazy; some minutes",
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
 
@@ -75,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
         paper=args.paper,
         views=args.views,
         layers=tuple(args.layers),
+        commands=args.commands,
     )
     run_bench(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
+from inim.jobs.bench.commands import bench_commands
 from inim.jobs.bench.contenders import chosen
 from inim.jobs.bench.layers import bench_layers
 from inim.jobs.bench.machine import load_average, most_threads, warn_of_load
@@ -48,6 +49,8 @@ def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False)
         "debug": debug,
         # Before the worker starts to load: what others do.
         "load": load_average(),
+        # Commands run as the user's own would, without what a worker is told.
+        "told": [name for name in backends.environment(backend) if name not in os.environ],
     }
     try:
         outcome_of(supervise("inim.jobs.bench", job, backend))
@@ -58,15 +61,16 @@ def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False)
 def work(job: dict[str, Any], listener: Any) -> bool:
     """The worker's side: measure, write, publish."""
     request, staging = BenchRequest.from_json(job["request"]), Path(job["staging"])
-    data = _measured(request, job["load"], listener)
+    data = _measured(request, job, listener)
     listener.stage("write")
     write_bench(data, staging)
     publish(staging, request.out, _MARKER)
     return True
 
 
-def _measured(request: BenchRequest, load: float | None, listener: Any) -> dict[str, Any]:
+def _measured(request: BenchRequest, job: dict[str, Any], listener: Any) -> dict[str, Any]:
     """The content of bench.json."""
+    load: float | None = job["load"]
     listener.stage("start")
     from inim.kernel import variant
 
@@ -75,7 +79,7 @@ def _measured(request: BenchRequest, load: float | None, listener: Any) -> dict[
     data = _record(request, backend, thread_count)
     data["warnings"] = warn_of_load(load)
     data["load"] = {"start": load, "cores": os.cpu_count()}
-    data |= dict.fromkeys(("scaling", "paper", "views", "layers"))
+    data |= dict.fromkeys(("scaling", "paper", "views", "layers", "commands"))
     data |= {"contenders": [], "notes": []}
     if request.scene is not None:
         names, data["notes"] = chosen(request.algorithms)
@@ -93,6 +97,14 @@ def _measured(request: BenchRequest, load: float | None, listener: Any) -> dict[
     if request.layers:
         plans = [scene_plan(request, scene) for scene in request.layers]
         data["layers"] = bench_layers(plans, request.rounds, listener)
+    if request.commands is not None:
+        data["commands"] = bench_commands(
+            scene_plan(request, request.commands),
+            request.rounds,
+            listener,
+            folder=Path(job["staging"]) / "commands",
+            variables={k: v for k, v in os.environ.items() if k not in job["told"]},
+        )
     data["load"]["end"] = load_average()
     return data
 
@@ -100,6 +112,7 @@ def _measured(request: BenchRequest, load: float | None, listener: Any) -> dict[
 def _record(request: BenchRequest, backend: Any, thread_count: int) -> dict[str, Any]:
     """What made it and how to make it again."""
     named = "layers" if request.layers else "synthetic pictures"
+    named = f"commands on {request.commands.stem}" if request.commands else named
     named = request.scene.stem if request.scene else named
     return {
         "schema": SCHEMA,

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-__all__ = ["measure", "peak_bytes"]
+__all__ = ["measure", "peak_bytes", "resident_bytes"]
 
 
 def peak_bytes() -> int:
@@ -27,8 +27,12 @@ def peak_bytes() -> int:
         found = None
     if found:
         return 1024 * int(found[1])
-    unit = 1 if sys.platform == "darwin" else 1024
-    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return resident_bytes(resource.getrusage(resource.RUSAGE_SELF))
+
+
+def resident_bytes(usage: resource.struct_rusage) -> int:
+    """The largest resident size that the system's account of a process names."""
+    return (1 if sys.platform == "darwin" else 1024) * usage.ru_maxrss
 
 
 def measure(lenses: int, pixels_per_pitch: int = 2) -> dict[str, Any]:

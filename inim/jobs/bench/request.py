@@ -21,7 +21,7 @@ class BenchRequest:
     ----------
     out : Path
     scene : Path, optional
-        Without one, `scaling`, `paper` or `views` must be asked for.
+        Without one, another part must be asked for.
     definitions : tuple of str
         `key=value` overrides, as after -D.
     display, algorithms : str, optional
@@ -31,6 +31,8 @@ class BenchRequest:
     scaling, paper, views : bool
     layers : tuple of Path
         Scenes to bench with and without their layers; -D and `display` hold for them too.
+    commands : Path, optional
+        Scene to time whole commands on; -D and `display` hold for it too.
     """
 
     out: Path
@@ -45,6 +47,7 @@ class BenchRequest:
     paper: bool = False
     views: bool = False
     layers: tuple[Path, ...] = ()
+    commands: Path | None = None
 
     @property
     def rounds(self) -> Rounds:
@@ -62,6 +65,7 @@ class BenchRequest:
                 words += [f"--{name}", str(getattr(self, name))]
         words += [f"--{name}" for name in ("scaling", "paper", "views") if getattr(self, name)]
         words += ["--layers", *map(str, self.layers)] if self.layers else []
+        words += [] if self.commands is None else ["--commands", str(self.commands)]
         defaults = Rounds()
         for name in ("runs", "warmups"):
             if getattr(self, name) != getattr(defaults, name):
@@ -76,8 +80,8 @@ class BenchRequest:
     @classmethod
     def from_json(cls, raw: dict[str, Any]) -> BenchRequest:
         """The request that `as_json` wrote."""
-        scene = raw["scene"]
-        paths = {"out": Path(raw["out"]), "scene": None if scene is None else Path(scene)}
+        given = {name: raw[name] for name in ("out", "scene", "commands")}
+        paths = {name: None if path is None else Path(path) for name, path in given.items()}
         many = {"definitions": tuple(raw["definitions"]), "layers": tuple(map(Path, raw["layers"]))}
         return cls(**{**raw, **paths, **many})
 
@@ -89,22 +93,26 @@ def default_out(scene: Path | None) -> Path:
 
 def check_request(request: BenchRequest) -> None:
     """Raise the `InimError` that fits where a request cannot be carried out; costs no rendering."""
+    from inim.jobs.bench.commands import check_commands
     from inim.jobs.bench.contenders import chosen
     from inim.jobs.bench.machine import most_threads
 
-    others = request.scaling or request.paper or request.views
-    if not (request.scene or request.layers or others):
-        raise UsageError("bench: name a scene, or ask for --scaling, --paper, --views or --layers")
-    if not (request.scene or request.layers) and (request.definitions or request.display):
+    scenes = [scene for scene in (request.scene, *request.layers, request.commands) if scene]
+    if not (scenes or request.scaling or request.paper or request.views):
+        raise UsageError(
+            "bench: name a scene, or ask for --scaling, --paper, --views, --layers or --commands"
+        )
+    if not scenes and (request.definitions or request.display):
         raise UsageError("bench: -D and --display belong to a scene; name one")
     if not request.scene and request.algorithms:
         raise UsageError("bench: --algorithms belongs to a scene; name one")
     Rounds(request.runs, request.warmups)  # checks both
     if request.threads is not None and not 1 <= request.threads <= most_threads():
         raise UsageError(f"--threads {request.threads}: this machine has 1 to {most_threads()}")
-    for scene in (request.scene, *request.layers):
-        if scene is not None:
-            scene_plan(request, scene)
+    for scene in scenes:
+        plan = scene_plan(request, scene)
+        if scene == request.commands:
+            check_commands(plan)
     if request.algorithms is not None:
         chosen(request.algorithms)
 

@@ -8,7 +8,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from inim.report.bench.tables import Table, claim_lines, remarks, tables_of, thread_words
+from inim.report.bench.cells import Table
+from inim.report.bench.tables import claim_lines, remarks, tables_of, thread_words
 from inim.report.markup import element, section, table, text
 from inim.report.wording import MISSING, items, part, plain
 
@@ -68,6 +69,12 @@ _PARTS = {
         "scores the floor against the other. Right: the time of both at equal samples. Where a "
         "pixel's four rays meet the same thing there is nothing to average: 'rays differ' is the "
         "share of the panel where they do not.",
+    ),
+    "commands": (
+        "Whole commands",
+        "commands",
+        "What a validation costs when nothing is known, and when something is found again. Each "
+        "mark is a run; lines are the medians of those compared with.",
     ),
 }
 

@@ -33,6 +33,8 @@ def draw_plots(data: Mapping[str, Any], folder: Path) -> list[str]:
         drawn += _save(_paper(data["paper"]), folder, "paper")
     if data.get("layers"):
         drawn += _save(_layers(data["layers"]), folder, "layers")
+    if data.get("commands"):
+        drawn += _save(_commands(data["commands"]), folder, "commands")
     return drawn
 
 
@@ -237,3 +239,34 @@ def _mark(axis: Any, value: float, row: int, name: str) -> None:
     fill = colour if name.endswith("samples=4") else "white"
     mark = MARKS.get(name.partition(":")[0], "o")
     axis.plot(value, row, mark, color=colour, markerfacecolor=fill, label=name, zorder=3)
+
+
+# -- whole commands -----------------------------------------------------------------------------
+
+
+def _commands(found: Mapping[str, Any]) -> Any:
+    """A row for each command: its runs, over seconds, and the share of what it is compared with."""
+    cases = found["cases"]
+    figure, (axis,) = _figure(1, 1.2 + 0.32 * len(cases))
+    figure.set_figwidth(8.4)
+    compared = {case["beside"] for case in cases}
+    for row, case in enumerate(cases):
+        is_measure = case["name"] in compared
+        colour = SOFT if is_measure else colour_of("template")
+        taken = case["times_s"]
+        axis.plot(taken, [row] * len(taken), "o", color=colour, alpha=0.6, markersize=5, zorder=3)
+        if is_measure:
+            reach = [r for r, other in enumerate(cases) if other["beside"] == case["name"]]
+            ends = [min(reach) - 0.3, max(reach) + 0.3]
+            axis.plot([case["median_s"]] * 2, ends, **LINES["floor"])
+        else:
+            words = f"  {case['share']:.1%} of {case['beside']}"
+            place = (max(taken), row)
+            axis.annotate(words, place, fontsize=8, color=SOFT, va="center")
+    axis.set_xscale("log")
+    axis.margins(x=0.2)
+    style(axis, "Whole commands", "seconds, start to end", "")
+    axis.set_yticks(range(len(cases)), [case["name"] for case in cases])
+    axis.invert_yaxis()
+    plain_ticks(axis)
+    return figure

@@ -3,33 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-from inim.report.wording import MISSING, is_number, items, number, part, per_cent, plain, score
+from inim.report.bench.cells import Table, milliseconds, times
+from inim.report.bench.command_tables import command_remarks, command_tables
+from inim.report.wording import MISSING, items, number, part, per_cent, plain, score
 
-__all__ = ["Table", "claim_lines", "remarks", "render_markdown", "tables_of", "thread_words"]
+__all__ = ["claim_lines", "remarks", "render_markdown", "tables_of", "thread_words"]
 
 _GIB = 2**30
-
-
-@dataclass(frozen=True)
-class Table:
-    """Text cells under heads; the first cell of a row names it.
-
-    Attributes
-    ----------
-    part : str
-        The part of the bench it belongs to: scene, scaling, paper, views or layers.
-    caption : str
-    heads : sequence of str
-    rows : sequence of sequence of str
-    """
-
-    part: str
-    caption: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
 
 
 def tables_of(data: Mapping[str, Any]) -> list[Table]:
@@ -45,21 +27,9 @@ def tables_of(data: Mapping[str, Any]) -> list[Table]:
         found.append(_views(part(data, "views")))
     if data.get("layers"):
         found += _layers(items(data, "layers"))
+    if data.get("commands"):
+        found += command_tables(part(data, "commands"))
     return found
-
-
-def milliseconds(value: object) -> str:
-    """A time with three significant digits or so: no run repeats itself to more."""
-    if not is_number(value):
-        return MISSING
-    return number(value, 3 if value < 1 else 2 if value < 100 else 0 if value >= 1000 else 1)
-
-
-def times(value: object) -> str:
-    """A ratio."""
-    if not is_number(value):
-        return MISSING
-    return f"{number(value, 2 if value < 100 else 0)} ×"
 
 
 # -- scene --------------------------------------------------------------------------------------
@@ -354,6 +324,8 @@ def remarks(data: Mapping[str, Any]) -> list[str]:
             "`thick`: while it is there, the renderer compiles its lights and materials into every "
             "scene's kernel."
         )
+    if data.get("commands"):
+        lines += command_remarks(part(data, "commands"))
     paper = part(data, "paper")
     memory = part(data, "scaling", "memory")
     if memory:

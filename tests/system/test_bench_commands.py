@@ -1,0 +1,158 @@
+"""The bench of whole commands on a tiny scene: what each found, traced and scored.
+
+Expected: reruns read what they can and say the same; what is changed is made anew. How long
+anything takes is never checked.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import pytest
+
+from inim.errors import EXIT_PASSED, EXIT_USAGE
+from inim.jobs.bench.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
+from tests.system.conftest import TINY, assert_one_line, definitions, write_scene
+from tests.system.test_bench import run_bench
+
+SMALL = TINY | {"inim.lens_model": "thin", "inim.viewpoints": "centre,left"}
+CASES = [
+    "--help", "cold", "unchanged", "one algorithm changed", "one viewpoint added",
+    "one light changed", "nine viewpoints, whole EIA", "nine viewpoints, --lazy", "--no-skip",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bench")
+    scene = write_scene(folder)
+    words = ["--commands", scene.name, "-o", "out", "--runs", "1", "--warmups", "1"]
+    ended = run_bench(*words, *definitions(SMALL), folder=folder, timeout=400)
+    assert ended.returncode == EXIT_PASSED, ended.stderr
+    return folder, json.loads((folder / "out" / "bench.json").read_text("utf-8"))
+
+
+@pytest.fixture(scope="module")
+def cases(finished):
+    return {case["name"]: case for case in finished[1]["commands"]["cases"]}
+
+
+@pytest.mark.slow
+def test_every_case_is_timed_and_measured(cases):
+    assert list(cases) == CASES
+    for case in cases.values():
+        beside = cases[case["beside"]]
+        assert case["share"] == pytest.approx(case["median_s"] / beside["median_s"])
+        assert len(case["times_s"]) == 1
+    renderer, text = cases["cold"]["peak_bytes"], cases["--help"]["peak_bytes"]
+    assert text < 64 * 2**20 < renderer, "a help text needs neither numpy nor the renderer"
+
+
+@pytest.mark.slow
+def test_what_is_found_again_is_not_traced(cases):
+    cold = cases["cold"]
+    assert 0 < cold["traced"] <= cold["whole"]
+    assert cases["unchanged"]["traced"] == cases["one algorithm changed"]["traced"] == 0
+    assert 0 < cases["one viewpoint added"]["traced"] < cold["traced"]
+    assert cases["one light changed"]["traced"] == cold["traced"]
+    assert cases["--no-skip"]["traced"] == cases["--no-skip"]["whole"] == cold["whole"]
+    nine = [case["traced"] for name, case in cases.items() if name.startswith("nine")]
+    assert nine[1] < nine[0]
+
+
+@pytest.mark.slow
+def test_scores_are_compared_and_equal(cases):
+    compared = {name: case["same"] for name, case in cases.items() if case["same"]}
+    assert compared == {
+        "unchanged": EVERYTHING,
+        "one algorithm changed": SCORES,
+        "one viewpoint added": VIEWS,
+        "nine viewpoints, --lazy": VIEWS,
+        "--no-skip": EVERYTHING,
+    }
+    assert not [name for name in compared if cases[name]["unlike"]]
+
+
+@pytest.mark.slow
+def test_generation_of_what_is_observed(finished):
+    generation = finished[1]["commands"]["generation"]
+    assert len(generation["viewpoints"]) == 9
+    whole, *parts = generation["contenders"]
+    assert [c["name"] for c in parts] == ["pinhole", "thin", "thick"]
+    for c in parts:
+        assert 0 < c["observed_share"] < 1
+        assert c["share"] == pytest.approx(c["median_ms"] / whole["median_ms"])
+        assert c["same"]
+
+
+@pytest.mark.slow
+def test_page_plot_and_command(finished):
+    folder, data = finished
+    assert {p.name for p in (folder / "out").iterdir()} == {
+        "bench.html", "bench.json", "bench.md", "commands.png", "commands.svg",
+    }  # fmt: skip
+    assert "--commands tiny.xml" in data["command"]
+    page = (folder / "out" / "bench.html").read_text("utf-8")
+    assert "Whole commands on" in page
+    assert "yes, all but times" in page
+
+
+def test_a_missing_scene_costs_one_line(tmp_path):
+    ended = run_bench("--commands", "missing.xml", folder=tmp_path)
+    assert ended.returncode == EXIT_USAGE
+    assert_one_line(ended.stderr, ["missing.xml"])
+
+
+REPORT = {
+    "created": "today",
+    "title": "t",
+    "ceiling": {"views": {"centre": {"ssim": 0.5}}},
+    "algorithms": {
+        "a": {"seconds": 1.0, "eia": {"ssim": 0.25}, "views": {"centre": {"ssim": 0.75}}}
+    },
+}
+
+
+@pytest.mark.parametrize(
+    ("path", "found_in"),
+    [
+        (("created",), ()),
+        (("algorithms", "a", "seconds"), ()),
+        (("title",), (EVERYTHING,)),
+        (("algorithms", "a", "eia", "ssim"), (EVERYTHING, SCORES)),
+        (("algorithms", "a", "views", "centre", "ssim"), (EVERYTHING, SCORES, VIEWS)),
+        (("ceiling", "views", "centre", "ssim"), (EVERYTHING, SCORES, VIEWS)),
+    ],
+)
+def test_a_difference_is_found_where_it_counts(path, found_in):
+    other = copy.deepcopy(REPORT)
+    place = other
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = "another"
+    for extent in (EVERYTHING, SCORES, VIEWS):
+        assert unlike(REPORT, REPORT, extent) == []
+        assert unlike(REPORT, other, extent) == (["/".join(path)] if extent in found_in else [])
+
+
+def test_reports_with_nothing_in_common_are_not_the_same():
+    assert unlike(REPORT, {"algorithms": {"b": {"eia": {"ssim": 1.0}}}}, SCORES)
+
+
+def test_samples_are_counted_once_for_each_view_of_a_row():
+    def row(what, done, skipped):
+        return {"what": what, "done": done, "skipped": skipped, "why": ""}
+
+    cold = [
+        row("ground-truth EIA", "1.5 million samples traced (not made before)", "40000 samples"),
+        row("true view: a, b", "100 samples traced (not made before)", "20 samples"),
+        row("view of template: a", "looked at", "nothing"),
+    ]
+    assert samples_of(cold, cold) == (1_500_200, 1_540_240)
+    again = [
+        row("ground-truth EIA", "read from the store", "all of it"),
+        row("true view: a, b", "read from the store", "all of it"),
+        row("true view: c", "90 samples traced (not made before)", "30 samples"),
+    ]
+    assert samples_of(again, cold) == (90, 1_540_360)
