@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "capture_parts",
+    "display_parts",
     "eia_parts",
     "look_parts",
     "picture_seed",
@@ -21,7 +22,7 @@ __all__ = [
 ]
 
 # Parameters that matter behind the lens only: ground truth is traced through lens centres.
-OPTICS = frozenset(
+_OPTICS = frozenset(
     {
         "name",
         "refractive_index",
@@ -62,13 +63,18 @@ def picture_seed(picture: str, run_seed: int) -> int:
 
 def scene_parts(job: Ledger, display: Display) -> dict[str, Any]:
     """What decides any picture of the scene before a display."""
-    given = {k: v for k, v in display.given().items() if k not in OPTICS}
     return {
         "scene": job.plan.file.look_sha256,
         "fit_share": job.plan.settings.fit_share,
-        **{f"display {name}": value for name, value in given.items()},
+        **display_parts(display),
         **_renderer(job),
     }
+
+
+def display_parts(display: Display) -> dict[str, Any]:
+    """What of a display decides the rays of its pixels, capture and viewers."""
+    given = {k: v for k, v in display.given().items() if k not in _OPTICS}
+    return {f"display {name}": value for name, value in given.items()}
 
 
 def capture_parts(job: Ledger, picture: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from inim.display import Display
 from inim.formats.image import write_png, write_rgbd
 from inim.halves import Halves
-from inim.jobs.deciding import capture_parts, picture_seed, scene_parts
+from inim.jobs.deciding import capture_parts, display_parts, picture_seed, scene_parts
 from inim.jobs.ledger import Ledger
 from inim.jobs.reconstruction import Seen, reconstruct_views
 from inim.layered_rgbd import Layer, LayeredRGBD
@@ -300,7 +300,7 @@ def render_pickup(
     """
     seed, before = picture_seed(picture, job.plan.settings.seed), job.clock.samples
     parts = scene_parts(job, job.plan.display) | {
-        "array as mounted": scene_parts(job, display),
+        "array as mounted": display_parts(display),
         "eia_spp": spp,
         "seed": seed,
         "panel pixels": job.observed,
