@@ -19,7 +19,7 @@ from tests.system.test_bench import run_bench
 SMALL = TINY | {"inim.lens_model": "thin", "inim.viewpoints": "centre,left"}
 CASES = [
     "--help", "cold", "unchanged", "one algorithm changed", "one viewpoint added",
-    "one light changed", "nine viewpoints, whole EIA", "nine viewpoints, --lazy", "--no-skip",
+    "one light changed", "nine viewpoints", "nine viewpoints, --lazy", "--no-skip",
 ]  # fmt: skip
 
 
@@ -78,8 +78,16 @@ def test_scores_are_compared_and_equal(cases):
 def test_generation_of_what_is_observed(finished):
     generation = finished[1]["commands"]["generation"]
     assert len(generation["viewpoints"]) == 9
-    whole, *parts = generation["contenders"]
-    assert [c["name"] for c in parts] == ["pinhole", "thin", "thick"]
+    forms = {c["form"]: [] for c in generation["contenders"]}
+    assert list(forms) == ["display-ready", "linear"]
+    for c in generation["contenders"]:
+        forms[c["form"]].append(c)
+    for whole, *parts in forms.values():
+        assert [c["name"] for c in parts] == ["pinhole", "thin", "thick"]
+        check_parts(whole, parts)
+
+
+def check_parts(whole, parts):
     for c in parts:
         assert 0 < c["observed_share"] < 1
         assert c["share"] == pytest.approx(c["median_ms"] / whole["median_ms"])

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,8 +18,8 @@ from typing import Any
 
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.formats.image import read_rgbd
-from inim.jobs.bench.contenders import display_ready
 from inim.jobs.bench.masked import bench_masked
+from inim.jobs.bench.process import run_measured
 from inim.jobs.bench.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
 from inim.jobs.bench.timing import Rounds, Timing
 from inim.jobs.plan import Plan
@@ -37,7 +36,7 @@ _MOST_ROUNDS = 3
 # A light's strength in a scene file, which may have one value or three.
 _STRENGTH = re.compile(r'(name="(?:radiance|irradiance|intensity)"\s+value=")([^"]+)(")')
 _DIMMED = 0.9
-_HELP, _COLD, _WHOLE = "--help", "cold", "nine viewpoints, whole EIA"
+_HELP, _COLD, _WHOLE = "--help", "cold", "nine viewpoints"
 
 
 @dataclass(frozen=True)
@@ -120,7 +119,7 @@ def bench_commands(
     for row in rows:
         listener.line(_in_words(row))
     listener.stage("generate what is observed")
-    rgbd = display_ready(read_rgbd(folder / "reports" / _COLD / "rgbd.exr"))
+    rgbd = read_rgbd(folder / "reports" / _COLD / "rgbd.exr")
     masked = bench_masked(plan, rgbd, _viewpoints(plan, _nine(plan)), rounds, listener)
     shutil.rmtree(folder)
     return {
@@ -151,18 +150,18 @@ def _cases(plan: Plan, folder: Path) -> tuple[list[Case], list[str]]:
     one = "one"
     cases = [
         Case(_HELP, "–", ("inim", "--help")),
-        Case(_COLD, "an empty store", validation(*usual), one),
+        Case(_COLD, "nothing", validation(*usual), one),
         Case("unchanged", "all", validation(*usual), one, same=EVERYTHING),
         Case(
             "one algorithm changed",
-            "all but the EIA and the views of one of two algorithms",
+            "all but its EIA and views",
             validation("--algorithms", CHANGED),
             one,
             same=SCORES,
         ),
         Case(
             "one viewpoint added",
-            "all but what is seen from there",
+            "all but that view",
             validation(*usual, "--viewpoints", _added(plan)),
             one,
             same=VIEWS,
@@ -170,19 +169,19 @@ def _cases(plan: Plan, folder: Path) -> tuple[list[Case], list[str]]:
     ]
     dimmed = _dimmed(plan, folder / "dimmed")
     if dimmed is not None:
-        finds = "nothing of the pictures of another light"
-        cases.append(Case("one light changed", finds, validation(*usual, scene=dimmed), one))
+        words = validation(*usual, scene=dimmed)
+        cases.append(Case("one light changed", "no such pictures", words, one))
     cases += [
-        Case(_WHOLE, "an empty store", validation(*many), "whole", beside=_WHOLE),
+        Case(_WHOLE, "nothing", validation(*many), "whole", beside=_WHOLE),
         Case(
             "nine viewpoints, --lazy",
-            "an empty store",
+            "nothing",
             validation(*many, "--lazy"),
             "lazy",
             beside=_WHOLE,
             same=VIEWS,
         ),
-        Case("--no-skip", "no store", validation(*usual, "--no-skip"), same=EVERYTHING),
+        Case("--no-skip", "–", validation(*usual, "--no-skip"), same=EVERYTHING),
     ]
     note = "no case with another light: the scene's own file states no strength of a light"
     return cases, [] if dimmed else [note]
@@ -241,20 +240,7 @@ def _run(case: Case, out: Path, stores: Path, variables: Mapping[str, str]) -> d
         shutil.rmtree(out, ignore_errors=True)
         words += ["-o", str(out)]
     store = str(stores / case.store) if case.store else "off"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "inim.jobs.bench.process", *words],
-        env={**variables, FOLDER_VARIABLE: store},
-        stdin=subprocess.PIPE,  # nothing is sent: it closes when this process ends, however
-        stdout=subprocess.PIPE,
-    )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    with process.stdin, process.stdout:
-        answer = process.stdout.read()
-    code = process.wait()
-    if code:
-        raise WorkerError(f"commands: the process that times {case.name!r} ended with code {code}")
-    found: dict[str, Any] = json.loads(answer)
+    found = run_measured(words, {**variables, FOLDER_VARIABLE: store})
     # A check may fail on a display as small as one likes: the run was whole all the same.
     if found["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
         raise WorkerError(

@@ -108,9 +108,7 @@ def available(names: Iterable[str]) -> tuple[list[str], list[str]]:
     return found, notes
 
 
-def prepared(
-    name: str, rgbd: RGBD, display: Display, mask: np.ndarray | None = None, label: str = ""
-) -> Contender:
+def prepared(name: str, rgbd: RGBD, display: Display, mask: np.ndarray | None = None) -> Contender:
     """Prepare one algorithm for a display-ready picture.
 
     Parameters
@@ -121,8 +119,6 @@ def prepared(
     display : Display
     mask : (rows, columns) bool, optional
         Panel pixels asked for; all if None.
-    label : str
-        Its name among contenders; `name` if empty.
 
     Raises
     ------
@@ -133,7 +129,7 @@ def prepared(
     made = prepare(display, name, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
     taken = time.perf_counter() - start
     out = np.zeros((*display.eia_shape, 4), np.uint8)  # written once: its pages are there
-    return Contender(label or name, made, rgbd, out, taken)
+    return Contender(name, made, rgbd, out, taken)
 
 
 def is_interpreted(name: str) -> bool:

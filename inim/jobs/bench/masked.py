@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
+from inim.display import Display
 from inim.errors import DisplayError
-from inim.jobs.bench.contenders import prepared
-from inim.jobs.bench.scene import YARDSTICK, contender_data, timed
-from inim.jobs.bench.timing import Rounds, ratios
+from inim.generators import prepare
+from inim.jobs.bench.contenders import display_ready, prepared
+from inim.jobs.bench.machine import threads
+from inim.jobs.bench.scene import YARDSTICK
+from inim.jobs.bench.timing import Rounds, in_turn, ratios
+from inim.jobs.foreign import run_generator
 from inim.jobs.plan import Plan
 from inim.jobs.reconstruction import half_of, look_seeds
 from inim.lens import check_lens_model
@@ -24,6 +28,8 @@ _ALGORITHM = "template"
 _MODELS = ("pinhole", "thin", "thick")
 _ALL = "whole EIA"
 
+Make = Callable[[], np.ndarray]
+
 
 def bench_masked(
     plan: Plan, rgbd: RGBD, viewpoints: Sequence[Viewpoint], rounds: Rounds, listener: Any
@@ -35,7 +41,7 @@ def bench_masked(
     plan : Plan
         Its display, and how it looks at EIAs.
     rgbd : RGBD
-        Display-ready.
+        Linear.
     viewpoints : sequence of Viewpoint
     rounds : Rounds
     listener : Listener
@@ -43,29 +49,48 @@ def bench_masked(
     Returns
     -------
     dict
-        Under the names of bench.json: the yardstick, and a contender for the whole EIA and for
-        each lens model, whose `share` is its time over that of the whole EIA, `observed_share`
-        that of the panel, and `same` whether each pixel made is the whole EIA's.
+        Under the names of bench.json: the yardstick, and for each `form` of the picture a contender
+        for the whole EIA and one for each lens model, whose `share` is its time over that of the
+        whole EIA, `observed_share` that of the panel, and `same` whether each pixel made is the
+        whole EIA's. The forms are display-ready, 8-bit into place, and linear as a validation has
+        it, where a whole EIA is made by way of its sources.
     """
-    masks = _masks(plan, viewpoints)
-    contenders = {_ALL: prepared(_ALGORITHM, rgbd, plan.display, label=_ALL)}
-    for model, mask in masks.items():
-        contenders[model] = prepared(_ALGORITHM, rgbd, plan.display, mask, label=model)
-    times = timed(list(contenders.values()), rgbd, plan.display, rounds)
+    from inim.kernel.yardstick import Yardstick
+
+    masks: dict[str, np.ndarray | None] = {_ALL: None, **_masks(plan, viewpoints)}
+    forms = {"display-ready": _display_ready, "linear": _linear}
+    makes = {
+        (form, name): make(plan.display, rgbd, mask)
+        for form, make in forms.items()
+        for name, mask in masks.items()
+    }
+    ready = display_ready(rgbd)
+    calls: dict[str, Callable[[], Any]] = {
+        YARDSTICK: Yardstick(ready.color, plan.display, rgbd.pixel_mm).run
+    }
+    calls |= {f"{form}: {name}": make for (form, name), make in makes.items()}
+    with threads(rounds.threads):
+        times = in_turn(calls, rounds)
     rows = []
-    for name, contender in contenders.items():
-        asked = masks.get(name)
-        of_whole = ratios(times[name], times[_ALL])
-        row = contender_data(contender, times, plan.display) | {
+    for (form, name), make in makes.items():
+        asked = masks[name]
+        timing, whole = times[f"{form}: {name}"], times[f"{form}: {_ALL}"]
+        of_whole = ratios(timing, whole)
+        row = {
+            "form": form,
+            "name": name,
+            **timing.as_data(),
+            **ratios(timing, times[YARDSTICK]),
             "share": of_whole["ratio"],
             "share_min": of_whole["ratio_min"],
             "observed_share": 1.0 if asked is None else float(asked.mean()),
-            "same": asked is None or _same(contenders[_ALL].out, contender.out, asked),
+            "same": asked is None or _same(makes[form, _ALL](), make(), asked),
         }
         rows.append(row)
         listener.line(
-            f"{name:10} {row['observed_share']:6.1%} observed  {row['median_ms']:8.2f} ms  "
-            f"{row['ratio']:6.2f} yardsticks  {row['share']:.1%} of the whole EIA"
+            f"{form:13}  {name:9}  {row['observed_share']:6.1%} observed  "
+            f"{row['median_ms']:8.2f} ms  {row['ratio']:6.2f} yardsticks  "
+            f"{row['share']:.1%} of the whole EIA"
         )
     return {
         "algorithm": _ALGORITHM,
@@ -73,6 +98,24 @@ def bench_masked(
         "yardstick": times[YARDSTICK].as_data(),
         "contenders": rows,
     }
+
+
+def _display_ready(display: Display, rgbd: RGBD, mask: np.ndarray | None) -> Make:
+    contender = prepared(_ALGORITHM, display_ready(rgbd), display, mask)
+
+    def make() -> np.ndarray:
+        contender.run()
+        return contender.out
+
+    return make
+
+
+def _linear(display: Display, rgbd: RGBD, mask: np.ndarray | None) -> Make:
+    """What a validation counts as the seconds of an algorithm."""
+    made = prepare(display, _ALGORITHM, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
+    if mask is None:
+        return lambda: run_generator(_ALGORITHM, made, rgbd, display)[0]
+    return lambda: made.generate(rgbd)
 
 
 def _masks(plan: Plan, viewpoints: Sequence[Viewpoint]) -> dict[str, np.ndarray]:

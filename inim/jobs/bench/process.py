@@ -1,7 +1,7 @@
-"""A process that runs one command and says how long it took and how much memory.
+"""A command run to its end, how long it took and how much memory.
 
-``python -m inim.jobs.bench.process WORDS`` prints one JSON object; see `inim.jobs.bench.commands`.
-It is small on purpose: a process's peak memory starts at that of the one that made it.
+A process's peak memory starts at that of the one that made it. So the command is made by a small
+process, ``python -m inim.jobs.bench.process WORDS``, which prints one JSON object.
 """
 
 from __future__ import annotations
@@ -11,24 +11,48 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
+from inim.errors import WorkerError
 from inim.jobs.bench.memory import resident_bytes
 
-__all__ = ["measure"]
+__all__ = ["run_measured"]
 
 
-def measure(words: Sequence[str]) -> dict[str, Any]:
-    """Run a command to its end.
+def run_measured(words: Sequence[str], variables: Mapping[str, str]) -> dict[str, Any]:
+    """Run a command to its end, in an environment.
 
     Returns
     -------
     dict
         `seconds` from start to end; `peak_bytes`, largest resident size of the command's largest
         process; `code`, its exit code; `said`, the last line on its stderr.
+
+    Raises
+    ------
+    WorkerError
+        The process beside it died.
     """
+    process = subprocess.Popen(
+        [sys.executable, "-m", "inim.jobs.bench.process", *words],
+        env=variables,
+        stdin=subprocess.PIPE,  # nothing is sent: it closes when this process ends, however
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    with process.stdin, process.stdout:
+        answer = process.stdout.read()
+    if process.wait():
+        raise WorkerError(f"the process that measures {words[0]} ended with {process.returncode}")
+    found: dict[str, Any] = json.loads(answer)
+    return found
+
+
+def _measure(words: Sequence[str]) -> dict[str, Any]:
+    """The small process's side."""
     started = perf_counter()
     process = subprocess.Popen(
         words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
@@ -56,4 +80,4 @@ def _end_with_parent(process: subprocess.Popen[bytes]) -> None:
 
 
 if __name__ == "__main__":
-    print(json.dumps(measure(sys.argv[1:])))
+    print(json.dumps(_measure(sys.argv[1:])))

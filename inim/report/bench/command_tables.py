@@ -60,11 +60,12 @@ def _same(case: Mapping[str, Any]) -> str:
 
 def _generation(found: Mapping[str, Any]) -> Table:
     heads = [
-        "observed through", "of the panel", "ms per EIA", "fastest", "spread", "runs",
+        "picture", "observed through", "of the panel", "ms per EIA", "fastest", "spread", "runs",
         "yardsticks", "of the whole EIA", "by fastest", "same pixels",
     ]  # fmt: skip
     rows = [
         [
+            c["form"],
             c["name"],
             per_cent(c["observed_share"], 1),
             milliseconds(c["median_ms"]),
