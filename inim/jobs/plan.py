@@ -24,9 +24,10 @@ __all__ = ["Plan", "Request", "make_plan"]
 # Settings that a request can also name directly.
 _SHORTHANDS = ("display", "algorithms", "viewpoints", "lens_model", "misalign")
 
-# Bytes per pixel at the fullest moment. EIA: two float32 halves of the ground truth, their mean,
-# generators' EIAs and source maps, float64 sums, the scorer's copies.
-_EIA_BYTES = 320
+# Bytes per pixel at the fullest moment. EIA: two float32 halves of the ground truth and their mean,
+# a generator's EIA, its noise and its sources, the scorer's bands; half as much again as a whole
+# validation of an 8K panel takes above its start (`tests/regression/test_8k.py`).
+_EIA_BYTES = 150
 # RGB-D: float64 rays and points of the depth pass, colour sums.
 _CAPTURE_BYTES = 240
 # All layers that there may be: hits on a ray, and for each layer a mean and two halves with copies.

@@ -287,7 +287,7 @@ def test_memory_limit_of_the_shell_counts(tmp_path: Path) -> None:
         preexec_fn=limited,
     )  # fmt: skip
     assert ended.returncode == EXIT_BACKEND
-    assert_one_line(ended.stderr, ["GiB of the 2.0 GiB there are", "fewer pixels"])
+    assert_one_line(ended.stderr, ["GiB of the 2.0 GiB there are", "capture_pixels_per_pitch"])
     assert list(tmp_path.iterdir()) == [scene]
 
 
