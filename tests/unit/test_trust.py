@@ -56,9 +56,8 @@ def test_limits_are_those_of_the_published_run(measured):
     assert found["panel_pixels"] >= trust.WIDEST_PANEL_PIXELS
     assert found["least_index"] <= trust.LEAST_INDEX
     assert found["changed_by_rounding"] == pytest.approx(trust.CHANGED_BY_ROUNDING, abs=0.005)
-    if "changed_by_ties" in found:  # runs before free arrays were among the cases lack it
-        warned = found["changed_by_ties"]["warned"]
-        assert warned == pytest.approx(trust.CHANGED_BY_TIES, abs=0.005)
+    warned = found["changed_by_ties"]["warned"]
+    assert warned == pytest.approx(trust.CHANGED_BY_TIES, abs=0.005)
 
 
 def test_the_published_run_holds_what_is_claimed(measured):
