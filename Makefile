@@ -20,10 +20,11 @@ demo: $(VENV)/.installed
 	@$(BIN)/python -m inim.validate scenes/amphora.xml -o out/amphora
 
 test: checks
-	@$(BIN)/python -m pytest -m "not slow"
+	@$(BIN)/python -m pytest -m "not slow" -n 3 --dist loadfile
 
 test-all: checks $(VENV)/.installed-oracle
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest -n 3 --dist loadfile -m "not slow"
+	@$(BIN)/python -m pytest -m slow
 
 checks: $(VENV)/.installed-test
 	@$(usable_backend)
