@@ -80,6 +80,6 @@ def _fill_up(
 
 def _embed(panel: Panel, form: str, quality: int) -> EmbeddedPanel:
     exact = form == "PNG"
-    options = {"compress_level": 6} if exact else {"quality": quality, "subsampling": 0}
+    options = {"compress_level": 9} if exact else {"quality": quality, "subsampling": 0}
     coded = base64.b64encode(encoded(panel.codes, form, **options)).decode("ascii")
     return EmbeddedPanel(panel.name, f"data:image/{form.lower()};base64,{coded}", exact)
