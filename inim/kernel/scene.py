@@ -17,7 +17,7 @@ from inim.formats.image import read_exr_texture
 from inim.formats.mesh import check_mesh_file
 from inim.formats.picture import check_picture, is_exr
 from inim.formats.volume import check_volume
-from inim.kernel.silhouette import Silhouette
+from inim.kernel.silhouette import Silhouette, box_corners
 from inim.scene_file import SceneFile
 
 __all__ = ["Fit", "FittedScene", "fit_to_display", "open_scene"]
@@ -180,10 +180,7 @@ def _extent_points(shape: Any) -> np.ndarray:
     parameters = mi.traverse(shape)
     if "vertex_positions" in parameters:
         return np.asarray(parameters["vertex_positions"], np.float64).reshape(-1, 3)
-    box = shape.bbox()
-    corners = np.array([np.asarray(box.min).ravel(), np.asarray(box.max).ravel()], np.float64)
-    picks = np.indices((2, 2, 2)).reshape(3, -1).T
-    return np.stack([corners[picks[:, axis], axis] for axis in range(3)], axis=-1)
+    return box_corners(shape)
 
 
 def _orientation(scene: Any) -> np.ndarray:

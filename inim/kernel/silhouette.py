@@ -18,7 +18,7 @@ import numpy as np
 from inim.kernel.free_bundles import FreeBundles
 from inim.kernel.sensors import AxisRays, RayFamily
 
-__all__ = ["Silhouette"]
+__all__ = ["Silhouette", "box_corners"]
 
 # Cells across, down and in depth: finer than what a panel pixel sees gains little.
 _CELLS = (192, 192, 24)
@@ -100,6 +100,14 @@ class Silhouette:
         return first.astype(np.int32), last.astype(np.int32)
 
 
+def box_corners(shape: Any) -> np.ndarray:
+    """The eight corners of a shape's box in the world, (8, 3) float64."""
+    box = shape.bbox()
+    ends = np.array([np.asarray(box.min).ravel(), np.asarray(box.max).ravel()], np.float64)
+    picks = np.indices((2, 2, 2)).reshape(3, -1).T
+    return np.stack([ends[picks[:, axis], axis] for axis in range(3)], axis=-1)
+
+
 def _boxes(shape: Any, display_from_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Boxes in the display frame that hold a shape: of its triangles, or its own; low and high."""
     turn, shift = display_from_world[:3, :3], display_from_world[:3, 3]
@@ -109,10 +117,7 @@ def _boxes(shape: Any, display_from_world: np.ndarray) -> tuple[np.ndarray, np.n
         points = points @ turn.T + shift
         corners = points[np.asarray(parameters["faces"]).reshape(-1, 3)]
         return corners.min(axis=1), corners.max(axis=1)
-    box = shape.bbox()
-    ends = np.array([np.asarray(box.min).ravel(), np.asarray(box.max).ravel()], np.float64)
-    picks = np.indices((2, 2, 2)).reshape(3, -1).T
-    points = np.stack([ends[picks[:, axis], axis] for axis in range(3)], axis=-1) @ turn.T + shift
+    points = box_corners(shape) @ turn.T + shift
     return points.min(axis=0)[None], points.max(axis=0)[None]
 
 
