@@ -155,6 +155,8 @@ def mean_light(tracer: Tracer, spp: int, asked: np.ndarray | None = None) -> np.
     image = np.zeros((rows * columns, 3), np.float32)
     for pixels in _bands(rows * columns, asked):
         image[pixels] = tracer.means(pixels, spp)
+    if asked is not None and tracer.progress:  # what need not be traced is done, too
+        tracer.progress(spp * int(np.count_nonzero(~asked)))
     return image.reshape(rows, columns, 3)
 
 
