@@ -286,7 +286,7 @@
       await Promise.all(screens.map((screen) => screen.finished()));
       took.push(performance.now() - started);
     }
-    emptyMs = took.slice(2).sort((a, b) => a - b)[2];
+    emptyMs = Math.min(...took.slice(2));
   }
 
   const pixelCount = () => shownScreens()
@@ -304,7 +304,9 @@
     const count = pixelCount() * samples ** 2;
     if (!count) return;
     // What is longer than before is mostly others' doing: believed by half.
-    const found = Math.max(performance.now() - started - emptyMs, 0.2) / count;
+    const took = performance.now() - started;
+    emptyMs = Math.min(emptyMs, took);
+    const found = Math.max(took - emptyMs, 0.2) / count;
     sampleMs = Math.min(found, 0.5 * (sampleMs + found));
   }
 
