@@ -190,7 +190,8 @@ def _is_quiet(found: TileStatistics) -> bool:
 
 def _median_interval(ordered: np.ndarray) -> tuple[float, float]:
     """Source: David and Nagaraja, Order Statistics, 2003, section 7.1."""
-    from scipy.stats import binom
+    from scipy.special import bdtr
 
-    k = int(binom.ppf(FALSE_ALARM_RATE / 2, ordered.size, 0.5))
+    below = bdtr(np.arange(ordered.size), ordered.size, 0.5)
+    k = int(np.searchsorted(below, FALSE_ALARM_RATE / 2))
     return float(ordered[max(0, k - 1)]), float(ordered[min(ordered.size - 1, ordered.size - k)])

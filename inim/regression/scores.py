@@ -25,14 +25,13 @@ r times.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from inim.color import srgb_from_linear
-from inim.metrics import flip_map, ssim_map
+from inim.metrics import score_maps, scores_of
 from inim.regression.inference import (
     FALSE_ALARM_RATE,
     freedom_of_sum,
@@ -101,6 +100,7 @@ def view_scores(
     reference: tuple[np.ndarray, np.ndarray, np.ndarray],
     test: tuple[np.ndarray, np.ndarray, np.ndarray],
     names: Sequence[str] = ("ssim", "psnr_db", "flip"),
+    maps: Mapping[str, np.ndarray] | None = None,
 ) -> dict[str, ScoreEstimate]:
     """SSIM, PSNR and FLIP of a view, with their errors.
 
@@ -110,30 +110,25 @@ def view_scores(
         The picture, and the two halves it is the mean of.
     names : sequence of str
         Those wanted.
+    maps : mapping of str to (rows, columns), optional
+        `inim.metrics.score_maps` of the pictures, if they are made already.
     """
-    pairs = list(zip(_moved(*reference), _moved(*test), strict=True))
-    found = {name: _estimate(*(_MAPS[name](r, t) for r, t in pairs)) for name in names}
-    return {n: _decibels(one) if n == "psnr_db" else one for n, one in found.items()}
+    whole = score_maps(reference[0], test[0], names) if maps is None else maps
+    plus, minus = (
+        score_maps(_moved(*reference, step), _moved(*test, step), names) for step in (1, -1)
+    )
+    values = scores_of(whole)
+    found = {}
+    for name in names:
+        one = _estimate(whole[name], plus[name], minus[name])
+        found[name] = _decibels(one, values[name]) if name == "psnr_db" else one
+    return found
 
 
-def _moved(whole: np.ndarray, first: np.ndarray, second: np.ndarray) -> list[np.ndarray]:
-    """The picture, and it a step towards either half."""
-    step = np.float32(_STEP / 2) * (first - second)
-    return [whole, whole + step, whole - step]
-
-
-def _squared_error(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
-    """(rows, columns) float64, mean over the colours of sRGB in 0..1; see `metrics.psnr_db`."""
-    difference = srgb_from_linear(reference).astype(np.float64) - srgb_from_linear(test)
-    error: np.ndarray = np.square(difference).mean(axis=-1)
-    return error
-
-
-_MAPS: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
-    "ssim": ssim_map,
-    "psnr_db": _squared_error,
-    "flip": flip_map,
-}
+def _moved(whole: np.ndarray, first: np.ndarray, second: np.ndarray, sign: int) -> np.ndarray:
+    """The picture, a step towards either half."""
+    moved: np.ndarray = whole + np.float32(sign * _STEP / 2) * (first - second)
+    return moved
 
 
 def _estimate(whole: np.ndarray, plus: np.ndarray, minus: np.ndarray) -> ScoreEstimate:
@@ -148,12 +143,11 @@ def _estimate(whole: np.ndarray, plus: np.ndarray, minus: np.ndarray) -> ScoreEs
     return ScoreEstimate(value, error, float(freedom), (above + below - 2 * value) / (2 * _STEP**2))
 
 
-def _decibels(squared: ScoreEstimate) -> ScoreEstimate:
-    """From a mean squared error to PSNR, errors to first order; infinite for equal pictures."""
+def _decibels(squared: ScoreEstimate, value: float) -> ScoreEstimate:
+    """From a mean squared error to the PSNR that it is, errors to first order."""
     if not squared.value > 0:
-        return ScoreEstimate(math.inf if squared.value == 0 else math.nan, 0.0, 1.0, 0.0)
+        return ScoreEstimate(value, 0.0, 1.0, 0.0)
     slope = 10 / math.log(10) / squared.value
-    value = -10 * math.log10(squared.value)
     return ScoreEstimate(value, slope * squared.error, squared.freedom, -slope * squared.bias)
 
 

@@ -44,7 +44,7 @@ _LEAST_TILE_PX = 8
 # Statistics of a picture take 40 bytes a tile: at most 40 KB, before compression.
 _MOST_TILES_ALONG = 32
 # Some 200 bytes each on the way.
-_PIXELS_AT_ONCE = 2**20
+_PIXELS_AT_ONCE = 2**18
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,40 @@ def test_ssim_is_that_of_scikit_image_on_the_whole_picture(rows, band):
     assert np.array_equal(metrics.ssim_map(*pair), whole.mean(axis=-1))
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_maps_near_a_difference_are_those_of_the_whole_picture(seed, band):
+    """Equal ground round a difference is left out; corners, edges, single pixels, two far apart."""
+    from flip_evaluator import evaluate
+    from skimage.metrics import structural_similarity
+
+    random = np.random.default_rng(seed)
+    first = random.random((70, 64, 3), np.float32) * random.choice([0, 1])
+    second = first.copy()
+    for _ in range(random.integers(0, 3)):
+        rows, columns = (np.sort(random.choice([0, 1, 9, 33, 50, n - 1, n], 2, replace=False))
+                         for n in first.shape[:2])  # fmt: skip
+        second[slice(*rows), slice(*columns)] += random.normal(0, 0.1, 3)
+    shown = [srgb_from_linear(p) for p in (first, second)]
+    whole = structural_similarity(
+        *shown, data_range=1.0, channel_axis=-1, gaussian_weights=True,
+        sigma=1.5, use_sample_covariance=False, full=True,
+    )[1]  # fmt: skip
+    assert np.array_equal(metrics.ssim_map(first, second), whole.mean(axis=-1))
+    error = evaluate(*shown, "LDR", True, False, False, {"ppd": 67.0})[0].reshape(70, 64)
+    assert np.array_equal(metrics.flip_map(first, second), error)
+
+
+def test_filters_reach_no_farther_than_said():
+    """A single pixel at FLIP's greatest reach: one less would lose some of it."""
+    first = np.full((80, 80, 3), 0.2, np.float32)
+    second = first.copy()
+    second[40, 40] = 1, 0, 0.2
+    away = np.abs(np.argwhere(metrics.flip_map(first, second) > 0) - 40).max()
+    assert away == metrics._FLIP_REACH
+    away = np.abs(np.argwhere(metrics.ssim_map(first, second) < 1) - 40).max()
+    assert away == metrics.SSIM_WINDOW // 2
+
+
 def test_psnr_is_the_same_in_any_bands(band, monkeypatch):
     pair = pictures()
     difference = np.subtract(*(srgb_from_linear(p).astype(np.float64).ravel() for p in pair))

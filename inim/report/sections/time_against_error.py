@@ -144,9 +144,10 @@ def _drawing(
     # letters that the font here has not: a warning would be about this machine, not the reader's.
     with rc_context({"svg.hashsalt": "inim", "svg.fonttype": "none"}), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        figure.canvas.draw()  # now all has its place, and names can be put beside one another
+        figure.draw_without_rendering()  # now all has its place: names can be set apart in it
         for axis, names in zip(axes, written, strict=True):
             set_apart(axis, names)
+        figure.set_layout_engine("none")  # placed once is enough
         figure.savefig(stream, format="svg", metadata={"Date": None})
     return stream.getvalue()
 
