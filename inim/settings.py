@@ -105,6 +105,12 @@ class Settings:
     reconstruction_spp: int = _setting(
         64, "samples per reconstructed view pixel", low=1, high=_MOST_SAMPLES
     )
+    score_error: float = _setting(
+        0.0,
+        "stop sampling as soon as every SSIM is known this well (0.01, say); 0: take all samples",
+        low=0,
+        high=1,
+    )
     seed: int = _setting(0, "random seed of the ground truth", low=0)
     min_ssim_to_ceiling: str = _setting(
         "", "criterion: least SSIM to the ceiling, '0.9' for all or 'template:0.9, wang2024:0.5'"

@@ -20,7 +20,7 @@ from inim.jobs.differences import keep_fixed
 from inim.jobs.ledger import Ledger
 from inim.jobs.plan import Plan
 from inim.jobs.provenance import versions
-from inim.jobs.reconstruction import Seen
+from inim.jobs.scoring import Sampled, ViewScores
 from inim.jobs.truth import GroundTruth
 from inim.regression import (
     Evidence,
@@ -41,8 +41,11 @@ from inim.version import __version__
 Half = np.ndarray | OneHalf
 
 __all__ = [
+    "Against",
     "Contest",
     "Findings",
+    "against",
+    "ceiling_scores",
     "circumstances_of",
     "conditions_of",
     "contender_findings",
@@ -74,6 +77,28 @@ class Findings:
 
 
 @dataclass(frozen=True)
+class Against:
+    """Scores of a contender's view.
+
+    Attributes
+    ----------
+    scene, ceiling : ViewScores
+        Against the rendered view, and against what perfect elemental images show.
+    """
+
+    scene: ViewScores
+    ceiling: ViewScores
+
+    def values(self) -> dict[str, float]:
+        """As in report.json."""
+        return self.scene.values | {
+            "ssim_to_ceiling": self.ceiling.values["ssim"],
+            "psnr_to_ceiling_db": self.ceiling.values["psnr_db"],
+            "flip_to_ceiling": self.ceiling.values["flip"],
+        }
+
+
+@dataclass(frozen=True)
 class Contest:
     """Scores and findings of one contender.
 
@@ -88,8 +113,8 @@ class Contest:
     findings: Findings
 
 
-def truth_findings(job: Ledger, truth: GroundTruth) -> Findings:
-    """Statistics of the ground truth, and scores of the ceiling."""
+def truth_findings(job: Ledger, truth: GroundTruth, ceiling: Mapping[str, ViewScores]) -> Findings:
+    """Statistics of the ground truth, and scores of the ceiling, by viewpoint."""
     pictures = {}
     if job.observed is None:
         tile = _eia_tile(job.plan.display)
@@ -97,9 +122,25 @@ def truth_findings(job: Ledger, truth: GroundTruth) -> Findings:
     scores = {}
     for name, view in truth.views.items():
         pictures[f"truth/{name}"] = _view_statistics(job, view)
-        found = job.scorer.estimates(_three(view), _three(truth.ceiling[name]), ["ssim"])
-        scores[f"ceiling/{name}"] = {"ssim_to_scene": found["ssim"]}
+        scores[f"ceiling/{name}"] = {"ssim_to_scene": ceiling[name].estimates["ssim"]}
     return Findings(pictures, scores)
+
+
+def ceiling_scores(job: Ledger, truth: GroundTruth) -> dict[str, ViewScores]:
+    """What perfect elemental images show, against the rendered view, by viewpoint."""
+    return {
+        name: job.scorer.view(view, truth.ceiling[name], sure=("ssim",))
+        for name, view in truth.views.items()
+    }
+
+
+def against(job: Ledger, truth: GroundTruth, name: str, view: Sampled) -> Against:
+    """Scores of a contender's view from a viewpoint."""
+    scene, ceiling = truth.views[name], truth.ceiling[name]
+    return Against(
+        job.scorer.view(scene, view, truth.relic[name], sure=("ssim",)),
+        job.scorer.view(ceiling, view, sure=("ssim", "psnr_db", "flip")),
+    )
 
 
 def _eia_tile(display: Display) -> tuple[int, int]:
@@ -129,16 +170,12 @@ def _statistics(
     return TileStatistics.of(tile, (rows, columns), record.arrays)
 
 
-def _three(view: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return view.image, view.first, view.second
-
-
 def contender_findings(
     job: Ledger,
     truth: GroundTruth,
     name: str,
     halves: tuple[Half, Half],
-    seen: Mapping[str, Seen],
+    views: Mapping[str, Against],
     fixed: np.ndarray | None,
 ) -> Findings:
     """Statistics and scores of one contender.
@@ -150,21 +187,20 @@ def contender_findings(
     name : str
     halves : two (rows, columns, 3) float32
         Its EIA, by either half of the samples.
-    seen : mapping of str to Seen
-        Its views.
+    views : mapping of str to Against
+        Scores of its views.
     fixed : (rows, columns, 3) float32, or None
         What it makes of the fixed picture.
     """
     display, plan = job.plan.display, job.plan
     scores = {}
-    for view, picture in seen.items():
-        to_ceiling = job.scorer.estimates(_three(truth.ceiling[view]), _three(picture))
-        to_scene = job.scorer.estimates(_three(truth.views[view]), _three(picture), ["ssim"])
+    for view, found in views.items():
+        to_ceiling = found.ceiling.estimates
         scores[f"{name}/{view}"] = {
             "ssim_to_ceiling": to_ceiling["ssim"],
             "psnr_to_ceiling_db": to_ceiling["psnr_db"],
             "flip_to_ceiling": to_ceiling["flip"],
-            "ssim_to_scene": to_scene["ssim"],
+            "ssim_to_scene": found.scene.estimates["ssim"],
         }
     prints = {}
     if fixed is not None:

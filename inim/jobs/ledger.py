@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,12 @@ import numpy as np
 
 from inim.backend import Backend, choose_backend
 from inim.clock import Clock
-from inim.formats.image import write_exr, write_png
 from inim.jobs.listener import Listener
 from inim.jobs.memo import Memo
+from inim.jobs.picture_files import PictureFiles
 from inim.jobs.plan import Plan
 from inim.jobs.scoring import Scorer
+from inim.settings import Settings
 
 __all__ = ["Ledger"]
 
@@ -51,6 +52,20 @@ class Ledger:
     warnings: list[str] = field(default_factory=list)
     checks: list[dict[str, Any]] = field(default_factory=list)
 
+    def for_round(self, settings: Settings, viewpoints: int | None = None) -> Ledger:
+        """The ledger as it is, for a round with other numbers of samples; see `jobs.sampling`.
+
+        Times go on adding up; what is checked, skipped and warned of is the round's.
+
+        Parameters
+        ----------
+        settings : Settings
+        viewpoints : int, optional
+            How many of them; all if None.
+        """
+        plan = replace(self.plan, settings=settings, viewpoints=self.plan.viewpoints[:viewpoints])
+        return replace(self, plan=plan, memo=self.memo.fork(), warnings=[*self.warnings], checks=[])
+
     @property
     def skip(self) -> bool:
         """Whether to leave out what changes no result."""
@@ -60,6 +75,15 @@ class Ledger:
     def scorer(self) -> Scorer:
         """The run's scores."""
         return Scorer(self.memo)
+
+    @cached_property
+    def pictures(self) -> PictureFiles:
+        """The run's picture files, which say where they come from."""
+        attributes = {
+            "inim:scene_sha256": self.plan.file.sha256,
+            "inim:seed": str(self.plan.settings.seed),
+        }
+        return PictureFiles(self.folder, attributes)
 
     @cached_property
     def backend(self) -> Backend:
@@ -120,10 +144,11 @@ class Ledger:
 
     def finite(self, name: str, *images: np.ndarray) -> list[np.ndarray]:
         """Pictures whose pixels are finite: others are counted, fail a check and turn black."""
+        if all(np.isfinite(image).all() for image in images):
+            return list(images)
         wrong = [~np.isfinite(image).all(axis=-1) for image in images]
         bad = sum(int(np.count_nonzero(w)) for w in wrong)
-        if bad:
-            self.check(f"{name}: pixels not finite", bad, "<=", 0, "taken as black")
+        self.check(f"{name}: pixels not finite", bad, "<=", 0, "taken as black")
         return [
             np.where(w[..., None], np.float32(0), image) if w.any() else image
             for w, image in zip(wrong, images, strict=True)
@@ -135,15 +160,3 @@ class Ledger:
         if missing or not views:
             detail = ", ".join(missing) or "there is none at all"
             self.check(f"{name}: viewpoints missing", max(1, len(missing)), "<=", 0, detail)
-
-    def save(self, name: str, linear: np.ndarray) -> None:
-        """Write a picture as PNG and EXR."""
-        write_png(self.folder / f"{name}.png", linear)
-        write_exr(self.folder / f"{name}.exr", linear, self.attributes())
-
-    def attributes(self) -> dict[str, str]:
-        """What the pictures of this run say about where they come from."""
-        return {
-            "inim:scene_sha256": self.plan.file.sha256,
-            "inim:seed": str(self.plan.settings.seed),
-        }

@@ -34,6 +34,12 @@ class Memo:
         #: What was done and what was skipped, in order; see `inim.report.sections.skipped`.
         self.rows: list[dict[str, str]] = []
 
+    def fork(self) -> Memo:
+        """Another that finds the same results; what is told from now on is told to it alone."""
+        other = Memo(self._store, self._topic)
+        other.rows = [dict(row) for row in self.rows]
+        return other
+
     def recall(
         self,
         product: str,

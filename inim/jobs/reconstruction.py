@@ -87,7 +87,7 @@ def reconstruct_views(
         seen[viewpoint.name] = Seen(found.arrays["image"], found.arrays["noise"])
     with job.stage("write pictures"):
         for view, picture in seen.items():
-            job.save(f"views/{name}/{view}", picture.image)
+            job.pictures.save(f"views/{name}/{view}", picture.image)
     return seen
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from inim.halves import Halves
 from inim.jobs.ledger import Ledger
 from inim.jobs.provenance import backend_data, versions
+from inim.jobs.scoring import ViewScores
 from inim.jobs.truth import GroundTruth
 from inim.report import SCHEMA
 from inim.version import __version__
@@ -37,22 +38,26 @@ def eia_scores(
     return dict(job.scorer.eia(truth.image, eia))
 
 
-def report_data(job: Ledger, truth: GroundTruth, algorithms: Mapping[str, Any]) -> dict[str, Any]:
+def report_data(
+    job: Ledger,
+    truth: GroundTruth,
+    ceiling: Mapping[str, ViewScores],
+    algorithms: Mapping[str, Any],
+) -> dict[str, Any]:
     """Everything a report holds, but the run's total time.
 
     Parameters
     ----------
     job : Ledger
     truth : GroundTruth
+    ceiling : mapping of str to ViewScores
+        By viewpoint.
     algorithms : mapping
         Scores by name.
     """
     plan = job.plan
     with job.stage("score"):
         noise_floor = _noise_floor(job, truth)
-        ceiling = {
-            n: job.scorer.view(t.image, truth.ceiling[n].image) for n, t in truth.views.items()
-        }
     return {
         "schema": SCHEMA,
         "title": plan.settings.title or plan.request.scene.stem,
@@ -71,7 +76,7 @@ def report_data(job: Ledger, truth: GroundTruth, algorithms: Mapping[str, Any]) 
         ],
         "rgbd": _rgbd(truth),
         "noise_floor": noise_floor,
-        "ceiling": {"views": ceiling},
+        "ceiling": {"views": {name: scores.values for name, scores in ceiling.items()}},
         "algorithms": algorithms,
         "timings": job.timings,
         "skipped": job.memo.rows,
@@ -84,7 +89,7 @@ def report_data(job: Ledger, truth: GroundTruth, algorithms: Mapping[str, Any]) 
 def _noise_floor(job: Ledger, truth: GroundTruth) -> dict[str, Any]:
     return {
         "eia": eia_scores(job, truth.eia),
-        "views": {n: job.scorer.view(t.first, t.second) for n, t in truth.views.items()},
+        "views": {n: job.scorer.plain_view(t.first, t.second) for n, t in truth.views.items()},
     }
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -15,10 +15,39 @@ from inim.jobs.memo import Memo
 from inim.regression import ScoreEstimate, view_scores
 from inim.store import Record
 
-__all__ = ["Scorer"]
+__all__ = ["Sampled", "Scorer", "ViewScores"]
 
-#: A picture and the two halves it is the mean of, (rows, columns, 3) float32 each.
-Three = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+class Sampled(Protocol):
+    """A picture and the two halves of its samples, (rows, columns, 3) float32 each."""
+
+    @property
+    def image(self) -> np.ndarray:
+        """The mean of the halves."""
+
+    @property
+    def first(self) -> np.ndarray:
+        """By one half of the samples."""
+
+    @property
+    def second(self) -> np.ndarray:
+        """By the other."""
+
+
+@dataclass(frozen=True)
+class ViewScores:
+    """How like its reference a view is.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        As `inim.metrics.score` returns them.
+    estimates : dict of str to ScoreEstimate
+        The same values, of those asked for, and how sure they are.
+    """
+
+    values: dict[str, float]
+    estimates: dict[str, ScoreEstimate]
 
 
 class Scorer:
@@ -33,12 +62,41 @@ class Scorer:
         self._memo = memo
 
     def view(
-        self, reference: np.ndarray, test: np.ndarray, mask: np.ndarray | None = None
-    ) -> dict[str, float]:
-        """See `inim.metrics.score`."""
-        pictures = reference, test, mask
+        self,
+        reference: Sampled,
+        test: Sampled,
+        mask: np.ndarray | None = None,
+        *,
+        sure: Sequence[str],
+    ) -> ViewScores:
+        """Scores of a view.
+
+        Parameters
+        ----------
+        reference, test : Sampled
+        mask : (rows, columns) bool, optional
+            Where the relic is.
+        sure : sequence of str
+            The scores whose errors are wanted; see `inim.regression.view_scores`.
+        """
+        truth, shown = ((one.image, one.first, one.second) for one in (reference, test))
+
+        def make() -> dict[str, Any]:
+            maps = metrics.score_maps(truth[0], shown[0])
+            estimates = view_scores(truth, shown, sure, maps)
+            return {
+                "values": metrics.scores_of(maps, mask),
+                "estimates": {name: asdict(score) for name, score in estimates.items()},
+            }
+
+        found = self._once(f"scores of a view {[*sure]}", (*truth, *shown, mask), make)
+        estimates = {name: ScoreEstimate(**score) for name, score in found["estimates"].items()}
+        return ViewScores(found["values"], estimates)
+
+    def plain_view(self, reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
+        """`inim.metrics.score` of two pictures."""
         found: dict[str, float] = self._once(
-            "scores of a view", pictures, lambda: metrics.score(reference, test, mask)
+            "scores of a picture", (reference, test), lambda: metrics.score(reference, test)
         )
         return found
 
@@ -56,18 +114,6 @@ class Scorer:
             },
         )
         return found
-
-    def estimates(
-        self, reference: Three, test: Three, names: list[str] | None = None
-    ) -> dict[str, ScoreEstimate]:
-        """See `inim.regression.view_scores`."""
-
-        def make() -> dict[str, Any]:
-            found = view_scores(reference, test, *([names] if names else []))
-            return {name: asdict(score) for name, score in found.items()}
-
-        data = self._once(f"score estimates {names or ''}", (*reference, *test), make)
-        return {name: ScoreEstimate(**score) for name, score in data.items()}
 
     def _once(
         self, product: str, pictures: tuple[np.ndarray | None, ...], make: Callable[[], Any]

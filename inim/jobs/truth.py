@@ -359,12 +359,16 @@ def _save(
 ) -> None:
     low, high = job.plan.display.depth_range_mm
     grey = np.where(rgbd.covered, 0.1 + 0.9 * (rgbd.depth_mm - low) / (high - low), 0.0)
-    write_rgbd(job.folder / "rgbd.exr", layered or rgbd, job.attributes())
-    write_png(job.folder / "rgbd_color.png", rgbd.color)
-    write_png(job.folder / "rgbd_depth.png", np.repeat(grey[..., None], 3, axis=-1))
-    job.save("truth/eia", eia)
+
+    def write_capture() -> None:
+        write_rgbd(job.folder / "rgbd.exr", layered or rgbd, job.pictures.attributes)
+        write_png(job.folder / "rgbd_color.png", rgbd.color)
+        write_png(job.folder / "rgbd_depth.png", np.repeat(grey[..., None], 3, axis=-1))
+
+    job.pictures.write(write_capture, rgbd.color.nbytes)
+    job.pictures.save("truth/eia", eia)
     for name, truth in views.items():
-        job.save(f"truth/{name}", truth.image)
+        job.pictures.save(f"truth/{name}", truth.image)
 
 
 def _check(job: Ledger, rgbd: RGBD, eia: np.ndarray, views: dict[str, Halves]) -> None:

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from inim.clock import Clock
 from inim.jobs.baseline import check_conditions, judge
 from inim.jobs.contenders import Contender, Entry, Make
-from inim.jobs.evidence import Contest, Half, contender_findings, evidence_of, truth_findings
+from inim.jobs.evidence import (
+    Contest,
+    Half,
+    against,
+    ceiling_scores,
+    contender_findings,
+    evidence_of,
+    truth_findings,
+)
 from inim.jobs.generator_times import generator_times
 from inim.jobs.ledger import Ledger
 from inim.jobs.listener import Listener
@@ -20,9 +29,12 @@ from inim.jobs.memo import Memo
 from inim.jobs.plan import Plan, Request
 from inim.jobs.reconstruction import observed_pixels, reconstruct_views
 from inim.jobs.report_data import eia_scores, report_data
+from inim.jobs.sampling import FIRST_SHARE, known_within, next_share, with_share
+from inim.jobs.scoring import ViewScores
 from inim.jobs.truth import BLACK, CLIPPED_SHARE, GroundTruth, render_truth, share_outside
-from inim.regression import OneHalf, score_interval, yardsticks
+from inim.regression import OneHalf, ScoreEstimate, score_interval, yardsticks
 from inim.report import Report
+from inim.settings import Settings
 from inim.store import Store, open_store, use_store
 from inim.trust import trust_warnings
 
@@ -136,23 +148,15 @@ def _run(plan: Plan, staging: Path, listener: Listener, store: Store | None) -> 
     check_conditions(plan, job.backend.variant)
     job.timings["start"] = perf_counter() - started
     job.warnings += _outside_trust(plan)
-    if plan.request.lazy:
-        job.observed = _observed(job)
-    ready = _prepare(job)
-    listener.begin(_planned_rays(plan))
-    truth = render_truth(job)
-    contests = {
-        contender.name: _compete(job, truth, contender, make)
-        for contender, make in zip(plan.contenders, ready, strict=True)
-    }
+    job, truth, ceiling, contests = _measure_until_known(job)
     algorithms = {name: contest.scores for name, contest in contests.items()}
     times = generator_times(job, truth) if plan.request.time else {}
     for name, ratios in times.items():
         algorithms[name]["yardsticks"] = yardsticks(ratios)
     with job.stage("score"):
-        findings = [truth_findings(job, truth), *(c.findings for c in contests.values())]
-        regression = judge(job, evidence_of(plan, job.backend, findings, algorithms, times))
-    data = report_data(job, truth, algorithms)
+        findings = [truth_findings(job, truth, ceiling), *(c.findings for c in contests.values())]
+        regression = judge(job, evidence_of(job.plan, job.backend, findings, algorithms, times))
+    data = report_data(job, truth, ceiling, algorithms)
     data |= {"regression": regression} if regression else {}
     data["timings"] |= {
         "mitsuba_render": job.clock.seconds,
@@ -162,6 +166,90 @@ def _run(plan: Plan, staging: Path, listener: Listener, store: Store | None) -> 
     report = Report(staging, data)
     report.write()
     return report
+
+
+class _Measured(NamedTuple):
+    """What a round of samples has found.
+
+    Attributes
+    ----------
+    job : Ledger
+        Whose plan has the round's samples.
+    truth : GroundTruth
+    ceiling : dict of str to ViewScores
+        By viewpoint.
+    contests : dict of str to Contest
+        By contender.
+    """
+
+    job: Ledger
+    truth: GroundTruth
+    ceiling: dict[str, ViewScores]
+    contests: dict[str, Contest]
+
+    def similarities(self) -> dict[str, ScoreEstimate]:
+        """Every SSIM, by what it is of."""
+        found = {f"ceiling/{name}": view.estimates["ssim"] for name, view in self.ceiling.items()}
+        for contest in self.contests.values():
+            for view, scores in contest.findings.scores.items():
+                found |= {f"{view} {n}": one for n, one in scores.items() if n.startswith("ssim")}
+        return found
+
+
+def _measure_until_known(job: Ledger) -> _Measured:
+    """Measure with as many samples as the scores need; see `inim.jobs.sampling`."""
+    asked = job.plan.settings
+    error = asked.score_error if job.skip else 0.0
+    if not error:
+        return _measure(job)
+    share = FIRST_SHARE
+    before = _measure(job.for_round(with_share(asked, share), viewpoints=1)).similarities()
+    while True:
+        share = next_share(share, before, error)
+        settings = with_share(asked, share)
+        measured = _measure(job.for_round(settings))
+        scores = measured.similarities()
+        known = known_within(scores, before)
+        if known <= error or settings == asked:
+            _tell_samples(measured.job, asked, known)
+            return measured
+        before = scores
+
+
+def _tell_samples(job: Ledger, asked: Settings, known: float) -> None:
+    """What the run's samples came to."""
+    taken, error = job.plan.settings, asked.score_error
+    if not known <= error:
+        told = f"known to within {known:.2g}" if known < math.inf else "hardly known"
+        job.warnings.append(
+            f"with all samples, SSIM is {told}, {error:g} was asked for; raise inim.eia_spp and "
+            "inim.view_spp, or inim.score_error"
+        )
+    done = f"{taken.eia_spp} a pixel of the EIA, {taken.view_spp} of a view"
+    rest = (asked.eia_spp - taken.eia_spp, asked.view_spp - taken.view_spp)
+    why = f"every SSIM is known to within {known:.2g}; {error:g} was asked for"
+    if any(rest):
+        job.memo.tell("samples", done, f"{rest[0]} and {rest[1]} more", why)
+    else:
+        job.memo.tell("samples", done, "none", f"fewer do not tell SSIM to within {error:g}")
+
+
+def _measure(job: Ledger) -> _Measured:
+    """Render the truth, let everybody compete, score."""
+    if job.plan.request.lazy:
+        job.observed = _observed(job)
+    ready = _prepare(job)
+    job.listener.begin(_planned_rays(job.plan))
+    truth = render_truth(job)
+    contests = {
+        contender.name: _compete(job, truth, contender, make)
+        for contender, make in zip(job.plan.contenders, ready, strict=True)
+    }
+    with job.stage("score"):
+        ceiling = ceiling_scores(job, truth)
+    with job.stage("write pictures"):
+        job.pictures.settle()
+    return _Measured(job, truth, ceiling, contests)
 
 
 def _outside_trust(plan: Plan) -> list[str]:
@@ -212,19 +300,22 @@ def _compete(job: Ledger, truth: GroundTruth, contender: Contender, make: Make) 
         entry = make(job, truth)
     eia = job.finite(f"eia/{name}", entry.eia)[0]
     with job.stage("write pictures"):
-        job.save(f"eia/{name}", eia)
+        job.pictures.save(f"eia/{name}", eia)
     noise = None if entry.noise is None else np.nan_to_num(entry.noise)
     seen = reconstruct_views(job, eia, noise, name)
     job.complete(name, seen)
     with job.stage("score"):
-        views = {view: picture.image for view, picture in seen.items()}
-        result = _score(job, truth, eia, views) | {"seconds": entry.seconds}
+        views = {view: against(job, truth, view, picture) for view, picture in seen.items()}
+        result: dict[str, Any] = {
+            "eia": eia_scores(job, truth.eia, eia) | {"hole_fraction": entry.hole_fraction},
+            "views": {view: found.values() for view, found in views.items()},
+            "seconds": entry.seconds,
+        }
         halves: tuple[Half, Half] = (eia, eia)
         if noise is not None:
             halves = OneHalf(eia, noise, 1), OneHalf(eia, noise, -1)
         fixed = None if entry.fixed is None else entry.fixed()
-        findings = contender_findings(job, truth, name, halves, seen, fixed)
-    result["eia"]["hole_fraction"] = entry.hole_fraction
+        findings = contender_findings(job, truth, name, halves, views, fixed)
     _check(job, truth, name, entry, eia)
     for view, scores in result["views"].items() if name in job.plan.ssim_limits else ():
         value, limit = scores["ssim_to_ceiling"], job.plan.ssim_limits[name]
@@ -247,20 +338,6 @@ def _check(job: Ledger, truth: GroundTruth, name: str, entry: Entry, eia: np.nda
             f"eia/{name}: {outside:.1%} of the pixels are below black or brighter than the panel's "
             "white, which no panel shows; clip them, or check that they are linear"
         )
-
-
-def _score(
-    job: Ledger, truth: GroundTruth, eia: np.ndarray, seen: dict[str, np.ndarray]
-) -> dict[str, Any]:
-    views = {}
-    for name, view in seen.items():
-        to_ceiling = job.scorer.view(truth.ceiling[name].image, view)
-        views[name] = job.scorer.view(truth.views[name].image, view, truth.relic[name]) | {
-            "ssim_to_ceiling": to_ceiling["ssim"],
-            "psnr_to_ceiling_db": to_ceiling["psnr_db"],
-            "flip_to_ceiling": to_ceiling["flip"],
-        }
-    return {"eia": eia_scores(job, truth.eia, eia), "views": views}
 
 
 def _print_scores(listener: Listener, data: Mapping[str, Any]) -> None:

@@ -17,7 +17,13 @@ import numpy as np
 import pytest
 
 from inim.jobs.contenders import Contender, Entry
-from inim.jobs.evidence import contender_findings, evidence_of, truth_findings
+from inim.jobs.evidence import (
+    against,
+    ceiling_scores,
+    contender_findings,
+    evidence_of,
+    truth_findings,
+)
 from inim.jobs.ledger import Ledger
 from inim.jobs.listener import Listener
 from inim.jobs.plan import Request, make_plan
@@ -65,10 +71,11 @@ class Run:
         fixed = fixed_picture(plan.display, truth.rgbd.shape, truth.rgbd.pixel_mm)
         eia, noise = (first + second) / 2, (first - second) / 2
         views = seen(reconstruct_views(self.job, eia, noise, "template"))
+        found = {name: against(self.job, truth, name, view) for name, view in views.items()}
         findings = [
-            truth_findings(self.job, truth),
+            truth_findings(self.job, truth, ceiling_scores(self.job, truth)),
             contender_findings(
-                self.job, truth, "template", (first, second), views, generate(fixed)
+                self.job, truth, "template", (first, second), found, generate(fixed)
             ),
         ]
         return evidence_of(plan, self.backend, findings, {}, times or {})

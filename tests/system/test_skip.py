@@ -93,6 +93,37 @@ def test_everything_done_scores_the_same(bench: Bench) -> None:
     )
 
 
+SAMPLES = {"capture_spp": "16", "eia_spp": "16", "view_spp": "32", "reconstruction_spp": "16"}
+
+
+def test_sampling_ends_when_scores_are_known(bench: Bench) -> None:
+    report = bench.report(**SAMPLES, score_error="0.9")
+    (row,) = [row for row in report["skipped"] if row["what"] == "samples"]
+    taken = report["settings"]["eia_spp"]
+    assert taken in (2, 4, 8)
+    assert [report["settings"][name] for name in SAMPLES] == [taken, taken, 2 * taken, taken]
+    assert row["done"] == f"{taken} a pixel of the EIA, {2 * taken} of a view"
+    assert row["skipped"] == f"{16 - taken} and {32 - 2 * taken} more"
+    assert "0.9 was asked for" in row["why"]
+    whole = bench.report(**SAMPLES)
+    for name, result in whole["algorithms"].items():
+        for view, scores in result["views"].items():
+            other = report["algorithms"][name]["views"][view]
+            assert abs(other["ssim_to_ceiling"] - scores["ssim_to_ceiling"]) < 0.9
+    assert set(report["files"]) == set(whole["files"])
+
+
+def test_scores_that_stay_unknown_take_all_samples_and_are_warned_of(bench: Bench) -> None:
+    report = bench.report(**SAMPLES, score_error="1e-6")
+    assert report["settings"]["eia_spp"] == 16
+    (warning,) = [w for w in report["warnings"] if "inim.score_error" in w]
+    assert "1e-06 was asked for" in warning
+    whole = bench.report("--no-skip", **SAMPLES)
+    assert report["algorithms"]["template"]["views"] == whole["algorithms"]["template"]["views"]
+    every = bench.report("--no-skip", **SAMPLES, score_error="0.9")
+    assert every["algorithms"]["template"]["views"] == whole["algorithms"]["template"]["views"]
+
+
 def test_names_comments_and_settings_of_a_scene_decide_nothing(bench: Bench) -> None:
     bench.report()
     text = bench.scene.read_text("utf-8")

@@ -38,6 +38,7 @@ SETTING_COLUMNS = (
     "eia_spp",
     "view_spp",
     "reconstruction_spp",
+    "score_error",
     "seed",
 )
 _VIEW_SCORES = (

@@ -40,6 +40,7 @@ _SETTINGS = (
     "eia_spp",
     "view_spp",
     "reconstruction_spp",
+    "score_error",
     "seed",
 )
 

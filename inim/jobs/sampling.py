@@ -1,0 +1,115 @@
+"""How many samples a run's scores need.
+
+Noise does two things to a score: it scatters, and it is biased, as noisy pictures are less alike.
+A run that is told how well its scores are to be known (`inim.score_error`) goes by rounds. The
+first, of one viewpoint and with a sixteenth of the samples, foretells how many it takes; later
+ones, twice as many at least, end it once what they report *is* known so well. Each round renders
+afresh.
+
+How well a score is known: the half width of its interval, and a bound of its bias. What as much
+noise again would add to a score (`inim.regression.scores`) is its bias while the score falls evenly
+with the noise's variance. But even parts of a picture soon lose all similarity, so SSIM answers
+less and less as noise grows, and that slope underrates the bias. If the bias is ``c V^p``, the
+slope finds ``p c V^p``, whatever the variance V; so by what the score changes from round to round,
+over what the slope changes by, is 1 / p.
+
+Scatter falls with the root of the number of samples, bias with the number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+from inim.regression import ScoreEstimate, score_interval
+from inim.settings import Settings
+
+__all__ = ["FIRST_SHARE", "known_within", "next_share", "with_share"]
+
+#: Of all samples, in the first round.
+FIRST_SHARE = 1 / 16
+_COUNTS = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp")
+# For forecasts: 1 / p was 1.1 to 1.6 where it was measured, and a round in vain costs the most.
+_USUAL_BEND = 2.0
+
+
+def with_share(settings: Settings, share: float) -> Settings:
+    """Settings with a share of the samples: of each kind an even number, as there are two halves.
+
+    Parameters
+    ----------
+    settings : Settings
+    share : float
+        1: just as they are.
+    """
+    counts = {name: getattr(settings, name) for name in _COUNTS}
+    fewer = {n: min(c, 2 * max(1, math.ceil(share * c / 2))) for n, c in counts.items()}
+    return replace(settings, **fewer)
+
+
+def known_within(scores: Mapping[str, ScoreEstimate], before: Mapping[str, ScoreEstimate]) -> float:
+    """How well the least known of a round's scores is known; see the module.
+
+    Parameters
+    ----------
+    scores, before : mapping of str to ScoreEstimate
+        Of this round, and of the one before it, which may lack some.
+
+    Returns
+    -------
+    float
+        Infinite for a first round, and where something is not a number.
+    """
+    bends = {}
+    for name in scores.keys() & before.keys():
+        now, then = scores[name], before[name]
+        flatter = abs(then.bias) - abs(now.bias)
+        if flatter > 0:
+            bends[name] = abs(now.value - then.value) / flatter
+    usual = max([1.0, *bends.values()]) if bends else _USUAL_BEND
+    found = []
+    for name, score in scores.items():
+        bias = abs(score.bias) * max(1.0, bends.get(name, usual))
+        if name in before and name not in bends:
+            # No noise to speak of, or so much that the score no longer answers to it.
+            bias = max(bias, abs(score.value - before[name].value))
+        found.append(bias + _half_width(score))
+    known = bool(before) and bool(found) and not any(map(math.isnan, found))
+    return max(found) if known else math.inf
+
+
+def next_share(share: float, scores: Mapping[str, ScoreEstimate], error: float) -> float:
+    """The share of the samples at which all scores should be known to within `error`.
+
+    Parameters
+    ----------
+    share : float
+        Of the round that found the scores.
+    scores : mapping of str to ScoreEstimate
+    error : float
+
+    Returns
+    -------
+    float
+        At least twice `share`, by doubling, which keeps the samples evenly spread; 1 at most.
+    """
+    needed = max((_needed(share, score, error) for score in scores.values()), default=1.0)
+    share *= 2
+    while share < min(needed, 1):
+        share *= 2
+    return min(share, 1.0)
+
+
+def _needed(share: float, score: ScoreEstimate, error: float) -> float:
+    """Where ``bias x^2 + half_width x = error``, x^2 being this share over that."""
+    bias, half = _USUAL_BEND * abs(score.bias), _half_width(score)
+    root = half + math.sqrt(half**2 + 4 * bias * error)
+    if math.isnan(root):
+        return 1.0
+    return share * (root / (2 * error)) ** 2
+
+
+def _half_width(score: ScoreEstimate) -> float:
+    low, high = score_interval(score)
+    return (high - low) / 2

@@ -1,0 +1,48 @@
+"""`inim.score_error` keeps its word: scores lie within it of those with many times the samples."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from inim.jobs.validate import validate
+
+pytestmark = pytest.mark.slow
+
+SCENES = Path(__file__).parents[2] / "scenes"
+SMALL = {"inim.lens_columns": 24, "inim.lens_rows": 24, "inim.viewpoints": "left,centre,up"}
+MANY = {f"inim.{kind}_spp": 512 for kind in ("capture", "eia", "reconstruction")}
+MANY["inim.view_spp"] = 2048
+
+
+def similarities(data: dict[str, Any]) -> dict[str, float]:
+    found = {f"ceiling/{view}": score["ssim"] for view, score in data["ceiling"]["views"].items()}
+    for name, result in data["algorithms"].items():
+        for view, score in result["views"].items():
+            found[f"{name}/{view}"] = score["ssim"]
+            found[f"{name}/{view} to ceiling"] = score["ssim_to_ceiling"]
+    return found
+
+
+@pytest.mark.parametrize("scene", ["amphora", "wine_coin", "tripod", "jade"])
+def test_scores_are_known_as_well_as_said(scene, tmp_path, monkeypatch):
+    monkeypatch.setenv("INIM_CACHE", str(tmp_path / "cache"))
+
+    def run(**settings: Any) -> dict[str, Any]:
+        file = SCENES / f"{scene}.xml"
+        given = {f"inim.{k}": v for k, v in settings.items()}
+        return validate(file, tmp_path / "out", definitions=SMALL | given).data
+
+    many = {name.removeprefix("inim."): count for name, count in MANY.items()}
+    best = similarities(run(**many))
+    for asked in (0.2, 0.1, 0.05):
+        data = run(score_error=asked)
+        found = similarities(data)
+        assert found.keys() == best.keys()
+        off = max(abs(found[name] - best[name]) for name in best)
+        (row,) = [row for row in data["skipped"] if row["what"] == "samples"]
+        print(f"{scene}: {asked} asked for, {off:.3f} off; {row['done']}; {row['why']}")
+        assert off <= asked
+    assert data["settings"]["eia_spp"] >= 32
