@@ -79,21 +79,25 @@ class OnPanel(SourceGenerator):
         return black
 
 
-@numba.njit(cache=True, nogil=True)
+# Indices are unsigned: signed ones are checked for counting from the end, which takes longer than
+# the copying.
+@numba.njit(parallel=True, cache=True, nogil=True)
 def _put(values, at, out):  # type: ignore[no-untyped-def]
     """``out[at[i]] = values[i]``, both (..., channels)."""
-    for i in range(len(at)):
+    for i in numba.prange(len(at)):
+        place = np.uintp(at[i])
         for c in range(values.shape[1]):
-            out[at[i], c] = values[i, c]
+            out[place, c] = values[i, c]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(parallel=True, cache=True, nogil=True)
 def _put_colours(sources, palette, at, out):  # type: ignore[no-untyped-def]
     """``out[at[i]] = palette[sources[i]]`` where there is a source; both (..., channels)."""
-    for i in range(len(at)):
+    for i in numba.prange(len(at)):
         if sources[i] >= 0:
+            place, source = np.uintp(at[i]), np.uintp(sources[i])
             for c in range(palette.shape[1]):
-                out[at[i], c] = palette[sources[i], c]
+                out[place, c] = palette[source, c]
 
 
 class Masked:

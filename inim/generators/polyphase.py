@@ -46,7 +46,7 @@ _LANES = np.uintp(LANES)
 
 # Cells from which on waking the other threads pays off: filling takes about 2 ns a cell, waking
 # them about 0.1 ms.
-_WORTH_SHARING = 200_000
+_WORTH_SHARING = 50_000
 
 
 @dataclass(frozen=True)
