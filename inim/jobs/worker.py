@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import logging
 import os
 import resource
 import shutil
@@ -270,6 +271,7 @@ def serve(job: dict[str, Any], channel: int, carry_out: CarryOut) -> None:
     if not job["debug"]:
         # What libraries mutter would break the one-line promise; our own stderr stays.
         warnings.simplefilter("ignore")
+        logging.getLogger().addHandler(logging.NullHandler())
         own = os.fdopen(os.dup(2), "w", errors="backslashreplace", buffering=1)
         sys.stderr = _OwnWords(own)
         silence = os.open(os.devnull, os.O_WRONLY)
