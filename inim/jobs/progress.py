@@ -37,6 +37,8 @@ class ConsoleListener(Listener):
         """See `Listener`."""
         from tqdm import tqdm
 
+        if self._bar is not None:  # of an earlier round of samples
+            self._bar.close()
         # disable=None: off when stderr is not a terminal.
         disable = True if self._quiet else None
         self._bar = tqdm(
