@@ -36,7 +36,7 @@ from inim.generators import (
 )
 from inim.jobs.deciding import eia_parts, scene_parts
 from inim.jobs.foreign import blamed, run_generator
-from inim.regression import fixed_picture
+from inim.regression import Fingerprint, fingerprint, fixed_picture
 from inim.rgbd import RGBD
 from inim.store import Record
 from inim.viewpoint import is_file_safe
@@ -52,12 +52,30 @@ __all__ = ["Contender", "Entry", "algorithm_table", "parse_contenders", "reads_l
 _NONE = "none"
 # Algorithms that read `inim.layered_rgbd`.
 _LAYERED = ("layered",)
+# Algorithms whose EIA depends on comparisons of stored numbers only: equal on every machine.
+_EXACT = ("template",)
 # The ceiling's views lie beside the contenders'.
 _TAKEN = ("ceiling", _NONE)
 # An algorithm's name with its options also names files.
 _LABEL = re.compile(r"[\w+-][\w.+:=-]{0,99}")
 # More samples than this per pixel is a slip of the keyboard.
 _MOST_SAMPLES = 2**20
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """What a generator makes of `inim.regression.fixed_picture`, made when it is asked for.
+
+    Attributes
+    ----------
+    fingerprint : callable
+        Its `Fingerprint`, found again where the store has it.
+    eia : callable
+        The EIA, (rows, columns, 3) float32.
+    """
+
+    fingerprint: Callable[[], Fingerprint]
+    eia: Callable[[], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -75,16 +93,15 @@ class Entry:
     noise : (rows, columns, 3) float32, or None
         Half of the difference of what two halves of the input's samples yield: the EIA is known
         to this. None: it has no noise.
-    fixed : callable, optional
-        Makes what the generator makes of `inim.regression.fixed_picture`, (rows, columns, 3)
-        float32: of an 8K panel, 0.4 GB that need not be held while views are looked at.
+    fixed : Fixed, optional
+        What it makes of the fixed picture, where it is a generator's whole EIA.
     """
 
     eia: np.ndarray
     seconds: float | None = None
     hole_fraction: float | None = None
     noise: np.ndarray | None = None
-    fixed: Callable[[], np.ndarray] | None = None
+    fixed: Fixed | None = None
 
 
 #: Makes the entry, once the ground truth is there.
@@ -156,11 +173,19 @@ class Generated(Contender):
             def once(product: str, anew: Callable[[], Record], told: Any = None) -> Record:
                 return job.memo.recall(product, parts, anew, told=told) if self._is_own else anew()
 
-            def fixed() -> np.ndarray:
-                rgbd = fixed_picture(job.plan.display, truth.rgbd.shape, truth.rgbd.pixel_mm)
-                name = f"{product}, fixed picture"
-                made = once(name, lambda: Record({"eia": self._again(job, prepared()[0], rgbd)}))
-                return made.arrays["eia"]
+            def fixed_eia() -> np.ndarray:
+                return self._again(job, prepared()[0], _fixed_picture(job.plan))
+
+            def fixed_print() -> Fingerprint:
+                name, exact = f"{product}, fixed picture", self.name.partition(":")[0] in _EXACT
+
+                def make() -> Record:
+                    rgbd, display = _fixed_picture(job.plan), job.plan.display
+                    found = fingerprint(rgbd, fixed_eia(), display, exact=exact)
+                    return Record({"sample": found.sample}, found.as_data())
+
+                found = once(name, make)
+                return Fingerprint.of(found.facts | {"exact": exact}, found.arrays["sample"])
 
             record = once(product, lambda: self._made(job, truth, prepared()), _made)
             return Entry(
@@ -169,15 +194,14 @@ class Generated(Contender):
                 record.facts["hole_fraction"],
                 record.arrays["noise"],
                 # Of an EIA that is made in part, no fingerprint could be compared.
-                fixed if job.observed is None else None,
+                Fixed(fixed_print, fixed_eia) if job.observed is None else None,
             )
 
         return make
 
     def _generator(self, job: Ledger) -> tuple[Generator, float]:
         """The generator, prepared, and the seconds that took."""
-        display, per_pitch = job.plan.display, job.plan.settings.capture_pixels_per_pitch
-        shape, pixel_mm = display.capture_shape(per_pitch), display.pitch_mm / per_pitch
+        display, (shape, pixel_mm) = job.plan.display, _capture_grid(job.plan)
         started = time.perf_counter()
         with blamed(self.name, "prepare"):
             made = prepare(display, self.name, shape=shape, pixel_mm=pixel_mm, mask=job.observed)
@@ -206,6 +230,16 @@ class Generated(Contender):
     def _kept(self, eia: np.ndarray) -> np.ndarray:
         """Ours make a new one each time; others may keep one place to write to."""
         return eia if self._is_own else eia.copy()
+
+
+def _capture_grid(plan: Plan) -> tuple[tuple[int, int], float]:
+    """Rows and columns of the RGB-D picture, and its pixels' side [mm]."""
+    per_pitch = plan.settings.capture_pixels_per_pitch
+    return plan.display.capture_shape(per_pitch), plan.display.pitch_mm / per_pitch
+
+
+def _fixed_picture(plan: Plan) -> RGBD:
+    return fixed_picture(plan.display, *_capture_grid(plan))
 
 
 def _made() -> tuple[str, str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +20,17 @@ FOLDER = "regression"
 
 
 def keep_fixed(
-    job: Ledger, name: str, fixed: np.ndarray, new: Fingerprint, old: Fingerprint | None
+    job: Ledger,
+    name: str,
+    fixed: Callable[[], np.ndarray],
+    new: Fingerprint,
+    old: Fingerprint | None,
 ) -> None:
-    """The changed EIA of the fixed picture and where it changed, while it is at hand."""
+    """The changed EIA of the fixed picture, if it has, and where."""
     if old is None or old.eia_sha256 == new.eia_sha256 or old.sample.shape != new.sample.shape:
         return
     folder = job.folder / FOLDER / "fixed"
-    write_png(folder / f"{name}-candidate.png", np.nan_to_num(fixed))
+    write_png(folder / f"{name}-candidate.png", np.nan_to_num(fixed()))
     write_png(folder / f"{name}-difference.png", changed_pixels(old, new, job.plan.display))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from datetime import datetime, timezone
@@ -13,8 +12,8 @@ import numpy as np
 
 from inim.backend import machine
 from inim.display import Display
-from inim.generators import parse_algorithm
 from inim.halves import Halves
+from inim.jobs.contenders import Fixed
 from inim.jobs.deciding import score_parts
 from inim.jobs.differences import keep_fixed
 from inim.jobs.ledger import Ledger
@@ -29,8 +28,6 @@ from inim.regression import (
     ScoreEstimate,
     TileStatistics,
     eia_tile,
-    fingerprint,
-    fixed_picture,
     tile_statistics,
     view_tile,
 )
@@ -48,13 +45,18 @@ __all__ = [
     "ceiling_scores",
     "circumstances_of",
     "conditions_of",
-    "contender_findings",
+    "eia_statistics",
     "evidence_of",
+    "fingerprints",
     "truth_findings",
 ]
 
-# Algorithms whose EIA depends on comparisons of stored numbers only: equal on every machine.
-_EXACT = ("template",)
+# What scores against the ceiling are called.
+_TO_CEILING = {
+    "ssim": "ssim_to_ceiling",
+    "psnr_db": "psnr_to_ceiling_db",
+    "flip": "flip_to_ceiling",
+}
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
 _SAMPLING = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp", "seed")
 
@@ -92,10 +94,13 @@ class Against:
     def values(self) -> dict[str, float]:
         """As in report.json."""
         return self.scene.values | {
-            "ssim_to_ceiling": self.ceiling.values["ssim"],
-            "psnr_to_ceiling_db": self.ceiling.values["psnr_db"],
-            "flip_to_ceiling": self.ceiling.values["flip"],
+            name: self.ceiling.values[metric] for metric, name in _TO_CEILING.items()
         }
+
+    def estimates(self) -> dict[str, ScoreEstimate]:
+        """Those that later runs are compared with, and how sure they are."""
+        to_ceiling = {name: self.ceiling.estimates[metric] for metric, name in _TO_CEILING.items()}
+        return to_ceiling | {"ssim_to_scene": self.scene.estimates["ssim"]}
 
 
 @dataclass(frozen=True)
@@ -115,23 +120,30 @@ class Contest:
 
 def truth_findings(job: Ledger, truth: GroundTruth, ceiling: Mapping[str, ViewScores]) -> Findings:
     """Statistics of the ground truth, and scores of the ceiling, by viewpoint."""
-    pictures = {}
-    if job.observed is None:
-        tile = _eia_tile(job.plan.display)
-        pictures["truth/eia"] = _statistics(job, (truth.eia.first, truth.eia.second), tile)
-    scores = {}
-    for name, view in truth.views.items():
-        pictures[f"truth/{name}"] = _view_statistics(job, view)
-        scores[f"ceiling/{name}"] = {"ssim_to_scene": ceiling[name].estimates["ssim"]}
+    begun = {}
+    with job.beside() as begin:
+        if job.observed is None:
+            halves, tile = (truth.eia.first, truth.eia.second), _eia_tile(job.plan.display)
+            begun["truth/eia"] = begin(_statistics, job, halves, tile)
+        for name, view in truth.views.items():
+            begun[f"truth/{name}"] = begin(_view_statistics, job, view)
+        pictures = {name: one.result() for name, one in begun.items()}
+    scores = {
+        f"ceiling/{name}": {"ssim_to_scene": found.estimates["ssim"]}
+        for name, found in ceiling.items()
+    }
     return Findings(pictures, scores)
 
 
 def ceiling_scores(job: Ledger, truth: GroundTruth) -> dict[str, ViewScores]:
     """What perfect elemental images show, against the rendered view, by viewpoint."""
-    return {
-        name: job.scorer.view(view, truth.ceiling[name], sure=("ssim",))
-        for name, view in truth.views.items()
-    }
+
+    def of(name: str) -> ViewScores:
+        return job.scorer.view(truth.views[name], truth.ceiling[name], sure=("ssim",))
+
+    with job.beside() as begin:
+        begun = {name: begin(of, name) for name in truth.views}
+        return {name: one.result() for name, one in begun.items()}
 
 
 def against(job: Ledger, truth: GroundTruth, name: str, view: Sampled) -> Against:
@@ -170,50 +182,22 @@ def _statistics(
     return TileStatistics.of(tile, (rows, columns), record.arrays)
 
 
-def contender_findings(
-    job: Ledger,
-    truth: GroundTruth,
-    name: str,
-    halves: tuple[Half, Half],
-    views: Mapping[str, Against],
-    fixed: np.ndarray | None,
-) -> Findings:
-    """Statistics and scores of one contender.
+def eia_statistics(job: Ledger, name: str, halves: tuple[Half, Half]) -> dict[str, TileStatistics]:
+    """Statistics of a contender's EIA by either half of the samples; none of one made in part."""
+    if job.observed is not None:
+        return {}
+    tile = _eia_tile(job.plan.display)
+    return {f"eia/{name}": _statistics(job, halves, tile, generated=True)}
 
-    Parameters
-    ----------
-    job : Ledger
-    truth : GroundTruth
-    name : str
-    halves : two (rows, columns, 3) float32
-        Its EIA, by either half of the samples.
-    views : mapping of str to Against
-        Scores of its views.
-    fixed : (rows, columns, 3) float32, or None
-        What it makes of the fixed picture.
-    """
-    display, plan = job.plan.display, job.plan
-    scores = {}
-    for view, found in views.items():
-        to_ceiling = found.ceiling.estimates
-        scores[f"{name}/{view}"] = {
-            "ssim_to_ceiling": to_ceiling["ssim"],
-            "psnr_to_ceiling_db": to_ceiling["psnr_db"],
-            "flip_to_ceiling": to_ceiling["flip"],
-            "ssim_to_scene": found.scene.estimates["ssim"],
-        }
-    prints = {}
-    if fixed is not None:
-        rgbd = fixed_picture(display, truth.rgbd.shape, truth.rgbd.pixel_mm)
-        exact = parse_algorithm(name)[0] in _EXACT
-        prints[name] = fingerprint(rgbd, fixed, display, exact=exact)
-        if plan.baseline is not None:
-            keep_fixed(job, name, fixed, prints[name], plan.baseline.fingerprints.get(name))
-    pictures = {}
-    if job.observed is None:
-        tile = _eia_tile(display)
-        pictures[f"eia/{name}"] = _statistics(job, halves, tile, generated=True)
-    return Findings(pictures, scores, prints)
+
+def fingerprints(job: Ledger, name: str, fixed: Fixed | None) -> dict[str, Fingerprint]:
+    """Of what a contender makes of the fixed picture, which is kept where a baseline's differs."""
+    if fixed is None:
+        return {}
+    found, baseline = fixed.fingerprint(), job.plan.baseline
+    if baseline is not None:
+        keep_fixed(job, name, fixed.eia, found, baseline.fingerprints.get(name))
+    return {name: found}
 
 
 def conditions_of(plan: Plan, variant: str | None = None) -> dict[str, Any]:
@@ -268,9 +252,7 @@ def circumstances_of(plan: Plan, backend: Any) -> dict[str, Any]:
         "libLLVM": backend.libllvm_version,
         "device": backend.device,
         "processor": machine.cpu_model(),
-        "threads": len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else os.cpu_count(),
+        "threads": machine.cpu_count(),
         **{name: getattr(plan.settings, name) for name in _SAMPLING},
     }
 

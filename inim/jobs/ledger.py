@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from inim.backend import Backend, choose_backend
+from inim.beside import Begin, beside
 from inim.clock import Clock
 from inim.jobs.listener import Listener
 from inim.jobs.memo import Memo
@@ -22,6 +23,9 @@ from inim.jobs.scoring import Scorer
 from inim.settings import Settings
 
 __all__ = ["Ledger"]
+
+# A score takes some 100 bytes a pixel while it is made: 0.4 GB for all of them together.
+_PIXELS_AT_ONCE = 2**22
 
 
 @dataclass
@@ -84,6 +88,12 @@ class Ledger:
             "inim:seed": str(self.plan.settings.seed),
         }
         return PictureFiles(self.folder, attributes)
+
+    def beside(self) -> AbstractContextManager[Begin]:
+        """Threads to score the run's pictures in, as many as their memory allows."""
+        display, per_lens = self.plan.display, self.plan.settings.view_pixels_per_lens
+        view = display.lens_rows * display.lens_columns * per_lens**2
+        return beside(_PIXELS_AT_ONCE // max(view, display.eia_shape[0] * display.eia_shape[1]))
 
     @cached_property
     def backend(self) -> Backend:

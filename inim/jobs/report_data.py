@@ -87,10 +87,11 @@ def report_data(
 
 
 def _noise_floor(job: Ledger, truth: GroundTruth) -> dict[str, Any]:
-    return {
-        "eia": eia_scores(job, truth.eia),
-        "views": {n: job.scorer.plain_view(t.first, t.second) for n, t in truth.views.items()},
-    }
+    with job.beside() as begin:
+        whole = begin(eia_scores, job, truth.eia)
+        begun = {n: begin(job.scorer.plain_view, t.first, t.second) for n, t in truth.views.items()}
+        views = {name: one.result() for name, one in begun.items()}
+        return {"eia": whole.result(), "views": views}
 
 
 def _scene(job: Ledger, truth: GroundTruth) -> dict[str, Any]:

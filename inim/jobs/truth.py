@@ -119,8 +119,14 @@ def render_truth(job: Ledger) -> GroundTruth:
 def share_outside(eia: np.ndarray) -> float:
     """Share of pixels that are below black or brighter than the panel's white."""
     rows = row_bands(*eia.shape[:2])
-    outside = (np.count_nonzero(((eia[r] < 0) | (eia[r] > 1)).any(axis=-1)) for r in rows)
+    outside = (np.count_nonzero(_any_colour((eia[r] < 0) | (eia[r] > 1))) for r in rows)
     return float(sum(outside) / (eia.shape[0] * eia.shape[1]))
+
+
+def _any_colour(which: np.ndarray) -> np.ndarray:
+    """As `any(axis=-1)`, which takes six times as long over three."""
+    found: np.ndarray = which[..., 0] | which[..., 1] | which[..., 2]
+    return found
 
 
 def _effort(job: Ledger) -> dict[str, Any]:
@@ -377,7 +383,7 @@ def _check(job: Ledger, rgbd: RGBD, eia: np.ndarray, views: dict[str, Halves]) -
     pictures = {"truth/eia": eia, **{f"truth/{n}": t.image for n, t in views.items()}}
     for name, image in pictures.items():
         job.check(f"{name}: brightest value", float(image.max()), ">=", BLACK, "not black")
-    clipped = {name: float((image > 1).any(axis=-1).mean()) for name, image in pictures.items()}
+    clipped = {name: float(_any_colour(image > 1).mean()) for name, image in pictures.items()}
     worst = max(clipped, key=lambda name: clipped[name])
     if clipped[worst] > CLIPPED_SHARE:
         job.warnings.append(

@@ -15,11 +15,13 @@ from inim.jobs.baseline import check_conditions, judge
 from inim.jobs.contenders import Contender, Entry, Make
 from inim.jobs.evidence import (
     Contest,
+    Findings,
     Half,
     against,
     ceiling_scores,
-    contender_findings,
+    eia_statistics,
     evidence_of,
+    fingerprints,
     truth_findings,
 )
 from inim.jobs.generator_times import generator_times
@@ -304,18 +306,24 @@ def _compete(job: Ledger, truth: GroundTruth, contender: Contender, make: Make) 
     noise = None if entry.noise is None else np.nan_to_num(entry.noise)
     seen = reconstruct_views(job, eia, noise, name)
     job.complete(name, seen)
-    with job.stage("score"):
-        views = {view: against(job, truth, view, picture) for view, picture in seen.items()}
+    halves: tuple[Half, Half] = (eia, eia)
+    if noise is not None:
+        halves = OneHalf(eia, noise, 1), OneHalf(eia, noise, -1)
+    with job.stage("score"), job.beside() as begin:
+        # The longest first.
+        statistics = begin(eia_statistics, job, name, halves)
+        whole = begin(eia_scores, job, truth.eia, eia)
+        begun = {view: begin(against, job, truth, view, picture) for view, picture in seen.items()}
+        # In this thread: a generator of another package may count on its own.
+        prints = fingerprints(job, name, entry.fixed)
+        views = {view: one.result() for view, one in begun.items()}
         result: dict[str, Any] = {
-            "eia": eia_scores(job, truth.eia, eia) | {"hole_fraction": entry.hole_fraction},
+            "eia": whole.result() | {"hole_fraction": entry.hole_fraction},
             "views": {view: found.values() for view, found in views.items()},
             "seconds": entry.seconds,
         }
-        halves: tuple[Half, Half] = (eia, eia)
-        if noise is not None:
-            halves = OneHalf(eia, noise, 1), OneHalf(eia, noise, -1)
-        fixed = None if entry.fixed is None else entry.fixed()
-        findings = contender_findings(job, truth, name, halves, views, fixed)
+        scores = {f"{name}/{view}": found.estimates() for view, found in views.items()}
+        findings = Findings(statistics.result(), scores, prints)
     _check(job, truth, name, entry, eia)
     for view, scores in result["views"].items() if name in job.plan.ssim_limits else ():
         value, limit = scores["ssim_to_ceiling"], job.plan.ssim_limits[name]

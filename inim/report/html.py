@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from inim.beside import beside
 from inim.report import virtual_display, wipe
 from inim.report.markup import element, mark, section, text
 from inim.report.pictures import ENCODINGS, Pictures
@@ -55,8 +56,10 @@ def render_html(data: Mapping[str, Any], folder: Path) -> str:
 
 
 def _page(data: Mapping[str, Any], pictures: Pictures) -> str:
-    bodies = [(s.anchor, s.title, s.body(data, pictures)) for s in SECTIONS]
-    shown = [(anchor, title, body) for anchor, title, body in bodies if body]
+    with beside() as begin:  # packing and comparing pictures takes the longest
+        begun = [begin(s.body, data, pictures) for s in SECTIONS]
+        bodies = [one.result() for one in begun]
+    shown = [(s.anchor, s.title, body) for s, body in zip(SECTIONS, bodies, strict=True) if body]
     header = _header(data, _navigation((anchor, title) for anchor, title, _ in shown))
     main = "\n".join(section(*one) for one in shown)
     scripts = _scripts([body for _, _, body in shown])

@@ -138,7 +138,11 @@ def similarity(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
 
 def similarity_scale() -> np.ndarray:
     """The colours of `similarity` from 1, at the left, to 0: (1, 256, 3) uint8."""
-    return _magma(np.linspace(0, 1, 256)[None])
+    # Found again, it needs no plotter loaded.
+    code = code_digest("report/pictures.py")
+    return remembered(
+        lambda: value_digest(["scale of SSIM", code]), lambda: _magma(np.linspace(0, 1, 256)[None])
+    )
 
 
 def _magma(share: np.ndarray) -> np.ndarray:

@@ -18,9 +18,10 @@ import pytest
 
 from inim.jobs.contenders import Contender, Entry
 from inim.jobs.evidence import (
+    Findings,
     against,
     ceiling_scores,
-    contender_findings,
+    eia_statistics,
     evidence_of,
     truth_findings,
 )
@@ -29,7 +30,7 @@ from inim.jobs.listener import Listener
 from inim.jobs.plan import Request, make_plan
 from inim.jobs.reconstruction import reconstruct_views
 from inim.jobs.truth import GroundTruth, render_truth
-from inim.regression import Evidence, Verdict, compare
+from inim.regression import Evidence, Verdict, compare, fingerprint, fixed_picture
 from inim.rgbd import RGBD
 
 SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"
@@ -63,19 +64,22 @@ class Run:
         times: dict[str, tuple[float, ...]] | None = None,
     ) -> Evidence:
         """What it leaves, with another truth, another generator or other views planted."""
-        from inim.regression import fixed_picture
-
         truth, generate = truth or self.truth, generate or self.generate
         first, second = (generate(rgbd) for rgbd in truth.captures)
         plan = self.job.plan
-        fixed = fixed_picture(plan.display, truth.rgbd.shape, truth.rgbd.pixel_mm)
+        display = plan.display
+        rgbd = fixed_picture(display, truth.rgbd.shape, truth.rgbd.pixel_mm)
         eia, noise = (first + second) / 2, (first - second) / 2
         views = seen(reconstruct_views(self.job, eia, noise, "template"))
-        found = {name: against(self.job, truth, name, view) for name, view in views.items()}
         findings = [
             truth_findings(self.job, truth, ceiling_scores(self.job, truth)),
-            contender_findings(
-                self.job, truth, "template", (first, second), found, generate(fixed)
+            Findings(
+                eia_statistics(self.job, "template", (first, second)),
+                {
+                    f"template/{name}": against(self.job, truth, name, view).estimates()
+                    for name, view in views.items()
+                },
+                {"template": fingerprint(rgbd, generate(rgbd), display, exact=True)},
             ),
         ]
         return evidence_of(plan, self.backend, findings, {}, times or {})
