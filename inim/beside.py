@@ -19,8 +19,14 @@ Begin = Callable[..., "Future[Any]"]
 
 @contextmanager
 def beside(most: int | None = None) -> Iterator[Begin]:
-    """Threads, one per processor but no more than `most`; the block ends when all are idle."""
-    count = cpu_count() if most is None else max(1, min(cpu_count(), most))
+    """Threads, one per processor but no more than `most`; the block ends when all are idle.
+
+    Where that leaves one, there is none: calls are made as they are begun, and never two at once.
+    """
+    count = cpu_count() if most is None else min(cpu_count(), most)
+    if count < 2:
+        yield _at_once
+        return
     threads = ThreadPoolExecutor(count, "beside")
 
     def begin(function: Callable[..., _Found], *arguments: Any) -> Future[_Found]:
@@ -31,3 +37,9 @@ def beside(most: int | None = None) -> Iterator[Begin]:
         yield begin
     finally:
         threads.shutdown(cancel_futures=True)
+
+
+def _at_once(function: Callable[..., _Found], *arguments: Any) -> Future[_Found]:
+    done: Future[_Found] = Future()
+    done.set_result(function(*arguments))
+    return done
