@@ -11,6 +11,8 @@ either way, so the bits are the same.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import overload
 
 import numba
@@ -21,7 +23,7 @@ from inim.generators.base import AskedPixels, Generator, SourceGenerator, check_
 from inim.generators.sources import NOT_ASKED, Sources
 from inim.rgbd import RGBD
 
-__all__ = ["Masked", "OnPanel", "asked_pixels", "masked"]
+__all__ = ["Masked", "OnPanel", "OntoPanel", "PanelPlaces", "asked_pixels", "masked"]
 
 
 def asked_pixels(mask: np.ndarray, display: Display) -> AskedPixels:
@@ -29,6 +31,35 @@ def asked_pixels(mask: np.ndarray, display: Display) -> AskedPixels:
     # Of the flat array: NumPy takes three times as long over two dimensions.
     flat = np.flatnonzero(mask & display.lensed)
     return AskedPixels(*np.divmod(flat, display.eia_shape[1]))
+
+
+@dataclass(frozen=True)
+class PanelPlaces:
+    """Where the pixels of a list stand on their panel.
+
+    Attributes
+    ----------
+    first : (panel rows + 1,) int64
+        Where the pixels of each row begin in the list.
+    column : (n,) uint32
+    """
+
+    first: np.ndarray
+    column: np.ndarray
+
+    @classmethod
+    def of(cls, asked: AskedPixels, rows: int) -> PanelPlaces:
+        """Of pixels of a panel with so many rows."""
+        first = np.searchsorted(asked.rows, np.arange(rows + 1))
+        return cls(first, asked.columns.astype(np.uint32))
+
+
+class OntoPanel(ABC):
+    """A generator prepared for a list of pixels that can show them on their panel at once."""
+
+    @abstractmethod
+    def show(self, rgbd: RGBD, places: PanelPlaces, panel: np.ndarray) -> None:
+        """Show the colours of the pixels asked for, black elsewhere, (rows, columns, channels)."""
 
 
 class OnPanel(SourceGenerator):
@@ -44,60 +75,59 @@ class OnPanel(SourceGenerator):
         super().__init__(listed.display, listed.shape, listed.pixel_mm)
         assert listed.asked is not None
         self._listed = listed
-        self._at = listed.asked.rows * self.display.eia_shape[1] + listed.asked.columns
+        self._places = PanelPlaces.of(listed.asked, self.display.eia_shape[0])
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`; `NOT_ASKED` elsewhere."""
-        found = np.full(self.display.eia_shape, NOT_ASKED, np.int32)
-        _put(self._listed.sources(rgbd).reshape(-1, 1), self._at, found.reshape(-1, 1))
-        return found
+        found = np.empty((*self.display.eia_shape, 1), np.int32)
+        listed = self._listed.sources(rgbd).reshape(-1, 1)
+        _put(listed, self._places.first, self._places.column, np.int32(NOT_ASKED), found)
+        return found[..., 0]
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
-        if rgbd.color.dtype != np.uint8 and self._listed.shows_sources(rgbd):
-            return self._colours_on_panel(self._listed.sources(rgbd), rgbd, out)
-        return self._on_panel(self._listed.generate(rgbd), out)
+        if rgbd.color.dtype == np.uint8 or not self._listed.shows_sources(rgbd):
+            listed = self._listed.generate(rgbd)
+            panel = self._panel(listed, out)
+            _put(listed[0], self._places.first, self._places.column, listed.dtype.type(0), panel)
+            return panel
+        # Straight to the panel: a list of colours between would take most of the time.
+        panel = self._panel(rgbd.color, out)
+        if isinstance(self._listed, OntoPanel):
+            self._listed.show(rgbd, self._places, panel)
+        else:
+            sources, palette = self._listed.sources(rgbd)[0], rgbd.palette
+            palette = palette.reshape(-1, panel.shape[-1])
+            _put_colours(sources, palette, self._places.first, self._places.column, panel)
+        return panel
 
-    def _on_panel(self, listed: np.ndarray, out: np.ndarray | None) -> np.ndarray:
-        black = self._black(listed, out)
-        _put(listed[0], self._at, black.reshape(-1, listed.shape[-1]))
-        return black
-
-    def _colours_on_panel(self, listed: Sources, rgbd: RGBD, out: np.ndarray | None) -> np.ndarray:
-        """Straight to the panel: a list of colours between would take most of the time."""
-        black, channels = self._black(rgbd.color, out), rgbd.color.shape[-1]
-        flat = black.reshape(-1, channels)
-        _put_colours(listed[0], rgbd.palette.reshape(-1, channels), self._at, flat)
-        return black
-
-    def _black(self, colours: np.ndarray, out: np.ndarray | None) -> np.ndarray:
-        shape = (*self.display.eia_shape, colours.shape[-1])
-        if out is None:
-            return np.zeros(shape, colours.dtype)  # a page never touched costs nothing
-        black = check_out(out, shape, colours.dtype)
-        black[...] = 0
-        return black
+    def _panel(self, colours: np.ndarray, out: np.ndarray | None) -> np.ndarray:
+        return check_out(out, (*self.display.eia_shape, colours.shape[-1]), colours.dtype)
 
 
+# A panel row is written whole, then what was asked for, while it is in the processor's cache.
 # Indices are unsigned: signed ones are checked for counting from the end, which takes longer than
 # the copying.
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _put(values, at, out):  # type: ignore[no-untyped-def]
-    """``out[at[i]] = values[i]``, both (..., channels)."""
-    for i in numba.prange(len(at)):
-        place = np.uintp(at[i])
-        for c in range(values.shape[1]):
-            out[place, c] = values[i, c]
+def _put(values, first, column, nothing, out):  # type: ignore[no-untyped-def]
+    """``out[row, column[i]] = values[i]``, both (..., channels), and nothing elsewhere."""
+    for row in numba.prange(len(out)):
+        out[row] = nothing
+        for i in range(first[row], first[row + 1]):
+            for c in range(values.shape[1]):
+                out[row, column[i], c] = values[i, c]
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _put_colours(sources, palette, at, out):  # type: ignore[no-untyped-def]
-    """``out[at[i]] = palette[sources[i]]`` where there is a source; both (..., channels)."""
-    for i in numba.prange(len(at)):
-        if sources[i] >= 0:
-            place, source = np.uintp(at[i]), np.uintp(sources[i])
-            for c in range(palette.shape[1]):
-                out[place, c] = palette[source, c]
+def _put_colours(sources, palette, first, column, out):  # type: ignore[no-untyped-def]
+    """``out[row, column[i]] = palette[sources[i]]`` where there is a source; black elsewhere."""
+    for row in numba.prange(len(out)):
+        out[row] = 0
+        for i in range(first[row], first[row + 1]):
+            if sources[i] >= 0:
+                source = np.uintp(sources[i])
+                for c in range(palette.shape[1]):
+                    out[row, column[i], c] = palette[source, c]
 
 
 class Masked:

@@ -44,6 +44,8 @@ __all__ = ["Phases", "index_payload", "nearest_surface", "run_templates", "write
 # Of the compiler's own type: a Python integer would make addresses signed, and checked.
 _LANES = np.uintp(LANES)
 
+_NO_PAYLOAD = np.empty((0, 0), np.uint32)
+
 # Cells from which on waking the other threads pays off: filling takes about 2 ns a cell, waking
 # them about 0.1 ms.
 _WORTH_SHARING = 50_000
@@ -65,6 +67,8 @@ class Phases:
         Slots that the rays of one lens can reach.
     nearest : (slots down, strips) float32
         Greatest depth, in a row of slots, of what a strip of lenses can reach.
+    peaks : (slots down, slots across) float32
+        Greatest depth of a slot's cells.
     """
 
     depth: np.ndarray
@@ -72,6 +76,7 @@ class Phases:
     origin: tuple[int, int]
     window: tuple[int, int]
     nearest: np.ndarray
+    peaks: np.ndarray
 
     @classmethod
     def make(
@@ -104,6 +109,7 @@ class Phases:
             (first[0] * per_pitch, first[1] * per_pitch),
             window,
             np.empty((down, strips), np.float32),
+            np.empty((down, across), np.float32),
         )
 
     def row_offset(self, rows: np.ndarray) -> np.ndarray:
@@ -150,12 +156,18 @@ class Phases:
         ends = [extreme.reduceat(slots, first) for extreme in (np.minimum, np.maximum)]
         return np.stack(ends, axis=1)
 
-    def fill(self, depth_mm: np.ndarray, covered: np.ndarray, payload: np.ndarray) -> None:
-        """Take in a picture: (H, W) float32, bool, uint32."""
+    def column_reach(self, columns: np.ndarray) -> tuple[int, int]:
+        """First and last slot across, from a lens's own, of picture columns of lens column 0."""
+        slots = (columns - self.origin[1]) // self.depth.shape[1]
+        return int(slots.min()), int(slots.max())
+
+    def fill(self, depth_mm: np.ndarray, covered: np.ndarray, payload: np.ndarray | None) -> None:
+        """Take in a picture: (H, W) float32, bool, uint32; without a payload, the last one's."""
         fill = _fill if self.depth.size < _WORTH_SHARING else _fill_shared
+        anew = payload is not None
         fill(
-            depth_mm, covered, payload, *self.origin, self.depth, self.payload,
-            self.window[1], self.nearest,
+            depth_mm, covered, payload if payload is not None else _NO_PAYLOAD, anew, *self.origin,
+            self.depth, self.payload, self.window[1], self.nearest, self.peaks,
         )  # fmt: skip
 
 
@@ -198,28 +210,32 @@ def index_payload(shape: PictureShape) -> np.ndarray:
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _fill_shared(  # type: ignore[no-untyped-def]
-    depth, covered, payload, row0, column0, phase_depth, phase_payload, reach, nearest
+    depth, covered, payload, anew, row0, column0, phase_depth, phase_payload, reach, nearest, peaks
 ):
     """`_fill`, shared among the threads."""
     for i in numba.prange(phase_depth.shape[0]):
         row = np.int64(i)
-        _fill_row(row, depth, covered, payload, row0, column0, phase_depth, phase_payload)
-        _bound_row(row, phase_depth, reach, nearest)
+        _fill_row(row, depth, covered, payload, anew, row0, column0, phase_depth, phase_payload)
+        _bound_row(row, phase_depth, reach, nearest, peaks)
 
 
 @numba.njit(cache=True, nogil=True)
-def _fill(depth, covered, payload, row0, column0, phase_depth, phase_payload, reach, nearest):  # type: ignore[no-untyped-def]
-    """Copy a picture into phases, and find the nearest surface that each strip can reach.
+def _fill(  # type: ignore[no-untyped-def]
+    depth, covered, payload, anew, row0, column0, phase_depth, phase_payload, reach, nearest, peaks
+):
+    """Copy a picture into phases, and find the nearest surface of each slot and strip.
 
     Cells beyond the picture were set once and stay.
     """
     for i in range(phase_depth.shape[0]):
-        _fill_row(i, depth, covered, payload, row0, column0, phase_depth, phase_payload)
-        _bound_row(i, phase_depth, reach, nearest)
+        _fill_row(i, depth, covered, payload, anew, row0, column0, phase_depth, phase_payload)
+        _bound_row(i, phase_depth, reach, nearest, peaks)
 
 
 @numba.njit(cache=True, nogil=True)
-def _fill_row(i, depth, covered, payload, row0, column0, phase_depth, phase_payload):  # type: ignore[no-untyped-def]
+def _fill_row(  # type: ignore[no-untyped-def]
+    i, depth, covered, payload, anew, row0, column0, phase_depth, phase_payload
+):
     rows, columns = depth.shape
     _, k, _, across = phase_depth.shape
     for p in range(k):
@@ -228,26 +244,31 @@ def _fill_row(i, depth, covered, payload, row0, column0, phase_depth, phase_payl
             continue
         for q in range(k):
             first = max(0, -(-(-column0 - q) // k) if column0 + q < 0 else 0)
-            for j in range(first, across):
+            last = min(across, (columns - column0 - q + k - 1) // k)
+            for j in range(first, last):
                 column = column0 + j * k + q
-                if column >= columns:
-                    break
                 hit = covered[row, column]
                 phase_depth[i, p, q, j] = depth[row, column] if hit else np.float32(-np.inf)
-                phase_payload[i, p, q, j] = payload[row, column]
+            if anew:
+                for j in range(first, last):
+                    phase_payload[i, p, q, j] = payload[row, column0 + j * k + q]
 
 
 @numba.njit(cache=True, nogil=True)
-def _bound_row(i, depth, reach, nearest):  # type: ignore[no-untyped-def]
+def _bound_row(i, depth, reach, nearest, peaks):  # type: ignore[no-untyped-def]
     _, k, _, across = depth.shape
+    for j in range(across):
+        peaks[i, j] = -np.inf
+    for p in range(k):
+        for q in range(k):
+            for j in range(across):
+                z, most = depth[i, p, q, j], peaks[i, j]
+                peaks[i, j] = z if z > most else most
     for s in range(nearest.shape[1]):
         start = min(s * LANES, across - LANES - reach + 1)
         most = np.float32(-np.inf)
-        for p in range(k):
-            for q in range(k):
-                for j in range(start, start + LANES + reach - 1):
-                    z = depth[i, p, q, j]
-                    most = z if z > most else most
+        for j in range(start, start + LANES + reach - 1):
+            most = max(most, peaks[i, j])
         nearest[i, s] = most
 
 

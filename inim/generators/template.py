@@ -36,7 +36,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.asked import OnPanel, asked_pixels
+from inim.generators.asked import OnPanel, OntoPanel, PanelPlaces, asked_pixels
 from inim.generators.axis_runs import AxisRuns, axis_runs, doubtful_pixels, first_hits_in_runs
 from inim.generators.base import (
     AskedPixels,
@@ -47,7 +47,7 @@ from inim.generators.base import (
 from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
 from inim.generators.free_rays import FreeRays
-from inim.generators.lens_runs import LensRuns, run_asked
+from inim.generators.lens_runs import AskedRuns, LensRuns, column_bounds
 from inim.generators.options import one_of
 from inim.generators.polyphase import Phases, index_payload, run_templates
 from inim.generators.ray_length import check_ray_length, fits_tables
@@ -144,6 +144,15 @@ class _Aligned(SourceGenerator):
     ) -> None:
         super().__init__(display, shape, pixel_mm, asked)
         self._index = index_payload(shape)
+        self._holds_index = False
+        self._phases: Phases  # made by each in its way
+
+    def _fill(self, rgbd: RGBD, payload: np.ndarray) -> None:
+        """Take in a picture; the index, which is that of every picture, only once."""
+        of_index = payload is self._index
+        known, self._holds_index = of_index and self._holds_index, False
+        self._phases.fill(rgbd.depth_mm, rgbd.covered, None if known else payload)
+        self._holds_index = of_index
 
     @abstractmethod
     def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
@@ -169,7 +178,7 @@ class _Aligned(SourceGenerator):
         return out
 
 
-class _Shared(_Aligned):
+class _Shared(_Aligned, OntoPanel):
     """One template per direction for all lenses."""
 
     def __init__(
@@ -191,15 +200,27 @@ class _Shared(_Aligned):
         )
         by_pixel_row = self._lists.first[: -1 : self._lists.pixels]
         self._reach = self._phases.row_reach(self._lists.row, by_pixel_row)
-        self._runs = None if asked is None else LensRuns.of(asked, self._lists.pixels, lenses)
+        self._tables = (self._lists, self._offset, self._reach, self._phases)
+        self._asked_runs: AskedRuns | None = None
+        if asked is not None:
+            across = column_bounds(self._lists, self._phases)
+            runs = LensRuns.of(asked, self._lists.pixels, lenses)
+            self._asked_runs = AskedRuns(*self._tables, across, runs)
 
     def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
-        self._phases.fill(rgbd.depth_mm, rgbd.covered, payload)
-        tables = (self._lists, self._offset, self._reach, self._phases)
-        if self._runs is None:
-            run_templates(*tables, empty, out)
+        self._fill(rgbd, payload)
+        if self._asked_runs is None:
+            run_templates(*self._tables, empty, out)
         else:
-            run_asked(*tables, self._runs, empty, out[0])
+            self._asked_runs.show(empty, out[0])
+
+    def show(self, rgbd: RGBD, places: PanelPlaces, panel: np.ndarray) -> None:
+        """See `OntoPanel.show`."""
+        assert self._asked_runs is not None
+        self.check(rgbd)
+        self._fill(rgbd, self._index)
+        palette = rgbd.palette.reshape(-1, panel.shape[-1])
+        self._asked_runs.show_colours(palette, places.first, places.column, panel)
 
 
 class _Strips(_Aligned):
@@ -228,7 +249,7 @@ class _Strips(_Aligned):
         self._doubtful = _InRuns(display, shape, pixel_mm, aside, at)
 
     def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
-        self._phases.fill(rgbd.depth_mm, rgbd.covered, payload)
+        self._fill(rgbd, payload)
         run_strips(self._rows, self._columns, self._pairs, self._phases, empty, out)
         at = self._doubtful.asked
         if at is not None and len(at.rows):

@@ -147,19 +147,36 @@ def _seen(axis, eye_mm: float, display: Display, distance_mm: float = 400.0) -> 
 
 
 def test_runs_of_neighbouring_lenses_are_one_vector():
-    """Eight lenses a run, from the first asked for; each pixel stands in one run, once."""
+    """Sixteen lenses a run, from the first asked for; each pixel stands in one run, once."""
     display = small_display(40, 2, 5)
     mask = np.zeros(display.eia_shape, bool)
     mask[3, 2 : 5 * 20 : 5] = True  # u = 2 of 20 lenses
     mask[8, 4] = mask[8, 199] = True  # u = 4 of the first lens and of the last
     asked = asked_pixels(mask, display)
     runs = LensRuns.of(asked, 5, (2, 40))
-    assert runs.first.tolist() == [0, 3, 5]
-    assert runs.direction.tolist() == [17, 17, 17, 19, 19]
-    assert runs.lens.tolist() == [0, 8, 16, 0, 32]  # the last vector ends with its slots
-    assert [bin(bits).count("1") for bits in runs.asked] == [8, 8, 4, 1, 1]
-    stands = [runs.place[r, n] for r in range(5) for n in range(8) if runs.asked[r] >> n & 1]
-    assert sorted(stands) == list(range(22))
+    assert runs.first.tolist() == [0, 2, 4]
+    assert runs.direction.tolist() == [17, 17, 19, 19]
+    assert runs.lens.tolist() == [0, 16, 0, 24]  # the last vector ends with its slots
+    assert [bin(bits).count("1") for bits in runs.asked] == [16, 4, 1, 1]
+    assert runs.pixel_first.tolist() == [0, 20, 22]
+    # In each row of lenses counted anew: runs, and the sixteen of each.
+    assert runs.shown_by.tolist() == [*range(20), 0, 16 + 15]
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_a_picture_leaves_nothing_for_the_next(masked):
+    """What a generator holds of one picture, or form of it, does not show in another's EIA."""
+    display = small_display(20, 6, 5)
+    mask = np.random.default_rng(1).random(display.eia_shape) < 0.4 if masked else None
+    plain = [noise(display, 2, seed, coded=False) for seed in range(3)]
+    coded = [noise(display, 2, seed, coded=True) for seed in range(3)]
+    pictures = [plain[0], plain[1], coded[0], coded[1], plain[2], coded[2], plain[2]]
+    grid = {"shape": plain[0].shape, "pixel_mm": plain[0].pixel_mm}
+    made = prepare(display, mask=mask, **grid)
+    for rgbd in pictures:
+        alone = prepare(display, mask=mask, **grid)
+        assert np.array_equal(made.generate(rgbd), alone.generate(rgbd))
+        assert np.array_equal(made.sources(rgbd), alone.sources(rgbd))
 
 
 def test_a_surface_that_all_rays_start_behind_is_hit_by_all():
