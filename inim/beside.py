@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import copy_context
+from functools import cache
 from typing import Any, TypeVar
 
 from inim.backend.machine import cpu_count
@@ -19,24 +20,36 @@ Begin = Callable[..., "Future[Any]"]
 
 @contextmanager
 def beside(most: int | None = None) -> Iterator[Begin]:
-    """Threads, one per processor but no more than `most`; the block ends when all are idle.
+    """Threads, one per processor but no more than `most`; the block ends when all calls have.
 
     Where that leaves one, there is none: calls are made as they are begun, and never two at once.
+    A call must not begin others: threads that wait for one another would wait for ever.
     """
     count = cpu_count() if most is None else min(cpu_count(), most)
     if count < 2:
         yield _at_once
         return
-    threads = ThreadPoolExecutor(count, "beside")
+    threads = _threads(count)
+    begun: list[Future[Any]] = []
 
     def begin(function: Callable[..., _Found], *arguments: Any) -> Future[_Found]:
         # With this thread's context, which knows the store in use.
-        return threads.submit(copy_context().run, function, *arguments)
+        one = threads.submit(copy_context().run, function, *arguments)
+        begun.append(one)
+        return one
 
     try:
         yield begin
     finally:
-        threads.shutdown(cancel_futures=True)
+        for one in begun:
+            one.cancel()
+        wait(begun)
+
+
+@cache
+def _threads(count: int) -> ThreadPoolExecutor:
+    """The same ones again and again: each new thread may keep memory of its own."""
+    return ThreadPoolExecutor(count, "beside")
 
 
 def _at_once(function: Callable[..., _Found], *arguments: Any) -> Future[_Found]:
