@@ -210,9 +210,8 @@ def _validate_picture(args: argparse.Namespace) -> int:
 
 
 def _validate(args: argparse.Namespace) -> int:
-    from inim.jobs.plan import Request
-    from inim.jobs.validate import default_out
-    from inim.jobs.worker import run_in_worker
+    from inim.jobs.request import Request, default_out
+    from inim.jobs.supervisor import run_in_worker
 
     # An asked-for end takes the worker and its half-written files along, as Ctrl-C does.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from inim.display import Display
 from inim.errors import OutOfMemoryError, SceneError
 from inim.jobs.contenders import Contender, parse_contenders
 from inim.jobs.memory import LEAST_BYTES, rays_in_flight
+from inim.jobs.request import SHORTHANDS, Request
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW
 from inim.misalignment import mounted
@@ -19,10 +19,7 @@ from inim.scene_file import SceneFile, parse_definitions, read_scene_file
 from inim.settings import Settings
 from inim.viewpoint import Viewpoint, parse_viewpoints
 
-__all__ = ["Plan", "Request", "make_plan"]
-
-# Settings that a request can also name directly.
-_SHORTHANDS = ("display", "algorithms", "viewpoints", "lens_model", "misalign")
+__all__ = ["Plan", "make_plan"]
 
 # Bytes per pixel at the fullest moment. EIA: two float32 halves of the ground truth and their mean,
 # a generator's EIA, its noise and its sources, the scorer's bands; half as much again as a whole
@@ -35,77 +32,6 @@ _LAYERS_BYTES = 1600
 # A view: float64 sums, rays of the coverage pass, the scorer's copies; and what each view keeps.
 _VIEW_BYTES = 400
 _KEPT_BYTES = 12
-
-
-@dataclass(frozen=True)
-class Request:
-    """What the user asked for; None and empty mean "as the scene says".
-
-    Attributes
-    ----------
-    scene, out : Path
-    definitions : tuple of str
-        `key=value` overrides, as after -D.
-    display, algorithms, viewpoints, lens_model, misalign : str, optional
-        Shorthands for the `inim.*` settings of those names.
-    eias : tuple of str
-        Finished EIAs to score beside the algorithms, as `NAME=FILE`.
-    backend : {"auto", "llvm", "cuda"}
-    baseline : Path, optional
-        Folder of the baseline to compare with.
-    time : bool
-        Time the generators, too.
-    lazy : bool
-        Make and render only the panel pixels that the viewpoints observe.
-    no_skip : bool
-        Do everything, also what changes no result; use no store.
-    """
-
-    scene: Path
-    out: Path
-    definitions: tuple[str, ...] = ()
-    display: str | None = None
-    algorithms: str | None = None
-    viewpoints: str | None = None
-    lens_model: str | None = None
-    misalign: str | None = None
-    eias: tuple[str, ...] = ()
-    backend: str = "auto"
-    baseline: Path | None = None
-    time: bool = False
-    lazy: bool = False
-    no_skip: bool = False
-
-    def command(self) -> list[str]:
-        """The command line that repeats this request, after `python -m inim.validate`."""
-        words = [str(self.scene), "-o", str(self.out)]
-        for item in self.definitions:
-            words += ["-D", item]
-        for name in _SHORTHANDS:
-            value = getattr(self, name)
-            if value is not None:
-                words += [f"--{name.replace('_', '-')}", value]
-        for item in self.eias:
-            words += ["--eia", item]
-        if self.backend != "auto":
-            words += ["--backend", self.backend]
-        if self.baseline is not None:
-            words += ["--baseline", str(self.baseline)]
-        flags = {"--time": self.time, "--lazy": self.lazy, "--no-skip": self.no_skip}
-        words += [flag for flag, given in flags.items() if given]
-        return words
-
-    def as_json(self) -> dict[str, Any]:
-        """For the worker's command line; `from_json` reads it."""
-        return {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
-
-    @classmethod
-    def from_json(cls, raw: dict[str, Any]) -> Request:
-        """The request that `as_json` wrote."""
-        given = {name: raw[name] for name in ("scene", "out", "baseline")}
-        paths = {name: None if path is None else Path(path) for name, path in given.items()}
-        lists = {name: tuple(raw[name]) for name in ("definitions", "eias")}
-        return cls(**{**raw, **paths, **lists})
 
 
 @dataclass(frozen=True)
@@ -158,7 +84,7 @@ def make_plan(request: Request) -> Plan:
     file = read_scene_file(request.scene, parse_definitions(list(request.definitions)))
     source = str(request.scene)
     settings = Settings.parse(file.settings, source)
-    for name in _SHORTHANDS:
+    for name in SHORTHANDS:
         if getattr(request, name) is not None:
             settings = replace(settings, **{name: getattr(request, name)})
     display = settings.make_display(source)

@@ -28,9 +28,10 @@ from inim.jobs.generator_times import generator_times
 from inim.jobs.ledger import Ledger
 from inim.jobs.listener import Listener
 from inim.jobs.memo import Memo
-from inim.jobs.plan import Plan, Request
+from inim.jobs.plan import Plan
 from inim.jobs.reconstruction import observed_pixels, reconstruct_views
 from inim.jobs.report_data import eia_scores, report_data
+from inim.jobs.request import Request, default_out
 from inim.jobs.sampling import FIRST_SHARE, known_within, next_share, with_share
 from inim.jobs.scoring import ViewScores
 from inim.jobs.truth import BLACK, CLIPPED_SHARE, GroundTruth, render_truth, share_outside
@@ -40,7 +41,7 @@ from inim.settings import Settings
 from inim.store import Store, open_store, use_store
 from inim.trust import trust_warnings
 
-__all__ = ["default_out", "run", "validate"]
+__all__ = ["run", "validate"]
 
 
 def validate(
@@ -95,7 +96,7 @@ def validate(
     InimError
         Of the kind that fits, with the line the command would print.
     """
-    from inim.jobs.worker import run_in_worker
+    from inim.jobs.supervisor import run_in_worker
 
     scene = Path(scene)
     request = Request(
@@ -116,11 +117,6 @@ def validate(
     )
     run_in_worker(request)
     return Report.load(request.out)
-
-
-def default_out(scene: Path) -> Path:
-    """Where a report goes when nobody says: beside where the command is typed."""
-    return Path(f"{scene.stem}-report")
 
 
 def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:

@@ -42,7 +42,8 @@ Read = Callable[[Path], object]
 
 def _open_scene(path: Path) -> None:
     """As the worker does, after the plan as the parent makes it."""
-    from inim.jobs.plan import Request, make_plan
+    from inim.jobs.plan import make_plan
+    from inim.jobs.request import Request
     from inim.kernel.scene import open_scene
 
     plan = make_plan(Request(path, path.parent / "out"))

@@ -27,8 +27,9 @@ from inim.jobs.evidence import (
 )
 from inim.jobs.ledger import Ledger
 from inim.jobs.listener import Listener
-from inim.jobs.plan import Request, make_plan
+from inim.jobs.plan import make_plan
 from inim.jobs.reconstruction import reconstruct_views
+from inim.jobs.request import Request
 from inim.jobs.truth import GroundTruth, render_truth
 from inim.regression import Evidence, Verdict, compare, fingerprint, fixed_picture
 from inim.rgbd import RGBD

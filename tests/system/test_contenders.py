@@ -35,7 +35,8 @@ from inim.jobs.contenders import parse_contenders
 from inim.jobs.foreign import run_generator
 from inim.jobs.ledger import Ledger
 from inim.jobs.listener import Listener
-from inim.jobs.plan import Request, make_plan
+from inim.jobs.plan import make_plan
+from inim.jobs.request import Request
 from tests.conftest import small_display, square
 from tests.system.conftest import TINY, Ended, assert_one_line, nothing_left, write_scene
 
@@ -230,7 +231,8 @@ def test_bad_file_is_found_before_anything_is_rendered(
 DECODERS = """
 import sys
 from pathlib import Path
-from inim.jobs.plan import Request, make_plan
+from inim.jobs.plan import make_plan
+from inim.jobs.request import Request
 make_plan(Request(Path(sys.argv[1]), Path("out"), eias=tuple(sys.argv[2:])))
 print(*sorted({"OpenEXR", "PIL", "mitsuba"} & set(sys.modules)))
 """

@@ -462,7 +462,8 @@ def test_hundred_kills_leave_no_corrupt_report_and_every_rerun_completes(tmp_pat
 MANY_RUNS = """
 import sys
 from pathlib import Path
-from inim.jobs.plan import Request, make_plan
+from inim.jobs.plan import make_plan
+from inim.jobs.request import Request
 from inim.jobs.validate import run
 folder, count = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(count):

@@ -18,7 +18,8 @@ from inim.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
 from inim.jobs import validate as validating
 from inim.jobs.ledger import Ledger
 from inim.jobs.listener import Listener
-from inim.jobs.plan import Plan, Request, make_plan
+from inim.jobs.plan import Plan, make_plan
+from inim.jobs.request import Request
 from inim.report import Report
 from tests.conftest import scene_text, square
 from tests.system.conftest import TINY, write_scene
@@ -237,7 +238,8 @@ def test_whatever_a_worker_raises_becomes_one_line_and_a_code(
     import io
     import json
 
-    from inim.jobs.worker import answer, outcome_of
+    from inim.jobs.supervisor import outcome_of
+    from inim.jobs.worker import answer
 
     def carry_out(job: dict[str, Any], listener: Any) -> bool:
         raise error

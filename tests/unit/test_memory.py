@@ -8,7 +8,8 @@ import pytest
 
 from inim.errors import OutOfMemoryError
 from inim.jobs.memory import LEAST_BYTES, rays_in_flight
-from inim.jobs.plan import Request, make_plan
+from inim.jobs.plan import make_plan
+from inim.jobs.request import Request
 from tests.system.conftest import write_scene
 
 GIB = 2**30

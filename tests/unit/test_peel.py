@@ -296,7 +296,8 @@ def test_equal_seeds_give_equal_layers(open_fitted):
 
 def validated(folder, algorithms):
     """A small validation of a red ball before a green wall, and what it made."""
-    from inim.jobs.plan import Request, make_plan
+    from inim.jobs.plan import make_plan
+    from inim.jobs.request import Request
     from inim.jobs.validate import run
 
     scene = folder / "scene.xml"
@@ -336,7 +337,8 @@ def test_memory_is_planned_for_layers_where_one_wants_them(tmp_path, monkeypatch
     """A limit between what the two runs need refuses the one with layers, and says how to pass."""
     from inim import backend
     from inim.errors import OutOfMemoryError
-    from inim.jobs.plan import Request, make_plan
+    from inim.jobs.plan import make_plan
+    from inim.jobs.request import Request
 
     scene = tmp_path / "scene.xml"
     scene.write_text(around(sphere((0, 0, 0), 3.0)))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from inim.errors import UsageError, WorkerError
-from inim.jobs.plan import Request
+from inim.jobs.request import Request
 from inim.jobs.sweep import pool, task
 from inim.jobs.sweep.board import Board, clock_words
 from inim.jobs.sweep.pool import choose_slots, run_pool

@@ -11,7 +11,8 @@ import pytest
 from inim import trust
 from inim.display import DISPLAYS
 from inim.generators import find_sources
-from inim.jobs.plan import Request, make_plan
+from inim.jobs.plan import make_plan
+from inim.jobs.request import Request
 from inim.jobs.stress.first_hits import exact_hits
 from inim.jobs.stress.free_rays import chosen_pixels, rays_over
 from inim.rgbd import RGBD

@@ -21,7 +21,7 @@ from inim.jobs.bench.scene import bench_scene
 from inim.jobs.bench.views import bench_views
 from inim.jobs.output import open_staging, publish
 from inim.jobs.provenance import backend_data, versions
-from inim.jobs.worker import outcome_of, supervise
+from inim.jobs.supervisor import outcome_of, supervise
 from inim.report.bench import SCHEMA, write_bench
 from inim.version import __version__
 

@@ -8,7 +8,8 @@ from typing import Any
 
 from inim.errors import UsageError
 from inim.jobs.bench.timing import Rounds
-from inim.jobs.plan import Plan, Request, make_plan
+from inim.jobs.plan import Plan, make_plan
+from inim.jobs.request import Request
 
 __all__ = ["BenchRequest", "check_request", "default_out", "scene_plan"]
 

@@ -70,7 +70,7 @@ def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) 
         Of the kind that fits; mistakes are found out before anything is rendered.
     """
     from inim import backend as backends
-    from inim.jobs.worker import outcome_of, supervise
+    from inim.jobs.supervisor import outcome_of, supervise
 
     out = Path(request.out)
     _check(request)

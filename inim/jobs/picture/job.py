@@ -26,8 +26,8 @@ from inim.jobs.output import open_staging, publish
 from inim.jobs.picture.oracle import ExactHits, exact_hits, why_no_oracle
 from inim.jobs.picture.warp import warped
 from inim.jobs.provenance import backend_data, versions
+from inim.jobs.supervisor import outcome_of, supervise
 from inim.jobs.truth import BLACK
-from inim.jobs.worker import outcome_of, supervise
 from inim.layered_rgbd import LayeredRGBD
 from inim.lens import check_lens_model
 from inim.report.picture import SCHEMA, write_picture_report

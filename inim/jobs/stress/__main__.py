@@ -1,10 +1,10 @@
 """The worker process of a stress run; see `inim.jobs.worker`."""
 
-import json
 import sys
 
 from inim.jobs.stress.job import work
+from inim.jobs.supervisor import read_job
 from inim.jobs.worker import serve
 
 if __name__ == "__main__":
-    serve(json.loads(sys.argv[1]), int(sys.argv[2]), work)
+    serve(read_job(), int(sys.argv[1]), work)

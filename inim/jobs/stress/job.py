@@ -17,7 +17,7 @@ from inim.errors import SceneError
 from inim.jobs.output import open_staging, publish
 from inim.jobs.provenance import backend_data, versions
 from inim.jobs.stress.request import StressRequest, check_request, scene_plan
-from inim.jobs.worker import outcome_of, supervise
+from inim.jobs.supervisor import outcome_of, supervise
 from inim.report.stress import SCHEMA, write_stress
 from inim.rgbd import RGBD
 from inim.version import __version__

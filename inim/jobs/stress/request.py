@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from inim.errors import UsageError
-from inim.jobs.plan import Plan, Request, make_plan
+from inim.jobs.plan import Plan, make_plan
+from inim.jobs.request import Request
 
 __all__ = ["StressRequest", "check_request", "default_out", "scene_plan"]
 

@@ -24,9 +24,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from inim.errors import UsageError
+from inim.jobs.supervisor import Watcher
 from inim.jobs.sweep.board import Board
 from inim.jobs.sweep.task import Task, attempt
-from inim.jobs.worker import Watcher
 
 __all__ = ["check_answers", "check_dask", "on_worker", "run_cluster"]
 

@@ -9,9 +9,9 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 
 from inim import backend as backends
 from inim.errors import InimError, UsageError
+from inim.jobs.supervisor import Watcher
 from inim.jobs.sweep.board import Board
 from inim.jobs.sweep.task import Task, attempt
-from inim.jobs.worker import Watcher
 
 __all__ = ["choose_slots", "run_pool"]
 

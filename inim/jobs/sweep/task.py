@@ -20,11 +20,12 @@ from inim import backend as backends
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
 from inim.jobs.memory import LEAST_BYTES
 from inim.jobs.output import open_staging, publish
-from inim.jobs.plan import Plan, Request, make_plan
+from inim.jobs.plan import Plan, make_plan
+from inim.jobs.request import Request
+from inim.jobs.supervisor import Watcher, outcome_of, supervise
 from inim.jobs.sweep.results import FOLDER, Results
 from inim.jobs.sweep.rows import result_of
 from inim.jobs.sweep.unit import Unit, key_of, making_of
-from inim.jobs.worker import Watcher, outcome_of, supervise
 
 __all__ = ["Task", "attempt", "make_task", "report_folder", "work"]
 

@@ -19,8 +19,9 @@ from typing import Any
 import inim
 from inim.errors import InimError, UsageError
 from inim.generators import GENERATORS, PICKUP, parse_algorithm
-from inim.jobs.plan import Plan, Request, make_plan
+from inim.jobs.plan import Plan, make_plan
 from inim.jobs.provenance import versions
+from inim.jobs.request import Request
 from inim.jobs.sweep.study import NamedDisplay, Study
 from inim.settings import PREFIX
 from inim.version import __version__

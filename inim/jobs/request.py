@@ -1,0 +1,88 @@
+"""What a user asks a validation for, before anything of it is looked at."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+__all__ = ["SHORTHANDS", "Request", "default_out"]
+
+#: Settings that a request can also name directly.
+SHORTHANDS = ("display", "algorithms", "viewpoints", "lens_model", "misalign")
+
+
+def default_out(scene: Path) -> Path:
+    """Where a report goes when nobody says: beside where the command is typed."""
+    return Path(f"{scene.stem}-report")
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asked for; None and empty mean "as the scene says".
+
+    Attributes
+    ----------
+    scene, out : Path
+    definitions : tuple of str
+        `key=value` overrides, as after -D.
+    display, algorithms, viewpoints, lens_model, misalign : str, optional
+        Shorthands for the `inim.*` settings of those names.
+    eias : tuple of str
+        Finished EIAs to score beside the algorithms, as `NAME=FILE`.
+    backend : {"auto", "llvm", "cuda"}
+    baseline : Path, optional
+        Folder of the baseline to compare with.
+    time : bool
+        Time the generators, too.
+    lazy : bool
+        Make and render only the panel pixels that the viewpoints observe.
+    no_skip : bool
+        Do everything, also what changes no result; use no store.
+    """
+
+    scene: Path
+    out: Path
+    definitions: tuple[str, ...] = ()
+    display: str | None = None
+    algorithms: str | None = None
+    viewpoints: str | None = None
+    lens_model: str | None = None
+    misalign: str | None = None
+    eias: tuple[str, ...] = ()
+    backend: str = "auto"
+    baseline: Path | None = None
+    time: bool = False
+    lazy: bool = False
+    no_skip: bool = False
+
+    def command(self) -> list[str]:
+        """The command line that repeats this request, after `python -m inim.validate`."""
+        words = [str(self.scene), "-o", str(self.out)]
+        for item in self.definitions:
+            words += ["-D", item]
+        for name in SHORTHANDS:
+            value = getattr(self, name)
+            if value is not None:
+                words += [f"--{name.replace('_', '-')}", value]
+        for item in self.eias:
+            words += ["--eia", item]
+        if self.backend != "auto":
+            words += ["--backend", self.backend]
+        if self.baseline is not None:
+            words += ["--baseline", str(self.baseline)]
+        flags = {"--time": self.time, "--lazy": self.lazy, "--no-skip": self.no_skip}
+        words += [flag for flag, given in flags.items() if given]
+        return words
+
+    def as_json(self) -> dict[str, Any]:
+        """For the worker's command line; `from_json` reads it."""
+        return {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
+
+    @classmethod
+    def from_json(cls, raw: dict[str, Any]) -> Request:
+        """The request that `as_json` wrote."""
+        given = {name: raw[name] for name in ("scene", "out", "baseline")}
+        paths = {name: None if path is None else Path(path) for name, path in given.items()}
+        lists = {name: tuple(raw[name]) for name in ("definitions", "eias")}
+        return cls(**{**raw, **paths, **lists})
