@@ -89,6 +89,16 @@ def least_p(first, second):
     return float(found.min()), 1 - (1 - LEVEL) ** (1 / found.size)
 
 
+def test_a_view_through_full_lenses_is_that_of_a_validation_s_mesh():
+    from inim.kernel.reconstruct import DisplayScene
+
+    display = display_of()
+    eia = picture_for(display)
+    scene = DisplayScene(eia, display, "full")
+    view = scene.view(EYE, pixels_per_lens=PER_LENS, spp=16, seed=SEEDS[3])
+    assert np.array_equal(by_lens(view), traced(eia, display, finer=1, spp=16)[3])
+
+
 @BULGES
 def test_thick_and_full_agree(bulge):
     display = display_of(curved_side=bulge)
