@@ -301,7 +301,7 @@ def test_an_eia_png_carries_its_pixel_size_and_what_is_empty(tmp_path):
     write_eia(tmp_path / "eia.png", eia, empty, display.pixel_pitch_mm)
     data = (tmp_path / "eia.png").read_bytes()
     at = data.index(b"pHYs") + 4
-    across, down = int.from_bytes(data[at : at + 4], "big"), int.from_bytes(data[at + 4 : at + 8])
+    across, down = (int.from_bytes(data[at + k : at + k + 4], "big") for k in (0, 4))
     assert data[at + 8] == 1  # per metre
     # Whole pixels per metre: right to half of one.
     assert across == down
