@@ -60,7 +60,7 @@ def run_in_worker(request: Request, *, quiet: bool = True, debug: bool = False) 
         What the worker raised, or `WorkerError` / `OutOfMemoryError` where it could not say.
     """
     # It loads while the plan is made here, too: most mistakes are found before it has a job.
-    with Worker("inim.jobs.validation") as worker:
+    with Worker("inim.jobs.validation", about=str(request.scene)) as worker:
         from inim.jobs.plan import make_plan
 
         make_plan(request)
@@ -105,12 +105,16 @@ class Worker:
         Run as `python -m`; see `inim.jobs.worker`.
     variables : mapping, optional
         Of its environment, beside this process's own.
+    about : str
+        What `ps` shows of its job.
     """
 
-    def __init__(self, module: str, variables: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, module: str, variables: Mapping[str, str] | None = None, about: str = ""
+    ) -> None:
         read_end, write_end = os.pipe()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, str(write_end)],
+            [sys.executable, "-m", module, str(write_end), about],
             env={**os.environ, **(variables or {})},
             stdin=subprocess.PIPE,
             pass_fds=(write_end,),
@@ -168,10 +172,10 @@ class Worker:
 
 
 def supervise(
-    module: str, job: dict[str, Any], backend: Any, watcher: Watcher | None = None
+    module: str, job: dict[str, Any], backend: Any, watcher: Watcher | None = None, about: str = ""
 ) -> dict[str, Any]:
     """Have a new worker carry out a job with a backend; see `Worker`."""
-    with Worker(module, backends.environment(backend)) as worker:
+    with Worker(module, backends.environment(backend), about) as worker:
         return worker.carry_out(job, watcher)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -114,9 +113,7 @@ def workers_of(out: Path) -> list[int]:
             state = (entry / "stat").read_text().rpartition(")")[2].split()[0]
         except OSError:
             continue
-        if b"inim.jobs.sweep" not in words or state == "Z":
-            continue
-        job = json.loads(next(word for word in words if word.startswith(b"{")))
-        if job["task"]["request"]["out"] == os.path.abspath(out):  # noqa: PTH100
+        of_this = os.fsencode(os.path.abspath(out)) in words  # noqa: PTH100
+        if b"inim.jobs.sweep" in words and of_this and state != "Z":
             found.append(int(entry.name))
     return found

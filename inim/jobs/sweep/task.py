@@ -124,7 +124,7 @@ def _carry_out(task: Task, watcher: Watcher | None) -> None:
     staging = _open_staging(task)
     job = {"task": task.as_json(), "staging": str(staging), "quiet": True, "debug": task.debug}
     try:
-        outcome_of(supervise("inim.jobs.sweep", job, backend, watcher))
+        outcome_of(supervise("inim.jobs.sweep", job, backend, watcher, str(task.request.out)))
     finally:
         shutil.rmtree(staging, ignore_errors=True)
 
