@@ -173,18 +173,18 @@ class Generated(Contender):
             def once(product: str, anew: Callable[[], Record], told: Any = None) -> Record:
                 return job.memo.recall(product, parts, anew, told=told) if self._is_own else anew()
 
-            def fixed_eia() -> np.ndarray:
-                return self._again(job, prepared()[0], _fixed_picture(job.plan))
+            plan, exact = job.plan, parse_algorithm(self.name)[0] in _EXACT
+
+            def fixed_eia(rgbd: RGBD | None = None) -> np.ndarray:
+                return self._again(job, prepared()[0], rgbd or _fixed_picture(plan))
+
+            def print_anew() -> Record:
+                rgbd = _fixed_picture(plan)
+                found = fingerprint(rgbd, fixed_eia(rgbd), plan.display, exact=exact)
+                return Record({"sample": found.sample}, found.as_data())
 
             def fixed_print() -> Fingerprint:
-                name, exact = f"{product}, fixed picture", self.name.partition(":")[0] in _EXACT
-
-                def make() -> Record:
-                    rgbd, display = _fixed_picture(job.plan), job.plan.display
-                    found = fingerprint(rgbd, fixed_eia(), display, exact=exact)
-                    return Record({"sample": found.sample}, found.as_data())
-
-                found = once(name, make)
+                found = once(f"{product}, fixed picture", print_anew)
                 return Fingerprint.of(found.facts | {"exact": exact}, found.arrays["sample"])
 
             record = once(product, lambda: self._made(job, truth, prepared()), _made)
@@ -201,10 +201,11 @@ class Generated(Contender):
 
     def _generator(self, job: Ledger) -> tuple[Generator, float]:
         """The generator, prepared, and the seconds that took."""
-        display, (shape, pixel_mm) = job.plan.display, _capture_grid(job.plan)
+        plan = job.plan
+        shape, pixel_mm, mask = plan.capture_shape, plan.capture_pixel_mm, job.observed
         started = time.perf_counter()
         with blamed(self.name, "prepare"):
-            made = prepare(display, self.name, shape=shape, pixel_mm=pixel_mm, mask=job.observed)
+            made = prepare(plan.display, self.name, shape=shape, pixel_mm=pixel_mm, mask=mask)
         return made, time.perf_counter() - started
 
     def _made(self, job: Ledger, truth: GroundTruth, prepared: tuple[Generator, float]) -> Record:
@@ -232,14 +233,8 @@ class Generated(Contender):
         return eia if self._is_own else eia.copy()
 
 
-def _capture_grid(plan: Plan) -> tuple[tuple[int, int], float]:
-    """Rows and columns of the RGB-D picture, and its pixels' side [mm]."""
-    per_pitch = plan.settings.capture_pixels_per_pitch
-    return plan.display.capture_shape(per_pitch), plan.display.pitch_mm / per_pitch
-
-
 def _fixed_picture(plan: Plan) -> RGBD:
-    return fixed_picture(plan.display, *_capture_grid(plan))
+    return fixed_picture(plan.display, plan.capture_shape, plan.capture_pixel_mm)
 
 
 def _made() -> tuple[str, str, str]:

@@ -72,6 +72,16 @@ class Plan:
     rays_in_flight: int
     baseline: Evidence | None = None
 
+    @property
+    def capture_shape(self) -> tuple[int, int]:
+        """Rows and columns of the RGB-D picture."""
+        return self.display.capture_shape(self.settings.capture_pixels_per_pitch)
+
+    @property
+    def capture_pixel_mm(self) -> float:
+        """Side of its pixels [mm]."""
+        return self.display.pitch_mm / self.settings.capture_pixels_per_pitch
+
 
 def make_plan(request: Request) -> Plan:
     """Read the scene's settings and check them against each other.

@@ -76,7 +76,7 @@ class Request:
         return words
 
     def as_json(self) -> dict[str, Any]:
-        """For the worker's command line; `from_json` reads it."""
+        """For the worker; `from_json` reads it."""
         return {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
 
     @classmethod

@@ -173,7 +173,7 @@ def _capture(job: Ledger) -> tuple[RGBD, RGBD]:
     """Two halves of the samples; depth and coverage are the same in both."""
     s, display = job.plan.settings, job.plan.display
     seed, before = picture_seed("capture", s.seed), job.clock.samples
-    shape = display.capture_shape(s.capture_pixels_per_pitch)
+    shape = job.plan.capture_shape
     parts = capture_parts(job, "capture")
 
     def make() -> Record:
@@ -195,8 +195,7 @@ def _capture(job: Ledger) -> tuple[RGBD, RGBD]:
         told = _traced(job, before, whole)
         found = job.memo.recall("RGB-D picture", parts, make, told=told).arrays
         one, other = job.finite("RGB-D", found["first"], found["second"])
-        pixel_mm = display.pitch_mm / s.capture_pixels_per_pitch
-        first = RGBD(one, found["depth_mm"], found["covered"], pixel_mm)
+        first = RGBD(one, found["depth_mm"], found["covered"], job.plan.capture_pixel_mm)
         return first, replace(first, color=other)
 
 
@@ -240,7 +239,9 @@ def _capture_layers(job: Ledger) -> tuple[LayeredRGBD, LayeredRGBD]:
 
     with job.stage("capture layers"):
         record = job.memo.recall("layers behind the picture", parts, make, told=lambda: _PEELED)
-        first, second = (_layered(record, display, s, half) for half in ("first", "second"))
+        first, second = (
+            _layered(record, job.plan.capture_pixel_mm, half) for half in ("first", "second")
+        )
         shares = ", ".join(f"{layer.covered.mean():.2%}" for layer in first.layers)
         detail = f"they cover {shares} of the pixels, nearest first"
         job.check("RGB-D: layers", float(len(first.layers)), ">=", 1, detail)
@@ -267,7 +268,7 @@ _PEELED = (
 )
 
 
-def _layered(record: Record, display: Display, settings: Any, half: str) -> LayeredRGBD:
+def _layered(record: Record, pixel_mm: float, half: str) -> LayeredRGBD:
     """A half's picture from what was kept of it."""
     found, count = record.arrays, record.facts["layers"]
     layers = [
@@ -275,7 +276,6 @@ def _layered(record: Record, display: Display, settings: Any, half: str) -> Laye
         for k, color in enumerate(np.split(found[half], count))
     ]
     front = layers[0]
-    pixel_mm = display.pitch_mm / settings.capture_pixels_per_pitch
     return LayeredRGBD(
         front.color, front.front_mm, front.covered, pixel_mm, front.back_mm, tuple(layers[1:])
     )

@@ -252,9 +252,11 @@ def _measure(job: Ledger) -> _Measured:
 
 def _outside_trust(plan: Plan) -> list[str]:
     """What of the display lies outside the limits that the stress run measured."""
-    pixel_mm = plan.display.pitch_mm / plan.settings.capture_pixels_per_pitch
     return trust_warnings(
-        plan.display, plan.settings.lens_model, viewpoints=plan.viewpoints, pixel_mm=pixel_mm
+        plan.display,
+        plan.settings.lens_model,
+        viewpoints=plan.viewpoints,
+        pixel_mm=plan.capture_pixel_mm,
     )
 
 
@@ -273,7 +275,7 @@ def _observed(job: Ledger) -> np.ndarray | None:
 
 def _planned_rays(plan: Plan) -> int:
     s, d = plan.settings, plan.display
-    capture = np.prod(d.capture_shape(s.capture_pixels_per_pitch)) * 2 * max(1, s.capture_spp // 2)
+    capture = np.prod(plan.capture_shape) * 2 * max(1, s.capture_spp // 2)
     eia = np.prod(d.eia_shape) * 2 * max(1, s.eia_spp // 2)
     view = d.lens_rows * d.lens_columns * s.view_pixels_per_lens**2
     looks = 3 * (len(plan.contenders) + 1)

@@ -74,7 +74,7 @@ class BenchRequest:
         return words
 
     def as_json(self) -> dict[str, Any]:
-        """For the worker's command line; `from_json` reads it."""
+        """For the worker; `from_json` reads it."""
         raw = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
         return {**raw, "layers": [str(path) for path in self.layers]}
 

@@ -72,7 +72,7 @@ class Task:
     debug: bool = False
 
     def as_json(self) -> dict[str, Any]:
-        """For the worker's command line; `from_json` reads it."""
+        """For the worker; `from_json` reads it."""
         return {**asdict(self), "request": self.request.as_json()}
 
     @classmethod
