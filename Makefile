@@ -74,5 +74,5 @@ endef
 # Asking costs a tenth of a second once the answer is remembered.
 define usable_backend
 $(BIN)/python -c 'from inim.backend import choose_backend; choose_backend()' 2>/dev/null || \
-  $(BIN)/python -m inim.install_llvm
+  $(BIN)/python -m inim.backend.install_llvm
 endef

@@ -14,22 +14,22 @@ from inim.version import __version__
 if TYPE_CHECKING:
     from inim.display import DISPLAYS as DISPLAYS
     from inim.display import Display as Display
+    from inim.display.viewpoint import Viewpoint as Viewpoint
     from inim.generators import generate as generate
-    from inim.jobs.validate import validate as validate
-    from inim.kernel.reconstruct import reconstruct as reconstruct
+    from inim.pipeline.validate import validate as validate
+    from inim.render.reconstruct import reconstruct as reconstruct
     from inim.report import Report as Report
     from inim.rgbd import RGBD as RGBD
-    from inim.viewpoint import Viewpoint as Viewpoint
 
 _HOME = {
     "DISPLAYS": "inim.display",
     "Display": "inim.display",
     "RGBD": "inim.rgbd",
     "Report": "inim.report",
-    "Viewpoint": "inim.viewpoint",
+    "Viewpoint": "inim.display",
     "generate": "inim.generators",
-    "reconstruct": "inim.kernel.reconstruct",
-    "validate": "inim.jobs.validate",
+    "reconstruct": "inim.render.reconstruct",
+    "validate": "inim.pipeline.validate",
 }
 
 __all__ = [*_HOME, "__version__"]

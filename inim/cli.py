@@ -188,7 +188,7 @@ def _add_validate(commands: Commands) -> None:
 
 
 def _add_picture(parser: argparse.ArgumentParser) -> None:
-    from inim.jobs.generate import add_picture_arguments
+    from inim.commands.generate import add_picture_arguments
 
     picture = parser.add_argument_group(
         "in place of a scene",
@@ -201,7 +201,7 @@ def _add_picture(parser: argparse.ArgumentParser) -> None:
 
 
 def _validate_picture(args: argparse.Namespace) -> int:
-    from inim.jobs.picture.job import run_picture
+    from inim.pipeline.own_picture import run_picture
 
     passed, out = run_picture(args)
     if not args.quiet:
@@ -210,8 +210,8 @@ def _validate_picture(args: argparse.Namespace) -> int:
 
 
 def _validate(args: argparse.Namespace) -> int:
-    from inim.jobs.request import Request, default_out
-    from inim.jobs.supervisor import run_in_worker
+    from inim.pipeline.request import Request, default_out
+    from inim.worker.supervisor import run_in_worker
 
     # An asked-for end takes the worker and its half-written files along, as Ctrl-C does.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
@@ -273,7 +273,7 @@ def _add_baseline(commands: Commands) -> None:
 
 
 def _accept(args: argparse.Namespace) -> int:
-    from inim.jobs.baseline import accept
+    from inim.pipeline.baseline import accept
 
     print(f"baseline: {accept(args.out, args.reason, args.to)}")
     return EXIT_PASSED
@@ -294,7 +294,7 @@ def _add_compare(commands: Commands) -> None:
 
 
 def _compare(args: argparse.Namespace) -> int:
-    from inim.jobs.compare import compare_reports
+    from inim.commands.compare import compare_reports
 
     out = args.out or Path("compare")
     passed, lines = compare_reports(args.baseline, args.candidate, out)
@@ -305,7 +305,7 @@ def _compare(args: argparse.Namespace) -> int:
 
 
 def _add_new_scene(commands: Commands) -> None:
-    from inim.jobs import new_scene
+    from inim.commands import new_scene
 
     parser = commands.add_parser("new-scene", help="write a lit, fitted scene for a mesh")
     new_scene.add_arguments(parser)
@@ -313,7 +313,7 @@ def _add_new_scene(commands: Commands) -> None:
 
 
 def _add_bench(commands: Commands) -> None:
-    from inim.jobs.bench import command
+    from inim.commands import bench as command
 
     parser = commands.add_parser(
         "bench",
@@ -326,7 +326,7 @@ def _add_bench(commands: Commands) -> None:
 
 
 def _add_inspect(commands: Commands) -> None:
-    from inim.inspection import command
+    from inim.commands import inspect as command
 
     parser = commands.add_parser(
         "inspect",
@@ -339,7 +339,7 @@ def _add_inspect(commands: Commands) -> None:
 
 
 def _add_view(commands: Commands) -> None:
-    from inim.jobs import view
+    from inim.commands import view
 
     parser = commands.add_parser(
         "view", help="see a report's panels, or any EIA, through the lens array in a browser"
@@ -349,7 +349,7 @@ def _add_view(commands: Commands) -> None:
 
 
 def _add_film(commands: Commands) -> None:
-    from inim.jobs.film import command
+    from inim.commands import film as command
 
     parser = commands.add_parser("film", help="film a report's display with an eye that moves")
     command.add_arguments(parser)
@@ -357,7 +357,7 @@ def _add_film(commands: Commands) -> None:
 
 
 def _add_generate(commands: Commands) -> None:
-    from inim.jobs import generate
+    from inim.commands import generate
 
     parser = commands.add_parser(
         "generate", help="make an EIA of your own colour and depth picture"
@@ -367,7 +367,7 @@ def _add_generate(commands: Commands) -> None:
 
 
 def _add_stress(commands: Commands) -> None:
-    from inim.jobs.stress import command
+    from inim.commands import stress as command
 
     parser = commands.add_parser(
         "stress",
@@ -380,7 +380,7 @@ def _add_stress(commands: Commands) -> None:
 
 
 def _add_sweep(commands: Commands) -> None:
-    from inim.jobs.sweep import command
+    from inim.commands import sweep as command
 
     parser = commands.add_parser(
         "sweep",
@@ -393,7 +393,7 @@ def _add_sweep(commands: Commands) -> None:
 
 
 def _add_export(commands: Commands) -> None:
-    from inim.jobs import export
+    from inim.commands import export
 
     parser = commands.add_parser("export", help="write an EIA's views: pictures, HCI, quilt")
     export.add_arguments(parser)
@@ -401,7 +401,7 @@ def _add_export(commands: Commands) -> None:
 
 
 def _add_depth(commands: Commands) -> None:
-    from inim.jobs import depth
+    from inim.commands import depth
 
     parser = commands.add_parser("depth", help="estimate the depth of a photograph")
     depth.add_arguments(parser)
@@ -409,7 +409,7 @@ def _add_depth(commands: Commands) -> None:
 
 
 def _add_cache(commands: Commands) -> None:
-    from inim.jobs import cache
+    from inim.commands import cache
 
     parser = commands.add_parser("cache", help="what the store of results holds; empty it")
     cache.add_arguments(parser)
@@ -432,14 +432,14 @@ def _sys_info(args: argparse.Namespace) -> int:
 
 
 def _install_llvm(_: argparse.Namespace) -> int:
-    from inim.install_llvm import install_llvm
+    from inim.backend.install_llvm import install_llvm
 
     install_llvm()
     return EXIT_PASSED
 
 
 def _algorithms(_: argparse.Namespace) -> int:
-    from inim.jobs.contenders import algorithm_table
+    from inim.pipeline.method import algorithm_table
 
     print(algorithm_table())
     return EXIT_PASSED

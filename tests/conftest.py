@@ -64,7 +64,7 @@ def small_display(columns: int = 12, rows: int = 10, pixels: int = 8, **changes:
 @pytest.fixture(scope="session")
 def renderer() -> object:
     """The renderer with a variant set; tests that render ask for it."""
-    from inim.kernel import variant
+    from inim.render import variant
 
     return variant.use()
 
@@ -72,8 +72,8 @@ def renderer() -> object:
 @pytest.fixture
 def open_fitted(renderer: object, tmp_path: Path):
     """Open scene text fitted to a display."""
-    from inim.kernel.scene import open_scene
-    from inim.scene_file import read_scene_file
+    from inim.render.scene import open_scene
+    from inim.scene.file import read_scene_file
 
     def opened(text: str, display: Display, fit_share: float = 0.85):
         path = tmp_path / "scene.xml"

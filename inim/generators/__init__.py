@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from inim.backend.numba_cache import settle_cache
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators.base import Generator, PictureShape, SourceGenerator, check_mask
 from inim.generators.sources import HOLE, NO_LENS, NOT_ASKED, Sources, colour_of, hole_fraction
-from inim.numba_cache import settle_cache
 from inim.rgbd import RGBD
 
 __all__ = [
@@ -60,7 +60,7 @@ GENERATORS: dict[str, str] = {
     "li2012": "inim.generators.li2012",
     "gu2020": "inim.generators.gu2020",
     "wang2024": "inim.generators.wang2024",
-    "template_jit": "inim.kernel.template_jit",
+    "template_jit": "inim.render.template_jit",
 }
 _ENTRY_POINTS = "inim.generators"
 #: Ray tracing the scene itself, which a validation can score beside the generators.
@@ -215,7 +215,7 @@ def prepare(
         raise UsageError(f"algorithm {name!r} made a {type(made).__name__}, which cannot generate")
     if mask is None or knows:
         return made
-    from inim.generators.asked import masked
+    from inim.generators.raycast.pixel_mask import masked
 
     return masked(made, mask)
 

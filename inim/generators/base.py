@@ -82,7 +82,7 @@ class SourceGenerator(ABC):
     pixel_mm : float
         Their pixel.
     asked : AskedPixels, optional
-        Yield one row of these, (1, n), in place of the panel; see `inim.generators.asked`.
+        Yield one row of these, (1, n), in place of the panel; see `raycast.pixel_mask`.
     """
 
     #: For those by others that do without this class's `__init__`.

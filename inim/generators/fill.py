@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
+from inim.display.pixel_axis import PixelAxis
 from inim.generators.sources import Sources, colour_of
-from inim.pixel_axis import PixelAxis
 from inim.rgbd import RGBD
 
 __all__ = ["FILLS", "filled"]

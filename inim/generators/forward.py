@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.pixel_axis import PixelAxis, stated
+from inim.display.pixel_axis import PixelAxis, stated
 
 __all__ = ["ForwardAxis", "forward_axes"]
 

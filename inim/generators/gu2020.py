@@ -32,18 +32,18 @@ import numpy as np
 from numba.extending import register_jitable
 
 from inim.display import Display
+from inim.display.panel import SubPixel
+from inim.display.pixel_axis import stated
 from inim.errors import UsageError
-from inim.generators.asked import OnPanel, asked_pixels
 from inim.generators.base import AskedPixels, PictureShape, SourceGenerator
-from inim.generators.cells import Aside, cell_rays
-from inim.generators.free_rays import free_rays
 from inim.generators.options import one_of, positive_mm
 from inim.generators.plain import IMPLEMENTATIONS, run
+from inim.generators.raycast.cells import Aside, cell_rays
+from inim.generators.raycast.non_separable import free_rays
+from inim.generators.raycast.pixel_mask import OnPanel, asked_pixels
+from inim.generators.raycast.subpixels import by_subpixel
+from inim.generators.raycast.working_type import DTYPES
 from inim.generators.sources import HOLE, Sources
-from inim.generators.subpixels import by_subpixel
-from inim.generators.working_type import DTYPES
-from inim.panel import SubPixel
-from inim.pixel_axis import stated
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
@@ -73,7 +73,7 @@ def prepare(
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one.
     dtype : {"float64", "float32"}
-        What is computed in; see `inim.generators.working_type`.
+        What is computed in; see `inim.generators.raycast.working_type`.
 
     Raises
     ------

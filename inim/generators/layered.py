@@ -1,7 +1,7 @@
 """`layered`: the exact first hit in a picture that knows what lies behind its front surface.
 
 Definition. As `inim.generators.template`, but a pixel's column is solid only from each layer's
-front down to its back (`inim.layered_rgbd`). A ray is in a cell between the depths at which it
+front down to its back (`inim.rgbd.LayeredRGBD`). A ray is in a cell between the depths at which it
 enters and leaves it; the first cell, and in it the nearest layer, whose solid reaches into that
 span is what the pixel shows: ``front >= exit`` and ``back <= entry``. The last cell ends at z_min.
 
@@ -18,13 +18,16 @@ import numba
 import numpy as np
 
 from inim.display import Display
+from inim.display.panel import SubPixel
 from inim.errors import UsageError
-from inim.generators.asked import OnPanel, asked_pixels, masked
 from inim.generators.base import AskedPixels, PictureShape, SourceGenerator
-from inim.generators.cells import Aside, cell_rays
-from inim.generators.direction_lists import build_lists, shares_directions
-from inim.generators.free_rays import free_rays
-from inim.generators.lanes import (
+from inim.generators.raycast.cells import Aside, cell_rays
+from inim.generators.raycast.direction_lists import build_lists, shares_directions
+from inim.generators.raycast.non_separable import free_rays
+from inim.generators.raycast.pixel_mask import OnPanel, asked_pixels, masked
+from inim.generators.raycast.polyphase import Phases, index_payload, nearest_surface, write_strip
+from inim.generators.raycast.ray_length import check_ray_length, fits_tables
+from inim.generators.raycast.simd import (
     LANES,
     all_lanes,
     any_lane,
@@ -36,15 +39,11 @@ from inim.generators.lanes import (
     same,
     store,
 )
-from inim.generators.polyphase import Phases, index_payload, nearest_surface, write_strip
-from inim.generators.ray_length import check_ray_length, fits_tables
+from inim.generators.raycast.subpixels import by_subpixel
+from inim.generators.raycast.supersampling import Supersampled, sampled_places
+from inim.generators.raycast.traversal import entered, leaves
 from inim.generators.sources import HOLE, Sources
-from inim.generators.subpixels import by_subpixel
-from inim.generators.supersampling import Supersampled, sampled_places
-from inim.generators.traversal import entered, leaves
-from inim.layered_rgbd import Layer, LayeredRGBD
-from inim.panel import SubPixel
-from inim.rgbd import RGBD
+from inim.rgbd import RGBD, Layer, LayeredRGBD
 
 __all__ = ["prepare"]
 
@@ -295,7 +294,7 @@ def _run_row(  # type: ignore[no-untyped-def]
     nearest, deeper_nearest, first, offset, phase_row, reach, exits, entries, columns, widths,
     empty, strip, out,
 ):  # fmt: skip
-    """One row of lenses, a panel row and a strip at a time; see `inim.generators.polyphase`."""
+    """One row of lenses, a panel row and a strip at a time; see `raycast.polyphase`."""
     pixels, lenses, layers = widths[0], len(widths), len(deeper_front)
     for v in range(pixels):
         for s in range(nearest.shape[1]):
@@ -422,7 +421,7 @@ def _free_first_hits(fronts, backs, u0, du, v0, dv, z_min, z_max, found):  # typ
 
 @numba.njit(cache=True, nogil=True)
 def _first_hit(fronts, backs, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
-    """Walk one ray as `inim.generators.traversal.first_hit` does, asking every layer's solid."""
+    """Walk one ray as `raycast.traversal.first_hit` does, asking every layer's solid."""
     layers, rows, columns = fronts.shape
     step_u = -1 if du > 0 else 1
     step_v = -1 if dv > 0 else 1

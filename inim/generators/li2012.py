@@ -43,8 +43,8 @@ from inim.generators.fill import FILLS, filled
 from inim.generators.forward import ForwardAxis, forward_axes
 from inim.generators.options import one_of
 from inim.generators.plain import IMPLEMENTATIONS, run
+from inim.generators.raycast.working_type import DTYPES
 from inim.generators.sources import HOLE, Sources, colour_of
-from inim.generators.working_type import DTYPES
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
@@ -71,7 +71,7 @@ def prepare(
         The same result, by numba on all threads or by plain Python on one; the painting is not
         part of the method and the same for both.
     dtype : {"float64", "float32"}
-        What is computed in; see `inim.generators.working_type`.
+        What is computed in; see `inim.generators.raycast.working_type`.
 
     Raises
     ------

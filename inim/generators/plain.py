@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.errors import UsageError
-from inim.generators.working_type import in_type
+from inim.generators.raycast.working_type import in_type
 
 __all__ = ["IMPLEMENTATIONS", "run"]
 

@@ -11,20 +11,20 @@ column; one that crosses exactly at a corner passes to the diagonal neighbour.
 Three ways lead to the same sources, bit for bit, on displays that are separable:
 
 * where co-located pixels of all lenses are parallel and the picture has a whole number of pixels
-  per pitch, one list of cells per direction serves all lenses (`inim.generators.direction_lists`),
-  and runs over the picture's phases without a gather (`inim.generators.polyphase`);
+  per pitch, one list of cells per direction serves all lenses (`raycast.direction_lists`),
+  and runs over the picture's phases without a gather (`inim.generators.raycast.polyphase`);
 * where only the picture is so (15.7 pixels per lens, an elemental-image pitch of its own), strips
-  of lenses share cells but not exit depths (`inim.generators.strips`);
-* anywhere else each ray is walked by itself (`inim.generators.traversal`).
+  of lenses share cells but not exit depths (`inim.generators.raycast.non_integer_pitch`);
+* anywhere else each ray is walked by itself (`inim.generators.raycast.traversal`).
 
 Where only some pixels are asked for, templates run over the few lenses that need them
-(`inim.generators.lens_runs`), and other rays are walked one by one.
+(`inim.generators.raycast.lens_runs`), and other rays are walked one by one.
 
 A fourth serves the others, hexagonal lattices and arrays that are turned or tilted: each ray by
-itself, in float64, exact but for ties (`inim.generators.free_rays`).
+itself, in float64, exact but for ties (`inim.generators.raycast.non_separable`).
 
 Where a pixel's colours shine from places of their own (`Display.subpixels`), each colour's rays
-start there (`inim.generators.subpixels`); sources are those of the pixel's centre.
+start there (`inim.generators.raycast.subpixels`); sources are those of the pixel's centre.
 """
 
 from __future__ import annotations
@@ -35,29 +35,39 @@ from fractions import Fraction
 import numpy as np
 
 from inim.display import Display
+from inim.display.panel import SubPixel
+from inim.display.pixel_axis import PixelAxis
 from inim.errors import UsageError
-from inim.generators.asked import OnPanel, OntoPanel, PanelPlaces, asked_pixels
-from inim.generators.axis_runs import AxisRuns, axis_runs, doubtful_pixels, first_hits_in_runs
 from inim.generators.base import (
     AskedPixels,
     PictureShape,
     SourceGenerator,
     require_separable,
 )
-from inim.generators.cells import CENTRE, Aside, CellRays, cell_rays
-from inim.generators.direction_lists import build_lists, cells_per_pitch, shares_directions
-from inim.generators.free_rays import FreeRays
-from inim.generators.lens_runs import AskedRuns, LensRuns, column_bounds
 from inim.generators.options import one_of
-from inim.generators.polyphase import Phases, index_payload, run_templates
-from inim.generators.ray_length import check_ray_length, fits_tables
+from inim.generators.raycast.axis_runs import (
+    AxisRuns,
+    axis_runs,
+    doubtful_pixels,
+    first_hits_in_runs,
+)
+from inim.generators.raycast.cells import CENTRE, Aside, CellRays, cell_rays
+from inim.generators.raycast.direction_lists import build_lists, cells_per_pitch, shares_directions
+from inim.generators.raycast.lens_runs import AskedRuns, LensRuns, column_bounds
+from inim.generators.raycast.non_integer_pitch import (
+    cell_pairs,
+    row_runs,
+    run_strips,
+    strip_columns,
+)
+from inim.generators.raycast.non_separable import FreeRays
+from inim.generators.raycast.pixel_mask import OnPanel, OntoPanel, PanelPlaces, asked_pixels
+from inim.generators.raycast.polyphase import Phases, index_payload, run_templates
+from inim.generators.raycast.ray_length import check_ray_length, fits_tables
+from inim.generators.raycast.subpixels import by_subpixel
+from inim.generators.raycast.traversal import first_hits, first_hits_at, starts
+from inim.generators.raycast.working_type import DTYPES, in_type
 from inim.generators.sources import HOLE, Sources
-from inim.generators.strips import cell_pairs, row_runs, run_strips, strip_columns
-from inim.generators.subpixels import by_subpixel
-from inim.generators.traversal import first_hits, first_hits_at, starts
-from inim.generators.working_type import DTYPES, in_type
-from inim.panel import SubPixel
-from inim.pixel_axis import PixelAxis
 from inim.rgbd import RGBD
 
 __all__ = ["prepare", "ray_by_ray"]
@@ -84,7 +94,7 @@ def prepare(
         (`Display.pixel_fill`). Colours are averaged in linear light, a hole counting as black.
     dtype : {"float64", "float32"}
         float32 walks every ray by itself in single precision, as a port to hardware without float64
-        would: rounded, not exact. See `inim.generators.working_type`.
+        would: rounded, not exact. See `inim.generators.raycast.working_type`.
 
     Raises
     ------
@@ -118,7 +128,7 @@ def prepare(
     def seen_from(subpixel: SubPixel) -> SourceGenerator:
         if int(samples) == 1:
             return first_hits_through((Fraction(0), subpixel.right))
-        from inim.generators.supersampling import Supersampled, sampled_places
+        from inim.generators.raycast.supersampling import Supersampled, sampled_places
 
         places = sampled_places(int(samples), subpixel, display.pixel_fill)
         return Supersampled(first_hits_through, places)

@@ -39,13 +39,13 @@ from numba.extending import register_jitable
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.asked import OnPanel, asked_pixels
 from inim.generators.base import AskedPixels, PictureShape, SourceGenerator, require_separable
-from inim.generators.cells import cell_rays
 from inim.generators.options import one_of
 from inim.generators.plain import IMPLEMENTATIONS, run
+from inim.generators.raycast.cells import cell_rays
+from inim.generators.raycast.pixel_mask import OnPanel, asked_pixels
+from inim.generators.raycast.working_type import DTYPES, as_type_of
 from inim.generators.sources import HOLE, Sources
-from inim.generators.working_type import DTYPES, as_type_of
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
@@ -76,7 +76,7 @@ def prepare(
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one.
     dtype : {"float64", "float32"}
-        What is computed in; see `inim.generators.working_type`.
+        What is computed in; see `inim.generators.raycast.working_type`.
 
     Raises
     ------

@@ -21,7 +21,8 @@ from inim.regression.comparison import (
     compare,
     drift,
 )
-from inim.regression.evidence import (
+from inim.regression.reference_eia import Fingerprint, fingerprint, reference_input
+from inim.regression.run_statistics import (
     BASELINE,
     CANDIDATE,
     SCHEMA,
@@ -29,9 +30,8 @@ from inim.regression.evidence import (
     read_evidence,
     write_evidence,
 )
-from inim.regression.fixed_picture import Fingerprint, fingerprint, fixed_picture
 from inim.regression.scores import ScoreEstimate, score_interval, view_scores
-from inim.regression.tiles import OneHalf, TileStatistics, eia_tile, tile_statistics, view_tile
+from inim.regression.tiles import HalfBuffer, TileStatistics, eia_tile, tile_statistics, view_tile
 from inim.regression.times import is_steady, log_ratios, yardsticks
 from inim.regression.verdict import Verdict, all_passed
 
@@ -41,7 +41,7 @@ __all__ = [
     "SCHEMA",
     "Evidence",
     "Fingerprint",
-    "OneHalf",
+    "HalfBuffer",
     "ScoreEstimate",
     "TileStatistics",
     "Verdict",
@@ -53,10 +53,10 @@ __all__ = [
     "drift",
     "eia_tile",
     "fingerprint",
-    "fixed_picture",
     "is_steady",
     "log_ratios",
     "read_evidence",
+    "reference_input",
     "score_interval",
     "tile_statistics",
     "view_scores",

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from inim.errors import BaselineError
-from inim.regression.evidence import Evidence, differing_conditions
-from inim.regression.fixed_picture import compare_fingerprints
 from inim.regression.pictures import compare_noise, compare_pictures
+from inim.regression.reference_eia import compare_fingerprints
+from inim.regression.run_statistics import Evidence, differing_conditions
 from inim.regression.scores import compare_scores
 from inim.regression.times import compare_times
 from inim.regression.verdict import Verdict

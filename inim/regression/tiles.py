@@ -37,7 +37,7 @@ import numpy as np
 from inim.regression.inference import freedom_of_sum
 from inim.row_bands import row_bands
 
-__all__ = ["OneHalf", "TileStatistics", "eia_tile", "tile_statistics", "view_tile"]
+__all__ = ["HalfBuffer", "TileStatistics", "eia_tile", "tile_statistics", "view_tile"]
 
 # Views: small enough to see a shift of half a pixel at an edge, large enough for a standard error.
 _LEAST_TILE_PX = 8
@@ -100,7 +100,7 @@ class TileStatistics:
 
 
 @dataclass(frozen=True)
-class OneHalf:
+class HalfBuffer:
     """A half of a picture's samples, from the picture and its noise, made as its rows are read.
 
     Attributes
@@ -151,8 +151,8 @@ def eia_tile(shape: tuple[int, int], lens_counts: tuple[int, int]) -> tuple[int,
 
 
 def tile_statistics(
-    first: np.ndarray | OneHalf,
-    second: np.ndarray | OneHalf,
+    first: np.ndarray | HalfBuffer,
+    second: np.ndarray | HalfBuffer,
     tile: tuple[int, int],
     *,
     generated: bool = False,

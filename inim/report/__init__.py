@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.errors import FileError
-from inim.formats.image import write_atomically
+from inim.files.image import write_atomically
 from inim.report.strict_json import from_strict, to_strict
 from inim.report.wording import verdict
 

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from inim.formats.image import write_atomically
+from inim.files.image import write_atomically
 from inim.report.junit import render_junit
 from inim.report.markup import element, section, text
 from inim.report.pictures import ENCODINGS, Pictures

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from inim.errors import InimError
-from inim.formats.image import read_rgbd
+from inim.files.image import read_rgbd
 from inim.report.markup import text
 from inim.report.wording import is_number, mm
 from inim.rgbd import RGBD

@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from inim.beside import beside
+from inim.parallel import beside
 from inim.report import virtual_display, wipe
 from inim.report.markup import element, mark, section, text
 from inim.report.pictures import ENCODINGS, Pictures

@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from inim.formats.image import write_atomically
+from inim.files.image import write_atomically
 from inim.report.markup import element, figure, section, table, text, void
 from inim.report.strict_json import from_strict, to_strict
 from inim.report.wording import MISSING, items, number, part, per_cent, plain, score

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from inim.cache.digest import code_digest, value_digest
+from inim.cache.store import remembered
 from inim.color import linear_from_srgb
-from inim.digest import code_digest, value_digest
-from inim.formats.image import encoded
+from inim.files.image import encoded
 from inim.metrics import SSIM_WINDOW, ssim_map
 from inim.report.markup import element, text, void
-from inim.store import remembered
 
 __all__ = [
     "DIFFERENCE_GAIN",
@@ -132,7 +132,7 @@ def similarity(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
         first, second = (linear_from_srgb(codes.astype(np.float32) / 255) for codes in (a, b))
         return _magma(1 - ssim_map(first, second))
 
-    code = code_digest("metrics.py", "color.py", "report/pictures.py")
+    code = code_digest("metrics", "color.py", "report/pictures.py")
     return remembered(lambda: value_digest(["map of SSIM", a, b, code]), make)
 
 

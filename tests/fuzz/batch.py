@@ -42,9 +42,9 @@ Read = Callable[[Path], object]
 
 def _open_scene(path: Path) -> None:
     """As the worker does, after the plan as the parent makes it."""
-    from inim.jobs.plan import make_plan
-    from inim.jobs.request import Request
-    from inim.kernel.scene import open_scene
+    from inim.pipeline.plan import make_plan
+    from inim.pipeline.request import Request
+    from inim.render.scene import open_scene
 
     plan = make_plan(Request(path, path.parent / "out"))
     open_scene(plan.file, plan.display, plan.settings.fit_share)
@@ -64,33 +64,33 @@ def _in_a_scene(shape: str, plugin: str) -> Read:
 
 
 def _new_scene(path: Path) -> None:
-    from inim.jobs.new_scene import new_scene
+    from inim.commands.new_scene import new_scene
 
     out = path.parent / "made" / "new.xml"
     new_scene(path, out, unit="mm", up="y", force=True, warn=lambda _: None)
 
 
 def _eia(path: Path) -> None:
-    from inim.formats.eia_file import read_eia
+    from inim.files.eia_file import read_eia
 
     read_eia(path, DISPLAY)
 
 
 def _rgbd(path: Path) -> None:
-    from inim.formats.image import read_exr, read_rgbd
+    from inim.files.image import read_exr, read_rgbd
 
     read_exr(path)
     read_rgbd(path)
 
 
 def _depth(path: Path) -> None:
-    from inim.pictures.depth_file import read_depth
+    from inim.from_camera.depth_file import read_depth
 
     read_depth(path)
 
 
 def _color(path: Path) -> None:
-    from inim.pictures.color_file import read_color
+    from inim.from_camera.color_file import read_color
 
     read_color(path)
 
@@ -179,7 +179,7 @@ def _wake(kind: str) -> None:
         import OpenEXR  # noqa: F401
         import trimesh  # noqa: F401
     if not all(door in _WITHOUT_RENDERER for door in DOORS[kind]):
-        from inim.kernel import variant
+        from inim.render import variant
 
         variant.use()
 

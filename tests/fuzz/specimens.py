@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.formats.image import write_exr, write_rgbd
-from inim.formats.mesh import Mesh, write_ply
-from inim.jobs.stress.solids import solids_of
+from inim.files.image import write_exr, write_rgbd
+from inim.files.mesh import Mesh, write_ply
 from inim.rgbd import RGBD
+from inim.stress.solids import solids_of
 from tests.conftest import scene_text, small_display, sphere, square
 
 __all__ = ["DISPLAY", "SPECIMENS"]

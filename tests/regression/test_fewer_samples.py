@@ -10,7 +10,7 @@ import pytest
 
 from inim.clock import Clock
 from inim.metrics import psnr_db, ssim
-from inim.scene_file import read_scene_file
+from inim.scene.file import read_scene_file
 from inim.settings import Settings
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
@@ -22,7 +22,7 @@ def independent(renderer, monkeypatch):
     """Let pixels be traced with independent numbers, in the block."""
     import mitsuba as mi
 
-    from inim.kernel import trace
+    from inim.render import trace
 
     class Independent(mi.Sampler):
         def __init__(self, props):
@@ -53,8 +53,8 @@ def independent(renderer, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["amphora", "jade", "tripod", "wine_coin"])
 def test_a_third_of_the_samples_reach_the_floor_of_uniform_sampling(name, independent):
-    from inim.kernel.ground_truth import pickup
-    from inim.kernel.scene import open_scene
+    from inim.render.ground_truth import pickup
+    from inim.render.scene import open_scene
 
     file = read_scene_file(SCENES / f"{name}.xml")
     # A part of the array, so that it takes a minute: 24 x 24 lenses.

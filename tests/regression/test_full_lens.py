@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from inim.display import Viewpoint
 from inim.settings import Settings
-from inim.viewpoint import Viewpoint
 from tests.conftest import small_display
 
 pytestmark = pytest.mark.usefixtures("renderer")
@@ -53,7 +53,7 @@ def by_lens(view):
 
 def calculated(eia, display):
     """By lens, for each seed, through `thick` lenses: (seeds, lenses, 3)."""
-    from inim.kernel.reconstruct import DisplayScene
+    from inim.render.reconstruct import DisplayScene
 
     scene = DisplayScene(eia, display, "thick")
     looks = [scene.view(EYE, pixels_per_lens=PER_LENS, spp=SPP, seed=5000 + seed) for seed in SEEDS]
@@ -66,10 +66,10 @@ def traced(eia, display, finer=4, spp=SPP):
     Sobol' points leave so little noise that a validation's own facets, which depart from the curve
     by hundredths of a panel pixel, would be seen; their error falls with the square of their size.
     """
-    from inim.kernel.full_lens import FullLens
-    from inim.kernel.sensors import eye_rays, make_sensor
-    from inim.kernel.trace import Tracer, mean_light
     from inim.lens.sheet_mesh import facets_per_lens
+    from inim.render.full_lens import FullLens
+    from inim.render.sensors import eye_rays, make_sensor
+    from inim.render.trace import Tracer, mean_light
 
     mesh = FullLens(eia, display, finer * facets_per_lens(display))
     rays = eye_rays(display, EYE.position_mm, PER_LENS, mesh.start_mm)
@@ -90,7 +90,7 @@ def least_p(first, second):
 
 
 def test_a_view_through_full_lenses_is_that_of_a_validation_s_mesh():
-    from inim.kernel.reconstruct import DisplayScene
+    from inim.render.reconstruct import DisplayScene
 
     display = display_of()
     eia = picture_for(display)

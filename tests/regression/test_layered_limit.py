@@ -32,10 +32,10 @@ GAIN_DB = 4.0
 
 def scores(path):
     """EIA PSNR of the noise floor, of `layered` and of `template`."""
-    from inim.kernel.ground_truth import capture_layers, pickup
-    from inim.kernel.peel import peel
-    from inim.kernel.scene import open_scene
-    from inim.scene_file import read_scene_file
+    from inim.render.depth_peeling import peel
+    from inim.render.ground_truth import capture_layers, pickup
+    from inim.render.scene import open_scene
+    from inim.scene.file import read_scene_file
 
     fitted = open_scene(read_scene_file(path), NOMINAL, 0.85)
     truth = pickup(fitted, NOMINAL, spp=Settings().eia_spp, seed=1)

@@ -16,8 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.jobs.contenders import Contender, Entry
-from inim.jobs.evidence import (
+from inim.observer import Listener
+from inim.pipeline.ledger import Ledger
+from inim.pipeline.method import Contender, Entry
+from inim.pipeline.plan import make_plan
+from inim.pipeline.reconstruct import reconstruct_views
+from inim.pipeline.request import Request
+from inim.pipeline.run_statistics import (
     Findings,
     against,
     ceiling_scores,
@@ -25,13 +30,8 @@ from inim.jobs.evidence import (
     evidence_of,
     truth_findings,
 )
-from inim.jobs.ledger import Ledger
-from inim.jobs.listener import Listener
-from inim.jobs.plan import make_plan
-from inim.jobs.reconstruction import reconstruct_views
-from inim.jobs.request import Request
-from inim.jobs.truth import GroundTruth, render_truth
-from inim.regression import Evidence, Verdict, compare, fingerprint, fixed_picture
+from inim.pipeline.truth import GroundTruth, render_truth
+from inim.regression import Evidence, Verdict, compare, fingerprint, reference_input
 from inim.rgbd import RGBD
 
 SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"
@@ -69,7 +69,7 @@ class Run:
         first, second = (generate(rgbd) for rgbd in truth.captures)
         plan = self.job.plan
         display = plan.display
-        rgbd = fixed_picture(display, truth.rgbd.shape, truth.rgbd.pixel_mm)
+        rgbd = reference_input(display, truth.rgbd.shape, truth.rgbd.pixel_mm)
         eia, noise = (first + second) / 2, (first - second) / 2
         views = seen(reconstruct_views(self.job, eia, noise, "template"))
         findings = [
@@ -90,7 +90,7 @@ def run_of(folder: Path, **settings: Any) -> Run:
     """A run of the small scene, without a report."""
     from inim.clock import Clock
     from inim.generators import prepare
-    from inim.kernel import variant
+    from inim.render import variant
 
     backend = variant.use()
     definitions = tuple(f"inim.{key}={value}" for key, value in (SMALL | settings).items())
@@ -244,9 +244,11 @@ def test_swapped_views_of_the_scene_are_found_by_name(baseline, run):
 
 @pytest.mark.parametrize("edit", [half_a_pixel, gamma_twice], ids=["half a pixel", "gamma twice"])
 def test_renderer_that_went_wrong_is_found(baseline, run, edit):
-    from inim.halves import Halves
+    from inim.half_buffers import HalfBuffers
 
-    wrong = Halves(*(edit(half).astype(np.float32) for half in _halves(run.truth.views["centre"])))
+    wrong = HalfBuffers(
+        *(edit(half).astype(np.float32) for half in _halves(run.truth.views["centre"]))
+    )
     truth = dataclasses.replace(run.truth, views=run.truth.views | {"centre": wrong})
     found = failed(baseline, run.evidence(truth=truth))
     assert tiles("centre") in found

@@ -24,9 +24,9 @@ NOMINAL = DISPLAYS["nominal"]
 @pytest.mark.usefixtures("renderer")
 @pytest.mark.parametrize("name", ["amphora", "wine_coin", "tripod", "jade"])
 def test_template_beats_wang2024_and_has_no_wrong_source(name):
-    from inim.kernel.ground_truth import capture, pickup
-    from inim.kernel.scene import open_scene
-    from inim.scene_file import read_scene_file
+    from inim.render.ground_truth import capture, pickup
+    from inim.render.scene import open_scene
+    from inim.scene.file import read_scene_file
 
     fitted = open_scene(read_scene_file(SCENES / f"{name}.xml"), NOMINAL, 0.85)
     rgbd = capture(fitted, NOMINAL, pixels_per_pitch=5, spp=16, seed=1)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from inim.jobs.validate import validate
+from inim.pipeline.validate import validate
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from inim.jobs.sweep.table import TABLE, read_table
+from inim.sweep.table import TABLE, read_table
 from tests.conftest import sphere, square
 from tests.system.conftest import Ended, write_scene
 
@@ -114,6 +114,6 @@ def workers_of(out: Path) -> list[int]:
         except OSError:
             continue
         of_this = os.fsencode(os.path.abspath(out)) in words  # noqa: PTH100
-        if b"inim.jobs.sweep" in words and of_this and state != "Z":
+        if b"inim.sweep" in words and of_this and state != "Z":
             found.append(int(entry.name))
     return found

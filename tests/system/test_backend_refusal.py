@@ -71,7 +71,7 @@ def test_file_that_is_no_llvm_is_refused_with_exit_code_3(tmp_path: Path, make: 
 def test_named_library_that_is_bad_ends_the_installer_with_exit_code_3(tmp_path: Path) -> None:
     no_library(tmp_path / "libLLVM-14.so.1")
     library = str(tmp_path / "libLLVM-14.so.1")
-    ended = run("-m", "inim.install_llvm", DRJIT_LIBLLVM_PATH=library, PATH="")
+    ended = run("-m", "inim.backend.install_llvm", DRJIT_LIBLLVM_PATH=library, PATH="")
     assert ended.returncode == EXIT_BACKEND
     assert f"DRJIT_LIBLLVM_PATH names {library} (LLVM 14 is too old" in ended.stderr
 

@@ -11,8 +11,8 @@ import json
 
 import pytest
 
+from inim.bench.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
 from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.jobs.bench.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
 from tests.system.conftest import TINY, assert_one_line, definitions, write_scene
 from tests.system.test_bench import run_bench
 

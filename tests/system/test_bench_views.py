@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.jobs.bench.timing import Rounds
-from inim.jobs.bench.views import RECTANGLE, bench_views
-from inim.jobs.listener import Listener
+from inim.bench.timing import Rounds
+from inim.bench.views import RECTANGLE, bench_views
+from inim.observer import Listener
 from inim.report.bench import SCHEMA, write_bench
 from inim.report.bench.tables import tables_of
 from tests.conftest import small_display
@@ -52,7 +52,7 @@ def test_the_views_have_a_table_on_the_page(views, tmp_path):
 
 
 def test_the_rectangle_shows_its_picture_upright():
-    from inim.kernel.view_yardstick import TexturedRectangle
+    from inim.render.view_reference_kernel import TexturedRectangle
 
     display = small_display(7, 5)
     letter = np.zeros((5, 7, 3), np.float32)

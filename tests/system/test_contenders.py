@@ -28,15 +28,15 @@ from inim.cli import main
 from inim.clock import Clock
 from inim.color import linear_from_srgb
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, UsageError
-from inim.formats.eia_file import read_eia
-from inim.formats.image import read_exr, write_exr
+from inim.files.eia_file import read_eia
+from inim.files.image import read_exr, write_exr
 from inim.generators import SourceGenerator
-from inim.jobs.contenders import parse_contenders
-from inim.jobs.foreign import run_generator
-from inim.jobs.ledger import Ledger
-from inim.jobs.listener import Listener
-from inim.jobs.plan import make_plan
-from inim.jobs.request import Request
+from inim.observer import Listener
+from inim.pipeline.ledger import Ledger
+from inim.pipeline.method import parse_contenders
+from inim.pipeline.plan import make_plan
+from inim.pipeline.plugin_guard import run_generator
+from inim.pipeline.request import Request
 from tests.conftest import small_display, square
 from tests.system.conftest import TINY, Ended, assert_one_line, nothing_left, write_scene
 
@@ -231,8 +231,8 @@ def test_bad_file_is_found_before_anything_is_rendered(
 DECODERS = """
 import sys
 from pathlib import Path
-from inim.jobs.plan import make_plan
-from inim.jobs.request import Request
+from inim.pipeline.plan import make_plan
+from inim.pipeline.request import Request
 make_plan(Request(Path(sys.argv[1]), Path("out"), eias=tuple(sys.argv[2:])))
 print(*sorted({"OpenEXR", "PIL", "mitsuba"} & set(sys.modules)))
 """

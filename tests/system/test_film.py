@@ -11,8 +11,8 @@ import pytest
 from PIL import Image, ImageSequence
 
 from inim.color import linear_from_srgb
-from inim.formats.image import write_exr
-from inim.jobs.film.path import eye_path
+from inim.display.eye_path import eye_path
+from inim.files.image import write_exr
 from inim.metrics import ssim
 from inim.report import Report
 from tests.system.conftest import Ended, assert_one_line, nothing_left
@@ -52,7 +52,7 @@ def read(path: Path) -> list[np.ndarray]:
 
 
 def test_frames_are_views_along_the_path_side_by_side(folder, renderer):
-    from inim.kernel.reconstruct import reconstruct
+    from inim.render.reconstruct import reconstruct
 
     ended = film("OUT", "-o", "made/film.webp", "--path", PATH, "--frames", "6", "--rate", "10",
                  folder=folder)  # fmt: skip

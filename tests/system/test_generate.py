@@ -16,12 +16,11 @@ from PIL import Image
 
 from inim.cli import main
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
-from inim.display import Display
+from inim.display import Display, Viewpoint
 from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.formats.eia_file import read_eia
-from inim.formats.image import read_rgbd
+from inim.files.eia_file import read_eia
+from inim.files.image import read_rgbd
 from inim.report.virtual_display.still import still_view
-from inim.viewpoint import Viewpoint
 from tests.conftest import small_display
 
 FOCAL, ROWS, COLUMNS = 150.0, 90, 120
@@ -123,7 +122,7 @@ def test_near_things_move_against_the_eye_upright_and_unmirrored(camera, capsys)
 
 
 def test_the_ray_tracer_sees_the_same(camera, capsys, renderer):
-    from inim.kernel.reconstruct import reconstruct
+    from inim.render.reconstruct import reconstruct
 
     display = the_display()
     more = (*CAMERA, "--depth-unit", "mm", "--frame-at", "1800")
@@ -252,7 +251,7 @@ def test_an_input_is_never_written_over(camera, capsys):
 
 def light_field(folder: Path, across: int = 5, down: int = 3) -> np.ndarray:
     """Views of a textured wall, disparity -1, and a square before it, +1; the views."""
-    from inim.formats.light_field import write_hci
+    from inim.files.light_field import write_hci
 
     rng = np.random.default_rng(5)
     wall = rng.integers(0, 128, (70, 100, 3)).astype(np.uint8)
@@ -321,8 +320,8 @@ def test_a_light_field_s_mistakes_are_one_line(tmp_path, capsys):
 
 @pytest.mark.parametrize("pixels", [16, 15])
 def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
-    from inim.formats.light_field import eia_from_views, read_hci
-    from inim.formats.quilt import read_quilt
+    from inim.files.light_field import eia_from_views, read_hci
+    from inim.files.quilt import read_quilt
 
     display = small_display(columns=6, rows=5, pixels=pixels)
     eia = np.random.default_rng(2).integers(0, 256, (*display.eia_shape, 3)).astype(np.uint8)

@@ -21,12 +21,12 @@ import numpy as np
 import pytest
 
 from inim.errors import EXIT_PASSED, FileError, InimError, SceneError
-from inim.formats.eia_file import read_eia
-from inim.formats.image import check_exr, read_exr, write_exr
-from inim.formats.mesh import check_mesh_file, read_mesh
-from inim.formats.picture import check_picture
-from inim.scene_file import SceneFile, read_scene_file
-from inim.scene_parameters import SceneParameters
+from inim.files.eia_file import read_eia
+from inim.files.image import check_exr, read_exr, write_exr
+from inim.files.mesh import check_mesh_file, read_mesh
+from inim.files.picture import check_picture
+from inim.scene.file import SceneFile, read_scene_file
+from inim.scene.parameters import SceneParameters
 from tests.conftest import scene_text, small_display, sphere, square
 from tests.system.conftest import Ended, write_scene
 
@@ -440,7 +440,7 @@ def test_kinds_whose_readers_trust_their_headers_are_refused(tmp_path: Path, sta
 
 
 def test_infinite_pixel_size_names_the_file(tmp_path: Path) -> None:
-    from inim.formats.image import read_rgbd, write_rgbd
+    from inim.files.image import read_rgbd, write_rgbd
     from inim.rgbd import RGBD
 
     path = tmp_path / "a.exr"
@@ -451,7 +451,7 @@ def test_infinite_pixel_size_names_the_file(tmp_path: Path) -> None:
 
 
 def test_surface_without_area_beside_a_sound_one_is_left_out(tmp_path: Path) -> None:
-    from inim.formats.smoothing import smoothed
+    from inim.files.smoothing import smoothed
 
     path = tmp_path / "a.obj"
     points = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\n"

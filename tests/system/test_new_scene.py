@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inim.commands.new_scene import add_arguments, new_scene, run
 from inim.errors import FileError, UsageError
-from inim.formats.mesh import Mesh, check_mesh_file, read_mesh, write_ply
-from inim.formats.smoothing import smoothed
-from inim.jobs.new_scene import add_arguments, new_scene, run
+from inim.files.mesh import Mesh, check_mesh_file, read_mesh, write_ply
+from inim.files.smoothing import smoothed
 
 
 @pytest.fixture(scope="module")
@@ -192,13 +192,13 @@ def test_the_mesh_itself_is_never_overwritten(tmp_path: Path) -> None:
 
 
 def test_a_failed_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import inim.formats.mesh
+    import inim.files.mesh
 
     def full(path: Path, mesh: Mesh) -> None:
         raise OSError(28, "No space left on device")
 
     source = saved(tmp_path, box((1, 2, 3)))
-    monkeypatch.setattr(inim.formats.mesh, "write_ply", full)
+    monkeypatch.setattr(inim.files.mesh, "write_ply", full)
     with pytest.raises(FileError, match="No space left"):
         new_scene(source, tmp_path / "out" / "a.xml", unit="mm", up="y")
     assert list((tmp_path / "out").iterdir()) == []
@@ -375,8 +375,7 @@ def test_command_line_writes_the_scene(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_importing_the_command_loads_nothing_heavy() -> None:
-    code = (
-        "import sys, inim.jobs.new_scene; print({'numpy', 'trimesh', 'mitsuba'} & {*sys.modules})"
-    )
+    heavy = "{'numpy', 'trimesh', 'mitsuba'}"
+    code = f"import sys, inim.commands.new_scene; print({heavy} & {{*sys.modules}})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

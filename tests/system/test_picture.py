@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from inim.cli import main
+from inim.display import Viewpoint
 from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.formats.image import read_rgbd
-from inim.jobs.picture.oracle import exact_hits
-from inim.jobs.picture.warp import warped
+from inim.files.image import read_rgbd
+from inim.pipeline.picture_oracle import exact_hits
+from inim.pipeline.warp import warped
 from inim.rgbd import RGBD
-from inim.viewpoint import Viewpoint
 from tests import oracle
 from tests.conftest import small_display
 from tests.system.conftest import assert_one_line, nothing_left

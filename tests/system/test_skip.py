@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.formats.image import read_exr
+from inim.files.image import read_exr
 from tests.system.conftest import Ended, write_scene
 
 LOOKS = {"viewpoints": "centre,left"}

@@ -15,9 +15,9 @@ import pytest
 
 import inim
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
-from inim.jobs.sweep.job import run_sweep
-from inim.jobs.sweep.plan import SweepRequest
-from inim.jobs.sweep.table import COLUMNS, TABLE
+from inim.sweep.plan import SweepRequest
+from inim.sweep.run import run_sweep
+from inim.sweep.table import COLUMNS, TABLE
 from tests.conftest import scene_text
 from tests.system.conftest import assert_one_line, nothing_left
 from tests.system.sweeps import (

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
-from inim.jobs.sweep.table import TABLE
+from inim.sweep.table import TABLE
 from tests.system.conftest import nothing_left
 from tests.system.sweeps import (
     WITHIN_S,

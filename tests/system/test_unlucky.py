@@ -20,10 +20,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from inim import numba_cache
+from inim.backend import numba_cache
 from inim.errors import EXIT_BACKEND, EXIT_PASSED, FileError
-from inim.formats.image import check_exr
-from inim.jobs.output import open_staging, publish
+from inim.files.image import check_exr
+from inim.worker.output import open_staging, publish
 from tests.system.conftest import (
     TINY,
     Ended,
@@ -134,7 +134,7 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import twice
 if sys.argv[2:]:
-    from inim.jobs.worker import _carried_out
+    from inim.worker.serve import _carried_out
     tries = []
     def carry_out(job, listener):
         tries.append(1)
@@ -167,7 +167,7 @@ def test_broken_kernel_cache_costs_a_compilation_and_no_more(
 
 
 def test_fault_of_the_job_is_not_tried_again() -> None:
-    from inim.jobs.worker import _carried_out
+    from inim.worker.serve import _carried_out
 
     tries = []
 
@@ -314,7 +314,7 @@ def test_two_runs_into_one_folder_leave_one_report(tmp_path: Path) -> None:
 MOVES = """
 import sys
 from pathlib import Path
-from inim.jobs.output import open_staging, publish
+from inim.worker.output import open_staging, publish
 out, name, count = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 for k in range(count):
     staging = open_staging(out)
@@ -346,7 +346,7 @@ def test_staging_folder_of_a_dead_run_is_cleared_away_and_of_a_living_one_is_not
     tmp_path: Path,
 ) -> None:
     out = tmp_path / "o*ut"
-    code = "import sys, os; from pathlib import Path; from inim.jobs.output import open_staging"
+    code = "import sys, os; from pathlib import Path; from inim.worker.output import open_staging"
     code += "; open_staging(Path(sys.argv[1])); os.kill(os.getpid(), 9)"
     for _ in range(3):
         assert subprocess.run([sys.executable, "-c", code, str(out)]).returncode == -9
@@ -462,9 +462,9 @@ def test_hundred_kills_leave_no_corrupt_report_and_every_rerun_completes(tmp_pat
 MANY_RUNS = """
 import sys
 from pathlib import Path
-from inim.jobs.plan import make_plan
-from inim.jobs.request import Request
-from inim.jobs.validate import run
+from inim.pipeline.plan import make_plan
+from inim.pipeline.request import Request
+from inim.pipeline.validate import run
 folder, count = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(count):
     plan = make_plan(Request(folder / "tiny.xml", folder / "out", tuple(sys.argv[3:])))

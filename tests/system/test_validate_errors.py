@@ -14,9 +14,9 @@ import pytest
 
 from inim.cli import main
 from inim.errors import EXIT_BACKEND, EXIT_USAGE, FileError, OutOfMemoryError, ViewpointError
-from inim.jobs.output import open_staging, publish
-from inim.jobs.plan import make_plan
-from inim.jobs.request import Request
+from inim.pipeline.plan import make_plan
+from inim.pipeline.request import Request
+from inim.worker.output import open_staging, publish
 from tests.conftest import LIT, scene_text, sphere
 from tests.system.conftest import (
     SHAPES,

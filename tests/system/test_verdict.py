@@ -15,11 +15,11 @@ import pytest
 
 from inim import metrics
 from inim.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
-from inim.jobs import validate as validating
-from inim.jobs.ledger import Ledger
-from inim.jobs.listener import Listener
-from inim.jobs.plan import Plan, make_plan
-from inim.jobs.request import Request
+from inim.observer import Listener
+from inim.pipeline import validate as validating
+from inim.pipeline.ledger import Ledger
+from inim.pipeline.plan import Plan, make_plan
+from inim.pipeline.request import Request
 from inim.report import Report
 from tests.conftest import scene_text, square
 from tests.system.conftest import TINY, write_scene
@@ -126,7 +126,7 @@ def test_view_that_is_not_a_number_is_never_scored(
 def test_eia_in_another_range_fails_its_limit(
     run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch, factor: float
 ) -> None:
-    from inim.jobs import contenders
+    from inim.pipeline import method as contenders
 
     real = contenders.run_generator
 
@@ -142,7 +142,7 @@ def test_radiance_that_is_not_finite_is_counted_and_fails_a_check(
     run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Three spoiled pixels in each half of the truth: counted, taken as black, and no pass."""
-    from inim.kernel import ground_truth
+    from inim.render import ground_truth
 
     real = ground_truth.pickup
 
@@ -213,7 +213,7 @@ def test_pictures_of_unlike_sizes_have_no_score() -> None:
 def test_integrator_that_raises_is_an_error_and_no_pass(
     run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from inim.kernel import trace
+    from inim.render import trace
 
     def broken(*_: Any, **__: Any) -> Any:
         raise RuntimeError("jit_llvm_compile(): the kernel does not compile")
@@ -238,8 +238,8 @@ def test_whatever_a_worker_raises_becomes_one_line_and_a_code(
     import io
     import json
 
-    from inim.jobs.supervisor import outcome_of
-    from inim.jobs.worker import answer
+    from inim.worker.serve import answer
+    from inim.worker.supervisor import outcome_of
 
     def carry_out(job: dict[str, Any], listener: Any) -> bool:
         raise error

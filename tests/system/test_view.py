@@ -16,12 +16,11 @@ import pytest
 from PIL import Image
 
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
-from inim.display import DISPLAYS, Display
-from inim.jobs.view import view_eia
+from inim.commands.view import view_eia
+from inim.display import DISPLAYS, Display, Viewpoint
 from inim.metrics import ssim
 from inim.report.html import render_html
 from inim.report.virtual_display.still import still_view
-from inim.viewpoint import Viewpoint
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
 from tests.frame_rate import COUNT_WORK, drag_about
@@ -160,7 +159,7 @@ def canvas(tab: Tab, side: int, shape: tuple[int, int]) -> np.ndarray:
 @pytest.fixture(scope="module")
 def traced(renderer: object) -> Any:
     """Views of the report's ground truth by the ray tracer, linear."""
-    from inim.kernel.reconstruct import reconstruct
+    from inim.render.reconstruct import reconstruct
 
     light = linear_from_srgb(tilted_plane(DISPLAY).astype(np.float32) / 255)
 

@@ -10,7 +10,7 @@ def pairs(seed, pixels, samples, count=1):
     """`count` pairs of every sample of every pixel, (pixels, samples, count, 2)."""
     import mitsuba as mi
 
-    from inim.kernel.addressed import PLUGIN
+    from inim.render.counter_sampler import PLUGIN
 
     sampler = mi.load_dict({"type": PLUGIN})
     pixel = np.repeat(np.asarray(pixels, np.uint32), len(samples))
@@ -31,7 +31,7 @@ def test_second_axis_is_the_textbook_s():
     """Against the loop over direction numbers of Sobol's second dimension."""
     import mitsuba as mi
 
-    from inim.kernel.addressed import _second_axis
+    from inim.render.counter_sampler import _second_axis
 
     def textbook(index):
         result, direction = 0, 1 << 31

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from inim.jobs.bench import machine
+from inim.bench import machine
 
 
 @pytest.mark.parametrize(("load", "warned"), [(0.0, 0), (0.5, 0), (0.6, 1), (8.0, 1), (None, 1)])

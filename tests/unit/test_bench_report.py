@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from inim.jobs.bench.paper_claims import claims
+from inim.bench.paper_claims import claims
 from inim.report.bench import SCHEMA, write_bench
 from inim.report.bench.cells import milliseconds, times
 from inim.report.bench.tables import render_markdown, tables_of

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from inim.bench.scaling import growth
+from inim.bench.scene import marked
+from inim.bench.timing import Rounds, Timing, in_turn, pareto, ratios
 from inim.errors import UsageError
-from inim.jobs.bench.scaling import growth
-from inim.jobs.bench.scene import marked
-from inim.jobs.bench.timing import Rounds, Timing, in_turn, pareto, ratios
 
 
 class Bench:

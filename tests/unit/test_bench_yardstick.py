@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.jobs.bench.machine import threads
-from inim.jobs.bench.scaling import square_display
+from inim.bench.machine import threads
+from inim.bench.scaling import square_display
 from inim.rgbd import RGBD
 from tests.conftest import small_display
 
@@ -38,7 +38,7 @@ def where_rays_meet_the_plane(display, shape, pixel_mm):
 
 @pytest.mark.parametrize("name", DISPLAYS)
 def test_addresses_are_those_of_float64_rays(renderer, name):
-    from inim.kernel.yardstick import Yardstick
+    from inim.render.reference_kernel import Yardstick
 
     display, pixel_mm = DISPLAYS[name]
     shape = display.capture_shape(round(1 / pixel_mm))
@@ -60,7 +60,7 @@ def test_addresses_are_those_of_float64_rays(renderer, name):
 
 
 def test_it_gathers_the_picture_s_own_words(renderer):
-    from inim.kernel.yardstick import Yardstick
+    from inim.render.reference_kernel import Yardstick
 
     display = square_display(4)
     shape = display.capture_shape(3)

@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 
-from inim import beside as module
-from inim.beside import beside
-from inim.store import Store, remembered, use_store
+from inim import parallel as module
+from inim.cache.store import Store, remembered, use_store
+from inim.parallel import beside
 
 
 @pytest.fixture(params=[1, 4], ids=["one processor", "four"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from inim.display import Display
-from inim.eia import elemental_images, sub_aperture_view
+from inim.display.elemental_images import elemental_images, sub_aperture_view
 from inim.errors import UsageError
 
 SHOWN = Display(

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
+from inim.display.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm, parse_viewpoints
 from inim.errors import ViewpointError
-from inim.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm, parse_viewpoints
 from tests.conftest import small_display
 
 NOMINAL = DISPLAYS["nominal"]
@@ -22,7 +22,7 @@ DISTANCE = 200.0
 
 
 def family(display, viewpoint, per_lens=4, start_mm=1.0):
-    from inim.kernel.sensors import eye_rays
+    from inim.render.sensors import eye_rays
 
     return eye_rays(
         display, viewpoint.position_mm, per_lens, start_mm, viewpoint.pupil_mm,
@@ -66,8 +66,8 @@ def edge_profile(eye, z, spp=128):
     """The edge's picture along a row, mean of all rows, and the film pixel on the array."""
     import mitsuba as mi
 
-    from inim.kernel.sensors import make_sensor
-    from inim.kernel.trace import Tracer, mean_light, scene_light
+    from inim.render.sensors import make_sensor
+    from inim.render.trace import Tracer, mean_light, scene_light
 
     display, per_lens = small_display(12, 10), 8
     sensor = make_sensor(family(display, eye, per_lens, start_mm=z + 1), np.eye(4))
@@ -111,7 +111,7 @@ def test_a_stock_render_draws_the_pupil_too():
     """The renderer's own loop asks the sensor for an aperture sample and blurs alike."""
     import mitsuba as mi
 
-    from inim.kernel.sensors import make_sensor
+    from inim.render.sensors import make_sensor
 
     eye = Viewpoint("eye", 0.0, 0.0, DISTANCE, pupil_mm=6.0, focus_mm=150.0)
     own, _ = edge_profile(eye, 20.0)
@@ -128,7 +128,7 @@ def random_eia(display, seed=0):
 
 
 def seen(eia, display, viewpoint, model="thick", *, seed=0, spp=64):
-    from inim.kernel.reconstruct import reconstruct
+    from inim.render.reconstruct import reconstruct
 
     return reconstruct(eia, display, viewpoint, model, spp=spp, seed=seed)
 
@@ -185,9 +185,9 @@ def test_a_view_needs_no_scene(model, pupil):
     """The formula alone and the emitter in a scene, met by traced rays, give one picture."""
     import mitsuba as mi
 
-    from inim.kernel.display_emitter import display_shape
-    from inim.kernel.sensors import make_sensor
-    from inim.kernel.trace import Tracer, mean_light, scene_light
+    from inim.render.display_emitter import display_shape
+    from inim.render.sensors import make_sensor
+    from inim.render.trace import Tracer, mean_light, scene_light
 
     display = small_display()
     eia = random_eia(display)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
+from inim.display.eye_path import eye_path
+from inim.display.viewpoint import default_distance_mm
 from inim.errors import FileError, UsageError, ViewpointError
-from inim.formats.film import write_film
-from inim.jobs.film.path import eye_path
-from inim.viewpoint import default_distance_mm
+from inim.files.film import write_film
 from tests.conftest import small_display
 
 DISPLAY = small_display(24, 20, 17)

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from inim.display import DISPLAYS
-from inim.viewpoint import Viewpoint
+from inim.display import DISPLAYS, Viewpoint
 
 # The panel goes on beyond the array, so that the outermost lenses have neighbours to show too.
 DISPLAY = DISPLAYS["nominal"].replace(
@@ -40,8 +39,8 @@ def lens_values(shown, x_mm: float, y_mm: float) -> np.ndarray:
 @pytest.mark.parametrize("lens_model", ["pinhole", "thin", "thick"])
 @pytest.mark.parametrize(("axis", "sign"), [(1, +1), (1, -1), (0, +1), (0, -1)])
 def test_the_first_lens_flips_where_the_formula_says(lens_model, axis, sign):
-    from inim.kernel import variant
-    from inim.kernel.reconstruct import DisplayScene
+    from inim.render import variant
+    from inim.render.reconstruct import DisplayScene
 
     variant.use("auto")
     limit_mm = DISPLAY.flip_limit_mm(DISTANCE_MM)[1 - axis]

@@ -10,9 +10,9 @@ import pytest
 from inim import metrics
 from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.errors import FileError, UsageError
-from inim.formats import image
-from inim.jobs.output import open_staging, publish
+from inim.files import image
 from inim.rgbd import RGBD
+from inim.worker.output import open_staging, publish
 
 RANDOM = np.random.default_rng(3)
 

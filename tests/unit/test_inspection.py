@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS, Display
+from inim.display.viewpoint import default_distance_mm
 from inim.errors import DisplayError, UsageError
-from inim.inspection.cautions import cautions, misalignments
-from inim.inspection.crosstalk import array_samples, crosstalk_map, light_shares
-from inim.inspection.data import as_data
-from inim.inspection.findings import Findings, inspect_display, usable_model
-from inim.inspection.geometry import pixel_choice, viewing_zone, zone_outline_mm
-from inim.inspection.rays import cell_of, land
-from inim.inspection.spots import field_angles_deg, spot, spots
-from inim.inspection.voxel import aperture_blur_mm, voxel_curve, voxel_mm
-from inim.viewpoint import default_distance_mm
+from inim.inspect.cautions import cautions, misalignments
+from inim.inspect.crosstalk import array_samples, crosstalk_map, light_shares
+from inim.inspect.data import as_data
+from inim.inspect.findings import Findings, inspect_display, usable_model
+from inim.inspect.geometry import pixel_choice, viewing_zone, zone_outline_mm
+from inim.inspect.rays import cell_of, land
+from inim.inspect.spots import field_angles_deg, spot, spots
+from inim.inspect.voxel import aperture_blur_mm, voxel_curve, voxel_mm
 from tests.conftest import small_display
 
 NOMINAL = DISPLAYS["nominal"]

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from inim import install_llvm as installer
 from inim.backend import Backend, known_bad
+from inim.backend import install_llvm as installer
+from inim.backend.install_llvm import install_llvm, packages_in_order, unpack
 from inim.errors import BackendError, FileError, UsageError
-from inim.install_llvm import install_llvm, packages_in_order, unpack
 
 OFFER = "libllvm18 - Modular compiler\nlibllvm19 - Modular compiler\n"
 

@@ -13,11 +13,10 @@ from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
 from inim.generators.layered import _FreeRays, _RayByRay, _Shared
 from inim.generators.sources import NO_LENS
-from inim.jobs.stress.case import FULL, noise
-from inim.jobs.stress.cases import ties
-from inim.jobs.stress.solids import solids_of
-from inim.layered_rgbd import Layer, LayeredRGBD
-from inim.rgbd import RGBD
+from inim.rgbd import RGBD, Layer, LayeredRGBD
+from inim.stress.case import FULL, noise
+from inim.stress.cases import ties
+from inim.stress.solids import solids_of
 from tests import oracle
 from tests.conftest import small_display
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from inim.errors import FileError, UsageError
-from inim.formats import image
-from inim.layered_rgbd import Layer, LayeredRGBD
-from inim.rgbd import RGBD
+from inim.files import image
+from inim.rgbd import RGBD, Layer, LayeredRGBD
 
 ROWS, COLUMNS = 7, 11
 

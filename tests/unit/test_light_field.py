@@ -10,7 +10,7 @@ from PIL import Image
 
 from inim.display import DISPLAYS
 from inim.errors import FileError, UsageError
-from inim.formats.light_field import (
+from inim.files.light_field import (
     disparity_step_mm,
     eia_from_views,
     read_hci,
@@ -18,7 +18,7 @@ from inim.formats.light_field import (
     view_grid,
     write_hci,
 )
-from inim.formats.quilt import quilt_grid, read_quilt, write_quilt
+from inim.files.quilt import quilt_grid, read_quilt, write_quilt
 from inim.generators import generate
 from inim.rgbd import RGBD
 from tests.conftest import small_display

@@ -19,14 +19,13 @@ from inim.generators import (
     hole_fraction,
     prepare,
 )
-from inim.generators.asked import asked_pixels
-from inim.generators.axis_runs import axis_runs, first_hits_in_runs
-from inim.generators.cells import cell_rays
-from inim.generators.lens_runs import LensRuns
+from inim.generators.raycast.axis_runs import axis_runs, first_hits_in_runs
+from inim.generators.raycast.cells import cell_rays
+from inim.generators.raycast.lens_runs import LensRuns
+from inim.generators.raycast.pixel_mask import asked_pixels
 from inim.generators.template import ray_by_ray
-from inim.jobs.foreign import run_generator
-from inim.layered_rgbd import Layer, LayeredRGBD
-from inim.rgbd import RGBD
+from inim.pipeline.plugin_guard import run_generator
+from inim.rgbd import RGBD, Layer, LayeredRGBD
 from tests.conftest import small_display
 
 ALGORITHMS = [

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from inim.errors import OutOfMemoryError
-from inim.jobs.memory import LEAST_BYTES, rays_in_flight
-from inim.jobs.plan import make_plan
-from inim.jobs.request import Request
+from inim.pipeline.memory import LEAST_BYTES, rays_in_flight
+from inim.pipeline.plan import make_plan
+from inim.pipeline.request import Request
 from tests.system.conftest import write_scene
 
 GIB = 2**30

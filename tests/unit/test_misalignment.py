@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from inim.display import DISPLAYS
+from inim.display.misalignment import MISALIGNMENTS, mounted
 from inim.errors import DisplayError, UsageError
-from inim.misalignment import MISALIGNMENTS, mounted
 
 NOMINAL = DISPLAYS["nominal"]
 

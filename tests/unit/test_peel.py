@@ -36,7 +36,7 @@ def around(*shapes):
 
 def peeled(open_fitted, text):
     """The scene and its layers."""
-    from inim.kernel.peel import peel
+    from inim.render.depth_peeling import peel
 
     fitted = open_fitted(text, DISPLAY)
     found = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH, hidden=True)
@@ -146,7 +146,7 @@ def test_a_sheet_is_as_thick_as_its_slope_and_shows_no_gaps(open_fitted, more):
 
 
 def sources(found, back_mm):
-    from inim.layered_rgbd import LayeredRGBD
+    from inim.rgbd import LayeredRGBD
 
     front = np.where(found.covered, found.front_mm, 0)[0]
     color = np.zeros((*front.shape, 3))
@@ -218,7 +218,7 @@ def test_normals_that_point_inwards_make_the_same_solid(open_fitted, shape):
 
 
 def test_nothing_behind_is_one_layer_and_too_much_is_counted(open_fitted):
-    from inim.kernel.peel import MOST_LAYERS
+    from inim.render.depth_peeling import MOST_LAYERS
 
     assert len(peeled(open_fitted, scene_text(sphere((0, 0, 0), 5.0)))[1].front_mm) == 1
     # Ten plates, the last two of which stand behind the left half only.
@@ -243,7 +243,7 @@ def test_lamps_are_no_layers(open_fitted):
 
 
 def colours(open_fitted, text, spp=16, seed=1):
-    from inim.kernel.ground_truth import capture_layers
+    from inim.render.ground_truth import capture_layers
 
     fitted, found = peeled(open_fitted, text)
     return capture_layers(fitted, found, spp=spp, seed=seed), fitted, found
@@ -251,7 +251,7 @@ def colours(open_fitted, text, spp=16, seed=1):
 
 def test_no_colour_mixes_surfaces(open_fitted):
     """Red before green: every covered pixel of either layer is the one or the other."""
-    from inim.kernel.ground_truth import capture
+    from inim.render.ground_truth import capture
 
     text = around(sphere((0.3, 0.2, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN))
     rgbd, fitted, _ = colours(open_fitted, text)
@@ -296,9 +296,9 @@ def test_equal_seeds_give_equal_layers(open_fitted):
 
 def validated(folder, algorithms):
     """A small validation of a red ball before a green wall, and what it made."""
-    from inim.jobs.plan import make_plan
-    from inim.jobs.request import Request
-    from inim.jobs.validate import run
+    from inim.pipeline.plan import make_plan
+    from inim.pipeline.request import Request
+    from inim.pipeline.validate import run
 
     scene = folder / "scene.xml"
     scene.write_text(around(sphere((0, 0, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN)))
@@ -314,8 +314,8 @@ def validated(folder, algorithms):
 
 
 def test_layers_are_captured_for_those_that_want_them_and_change_nothing_else(tmp_path):
-    from inim.formats.image import read_exr, read_rgbd
-    from inim.layered_rgbd import LayeredRGBD
+    from inim.files.image import read_exr, read_rgbd
+    from inim.rgbd import LayeredRGBD
 
     both, with_layers = validated(tmp_path, "layered,template")
     alone, without = validated(tmp_path, "template")
@@ -337,8 +337,8 @@ def test_memory_is_planned_for_layers_where_one_wants_them(tmp_path, monkeypatch
     """A limit between what the two runs need refuses the one with layers, and says how to pass."""
     from inim import backend
     from inim.errors import OutOfMemoryError
-    from inim.jobs.plan import make_plan
-    from inim.jobs.request import Request
+    from inim.pipeline.plan import make_plan
+    from inim.pipeline.request import Request
 
     scene = tmp_path / "scene.xml"
     scene.write_text(around(sphere((0, 0, 0), 3.0)))
@@ -351,7 +351,7 @@ def test_memory_is_planned_for_layers_where_one_wants_them(tmp_path, monkeypatch
 
 def test_what_no_ray_of_the_display_meets_is_left_out_and_counted(open_fitted):
     """A small sphere in a box: closed all around, it is no layer. Before it, it is."""
-    from inim.kernel.peel import peel
+    from inim.render.depth_peeling import peel
 
     inside = [cube((0, 0, 0), (5, 5, 0.4)), cube((0, 0, -9), (5, 5, 0.4))]
     walls = [cube((s * 4.8, 0, -4.5), (0.4, 5, 5)) for s in (-1, 1)]

@@ -14,15 +14,14 @@ import numpy as np
 import pytest
 
 from inim.color import srgb_from_linear, srgb_to_uint8
-from inim.display import Display
+from inim.display import Display, Viewpoint
+from inim.display.pixel_rays import pixel_rays
 from inim.errors import DisplayError, UsageError
 from inim.generators import HOLE, NO_LENS, find_sources, generate
 from inim.generators.sources import NOT_ASKED
 from inim.generators.template import _RayByRay, _Strips
 from inim.lens import trace_to_panel
-from inim.pixel_rays import pixel_rays
 from inim.rgbd import RGBD
-from inim.viewpoint import Viewpoint
 from tests import oracle
 from tests.conftest import scene_text, small_display
 
@@ -425,7 +424,7 @@ def view_rays(display: Display, view: np.ndarray):
 
 def error_of_view(eia, display: Display, depth_mm: float, lens_model: str) -> float:
     """Mean distance of a view from the pattern, in the middle of the array."""
-    from inim.kernel.reconstruct import reconstruct
+    from inim.render.reconstruct import reconstruct
 
     view = reconstruct(
         np.ascontiguousarray(eia), display, EYE, lens_model, pixels_per_lens=PER_LENS, spp=64
@@ -474,7 +473,7 @@ def test_a_view_shows_the_pattern_and_that_for_another_array_does_not(name, lens
 @pytest.mark.parametrize("name", SUBPIXELS)
 def test_colours_of_sub_pixels_meet_on_a_grey_ramp(name, renderer):
     """Sampled at pixel centres, a ramp has a fringe: its slope times the sub-pixels' distance."""
-    from inim.kernel.reconstruct import DisplayScene
+    from inim.render.reconstruct import DisplayScene
 
     display = real_display(name)
     depth, slope = display.central_depth_mm, 0.03
@@ -530,7 +529,7 @@ DEPTHS = {"depth_min_mm": 24.0, "depth_max_mm": 44.0}
 @pytest.fixture
 def truth_and_picture(open_fitted):
     """The ground-truth EIA of the slope, its view from an eye, and a fine picture of it."""
-    from inim.kernel.ground_truth import capture, pickup, true_view
+    from inim.render.ground_truth import capture, pickup, true_view
 
     def made(display: Display):
         fitted = open_fitted(tiled_slope(), display)
@@ -563,7 +562,7 @@ def test_ground_truth_agrees_with_generation_for_that_very_array(name, truth_and
 @pytest.mark.parametrize("name", WRONG)
 def test_views_of_the_ground_truth_look_like_the_scene(name, truth_and_picture):
     """As much as those of an aligned array of the same size do."""
-    from inim.kernel.reconstruct import reconstruct
+    from inim.render.reconstruct import reconstruct
 
     def score(display: Display) -> float:
         eia, view, _ = truth_and_picture(display)
@@ -595,8 +594,8 @@ def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, r
     import drjit as dr
     import mitsuba as mi
 
-    from inim.kernel.sensors import make_sensor, pickup_rays
-    from inim.panel import SUBPIXELS as PATTERNS
+    from inim.display.panel import SUBPIXELS as PATTERNS
+    from inim.render.sensors import make_sensor, pickup_rays
 
     display = real_display(name, pixel_fill=0.8)
     rows, columns = display.eia_shape

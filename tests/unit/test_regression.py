@@ -9,13 +9,6 @@ import pytest
 from scipy import stats
 
 from inim.regression import log_ratios, score_interval, tile_statistics, view_scores, view_tile
-from inim.regression.fixed_picture import (
-    compare_fingerprints,
-    fingerprint,
-    fixed_picture,
-    picture_sha256,
-    sampled_pixels,
-)
 from inim.regression.inference import (
     FALSE_ALARM_RATE,
     binomial_interval,
@@ -26,6 +19,13 @@ from inim.regression.inference import (
     welch_p_value,
 )
 from inim.regression.pictures import codes_from_linear, compare_noise, compare_pictures
+from inim.regression.reference_eia import (
+    compare_fingerprints,
+    fingerprint,
+    picture_sha256,
+    reference_input,
+    sampled_pixels,
+)
 from inim.regression.scores import ScoreEstimate, compare_scores
 from inim.regression.tiles import eia_tile
 from inim.regression.times import MOST_SLOWDOWN, compare_times, is_steady, yardsticks
@@ -438,7 +438,7 @@ def test_looked_at_pixels_lie_in_every_lens_and_none_is_looked_at_twice():
 
 def test_fixed_picture_is_the_same_everywhere_and_covers_the_depth_range():
     display = small_display(12, 10, 17)
-    rgbd = fixed_picture(display, (80, 96), 0.2)
+    rgbd = reference_input(display, (80, 96), 0.2)
     assert picture_sha256(rgbd) == SHA256
     low, high = display.depth_range_mm
     depth = (rgbd.depth_mm[rgbd.covered] - low) / (high - low)
@@ -451,7 +451,7 @@ def test_fixed_picture_is_the_same_everywhere_and_covers_the_depth_range():
 
 def printed(eia, *, exact):
     display = small_display(12, 10, 17)
-    return fingerprint(fixed_picture(display, (80, 96), 0.2), eia, display, exact=exact)
+    return fingerprint(reference_input(display, (80, 96), 0.2), eia, display, exact=exact)
 
 
 @pytest.mark.parametrize("exact", [True, False])

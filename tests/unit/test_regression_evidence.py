@@ -16,12 +16,12 @@ from inim.regression import (
     check_comparable,
     compare,
     fingerprint,
-    fixed_picture,
     read_evidence,
+    reference_input,
     tile_statistics,
     write_evidence,
 )
-from inim.regression.evidence import differing_conditions
+from inim.regression.run_statistics import differing_conditions
 from tests.conftest import small_display
 
 DISPLAY = small_display(12, 10, 8)
@@ -32,7 +32,7 @@ CONDITIONS = {"display": {"pitch_mm": 1.0}, "viewpoints": {"left": [0.0, 0.0, 40
 def evidence():
     rng = np.random.default_rng(1)
     halves = 0.3 + 0.01 * rng.normal(size=(2, 40, 48, 3))
-    rgbd = fixed_picture(DISPLAY, (50, 60), 0.2)
+    rgbd = reference_input(DISPLAY, (50, 60), 0.2)
     eia = rng.random((*DISPLAY.eia_shape, 3), np.float32)
     return Evidence(
         conditions=CONDITIONS,

@@ -17,7 +17,7 @@ from PIL import Image
 from skimage.metrics import structural_similarity
 
 from inim.display import DISPLAYS
-from inim.formats.image import write_rgbd
+from inim.files.image import write_rgbd
 from inim.report import html as report_html
 from inim.report import wipe
 from inim.report.depth_profile import depth_profile

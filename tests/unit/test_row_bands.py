@@ -13,8 +13,8 @@ from inim import metrics
 from inim.color import linear_from_srgb, srgb_codes, srgb_from_linear, srgb_to_uint8
 from inim.errors import UsageError
 from inim.generators import colour_of
-from inim.regression import fingerprint, fixed_picture
-from inim.regression.tiles import OneHalf, tile_statistics
+from inim.regression import fingerprint, reference_input
+from inim.regression.tiles import HalfBuffer, tile_statistics
 from inim.rgbd import RGBD
 from inim.row_bands import row_bands
 from tests.conftest import small_display
@@ -145,7 +145,7 @@ def test_statistics_of_tiles_are_the_same_in_any_bands(generated, band, monkeypa
 
 def test_halves_made_as_they_are_read_have_the_same_statistics(band):
     image, noise = pictures()
-    read = (OneHalf(image, noise, +1), OneHalf(image, noise, -1))
+    read = (HalfBuffer(image, noise, +1), HalfBuffer(image, noise, -1))
     found = tile_statistics(*read, (9, 8), generated=True).arrays()
     known = tile_statistics(image + noise, image - noise, (9, 8), generated=True).arrays()
     assert all(np.array_equal(found[name], known[name]) for name in known)
@@ -153,7 +153,7 @@ def test_halves_made_as_they_are_read_have_the_same_statistics(band):
 
 def test_a_fingerprint_is_of_the_whole_eia(band):
     display = small_display(5, 4, 8)
-    rgbd = fixed_picture(display, (8, 10), 0.5)
+    rgbd = reference_input(display, (8, 10), 0.5)
     eia = np.random.default_rng(1).random((*display.eia_shape, 3), np.float32)
     eia[0, 0] = -0.0
     known = hashlib.sha256((eia + np.float32(0)).tobytes()).hexdigest()
@@ -180,7 +180,7 @@ def test_colours_of_sources_are_looked_up_one_by_one(band):
         (lambda a, b: metrics.psnr_db(a, b), 0.2),
         (lambda a, b: srgb_codes(a), 0.4),  # the codes alone are a quarter
         (lambda a, b: tile_statistics(a, b, (40, 40)), 0.6),
-        (lambda a, b: tile_statistics(a, OneHalf(a, b, -1), (40, 40), generated=True), 0.6),
+        (lambda a, b: tile_statistics(a, HalfBuffer(a, b, -1), (40, 40), generated=True), 0.6),
     ],
     ids=["ssim", "psnr", "codes", "tiles", "generated tiles"],
 )

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from inim.jobs.sampling import known_within, next_share, with_share
+from inim.pipeline.adaptive_sampling import known_within, next_share, with_share
 from inim.regression import ScoreEstimate
 from inim.settings import Settings
 

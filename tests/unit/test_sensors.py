@@ -15,7 +15,7 @@ def rays_at_centres(family, world_from_display=None):
     import drjit as dr
     import mitsuba as mi
 
-    from inim.kernel.sensors import make_sensor
+    from inim.render.sensors import make_sensor
 
     sensor = make_sensor(family, np.eye(4) if world_from_display is None else world_from_display)
     lane = dr.arange(mi.UInt32, family.rows * family.columns)
@@ -35,7 +35,7 @@ def at_depth(origin, direction, z):
 
 @pytest.mark.parametrize("name", ["nominal", "phone"])
 def test_pickup_rays_join_the_panel_pixel_and_its_lens_centre(name):
-    from inim.kernel.sensors import pickup_rays
+    from inim.render.sensors import pickup_rays
 
     display = DISPLAYS[name]
     origin, direction = rays_at_centres(pickup_rays(display, 53.0))
@@ -54,7 +54,7 @@ def test_pickup_rays_join_the_panel_pixel_and_its_lens_centre(name):
 
 
 def test_eye_rays_pass_through_the_eye_and_the_array():
-    from inim.kernel.sensors import eye_rays
+    from inim.render.sensors import eye_rays
 
     display = small_display()
     eye = (7.0, -3.0, 150.0)
@@ -66,7 +66,7 @@ def test_eye_rays_pass_through_the_eye_and_the_array():
 
 
 def test_capture_rays_are_parallel_and_on_pixel_centres():
-    from inim.kernel.sensors import capture_rays
+    from inim.render.sensors import capture_rays
 
     origin, direction = rays_at_centres(capture_rays(6, 4, 0.5, start_mm=10.0))
     assert np.allclose(direction, (0, 0, -1))
@@ -75,7 +75,7 @@ def test_capture_rays_are_parallel_and_on_pixel_centres():
 
 
 def test_an_affine_map_moves_rays_and_keeps_them_lines():
-    from inim.kernel.sensors import pickup_rays
+    from inim.render.sensors import pickup_rays
 
     display = small_display()
     world = np.array([[2.0, 0, 0, 5], [0, 0, -3.0, 1], [0, 2.0, 0, -7], [0, 0, 0, 1]])
@@ -89,7 +89,7 @@ def test_an_affine_map_moves_rays_and_keeps_them_lines():
 
 
 def test_depth_of_a_sphere_is_its_closed_form(open_fitted):
-    from inim.kernel.ground_truth import capture
+    from inim.render.ground_truth import capture
 
     display = small_display()
     fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
@@ -110,8 +110,8 @@ def test_the_pickup_plugin_renders_with_the_stock_renderer(open_fitted):
     """The own pass planner and `mi.render` see the same picture through the same plugin."""
     import mitsuba as mi
 
-    from inim.kernel.sensors import make_sensor, pickup_rays
-    from inim.kernel.trace import Tracer, mean_light, scene_light
+    from inim.render.sensors import make_sensor, pickup_rays
+    from inim.render.trace import Tracer, mean_light, scene_light
 
     display = small_display()
     fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
@@ -128,8 +128,8 @@ def test_the_pickup_plugin_renders_with_the_stock_renderer(open_fitted):
 
 def test_passes_of_any_size_give_the_same_pixels(open_fitted, monkeypatch):
     """A sample's numbers follow from its address: passes, bands and masks only sort the work."""
-    from inim.kernel import trace
-    from inim.kernel.sensors import make_sensor, pickup_rays
+    from inim.render import trace
+    from inim.render.sensors import make_sensor, pickup_rays
 
     display = small_display()
     fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
@@ -149,7 +149,7 @@ def test_passes_of_any_size_give_the_same_pixels(open_fitted, monkeypatch):
 
 @pytest.mark.parametrize(("pixels", "spp"), [(1, 1), (10, 3), (1088 * 1088, 32), (7, 10**7)])
 def test_passes_cover_every_sample_once(pixels, spp):
-    from inim.kernel.trace import _RAYS_PER_PASS, _passes
+    from inim.render.trace import _RAYS_PER_PASS, _passes
 
     passes = _passes(pixels, spp)
     sizes = [(part.stop - part.start) * samples for part, _, samples in passes]
@@ -160,7 +160,7 @@ def test_passes_cover_every_sample_once(pixels, spp):
 
 def test_lights_are_hidden_from_depth_and_colour(open_fitted):
     """A lamp in front of the relic lights it, hides nothing and is not seen."""
-    from inim.kernel.ground_truth import capture
+    from inim.render.ground_truth import capture
 
     lamp = """<shape type="rectangle"><transform name="to_world"><scale value="2"/>
         <rotate y="1" angle="180"/><translate z="4.5"/></transform>

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from inim.display.viewpoint import Viewpoint, check_viewpoint, parse_viewpoints
 from inim.errors import DisplayError, FileError, SceneError, UsageError, ViewpointError
-from inim.scene_file import parse_definitions, read_scene_file
+from inim.scene.file import parse_definitions, read_scene_file
 from inim.settings import Settings
-from inim.viewpoint import Viewpoint, check_viewpoint, parse_viewpoints
 from tests.conftest import small_display
 
 

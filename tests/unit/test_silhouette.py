@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from inim.viewpoint import Viewpoint
+from inim.display import Viewpoint
 from tests.conftest import scene_text, small_display, sphere
 
 LAMP = """<shape type="rectangle"><transform name="to_world"><scale value="2"/>
@@ -24,7 +24,7 @@ ARRAYS = {
 @pytest.mark.parametrize("array", ARRAYS)
 def test_the_eia_is_the_same_without_what_is_black(array, open_fitted):
     from inim.clock import Clock
-    from inim.kernel.ground_truth import pickup
+    from inim.render.ground_truth import pickup
 
     display = small_display(**ARRAYS[array])
     fitted = open_fitted(scene_text(*SPHERES, LAMP, GLASS), display)
@@ -42,7 +42,7 @@ def test_the_eia_is_the_same_without_what_is_black(array, open_fitted):
 @pytest.mark.parametrize("pupil", [0.0, 6.0])
 def test_views_and_captures_are_the_same_without_what_is_black(pupil, open_fitted):
     from inim.clock import Clock
-    from inim.kernel.ground_truth import capture_halves, true_view
+    from inim.render.ground_truth import capture_halves, true_view
 
     display = small_display()
     fitted = open_fitted(scene_text(*SPHERES, LAMP, GLASS), display)
@@ -62,8 +62,8 @@ def test_views_and_captures_are_the_same_without_what_is_black(pupil, open_fitte
 
 def test_few_pixels_beside_a_relic_are_traced(open_fitted, tmp_path):
     """The grid is fine: of a ball's EIA, hardly more pixels are traced than show it."""
-    from inim.kernel.ground_truth import pickup
-    from inim.kernel.sensors import pickup_rays
+    from inim.render.ground_truth import pickup
+    from inim.render.sensors import pickup_rays
 
     display = small_display(6, 5, pixels=32)
     trimesh.creation.icosphere(subdivisions=4).export(tmp_path / "ball.ply")

@@ -15,27 +15,27 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.database import DirectoryBasedExampleDatabase
 
+from inim.accuracy_limits import trust_warnings
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, gu2020, prepare, wang2024
+from inim.generators.raycast.working_type import in_type
 from inim.generators.template import ray_by_ray
-from inim.generators.working_type import in_type
-from inim.jobs.stress import generators, optics, optics_cases, optics_relations, relations
-from inim.jobs.stress.case import FULL, QUICK, Case, Family, noise
-from inim.jobs.stress.first_hits import exact_hits, first_hits
-from inim.jobs.stress.free_cases import FREE_FAMILIES, MOUNTINGS
-from inim.jobs.stress.free_rays import chosen_pixels, rays_over
-from inim.jobs.stress.free_relations import FREE_RELATIONS
-from inim.jobs.stress.jitter import JITTERS, measure_jitter, quantised
-from inim.jobs.stress.layer_relations import LAYER_RELATIONS
-from inim.jobs.stress.optics_cases import display_of
-from inim.jobs.stress.optics_oracle import LensRays, land
-from inim.jobs.stress.oracle import answer
-from inim.jobs.stress.rays import lensed_pixels, rays_of
-from inim.jobs.stress.regions import checks_of, regions_of, trust_limits
 from inim.lens import trace_to_panel
 from inim.rgbd import RGBD
-from inim.trust import trust_warnings
+from inim.stress import generators, optics, optics_cases, optics_relations, relations
+from inim.stress.case import FULL, QUICK, Case, Family, noise
+from inim.stress.first_hits import exact_hits, first_hits
+from inim.stress.free_cases import FREE_FAMILIES, MOUNTINGS
+from inim.stress.free_rays import chosen_pixels, rays_over
+from inim.stress.free_relations import FREE_RELATIONS
+from inim.stress.jitter import JITTERS, measure_jitter, quantised
+from inim.stress.layer_relations import LAYER_RELATIONS
+from inim.stress.optics_cases import display_of
+from inim.stress.optics_oracle import LensRays, land
+from inim.stress.oracle import answer
+from inim.stress.rays import lensed_pixels, rays_of
+from inim.stress.regions import checks_of, regions_of, trust_limits
 from tests import oracle as rational
 from tests.conftest import small_display
 
@@ -305,7 +305,7 @@ def test_float32_where_float64_is_claimed_is_reported(monkeypatch):
 
 
 def _family(name):
-    from inim.jobs.stress.families import FAMILIES
+    from inim.stress.families import FAMILIES
 
     return next(f for f in FAMILIES if f.name == name).cases(QUICK)
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from inim.errors import UsageError, WorkerError
-from inim.jobs.request import Request
-from inim.jobs.sweep import pool, task
-from inim.jobs.sweep.board import Board, clock_words
-from inim.jobs.sweep.pool import choose_slots, run_pool
-from inim.jobs.sweep.task import Task, attempt
+from inim.pipeline.request import Request
+from inim.sweep import pool, task
+from inim.sweep.pool import choose_slots, run_pool
+from inim.sweep.progress import Board, clock_words
+from inim.sweep.task import Task, attempt
 
 GIB = 2**30
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from inim.errors import EXIT_USAGE, InimError
-from inim.jobs.sweep.rows import DISPLAY_COLUMNS, SETTING_COLUMNS, failed_rows
-from inim.jobs.sweep.study import AS_SCENE, read_study
-from inim.jobs.sweep.table import COLUMNS
-from inim.jobs.sweep.unit import expand, key_of, making_of, unit_hash
 from inim.report.sweep.summary import _SETTINGS
 from inim.settings import Settings
+from inim.sweep.rows import DISPLAY_COLUMNS, SETTING_COLUMNS, failed_rows
+from inim.sweep.study import AS_SCENE, read_study
+from inim.sweep.table import COLUMNS
+from inim.sweep.unit import expand, key_of, making_of, unit_hash
 from tests.conftest import scene_text, sphere
 
 STUDY = """
@@ -163,7 +163,7 @@ def test_a_key_follows_what_decides_and_nothing_else(written, tmp_path):
 
 
 def test_a_key_follows_versions_and_code(written, monkeypatch):
-    from inim.jobs.sweep import unit
+    from inim.sweep import unit
 
     plan = units_of(written())[0].plan
     before = unit_hash(key_of(plan))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from inim.display import Viewpoint
 from inim.generators import generate
-from inim.viewpoint import Viewpoint
 from tests.conftest import scene_text, small_display, sphere, square
 
 pytestmark = pytest.mark.usefixtures("renderer")
@@ -16,7 +16,7 @@ RED, GREEN = "0.8,0.05,0.05", "0.05,0.8,0.05"
 
 def truth_of(open_fitted, text, display, viewpoint, spp=64, seed=1):
     """RGB-D, true EIA, true view of a scene."""
-    from inim.kernel.ground_truth import capture, pickup, true_view
+    from inim.render.ground_truth import capture, pickup, true_view
 
     fitted = open_fitted(text, display)
     rgbd = capture(fitted, display, pixels_per_pitch=5, spp=spp, seed=seed)
@@ -26,7 +26,7 @@ def truth_of(open_fitted, text, display, viewpoint, spp=64, seed=1):
 
 
 def seen_through(eia, display, viewpoint, lens_model="pinhole", seed=0):
-    from inim.kernel.reconstruct import reconstruct
+    from inim.render.reconstruct import reconstruct
 
     return reconstruct(eia, display, viewpoint, lens_model, spp=64, seed=seed)
 
@@ -176,7 +176,7 @@ def test_the_reconstruction_shows_the_eia_upright_and_unmirrored(lens_model):
 def test_a_stock_camera_sees_the_display_as_our_eye_does():
     import mitsuba as mi
 
-    from inim.kernel.display_emitter import display_shape
+    from inim.render.display_emitter import display_shape
 
     display = small_display(12, 12, pixels=8)
     random = np.random.default_rng(5)
@@ -214,7 +214,7 @@ def test_the_display_lights_a_scene_by_its_closed_form():
     """Direction sampling of the emitter: a uniform white panel is a uniform area light."""
     import mitsuba as mi
 
-    from inim.kernel.display_emitter import display_shape
+    from inim.render.display_emitter import display_shape
 
     display = small_display(8, 8, pixels=8)
     white = np.ones((*display.eia_shape, 3), np.float32)

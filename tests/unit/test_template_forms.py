@@ -12,8 +12,8 @@ from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
-from inim.generators.axis_runs import AxisRuns, doubtful_pixels
-from inim.generators.direction_lists import shares_directions
+from inim.generators.raycast.axis_runs import AxisRuns, doubtful_pixels
+from inim.generators.raycast.direction_lists import shares_directions
 from inim.generators.sources import NO_LENS, NOT_ASKED
 from inim.generators.template import _RayByRay, _Shared, _Strips
 from inim.rgbd import RGBD

@@ -9,7 +9,7 @@ from inim.backend import choose_backend
 from inim.display import DISPLAYS, Display
 from inim.errors import BackendError, UsageError
 from inim.generators import HOLE, NO_LENS, find_sources, generate, prepare
-from inim.generators.cells import cell_rays
+from inim.generators.raycast.cells import cell_rays
 from inim.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
@@ -160,7 +160,7 @@ WHY_NO_CUDA = no_cuda()
 def test_cuda_shows_the_same_bits():
     import mitsuba as mi
 
-    from inim.kernel import variant
+    from inim.render import variant
 
     before = mi.variant()
     try:

@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim import trust
-from inim.display import DISPLAYS
+from inim import accuracy_limits as trust
+from inim.accuracy_limits import trust_warnings
+from inim.display import DISPLAYS, Viewpoint
 from inim.generators import find_sources
-from inim.jobs.plan import make_plan
-from inim.jobs.request import Request
-from inim.jobs.stress.first_hits import exact_hits
-from inim.jobs.stress.free_rays import chosen_pixels, rays_over
+from inim.pipeline.plan import make_plan
+from inim.pipeline.request import Request
 from inim.rgbd import RGBD
-from inim.trust import trust_warnings
-from inim.viewpoint import Viewpoint
+from inim.stress.first_hits import exact_hits
+from inim.stress.free_rays import chosen_pixels, rays_over
 from tests.conftest import small_display
 from tests.oracle import exact_sources
 

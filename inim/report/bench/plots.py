@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from inim.formats.image import write_atomically
+from inim.files.image import write_atomically
 from inim.report.bench.marks import BEATEN, LINES, MARKS, SOFT, colour_of, plain_ticks, style
 from inim.report.bench.names import Name, across, set_apart
 from inim.report.wording import is_number, part

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from inim.digest import code_digest, value_digest
+from inim.cache.digest import code_digest, value_digest
+from inim.cache.store import remembered
 from inim.report.bench.marks import LINES, MARKS, colour_of, plain_ticks, style
 from inim.report.bench.names import Name, across, set_apart
 from inim.report.markup import element, text, void
 from inim.report.wording import is_number, part, plain, viewpoint_names
-from inim.store import remembered
 
 __all__ = ["time_against_error"]
 

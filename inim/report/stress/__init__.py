@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from inim.formats.image import write_atomically
+from inim.files.image import write_atomically
 from inim.report.strict_json import from_strict, to_strict
 
 __all__ = ["SCHEMA", "write_stress"]

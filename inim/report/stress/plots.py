@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from inim.formats.image import write_atomically
+from inim.accuracy_limits import LANDING_PIXELS
+from inim.files.image import write_atomically
 from inim.report.bench.marks import LINES, style
-from inim.trust import LANDING_PIXELS
 
 __all__ = ["draw_plots"]
 

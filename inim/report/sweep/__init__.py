@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from inim.formats.image import write_atomically
+from inim.files.image import write_atomically
 
 __all__ = ["PAGE", "write_page"]
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
+from inim.display.misalignment import mounted
 from inim.errors import InimError
-from inim.misalignment import mounted
 from inim.report.markup import element, figure, text, void
 from inim.report.pictures import Pictures, is_wide
 from inim.report.virtual_display.optics import SKETCHED_LENS_MODELS, drawn_as_none, optics

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inim.formats.image import encoded
+from inim.files.image import encoded
 
 __all__ = ["EmbeddedPanel", "Panel", "embed_panels"]
 

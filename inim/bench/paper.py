@@ -1,0 +1,202 @@
+"""The paper's three timing experiments, as it ran them and compiled, on two synthetic spheres.
+
+Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4: time against the scene's pixels
+(its Fig. 12), against the pixels of one elemental image (Fig. 13) and against the number of
+elemental images (Fig. 14). The paper timed plain Python on one thread; the generators run that way
+with ``implementation=python``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from inim import metrics
+from inim.bench.contenders import available, is_interpreted, linear_picture, prepared
+from inim.bench.paper_claims import claims
+from inim.bench.quality import Judge, Looks, make_judge
+from inim.bench.scaling import picture_of, square_display
+from inim.bench.scene import YARDSTICK, contender_data, timed
+from inim.bench.synthetic import two_spheres_eia, two_spheres_view
+from inim.bench.timing import Rounds
+from inim.display import Display
+from inim.display.viewpoint import parse_viewpoints
+
+__all__ = ["FULL", "NAMES", "Sizes", "bench_paper"]
+
+#: Who takes part, the paper's three in both forms first.
+NAMES = (
+    "li2012:implementation=python",
+    "gu2020:implementation=python",
+    "wang2024:implementation=python",
+    "li2012",
+    "gu2020",
+    "wang2024",
+    "template",
+)
+#: On the one input for all, besides: what the matrix and a single sample to a pixel cost.
+ALSO = ("wang2024:matching=ray", "template:samples=4")
+#: SSIM of the middle view that the paper prints, of its own scenes.
+PUBLISHED_SSIM = {"wang2024": 0.78, "gu2020": 0.74, "li2012": 0.67}
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How large the experiments are.
+
+    Attributes
+    ----------
+    scene_lenses : int
+        Lenses along a side where the scene's pixels vary.
+    scene_pixels : sequence of int
+        Picture pixels per lens pitch.
+    elemental_pixels : sequence of int
+        Pixels along a side of the one elemental image.
+    lens_counts : sequence of int
+        Lenses along a side.
+    same_lenses : int
+        Lenses along a side of the input that all are compared on.
+    pixels_per_pitch : int
+        Of the picture wherever its pixels do not vary.
+    """
+
+    scene_lenses: int = 10
+    scene_pixels: Sequence[int] = (1, 2, 3, 4, 5, 6)
+    elemental_pixels: Sequence[int] = (9, 17, 25, 33, 49, 65)
+    lens_counts: Sequence[int] = (1, 2, 4, 6, 8, 10, 12)
+    same_lenses: int = 32
+    pixels_per_pitch: int = 5
+
+
+#: Sizes at which plain Python takes a few minutes in all.
+FULL = Sizes()
+
+
+def bench_paper(rounds: Rounds, listener: Any, sizes: Sizes = FULL) -> dict[str, Any]:
+    """All three experiments, one input on which all are compared, and what becomes of the claims.
+
+    Returns
+    -------
+    dict
+        ``experiments`` [{``name``, ``figure``, ``kept``, ``size``, ``points``}], ``same_input``,
+        ``claims``, ``notes``.
+    """
+    names, notes = available(NAMES)
+    experiments = [
+        _experiment(*what, names, rounds, listener)
+        for what in (
+            ("Fig. 12", "scene pixels", "scene_pixels", _scene_inputs(sizes)),
+            ("Fig. 13", "pixels of one elemental image", "elemental_pixels", _one_lens(sizes)),
+            ("Fig. 14", "elemental images", "lenses", _lens_inputs(sizes)),
+        )
+    ]
+    same = _same_input(sizes, [*names, *available(ALSO)[0]], rounds, listener)
+    return {
+        "experiments": experiments,
+        "same_input": same,
+        "claims": claims(experiments, same),
+        "notes": notes,
+    }
+
+
+#: What is kept, in words, and each display with its picture's pixels per pitch.
+_Inputs = tuple[str, list[tuple[Display, int]]]
+
+
+def _scene_inputs(sizes: Sizes) -> _Inputs:
+    n = sizes.scene_lenses
+    kept = f"{n} × {n} lenses of 17 × 17 pixels"
+    return kept, [(square_display(n), count) for count in sizes.scene_pixels]
+
+
+def _one_lens(sizes: Sizes) -> _Inputs:
+    """One elemental image of more and more pixels: pitch, gap and depth range stay."""
+    low, high = square_display(1).depth_range_mm
+    stays = {"depth_min_mm": low, "depth_max_mm": high}
+    kept = f"one lens, {sizes.pixels_per_pitch} picture pixels per pitch"
+    return kept, [
+        (square_display(1, pixels, **stays), sizes.pixels_per_pitch)
+        for pixels in sizes.elemental_pixels
+    ]
+
+
+def _lens_inputs(sizes: Sizes) -> _Inputs:
+    kept = f"lenses of 17 × 17 pixels, {sizes.pixels_per_pitch} picture pixels per pitch"
+    return kept, [(square_display(count), sizes.pixels_per_pitch) for count in sizes.lens_counts]
+
+
+def _experiment(
+    figure: str,
+    name: str,
+    size: str,
+    inputs: _Inputs,
+    names: Sequence[str],
+    rounds: Rounds,
+    listener: Any,
+) -> dict[str, Any]:
+    points = []
+    kept, displays = inputs
+    for display, pixels_per_pitch in displays:
+        rgbd = picture_of(display, pixels_per_pitch)
+        contenders = [prepared(one, rgbd, display) for one in names]
+        rows = display.eia_shape[0]
+        sizes = {
+            "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
+            "elemental_pixels": (rows // display.lens_rows) ** 2,
+            "lenses": display.lens_rows * display.lens_columns,
+        }
+        listener.stage(f"{figure}: {sizes[size]} {name}")
+        times = timed(contenders, rgbd, display, rounds)
+        found = [contender_data(c, times, display) for c in contenders]
+        points.append({**sizes, "yardstick": times[YARDSTICK].as_data(), "contenders": found})
+        listener.line(f"{figure}  {sizes[size]:6} {name}: {_in_words(found)}")
+    return {"name": name, "figure": figure, "kept": kept, "size": size, "points": points}
+
+
+def _in_words(found: Sequence[dict[str, Any]]) -> str:
+    """The times of plain Python and of the exact generator, the ends of the range."""
+    ends = [c for c in found if is_interpreted(c["name"]) or c["name"] == "template"]
+    return ", ".join(f"{c['name'].partition(':')[0]} {c['median_ms']:.4g} ms" for c in ends)
+
+
+def _same_input(
+    sizes: Sizes, names: Sequence[str], rounds: Rounds, listener: Any
+) -> dict[str, Any]:
+    """Everyone on one input: time, error, and the middle view against the scene itself."""
+    display = square_display(sizes.same_lenses)
+    listener.stage(f"{sizes.same_lenses} x {sizes.same_lenses} lenses, time and error")
+    rgbd = picture_of(display, sizes.pixels_per_pitch)
+    contenders = [prepared(name, rgbd, display) for name in names]
+    times = timed(contenders, rgbd, display, rounds)
+    eye = parse_viewpoints("centre", display)
+    judge = make_judge(rgbd, two_spheres_eia(display), Looks(display, eye))
+    truth = two_spheres_view(display, eye[0], judge.looks.pixels_per_lens)
+    found = []
+    for contender in contenders:
+        view = judge.looks.at(linear_picture(contender.out))[0]
+        found.append(
+            contender_data(contender, times, display)
+            | judge.errors(contender)
+            | {
+                "middle_view_ssim": metrics.ssim(truth, view),
+                "published_ssim": PUBLISHED_SSIM.get(_as_published(contender.name)),
+            }
+        )
+    return {
+        "lenses": display.lens_rows * display.lens_columns,
+        "display_pixels": display.eia_shape[0] * display.eia_shape[1],
+        "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
+        "yardstick": times[YARDSTICK].as_data(),
+        "ceiling_ssim": _ceiling_ssim(judge, truth),
+        "contenders": found,
+    }
+
+
+def _as_published(name: str) -> str:
+    """The algorithm, if it runs as published, in whatever form."""
+    return name.removesuffix(":implementation=python")
+
+
+def _ceiling_ssim(judge: Judge, truth: Any) -> float:
+    return metrics.ssim(truth, judge.ceiling[0])

@@ -1,0 +1,134 @@
+"""How time grows: with the display's pixels, with the picture's, and what memory it takes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from inim.bench.contenders import prepared
+from inim.bench.scene import YARDSTICK, contender_data, timed
+from inim.bench.synthetic import two_spheres
+from inim.bench.timing import Rounds
+from inim.display import Display
+from inim.errors import WorkerError
+from inim.rgbd import RGBD
+
+__all__ = ["LENS_COUNTS", "PIXELS_PER_PITCH", "bench_scaling", "growth", "square_display"]
+
+#: Lenses along a side, 17 pixels each: up to 4080 x 4080, the largest array measured in print.
+LENS_COUNTS = (16, 24, 32, 48, 64, 96, 128, 176, 240)
+#: Picture pixels per lens pitch, on `_FIXED_LENSES` lenses along a side.
+PIXELS_PER_PITCH = (1, 2, 3, 4, 5, 6, 7, 8)
+_FIXED_LENSES = 64
+_FIXED_PIXELS_PER_PITCH = 2
+_ALGORITHM = "template"
+# Peak memory above that of the imports that an array of 4080 x 4080 may take.
+_MOST_ABOVE_IMPORT = 2**30
+# Time a child may take to generate once.
+_PATIENCE_S = 300
+
+
+def square_display(lenses: int, pixels: int = 17, **changes: Any) -> Display:
+    """The paper's lenses, `lenses` by `lenses` of them, with `pixels` by `pixels` pixels each."""
+    display = Display(
+        pitch_mm=1.0,
+        focal_length_mm=3.0,
+        gap_mm=3.3,
+        pixel_pitch_mm=1.0 / pixels,
+        lens_columns=lenses,
+        lens_rows=lenses,
+        name=f"{lenses} x {lenses} lenses",
+    )
+    return display.replace(**changes) if changes else display
+
+
+def picture_of(display: Display, pixels_per_pitch: int) -> RGBD:
+    """The two spheres with so many pixels per lens pitch."""
+    shape = display.capture_shape(pixels_per_pitch)
+    return two_spheres(display, shape, display.pitch_mm / pixels_per_pitch)
+
+
+def bench_scaling(
+    rounds: Rounds,
+    listener: Any,
+    lens_counts: Sequence[int] = LENS_COUNTS,
+    pixels_per_pitch: Sequence[int] = PIXELS_PER_PITCH,
+    fixed_lenses: int = _FIXED_LENSES,
+) -> dict[str, Any]:
+    """Times of `template` and the yardstick over both sizes, and peak memory at the largest."""
+    by_display = []
+    for lenses in lens_counts:
+        listener.stage(f"{lenses} x {lenses} lenses")
+        by_display.append(_point(square_display(lenses), _FIXED_PIXELS_PER_PITCH, rounds))
+        listener.line(_in_words(by_display[-1]))
+    by_scene = []
+    for count in pixels_per_pitch:
+        listener.stage(f"{count} picture pixels per pitch")
+        by_scene.append(_point(square_display(fixed_lenses), count, rounds))
+        listener.line(_in_words(by_scene[-1]))
+    listener.stage("memory")
+    return {
+        "algorithm": _ALGORITHM,
+        "display": by_display,
+        "scene": by_scene,
+        "growth": {
+            # The larger half: on small displays, starting the threads takes longer than the work.
+            "display_pixels": growth(by_display[len(by_display) // 2 :], "display_pixels"),
+            "scene_pixels": growth(by_scene, "scene_pixels"),
+        },
+        "memory": peak_memory(max(lens_counts)),
+    }
+
+
+def _point(display: Display, pixels_per_pitch: int, rounds: Rounds) -> dict[str, Any]:
+    rgbd = picture_of(display, pixels_per_pitch)
+    contender = prepared(_ALGORITHM, rgbd, display)
+    times = timed([contender], rgbd, display, rounds)
+    return {
+        "lenses": display.lens_columns,
+        "pixels_per_pitch": pixels_per_pitch,
+        "display_pixels": display.eia_shape[0] * display.eia_shape[1],
+        "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
+        "yardstick": times[YARDSTICK].as_data(),
+        **contender_data(contender, times, display),
+    }
+
+
+def _in_words(point: Mapping[str, Any]) -> str:
+    return (
+        f"{point['name']}  {point['display_pixels']:9} display pixels  {point['scene_pixels']:7} "
+        f"scene pixels  {point['median_ms']:7.2f} ms  {point['ratio']:6.2f} yardsticks"
+    )
+
+
+def growth(points: Sequence[Mapping[str, Any]], size: str) -> float | None:
+    """By which power time grows with a size, least squares: 1 is linear, 0 flat.
+
+    By the fastest runs: sizes are not measured in turn, so the medians of two sizes need not have
+    met the same load.
+    """
+    sizes = np.log([p[size] for p in points])
+    if len(points) < 2 or np.ptp(sizes) == 0:
+        return None
+    return float(np.polyfit(sizes, np.log([p["min_ms"] for p in points]), 1)[0])
+
+
+def peak_memory(lenses: int) -> dict[str, Any]:
+    """Peak memory of a fresh process that makes one EIA and nothing else, bytes."""
+    words = [sys.executable, "-m", "inim.bench.memory", str(lenses)]
+    ended = subprocess.run(
+        words, stdin=subprocess.DEVNULL, capture_output=True, timeout=_PATIENCE_S, check=False
+    )
+    try:
+        found: dict[str, Any] = json.loads(ended.stdout)
+    except ValueError:
+        raise WorkerError(
+            f"the process that measures memory ended with code {ended.returncode} at "
+            f"{lenses} x {lenses} lenses"
+        ) from None
+    return {**found, "limit_bytes": _MOST_ABOVE_IMPORT}

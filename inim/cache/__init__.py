@@ -1,0 +1,1 @@
+"""Results kept from run to run, by the digest of what decides them."""

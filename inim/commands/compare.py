@@ -1,0 +1,93 @@
+"""Two reports compared: the verdicts of a baseline check, between any two runs."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+from inim.errors import UsageError
+from inim.pipeline.baseline import regression_data, verdict_lines
+from inim.pipeline.differences import FOLDER
+from inim.regression import CANDIDATE, Evidence, all_passed, compare, read_evidence
+from inim.report import Report
+from inim.report.compare import SCHEMA, write_comparison
+from inim.worker.output import open_staging, publish
+
+__all__ = ["compare_reports"]
+
+_MARKER = "compare.json"
+
+
+def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[str]]:
+    """Compare two reports and write what was found into a folder.
+
+    Parameters
+    ----------
+    before, after : Path
+        Folders of reports; `before` stands for the baseline.
+    out : Path
+        Of `compare.json`, `compare.html`, `junit.xml` and `summary.md`.
+
+    Returns
+    -------
+    passed : bool
+    lines : list of str
+        The verdicts as text, failed ones first.
+
+    Raises
+    ------
+    BaselineError
+        The two were made under conditions that differ, or one has nothing to compare.
+    FileError
+        No report there, or `out` cannot be written.
+    """
+    reports = [Report.load(folder) for folder in (before, after)]
+    if out.exists() and any(out.samefile(folder) for folder in (before, after)):
+        raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
+    old, new = (read_evidence(report.folder / FOLDER, CANDIDATE) for report in reports)
+    verdicts = compare(old, new, str(before))
+    staging = open_staging(out)
+    try:
+        failed = [v.name for v in verdicts if v.kind == "picture" and not v.passed]
+        names = [n for n in old.pictures if any(f.startswith(f"{n}: ") for f in failed)]
+        pictures = [n for n in names if _copy_pictures(reports, n, staging)]
+        data = {
+            "schema": SCHEMA,
+            "title": new.circumstances.get("title") or after.name,
+            "created": new.circumstances.get("created"),
+            "before": _about(before, old),
+            "after": _about(after, new),
+            "conditions": new.conditions,
+            "regression": regression_data(str(before), old, new, pictures),
+            "verdict": {
+                "passed": all_passed(verdicts),
+                "checks": [v.as_check() for v in verdicts],
+            },
+        }
+        write_comparison(data, staging)
+        publish(staging, out, _MARKER)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    return all_passed(verdicts), verdict_lines(verdicts)
+
+
+def _about(folder: Path, evidence: Evidence) -> dict[str, Any]:
+    return {"folder": str(folder), "circumstances": dict(evidence.circumstances)}
+
+
+def _copy_pictures(reports: list[Report], name: str, staging: Path) -> bool:
+    """The two pictures of a name, and their difference; whether both are there."""
+    from inim.report.pictures import ENCODINGS, Pictures, difference
+
+    found = [Pictures(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in reports]
+    change = difference(found[0], found[1])
+    if found[0] is None or found[1] is None or change is None:
+        return False
+    from PIL import Image
+
+    target = staging / FOLDER / name
+    target.parent.mkdir(parents=True, exist_ok=True)
+    for pixels, kind in ((found[0], "baseline"), (found[1], "candidate"), (change, "difference")):
+        Image.fromarray(pixels).save(target.with_name(f"{target.name}-{kind}.png"))
+    return True

@@ -1,0 +1,192 @@
+"""`inim depth`: depth of a single photograph by a learned model, through `transformers`.
+
+Models come in two kinds. Some say metres (ZoeDepth, Depth Pro, GLPN, the metric Depth Anything);
+their numbers are kept. Most say inverse depth, larger where nearer, up to an unknown scale and
+shift (MiDaS, DPT, Depth Anything). These are turned the right way round: the least and the largest
+are taken for the far and the near end, ``far / near`` is stated (`--ratio`), and the result is a
+relative distance from 1, near, to that ratio, far.
+
+Nothing of this is installed with inim itself: the extra is ``inim[depth]``.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
+
+if TYPE_CHECKING:
+    import argparse
+
+    import numpy as np
+
+__all__ = ["add_arguments", "relative_distance", "run", "says_distance"]
+
+_DEFAULT_MODEL = "depth-anything/Depth-Anything-V2-Small-hf"
+_KINDS = ("auto", "inverse", "metres")
+_INSTALL = "pip install 'inim[depth]'"
+# By `model_type` of the model's configuration, where that alone decides.
+_METRIC_TYPES = frozenset({"zoedepth", "depth_pro", "glpn", "prompt_depth_anything"})
+_INVERSE_TYPES = frozenset({"dpt"})
+_DEFAULT_RATIO = 4.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `inim depth`."""
+    parser.description = (
+        "Estimate the depth of a photograph with a depth-estimation model, for `inim generate`. "
+        f"Needs the extra: {_INSTALL}"
+    )
+    add = parser.add_argument
+    add("photo", type=Path, help="PNG, JPEG, ... or EXR")
+    add("-o", "--out", type=Path, required=True, help="depth, .exr or .npy")
+    add("--model", default=_DEFAULT_MODEL, help=f"its name, or a local folder ({_DEFAULT_MODEL})")
+    add("--says", default="auto", help="what the model says: inverse, metres, or auto")
+    add(
+        "--ratio",
+        type=float,
+        default=_DEFAULT_RATIO,
+        help="of the farthest distance to the nearest, where the model says inverse depth (4)",
+    )
+    add("--debug", action="store_true", help="show tracebacks of internal errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry out `inim depth`; the exit code."""
+    import numpy as np
+
+    _check(args)
+    estimator = _estimator(args.model)
+    metric = says_distance(estimator.model.config, args.model, args.says)
+    predicted = _predicted(estimator, args.photo, args.model)
+    if metric:
+        depth, unit = predicted, "--depth-unit m"
+        depth = np.where(depth > 0, depth, np.float32(np.nan))
+    else:
+        depth, unit = relative_distance(predicted, args.ratio), "--depth-unit none --far-is-large"
+    _write(args.out, depth, "distance in metres" if metric else "relative distance")
+    low, high = float(np.nanmin(depth)), float(np.nanmax(depth))
+    kind = "metres" if metric else "inverse depth, turned round to relative distance"
+    print(f"model      {args.model}: {kind}")
+    print(f"depth      {low:.4g} (near) .. {high:.4g} (far), {depth.shape[1]} x {depth.shape[0]}")
+    print(f"written    {args.out}; use it with --depth {args.out} {unit}")
+    return EXIT_PASSED
+
+
+def _check(args: argparse.Namespace) -> None:
+    if args.out.suffix.lower() not in (".exr", ".npy"):
+        raise UsageError(f"-o {args.out}: depth is written as .exr or .npy")
+    if args.out.is_dir():
+        raise FileError(f"{args.out}: is a folder; name a file with -o")
+    if args.out.resolve() == args.photo.resolve():
+        raise UsageError(f"-o {args.out}: is the photograph; give it another name")
+    if not args.photo.is_file():
+        raise FileError(f"{args.photo}: no such file")
+    if args.says not in _KINDS:
+        raise UsageError(f"--says {args.says}: use {', '.join(_KINDS[:-1])} or {_KINDS[-1]}")
+    if not 1 < args.ratio < math.inf:
+        raise UsageError(f"--ratio {args.ratio:g}: far is farther than near; give more than 1")
+
+
+def _estimator(model: str) -> Any:
+    """The `transformers` pipeline for a model."""
+    try:
+        import torch  # noqa: F401 (the pipeline's own message about it is a page long)
+        from transformers import pipeline
+    except ImportError as error:
+        raise UsageError(
+            f"inim depth: needs torch and transformers ({error.name or error} is missing); "
+            f"{_INSTALL}"
+        ) from error
+    try:
+        return pipeline("depth-estimation", model=model)
+    except MemoryError:
+        raise
+    except Exception as error:
+        cause = " ".join(str(error).split())[:200] or type(error).__name__
+        raise FileError(
+            f"--model {model}: cannot be loaded ({cause}); give a folder with a depth-estimation "
+            "model, or its name on huggingface.co while there is a network"
+        ) from error
+
+
+def says_distance(config: Any, model: str, said: str = "auto") -> bool:
+    """Whether a model says metres, by its configuration; inverse depth otherwise.
+
+    Raises
+    ------
+    UsageError
+        A kind of model that is not known, and nothing was stated.
+    """
+    if said != "auto":
+        return said == "metres"
+    kind = getattr(config, "model_type", None)
+    stated = getattr(config, "depth_estimation_type", None)
+    if stated in ("metric", "relative"):
+        return bool(stated == "metric")
+    if kind in _METRIC_TYPES or kind in _INVERSE_TYPES:
+        return kind in _METRIC_TYPES
+    raise UsageError(
+        f"--model {model}: nothing is known of what a {kind} model says; state --says inverse "
+        "(larger is nearer) or --says metres"
+    )
+
+
+def _predicted(estimator: Any, photo: Path, model: str) -> np.ndarray:
+    """What the model says of a photograph, (H, W) float32."""
+    import numpy as np
+    from PIL import Image
+
+    from inim.color import srgb_from_linear, srgb_to_uint8
+    from inim.from_camera.color_file import read_color
+
+    color = read_color(photo)
+    codes = color if color.dtype == np.uint8 else srgb_to_uint8(srgb_from_linear(color))
+    try:
+        said = estimator(Image.fromarray(codes))["predicted_depth"]
+        depth = np.squeeze(np.asarray(said.detach().cpu().float().numpy(), np.float32))
+    except MemoryError as error:
+        raise OutOfMemoryError(f"{photo}: not enough memory; scale the picture down") from error
+    except Exception as error:
+        cause = " ".join(str(error).split())[:200] or type(error).__name__
+        raise FileError(f"--model {model}: failed on {photo} ({cause}); try another") from error
+    if depth.ndim != 2 or not np.isfinite(depth).all():
+        raise FileError(
+            f"--model {model}: said an array of shape {depth.shape}, or values not finite; "
+            "it is no depth-estimation model, or damaged"
+        )
+    return depth
+
+
+def relative_distance(inverse: np.ndarray, ratio: float) -> np.ndarray:
+    """Distances, 1 where inverse depth is largest to `ratio` where it is least; all 1 if flat.
+
+    Parameters
+    ----------
+    inverse : (H, W) float array
+        Inverse depth up to scale and shift, larger where nearer.
+    ratio : float
+        Farthest distance over nearest, above 1.
+    """
+    import numpy as np
+
+    low, high = float(inverse.min()), float(inverse.max())
+    if high == low:
+        return np.ones(inverse.shape, np.float32)
+    share = (inverse.astype(np.float64) - low) / (high - low)
+    distance: np.ndarray = (1 / (1 / ratio + (1 - 1 / ratio) * share)).astype(np.float32)
+    return distance
+
+
+def _write(path: Path, depth: np.ndarray, meaning: str) -> None:
+    import numpy as np
+
+    from inim.files.image import write_atomically
+    from inim.from_camera.depth_file import write_depth
+
+    if path.suffix.lower() == ".exr":
+        write_depth(path, depth, meaning)
+    else:
+        write_atomically(path, lambda p: np.save(p, depth))

@@ -1,0 +1,131 @@
+"""`inim export`: what an EIA shows, as views for other programs and displays."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from inim.commands.display_choice import add_display_arguments, chosen_display
+from inim.errors import EXIT_PASSED, FileError, UsageError
+
+if TYPE_CHECKING:
+    import argparse
+
+    import numpy as np
+
+    from inim.display import Display
+
+__all__ = ["add_arguments", "run"]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `inim export`."""
+    parser.description = (
+        "Write the sub-aperture views of an EIA: one picture each, as an HCI light field, or as a "
+        "Looking Glass quilt. A view has one pixel per lens."
+    )
+    add = parser.add_argument
+    add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
+    add_display_arguments(parser)
+    add("--name", help="of a report's EIAs, which one (the first algorithm's)")
+    add("--views", type=Path, metavar="DIR", help="folder for view_ROW_COLUMN.png")
+    add(
+        "--hci", type=Path, metavar="DIR", help="folder for input_Cam000.png ... and parameters.cfg"
+    )
+    add("--quilt", type=Path, metavar="FILE", help=".png; _qsCOLSxROWSaASPECT is added to its name")
+    add("--grid", metavar="COLSxROWS", help="of the views, or of the quilt's tiles")
+    add("--debug", action="store_true", help="show tracebacks of internal errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry out `inim export`; the exit code."""
+    if not (args.views or args.hci or args.quilt):
+        raise UsageError("nothing to write: give --views DIR, --hci DIR or --quilt FILE")
+    for option, path in (("--views", args.views), ("--hci", args.hci)):
+        if path is not None and path.exists() and not path.is_dir():
+            raise FileError(f"{option} {path}: is a file; name a folder")
+    grid = _grid(args.grid)
+    codes, display = _eia(args)
+    written = [
+        *_write_views(args, codes, display, grid),
+        *([] if args.quilt is None else [_write_quilt(args.quilt, codes, display, grid)]),
+    ]
+    for path in written:
+        print(path)
+    return EXIT_PASSED
+
+
+def _grid(text: str | None) -> tuple[int, int] | None:
+    """Columns and rows."""
+    if text is None:
+        return None
+    across, _, down = text.lower().partition("x")
+    if not (across.isdecimal() and down.isdecimal() and 0 < int(across) * int(down) <= 10_000):
+        raise UsageError(f"--grid {text}: write COLUMNSxROWS, such as 9x9, of at most 10000 views")
+    return int(across), int(down)
+
+
+def _eia(args: argparse.Namespace) -> tuple[np.ndarray, Display]:
+    """The EIA as 8-bit sRGB, and its display."""
+    from inim.color import srgb_codes
+    from inim.files.eia_file import read_eia
+
+    if args.what.is_dir():
+        if args.display or args.definitions:
+            raise UsageError(
+                f"{args.what}: is a report, which has its own display; --display and -D are for "
+                "an EIA"
+            )
+        path, display = _of_report(args.what, args.name)
+    else:
+        if args.name:
+            raise UsageError("--name: is for a report's folder; an EIA has no others beside it")
+        path, display = args.what, chosen_display(args.display, args.definitions, "inim export")[0]
+    return srgb_codes(read_eia(path, display)[0]), display
+
+
+def _of_report(folder: Path, name: str | None) -> tuple[Path, Display]:
+    from inim.display import Display
+    from inim.report import Report
+
+    report = Report.load(folder)
+    names = list(report.data["algorithms"])
+    chosen = name if name is not None else next(iter(names), None)
+    if chosen not in names:
+        raise UsageError(f"--name {name}: {folder} has {', '.join(names) or 'no EIA'}")
+    return folder / "eia" / f"{chosen}.png", Display(**report.data["display"]["given"])
+
+
+def _write_views(
+    args: argparse.Namespace, codes: np.ndarray, display: Display, grid: tuple[int, int] | None
+) -> list[Path]:
+    from inim.files.image import write_atomically
+    from inim.files.light_field import sub_aperture_views, write_hci
+
+    if args.views is None and args.hci is None:
+        return []
+    from PIL import Image
+
+    views = sub_aperture_views(codes, display, None if grid is None else grid[::-1])
+    if args.views is not None:
+        for row, line in enumerate(views):
+            for column, view in enumerate(line):
+                picture = Image.fromarray(view)
+                put = partial(picture.save, format="PNG")
+                write_atomically(args.views / f"view_{row:02}_{column:02}.png", put)
+    if args.hci is not None:
+        write_hci(args.hci, views, display)
+    return [path for path in (args.views, args.hci) if path is not None]
+
+
+def _write_quilt(
+    path: Path, codes: np.ndarray, display: Display, grid: tuple[int, int] | None
+) -> Path:
+    """Views from left to right, seen from the middle's height."""
+    from inim.files.light_field import sub_aperture_views, view_grid
+    from inim.files.quilt import write_quilt
+
+    count = view_grid(display)[1] if grid is None else grid[0] * grid[1]
+    views = sub_aperture_views(codes, display, (1, count))[0]
+    return write_quilt(path, views, display.width_mm / display.height_mm, grid)

@@ -1,0 +1,136 @@
+"""The command line of the inspection: `inim inspect`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from inim.errors import EXIT_PASSED, FileError, UsageError
+
+if TYPE_CHECKING:
+    from inim.inspect.findings import Findings
+    from inim.settings import Settings
+
+__all__ = ["add_arguments", "run"]
+
+_NAME = "inspect"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `inim inspect`."""
+    parser.description = (
+        "Say what a display can do, before anything is rendered: depth, viewing zone, voxel size, "
+        "spots, crosstalk, and what its pixels per lens cost and give."
+    )
+    parser.add_argument("display", metavar="SCENE|PRESET", help="scene (.xml), nominal or phone")
+    parser.add_argument(
+        "-D",
+        dest="definitions",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override an inim.* setting or a scene parameter; may be repeated",
+    )
+    parser.add_argument(
+        "--distance",
+        type=float,
+        metavar="MM",
+        help="viewing distance (the scene's, or twice the nearest usable one)",
+    )
+    parser.add_argument(
+        "--lens-model", help="lens model: pinhole, thin or thick (thick, if it can be ground)"
+    )
+    parser.add_argument("-o", "--out", type=Path, help="folder for inspect.json, .svg and .png")
+    parser.add_argument("--json", action="store_true", help="JSON instead of text")
+    parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry out `inim inspect`; the exit code."""
+    from inim.inspect.data import as_data
+    from inim.inspect.text import as_text
+
+    settings = _settings(args.display, args.definitions)
+    findings = _findings(args, settings)
+    shown = json.dumps(as_data(findings), indent=1, allow_nan=False)
+    files = [] if args.out is None else _write(findings, shown, args.out)
+    print(shown if args.json else as_text(findings))
+    if files and not args.json:
+        print("\nwritten: " + ", ".join(str(args.out / name) for name in files))
+    return EXIT_PASSED
+
+
+def _settings(display: str, items: list[str]) -> Settings:
+    """The settings of a scene file or, for a preset, those of the command line alone."""
+    from inim.display import DISPLAYS
+    from inim.scene.file import parse_definitions, read_scene_file
+    from inim.settings import PREFIX, Settings
+
+    definitions = parse_definitions(items)
+    if display in DISPLAYS:
+        return Settings.parse(_of_preset(display, definitions), display)
+    path = Path(display)
+    if path.suffix.lower() != ".xml" and not path.exists():
+        raise UsageError(
+            f"{display}: neither a scene file nor a preset; give a .xml file or "
+            f"{' or '.join(DISPLAYS)}, and change single values with -D {PREFIX}KEY=VALUE"
+        )
+    return Settings.parse(read_scene_file(path, definitions).settings, display)
+
+
+def _of_preset(name: str, definitions: Mapping[str, str]) -> dict[str, str]:
+    from inim.settings import PREFIX
+
+    key = f"{PREFIX}display"
+    if key in definitions:
+        raise UsageError(f"-D {key}: the display is {name} already; name it once")
+    for other in definitions:
+        if not other.startswith(PREFIX):
+            raise UsageError(f"-D {other}: a preset has {PREFIX}* settings only")
+    return {key: name, **definitions}
+
+
+def _findings(args: argparse.Namespace, settings: Settings) -> Findings:
+    from inim.display.misalignment import mounted
+    from inim.display.viewpoint import default_distance_mm
+    from inim.inspect.findings import DEFAULT_LENS_MODEL, inspect_display
+    from inim.lens import FULL
+
+    distance = settings.viewing_distance_mm if args.distance is None else args.distance
+    if distance is not None and not (math.isfinite(distance) and distance > 0):
+        raise UsageError(f"--distance {distance:g}: give a distance above 0, in millimetres")
+    design = settings.make_display(args.display)
+    # The full model is the thick one as a mesh, for the renderer.
+    stated = None if settings.lens_model in (DEFAULT_LENS_MODEL, FULL) else settings.lens_model
+    return inspect_display(
+        design,
+        default_distance_mm(design) if distance is None else distance,
+        mounted=mounted(design, settings.misalign),
+        lens_model=args.lens_model or stated,
+        source=args.display,
+    )
+
+
+def _write(findings: Findings, shown: str, folder: Path) -> list[str]:
+    """The figure first and the JSON last: where the JSON is, all is."""
+    from inim.files.image import write_atomically
+    from inim.inspect.figure import draw_figure
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(
+            f"{folder}: cannot be made a folder ({error.strerror}); choose another with -o"
+        ) from None
+    path = folder / f"{_NAME}.json"
+    drawn = draw_figure(findings, folder, _NAME)
+    write_atomically(path, lambda p: _put(p, shown))
+    return [*drawn, path.name]
+
+
+def _put(path: Path, text: str) -> None:
+    path.write_text(text + "\n", encoding="utf-8")

@@ -1,0 +1,154 @@
+"""EIAs of a 4D light field: of its centre view and disparity, or of all its views.
+
+The views are laid over the lens array, and the outermost directions of a lens's field become the
+outermost views. A point of disparity d then stands at ``z = k (d + shift)``, with k from
+`inim.files.light_field.disparity_step_mm`; the shift takes the middle of the disparities to the
+central depth plane. Views that `inim export` made of an EIA are not shifted, and give it back.
+Depth is not fitted to the display's range: so the EIA of the centre view can be compared, pixel by
+pixel, with that of the true views.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from inim.color import linear_from_srgb
+from inim.display import Display
+from inim.errors import FileError, UsageError
+from inim.files.light_field import LightField, disparity_step_mm, eia_from_views, read_hci
+from inim.from_camera.depth_map import depth_range, map_depth
+from inim.from_camera.depth_values import DepthValues
+from inim.from_camera.fit import fit_picture
+
+if TYPE_CHECKING:
+    import argparse
+
+    from inim.rgbd import RGBD
+    from inim.settings import Settings
+
+__all__ = ["centre_view_picture", "generate_light_field", "true_eia"]
+
+
+def generate_light_field(
+    args: argparse.Namespace, display: Display, settings: Settings
+) -> tuple[list[str], list[str]]:
+    """Make and write the EIA of `args.hci`; the report's lines, and warnings."""
+    from inim.commands.generate import generated, write_outputs
+
+    field = read_hci(args.hci)
+    if args.true_views:
+        if args.rgbd is not None:
+            raise UsageError("--rgbd: the true views have no depth; leave it or --true-views out")
+        rgbd, clipped = None, None
+        eia, shown = true_eia(field, display)
+        empty: np.ndarray | None = ~shown
+    else:
+        rgbd, clipped = centre_view_picture(
+            field, display, settings.capture_pixels_per_pitch, str(args.hci)
+        )
+        eia, empty = generated(args.algorithm, rgbd, display)
+    down, across, height, width = field.views.shape[:4]
+    step = _step_mm(field, display)
+    written = write_outputs(args, rgbd, eia, empty, display)
+    report = [
+        f"display    {display.name}: {display.lens_columns} x {display.lens_rows} lenses of "
+        f"{display.pitch_mm:g} mm",
+        f"views      {across} x {down} of {width} x {height} pixels",
+        f"disparity  1 pixel is {step:.4g} mm of depth; {_shift(field, display):+.4g} pixels added",
+    ]
+    if clipped is not None:
+        report.append(f"clipped    {clipped:.1%} of the samples lay beyond the depth range")
+    report.append(f"written    {', '.join(map(str, written))}")
+    return report, []
+
+
+def centre_view_picture(
+    field: LightField, display: Display, pixels_per_pitch: int = 5, name: str = "light field"
+) -> tuple[RGBD, float]:
+    """The centre view with its disparity as a picture in the display frame, and the clipped share.
+
+    Raises
+    ------
+    FileError
+        There is no disparity, or no view in the middle.
+    """
+    down, across = field.views.shape[:2]
+    if field.disparity is None:
+        raise FileError(
+            f"{name}: no gt_disp_lowres.pfm, the disparity of the centre view; use --true-views"
+        )
+    if not (down % 2 and across % 2):
+        raise FileError(
+            f"{name}: {across} x {down} views have none in the middle; use --true-views"
+        )
+    if not np.isfinite(field.disparity).any():
+        raise FileError(f"{name}: no pixel of the disparity is finite; it is damaged")
+    step = _step_mm(field, display)
+    shift = _shift(field, display)
+    disparity = np.where(np.isfinite(field.disparity), field.disparity, np.float32(np.nan))
+    values = DepthValues(disparity, True, False, 0.0, ())
+    low, high = display.depth_range_mm
+    depth_map = map_depth("linear", values, (high / step - shift, low / step - shift), display)
+    fitted = fit_picture(
+        field.views[down // 2, across // 2],
+        values,
+        depth_map,
+        display,
+        camera=None,
+        pixels_per_pitch=pixels_per_pitch,
+    )
+    return fitted.rgbd, fitted.clipped
+
+
+def true_eia(field: LightField, display: Display) -> tuple[np.ndarray, np.ndarray]:
+    """The EIA of all views, (rows, columns, 3) float32 linear RGB, and where it shows any."""
+    opaque = np.full((*field.views.shape[:4], 1), 255, np.uint8)
+    codes = eia_from_views(
+        _squared(np.concatenate([field.views, opaque], axis=-1)),
+        display,
+        _shift(field, display),
+        _pixel_mm(field, display),
+    )
+    return linear_from_srgb(np.arange(256) / 255)[codes[..., :3]], codes[..., 3] > 0
+
+
+def _squared(views: np.ndarray) -> np.ndarray:
+    """As many rows of views as columns, with nothing in those that are added.
+
+    From view to view the eye moves as far down as across, so a lens's field, as high as it is wide,
+    has room for more rows than a wide grid has.
+    """
+    down, across = views.shape[:2]
+    if (across - down) % 2:  # else the middle would move by half a view
+        views = views[:-1] if down > across else views[:, :-1]
+        down, across = views.shape[:2]
+    sides = [((max(down, across) - n) // 2,) * 2 for n in (down, across)]
+    return np.pad(views, [*sides, (0, 0), (0, 0), (0, 0)])
+
+
+def _pixel_mm(field: LightField, display: Display) -> float:
+    """A view's pixel, where all of the view lies on the array."""
+    height, width = field.views.shape[2:4]
+    return min(display.width_mm / int(width), display.height_mm / int(height))
+
+
+def _step_mm(field: LightField, display: Display) -> float:
+    down, across = field.views.shape[:2]
+    even = (down - across) % 2  # one row or column is left out
+    return disparity_step_mm(display, max(down, across) - even, _pixel_mm(field, display))
+
+
+def _shift(field: LightField, display: Display) -> float:
+    """Disparity to add so that the middle comes to the central depth plane; none to an EIA's."""
+    if field.of_display:
+        return 0.0
+    low, high = display.depth_range_mm
+    centre = display.central_depth_mm
+    target = centre if low <= centre <= high else (low + high) / 2
+    step = _step_mm(field, display)
+    if field.disparity is None or not np.isfinite(field.disparity).any():
+        return target / step
+    near, far = depth_range(DepthValues(field.disparity, True, False, 0.0, ()))
+    return target / step - (near + far) / 2

@@ -1,0 +1,272 @@
+"""`inim new-scene`: a lit, fitted stock Mitsuba 3 scene around a mesh of a relic.
+
+The mesh is turned (+y up, +z towards the viewer), scaled to millimetres, centred and written as
+PLY beside the scene. Units and axes that a format does not state are asked for, never guessed.
+The scene is plain Mitsuba: `mi.load_file` opens it, and the display travels in its `<default>`s.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from inim.errors import FileError, UsageError
+from inim.scene.scene_xml import attribute, scene_xml, xml_text
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Collection, Sequence
+
+    import numpy as np
+
+    from inim.files.mesh import Mesh
+
+__all__ = ["add_arguments", "new_scene", "run"]
+
+_UNITS = ("mm", "cm", "m", "in")
+_AXES = {
+    f"{sign}{axis}": tuple((-1 if sign else 1) * (axis == other) for other in "xyz")
+    for sign in ("", "-")
+    for axis in "xyz"
+}
+# What faces the viewer where nobody says: glTF's rule for y up, the CAD and Blender habit for z up.
+_USUAL_FRONT = {"y": "z", "-y": "z", "z": "-y", "-z": "-y", "x": "z", "-x": "z"}
+
+
+def _to_stderr(warning: str) -> None:
+    """One line, whatever the file names in it hold."""
+    line = "".join(c if c.isprintable() else " " for c in warning)
+    print(f"inim: warning: {line}", file=sys.stderr)
+
+
+def new_scene(
+    source: Path,
+    out: Path,
+    *,
+    unit: str | None,
+    up: str | None,
+    front: str | None = None,
+    title: str | None = None,
+    display: str = "nominal",
+    force: bool = False,
+    warn: Callable[[str], object] = _to_stderr,
+) -> Path:
+    """Write a scene for the mesh `source`, with its PLY and textures beside it.
+
+    Parameters
+    ----------
+    source : Path
+        PLY, OBJ, STL, GLB or glTF.
+    out : Path
+        The scene's XML; `<stem>.ply` and `<stem>.png` go into the same folder.
+    unit : str or None
+        Length of one unit of the file: mm, cm, m, in. None only for glTF, which is metres.
+    up, front : str or None
+        The axis of the file that points up and the one that faces the viewer: x, -x, y, ...
+        `up` None only for glTF (y); `front` None takes z, or -y where z is up.
+    title : str or None
+        Name in reports; None takes the mesh file's name.
+    display : str
+        Preset of `inim.display.DISPLAYS`.
+    force : bool
+        Replace existing files; numbered parts that only the replaced scene needs are removed.
+    warn : callable
+        Told in a line each which pictures the mesh names and the scene goes without.
+
+    Returns
+    -------
+    Path
+        `out`.
+
+    Raises
+    ------
+    FileError
+        The mesh is not usable, or the scene cannot be written.
+    UsageError
+        Unit or axis missing or impossible, unknown display, or a file in the way.
+    """
+    from inim.files.mesh import UNIT_MM, read_mesh
+    from inim.files.smoothing import smoothed
+    from inim.scene.placement import bounds, merged, placed
+
+    source, out = Path(source), Path(out)
+    _check_choices(out, unit, up, front, display)
+    meshes = read_mesh(source, warn)
+    unit, up = _settled(source, meshes, unit, up)
+    turn = _turn(up, front or _USUAL_FRONT[up])
+    parts = placed(merged([smoothed(m) for m in meshes]), turn, UNIT_MM[unit])
+    files = _part_files(out, parts)
+    _check_targets(source, [out, *files], force)
+    low, high = bounds(parts)
+    xml = scene_xml(files, (high - low) / 2, title or source.stem, display)
+    leftovers = [path for path in _leftovers(out, files) if not path.samefile(source)]
+    _write_all(out, files, xml, leftovers)
+    return out
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `inim new-scene`."""
+    add = parser.add_argument
+    add("mesh", type=Path, metavar="MESH", help="PLY, OBJ, STL, GLB or glTF file")
+    add("-o", "--out", type=Path, required=True, metavar="XML", help="scene to write")
+    add("--unit", choices=_UNITS, help="length of one unit of the mesh (glTF: metres)")
+    axes = f"{', '.join(_AXES)}; write a negative one as --up=-z"
+    add("--up", metavar="AXIS", help=f"axis of the mesh that points up: {axes} (glTF: y)")
+    add("--front", metavar="AXIS", help="axis that faces the viewer (default z; -y where z is up)")
+    add("--title", help="name of the scene in reports (default: the mesh file's name)")
+    add("--display", default="nominal", help="display preset: nominal or phone")
+    add("--force", action="store_true", help="replace existing files")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Act on the arguments of `add_arguments`; 0 when the scene stands."""
+    path = new_scene(
+        args.mesh,
+        args.out,
+        unit=args.unit,
+        up=args.up,
+        front=args.front,
+        title=args.title,
+        display=args.display,
+        force=args.force,
+    )
+    print(f"wrote {path}")
+    return 0
+
+
+# --- What was asked for -------------------------------------------------------------------------
+
+
+def _check_choices(
+    out: Path, unit: str | None, up: str | None, front: str | None, display: str
+) -> None:
+    from inim.display import DISPLAYS
+
+    if unit is not None and unit not in _UNITS:
+        raise UsageError(f"--unit {unit}: unknown; one of {', '.join(_UNITS)}")
+    for option, axis in (("--up", up), ("--front", front)):
+        if axis is not None and axis not in _AXES:
+            raise UsageError(f"{option} {axis}: unknown axis; one of {', '.join(_AXES)}")
+    if display not in DISPLAYS:
+        raise UsageError(f"--display {display}: unknown; one of {', '.join(DISPLAYS)}")
+    if out.is_dir() or not out.name:
+        raise UsageError(f"{out}: is a folder; name the scene's file, such as {out / 'relic.xml'}")
+    if out.suffix.lower() in (".ply", ".png"):
+        raise UsageError(f"{out}: the parts take that name; name the scene {out.stem}.xml")
+
+
+def _settled(
+    source: Path, meshes: Sequence[Mesh], unit: str | None, up: str | None
+) -> tuple[str, str]:
+    """Unit and up axis, from the format's standard where it has one."""
+    if source.suffix.lower() in (".glb", ".gltf"):
+        return unit or "m", up or "y"
+    missing = []
+    if unit is None:
+        missing.append(f"length unit, give --unit ({', '.join(_UNITS)})")
+    if up is None:
+        missing.append("up axis, give --up (x, y, z, -x, -y, -z)")
+    if unit is None or up is None:
+        from inim.scene.placement import bounds
+
+        low, high = bounds(meshes)
+        size = " x ".join(f"{length:.4g}" for length in high - low)
+        raise UsageError(
+            f"{source}: the format states no {' and no '.join(missing)}; the mesh is {size} units "
+            "along x, y, z"
+        )
+    return unit, up
+
+
+def _turn(up: str, front: str) -> np.ndarray:
+    """Rotation (3, 3) that takes `up` to +y and `front` to +z."""
+    import numpy as np
+
+    y, z = np.array(_AXES[up], float), np.array(_AXES[front], float)
+    if y @ z:
+        free = [axis for axis in _AXES if axis[-1] != up[-1]]
+        raise UsageError(f"--front {front}: lies along --up {up}; one of {', '.join(free)}")
+    return np.stack([np.cross(y, z), y, z])
+
+
+def _check_targets(source: Path, targets: Sequence[Path], force: bool) -> None:
+    for target in targets:
+        if target.exists() and source.exists() and target.samefile(source):
+            raise UsageError(f"{target}: is the mesh itself; choose another name with -o")
+        if target.exists() and not force:
+            raise UsageError(f"{target}: exists already; add --force or choose another -o")
+
+
+# --- Files --------------------------------------------------------------------------------------
+
+
+def _part_files(out: Path, parts: Sequence[Mesh]) -> dict[Path, Mesh]:
+    """Path of every PLY and PNG to write, and the part it holds."""
+    files = {}
+    for k, part in enumerate(parts):
+        name = _stem(out) if k == 0 else f"{_stem(out)}-{k + 1}"
+        files[out.parent / f"{name}.ply"] = part
+        if part.texture is not None:
+            files[out.parent / f"{name}.png"] = part
+    return files
+
+
+def _stem(out: Path) -> str:
+    """The scene's name as its parts bear it: nothing that XML or Mitsuba reads otherwise."""
+    return xml_text(out.stem).replace("\\", "_").replace("$", "_") or "relic"
+
+
+def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
+    """Numbered parts of the scene that `out` still holds and of which the new one has no use.
+
+    Named after the scene and named by it, so that no bystander is taken for one.
+    """
+    if not out.is_file():
+        return []
+    text = out.read_text("utf-8", errors="replace")
+    ours = re.compile(re.escape(_stem(out)) + r"-\d+\.(?:ply|png)")
+    return [
+        path
+        for path in out.parent.iterdir()
+        if ours.fullmatch(path.name)
+        and path not in files
+        and f'"{attribute(path.name)}"' in text
+        # A scene called relic-2 has a relic-2.ply of its own.
+        and not path.with_suffix(out.suffix).exists()
+    ]
+
+
+def _write_all(out: Path, files: dict[Path, Mesh], xml: str, leftovers: Sequence[Path]) -> None:
+    """All files into a hidden folder beside `out`, then renamed, the scene last.
+
+    The leftovers of an earlier scene go when the new one stands.
+    """
+    import tempfile
+
+    from inim.files.mesh import write_ply
+
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".new-scene-", dir=out.parent) as folder:
+            for path, part in files.items():
+                if path.suffix == ".png":
+                    _write_texture(Path(folder) / path.name, part)
+                else:
+                    write_ply(Path(folder) / path.name, part)
+            (Path(folder) / out.name).write_text(xml, encoding="utf-8")
+            for path in (*files, out):
+                (Path(folder) / path.name).replace(path)
+        for path in leftovers:
+            path.unlink(missing_ok=True)
+    except OSError as error:
+        raise FileError(
+            f"{out}: cannot be written ({error.strerror or error}); choose another folder with -o"
+        ) from error
+
+
+def _write_texture(path: Path, part: Mesh) -> None:
+    from PIL import Image
+
+    Image.fromarray(part.texture).save(path, "PNG")

@@ -1,0 +1,79 @@
+"""The command line of a sweep."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from pathlib import Path
+
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
+
+__all__ = ["add_arguments", "run"]
+
+# As shells have it: 128 and the signal's number.
+_INTERRUPTED = 128 + signal.SIGINT
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `inim sweep`."""
+    parser.description = (
+        "Validate all combinations of a study's scenes, displays, settings and algorithms, into "
+        "one table. What is there already is not computed again: run it again after a kill, or "
+        "with more in the study."
+    )
+    parser.add_argument("study", type=Path, help="the study (.toml); see README, Sweeps")
+    parser.add_argument("-o", "--out", type=Path, help="folder (default: STUDY-sweep)")
+    parser.add_argument(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        help="run on the workers of this dask scheduler, which share the folder",
+    )
+    parser.add_argument(
+        "--workers", type=int, metavar="N", help="validations at once, here (one for each core)"
+    )
+    parser.add_argument(
+        "--threads", type=int, metavar="T", help="threads of each (the cores there are for it)"
+    )
+    parser.add_argument(
+        "--dry-run", action="store_true", help="say what is there and what would be run, and stop"
+    )
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+    parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry out `inim sweep`; the exit code."""
+    from inim.report.sweep import PAGE
+    from inim.sweep.plan import SweepRequest, default_out, plan_sweep
+    from inim.sweep.run import run_sweep
+
+    # An asked-for end takes the workers along, as Ctrl-C does.
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    request = SweepRequest(
+        args.study,
+        args.out or default_out(args.study),
+        args.scheduler,
+        args.workers,
+        args.threads,
+    )
+    if args.dry_run:
+        print("\n".join(plan_sweep(request).lines()))
+        return EXIT_PASSED
+    try:
+        outcome = run_sweep(request, quiet=args.quiet, debug=args.debug)
+    except KeyboardInterrupt:
+        print("inim: interrupted; results are kept: run it again to go on", file=sys.stderr)
+        return _INTERRUPTED
+    if args.quiet:  # else each was told when it happened
+        for label, error in outcome.failed.items():
+            print(f"inim: failed: {label}: {error}", file=sys.stderr)
+    else:
+        words = f"{outcome.computed} of {outcome.units} validations run, {len(outcome.rows)} rows"
+        verdict = "passed" if outcome.passed else "FAILED"
+        try:
+            print(f"{verdict}; {words}; sweep: {request.out / PAGE}", flush=True)
+        except OSError:  # the reader left, or its disk is full
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return EXIT_PASSED if outcome.passed else EXIT_CHECK_FAILED

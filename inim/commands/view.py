@@ -1,0 +1,204 @@
+"""`inim view`: the virtual display alone, of a report or of any EIA, as one HTML file.
+
+Nothing is rendered here: a report's panels and views are in its folder, and for a bare EIA the
+views that stand in for the live display come from the lens models in NumPy.
+"""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from inim.errors import EXIT_PASSED, FileError, SceneError, UsageError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from inim.display import Display
+    from inim.settings import Settings
+
+__all__ = ["add_arguments", "run", "view_eia", "view_report"]
+
+#: A page alone may be larger than a report: it is not sent by mail with each run.
+_MOST_BYTES = 60_000_000
+_PAGE = "virtual-display.html"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `inim view`."""
+    parser.description = (
+        "Write the virtual display of a report, or of any elemental image array, as one HTML file "
+        "that needs nothing else."
+    )
+    add = parser.add_argument
+    add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
+    add("--display", help="of the EIA: a preset, nominal or phone, or an .xml with inim.* settings")
+    add(
+        "-D",
+        dest="definitions",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override an inim.* setting of the display; may be repeated",
+    )
+    add(
+        "-o", "--out", type=Path, metavar="HTML", help=f"file to write (OUT/{_PAGE}, EIA-view.html)"
+    )
+    add("--open", action="store_true", help="open it in the browser")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry out `inim view`; the exit code."""
+    if args.what.is_dir():
+        if args.display or args.definitions:
+            raise UsageError(
+                f"{args.what}: is a report, which has its own display; --display and -D are for "
+                "an EIA"
+            )
+        path = view_report(args.what, args.out)
+    else:
+        path = view_eia(args.what, args.display, args.definitions, args.out)
+    print(path)
+    if args.open:
+        webbrowser.open(path.resolve().as_uri())
+    return EXIT_PASSED
+
+
+def view_report(folder: Path, out: Path | None = None) -> Path:
+    """Write the virtual display of a report, with all its panels.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the report.
+    out : Path, optional
+        `virtual-display.html` in it otherwise.
+
+    Returns
+    -------
+    Path
+        What was written.
+
+    Raises
+    ------
+    FileError
+        No report there, or none that has panels to show.
+    """
+    from inim.report import Report
+    from inim.report.pictures import ENCODINGS, Pictures
+    from inim.report.virtual_display.body import is_live, report_display
+    from inim.report.virtual_display.page import display_page
+
+    report = Report.load(folder)
+    pictures = Pictures(report.folder, ENCODINGS[0])
+    content = report_display(report.data, pictures, most_bytes=_MOST_BYTES)
+    if not is_live(content):
+        raise FileError(
+            f"{folder}: the report's panels cannot be shown (missing, of another size than its "
+            "display, or too large); make it anew with inim validate"
+        )
+    given = report.data["display"]["given"]
+    title = str(report.data.get("title") or folder.name)
+    page = display_page(title, f"Display {given.get('name', '')}", content)
+    return _written(folder / _PAGE if out is None else out, page)
+
+
+def view_eia(
+    eia: Path, display: str | None, definitions: list[str], out: Path | None = None
+) -> Path:
+    """Write the virtual display of an EIA.
+
+    Parameters
+    ----------
+    eia : Path
+        PNG (sRGB) or EXR (linear), of the display's panel size.
+    display : str or None
+        A preset, or the path of an XML file with `inim.*` settings; None: the settings' default.
+    definitions : list of str
+        `KEY=VALUE` overrides.
+    out : Path, optional
+        `EIA-view.html` in the current folder otherwise.
+
+    Returns
+    -------
+    Path
+        What was written.
+
+    Raises
+    ------
+    InimError
+        Of the kind that fits: a display or an EIA that cannot be, or that do not fit together.
+    """
+    from inim.color import srgb_codes
+    from inim.display.misalignment import mounted
+    from inim.display.viewpoint import parse_viewpoints
+    from inim.files.eia_file import read_eia
+    from inim.report.pictures import ENCODINGS, Pictures
+    from inim.report.virtual_display.body import Eye, Still, is_live, live_display
+    from inim.report.virtual_display.page import display_page
+    from inim.report.virtual_display.panels import Panel
+    from inim.report.virtual_display.still import still_view
+
+    settings, source = _settings(display, definitions)
+    design = settings.make_display(source)
+    viewpoints = parse_viewpoints(settings.viewpoints, design, settings.viewing_distance_mm)
+    eyes = [Eye(v.name, v.position_mm) for v in viewpoints]
+    real = mounted(design, settings.misalign)
+    codes = srgb_codes(read_eia(eia, real)[0])
+    stills = [
+        Still(eye.name, "thin lenses", still_view(codes, real, eye.position_mm, "thin"))
+        for eye in eyes
+    ]
+    content = live_display(
+        real,
+        [Panel(eia.stem, codes)],
+        eyes,
+        stills,
+        Pictures(eia.parent, ENCODINGS[0]),
+        most_bytes=_MOST_BYTES,
+        lens_model=settings.lens_model,
+    )
+    if not is_live(content):
+        raise FileError(
+            f"{eia}: {real.eia_shape[1]} x {real.eia_shape[0]} pixels are too many for one page of "
+            f"{_MOST_BYTES / 1e6:.0f} MB"
+        )
+    page = display_page(eia.name, f"Display {_words(real)}", content)
+    return _written(Path(f"{eia.stem}-view.html") if out is None else out, page)
+
+
+def _settings(display: str | None, definitions: list[str]) -> tuple[Settings, str]:
+    """What a preset's name or a settings file says, the definitions over it; and its source."""
+    from inim.scene.file import parse_definitions, read_scene_file
+    from inim.settings import PREFIX, Settings
+
+    given = parse_definitions(definitions)
+    if display is not None and display.lower().endswith(".xml"):
+        return Settings.parse(read_scene_file(Path(display), given).settings, display), display
+    for key in given:
+        if not key.startswith(PREFIX):
+            raise SceneError(f"-D {key}: a display has inim.* settings only; see `inim settings`")
+    if display is not None:
+        given = {f"{PREFIX}display": display} | given
+    return Settings.parse(given, "inim view"), "inim view"
+
+
+def _words(display: Display) -> str:
+    return (
+        f"{display.name}: {display.lens_columns} × {display.lens_rows} lenses of "
+        f"{display.pitch_mm:g} mm"
+    )
+
+
+def _written(path: Path, page: str) -> Path:
+    from inim.files.image import write_atomically
+
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder; name a file with -o")
+
+    def put(temporary: Path) -> None:
+        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
+
+    write_atomically(path, put)
+    return path

@@ -1,0 +1,642 @@
+"""The integral-imaging display: a pixel panel under a microlens array, and what follows from it.
+
+Frame (used by the whole program): origin at the centre of the lens-array plane, +x right and
++y up as the viewer sees it, +z towards the viewer, millimetres. The panel is the plane z = -gap.
+
+Formulas are those of Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4, "the
+paper" from here on, by equation number.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from fractions import Fraction
+from functools import cached_property
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+
+from inim.display.panel import SUBPIXELS
+from inim.display.pixel_axis import PixelAxis, pixel_axis, stated
+from inim.display.pixel_rays import least_gap_mm, pixel_rays, row_blocks
+from inim.errors import DisplayError
+
+__all__ = ["DISPLAYS", "Display"]
+
+_LENGTHS = (
+    "pitch_mm",
+    "pitch_y_mm",
+    "focal_length_mm",
+    "gap_mm",
+    "pixel_pitch_mm",
+    "elemental_pitch_mm",
+    "lens_thickness_mm",
+)
+_NUMBERS = (
+    "refractive_index",
+    "depth_min_mm",
+    "depth_max_mm",
+    "shift_x_mm",
+    "shift_y_mm",
+    "rotation_deg",
+    "tilt_x_deg",
+    "tilt_y_deg",
+    "fill_factor",
+    "pixel_fill",
+    "conic",
+    "asphere_a4",
+    "asphere_a6",
+    "abbe_number",
+)
+_WORDS = {
+    "curved_side": ("viewer", "panel"),
+    "lattice": ("square", "hexagonal"),
+    "aperture": ("square", "round"),
+    "between_lenses": ("dark", "clear"),
+    "subpixels": ("none", "rgb-stripe", "pentile"),
+}
+# Pictures hold depths as float32, which end at 3.4e38; products of two lengths are floats still.
+_LONGEST_MM = 1e38
+# Far above what a sheet glued by hand misses, and far below where a tilted panel meets its array.
+_STEEPEST_TILT_DEG = 10.0
+_OPTIONAL = frozenset(
+    {
+        "abbe_number",
+        "pitch_y_mm",
+        "depth_max_mm",
+        "depth_min_mm",
+        "elemental_pitch_mm",
+        "lens_thickness_mm",
+        "panel_columns",
+        "panel_rows",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Display:
+    """An integral-imaging display.
+
+    Parameters
+    ----------
+    pitch_mm : float
+        Lens pitch P: from one lens to the next in a row.
+    focal_length_mm, gap_mm : float
+        Focal length f and gap g between lens array and panel. g > f shows real images in front
+        of the array, g < f virtual ones behind it; g = f (focused) needs a depth range.
+    pixel_pitch_mm : float
+        Panel pixel P_D. P / P_D need not be an integer.
+    lens_columns, lens_rows : int
+        Lenses across and down, N and M.
+    panel_columns, panel_rows : int, optional
+        Panel size in pixels, centred under the array; by default just enough to cover it.
+    depth_min_mm, depth_max_mm : float, optional
+        The depth range to use instead of the one of Eq. 4's text; both or neither.
+    elemental_pitch_mm : float, optional
+        Pitch of the elemental images on the panel where it differs from the lens pitch
+        (``P (V + g) / V`` aims all lenses at a viewer at distance V).
+    refractive_index, lens_thickness_mm, curved_side :
+        The plano-convex lens of the ``thick`` model: index (PMMA by default), centre thickness
+        (one pitch by default), and which way it bulges, ``"viewer"`` or ``"panel"``.
+    conic, asphere_a4, asphere_a6 : float
+        Its curved face beside a sphere: conic constant k, and even terms ``a4 r^4 + a6 r^6`` of
+        the sag, mm^-3 and mm^-5, positive where they deepen the bulge.
+    abbe_number : float, optional
+        V of the lens's material; without one, all colours are refracted alike.
+    pitch_y_mm : float, optional
+        From one row of lenses to the next: P by default, ``P sqrt(3) / 2`` on a hexagonal lattice.
+    lattice : {"square", "hexagonal"}
+        Hexagonal: every other row, the second from the top first, is half a pitch to the right.
+    aperture : {"square", "round"}
+    fill_factor : float
+        Width of a lens's aperture in pitches, 0..1.
+    between_lenses : {"dark", "clear"}
+        What lies outside the apertures: paint, or the sheet's bare flat surface.
+    shift_x_mm, shift_y_mm, rotation_deg : float
+        Where the array lies over the panel: moved right and up, then turned about its own centre,
+        counter-clockwise as the viewer sees it. Panel, eye and picture stay.
+    tilt_x_deg, tilt_y_deg : float
+        Tilt of the panel against the array: the gap grows to the right, and upwards.
+    subpixels : {"none", "rgb-stripe", "pentile"}
+        Where a pixel's colours come from: all from all of it; red, green and blue thirds from left
+        to right; or green right halves, and left halves red or blue in turn (red at the top left,
+        as on a chessboard).
+    pixel_fill : float
+        Width and height of what shines, in pixels or sub-pixels, 0..1; the rest is black.
+    name : str
+        What the display is called in reports.
+
+    Raises
+    ------
+    DisplayError
+        When a value describes no possible display; the message names it.
+    """
+
+    pitch_mm: float
+    focal_length_mm: float
+    gap_mm: float
+    pixel_pitch_mm: float
+    lens_columns: int
+    lens_rows: int
+    panel_columns: int | None = None
+    panel_rows: int | None = None
+    depth_min_mm: float | None = None
+    depth_max_mm: float | None = None
+    elemental_pitch_mm: float | None = None
+    refractive_index: float = 1.4917
+    lens_thickness_mm: float | None = None
+    curved_side: str = "viewer"
+    conic: float = 0.0
+    asphere_a4: float = 0.0
+    asphere_a6: float = 0.0
+    abbe_number: float | None = None
+    pitch_y_mm: float | None = None
+    lattice: str = "square"
+    aperture: str = "square"
+    fill_factor: float = 1.0
+    between_lenses: str = "dark"
+    shift_x_mm: float = 0.0
+    shift_y_mm: float = 0.0
+    rotation_deg: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    subpixels: str = "none"
+    pixel_fill: float = 1.0
+    name: str = "custom"
+
+    def __post_init__(self) -> None:
+        for name in _LENGTHS:
+            self._take_number(name)
+            if getattr(self, name) is not None and not getattr(self, name) > 0:
+                raise DisplayError(f"{name} = {getattr(self, name)}: must be a positive length")
+        for name in _NUMBERS:
+            self._take_number(name)
+        for name in ("lens_columns", "lens_rows", "panel_columns", "panel_rows"):
+            self._take_count(name)
+        if self.refractive_index <= 1:
+            raise DisplayError(
+                f"refractive_index = {self.refractive_index}: a lens needs an index above 1"
+            )
+        for name, words in _WORDS.items():
+            if getattr(self, name) not in words:
+                allowed = " or ".join(repr(word) for word in words)
+                raise DisplayError(f"{name} = {getattr(self, name)!r}: use {allowed}")
+        for name in ("fill_factor", "pixel_fill"):
+            if not 0 < getattr(self, name) <= 1:
+                raise DisplayError(f"{name} = {getattr(self, name)}: must lie in 0..1, above 0")
+        for name in ("tilt_x_deg", "tilt_y_deg"):
+            if abs(getattr(self, name)) > _STEEPEST_TILT_DEG:
+                raise DisplayError(
+                    f"{name} = {getattr(self, name)}: at most {_STEEPEST_TILT_DEG:g} degrees"
+                )
+        if self.abbe_number is not None and self.abbe_number <= 0:
+            raise DisplayError(f"abbe_number = {self.abbe_number}: must be above 0")
+        for name in ("pitch_mm", "elemental_image_pitch_mm"):
+            if self.pixel_pitch_mm > getattr(self, name):
+                raise DisplayError(
+                    f"pixel_pitch_mm = {self.pixel_pitch_mm} exceeds {name} = "
+                    f"{getattr(self, name)}: a lens must cover at least one pixel"
+                )
+        self._check_depth_range()
+
+    def _take_number(self, name: str) -> None:
+        """Make a float of any real number, NumPy's included; refuse the rest by name."""
+        value = getattr(self, name)
+        if value is None and name in _OPTIONAL:
+            return
+        if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+            raise DisplayError(f"{name} = {value!r}: must be a finite number")
+        number = float(value)
+        if name.endswith("_mm") and abs(number) > _LONGEST_MM:
+            raise DisplayError(f"{name} = {number:g}: at most {_LONGEST_MM:g} mm can be pictured")
+        object.__setattr__(self, name, number)
+
+    def _take_count(self, name: str) -> None:
+        value = getattr(self, name)
+        if value is None and name in _OPTIONAL:
+            return
+        if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+            raise DisplayError(f"{name} = {value!r}: must be a whole number of at least 1")
+        object.__setattr__(self, name, int(value))
+
+    def _check_depth_range(self) -> None:
+        given = (self.depth_min_mm, self.depth_max_mm)
+        if (given[0] is None) != (given[1] is None):
+            raise DisplayError("give both depth_min_mm and depth_max_mm, or neither")
+        if given[0] is None and math.isinf(self.central_depth_mm):
+            raise DisplayError(
+                f"gap_mm = focal_length_mm = {self.gap_mm}: a focused display has no depth range "
+                "of its own; state depth_min_mm and depth_max_mm"
+            )
+        low, high = self.depth_range_mm
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise DisplayError(
+                f"depth range [{low:g}, {high:g}] mm is empty or not finite: "
+                "depth_min_mm must lie below depth_max_mm"
+            )
+
+    # -- sizes ---------------------------------------------------------------------------------
+
+    @property
+    def width_mm(self) -> float:
+        """Width of the lens array, N P, and half a pitch more where rows are staggered."""
+        staggered = 0.5 if self.lattice == "hexagonal" and self.lens_rows > 1 else 0.0
+        return (self.lens_columns + staggered) * self.pitch_mm
+
+    @property
+    def height_mm(self) -> float:
+        """Height of the lens array, its rows times their distance."""
+        return self.lens_rows * self.row_pitch_mm
+
+    @property
+    def row_pitch_mm(self) -> float:
+        """From one row of lenses to the next."""
+        if self.pitch_y_mm is not None:
+            return self.pitch_y_mm
+        return self.pitch_mm * (math.sqrt(3) / 2 if self.lattice == "hexagonal" else 1.0)
+
+    @property
+    def elemental_row_pitch_mm(self) -> float:
+        """From one row of elemental images to the next: in proportion to the lenses'."""
+        if self.elemental_pitch_mm is None:
+            return self.row_pitch_mm
+        return self.row_pitch_mm * (self.elemental_pitch_mm / self.pitch_mm)
+
+    @property
+    def is_separable(self) -> bool:
+        """Whether a panel pixel's lens and ray follow from its row and its column apart."""
+        return self.lattice == "square" and not (
+            self.rotation_deg or self.tilt_x_deg or self.tilt_y_deg
+        )
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether the array lies over the panel as designed: neither moved, turned nor tilted."""
+        return not (
+            self.shift_x_mm
+            or self.shift_y_mm
+            or self.rotation_deg
+            or self.tilt_x_deg
+            or self.tilt_y_deg
+        )
+
+    @property
+    def elemental_image_pitch_mm(self) -> float:
+        """Pitch of the elemental images on the panel; the lens pitch unless given."""
+        return self.pitch_mm if self.elemental_pitch_mm is None else self.elemental_pitch_mm
+
+    @property
+    def pixels_per_lens(self) -> float:
+        """Panel pixels per elemental image along one axis; rarely a whole number in hardware."""
+        return self.elemental_image_pitch_mm / self.pixel_pitch_mm
+
+    @property
+    def has_integer_ratio(self) -> bool:
+        """Whether the panel is made of elemental images of one square, whole number of pixels."""
+        whole = round(self.pixels_per_lens)
+        covered = (self.lens_rows * whole, self.lens_columns * whole)
+        return (
+            self.is_separable
+            and not (self.shift_x_mm or self.shift_y_mm)
+            and all(exact == whole for exact in self._exact_pixels_per_lens)
+            and self.eia_shape == covered
+        )
+
+    @property
+    def eia_shape(self) -> tuple[int, int]:
+        """Rows and columns of the elemental image array, the panel's pixels.
+
+        By default those that cover the array where it is designed to be, not moved nor turned.
+        """
+        rows, columns = self._pixels_to_cover
+        return self.panel_rows or rows, self.panel_columns or columns
+
+    @cached_property
+    def _pixels_to_cover(self) -> tuple[int, int]:
+        down, across = self._exact_pixels_per_lens
+        return math.ceil(self.lens_rows * down), math.ceil(self._lenses_across * across)
+
+    @property
+    def _lenses_across(self) -> Fraction:
+        """Pitches from the array's left end to its right one; staggered rows add a half."""
+        return Fraction(round(2 * self.width_mm / self.pitch_mm), 2)
+
+    @property
+    def _exact_pixels_per_lens(self) -> tuple[Fraction, Fraction]:
+        """Down and across."""
+        pixel, across = stated(self.pixel_pitch_mm), stated(self.elemental_image_pitch_mm)
+        return self._exact_row_pitch * self._exact_magnification / pixel, across / pixel
+
+    @property
+    def _exact_row_pitch(self) -> Fraction:
+        return stated(self.row_pitch_mm)
+
+    @property
+    def _exact_magnification(self) -> Fraction:
+        """Of the elemental images' lattice against that of the lenses, Q / P."""
+        return stated(self.elemental_image_pitch_mm) / stated(self.pitch_mm)
+
+    # -- depth ---------------------------------------------------------------------------------
+
+    @property
+    def central_depth_mm(self) -> float:
+        """Central depth plane D = f g / (g - f), text after Eq. 3; infinite when g = f."""
+        return math.inf if self._focused else float(self._exact_central_depth)
+
+    @property
+    def scene_pixel_mm(self) -> float:
+        """Size of a panel pixel's image at the central depth plane, P_I = |D| P_D / g (Eq. 3)."""
+        return math.inf if self._focused else float(self._exact_scene_pixel)
+
+    @property
+    def depth_span_mm(self) -> float:
+        """Displayable depth 2 |D| P_I / P (text after Eq. 4); infinite when g = f."""
+        return math.inf if self._focused else float(2 * self._exact_half_span)
+
+    @property
+    def _focused(self) -> bool:
+        return self.gap_mm == self.focal_length_mm
+
+    @property
+    def _exact_central_depth(self) -> Fraction:
+        f, g = stated(self.focal_length_mm), stated(self.gap_mm)
+        return f * g / (g - f)
+
+    @property
+    def _exact_scene_pixel(self) -> Fraction:
+        return abs(self._exact_central_depth) * stated(self.pixel_pitch_mm) / stated(self.gap_mm)
+
+    @property
+    def _exact_half_span(self) -> Fraction:
+        return abs(self._exact_central_depth) * self._exact_scene_pixel / stated(self.pitch_mm)
+
+    @cached_property
+    def depth_range_mm(self) -> tuple[float, float]:
+        """Depths (z_min, z_max) that pictures are fitted into, each rounded once.
+
+        ``D -+ span / 2``, cut one pitch off the array where the formula would cross it
+        (`depth_range_is_cut`), or the range stated by the user.
+        """
+        if self.depth_min_mm is not None and self.depth_max_mm is not None:
+            return float(self.depth_min_mm), float(self.depth_max_mm)
+        centre, half = self._exact_central_depth, self._exact_half_span
+        low, high = centre - half, centre + half
+        if centre > 0:
+            return float(max(low, self._clearance)), float(high)
+        return float(low), float(min(high, -self._clearance))
+
+    @property
+    def _clearance(self) -> Fraction:
+        """How far off the array a depth range has to end."""
+        return min(stated(self.pitch_mm), abs(self._exact_central_depth) / 2)
+
+    @property
+    def depth_range_is_cut(self) -> bool:
+        """Whether the depth formula crossed the array and was cut."""
+        if self.depth_min_mm is not None:
+            return False
+        centre, half = self._exact_central_depth, self._exact_half_span
+        return abs(centre) - half < self._clearance
+
+    # -- viewing -------------------------------------------------------------------------------
+
+    @property
+    def viewing_half_angle_deg(self) -> float:
+        """Half of the angle inside which no view repeats, atan(Q / 2g) for elemental pitch Q."""
+        return math.degrees(math.atan(self.elemental_image_pitch_mm / (2 * self.gap_mm)))
+
+    def flip_limit_mm(self, distance_mm: float) -> tuple[float, float]:
+        """Farthest eye offset in x and y, at a distance, at which no lens shows a flipped view.
+
+        A lens at x0 shows its own elemental image while the ray from the eye lands inside it;
+        for elemental pitch P that is ``|e - x0| <= V P / 2g``. Negative: too close even on axis.
+        Offsets count from the array's own centre and along its own axes.
+        """
+        limits = []
+        for lenses, p, q in self._axes():
+            walk = abs(1 + self.gap_mm / distance_mm - q / p)
+            outermost = (lenses - 1) / 2 * p
+            limits.append((q / 2 - outermost * walk) * distance_mm / self.gap_mm)
+        return limits[0], limits[1]
+
+    def _axes(self) -> tuple[tuple[int, float, float], tuple[int, float, float]]:
+        """Lenses, their distance and that of their elemental images, across and down."""
+        return (
+            (self.lens_columns, self.pitch_mm, self.elemental_image_pitch_mm),
+            (self.lens_rows, self.row_pitch_mm, self.elemental_row_pitch_mm),
+        )
+
+    @property
+    def nearest_viewing_distance_mm(self) -> float:
+        """Distance at which an eye on the axis just sees no flipped view.
+
+        Raises
+        ------
+        DisplayError
+            When the elemental-image pitch is so far off that no distance works.
+        """
+        nearest = self.gap_mm
+        for lenses, p, q in self._axes():
+            outermost = (lenses - 1) / 2 * p
+            if outermost == 0:
+                continue
+            slack = q / 2 / outermost - (1 - q / p)
+            if slack <= 0:
+                raise DisplayError(
+                    f"elemental_pitch_mm = {self.elemental_image_pitch_mm:g} against pitch_mm = "
+                    f"{self.pitch_mm:g}: every viewing distance shows flipped views; bring the two "
+                    "closer"
+                )
+            nearest = max(nearest, self.gap_mm / slack)
+        return nearest
+
+    # -- pixels and rays -----------------------------------------------------------------------
+
+    @cached_property
+    def columns(self) -> PixelAxis:
+        """The panel's columns, left to right, of a display that `is_separable`.
+
+        Raises
+        ------
+        DisplayError
+            Of any other: its pixels' rays are those of `inim.display.pixel_rays`.
+        """
+        return self._axis(self.eia_shape[1], self.lens_columns, +1)
+
+    @cached_property
+    def rows(self) -> PixelAxis:
+        """The panel's rows, top to bottom: positions descend, row 0 has the largest y.
+
+        See `columns`.
+        """
+        return self._axis(self.eia_shape[0], self.lens_rows, -1)
+
+    @property
+    def not_separable_by(self) -> str:
+        """The settings that couple rows and columns, for messages; empty where `is_separable`."""
+        found = ["lattice = 'hexagonal'"] if self.lattice == "hexagonal" else []
+        for name in ("rotation_deg", "tilt_x_deg", "tilt_y_deg"):
+            if getattr(self, name):
+                found.append(f"{name} = {getattr(self, name):g}")
+        return ", ".join(found)
+
+    @cached_property
+    def lensed(self) -> np.ndarray:
+        """Panel pixels that lie under a lens, (rows, columns) bool.
+
+        Raises
+        ------
+        DisplayError
+            When none does.
+        """
+        if self.is_separable:
+            under: np.ndarray = (self.rows.lens >= 0)[:, None] & (self.columns.lens >= 0)[None, :]
+            return under
+        under = np.concatenate([pixel_rays(self, rows).lens >= 0 for rows in row_blocks(self)])
+        if not under.any():
+            raise DisplayError(
+                f"shift_x_mm = {self.shift_x_mm:g}, shift_y_mm = {self.shift_y_mm:g}: the array "
+                "lies wholly beside its panel"
+            )
+        return under
+
+    def _axis(self, pixels: int, lenses: int, sign: int) -> PixelAxis:
+        if not self.is_separable:
+            raise DisplayError(
+                f"display {self.name}: with {self.not_separable_by} a pixel's lens does not follow "
+                "from its row and its column apart; use a generator that traces every pixel's ray, "
+                "such as 'template' or 'gu2020'"
+            )
+        pitch = stated(self.pitch_mm) if sign > 0 else self._exact_row_pitch
+        name = "shift_x_mm" if sign > 0 else "shift_y_mm"
+        axis = pixel_axis(
+            pixels,
+            lenses,
+            sign,
+            pixel=stated(self.pixel_pitch_mm),
+            pitch=pitch,
+            elemental=pitch * self._exact_magnification,
+            gap=stated(self.gap_mm),
+            shift=stated(getattr(self, name)),
+        )
+        if (axis.lens < 0).all():
+            raise DisplayError(
+                f"{name} = {getattr(self, name):g}: the array lies wholly beside its panel"
+            )
+        return axis
+
+    def capture_shape(self, pixels_per_pitch: int) -> tuple[int, int]:
+        """Rows and columns of an RGB-D picture that covers what oblique pixel rays can reach.
+
+        The array as designed plus, on either side, what it juts out where it is moved or turned
+        and the sideways travel Q z / 2g of the outermost rays, in whole pixels, so that pixel
+        borders fall alike in every lens.
+        """
+        pads = [
+            math.ceil(max(side + beyond, 0.0) / self.pitch_mm * pixels_per_pitch - 1e-9)
+            for side, beyond in zip(self._side_travel_mm, self._overhang_mm, strict=True)
+        ]
+        down = self.lens_rows * self._exact_row_pitch / stated(self.pitch_mm) * pixels_per_pitch
+        return (
+            math.ceil(down) + 2 * pads[1],
+            math.ceil(self._lenses_across * pixels_per_pitch) + 2 * pads[0],
+        )
+
+    @property
+    def steepest_slopes(self) -> tuple[float, float]:
+        """Millimetres sideways per millimetre of depth of a pixel's ray at the most, in x and y."""
+        cell_x, cell_y = self.elemental_image_pitch_mm, self.elemental_row_pitch_mm
+        if self.lattice == "hexagonal":
+            # Where three cells of the lattice meet; those of rows far apart are that tall.
+            cell_y = min((cell_x**2 / 4 + cell_y**2) / cell_y, 2 * cell_y)
+        # Elemental images closer together than lenses: the outer ones are off their lenses' axes.
+        closer = max(1 - self.elemental_image_pitch_mm / self.pitch_mm, 0.0)
+        cell_x, cell_y = cell_x + closer * self.width_mm, cell_y + closer * self.height_mm
+        c, s = self._turn
+        aside = max(abs(float(colour.right)) for colour in SUBPIXELS[self.subpixels])
+        across = c * cell_x + s * cell_y + 2 * aside * self.pixel_pitch_mm
+        gap = least_gap_mm(self)
+        return across / (2 * gap), (c * cell_y + s * cell_x) / (2 * gap)
+
+    @property
+    def _side_travel_mm(self) -> tuple[float, float]:
+        """Farthest that a pixel's ray gets from its lens's axis, in x and y, in the depth range."""
+        reach = max(abs(z) for z in self.depth_range_mm)
+        across, up = self.steepest_slopes
+        return across * reach, up * reach
+
+    @property
+    def _overhang_mm(self) -> tuple[float, float]:
+        """How far the array juts out, in x and y, of where it is designed to be."""
+        c, s = self._turn
+        width, height = self.width_mm, self.height_mm
+        return (
+            (c * width + s * height - width) / 2 + abs(self.shift_x_mm),
+            (c * height + s * width - height) / 2 + abs(self.shift_y_mm),
+        )
+
+    @property
+    def _turn(self) -> tuple[float, float]:
+        """Sizes of the cosine and the sine of the array's rotation."""
+        angle = math.radians(self.rotation_deg)
+        return abs(math.cos(angle)), abs(math.sin(angle))
+
+    # -- plain data ----------------------------------------------------------------------------
+
+    def given(self) -> dict[str, Any]:
+        """The parameters, by name: `Display(**d.given()) == d`."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def derived(self) -> dict[str, Any]:
+        """What follows from them, for reports; infinite values become None (JSON has none)."""
+        low, high = self.depth_range_mm
+        values: dict[str, Any] = {
+            "width_mm": self.width_mm,
+            "height_mm": self.height_mm,
+            "eia_rows": self.eia_shape[0],
+            "eia_columns": self.eia_shape[1],
+            "pixels_per_lens": self.pixels_per_lens,
+            "central_depth_mm": self.central_depth_mm,
+            "scene_pixel_mm": self.scene_pixel_mm,
+            "depth_span_mm": self.depth_span_mm,
+            "depth_min_mm": low,
+            "depth_max_mm": high,
+            "depth_range_is_cut": self.depth_range_is_cut,
+            "viewing_half_angle_deg": self.viewing_half_angle_deg,
+        }
+        try:
+            values["nearest_viewing_distance_mm"] = self.nearest_viewing_distance_mm
+        except DisplayError:
+            values["nearest_viewing_distance_mm"] = None
+        return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in values.items()}
+
+    def replace(self, **changes: Any) -> Display:
+        """A copy with some parameters changed, checked anew."""
+        return replace(self, **changes)
+
+
+DISPLAYS = {
+    "nominal": Display(
+        pitch_mm=1.0,
+        focal_length_mm=3.0,
+        gap_mm=3.3,
+        pixel_pitch_mm=1.0 / 17.0,
+        lens_columns=64,
+        lens_rows=64,
+        name="nominal",
+    ),
+    # The paper's hardware: a 2400 x 1080 phone panel under 1 mm lenses, 15.7 pixels per lens.
+    "phone": Display(
+        pitch_mm=1.0,
+        focal_length_mm=3.0,
+        gap_mm=3.3,
+        pixel_pitch_mm=0.0636,
+        lens_columns=152,
+        lens_rows=68,
+        panel_columns=2400,
+        panel_rows=1080,
+        name="phone",
+    ),
+}

@@ -1,0 +1,69 @@
+"""How an array really lies over its panel, where that is not as the display was designed."""
+
+from __future__ import annotations
+
+import difflib
+
+from inim.display.display import Display
+from inim.errors import DisplayError, UsageError
+
+__all__ = ["MISALIGNMENTS", "mounted"]
+
+#: What can be off, and what a positive number means.
+MISALIGNMENTS = {
+    "shift_x_mm": "the array lies to the right",
+    "shift_y_mm": "the array lies too high",
+    "rotation_deg": "the array is turned counter-clockwise, as the viewer sees it",
+    "tilt_x_deg": "the gap grows to the right",
+    "tilt_y_deg": "the gap grows upwards",
+    "gap_mm": "the array stands too far from the panel",
+}
+
+
+def mounted(display: Display, misalignment: str) -> Display:
+    """The display as it is on the bench.
+
+    Parameters
+    ----------
+    display : Display
+        As designed: what generators know.
+    misalignment : str
+        By how much it is off, like ``"rotation_deg=0.5, shift_x_mm=0.1"``; keys of
+        `MISALIGNMENTS`. Added to the design's own values. Empty: nothing is off.
+
+    Raises
+    ------
+    UsageError
+        Unknown or doubled key, or not a number.
+    DisplayError
+        No display can be mounted like that.
+    """
+    off: dict[str, float] = {}
+    for item in filter(None, (part.strip() for part in misalignment.split(","))):
+        key, equals, text = (part.strip() for part in item.partition("="))
+        if not equals or key not in MISALIGNMENTS:
+            near = difflib.get_close_matches(key, MISALIGNMENTS, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"use {', '.join(MISALIGNMENTS)}"
+            raise UsageError(f"misalign {item!r}: write KEY=NUMBER; {hint}")
+        if key in off:
+            raise UsageError(f"misalign: {key} is given twice; keep one")
+        try:
+            off[key] = float(text)
+        except ValueError:
+            raise UsageError(f"misalign {item!r}: {text!r} is not a number") from None
+    if not off:
+        return display
+    # Picture and panel stay as designed: the depth range and the pixels are not the array's.
+    low, high = display.depth_range_mm
+    rows, columns = display.eia_shape
+    try:
+        return display.replace(
+            name=f"{display.name}, misaligned",
+            depth_min_mm=low,
+            depth_max_mm=high,
+            panel_rows=rows,
+            panel_columns=columns,
+            **{key: getattr(display, key) + value for key, value in off.items()},
+        )
+    except DisplayError as error:
+        raise DisplayError(f"misalign {misalignment!r}: {error}") from None

@@ -1,0 +1,227 @@
+"""Where the eye is, and whether the display shows it an unrepeated picture."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+
+from inim.display.display import Display
+from inim.errors import ViewpointError
+
+__all__ = [
+    "DEFAULT_VIEWPOINTS",
+    "Viewpoint",
+    "check_viewpoint",
+    "focus_distance_mm",
+    "is_file_safe",
+    "parse_viewpoints",
+]
+
+#: Direction of each named viewpoint, in shares of the side step below.
+DEFAULT_VIEWPOINTS = {
+    "centre": (0, 0),
+    "left": (-1, 0),
+    "right": (1, 0),
+    "up": (0, 1),
+    "down": (0, -1),
+}
+# Named viewpoints stand at twice the nearest usable distance, where half of the viewing zone is
+# left for moving, and step aside by three quarters of what is left: well inside the zone.
+_DISTANCE_IN_NEAREST = 2.0
+_SIDE_STEP = 0.75
+_NAME = re.compile(r"[\w.+-]{1,64}")
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """An eye in the display frame, looking at the lens array through an off-axis frustum.
+
+    Parameters
+    ----------
+    name : str
+        Used in file names and reports: letters, digits, ``. _ + -``.
+    x_mm, y_mm, z_mm : float
+        Position of the pupil's centre; z is the viewing distance and must be positive.
+    pupil_mm : float
+        Diameter of the pupil, a disc parallel to the array; 0 is a pinhole, to which all is sharp.
+    focus_mm : float, optional
+        Distance from the eye to the plane it is focused on; see `focus_distance_mm`.
+    """
+
+    name: str
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    pupil_mm: float = 0.0
+    focus_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        if not is_file_safe(self.name):
+            raise ViewpointError(
+                f"viewpoint name {self.name!r}: use 1 to 64 letters, digits or . _ + -"
+            )
+        if not all(map(math.isfinite, self.position_mm)) or self.z_mm <= 0:
+            raise ViewpointError(
+                f"viewpoint {self.name}: position {self.position_mm} mm must be finite with z > 0 "
+                "(in front of the display)"
+            )
+        if not (math.isfinite(self.pupil_mm) and self.pupil_mm >= 0):
+            raise ViewpointError(
+                f"viewpoint {self.name}: pupil_mm = {self.pupil_mm}: a diameter, 0 for a pinhole"
+            )
+        if self.focus_mm is not None and not (math.isfinite(self.focus_mm) and self.focus_mm > 0):
+            raise ViewpointError(
+                f"viewpoint {self.name}: focus_mm = {self.focus_mm}: must be a positive distance "
+                "from the eye"
+            )
+
+    @property
+    def position_mm(self) -> tuple[float, float, float]:
+        """(x, y, z) in the display frame."""
+        return self.x_mm, self.y_mm, self.z_mm
+
+
+def is_file_safe(name: str) -> bool:
+    """Whether a name can be that of a file: 1 to 64 letters, digits or ``. _ + -``."""
+    return bool(_NAME.fullmatch(name)) and not name.startswith(".")
+
+
+def check_viewpoint(viewpoint: Viewpoint, display: Display) -> None:
+    """Raise `ViewpointError` where the eye sees flipped (repeated) views or sits in the picture.
+
+    The limit is |e - x_lens| <= V P / 2g for every lens (see `Display.flip_limit_mm`), and holds
+    for the pupil's edge too.
+    """
+    x, y, distance = viewpoint.position_mm
+    if distance <= max(display.depth_range_mm[1], 0.0):
+        raise ViewpointError(
+            f"viewpoint {viewpoint.name}: distance {distance:g} mm is inside the picture, which "
+            f"reaches {display.depth_range_mm[1]:g} mm in front of the lens array; move back"
+        )
+    half_pupil = viewpoint.pupil_mm / 2
+    edge = f" with a pupil of {viewpoint.pupil_mm:g} mm" if half_pupil else ""
+    limit_x, limit_y = display.flip_limit_mm(distance)
+    for axis, offset, limit in (("x", x, limit_x), ("y", y, limit_y)):
+        if abs(offset) + half_pupil > limit:
+            way_out = (
+                f"keep |{axis}| <= {limit - half_pupil:.4g} mm at this distance"
+                if limit >= half_pupil
+                else f"take a pupil_mm of at most {2 * limit:.4g}, or move back"
+                if limit > 0
+                else f"move back to at least {display.nearest_viewing_distance_mm:.4g} mm"
+            )
+            raise ViewpointError(
+                f"viewpoint {viewpoint.name}: {axis} = {offset:g} mm at {distance:g} mm{edge} is "
+                f"outside the viewing zone (flipped views); {way_out}"
+            )
+
+
+def focus_distance_mm(viewpoint: Viewpoint, display: Display) -> float:
+    """Distance from the eye to the plane it is focused on.
+
+    Where the viewpoint does not say: the display's central depth plane, where its picture is
+    sharpest, or the array itself if that plane is infinitely far (a focused display). A pinhole
+    eye is focused on everything; the array stands for it.
+
+    Raises
+    ------
+    ViewpointError
+        When the central depth plane is not in front of an eye that has a pupil.
+    """
+    if viewpoint.focus_mm is not None:
+        return viewpoint.focus_mm
+    if viewpoint.pupil_mm == 0 or math.isinf(display.central_depth_mm):
+        return viewpoint.z_mm
+    distance = viewpoint.z_mm - display.central_depth_mm
+    if distance <= 0:
+        raise ViewpointError(
+            f"viewpoint {viewpoint.name}: the central depth plane z = "
+            f"{display.central_depth_mm:g} mm is behind the eye at {viewpoint.z_mm:g} mm, which "
+            "cannot focus on it; state focus_mm"
+        )
+    return distance
+
+
+def default_distance_mm(display: Display) -> float:
+    """Twice the nearest distance at which no lens flips, and clear of the picture itself."""
+    in_front = 2 * max(display.depth_range_mm[1], 0.0)
+    return max(_DISTANCE_IN_NEAREST * display.nearest_viewing_distance_mm, in_front)
+
+
+def named_viewpoint(name: str, display: Display, distance_mm: float) -> Viewpoint:
+    """One of `DEFAULT_VIEWPOINTS` placed inside this display's viewing zone."""
+    if name not in DEFAULT_VIEWPOINTS:
+        raise ViewpointError(
+            f"viewpoint {name!r}: not one of {', '.join(DEFAULT_VIEWPOINTS)}; "
+            "give a position as 'name=x y' or 'name=x y z' (mm)"
+        )
+    across, up = DEFAULT_VIEWPOINTS[name]
+    limit_x, limit_y = display.flip_limit_mm(distance_mm)
+    return Viewpoint(
+        name,
+        across * _SIDE_STEP * max(limit_x, 0.0),
+        up * _SIDE_STEP * max(limit_y, 0.0),
+        distance_mm,
+    )
+
+
+def parse_viewpoints(
+    text: str,
+    display: Display,
+    distance_mm: float | None = None,
+    pupil_mm: float = 0.0,
+    focus_mm: float | None = None,
+) -> tuple[Viewpoint, ...]:
+    """Viewpoints from ``"centre, left, mine=10 -5, far=0 0 900"``, each checked.
+
+    Parameters
+    ----------
+    text : str
+        Names of `DEFAULT_VIEWPOINTS`, or ``name=x y [z]`` in millimetres, separated by commas.
+    display : Display
+        Whose viewing zone they must lie in.
+    distance_mm : float, optional
+        Viewing distance where none is given; `default_distance_mm` otherwise.
+    pupil_mm, focus_mm : float
+        Of every eye; see `Viewpoint`. Eyes with a pupil come back with their focus stated: what
+        they look at later may be a display that is not quite `display`.
+
+    Raises
+    ------
+    ViewpointError
+        Unknown or doubled name, unreadable position, or outside the viewing zone.
+    """
+    distance = default_distance_mm(display) if distance_mm is None else distance_mm
+    viewpoints = [
+        replace(_parse_one(item.strip(), display, distance), pupil_mm=pupil_mm, focus_mm=focus_mm)
+        for item in text.split(",")
+        if item.strip()
+    ]
+    if not viewpoints:
+        raise ViewpointError("viewpoints: none given; name at least one, such as 'centre'")
+    seen = {"eia"}  # the ground-truth EIA lies beside the views
+    for viewpoint in viewpoints:
+        # Case apart, two names may be one file.
+        if viewpoint.name.lower() in seen:
+            raise ViewpointError(
+                f"viewpoint {viewpoint.name!r} is given twice, or its name is taken; rename it"
+            )
+        seen.add(viewpoint.name.lower())
+        check_viewpoint(viewpoint, display)
+    if pupil_mm:
+        viewpoints = [replace(v, focus_mm=focus_distance_mm(v, display)) for v in viewpoints]
+    return tuple(viewpoints)
+
+
+def _parse_one(item: str, display: Display, distance_mm: float) -> Viewpoint:
+    name, equals, position = item.partition("=")
+    if not equals:
+        return named_viewpoint(name, display, distance_mm)
+    try:
+        numbers = [float(word) for word in position.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3):
+        raise ViewpointError(f"viewpoint {item!r}: give 'name=x y' or 'name=x y z' in millimetres")
+    return Viewpoint(name.strip(), *[*numbers, distance_mm][:3])

@@ -1,0 +1,181 @@
+"""Meshes read by trimesh: OBJ, STL, glTF, and PLY that is more than plain triangles."""
+
+from __future__ import annotations
+
+import io
+import logging
+import mimetypes
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from PIL import Image
+
+from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.errors import FileError
+from inim.files.mesh_guard import check_indices, first_line
+from inim.files.triangle_mesh import Mesh, usable_normals
+
+__all__ = ["read_with_trimesh"]
+
+_MOST_TEXTURE_PIXELS = 2**26
+_MOST_INSTANCED_FACES = 50_000_000
+_MOST_COMPANION_BYTES = 2**29
+# trimesh's colour for "nobody said"; a material of this colour says nothing.
+_GREY = (102, 102, 102)
+
+# Without a handler, trimesh's tracebacks would go to the terminal.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
+
+class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
+    """The files that a mesh names, from its own folder; remembers those it could not give.
+
+    trimesh goes on without them and says so to nobody.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(str(path))
+        self._folder = path.parent
+        self.lacking: dict[str, None] = {}
+
+    def get(self, name: str) -> Any:
+        """Bytes of a companion file; trimesh catches what this raises."""
+        try:
+            named = self._folder / name
+            # A pipe would keep us waiting for ever, a sparse file fill the memory.
+            if not named.is_file() or named.stat().st_size > _MOST_COMPANION_BYTES:
+                raise ValueError(f"{name[:120]!r} is no file of a sane size")
+            data = super().get(name)
+            if (mimetypes.guess_type(name)[0] or "").startswith("image/"):
+                Image.open(io.BytesIO(data)).close()
+        except Exception:
+            self.lacking[name] = None
+            raise
+        return data
+
+
+def read_with_trimesh(path: Path, kind: str, warn: Callable[[str], object]) -> list[Mesh]:
+    """Every surface of the *transformed* scene; whatever trimesh throws is a FileError.
+
+    Parameters
+    ----------
+    path : Path
+        A file whose declared sizes were checked.
+    kind : str
+        What trimesh calls the format.
+    warn : callable
+        Told in a line each which named files the surfaces go without.
+    """
+    try:
+        companions = _Companions(path)
+        # No processing: merging vertices drops texture seams, and NaN must be seen, not mended.
+        with path.open("rb") as file:
+            scene = trimesh.load_scene(file, file_type=kind, resolver=companions, process=False)
+        for name in companions.lacking:
+            warn(
+                f"{path}: {name[:120]!r} is missing, unreadable or outside the mesh's folder; "
+                "the relic goes without it"
+            )
+        _check_instances(path, scene)
+        linear = kind in ("glb", "gltf")
+        return [_mesh(path, part, linear_colors=linear) for part in _surfaces(path, scene)]
+    except FileError:
+        raise
+    except MemoryError as error:
+        raise FileError(f"{path}: does not fit into memory; decimate the mesh first") from error
+    except Exception as error:
+        raise FileError(f"{path}: not a readable {kind} mesh ({first_line(error)})") from error
+
+
+def _surfaces(path: Path, scene: Any) -> list[Any]:
+    parts = scene.dump()
+    surfaces = [p for p in parts if isinstance(p, trimesh.Trimesh) and len(p.faces)]
+    if not surfaces:
+        kinds = sorted({type(p).__name__ for p in parts}) or ["nothing"]
+        raise FileError(f"{path}: holds no faces ({', '.join(kinds)}); inim needs a triangle mesh")
+    return surfaces
+
+
+def _check_instances(path: Path, scene: Any) -> None:
+    """A small file may place one mesh a million times; count before copying."""
+    total = 0
+    for node in scene.graph.nodes_geometry:
+        geometry = scene.geometry[scene.graph[node][1]]
+        total += len(getattr(geometry, "faces", ()))
+    if total > _MOST_INSTANCED_FACES:
+        raise FileError(f"{path}: unfolds to {total} faces; decimate the mesh first")
+
+
+def _mesh(path: Path, part: Any, *, linear_colors: bool) -> Mesh:
+    vertices = np.asarray(part.vertices, np.float64)
+    with np.errstate(over="ignore"):
+        vertices = vertices.astype(np.float32)
+    faces = np.asarray(part.faces, np.int64)
+    if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+        raise FileError(f"{path}: vertices of {vertices.shape[1:]} numbers; the file is damaged")
+    check_indices(path, vertices, faces)
+    # Normals that trimesh would compute are not the file's; it keeps the file's in this cache.
+    given = part.vertex_normals if "vertex_normals" in part._cache else None
+    normals = usable_normals(None if given is None else np.asarray(given, np.float32))
+    color, uv, texture = _appearance(path, part, linear_colors)
+    if part.visual.kind == "face":  # one colour a face: give every face its own corners
+        color = np.repeat(_color(part.visual.face_colors, linear_colors), 3, axis=0)
+        vertices, faces = vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3)
+        normals = None
+    name = str(part.metadata.get("name") or path.stem)
+    return Mesh(vertices, faces.astype(np.uint32), normals, uv, color, texture, name)
+
+
+def _appearance(
+    path: Path, part: Any, linear: bool
+) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
+    """Vertex colour, texture coordinates and base-colour texture, each where there is one."""
+    visual, count = part.visual, len(part.vertices)
+    if visual.kind == "vertex":
+        return _color(visual.vertex_colors, linear), None, None
+    material = getattr(visual, "material", None)
+    if material is None:
+        return None, None, None
+    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    # Where trimesh found no picture it paints four grey pixels, which no file's format has.
+    if image is not None and image.size == (2, 2) and image.format is None:
+        image = None
+    factor = getattr(material, "baseColorFactor", None) if linear else material.main_color
+    tint = np.ones(3, np.float32) if factor is None else _color(np.array([factor]), linear)[0]
+    uv = None if visual.uv is None else np.nan_to_num(np.asarray(visual.uv, np.float32))
+    if image is not None and uv is not None and uv.shape == (count, 2):
+        return None, uv, _tinted(_pixels(path, image), tint if linear else np.ones(3))
+    spoken = getattr(visual, "vertex_attributes", {}).get("color")
+    if spoken is not None and len(spoken) == count:
+        return _color(spoken, linear) * tint, None, None
+    if factor is None or tuple(factor[:3]) == _GREY or bool((tint == 1).all()):
+        return None, None, None
+    return np.tile(tint, (count, 1)).astype(np.float32), None, None
+
+
+def _pixels(path: Path, image: Any) -> np.ndarray:
+    if image.width * image.height > _MOST_TEXTURE_PIXELS:
+        raise FileError(
+            f"{path}: texture of {image.width} x {image.height} pixels; scale it below 8192 x 8192"
+        )
+    return np.asarray(image.convert("RGB"), np.uint8)
+
+
+def _tinted(pixels: np.ndarray, tint: np.ndarray) -> np.ndarray:
+    """Texture times base-colour factor: glTF multiplies in linear light."""
+    if (tint == 1).all():
+        return pixels
+    curve = linear_from_srgb(np.arange(256) / 255.0)
+    table = np.stack([srgb_to_uint8(srgb_from_linear(curve * t)) for t in tint])
+    return np.stack([table[c][pixels[..., c]] for c in range(3)], axis=-1)
+
+
+def _color(values: Any, linear: bool) -> np.ndarray:
+    """(n, 3) linear float32 from trimesh's 8-bit or float colours."""
+    array = np.asarray(values)[:, :3]
+    scale = np.iinfo(array.dtype).max if array.dtype.kind in "ui" else 1.0
+    share = np.clip(np.nan_to_num(array / scale), 0, 1).astype(np.float32)
+    return share if linear else linear_from_srgb(share)

@@ -1,0 +1,223 @@
+"""The depth picture of a camera: its numbers as they are stored, and whether they can be that.
+
+Sixteen-bit depth is the usual, and its byte order the usual accident: a reader that takes the two
+bytes the other way round turns 2047 into 65287. Surfaces are smooth, so in the right order most
+neighbours differ by little, and in the wrong one by multiples of 256.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inim.errors import FileError
+from inim.files.image import check_unfolding, read_exr_channels, write_atomically
+from inim.files.pfm import read_pfm
+from inim.files.png import check_png
+from inim.version import __version__
+
+__all__ = ["DepthFile", "read_depth", "write_depth"]
+
+_PICTURES = {
+    ".png": ("PNG",),
+    ".pgm": ("PPM",),
+    ".tif": ("TIFF",),
+    ".tiff": ("TIFF",),
+    ".jpg": ("JPEG",),
+    ".jpeg": ("JPEG",),
+}
+# Of an EXR, the first of these: as this program, renderers and depth estimators call it.
+_CHANNELS = ("Z", "Y", "V", "depth.Z", "Depth.Z", "depth.V", "Depth.V", "R")
+_MOST_PIXELS = 2**28
+# Colour channels of a grey picture saved as colour agree; those of a false-colour one do not.
+_MOST_CHANNEL_DIFFERENCE = 2
+# Swapped bytes raise the differences of neighbours by far more; noise does by less.
+_SMOOTHER = 4.0
+_ROWS_LOOKED_AT = 512
+# No depth in any unit lies outside; swapped bytes of a float do.
+_PLAUSIBLE_FLOATS = (1e-12, 1e15)
+
+
+@dataclass(frozen=True)
+class DepthFile:
+    """Numbers of a depth picture.
+
+    Attributes
+    ----------
+    values : (H, W) float32
+        As stored, row 0 on top; anything at all where there is none.
+    largest : int or None
+        The largest number its kind of whole numbers can hold; None for floats.
+    """
+
+    values: NDArray[np.float32]
+    largest: int | None
+
+
+def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
+    """Read a depth picture.
+
+    Parameters
+    ----------
+    path : Path
+        PNG, PGM, TIFF or JPEG in grey of 8, 16 or 32 bits; EXR (channel Z, Y, V or R of the
+        first part); PFM; or NumPy's .npy with a (H, W) array.
+    swap_bytes : bool
+        The two bytes of 16-bit numbers are stored the other way round than the format says.
+
+    Raises
+    ------
+    FileError
+        Missing, damaged, of another kind, not one number per pixel, or bytes in the wrong order.
+    """
+    readers = {".exr": _read_exr, ".pfm": read_pfm, ".npy": _read_npy}
+    suffix = path.suffix.lower()
+    if suffix not in readers and suffix not in _PICTURES:
+        raise FileError(
+            f"{path}: a depth picture is a .png, .pgm, .tif, .exr, .pfm or .npy; save it as one"
+        )
+    if not path.is_file():
+        raise FileError(f"{path}: no such file")
+    stored = readers[suffix](path) if suffix in readers else _read_picture(path)
+    if stored.ndim == 3 and stored.shape[2] == 1:
+        stored = stored[..., 0]
+    if stored.ndim != 2 or stored.size == 0:
+        raise FileError(
+            f"{path}: its array has shape {stored.shape}; depth is one number per pixel, (H, W)"
+        )
+    if stored.dtype.kind not in "fui" or stored.size > _MOST_PIXELS:
+        raise FileError(
+            f"{path}: {stored.size} values of type {stored.dtype}; depth is at most {_MOST_PIXELS} "
+            "whole numbers or floats"
+        )
+    if swap_bytes:
+        if stored.dtype.itemsize != 2:
+            raise FileError(f"{path}: --swap-bytes is for 16-bit depth; this is {stored.dtype}")
+        stored = stored.byteswap()
+    _check_byte_order(path, stored, swap_bytes)
+    largest = int(np.iinfo(stored.dtype).max) if stored.dtype.kind in "ui" else None
+    with np.errstate(over="ignore"):  # becomes infinite, and infinite is missing
+        return DepthFile(np.ascontiguousarray(stored, np.float32), largest)
+
+
+def _read_picture(path: Path) -> np.ndarray:
+    from PIL import Image
+
+    check_png(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # on sizes, which are checked below
+            with Image.open(path, formats=_PICTURES[path.suffix.lower()]) as picture:
+                samples = picture.width * picture.height * len(picture.getbands())
+                check_unfolding(path, 4 * samples)
+                if picture.mode == "P":
+                    raise FileError(
+                        f"{path}: holds numbers of a palette, not depths; save it as grey"
+                    )
+                pixels = np.asarray(picture)
+    except FileError:
+        raise
+    except Exception as error:
+        cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
+        raise FileError(f"{path}: not a readable picture ({cause}); save it anew") from error
+    if pixels.ndim == 3:
+        pixels = _grey(path, pixels)
+    if pixels.dtype == np.int32 and path.suffix.lower() in (".png", ".pgm"):
+        pixels = pixels.astype(np.uint16)  # Pillow hands out 16 bits as 32 for some files
+    return pixels.astype(np.uint8) if pixels.dtype == bool else pixels
+
+
+def _grey(path: Path, pixels: np.ndarray) -> np.ndarray:
+    """The one number per pixel of a grey picture that was saved as colour."""
+    color = pixels[..., :3] if pixels.shape[2] >= 3 else pixels[..., :1]
+    spread = int((color.max(axis=2) - color.min(axis=2)).max())
+    if spread > _MOST_CHANNEL_DIFFERENCE:
+        raise FileError(
+            f"{path}: is coloured (channels differ by up to {spread}), so it holds no depth that "
+            "can be read back; use the grey, EXR or .npy depth it was painted from"
+        )
+    grey: np.ndarray = color[..., 0]
+    return grey
+
+
+def _read_exr(path: Path) -> np.ndarray:
+    channels = read_exr_channels(path)
+    for name in _CHANNELS:
+        # Red is depth only where a picture has nothing but colours, all alike.
+        if name in channels and (name != "R" or set(channels) <= set("RGBA")):
+            return channels[name]
+    raise FileError(
+        f"{path}: no channel {', '.join(_CHANNELS)} in its first part; it has {', '.join(channels)}"
+    )
+
+
+def write_depth(path: Path, values: np.ndarray, meaning: str) -> None:
+    """Write depth, (H, W) float, as an EXR of one channel, Z.
+
+    Parameters
+    ----------
+    path : Path
+    values : (H, W) float array
+    meaning : str
+        What the numbers are: kept in the file as ``inim:depth``.
+    """
+    import OpenEXR
+
+    header = {
+        "compression": OpenEXR.ZIPS_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "inim:version": __version__,
+        "inim:depth": meaning,
+    }
+    channels = {"Z": np.ascontiguousarray(values, np.float32)}
+    write_atomically(path, lambda p: OpenEXR.File(header, channels).write(str(p)))
+
+
+def _read_npy(path: Path) -> np.ndarray:
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        if not isinstance(array, np.ndarray):
+            raise ValueError("several arrays")
+        return np.array(array, array.dtype.newbyteorder("="))
+    except Exception as error:  # of any kind: its header is read as Python
+        cause = str(error).partition("\n")[0]
+        raise FileError(f"{path}: not a readable .npy array ({cause}); save it anew") from error
+
+
+def _check_byte_order(path: Path, stored: np.ndarray, swapped: bool) -> None:
+    if stored.dtype.kind == "f":
+        sizes = np.abs(stored[np.isfinite(stored) & (stored != 0)])
+        middle = float(np.median(sizes)) if sizes.size else 1.0
+        if not _PLAUSIBLE_FLOATS[0] < middle < _PLAUSIBLE_FLOATS[1]:
+            raise FileError(
+                f"{path}: half of its values are about {middle:.3g}, as when the bytes of floats "
+                "are in the wrong order; save it anew (a PFM's byte order is the sign of its scale)"
+            )
+        return
+    if stored.dtype.itemsize != 2 or stored.shape[1] < 2:
+        return
+    rows = stored[:: max(1, len(stored) // _ROWS_LOOKED_AT)]
+    if not (rows & 0xFF).any():  # eight bits, shifted up: either order makes a smooth picture
+        return
+    as_is, other = _roughness(rows), _roughness(rows.byteswap())
+    if as_is > _SMOOTHER * other:
+        first = int(rows[rows != 0][0])
+        way_out = "leave out --swap-bytes" if swapped else "say --swap-bytes, or save it anew"
+        raise FileError(
+            f"{path}: its 16-bit values look byte-swapped ({first} where "
+            f"{int(np.uint16(first).byteswap())} is meant): neighbours differ by {as_is:.4g} as "
+            f"read and by {other:.4g} the other way round; {way_out}"
+        )
+
+
+def _roughness(values: np.ndarray) -> float:
+    """Mean difference of neighbours in a row, of pixels that have a value."""
+    left, right = values[:, :-1], values[:, 1:]
+    both = (left != 0) & (right != 0)
+    if not both.any():
+        return 0.0
+    return float(np.abs(left[both].astype(np.float64) - right[both]).mean())

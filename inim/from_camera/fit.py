@@ -1,0 +1,198 @@
+"""Fitting a camera's picture to a display: where it lies, how large it is, how deep.
+
+A perspective picture is unprojected: each sample goes to its place in space, and one affine map
+takes that space to the display, with one scale for x and y, and its own for z where depths are
+mapped linearly. At one distance, the frame's (`frame_at`, by default the median depth), the
+camera's picture then fits the lens array, and its middle lies on the display's axis; nearer the
+camera sees less than the array's width, farther more. A picture taken as orthographic fits the
+array at every depth.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inim.display import Display
+from inim.errors import UsageError
+from inim.from_camera.camera import Pinhole
+from inim.from_camera.depth_map import DepthMap
+from inim.from_camera.depth_values import DepthValues, sample
+from inim.from_camera.tiles import CameraTiles, Drawn, draw_tiles
+from inim.rgbd import RGBD
+
+__all__ = ["FITS", "Fitted", "fit_picture"]
+
+FITS = ("contain", "cover")
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A picture in the display frame.
+
+    Attributes
+    ----------
+    rgbd : RGBD
+    clipped : float
+        Share of the samples with depth that lie beyond the range.
+    empty : float
+        Share of the lens array's area without any surface in front of or behind it.
+    frame_at : float or None
+        Distance at which the picture fits the array, in the unit of the depth; None where it is
+        taken as orthographic.
+    scale : float
+        Display millimetres per unit of depth across, or per picture pixel where orthographic.
+    """
+
+    rgbd: RGBD
+    clipped: float
+    empty: float
+    frame_at: float | None
+    scale: float
+
+
+def fit_picture(
+    color: np.ndarray,
+    values: DepthValues,
+    depth_map: DepthMap,
+    display: Display,
+    *,
+    camera: Pinhole | None,
+    pixels_per_pitch: int = 5,
+    fit: str = "contain",
+    frame_at: float | None = None,
+    steepest: float = 10.0,
+    coarseness: float = 1.0,
+    drop: bool = False,
+) -> Fitted:
+    """Bring a colour and depth picture into a display's frame.
+
+    Parameters
+    ----------
+    color : (H, W, 3) uint8 sRGB, or float32 linear RGB
+    values : DepthValues
+        Of the same rows and columns.
+    depth_map : DepthMap
+    display : Display
+    camera : Pinhole or None
+        None takes the picture as orthographic.
+    pixels_per_pitch : int
+        Cells of the result per lens pitch.
+    fit : {"contain", "cover"}
+        Whether all of the picture's frame lies on the array, or all of the array in the frame.
+    frame_at : float, optional
+        Distance at which it does; the median otherwise. Perspective only.
+    steepest : float
+        Neighbouring samples are one surface up to this slope, depth over width: 10 is 84 degrees.
+        Of the scene where it is unprojected, of the display's picture where orthographic.
+    coarseness : float
+        Width of a sample of the depth picture in pixels of the colour picture, at least 1.
+    drop : bool
+        Leave out what lies beyond the depth range instead of taking it to its end.
+
+    Raises
+    ------
+    UsageError
+        Depths that cannot be unprojected, or nothing of the picture lies on the display.
+    """
+    rows, columns = values.depth.shape
+    size = display.width_mm, display.height_mm
+    larger = {"contain": min, "cover": max}.get(fit)
+    if larger is None:
+        raise UsageError(f"--fit {fit}: use {' or '.join(FITS)}")
+    if camera is None:
+        frame_at = None
+        scale = larger(size[0] / columns, size[1] / rows)
+        place = {"ax": scale, "ay": scale, "cx": (columns - 1) / 2, "cy": (rows - 1) / 2}
+        place |= {"ox": 0.0, "oy": 0.0}
+        apart, share = _apart(values, depth_map, steepest * coarseness * scale), 0.0
+    else:
+        _check_distances(values)
+        frame_at = float(np.median(sample(values.depth))) if frame_at is None else frame_at
+        if not 0 < frame_at < math.inf:
+            raise UsageError(f"--frame-at {frame_at:g}: must be a distance above 0")
+        scale = larger(
+            size[0] * camera.fx / (columns * frame_at), size[1] * camera.fy / (rows * frame_at)
+        )
+        place = {"ax": scale / camera.fx, "ay": scale / camera.fy, "cx": camera.cx, "cy": camera.cy}
+        place["ox"] = -place["ax"] * ((columns - 1) / 2 - camera.cx) * frame_at
+        place["oy"] = place["ay"] * ((rows - 1) / 2 - camera.cy) * frame_at
+        apart, share = 0.0, steepest * coarseness / min(camera.fx, camera.fy)
+    inverse = camera is not None or depth_map.name == "reciprocal"
+    ends = [1 / d if inverse else d for d in (depth_map.near, depth_map.far)]
+    tiles = CameraTiles(
+        q=_inverse(values.depth) if inverse else values.depth,
+        q_low=min(ends),
+        q_high=max(ends),
+        perspective=camera is not None,
+        over_q=camera is not None and depth_map.name == "linear",
+        offset_mm=depth_map.offset_mm,
+        slope=depth_map.slope,
+        low_mm=depth_map.low_mm,
+        high_mm=depth_map.high_mm,
+        apart=apart,
+        apart_share=share,
+        drop=drop,
+        **place,
+    )
+    shape = display.capture_shape(pixels_per_pitch)
+    cell = display.pitch_mm / pixels_per_pitch
+    drawn = draw_tiles(tiles, color, shape, cell, steepest * cell)
+    if not drawn.covered.any():
+        raise UsageError(
+            "nothing of the picture lies on the display: check --intrinsics, --frame-at, --near "
+            "and --far"
+        )
+    return Fitted(
+        RGBD(drawn.color, drawn.depth_mm, drawn.covered, cell),
+        drawn.clipped / max(1, int(np.count_nonzero(~np.isnan(values.depth)))),
+        _empty(drawn, display, cell),
+        frame_at,
+        scale,
+    )
+
+
+def _check_distances(values: DepthValues) -> None:
+    if values.near_is_large:
+        raise UsageError(
+            "--intrinsics: unprojection needs distances that grow away from the camera, and this "
+            "depth grows towards it; say --far-is-large if it does not, or use --orthographic"
+        )
+    least = float(np.nanmin(values.depth))
+    if least <= 0:
+        raise UsageError(
+            f"--intrinsics: unprojection needs distances above 0, and there is a depth of "
+            f"{least:g}; say --missing {least:g} if it means none, or use --orthographic"
+        )
+
+
+def _inverse(depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    with np.errstate(divide="ignore"):
+        inverse: NDArray[np.float32] = np.float32(1) / depth
+    return inverse
+
+
+def _apart(values: DepthValues, depth_map: DepthMap, apart_mm: float) -> float:
+    """How far numbers of one surface differ that is `apart_mm` apart on the display.
+
+    At least one and a half steps of the file: its own coarseness tears nothing.
+    """
+    d = np.array([depth_map.near, depth_map.far])
+    if depth_map.slope == 0:
+        return math.inf
+    least = apart_mm / abs(depth_map.slope)
+    if depth_map.name == "linear":
+        return max(least, 1.5 * values.step)
+    return max(least, 1.5 * values.step / float(d.min() ** 2))
+
+
+def _empty(drawn: Drawn, display: Display, cell_mm: float) -> float:
+    """Share of the cells on the array that nothing covers."""
+    rows, columns = drawn.covered.shape
+    x = np.abs((np.arange(columns) + 0.5) * cell_mm - columns * cell_mm / 2)
+    y = np.abs((np.arange(rows) + 0.5) * cell_mm - rows * cell_mm / 2)
+    on_array = np.ix_(y < display.height_mm / 2, x < display.width_mm / 2)
+    return float(1 - drawn.covered[on_array].mean())

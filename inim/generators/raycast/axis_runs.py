@@ -1,0 +1,169 @@
+"""One axis of a ray at a time: which cells of a row (column) it visits, and when it leaves them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from inim.generators.base import AskedPixels
+from inim.generators.raycast.cells import CellRays
+from inim.generators.raycast.direction_lists import rounded_up
+from inim.generators.raycast.traversal import entered, leaves
+from inim.generators.sources import HOLE
+
+__all__ = ["AxisRuns", "axis_runs", "doubtful_pixels", "first_hits_in_runs"]
+
+
+@dataclass(frozen=True)
+class AxisRuns:
+    """For every panel column (or row): its ray's cells along that axis, nearest first.
+
+    A ray's cells in the picture are the overlaps of its column runs with its row runs.
+
+    Attributes
+    ----------
+    first : (n + 1,) int64
+        Where each panel column's runs begin.
+    cell : (m,) int64
+        Picture column (row).
+    exit_mm : (m,) float64
+        Depth at which the ray leaves it, z_min at the end.
+    """
+
+    first: np.ndarray
+    cell: np.ndarray
+    exit_mm: np.ndarray
+
+    def exit32(self) -> np.ndarray:
+        """Exits as float32, rounded up: a float32 depth reaches one if it reaches the other."""
+        return rounded_up(self.exit_mm)
+
+    def entry32(self) -> np.ndarray:
+        """Depths at which the ray enters each cell, rounded alike; infinite where it starts."""
+        entry = np.empty(len(self.exit_mm), np.float32)
+        entry[1:] = self.exit32()[:-1]
+        entry[self.first[:-1]] = np.inf
+        return entry
+
+
+def axis_runs(rays: CellRays, depth_range_mm: tuple[float, float]) -> AxisRuns:
+    """The runs of all rays of one axis."""
+    z_min, z_max = depth_range_mm
+    most = rays.most_cells(depth_range_mm)
+    cells = np.empty((len(rays.start), most), np.int64)
+    exits = np.empty((len(rays.start), most))
+    counts = np.empty(len(rays.start), np.int64)
+    _walk_axis(rays.start, rays.slope, rays.scale, z_min, z_max, cells, exits, counts)
+    used = np.arange(most) < counts[:, None]
+    first = np.concatenate([[0], np.cumsum(counts)])
+    return AxisRuns(first, cells[used], exits[used])
+
+
+@numba.njit(cache=True, nogil=True)
+def _walk_axis(start, slope, scale, z_min, z_max, cells, exits, counts):  # type: ignore[no-untyped-def]
+    for i in range(len(start)):
+        step = -1 if slope[i] > 0 else 1
+        cell = entered(start[i], slope[i], scale, z_max)
+        n = 0
+        while True:
+            z = max(leaves(cell, start[i], slope[i], scale), z_min)
+            cells[i, n], exits[i, n] = cell, z
+            n += 1
+            if z <= z_min:
+                break
+            cell += step
+        counts[i] = n
+
+
+def first_hits_in_runs(
+    rows: AxisRuns,
+    columns: AxisRuns,
+    pixels: AskedPixels,
+    depth: np.ndarray,
+    found: np.ndarray,
+) -> None:
+    """First hits of some panel pixels, as `inim.generators.raycast.traversal.first_hit` finds them.
+
+    Its borders' depths, in float64, are those of the runs: each is computed once for its row or
+    column, not for every ray. Runs left above the nearest surface of all cannot hit, and are passed
+    over; nothing of the kind holds below the farthest one, as a column is solid from there back:
+    a ray under all surfaces hits the next covered cell.
+
+    Parameters
+    ----------
+    rows, columns : AxisRuns
+        Of the panel's rows and columns.
+    pixels : AskedPixels
+    depth : (H, W) float32
+        -inf where nothing is covered.
+    found : (n,) int32
+        For ``row * W + column`` of the hits, or `HOLE`.
+    """
+    nearest, z_min = float(depth.max()), rows.exit_mm[-1]  # where all rays end
+    _first_hits(
+        pixels.rows, pixels.columns, _below(rows, nearest), rows.cell, rows.exit_mm,
+        _below(columns, nearest), columns.cell, columns.exit_mm, depth, z_min, found,
+    )  # fmt: skip
+
+
+def _below(runs: AxisRuns, nearest_mm: float) -> np.ndarray:
+    """For every panel column (or row), the first run left no nearer than a surface; or its last."""
+    above = np.concatenate([[0], np.cumsum(runs.exit_mm > nearest_mm)])
+    begin = runs.first[:-1] + above[runs.first[1:]] - above[runs.first[:-1]]
+    below: np.ndarray = np.minimum(begin, runs.first[1:] - 1)
+    return below
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _first_hits(  # type: ignore[no-untyped-def]
+    rows, columns, row_begin, row_cell, row_exit, column_begin, column_cell, column_exit, depth,
+    z_min, found,
+):  # fmt: skip
+    high, wide = depth.shape
+    for i in numba.prange(len(rows)):
+        r, c = row_begin[rows[i]], column_begin[columns[i]]
+        hit = HOLE
+        while True:
+            row_left, column_left = row_exit[r], column_exit[c]
+            left = max(row_left, column_left)
+            row, column = row_cell[r], column_cell[c]
+            if 0 <= row < high and 0 <= column < wide and depth[row, column] >= left:
+                hit = row * wide + column
+                break
+            if left <= z_min:
+                break
+            r += row_left >= left
+            c += column_left >= left
+        found[i] = hit
+
+
+def doubtful_pixels(rows: AxisRuns, columns: AxisRuns) -> np.ndarray:
+    """Panel pixels whose order of cells float32 exits cannot tell; flat indices, few.
+
+    Exits of a row and of a column that differ but round to one float32. Equal ones are corners,
+    and no doubt: a cell left as it is entered is not visited.
+    """
+    found = np.zeros((len(rows.first) - 1, len(columns.first) - 1), np.bool_)
+    _find_doubtful(
+        rows.first, rows.exit_mm, rows.exit32(), columns.first, columns.exit_mm, columns.exit32(),
+        found,
+    )  # fmt: skip
+    return np.flatnonzero(found)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _find_doubtful(row_first, row64, row32, column_first, column64, column32, found):  # type: ignore[no-untyped-def]
+    for r in numba.prange(found.shape[0]):
+        for c in range(found.shape[1]):
+            i, j = row_first[r], column_first[c]
+            doubt = False
+            while i < row_first[r + 1] and j < column_first[c + 1]:
+                if row32[i] == column32[j] and row64[i] != column64[j]:
+                    doubt = True
+                    break
+                a, b = row64[i], column64[j]
+                i += a >= b
+                j += b >= a
+            found[r, c] = doubt

@@ -1,0 +1,130 @@
+"""Panel rays over the cells of a picture, exact where lengths are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from inim.display import Display
+from inim.display.pixel_axis import PixelAxis, stated
+from inim.display.pixel_rays import PixelRays
+
+__all__ = ["CENTRE", "Aside", "CellRays", "cell_rays", "free_cell_rays"]
+
+# Whole numbers up to here are floats, and the quotient of two is rounded once.
+_EXACT = 2**53
+
+
+@dataclass(frozen=True)
+class CellRays:
+    """Rays of one panel axis over the cells of a picture.
+
+    The ray of panel pixel `i` crosses the border before cell `j` at the depth
+    ``z = (j scale - start[i]) / slope[i]`` in millimetres; columns count from the picture's left
+    border, rows from its top, downwards.
+
+    All three are whole numbers wherever the display's lengths are short decimals or fractions. Each
+    depth is then rounded once, from the exact one: borders of rows and columns that meet in a
+    corner meet in the same float, and comparing a float32 depth with them is exact.
+
+    Attributes
+    ----------
+    start, slope : (n,) float64
+        Lens centre in cells, and cells per millimetre towards the viewer, both times a common
+        factor (slopes may carry a power of two besides).
+    scale : float
+        One cell times that factor.
+    """
+
+    start: np.ndarray
+    slope: np.ndarray
+    scale: float
+
+    def most_cells(self, depth_range_mm: tuple[float, float]) -> int:
+        """More cells than any of the rays can visit along this axis."""
+        z_min, z_max = depth_range_mm
+        return math.ceil(float(np.abs(self.slope).max()) / self.scale * (z_max - z_min)) + 3
+
+
+Aside = tuple[Fraction, Fraction]
+CENTRE: Aside = (Fraction(0), Fraction(0))
+
+
+def cell_rays(
+    shape: tuple[int, int], pixel_mm: float, display: Display, aside: Aside = CENTRE
+) -> tuple[CellRays, CellRays]:
+    """Column rays and row rays of a display over a picture.
+
+    Parameters
+    ----------
+    shape : (rows, columns)
+    pixel_mm : float
+        The picture's pixel.
+    display : Display
+    aside : (down, right) of Fraction
+        Where in its pixel each ray starts, in panel pixels from the centre.
+    """
+    rows, columns = shape
+    down, right = aside
+    return (
+        _axis(display.columns, pixel_mm, columns, display, +1, right),
+        _axis(display.rows, pixel_mm, rows, display, -1, down),
+    )
+
+
+def free_cell_rays(
+    shape: tuple[int, int], pixel_mm: float, rays: PixelRays
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Rays of a block of panel pixels over a picture, where no two of them share a coordinate.
+
+    Parameters
+    ----------
+    shape : (rows, columns)
+    pixel_mm : float
+        The picture's pixel.
+    rays : PixelRays
+
+    Returns
+    -------
+    u0, du, v0, dv : (block rows, panel columns) float64
+        Column ``u0 + du z`` and row ``v0 + dv z`` at depth z in millimetres: rounded as floats are.
+    """
+    rows, columns = shape
+    return (
+        rays.x0 / pixel_mm + columns / 2,
+        rays.slope_x / pixel_mm,
+        rows / 2 - rays.y0 / pixel_mm,
+        -rays.slope_y / pixel_mm,
+    )
+
+
+def _axis(
+    pixels: PixelAxis, cell_mm: float, cells: int, display: Display, sign: int, aside: Fraction
+) -> CellRays:
+    cell, gap = stated(cell_mm), stated(display.gap_mm)
+    # In cells: start = cells / 2 + centre / cell, slope = offset unit / (cell gap).
+    per_offset = sign * pixels.unit_mm / aside.denominator / (cell * gap)
+    per_centre = sign * pixels.unit_mm / cell
+    # Powers of two are exact in floats: keep them out of the whole numbers.
+    twos = _twos(per_offset)
+    odd = per_offset / Fraction(2) ** twos
+    factor = math.lcm(2, per_centre.denominator) * odd.denominator
+    middle, along, per_mm = (int(factor * n) for n in (Fraction(cells, 2), per_centre, odd))
+    start = [middle + n * along for n in pixels.centre]
+    slope = [n * per_mm for n in pixels.moved_offset(aside)]
+    if max(factor * cells, *map(abs, start), *map(abs, slope)) >= _EXACT:
+        # Lengths without a short form: everything in cells, rounded as floats are.
+        rounded = [np.array([n / factor for n in axis]) for axis in (start, slope)]
+        return CellRays(rounded[0], np.ldexp(rounded[1], twos), 1.0)
+    return CellRays(
+        np.array(start, np.float64), np.ldexp(np.array(slope, np.float64), twos), float(factor)
+    )
+
+
+def _twos(value: Fraction) -> int:
+    """How often 2 divides a fraction; negative where it divides the denominator."""
+    above, below = abs(value.numerator), value.denominator
+    return (above & -above).bit_length() - (below & -below).bit_length()

@@ -1,0 +1,179 @@
+"""Several rays per panel pixel, averaged in linear light.
+
+One ray per pixel aliases: an elemental image is a small, sharp picture of the scene, and textures
+and silhouettes finer than its pixels flicker.
+
+Only where a pixel's rays meet different things is there something to average. Elsewhere, and that
+is most of a panel, the mean of equal colours is that colour, bit for bit: shares are powers of two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from functools import cache, cached_property
+
+import numba
+import numpy as np
+
+from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.display.panel import SubPixel
+from inim.display.pixel_axis import stated
+from inim.generators.base import SourceGenerator
+from inim.generators.raycast.cells import CENTRE, Aside
+from inim.generators.sources import Sources
+from inim.rgbd import RGBD
+
+__all__ = ["Supersampled", "sampled_places"]
+
+_A = Fraction(1, 4)
+_PLACES: dict[int, tuple[Aside, ...]] = {
+    2: ((-_A, -_A), (_A, _A)),
+    4: ((-_A, -_A), (-_A, _A), (_A, -_A), (_A, _A)),
+}
+# Equal steps of linear light, each with one code's begin at most: sRGB is steepest at black, with
+# 12.92 * 255 codes to the unit.
+_STEPS = 4096
+
+
+def sampled_places(samples: int, subpixel: SubPixel, pixel_fill: float) -> tuple[Aside, ...]:
+    """Centres of the quarters of what shines of a pixel, that each sample count looks through.
+
+    Parameters
+    ----------
+    samples : {2, 4}
+        Two quarters on a diagonal, or all.
+    subpixel : SubPixel
+    pixel_fill : float
+        `Display.pixel_fill`.
+    """
+    fill = stated(pixel_fill)
+    return tuple(
+        (down * fill, subpixel.right + right * subpixel.width * fill)
+        for down, right in _PLACES[samples]
+    )
+
+
+class Supersampled(SourceGenerator):
+    """A generator that averages the colours of several rays per pixel.
+
+    Its sources are those of the pixel centres.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the generator of the rays through one place of every pixel.
+    places : sequence of Aside
+        Two or four.
+    """
+
+    def __init__(self, make: Callable[[Aside], SourceGenerator], places: Sequence[Aside]) -> None:
+        self._make = make
+        self._each = [make(place) for place in places]
+        one = self._each[0]
+        super().__init__(one.display, one.shape, one.pixel_mm, one.asked)
+
+    @cached_property
+    def _centre(self) -> SourceGenerator:
+        """Made when sources are asked for: pictures do without."""
+        return self._make(CENTRE)
+
+    @cached_property
+    def _shown(self) -> np.ndarray:
+        """What each ray of every pixel shows, RGBA; kept for the next picture."""
+        return np.empty((len(self._each), *self.made_shape, 4), np.uint8)
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        return self._centre.find(rgbd)
+
+    def samples(self, rgbd: RGBD) -> np.ndarray:
+        """Sources of each ray of every pixel, (rays, rows, columns)."""
+        return np.stack([one.sources(rgbd) for one in self._each])
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`; a hole counts as nothing."""
+        out = self.place(rgbd, out)
+        if rgbd.color.dtype != np.uint8:
+            channels = rgbd.color.shape[2]
+            _mean_colours(self.samples(rgbd), rgbd.palette.reshape(-1, channels), out)
+            return out
+        # Light adds up, code values do not: average linear light, then encode again.
+        for one, shown in zip(self._each, self._shown, strict=True):
+            one.generate(rgbd, shown)
+        words = self._shown.view(np.uint32)[..., 0]
+        _mean_words(words, *_transfer(), out.view(np.uint32)[..., 0])
+        return out
+
+
+@cache
+def _transfer() -> tuple[np.ndarray, ...]:
+    """Light and opacity of each 8-bit code; code at each step's begin; light that begins each code.
+
+    Exactly what `inim.color` makes of a float32: no interpolation.
+    """
+    opacity = np.arange(256, dtype=np.float32) / np.float32(255)
+    # The codes grow with the light, and positive floats with their bits: bisect on these.
+    codes = np.arange(1, 256)
+    below, begins = np.zeros(255, np.uint32), np.full(255, np.float32(1).view(np.uint32))
+    while (begins - below > 1).any():
+        middle = below + (begins - below) // 2
+        reached = _code(middle.view(np.float32)) >= codes
+        below, begins = np.where(reached, below, middle), np.where(reached, middle, begins)
+    first = np.append(begins.view(np.float32), np.float32(np.inf))  # nothing follows white
+    step_code = _code(np.arange(_STEPS + 1, dtype=np.float32) / np.float32(_STEPS))
+    return linear_from_srgb(opacity), opacity, step_code, first
+
+
+def _code(linear: np.ndarray) -> np.ndarray:
+    return srgb_to_uint8(srgb_from_linear(linear))
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _mean_colours(sources, palette, mean):  # type: ignore[no-untyped-def]
+    """Mean over (rays, rows, columns) sources of the colours of a palette, (n, channels)."""
+    rays, rows, columns = sources.shape
+    share = np.float32(1 / rays)
+    for row in numba.prange(rows):
+        for column in range(columns):
+            first, same = sources[0, row, column], True
+            for ray in range(1, rays):
+                same &= sources[ray, row, column] == first
+            for c in range(mean.shape[2]):
+                light = np.float32(0)
+                if not same:
+                    for ray in range(rays):
+                        source = sources[ray, row, column]
+                        if source >= 0:
+                            light += share * palette[source, c]
+                elif first >= 0:
+                    light = palette[first, c]
+                mean[row, column, c] = light
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _mean_words(words, light, opacity, step_code, code_begins, mean):  # type: ignore[no-untyped-def]
+    """Mean over (rays, rows, columns) RGBA words, in the light of their codes; see `_transfer`."""
+    rays, rows, columns = words.shape
+    share, white = np.float32(1 / rays), np.float32(255)
+    for row in numba.prange(rows):
+        for column in range(columns):
+            first, same = words[0, row, column], True
+            for ray in range(1, rays):
+                same &= words[ray, row, column] == first
+            if same:
+                mean[row, column] = first
+                continue
+            word = np.uint32(0)
+            for shift in (0, 8, 16):
+                total = np.float32(0)
+                for ray in range(rays):
+                    code = (words[ray, row, column] >> np.uint32(shift)) & np.uint32(255)
+                    total += share * light[code]
+                code = np.uint32(step_code[np.uintp(total * np.float32(_STEPS))])
+                code += np.uint32(total >= code_begins[code])
+                word |= code << np.uint32(shift)
+            alpha = np.float32(0)
+            for ray in range(rays):
+                alpha += share * opacity[words[ray, row, column] >> np.uint32(24)]
+            mean[row, column] = word | np.uint32(np.rint(alpha * white)) << np.uint32(24)

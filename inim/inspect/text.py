@@ -1,0 +1,227 @@
+"""Findings as text for a terminal: aligned, at most 100 columns, every number with its unit."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable, Iterable
+
+from inim.inspect.cautions import cautions, misalignments
+from inim.inspect.findings import PIXEL_STEPS, Findings
+from inim.inspect.geometry import mode
+from inim.inspect.voxel import aperture_blur_mm, pixel_footprint_mm, voxel_mm
+
+__all__ = ["as_text"]
+
+_COLUMNS = 100
+_LABEL = 30
+_MODES = {
+    "real": "real: pictures stand in front of the lens array (g > f)",
+    "virtual": "virtual: pictures stand behind the lens array (g < f)",
+    "focused": "focused: g = f, no central depth plane; the depth range is stated",
+}
+_SHARES = (
+    ("own", "own elemental image"),
+    ("neighbour", "under a neighbour"),
+    ("past_lenses", "past the lenses"),
+    ("beside_panel", "beside the panel"),
+    ("dark_between", "dark between lenses"),
+    ("blocked", "vignetted, total reflection"),
+    ("reflected", "reflected at lens faces"),
+    ("astray", "goes astray in all"),
+    ("crosstalk", "crosstalk, of what arrives"),
+)
+
+
+def as_text(findings: Findings) -> str:
+    """The whole text, without a last line break."""
+    blocks = [
+        _display(findings),
+        _depth(findings),
+        _choices(findings),
+        _viewing(findings),
+        _spots(findings),
+        _light(findings),
+        _warnings(findings),
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block)
+
+
+def _line(label: str, value: str) -> str:
+    return f"  {label:{_LABEL}}{value}"
+
+
+def _n(value: float) -> str:
+    """At most four significant digits, and no minus before nothing."""
+    return f"{value + 0.0:.4g}"
+
+
+def _display(findings: Findings) -> list[str]:
+    d = findings.design
+    rows, columns = d.eia_shape
+    lens = f"f = {_n(d.focal_length_mm)} mm, gap g = {_n(d.gap_mm)} mm"
+    lines = [
+        f"Display {d.name}",
+        _line("array", f"{_n(d.width_mm)} x {_n(d.height_mm)} mm"),
+        _line(
+            "lenses",
+            f"{d.lens_columns} x {d.lens_rows}, pitch {_n(d.pitch_mm)} mm, {d.lattice} lattice, "
+            f"{d.aperture} apertures",
+        ),
+        _line("", f"{lens}, aperture {_n(d.fill_factor * d.pitch_mm)} mm"),
+        _line("panel", f"{columns} x {rows} pixels of {_n(1e3 * d.pixel_pitch_mm)} µm"),
+        _line("pixels per lens", f"{_n(d.pixels_per_lens)} pixels along one axis"),
+        _line("lens model used below", findings.lens_model),
+    ]
+    off = misalignments(d, findings.mounted)
+    lines += [_line("misalignment" if n == 0 else "", said) for n, said in enumerate(off)]
+    if off:
+        lines += [
+            _line("", "formulas are those of the aligned array; spots and light shares"),
+            _line("", "are traced through the array as it lies"),
+        ]
+    return lines
+
+
+def _depth(findings: Findings) -> list[str]:
+    d = findings.design
+    low, high = d.depth_range_mm
+    kind = mode(d)
+    lines = ["Depth", _line("mode", _MODES[kind])]
+    if kind != "focused":
+        lines += [
+            _line("central depth plane D", f"{_n(d.central_depth_mm)} mm"),
+            _line("scene pixel P_I at D", f"{_n(d.scene_pixel_mm)} mm"),
+        ]
+    stated = d.depth_min_mm is not None
+    how = "stated" if stated else "by the formula, cut off the array" * d.depth_range_is_cut
+    lines.append(_line("depth range", f"{_n(low)} to {_n(high)} mm" + (f" ({how})" if how else "")))
+    if kind != "focused" and not stated:
+        lines.append(_line("depth span by the formula", f"{_n(d.depth_span_mm)} mm"))
+    return lines + _voxels(findings)
+
+
+def _voxels(findings: Findings) -> list[str]:
+    d = findings.design
+    low, high = d.depth_range_mm
+    places = {"far end": low, "near end": high}
+    if mode(d) != "focused":
+        places = {"far end": low, "at D": d.central_depth_mm, "near end": high}
+    parts: list[tuple[str, Callable[[float], float]]] = [
+        ("depth", float),
+        ("voxel width, both together:", lambda z: float(voxel_mm(d, z))),
+        ("  pixel footprint", lambda z: float(pixel_footprint_mm(d, z))),
+        ("  blur of the lens aperture", lambda z: float(aperture_blur_mm(d, z))),
+    ]
+    lines = [_line("", "".join(f"{name:>12}" for name in places))]
+    for label, measure in parts:
+        values = "".join(f"{_n(measure(z)):>9} mm" for z in places.values())
+        lines.append(_line(label, values))
+    return lines
+
+
+def _choices(findings: Findings) -> list[str]:
+    d = findings.design
+    heads = (
+        "pixels/lens",
+        "pixel, µm",
+        "views/lens",
+        "step, °",
+        "depth span, mm",
+        "panel, pixels",
+        "MB/frame",
+    )
+    rows = [heads]
+    for choice in findings.choices:
+        rows.append(
+            (
+                _n(choice.pixels_per_lens),
+                _n(1e3 * choice.pixel_pitch_mm),
+                f"{_n(choice.views_across)} x {_n(choice.views_down)}",
+                f"{choice.angular_step_deg:.3g}",
+                _n(choice.depth_span_mm) if math.isfinite(choice.depth_span_mm) else "-",
+                f"{choice.panel_columns} x {choice.panel_rows}",
+                f"{choice.frame_mb:.3g}",
+            )
+        )
+    names = ("", *("half", "this", "double")[: len(PIXEL_STEPS)])
+    widths = [max(len(row[n]) for row in rows) for n in range(len(heads))]
+    table = [
+        "  " + f"{name:8}" + "  ".join(f"{cell:>{w}}" for cell, w in zip(row, widths, strict=True))
+        for name, row in zip(names, rows, strict=True)
+    ]
+    return [
+        "Pixels per lens: what they give and cost",
+        *table,
+        f"  The picture has {d.lens_columns} x {d.lens_rows} points in each view, one per lens, "
+        "whatever their number.",
+    ]
+
+
+def _viewing(findings: Findings) -> list[str]:
+    zone = findings.zone
+    nearest = "none" if zone.nearest_mm is None else f"{_n(zone.nearest_mm)} mm"
+    lines = [
+        "Viewing",
+        _line("viewing half angle of a lens", f"{_n(zone.half_angle_deg)}°"),
+        _line("nearest distance, no flips", nearest),
+        _line("viewing distance", f"{_n(zone.distance_mm)} mm"),
+    ]
+    if zone.is_empty:
+        return [*lines, _line("eye may move aside", "nowhere: every eye here sees flipped views")]
+    aside = (
+        f"±{_n(zone.limit_x_mm)} mm (±{_n(zone.limit_x_deg)}°) across, "
+        f"±{_n(zone.limit_y_mm)} mm (±{_n(zone.limit_y_deg)}°) up and down"
+    )
+    return [*lines, _line("eye may move aside", aside)]
+
+
+def _spots(findings: Findings) -> list[str]:
+    focused = mode(findings.design) == "focused"
+    of = "a far point" if focused else "a point at D"
+    lines = [f"Spot of {of} through one lens ({findings.lens_model})"]
+    for spot in findings.spots:
+        colour = "" if spot.colour == "all" else f", {spot.colour}"
+        lost = f", {100 * spot.lost_share:.3g} % of its rays lost" if spot.lost_share else ""
+        lines.append(
+            _line(
+                f"at {spot.field_angle_deg:.3g}°{colour}",
+                f"RMS radius {spot.rms_radius_um:6.2f} µm = {spot.rms_radius_px:.3f} pixels{lost}",
+            )
+        )
+    if findings.lens_model == "pinhole":
+        lines.append(
+            "  A pinhole bends nothing: the width of a cell's directions is what spreads here."
+        )
+    return lines
+
+
+def _light(findings: Findings) -> list[str]:
+    zone = findings.zone
+    heads = [f"{v.name:>9}" for v in zone.viewpoints]
+    x, y = ("".join(f"{v.position_mm[n] + 0.0:9.1f}" for v in zone.viewpoints) for n in (0, 1))
+    lines = [
+        f"Light that reaches an eye at {_n(zone.distance_mm)} mm, % of the rays to the array",
+        _line("eye", "".join(heads)),
+        _line("x, mm", x),
+        _line("y, mm", y),
+    ]
+    for name, label in _SHARES:
+        values = [getattr(findings.light[v.name], name) for v in zone.viewpoints]
+        lines.append(_line(f"{label}, %", "".join(f"{100 * value + 0.0:9.2f}" for value in values)))
+    return lines
+
+
+def _warnings(findings: Findings) -> list[str]:
+    said = cautions(findings)
+    return ["To know", *_wrapped(said)] if said else []
+
+
+def _wrapped(sentences: Iterable[str]) -> list[str]:
+    return [
+        line
+        for sentence in sentences
+        for line in textwrap.wrap(
+            sentence, _COLUMNS, initial_indent="  * ", subsequent_indent="    "
+        )
+    ]

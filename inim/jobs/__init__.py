@@ -1,1 +1,0 @@
-"""Whole jobs: what the commands do, from files to files."""

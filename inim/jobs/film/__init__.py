@@ -1,1 +1,0 @@
-"""`inim film`: a report's display as an eye sees it that moves along a path."""

@@ -1,0 +1,199 @@
+"""A film, from a report's folder to one file: all that can go wrong first, then the rendering."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.display.eye_path import eye_path
+from inim.display.misalignment import mounted
+from inim.errors import FileError, UsageError
+from inim.files.film import check_film, write_film
+from inim.lens import check_lens_model, white_exposure
+
+__all__ = ["FilmRequest", "make_film", "work"]
+
+_TRUTH = "truth"
+# Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
+_LEAST_ROWS_PX = 384
+_SPACE_BETWEEN_PX = 8
+_MOST_FRAMES = 2000
+
+
+@dataclass(frozen=True)
+class FilmRequest:
+    """What the user asked for.
+
+    Attributes
+    ----------
+    folder : str
+        Of the report.
+    out : str
+        The film.
+    show : tuple of str
+        Panels side by side: "truth" or names of the report's algorithms.
+    path : str
+        See `inim.display.eye_path.eye_path`.
+    lens_model : str
+    frames : int
+    frames_per_second : float
+    spp : int
+        Samples per view pixel.
+    pixels_per_lens : int
+    """
+
+    folder: str
+    out: str
+    show: tuple[str, ...]
+    path: str
+    lens_model: str
+    frames: int
+    frames_per_second: float
+    spp: int
+    pixels_per_lens: int
+
+
+def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) -> None:
+    """Film in a worker process; `request.out` is there afterwards, whole.
+
+    Raises
+    ------
+    InimError
+        Of the kind that fits; mistakes are found out before anything is rendered.
+    """
+    from inim import backend as backends
+    from inim.worker.supervisor import outcome_of, supervise
+
+    out = Path(request.out)
+    _check(request)
+    backend = backends.choose_backend("auto")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=".film.", suffix=".partial", dir=out.parent))
+    except OSError as error:
+        raise FileError(f"{out}: cannot be written ({error.strerror}); choose another -o") from None
+    job = {"request": asdict(request), "staging": str(staging), "quiet": quiet, "debug": debug}
+    try:
+        outcome_of(supervise("inim.pipeline.film:work", job, backend))
+        _part(staging, out).replace(out)
+    except OSError as error:
+        raise FileError(f"{out}: cannot be written ({error.strerror}); choose another -o") from None
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _part(staging: Path, out: Path) -> Path:
+    return staging / f"film{out.suffix.lower()}"
+
+
+def _check(request: FilmRequest) -> None:
+    """All that can go wrong without rendering."""
+    out = Path(request.out)
+    check_film(out)
+    if out.is_dir():
+        raise FileError(f"{out}: is a folder; name a film with -o")
+    for name, value, high in (
+        ("--frames", request.frames, _MOST_FRAMES),
+        ("--rate", request.frames_per_second, 100),
+        ("--spp", request.spp, 2**16),
+    ):
+        if not 1 <= value <= high:
+            raise UsageError(f"{name} {value:g}: must lie in 1..{high}")
+    display, design = _display(request)
+    check_lens_model(request.lens_model, display)
+    eye_path(request.path, design, request.frames)
+    _panels(request, display)
+
+
+def _display(request: FilmRequest) -> tuple[Display, Display]:
+    """The report's display as its array lies, and as designed."""
+    from inim.report import Report
+
+    data = Report.load(request.folder).data
+    try:
+        design = Display(**data["display"]["given"])
+    except (KeyError, TypeError):
+        raise FileError(
+            f"{request.folder}: its report says no display; make it anew with inim validate"
+        ) from None
+    return mounted(design, str(data.get("misalign") or "")), design
+
+
+def _panels(request: FilmRequest, display: Display) -> list[np.ndarray]:
+    """The EIAs to be shown, (rows, columns, 3) float32 linear."""
+    from inim.files.eia_file import read_eia
+    from inim.report import Report
+
+    data = Report.load(request.folder).data
+    names = list(data.get("algorithms") or {})
+    panels = []
+    for name in request.show:
+        if name != _TRUTH and name not in names:
+            raise UsageError(f"--show {name}: use {_TRUTH} or {' or '.join(names) or 'nothing'}")
+        place = ("truth", "eia") if name == _TRUTH else ("eia", name)
+        path = Path(request.folder, place[0], f"{place[1]}.exr")
+        panels.append(read_eia(path, display)[0])
+    return panels
+
+
+def work(job: dict[str, Any], listener: Any) -> bool:
+    """The worker's side: look from every place, write the film into the staging folder."""
+    raw = job["request"]
+    request = FilmRequest(**{**raw, "show": tuple(raw["show"])})
+    listener.stage("start")
+    from inim.render import variant
+
+    variant.use("auto")
+    listener.stage("film")
+    out = _part(Path(job["staging"]), Path(request.out))
+    write_film(out, _frames(request, listener), request.frames_per_second)
+    return True
+
+
+def _frames(request: FilmRequest, listener: Any) -> list[np.ndarray]:
+    """Every frame, panels side by side, (rows, columns, 3) uint8 sRGB."""
+    from inim.render.reconstruct import DisplayScene
+
+    display, design = _display(request)
+    eyes = eye_path(request.path, design, request.frames)
+    scenes = [DisplayScene(eia, display, request.lens_model) for eia in _panels(request, display)]
+    exposure = white_exposure(display, request.lens_model)
+    pixels = display.lens_rows * display.lens_columns * request.pixels_per_lens**2
+    listener.begin(pixels * request.spp * len(eyes) * len(scenes))
+    frames = []
+    for eye in eyes:
+        views = [
+            exposure
+            * scene.view(
+                eye,
+                pixels_per_lens=request.pixels_per_lens,
+                spp=request.spp,
+                seed=0,
+                progress=listener.rays,
+            )
+            for scene in scenes
+        ]
+        frames.append(_frame(views))
+    return frames
+
+
+def _frame(views: Sequence[np.ndarray]) -> np.ndarray:
+    """Views side by side, magnified by a whole number, of even rows and columns."""
+    from inim.color import srgb_from_linear, srgb_to_uint8
+
+    rows = views[0].shape[0]
+    times = max(1, math.ceil(_LEAST_ROWS_PX / rows))
+    shown = [srgb_to_uint8(srgb_from_linear(view)) for view in views]
+    large = [view.repeat(times, axis=0).repeat(times, axis=1) for view in shown]
+    space = np.zeros((large[0].shape[0], _SPACE_BETWEEN_PX, 3), np.uint8)
+    parts = [large[0], *(part for view in large[1:] for part in (space, view))]
+    frame = np.concatenate(parts, axis=1)
+    return np.pad(frame, [(0, frame.shape[0] % 2), (0, frame.shape[1] % 2), (0, 0)])

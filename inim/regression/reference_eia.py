@@ -1,0 +1,181 @@
+"""A picture that is the same on every machine, and what a generator makes of it.
+
+Rendering is not reproducible bit for bit across machines, so the EIA of a rendered scene cannot be
+compared by its bytes. This picture can: whole numbers and single divisions only, which IEEE 754
+rounds alike everywhere. It has what generators get wrong: steps in depth, thin things, a slope,
+holes, a margin without anything; and no two neighbours share a colour, so a pixel that shows
+another source shows another colour.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.regression.inference import FALSE_ALARM_RATE, binomial_interval
+from inim.regression.verdict import Verdict
+from inim.rgbd import RGBD
+from inim.row_bands import row_bands
+
+__all__ = ["Fingerprint", "compare_fingerprints", "fingerprint", "reference_input"]
+
+#: Share of the pixels that may change where an algorithm does not promise exact equality: rays
+#: that graze an edge may fall to either side in another machine's rounding.
+MOST_CHANGED = 1e-3
+# Pixels of an EIA that a baseline keeps, 3 bytes each.
+_SAMPLES = 8192
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """What is kept of the EIA that a generator makes of the fixed picture.
+
+    Attributes
+    ----------
+    exact : bool
+        Whether equality is promised.
+    input_sha256, eia_sha256 : str
+        Of the picture, and of the EIA's float32 values.
+    sample : (n, 3) uint8
+        Linear values times 255 of pixels spread evenly over the lensed panel.
+    """
+
+    exact: bool
+    input_sha256: str
+    eia_sha256: str
+    sample: np.ndarray
+
+    def as_data(self) -> dict[str, Any]:
+        """For JSON; the sample is stored apart."""
+        return {
+            "exact": self.exact,
+            "input_sha256": self.input_sha256,
+            "eia_sha256": self.eia_sha256,
+        }
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any], sample: np.ndarray) -> Fingerprint:
+        """From `as_data` and the sample; raises ValueError where it is none."""
+        if sample.ndim != 2 or sample.shape[1] != 3 or sample.dtype != np.uint8:
+            raise ValueError(f"a sample of pixels is {sample.dtype} of shape {sample.shape}")
+        return cls(bool(data["exact"]), str(data["input_sha256"]), str(data["eia_sha256"]), sample)
+
+
+def reference_input(display: Display, shape: tuple[int, int], pixel_mm: float) -> RGBD:
+    """The picture for a display: (rows, columns), linear RGB in steps of 1/255.
+
+    A slope from the far end to the near end of the depth range under a block near the viewer, thin
+    upright bars, and a grid of holes.
+    """
+    rows, columns = shape
+    r, c = np.arange(rows)[:, None], np.arange(columns)[None, :]
+    # Depth in 64ths of the range, 2..62: inside it, whatever rounds.
+    level = 2 + (40 * c) // columns + 0 * r
+    block = (r > rows // 3) & (r < rows // 2) & (c > columns // 4) & (c < (5 * columns) // 8)
+    level = np.where(block, 56, level)
+    bars = (r > (5 * rows) // 8) & (r < (7 * rows) // 8) & (c % 7 == 0)
+    level = np.where(bars, 62, level)
+    margin = np.minimum(np.minimum(r, rows - 1 - r), np.minimum(c, columns - 1 - c))
+    holes = (r % 11 == 3) & (c % 13 == 5)
+    covered = (margin >= min(shape) // 16) & ~holes
+    low, high = display.depth_range_mm
+    depth = np.where(covered, low + (high - low) * (level / 64.0), 0.0).astype(np.float32)
+    color = np.where(covered[..., None], _colours(r * columns + c) / np.float32(255), np.float32(0))
+    return RGBD(color.astype(np.float32), depth, covered, pixel_mm)
+
+
+def _colours(index: np.ndarray) -> np.ndarray:
+    """Three bytes for each whole number, scattered. Source: Wang's integer hash, 1997."""
+    x = index.astype(np.uint32)
+    x = (x ^ np.uint32(61)) ^ (x >> np.uint32(16))
+    x = x * np.uint32(9)
+    x = x ^ (x >> np.uint32(4))
+    x = x * np.uint32(0x27D4EB2D)
+    x = x ^ (x >> np.uint32(15))
+    parts = [(x >> np.uint32(shift)) & np.uint32(255) for shift in (0, 8, 16)]
+    return np.stack(parts, axis=-1).astype(np.float32)
+
+
+def picture_sha256(rgbd: RGBD) -> str:
+    """Of colours, depths and coverage."""
+    digest = hashlib.sha256()
+    for array in (rgbd.color, rgbd.depth_mm, rgbd.covered):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def fingerprint(rgbd: RGBD, eia: np.ndarray, display: Display, *, exact: bool) -> Fingerprint:
+    """What to keep of the EIA that a generator made of a fixed picture.
+
+    Parameters
+    ----------
+    rgbd : RGBD
+        `reference_input`.
+    eia : (rows, columns, 3) float32
+    display : Display
+    exact : bool
+        Whether the algorithm promises equality.
+    """
+    picked = sampled_pixels(display)
+    values = np.nan_to_num(eia.reshape(-1, 3)[picked], nan=0.0, posinf=1.0, neginf=0.0)
+    sample = np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
+    # Adding zero turns -0 into 0, which is the same light.
+    digest = hashlib.sha256()
+    for band in row_bands(*display.eia_shape):
+        digest.update((eia[band] + np.float32(0)).tobytes())
+    return Fingerprint(exact, picture_sha256(rgbd), digest.hexdigest(), sample)
+
+
+def sampled_pixels(display: Display) -> np.ndarray:
+    """Flat indices of the panel pixels that a baseline keeps: evenly over the lensed ones."""
+    lensed = np.flatnonzero(display.lensed)
+    # Steps of a golden section of the whole come to lie evenly (Weyl); without a common divisor
+    # none is visited twice.
+    step = max(1, round(lensed.size * (math.sqrt(5) - 1) / 2))
+    while math.gcd(step, lensed.size) != 1:
+        step += 1
+    picked: np.ndarray = lensed[(np.arange(min(_SAMPLES, lensed.size)) * step) % lensed.size]
+    return picked
+
+
+def compare_fingerprints(
+    baseline: Mapping[str, Fingerprint], candidate: Mapping[str, Fingerprint]
+) -> list[Verdict]:
+    """One verdict for each of the baseline's generators: equality, or the share of changed pixels.
+
+    Parameters
+    ----------
+    baseline, candidate : mapping of str to Fingerprint
+        By algorithm; both of the same picture. One that the candidate lacks fails.
+    """
+    return [_verdict(name, old, candidate.get(name)) for name, old in baseline.items()]
+
+
+def _verdict(name: str, old: Fingerprint, new: Fingerprint | None) -> Verdict:
+    label = f"{name}: changed pixels of the fixed picture"
+    limit = 0.0 if old.exact else MOST_CHANGED
+    if new is None or new.sample.shape != old.sample.shape:
+        return Verdict(
+            label, "pixels", math.nan, "<=", limit, (math.nan, math.nan), False,
+            detail="the EIA of the fixed picture is missing or of another size",
+        )  # fmt: skip
+    if new.eia_sha256 == old.eia_sha256:
+        detail = "equal, value for value"
+        return Verdict(label, "pixels", 0.0, "<=", limit, (0.0, 0.0), True, detail=detail)
+    # Averages of several rays may round to either of two codes.
+    changed = (np.abs(old.sample.astype(np.int16) - new.sample) > 1).any(axis=-1)
+    count, trials = int(np.count_nonzero(changed)), len(changed)
+    interval = binomial_interval(count, trials, FALSE_ALARM_RATE)
+    passed = not old.exact and count / trials <= limit
+    detail = f"{count} of {trials} pixels looked at"
+    if old.exact:
+        detail += "; the SHA-256 of the EIA differs, and this algorithm promises equality"
+    # Of an exact path, one changed value anywhere is a change, also outside the sample.
+    value = max(count, 1) / trials if old.exact else count / trials
+    return Verdict(label, "pixels", value, "<=", limit, interval, passed, "share", detail=detail)

@@ -1,0 +1,241 @@
+"""What a run leaves behind for later runs to be compared with: conditions, statistics, scores.
+
+Every report has one (`regression/candidate.json` and `.npz`); accepted, with a reason, it is a
+baseline (`baseline.json` and `.npz`). Both are of the schema `inim.baseline/1`.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim.errors import BaselineError
+from inim.files.image import write_atomically
+from inim.regression.reference_eia import Fingerprint
+from inim.regression.scores import ScoreEstimate
+from inim.regression.tiles import TileStatistics
+
+__all__ = [
+    "BASELINE",
+    "CANDIDATE",
+    "SCHEMA",
+    "Evidence",
+    "differing_conditions",
+    "read_evidence",
+    "write_evidence",
+]
+
+SCHEMA = "inim.baseline/1"
+#: Names of the files, without what follows the dot.
+BASELINE, CANDIDATE = "baseline", "candidate"
+
+# Lengths that follow from others may differ in the last bits between machines.
+_SAME_LENGTH = 1e-9
+# A value of conditions longer than this is not printed in an error.
+_LONGEST_SHOWN = 60
+# More than any picture has tiles, or any file of ours bytes.
+_LARGEST_BYTES = 2**26
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that is kept of a run.
+
+    Attributes
+    ----------
+    conditions : mapping of str to JSON value
+        What must be equal for a comparison to mean anything, by name.
+    circumstances : mapping of str to JSON value
+        What made it: versions, samples, seed, machine, date. May differ; shown when it does.
+    pictures : mapping of str to TileStatistics
+    scores : mapping of str to mapping of str to ScoreEstimate
+    fingerprints : mapping of str to Fingerprint
+    times : mapping of str to tuple of float
+        `times.log_ratios` by algorithm; empty where nothing was timed.
+    reported : mapping of str to mapping of str to float or None
+        Scores without a verdict, for their drift.
+    reason, accepted : str
+        Why and when it became a baseline; empty in a candidate.
+    """
+
+    conditions: Mapping[str, Any]
+    circumstances: Mapping[str, Any]
+    pictures: Mapping[str, TileStatistics]
+    scores: Mapping[str, Mapping[str, ScoreEstimate]]
+    fingerprints: Mapping[str, Fingerprint] = field(default_factory=dict)
+    times: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    reported: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
+    reason: str = ""
+    accepted: str = ""
+
+    def accept(self, reason: str, accepted: str) -> Evidence:
+        """The same as a baseline."""
+        return replace(self, reason=reason, accepted=accepted)
+
+
+def differing_conditions(baseline: Mapping[str, Any], candidate: Mapping[str, Any]) -> list[str]:
+    """What the two do not share, one phrase for each condition; empty if they can be compared."""
+    names = [*baseline, *(name for name in candidate if name not in baseline)]
+    return [
+        f"{name} is {_shown(candidate.get(name))}, the baseline's {_shown(baseline.get(name))}"
+        for name in names
+        if not _same(baseline.get(name), candidate.get(name))
+    ]
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
+    if isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)):
+        return len(a) == len(b) and all(map(_same, a, b))
+    if isinstance(a, float) or isinstance(b, float):
+        numbers = isinstance(a, (int, float)) and isinstance(b, (int, float))
+        return numbers and math.isclose(a, b, rel_tol=_SAME_LENGTH, abs_tol=_SAME_LENGTH)
+    return type(a) is type(b) and bool(a == b)
+
+
+def _shown(value: Any) -> str:
+    text = "not there" if value is None else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 1]}…"
+
+
+def write_evidence(folder: Path, stem: str, evidence: Evidence) -> list[str]:
+    """Write `stem`.json and `stem`.npz into a folder; their names.
+
+    Raises
+    ------
+    FileError
+        The folder cannot be written.
+    """
+    data = {
+        "schema": SCHEMA,
+        "reason": evidence.reason,
+        "accepted": evidence.accepted,
+        "conditions": evidence.conditions,
+        "circumstances": evidence.circumstances,
+        "pictures": {
+            name: {"tile": list(found.tile), "shape": list(found.shape)}
+            for name, found in evidence.pictures.items()
+        },
+        "scores": {
+            what: {name: one.as_data() for name, one in scores.items()}
+            for what, scores in evidence.scores.items()
+        },
+        "fingerprints": {name: one.as_data() for name, one in evidence.fingerprints.items()},
+        "times": {name: list(ratios) for name, ratios in evidence.times.items()},
+        "reported": evidence.reported,
+    }
+    text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    # The JSON last: it marks a whole one.
+    names = [f"{stem}.json", f"{stem}.npz"]
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **_arrays(evidence))  # type: ignore[arg-type]
+    write_atomically(folder / names[1], lambda p: _put_bytes(p, packed.getvalue()))
+    write_atomically(folder / names[0], lambda p: _put_text(p, text))
+    return names
+
+
+def _put_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def _put_bytes(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+
+
+def _arrays(evidence: Evidence) -> dict[str, np.ndarray]:
+    arrays = {
+        f"picture|{name}|{key}": array
+        for name, found in evidence.pictures.items()
+        for key, array in found.arrays().items()
+    }
+    return arrays | {f"sample|{n}": one.sample for n, one in evidence.fingerprints.items()}
+
+
+def read_evidence(folder: Path, stem: str) -> Evidence:
+    """Read what `write_evidence` wrote.
+
+    Raises
+    ------
+    BaselineError
+        Missing, damaged, or of another schema, with the way out.
+    """
+    path = folder / f"{stem}.json"
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+            said = data.get("schema") if isinstance(data, dict) else None
+            raise BaselineError(f"{path}: schema is {said!r}, not {SCHEMA}; {_way_out(stem)}")
+        arrays = _read_arrays(folder / f"{stem}.npz")
+        return _evidence(data, arrays)
+    except OSError as error:
+        raise BaselineError(
+            f"{error.filename or path}: cannot be read ({error.strerror}); {_way_out(stem)}"
+        ) from None
+    except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        words = " ".join(str(error).split())[:200]
+        raise BaselineError(
+            f"{path}: damaged ({type(error).__name__}: {words}); {_way_out(stem)}"
+        ) from None
+
+
+def _way_out(stem: str) -> str:
+    if stem == BASELINE:
+        return "make one: inim baseline accept OUT --reason TEXT"
+    return "make the report anew with inim validate"
+
+
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    if path.stat().st_size > _LARGEST_BYTES:
+        raise ValueError(f"{path.name} has {path.stat().st_size} bytes")
+    try:
+        with zipfile.ZipFile(path) as packed:
+            if sum(one.file_size for one in packed.infolist()) > _LARGEST_BYTES:
+                raise ValueError(f"{path.name} unpacks to more than {_LARGEST_BYTES} bytes")
+        with np.load(path, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except zipfile.BadZipFile as error:
+        raise ValueError(f"{path.name}: {error}") from None
+
+
+def _evidence(data: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Evidence:
+    pictures = {
+        name: TileStatistics.of(
+            _pair(about["tile"]),
+            _pair(about["shape"]),
+            {key: arrays[f"picture|{name}|{key}"] for key in TileStatistics.array_names()},
+        )
+        for name, about in data["pictures"].items()
+    }
+    return Evidence(
+        conditions=dict(data["conditions"]),
+        circumstances=dict(data["circumstances"]),
+        pictures=pictures,
+        scores={
+            what: {name: ScoreEstimate.of(one) for name, one in scores.items()}
+            for what, scores in data["scores"].items()
+        },
+        fingerprints={
+            name: Fingerprint.of(one, arrays[f"sample|{name}"])
+            for name, one in data["fingerprints"].items()
+        },
+        times={name: tuple(map(float, ratios)) for name, ratios in data["times"].items()},
+        reported={what: dict(scores) for what, scores in data["reported"].items()},
+        reason=str(data["reason"]),
+        accepted=str(data["accepted"]),
+    )
+
+
+def _pair(values: Any) -> tuple[int, int]:
+    first, second = (int(v) for v in values)
+    if first < 1 or second < 1:
+        raise ValueError(f"{values} is no size of a picture")
+    return first, second

@@ -1,0 +1,185 @@
+"""Which pixels may show anything of a scene, and which are black for certain.
+
+Each triangle's box, or each other shape's, is entered in a coarse grid of the display frame. A
+pixel's bundle of rays is a prism: in a slab of depths it stays within an interval across and one
+down. Where no slab has an occupied cell in there, no ray of the pixel meets a shape, and it is
+black: lights are hidden from cameras, and nothing else shines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mitsuba as mi
+import numba
+import numpy as np
+
+from inim.render.non_separable_bundles import FreeBundles
+from inim.render.sensors import AxisRays, RayFamily
+
+__all__ = ["Silhouette", "box_corners"]
+
+# Cells across, down and in depth: finer than what a panel pixel sees gains little.
+_CELLS = (192, 192, 24)
+# What float32 rays and the renderer's own rounding may stray, in cells.
+_STRAY = 0.01
+
+#: Interval of a slab's ends across or down, for every column, row or pixel: low and high.
+Interval = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Silhouette:
+    """Where a scene's shapes are, coarsely.
+
+    Attributes
+    ----------
+    low_mm, cell_mm : (3,) float64
+        The grid's corner in the display frame, and the size of its cells.
+    counts : (slabs, rows + 1, columns + 1) int64
+        Occupied cells of each slab below and left of each corner, summed up.
+    start_mm : float
+        Plane that rays start from.
+    """
+
+    low_mm: np.ndarray
+    cell_mm: np.ndarray
+    counts: np.ndarray
+    start_mm: float
+
+    @classmethod
+    def of(cls, scene: Any, display_from_world: np.ndarray, start_mm: float) -> Silhouette:
+        """The silhouette of all shapes that are no lights."""
+        shapes = [shape for shape in scene.shapes() if not shape.is_emitter()]
+        boxes = [_boxes(shape, display_from_world) for shape in shapes]
+        lows, highs = (np.concatenate([pair[end] for pair in boxes]) for end in (0, 1))
+        low, high = lows.min(axis=0), highs.max(axis=0)
+        # A flat shape has a depth, too, if only of rounding.
+        cell = np.maximum(high - low, 1e-6 * np.abs(np.stack([low, high])).max()) / _CELLS
+        first = np.clip(np.floor((lows - low) / cell - _STRAY), 0, np.array(_CELLS) - 1)
+        last = np.clip(np.floor((highs - low) / cell + _STRAY), 0, np.array(_CELLS) - 1)
+        occupied = _filled(first.astype(np.int64), last.astype(np.int64)) > 0
+        counts = np.zeros((_CELLS[2], _CELLS[1] + 1, _CELLS[0] + 1), np.int64)
+        sums = occupied.transpose(2, 1, 0).cumsum(axis=1, dtype=np.int64).cumsum(axis=2)
+        counts[:, 1:, 1:] = sums
+        return cls(low, cell, counts, start_mm)
+
+    def seen_by(self, rays: RayFamily | FreeBundles) -> np.ndarray:
+        """Pixels that may show anything, (rows, columns) bool."""
+        slabs = np.arange(len(self.counts) + 1)
+        # Depth below the start plane, of the borders of the slabs from the farthest on.
+        ends = self.start_mm - (self.low_mm[2] + slabs * self.cell_mm[2])
+        seen = np.zeros((rays.rows, rays.columns), bool)
+        if isinstance(rays, FreeBundles):
+            for k in range(len(self.counts)):
+                pair = ends[k : k + 2]
+                across = self._cells(
+                    _free(rays.x0_mm, rays.aside_x_mm, rays.step_x_mm, rays, pair), 0
+                )
+                up = self._cells(_free(rays.y0_mm, rays.aside_y_mm, rays.step_y_mm, rays, pair), 1)
+                _look_up_each(self.counts[k], *across, *up, seen)
+            return seen
+        pupil = rays.pupil_place_mm, rays.pupil_slope
+        for k in range(len(self.counts)):
+            pair = ends[k : k + 2]
+            across = self._cells(_separable(rays.x, pupil, pair), 0)
+            up = self._cells(_separable(rays.y, pupil, pair), 1)
+            _look_up(self.counts[k], *across, *up, seen)
+        return seen
+
+    def _cells(self, interval: Interval, axis: int) -> tuple[np.ndarray, np.ndarray]:
+        """First cell of an interval and one past its last, clipped to the grid."""
+        low, high = (
+            (np.asarray(end, np.float64) - self.low_mm[axis]) / self.cell_mm[axis]
+            for end in interval
+        )
+        most = self.counts.shape[2 - axis] - 1
+        first = np.clip(np.floor(low - _STRAY), 0, most)
+        last = np.clip(np.floor(high + _STRAY) + 1, 0, most)
+        return first.astype(np.int32), last.astype(np.int32)
+
+
+def box_corners(shape: Any) -> np.ndarray:
+    """The eight corners of a shape's box in the world, (8, 3) float64."""
+    box = shape.bbox()
+    ends = np.array([np.asarray(box.min).ravel(), np.asarray(box.max).ravel()], np.float64)
+    picks = np.indices((2, 2, 2)).reshape(3, -1).T
+    return np.stack([ends[picks[:, axis], axis] for axis in range(3)], axis=-1)
+
+
+def _boxes(shape: Any, display_from_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes in the display frame that hold a shape: of its triangles, or its own; low and high."""
+    turn, shift = display_from_world[:3, :3], display_from_world[:3, 3]
+    parameters = mi.traverse(shape)
+    if "vertex_positions" in parameters and "faces" in parameters:
+        points = np.asarray(parameters["vertex_positions"], np.float64).reshape(-1, 3)
+        points = points @ turn.T + shift
+        corners = points[np.asarray(parameters["faces"]).reshape(-1, 3)]
+        return corners.min(axis=1), corners.max(axis=1)
+    points = box_corners(shape) @ turn.T + shift
+    return points.min(axis=0)[None], points.max(axis=0)[None]
+
+
+def _filled(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """How many boxes each cell of the grid lies in, from the cells of their corners."""
+    shape = tuple(n + 1 for n in _CELLS)
+    change = np.zeros(shape, np.int64)
+    for picks in np.indices((2, 2, 2)).reshape(3, -1).T:
+        corner = np.where(picks == 1, last + 1, first)
+        flat = np.ravel_multi_index(tuple(corner.T), shape)
+        sign = -1 if picks.sum() % 2 else 1
+        change += sign * np.bincount(flat, minlength=change.size).reshape(shape)
+    for axis in range(3):
+        change = change.cumsum(axis=axis)
+    return change[:-1, :-1, :-1]
+
+
+def _separable(axis: AxisRays, pupil: tuple[float, float], ends: np.ndarray) -> Interval:
+    """What the bundles of an axis reach between two depths below the start plane.
+
+    The bundle's middle runs straight and its half width is convex in depth: extremes are at ends.
+    """
+    lows, highs = [], []
+    for depth in ends:
+        middle = axis.place_mm + axis.slope * depth
+        half = abs(axis.place_step_mm + axis.slope_step * depth) / 2
+        half += abs(pupil[0] + pupil[1] * depth)
+        lows.append(middle - half)
+        highs.append(middle + half)
+    return np.minimum(*lows), np.maximum(*highs)
+
+
+def _free(
+    centre: np.ndarray, aside: np.ndarray, step: float, rays: FreeBundles, ends: np.ndarray
+) -> Interval:
+    """As `_separable`, of bundles with a lens and a gap of their own."""
+    tilt = (abs(rays.tilt_x * rays.step_x_mm) + abs(rays.tilt_y * rays.step_y_mm)) / 2
+    slopes = [
+        (side * step / 2 - aside) / (rays.gap_mm + far * tilt)
+        for side in (-1, 1)
+        for far in (-1, 1)
+    ]
+    low, high = np.minimum.reduce(slopes), np.maximum.reduce(slopes)
+    reached = [centre + slope * (depth - rays.start_mm) for slope in (low, high) for depth in ends]
+    return np.minimum.reduce(reached), np.maximum.reduce(reached)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _look_up(counts, left, right, low, high, seen):  # type: ignore[no-untyped-def]
+    """Mark pixels whose rectangle of cells, per column and per row, holds an occupied one."""
+    for i in numba.prange(seen.shape[0]):
+        below, above = counts[low[i]], counts[high[i]]
+        for j in range(seen.shape[1]):
+            a, b = left[j], right[j]
+            seen[i, j] |= above[b] - above[a] - below[b] + below[a] > 0
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _look_up_each(counts, left, right, low, high, seen):  # type: ignore[no-untyped-def]
+    """As `_look_up`, of rectangles that every pixel has for its own."""
+    for i in numba.prange(seen.shape[0]):
+        for j in range(seen.shape[1]):
+            below, above = counts[low[i, j]], counts[high[i, j]]
+            a, b = left[i, j], right[i, j]
+            seen[i, j] |= above[b] - above[a] - below[b] + below[a] > 0

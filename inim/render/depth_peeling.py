@@ -1,0 +1,517 @@
+"""Peeling a scene into layers: all that the parallel rays of the depth camera meet, and its colour.
+
+A ray through a pixel's centre is followed through every surface, lights apart. What it enters by a
+front face and leaves by a back face is solid, and each solid that nothing solid covers in depth is
+a layer of that pixel: its front, its back, and the light its front sends to the viewer once all
+before it is taken away.
+
+Which back belongs to which front:
+
+* The last front still open, of the same shape if there is one, else of any: shapes inside or
+  through each other make one solid, and so do shapes that only together are closed.
+* A face that finds no partner is a sheet.
+* A shape that most rays enter by a back face and leave by a front face has its normals inside out,
+  and is turned round. What the renderer makes of its colour is not changed.
+
+Sheets have no thickness, and walls may be thinner than the step in depth from one pixel to the
+next; rays aslant would slip between. So each column goes on down to the fronts beside it that its
+own slope and theirs make part of the same surface, but never to the next surface.
+
+What is so closed in that no ray of the display gets there (`raycast.layers_in_view`) is
+left out, and counted: it would be coloured for nothing.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from inim.clock import Clock
+from inim.display import Display
+from inim.generators.raycast.layers_in_view import in_view
+from inim.render.scene import FittedScene
+from inim.render.sensors import RayFamily, capture_rays, make_sensor
+from inim.render.trace import Progress, Tracer, mean_light
+
+__all__ = ["MOST_LAYERS", "Peeled", "layer_colours", "peel"]
+
+#: What lies behind more than this is cut off, and counted.
+MOST_LAYERS = 8
+# Surfaces and lights on one ray, those inside solids included; beyond, the rest is not seen.
+_MOST_HITS = 96
+# A ray goes on this share of its coordinates behind what it met. float32 keeps 6e-8 of them; the
+# start, the sum and the intersection each lose a few of these, and more where they graze.
+_STEP = 4e-6
+# Hits of one face nearer than this many steps are one hit: through an edge that triangles share.
+_SAME_STEPS = 4
+
+
+@dataclass(frozen=True)
+class Peeled:
+    """The layers of a scene without their colours, (layers, rows, columns), nearest first.
+
+    Attributes
+    ----------
+    rays : RayFamily
+        Of the camera.
+    pixel_mm : float
+    front_mm, back_mm : float32
+        In the display frame; -inf where there is no layer.
+    near, far : float32
+        World distances on the ray between which a neighbouring ray's hit is the same surface.
+    facing : bool
+        Whether the ray meets the front face.
+    spread : float32
+        Width in pixels over which colours are averaged.
+    cut_share : float
+        Share of the covered pixels that lack layers beyond `MOST_LAYERS`.
+    hidden_share : float
+        Share of what lies behind the front surface that is left out: no ray of the display meets
+        it. Zero where nothing lies behind.
+    """
+
+    rays: RayFamily
+    pixel_mm: float
+    front_mm: NDArray[np.float32]
+    back_mm: NDArray[np.float32]
+    near: NDArray[np.float32]
+    far: NDArray[np.float32]
+    facing: NDArray[np.bool_]
+    spread: NDArray[np.float32]
+    cut_share: float
+    hidden_share: float = 0.0
+
+    @property
+    def covered(self) -> NDArray[np.bool_]:
+        """(layers, rows, columns): where there is a layer."""
+        return np.isfinite(self.front_mm)
+
+
+def peel(
+    fitted: FittedScene,
+    display: Display,
+    *,
+    pixels_per_pitch: int,
+    hidden: bool = False,
+    clock: Clock | None = None,
+) -> Peeled:
+    """Find the layers of a scene along the rays of its RGB-D picture.
+
+    Parameters
+    ----------
+    fitted : FittedScene
+    display : Display
+    pixels_per_pitch : int
+        Of the picture.
+    hidden : bool
+        Keep also what no ray of the display can meet.
+    clock : Clock, optional
+        Adds the time spent here.
+    """
+    started = time.perf_counter()
+    rows, columns = display.capture_shape(pixels_per_pitch)
+    pixel_mm = display.pitch_mm / pixels_per_pitch
+    rays = capture_rays(columns, rows, pixel_mm, fitted.start_mm)
+    hits = _Hits.of(fitted, make_sensor(rays, fitted.fit.world_from_display), rows * columns)
+    front, back, hit, found = _solids(hits, _outward(hits))
+    layers = max(1, int(min(found.max(), MOST_LAYERS)))
+    front, back, hit = front[:layers], back[:layers], hit[:layers]
+    near, far, facing, spread = _same_surface(fitted, display, pixel_mm, hits, front, hit)
+    shape = (layers, rows, columns)
+    slope = hits.slope[hit, np.arange(rows * columns)] if len(hits.slope) else np.zeros_like(front)
+    front, back = front.reshape(shape), back.reshape(shape)
+    _close_gaps(front, back, slope.reshape(shape), facing.reshape(shape), np.float32(pixel_mm))
+    covered = int(np.count_nonzero(found))
+    peeled = Peeled(
+        rays,
+        pixel_mm,
+        front,
+        back,
+        near.reshape(shape),
+        far.reshape(shape),
+        facing.reshape(shape),
+        spread.reshape(shape),
+        cut_share=int(np.count_nonzero(found > MOST_LAYERS)) / max(1, covered),
+    )
+    if not hidden:
+        peeled = _without(peeled, ~in_view(front, back, display, pixel_mm) & peeled.covered)
+    if clock:
+        clock.seconds += time.perf_counter() - started
+    return peeled
+
+
+def _without(peeled: Peeled, hidden: np.ndarray) -> Peeled:
+    """Leave out the hidden, (layers, rows, columns), and let what lies behind it move up."""
+    behind = int(np.count_nonzero(peeled.covered[1:]))
+    order = np.argsort(hidden, axis=0, kind="stable")
+    layers = max(1, int((peeled.covered & ~hidden).sum(axis=0).max()))
+
+    def kept(values: np.ndarray) -> np.ndarray:
+        return np.take_along_axis(values, order, axis=0)[:layers]
+
+    there, nothing = kept(peeled.covered & ~hidden), np.float32(-np.inf)
+    return replace(
+        peeled,
+        front_mm=np.where(there, kept(peeled.front_mm), nothing),
+        back_mm=np.where(there, kept(peeled.back_mm), nothing),
+        near=kept(peeled.near),
+        far=kept(peeled.far),
+        facing=kept(peeled.facing),
+        spread=kept(peeled.spread),
+        hidden_share=int(np.count_nonzero(hidden)) / max(1, behind),
+    )
+
+
+@dataclass(frozen=True)
+class _Hits:
+    """What each ray meets in turn; all but `count` are (hits, rays), of which `count` are there.
+
+    Attributes
+    ----------
+    count : (rays,) int32
+    distance : float32
+        World distance from the ray's start.
+    depth : float32
+        Display z.
+    slope : float32
+        Millimetres of depth per millimetre sideways in the display frame, x and y added.
+    facing : bool
+        Whether the ray meets the front face.
+    shape : uint32
+        Which shape.
+    """
+
+    count: np.ndarray
+    distance: np.ndarray
+    depth: np.ndarray
+    slope: np.ndarray
+    facing: np.ndarray
+    shape: np.ndarray
+
+    @classmethod
+    def of(cls, fitted: FittedScene, sensor: Any, rays: int) -> _Hits:
+        """Follow the rays through all pixel centres to their ends."""
+        columns = int(sensor.film().size()[0])
+        kinds = {
+            "distance": np.float32, "depth": np.float32, "slope": np.float32, "facing": np.bool_,
+            "shape": np.uint32, "face": np.uint32,
+        }  # fmt: skip
+        found: dict[str, list[np.ndarray]] = {name: [] for name in kinds}
+        count = np.zeros(rays, np.int32)
+        going = np.arange(rays, dtype=np.uint32)
+        start = np.zeros(rays, np.float32)
+        for _ in range(_MOST_HITS):
+            hit = _next_hit(fitted, sensor, columns, going, start)
+            going, start = going[hit.pop("met")], hit.pop("onward")
+            if not len(going):
+                break
+            new = ~hit.pop("light") & ~_again(hit, hit.pop("step"), found, count, going)
+            place = count[going]
+            while len(found["depth"]) <= place[new].max(initial=-1):
+                for name, kind in kinds.items():
+                    found[name].append(np.zeros(rays, kind))
+            for number in np.unique(place[new]):
+                here = new & (place == number)
+                for name in kinds:
+                    found[name][number][going[here]] = hit[name][here]
+            count[going[new]] += 1
+        del found["face"]
+        none = np.zeros((0, rays))
+        return cls(
+            count,
+            **{name: np.stack(v) if v else none.astype(kinds[name]) for name, v in found.items()},
+        )
+
+
+def _next_hit(
+    fitted: FittedScene, sensor: Any, columns: int, going: np.ndarray, start: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What rays meet beyond the world distance `start`, and which of them do meet something.
+
+    One compiled kernel serves all steps.
+    """
+    index, begin = mi.UInt32(going), mi.Float(start)
+    width = dr.opaque(mi.UInt32, columns)
+    ray = sensor.rays_through(mi.Point2u(index % width, index // width), mi.Point2f(0.5))
+    hit = fitted.scene.ray_intersect(mi.Ray3f(ray.o + begin * ray.d, ray.d))
+    distance = begin + hit.t
+    place = ray.o + distance * ray.d
+    step = _STEP * (dr.maximum(dr.max(dr.abs(ray.o)), dr.max(dr.abs(place))) + distance)
+    light = hit.is_valid() & hit.shape.is_emitter()
+    shape = dr.reinterpret_array(mi.UInt32, hit.shape)
+    dr.eval(distance, step, light, shape, hit, ray)
+    met = np.flatnonzero(np.asarray(hit.is_valid()))
+
+    def stacked(vector: Any) -> np.ndarray:
+        """(n, 3) float64 of a vector or point."""
+        return np.stack([np.asarray(part)[met].astype(np.float64) for part in vector], axis=-1)
+
+    forward = fitted.fit.display_from_world
+    points = stacked(ray.o) + np.asarray(distance)[met].astype(np.float64)[:, None] * stacked(ray.d)
+    normal = stacked(hit.n) @ fitted.fit.world_from_display[:3, :3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.nan_to_num(np.abs(normal[:, :2]).sum(axis=1) / np.abs(normal[:, 2]), nan=0.0)
+    return {
+        "met": met,
+        "light": np.asarray(light)[met],
+        "distance": np.asarray(distance)[met],
+        "onward": np.asarray(distance + step)[met],
+        "step": np.asarray(step)[met],
+        "depth": (points @ forward[2, :3] + forward[2, 3]).astype(np.float32),
+        "slope": np.minimum(slope, np.finfo(np.float32).max).astype(np.float32),
+        "facing": np.asarray(dr.dot(hit.n, ray.d) < 0)[met],
+        "shape": np.asarray(shape)[met],
+        "face": np.asarray(hit.prim_index)[met],
+    }
+
+
+def _again(
+    hit: dict[str, np.ndarray],
+    step: np.ndarray,
+    found: dict[str, list[np.ndarray]],
+    count: np.ndarray,
+    going: np.ndarray,
+) -> np.ndarray:
+    """Where a hit is the last one once more: its face, or its neighbour across an edge."""
+    again = np.zeros(len(going), bool)
+    for number in np.unique(count[going]):
+        if number == 0:
+            continue
+        here = count[going] == number
+        last = {name: values[number - 1][going[here]] for name, values in found.items()}
+        now = {name: values[here] for name, values in hit.items()}
+        same = (now["shape"] == last["shape"]) & (now["facing"] == last["facing"])
+        travelled = now["distance"] - last["distance"]
+        # No straight line meets a triangle or a quadric twice from one side; grazing, it may be
+        # found again farther on than elsewhere.
+        most = np.where(now["face"] == last["face"], 16, 1) * _SAME_STEPS * step[here]
+        again[here] = same & (travelled <= most)
+    return again
+
+
+def _outward(hits: _Hits) -> np.ndarray:
+    """`facing` with the shapes turned round whose normals are inside out."""
+    facing = hits.facing.copy()
+    there = np.arange(len(facing))[:, None] < hits.count
+    for shape in np.unique(hits.shape[there]):
+        own = there & (hits.shape == shape)
+        rays = np.flatnonzero(own.sum(axis=0) >= 2)
+        if not len(rays):
+            continue
+        first = own[:, rays].argmax(axis=0)
+        last = len(own) - 1 - own[::-1, rays].argmax(axis=0)
+        enters, leaves = hits.facing[first, rays], hits.facing[last, rays]
+        if np.count_nonzero(~enters & leaves) > np.count_nonzero(enters & ~leaves):
+            facing[own] = ~facing[own]
+    return facing
+
+
+def _solids(
+    hits: _Hits, facing: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Fronts, backs and the hit that each front is, (MOST_LAYERS, rays), and the layers found."""
+    rays = len(hits.count)
+    front = np.full((MOST_LAYERS, rays), -np.inf, np.float32)
+    back = np.full((MOST_LAYERS, rays), -np.inf, np.float32)
+    hit = np.zeros((MOST_LAYERS, rays), np.int32)
+    found = np.zeros(rays, np.int32)
+    _join(hits.count, hits.depth, facing, hits.shape, front, back, hit, found)
+    return front, back, hit, found
+
+
+@numba.njit(cache=True, nogil=True)
+def _join(count, depth, facing, shape, front, back, hit, found):  # type: ignore[no-untyped-def]
+    """Join the hits of each ray to solids and these to layers; see the module's text."""
+    most = max(1, depth.shape[0])
+    partner = np.empty(most, np.int64)
+    for ray in range(len(count)):
+        n = count[ray]
+        partner[:] = -1
+        for own in (True, False):  # fronts of the same shape first
+            for b in range(n):
+                if facing[b, ray] or partner[b] >= 0:
+                    continue
+                for f in range(b - 1, -1, -1):
+                    open_front = facing[f, ray] and partner[f] < 0
+                    if open_front and (not own or shape[f, ray] == shape[b, ray]):
+                        partner[f], partner[b] = b, f
+                        break
+        layers, end = 0, np.float32(np.inf)
+        for f in range(n):
+            if partner[f] >= 0 and not facing[f, ray]:
+                continue
+            last = partner[f] if partner[f] >= 0 else f
+            ends = depth[last, ray]
+            if layers > 0 and depth[f, ray] > end:  # inside what there is
+                end = min(end, ends)
+            else:
+                layers += 1
+                end = ends
+                if layers <= len(front):
+                    front[layers - 1, ray] = depth[f, ray]
+                    hit[layers - 1, ray] = f
+            if layers <= len(front):
+                back[layers - 1, ray] = end
+        found[ray] = layers
+
+
+@numba.njit(cache=True, nogil=True)
+def _close_gaps(front, back, slope, facing, pixel):  # type: ignore[no-untyped-def]
+    """Lower the backs, (layers, rows, columns), to the fronts beside them of the same surface."""
+    layers, rows, columns = front.shape
+    for k in range(layers):
+        for r in range(rows):
+            for c in range(columns):
+                own = front[k, r, c]
+                if own == -np.inf:
+                    continue
+                end = back[k, r, c]
+                for down, right in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+                    y, x = r + down, c + right
+                    if not (0 <= y < rows and 0 <= x < columns):
+                        continue
+                    for n in range(layers):
+                        beside = front[n, y, x]
+                        if beside >= end or facing[n, y, x] != facing[k, r, c]:
+                            continue
+                        # Twice the slope, and a pixel: slopes grow towards a rim.
+                        step = pixel * (1 + 2 * min(slope[k, r, c], slope[n, y, x]))
+                        if own - beside <= step:
+                            end = beside
+                if k + 1 < layers:
+                    end = max(end, front[k + 1, r, c])
+                back[k, r, c] = end
+
+
+def _same_surface(
+    fitted: FittedScene,
+    display: Display,
+    pixel_mm: float,
+    hits: _Hits,
+    front: np.ndarray,
+    hit: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Near, far, facing and spread of `Peeled`, (layers, rays)."""
+    covered = np.isfinite(front)
+    if not len(hits.depth):
+        zero = np.zeros(front.shape, np.float32)
+        return zero, zero, covered, zero + 1
+    ray = np.arange(front.shape[1])
+    own, facing = hits.distance[hit, ray], hits.facing[hit, ray]
+    # A quarter of a panel pixel is what one of its four samples stands for at that depth.
+    width_mm = np.abs(front) * display.pixel_pitch_mm / display.gap_mm / 2
+    spread = np.where(covered, np.maximum(1, width_mm / pixel_mm), 1).astype(np.float32)
+    # Neighbours on a slope lie that much deeper; on a steep one, as far as the display's steepest
+    # ray gets across a pixel, and beyond it the centre's own samples do.
+    slope = np.minimum(hits.slope[hit, ray], 2 * display.gap_mm / display.pitch_mm)
+    reach_mm = pixel_mm * (1 + spread * slope)
+    # World units are display millimetres over the length of a unit step along the ray.
+    along = fitted.fit.world_from_display[:3, 2]
+    reach = (reach_mm * np.linalg.norm(along)).astype(np.float32)
+    before = np.where(hit > 0, hits.distance[np.maximum(hit - 1, 0), ray], -own)
+    after = np.full(own.shape, np.inf, np.float32)
+    for number in range(len(hits.depth) - 1, 0, -1):
+        follows = (number > hit) & (number < hits.count) & (hits.facing[number] == facing)
+        after = np.where(follows, hits.distance[number], after)
+    near = np.maximum((before + own) / 2, own - reach)
+    far = np.minimum((own + after) / 2, own + reach)
+    return np.maximum(near, 0).astype(np.float32), far.astype(np.float32), facing, spread
+
+
+def layer_colours(
+    fitted: FittedScene,
+    peeled: Peeled,
+    *,
+    spp: int,
+    seed: int,
+    clock: Clock | None = None,
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Light of each layer towards the viewer, what lies in front taken away.
+
+    Samples lie all over a pixel, or all over what a panel pixel's quarter sees where that is wider,
+    and only on the surface that the pixel's centre meets: a sample that would meet another is taken
+    at the centre instead.
+
+    Parameters
+    ----------
+    fitted : FittedScene
+    peeled : Peeled
+    spp : int
+        Samples per pixel and layer.
+    seed : int
+    clock : Clock, optional
+        Adds the time spent here.
+    progress : callable, optional
+        Called with the number of rays finished.
+
+    Returns
+    -------
+    (layers, rows, columns, 3) float32, linear RGB
+        Black where there is no layer.
+    """
+    sensor = make_sensor(peeled.rays, fitted.fit.world_from_display)
+    colours = np.zeros((*peeled.front_mm.shape, 3), np.float32)
+    for layer, covered in enumerate(peeled.covered):
+        if not covered.any():
+            continue
+        tracer = Tracer(
+            _light(fitted, sensor, peeled, layer),
+            _Row(int(np.count_nonzero(covered))),
+            int(np.random.SeedSequence((seed, layer)).generate_state(1)[0]),
+            clock,
+            progress,
+        )
+        colours[layer][covered] = mean_light(tracer, spp)[0]
+    return colours
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A sensor for `Tracer` whose film is one row of all pixels that a layer covers."""
+
+    pixels: int
+    has_pupil: bool = False
+
+    def film(self) -> _Row:
+        return self
+
+    def size(self) -> tuple[int, int]:
+        return self.pixels, 1
+
+
+def _light(fitted: FittedScene, sensor: Any, peeled: Peeled, layer: int) -> Any:
+    """What samples of one layer's pixels bring; see `inim.render.trace.Light`."""
+    covered = peeled.covered[layer]
+    rows, columns = (mi.UInt32(places.astype(np.uint32)) for places in np.nonzero(covered))
+
+    def table(kind: Any, values: np.ndarray) -> Any:
+        return kind(values[layer][covered])
+
+    near, far = table(mi.Float, peeled.near), table(mi.Float, peeled.far)
+    facing, spread = table(mi.Bool, peeled.facing), table(mi.Float, peeled.spread)
+
+    def light(_row: _Row, pixel: Any, within: Any, _pupil: Any, sampler: Any) -> Any:
+        index = pixel.x
+        place = mi.Point2u(dr.gather(mi.UInt32, columns, index), dr.gather(mi.UInt32, rows, index))
+        begin, end = dr.gather(mi.Float, near, index), dr.gather(mi.Float, far, index)
+
+        def ray(within: Any) -> Any:
+            found = sensor.rays_through(place, within)
+            return mi.Ray3f(found.o + begin * found.d, found.d)
+
+        aside = ray((within - 0.5) * dr.gather(mi.Float, spread, index) + 0.5)
+        hit = fitted.scene.ray_intersect(aside)
+        same = hit.is_valid() & (begin + hit.t <= end) & ~hit.shape.is_emitter()
+        same &= (dr.dot(hit.n, aside.d) < 0) == dr.gather(mi.Bool, facing, index)
+        taken = dr.select(same, aside, ray(mi.Point2f(0.5)))
+        return fitted.integrator.sample(fitted.scene, sampler, mi.RayDifferential3f(taken))[0]
+
+    return light

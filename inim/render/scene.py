@@ -1,0 +1,238 @@
+"""Opening a scene in Mitsuba and fitting its relic into a display's depth range."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from inim.clock import Clock
+from inim.display import Display
+from inim.errors import FileError, SceneError
+from inim.files.image import read_exr_texture
+from inim.files.mesh import check_mesh_file
+from inim.files.picture import check_picture, is_exr
+from inim.files.volume import check_volume
+from inim.render.bounds_culling import Silhouette, box_corners
+from inim.scene.file import SceneFile
+
+__all__ = ["Fit", "FittedScene", "fit_to_display", "open_scene"]
+
+# Keep the relic this share of the range clear of both ends: a depth equal to z_min in float64
+# falls below it in float32, and whole surfaces become holes.
+_DEPTH_MARGIN = 0.01
+# Thinner than this against its width, a relic is a plate and goes to the central depth plane.
+_FLAT = 1e-6
+# Integrators that return radiance ray by ray, and know `hide_emitters`. Others trace from the
+# lights, or return depth or moments, which would be scored as colour.
+_INTEGRATORS = ("path", "direct", "volpath", "volpathmis")
+# What some plugins need so much that Mitsuba dies without a word where it is missing.
+_NEEDS = {"bitmap": "filename", "blendbsdf": "weight"}
+_DEFAULT_INTEGRATOR = {"type": "path", "max_depth": 8, "hide_emitters": True}
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The affine map between display and world (DESIGN: uniform in x and y, its own scale in z).
+
+    Attributes
+    ----------
+    display_from_world, world_from_display : (4, 4) float64
+    scale_xy, scale_z : float
+        Display millimetres per world unit.
+    """
+
+    display_from_world: np.ndarray
+    world_from_display: np.ndarray
+    scale_xy: float
+    scale_z: float
+
+
+@dataclass(frozen=True)
+class FittedScene:
+    """A loaded scene with its place in the display.
+
+    Attributes
+    ----------
+    scene, integrator : Mitsuba objects
+    fit : Fit
+    start_mm : float
+        Plane just in front of the relic, on which camera rays start.
+    shapes : int
+        Shapes that are not lights.
+    """
+
+    scene: Any
+    integrator: Any
+    fit: Fit
+    start_mm: float
+    shapes: int
+
+    @cached_property
+    def silhouette(self) -> Silhouette:
+        """Which pixels may show anything of it."""
+        return Silhouette.of(self.scene, self.fit.display_from_world, self.start_mm)
+
+
+def open_scene(
+    file: SceneFile, display: Display, fit_share: float, clock: Clock | None = None
+) -> FittedScene:
+    """Load a scanned scene, check its meshes, fit it.
+
+    Raises
+    ------
+    FileError
+        A mesh that is damaged, or whatever Mitsuba refuses.
+    SceneError
+        A scene with nothing to show.
+    """
+    for plugin, mesh in file.meshes:
+        check_mesh_file(mesh, plugin)
+    for picture in file.pictures:
+        check_picture(picture)
+    for grid in file.volumes:
+        check_volume(grid)
+    started = time.perf_counter()
+    scene = _load(file)
+    if clock:
+        clock.seconds += time.perf_counter() - started
+    relic = [shape for shape in scene.shapes() if not shape.is_emitter()]
+    if not relic:
+        raise SceneError(f"{file.path}: nothing to show: the scene has no shape but lights")
+    points = np.concatenate([_extent_points(shape) for shape in relic])
+    fit = fit_to_display(points, _orientation(scene), display, fit_share, str(file.path))
+    low, high = display.depth_range_mm
+    integrator = scene.integrator() or mi.load_dict(_DEFAULT_INTEGRATOR)
+    return FittedScene(scene, integrator, fit, high + _DEPTH_MARGIN * (high - low), len(relic))
+
+
+def _load(file: SceneFile) -> Any:
+    config = mi.parser.ParserConfig(mi.variant())
+    # Merged shapes come in the order of a hash table of pointers, and lights with them: equal seeds
+    # would light a scene otherwise from one process to the next.
+    config.merge_meshes = False
+    resolver = mi.file_resolver()
+    resolver.prepend(str(file.path.resolve().parent))
+    try:
+        # The file that was scanned: a link's own folder may hold other parts of the same names.
+        state = mi.parser.parse_file(config, str(file.path.resolve()), **file.parameters)
+        # Our rays are structured (through vertices, edges and centres): Embree's default mode
+        # lets some of them slip between triangles.
+        state.root.props["embree_use_robust_intersections"] = True
+        for node in state.nodes:
+            _check_needs(file, node.props)
+            _settle_file(file, node.props)
+            if node.type == mi.ObjectType.Integrator:
+                _check_integrator(file, node.props.plugin_name())
+                node.props["hide_emitters"] = True
+        mi.parser.transform_all(config, state)
+        loaded = mi.parser.instantiate(config, state)
+    except (FileError, SceneError):
+        raise
+    except Exception as error:  # Mitsuba raises bare RuntimeErrors for everything
+        cause = " ".join(str(error).split())
+        raise FileError(f"{file.path}: the renderer refuses it: {cause[:400]}") from error
+    finally:
+        del resolver[0]
+    return loaded[0] if isinstance(loaded, list) else loaded
+
+
+def _check_needs(file: SceneFile, properties: Any) -> None:
+    need = _NEEDS.get(properties.plugin_name())
+    if need and need not in properties:
+        raise SceneError(
+            f"{file.path}: a {properties.plugin_name()!r} has no {need!r}; give it one"
+        )
+
+
+def _settle_file(file: SceneFile, properties: Any) -> None:
+    """Let a plugin open the very file that was scanned; an EXR is handed over decoded.
+
+    The EXR reader inside Mitsuba is an old one that ends the process on some of what OpenEXR reads.
+    """
+    if "filename" not in properties:
+        return
+    name = properties["filename"]
+    if name not in file.named:
+        raise SceneError(f"{file.path}: {name!r} was not found when the scene was scanned")
+    path = file.named[name]
+    if path in file.pictures and is_exr(path):
+        del properties["filename"]
+        properties["bitmap"] = mi.Bitmap(read_exr_texture(path))
+    else:
+        properties["filename"] = str(path)
+
+
+def _check_integrator(file: SceneFile, name: str) -> None:
+    if name not in _INTEGRATORS:
+        raise SceneError(
+            f"{file.path}: integrator {name!r} gives no radiance ray by ray; use 'path' or "
+            "'volpath'"
+        )
+
+
+def _extent_points(shape: Any) -> np.ndarray:
+    """World points whose hull holds the shape: a mesh's vertices, else its box's corners."""
+    parameters = mi.traverse(shape)
+    if "vertex_positions" in parameters:
+        return np.asarray(parameters["vertex_positions"], np.float64).reshape(-1, 3)
+    return box_corners(shape)
+
+
+def _orientation(scene: Any) -> np.ndarray:
+    """Rows: the display's x, y, z axes in the world, as the scene's first camera looks at it."""
+    if not scene.sensors():
+        return np.eye(3)
+    matrix = np.asarray(scene.sensors()[0].world_transform().matrix, np.float64).reshape(4, 4)
+    towards_viewer = -matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+    right = np.cross(matrix[:3, 1], towards_viewer)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(towards_viewer, right), towards_viewer])
+
+
+def fit_to_display(
+    points: np.ndarray, axes: np.ndarray, display: Display, fit_share: float, source: str
+) -> Fit:
+    """Map a relic into the display: as large as its share of the array, as deep as the range.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        World points that span the relic.
+    axes : (3, 3) float64
+        Rows are the display's axes in the world.
+    display : Display
+    fit_share : float
+        Share of the array's width or height that the relic fills.
+    source : str
+        Named in errors.
+
+    Raises
+    ------
+    SceneError
+        Points that are not finite or span no area.
+    """
+    turned = points @ axes.T
+    if not np.isfinite(turned).all():
+        raise SceneError(f"{source}: the scene's shapes reach no finite box; check its transforms")
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    extent = high - low
+    if max(extent[:2]) <= 0:
+        raise SceneError(f"{source}: the scene's shapes have no width or height to fit")
+    with np.errstate(divide="ignore"):
+        scale = fit_share * min(display.width_mm / extent[0], display.height_mm / extent[1])
+    z_min, z_max = display.depth_range_mm
+    margin = _DEPTH_MARGIN * (z_max - z_min)
+    flat = extent[2] <= _FLAT * max(extent[:2])
+    scale_z = scale if flat else (z_max - z_min - 2 * margin) / extent[2]
+    centre_z = (z_min + z_max) / 2
+    if flat and z_min <= display.central_depth_mm <= z_max:
+        centre_z = display.central_depth_mm
+    forward = np.eye(4)
+    forward[:3, :3] = np.diag([scale, scale, scale_z]) @ axes
+    forward[:3, 3] = np.array([0, 0, centre_z]) - forward[:3, :3] @ (axes.T @ ((low + high) / 2))
+    return Fit(forward, np.linalg.inv(forward), float(scale), float(scale_z))

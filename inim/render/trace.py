@@ -1,0 +1,245 @@
+"""Tracing a sensor's rays in passes of bounded memory.
+
+Mitsuba's own pass splitting raises memory and fails when the sample count does not divide, so the
+passes are planned here: each traces a wavefront of samples, adds up those of a pixel on the device
+in float32 (at most a few dozen values) and goes into float64 sums. A sample's random numbers follow
+from its address (`inim.render.counter_sampler`), so passes may hold any pixels in any order.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from inim.clock import Clock
+from inim.render.counter_sampler import PLUGIN
+
+__all__ = [
+    "Light",
+    "Progress",
+    "Surface",
+    "Tracer",
+    "limit_rays",
+    "mean_light",
+    "scene_light",
+    "surface",
+]
+
+# Rays in flight, at most; see `limit_rays`. Larger gains nothing on two cores.
+_RAYS_PER_PASS = 2**22
+# Pixels whose float64 sums are held at once.
+_PIXELS_PER_BAND = 2**20
+
+Progress = Callable[[int], None]
+#: What a sensor's ray brings: (sensor, pixel, place within it, point of the pupil, sampler) to
+#: three channels.
+Light = Callable[[Any, Any, Any, Any, Any], Any]
+
+
+def limit_rays(count: int) -> None:
+    """Trace at most so many rays at once, in this process: what its memory allows."""
+    global _RAYS_PER_PASS
+    _RAYS_PER_PASS = count
+
+
+def scene_light(scene: Any, integrator: Any) -> Light:
+    """What a sensor's rays bring of a Mitsuba scene."""
+
+    def light(sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:
+        ray = sensor.rays_through(pixel, within, pupil)
+        return integrator.sample(scene, sampler, mi.RayDifferential3f(ray))[0]
+
+    return light
+
+
+@dataclass(frozen=True)
+class Tracer:
+    """Traces samples of a sensor's pixels, any of them.
+
+    Parameters
+    ----------
+    light : callable
+        Traced once for each pass; Dr.Jit compiles it once.
+    sensor :
+        One of `inim.render.sensors`.
+    seed : int
+    clock : Clock, optional
+        Adds the time spent here, and the samples.
+    progress : callable, optional
+        Called with the number of rays finished.
+    """
+
+    light: Light
+    sensor: Any
+    seed: int
+    clock: Clock | None = None
+    progress: Progress | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the film."""
+        columns, rows = (int(n) for n in self.sensor.film().size())
+        return rows, columns
+
+    def means(self, pixels: np.ndarray, samples: int) -> np.ndarray:
+        """Means over the first samples of pixels, box filters over their areas.
+
+        Not-a-number samples are kept: the caller counts them.
+
+        Parameters
+        ----------
+        pixels : (n,) int array
+            Flat film indices.
+        samples : int
+
+        Returns
+        -------
+        (n, 3) float64, linear RGB
+        """
+        started = time.perf_counter()
+        total = np.zeros((len(pixels), 3))
+        for part, first, some in _passes(len(pixels), samples):
+            color = self._wavefront(pixels[part], first, some)
+            # Summing outside the kernel keeps the count out of it: no compilation per setting.
+            total[part] += np.stack([np.asarray(dr.block_sum(c, some)) for c in color], -1)
+            if self.progress:
+                self.progress((part.stop - part.start) * some)
+        if self.clock:
+            self.clock.seconds += time.perf_counter() - started
+            self.clock.samples += len(pixels) * samples
+        mean: np.ndarray = total / samples
+        return mean
+
+    def _wavefront(self, pixels: np.ndarray, first: int, samples: int) -> Any:
+        """What each sample of one pass brings; one compiled kernel for all passes."""
+        lane = dr.arange(mi.UInt32, len(pixels) * samples)
+        count = dr.opaque(mi.UInt32, samples)
+        entry = lane // count
+        index = dr.gather(mi.UInt32, mi.UInt32(np.asarray(pixels, np.uint32)), entry)
+        sample = lane - entry * count + dr.opaque(mi.UInt32, first)
+        seed = int(np.random.SeedSequence(self.seed).generate_state(1)[0])
+        sampler = mi.load_dict({"type": PLUGIN})
+        sampler.start(seed, index, sample)
+        width = dr.opaque(mi.UInt32, self.shape[1])
+        pixel = mi.Point2u(index % width, index // width)
+        within, pupil = sampler.next_2d(), None
+        if self.sensor.has_pupil:
+            pupil = mi.warp.square_to_uniform_disk_concentric(sampler.next_2d())
+        color = self.light(self.sensor, pixel, within, pupil, sampler)
+        dr.eval(color)
+        return color
+
+
+def mean_light(tracer: Tracer, spp: int, asked: np.ndarray | None = None) -> np.ndarray:
+    """Mean of what a sensor's rays bring to each film pixel, a box filter over its area.
+
+    Parameters
+    ----------
+    tracer : Tracer
+    spp : int
+        Samples per pixel.
+    asked : (rows, columns) bool, optional
+        Pixels to be traced; the others stay black and cost nothing.
+
+    Returns
+    -------
+    (rows, columns, 3) float32, linear RGB. Equal seeds give equal pixels, whatever is asked.
+    """
+    rows, columns = tracer.shape
+    image = np.zeros((rows * columns, 3), np.float32)
+    for pixels in _bands(rows * columns, asked):
+        image[pixels] = tracer.means(pixels, spp)
+    if asked is not None and tracer.progress:  # what need not be traced is done, too
+        tracer.progress(spp * int(np.count_nonzero(~asked)))
+    return image.reshape(rows, columns, 3)
+
+
+def _bands(count: int, asked: np.ndarray | None = None) -> Iterator[np.ndarray]:
+    """Flat indices of the pixels asked for, so many at a time that their float64 sums are small."""
+    for first in range(0, count, _PIXELS_PER_BAND):
+        last = min(first + _PIXELS_PER_BAND, count)
+        if asked is None:
+            yield np.arange(first, last)
+        elif len(pixels := first + np.flatnonzero(asked.reshape(-1)[first:last])):
+            yield pixels
+
+
+def _passes(pixels: int, samples: int) -> list[tuple[slice, int, int]]:
+    """Pixels, first sample and samples of each pass, within `_RAYS_PER_PASS`."""
+    some = min(samples, _RAYS_PER_PASS)
+    each = max(1, _RAYS_PER_PASS // some)
+    return [
+        (slice(start, min(start + each, pixels)), first, min(some, samples - first))
+        for start in range(0, pixels, each)
+        for first in range(0, samples, some)
+    ]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What the rays through pixel centres meet.
+
+    Attributes
+    ----------
+    covered : (rows, columns) bool
+        Whether there is a surface that is not a light.
+    distance : (rows, columns) float64
+        World distance from the ray's start; infinite where not covered.
+    origin, direction : (rows, columns, 3) float64
+        World rays, in the float32 that was traced.
+    """
+
+    covered: np.ndarray
+    distance: np.ndarray
+    origin: np.ndarray
+    direction: np.ndarray
+
+    @property
+    def point(self) -> np.ndarray:
+        """World points (rows, columns, 3); not finite where not covered."""
+        points: np.ndarray = self.origin + self.distance[..., None] * self.direction
+        return points
+
+
+def surface(scene: Any, sensor: Any, clock: Clock | None = None) -> Surface:
+    """First surface on the ray through each pixel's centre, past any light."""
+    started = time.perf_counter()
+    columns, rows = (int(n) for n in sensor.film().size())
+    lane = dr.arange(mi.UInt32, rows * columns)
+    width = dr.opaque(mi.UInt32, columns)
+    ray = sensor.rays_through(mi.Point2u(lane % width, lane // width), mi.Point2f(0.5))
+    hit = _first_not_light(scene, ray)
+    distance = dr.select(hit.is_valid(), hit.t, dr.inf)
+    shape = (rows, columns)
+    found = Surface(
+        covered=np.asarray(hit.is_valid()).reshape(shape),
+        distance=np.asarray(distance, np.float64).reshape(shape),
+        origin=np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.o], -1),
+        direction=np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.d], -1),
+    )
+    if clock:
+        clock.seconds += time.perf_counter() - started
+    return found
+
+
+def _first_not_light(scene: Any, ray: Any) -> Any:
+    """Nearest hit that is no light. Lights are hidden from cameras here as in the colour."""
+    hit = scene.ray_intersect_preliminary(ray)
+    start = mi.Float(0.0)
+    emitters = sum(shape.is_emitter() for shape in scene.shapes())
+    for _ in range(emitters):  # a ray can pass each light once at most
+        light = hit.is_valid() & hit.shape.is_emitter()
+        if not dr.any(light):
+            break
+        start = dr.select(light, start + hit.t * (1 + 1e-5), start)
+        onward = mi.Ray3f(ray.o + start * ray.d, ray.d)
+        again = scene.ray_intersect_preliminary(onward, active=light)
+        again.t += start
+        hit = dr.select(light, again, hit)
+    return hit

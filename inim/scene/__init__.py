@@ -1,0 +1,1 @@
+"""Scene files: stock Mitsuba XML with `inim.*` settings."""

@@ -1,0 +1,288 @@
+"""Reading a scene's XML before Mitsuba does: settings, files it names, and whether it is safe.
+
+Mitsuba opens whatever path a scene names, follows include chains for minutes and dies on deep
+nesting; so a scene is scanned first, in bounded time, and refused with one line.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.parsers import expat
+
+from inim.errors import FileError, SceneError, UsageError
+from inim.scene.folder import SceneFolder
+from inim.scene.parameters import SceneParameters
+from inim.settings import PREFIX
+
+__all__ = ["SceneFile", "parse_definitions", "read_scene_file"]
+
+# Generous for scenes written by people or exporters, small against what harms: Mitsuba overflows
+# its stack near 20,000 levels, and include fan-out grows as a power.
+_DEEPEST = 64
+_MOST_ELEMENTS = 200_000
+_MOST_INCLUDES = 64
+# Each shape, material and light costs Mitsuba up to a millisecond and a kernel some branches.
+_MOST_PLUGINS = 10_000
+_LARGEST_BYTES = 64 * 2**20
+_MESH_TYPES = frozenset({"ply", "obj", "serialized"})
+_VOLUME_TYPES = frozenset({"gridvolume", "sdfgrid"})
+# Of images; whatever the name ends with, the renderer goes by the content.
+_PICTURE_TYPES = frozenset({"bitmap", "envmap"})
+# What Mitsuba's own XML reader takes as the same text.
+_ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin1", "utf-16")
+# What only leads to other elements, or to their parameters.
+_UNSEEN = frozenset({"default", "include", "path"})
+_PLUGIN = re.compile(r"\w+", re.ASCII)
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scanned scene file.
+
+    Attributes
+    ----------
+    path : Path
+    settings : dict of str to str
+        `inim.*` texts, the command line's over the file's.
+    parameters : dict of str to str
+        What to hand to Mitsuba's loader.
+    meshes : tuple of (str, Path)
+        Shape plugin and mesh file of the scene's shapes, to be checked before Mitsuba reads them.
+    pictures, volumes : tuple of Path
+        Pictures and grids it names, to be checked likewise: the renderer's own readers are old
+        and allocate what a header says.
+    named : dict of str to Path
+        By the name in the scene, every file that it names and where that is.
+    sha256 : str
+        Over the XML and all files it names.
+    look_sha256 : str
+        Over what the renderer makes of them: elements with their parameters put in, and the bytes
+        of files. Not over `inim.*` settings, comments, layout, includes, or the names of files.
+    """
+
+    path: Path
+    settings: dict[str, str]
+    parameters: dict[str, str]
+    meshes: tuple[tuple[str, Path], ...]
+    pictures: tuple[Path, ...]
+    volumes: tuple[Path, ...]
+    named: dict[str, Path]
+    sha256: str
+    look_sha256: str = ""
+
+
+def parse_definitions(items: list[str]) -> dict[str, str]:
+    """`-D key=value` items as a mapping.
+
+    Raises
+    ------
+    UsageError
+        An item without an equals sign, or a key given twice.
+    """
+    parsed: dict[str, str] = {}
+    for item in items:
+        key, equals, value = item.partition("=")
+        if not equals or not key.strip():
+            raise UsageError(f"-D {item}: write -D key=value, such as -D inim.pitch_mm=0.5")
+        if key.strip() in parsed:
+            raise UsageError(f"-D {key.strip()}: given twice; keep one")
+        parsed[key.strip()] = value
+    return parsed
+
+
+def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) -> SceneFile:
+    """Scan a scene and everything it includes.
+
+    Parameters
+    ----------
+    path : Path
+        Mitsuba XML.
+    definitions : mapping of str to str, optional
+        The command line's `-D key=value`.
+
+    Raises
+    ------
+    FileError
+        Missing, unreadable or broken XML, or a file it names that is not there.
+    SceneError
+        Too deep, too large, or naming files outside its own folder; an unknown `-D` key.
+    """
+    definitions = dict(definitions or {})
+    try:
+        folder = path.resolve().parent
+    except OSError as error:  # a relative path, and the current folder was deleted
+        raise FileError(f"{path}: cannot be found ({error.strerror}); give its full path") from None
+    scan = _Scan(folder, definitions)
+    scan.read(path, shown=str(path), level=0)
+    scan.folder.settle(str(path))
+    own = {k: v for k, v in definitions.items() if k.startswith(PREFIX)}
+    for key in definitions.keys() - own.keys() - scan.defaults.keys():
+        known = ", ".join(k for k in scan.defaults if not k.startswith(PREFIX)) or "none"
+        raise SceneError(f"{path}: -D {key}: the scene has no such parameter (it has: {known})")
+    # Mitsuba refuses parameters that a scene does not use; the inim.* ones mostly are not.
+    wanted = {k: v for k, v in definitions.items() if k not in own or k in scan.parameters.used}
+    in_file = {k: v for k, v in scan.defaults.items() if k.startswith(PREFIX)}
+    return SceneFile(
+        path,
+        {**in_file, **own},
+        wanted,
+        tuple((kind, file) for kind, file in scan.files if kind in _MESH_TYPES),
+        tuple(file for kind, file in scan.files if kind in _PICTURE_TYPES),
+        tuple(file for kind, file in scan.files if kind in _VOLUME_TYPES),
+        scan.folder.named,
+        scan.hash.hexdigest(),
+        scan.look(wanted),
+    )
+
+
+class _Scan:
+    """State of one scan over a scene and its includes."""
+
+    def __init__(self, folder: Path, definitions: Mapping[str, str]) -> None:
+        self.folder = SceneFolder(folder)
+        try:
+            self.parameters = SceneParameters(definitions)
+        except ValueError as error:
+            raise UsageError(f"-D: {error}") from None
+        self.defaults: dict[str, str] = {}
+        self.files: dict[tuple[str, Path], None] = {}
+        self.hash = hashlib.sha256()
+        self._look = hashlib.sha256()
+        self.elements = self.plugins = self.includes = self.xml_bytes = 0
+
+    def look(self, parameters: Mapping[str, str]) -> str:
+        """See `SceneFile.look_sha256`; the parameters are those handed to the renderer."""
+        found = self._look.copy()
+        found.update(repr(sorted(parameters.items())).encode())
+        return found.hexdigest()
+
+    def _see(self, tag: str, attributes: Mapping[str, str], level: int, *, end: bool) -> None:
+        """Take an element's begin or end into what the renderer sees."""
+        if tag not in _UNSEEN and not (tag == "scene" and level):
+            words = ["end", tag] if end else [tag, *(sorted(attributes.items()))]
+            self._look.update(repr(words).encode())
+
+    def read(self, path: Path, shown: str, level: int) -> None:
+        """Parse one file; `shown` is its name in messages."""
+        text = self._bytes(path, shown)
+        self.hash.update(text)
+        self.folder.add_place(path.resolve().parent, shown)
+        stack: list[tuple[str, str]] = []
+        parser = expat.ParserCreate()
+
+        def start(tag: str, attributes: dict[str, str]) -> None:
+            where = f"{shown}:{parser.CurrentLineNumber}"
+            substituted = self._substituted(attributes, where)
+            content = self._element(tag, substituted, stack, where, level)
+            self._see(tag, substituted | content, level, end=False)
+            stack.append((tag, substituted.get("type", "")))
+
+        def finish(tag: str) -> None:
+            stack.pop()
+            self._see(tag, {}, level, end=True)
+
+        def doctype(*_: object) -> None:
+            raise SceneError(f"{shown}: has a DOCTYPE; entities are refused, remove it")
+
+        def declaration(_version: str, encoding: str | None, _alone: int) -> None:
+            # Read otherwise here than by Mitsuba, a scene could hide what it names.
+            if encoding and encoding.lower() not in _ENCODINGS:
+                raise FileError(f"{shown}: unknown encoding {encoding[:40]!r}; save it as UTF-8")
+
+        parser.StartElementHandler = start
+        parser.EndElementHandler = finish
+        parser.StartDoctypeDeclHandler = doctype
+        parser.XmlDeclHandler = declaration
+        try:
+            parser.Parse(text, True)
+        except expat.ExpatError as error:
+            raise FileError(f"{shown}: broken XML ({error})") from None
+        except (LookupError, ValueError) as error:
+            raise FileError(f"{shown}: unreadable XML ({error})") from None
+
+    def _bytes(self, path: Path, shown: str) -> bytes:
+        try:
+            if not path.is_file():
+                reason = "is a folder" if path.is_dir() else "no such file"
+                raise FileError(f"{shown}: {reason}; name a Mitsuba scene (.xml)")
+            self.xml_bytes += path.stat().st_size
+            if self.xml_bytes > _LARGEST_BYTES:
+                raise SceneError(
+                    f"{shown}: {self.xml_bytes} bytes of XML; at most {_LARGEST_BYTES}"
+                )
+            return path.read_bytes()
+        except OSError as error:
+            raise FileError(f"{shown}: cannot be read ({error.strerror})") from None
+
+    def _substituted(self, attributes: dict[str, str], where: str) -> dict[str, str]:
+        try:
+            return {k: self.parameters.substitute(text) for k, text in attributes.items()}
+        except ValueError as error:
+            raise SceneError(f"{where}: {error}") from None
+
+    def _element(
+        self,
+        tag: str,
+        attributes: dict[str, str],
+        stack: list[tuple[str, str]],
+        where: str,
+        level: int,
+    ) -> dict[str, str]:
+        """Check an element; its attributes that name a file, with the file's digest instead."""
+        self.elements += 1
+        if len(stack) >= _DEEPEST:
+            raise SceneError(f"{where}: nested deeper than {_DEEPEST} levels; flatten the scene")
+        if self.elements > _MOST_ELEMENTS:
+            raise SceneError(f"{where}: more than {_MOST_ELEMENTS} elements; simplify the scene")
+        if not stack and level == 0 and tag != "scene":
+            raise FileError(f"{where}: <{tag}> is no Mitsuba scene; the root must be <scene>")
+        self._plugin(attributes.get("type", ""), where)
+        if tag == "default" and "name" in attributes:
+            self._default(attributes["name"], attributes.get("value", ""), where)
+        elif tag == "include":
+            self._include(attributes.get("filename", ""), where, level)
+        elif tag == "path":
+            self.folder.add_path(attributes.get("value", ""), where)
+        elif tag == "string" and attributes.get("name") == "filename":
+            kind = stack[-1][1] if stack else ""
+            return {"value": self._names_file(attributes.get("value", ""), kind, where)}
+        elif tag == "spectrum" and "filename" in attributes:
+            return {"filename": self._names_file(attributes["filename"], "", where)}
+        return {}
+
+    def _plugin(self, name: str, where: str) -> None:
+        if not name:
+            return
+        if not _PLUGIN.fullmatch(name):
+            raise SceneError(f"{where}: {name[:80]!r} cannot be the name of a plugin")
+        self.plugins += 1
+        if self.plugins > _MOST_PLUGINS:
+            raise SceneError(
+                f"{where}: more than {_MOST_PLUGINS} shapes, materials and lights; merge the "
+                "shapes into one mesh"
+            )
+
+    def _default(self, name: str, value: str, where: str) -> None:
+        try:
+            self.parameters.define(name, value)
+        except ValueError as error:
+            raise SceneError(f"{where}: {error}") from None
+        self.defaults.setdefault(name, value)
+
+    def _include(self, name: str, where: str, level: int) -> None:
+        self.includes += 1
+        if self.includes > _MOST_INCLUDES or level >= _DEEPEST // 4:
+            raise SceneError(f"{where}: more than {_MOST_INCLUDES} includes, or a circle of them")
+        path = self.folder.included(name, where)
+        self.read(path, shown=f"{where}: {name}", level=level + 1)
+
+    def _names_file(self, name: str, kind: str, where: str) -> str:
+        """Take note of a file; the digest of what is in it."""
+        path, digest = self.folder.file(name, where)
+        self.files.setdefault((kind, path))
+        self.hash.update(digest)
+        return digest.hex()

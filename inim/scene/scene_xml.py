@@ -1,0 +1,154 @@
+"""The XML of a stock Mitsuba 3 scene: a relic in three lights, seen by one camera, on black."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    import numpy as np
+
+    from inim.files.mesh import Mesh
+
+__all__ = ["STONE", "attribute", "scene_xml", "xml_text"]
+
+# Linear RGB of weathered plaster, for a relic that has no colour of its own.
+STONE = (0.60, 0.57, 0.52)
+# A camera far enough off for a natural perspective, and the air around the relic in its picture.
+_FIELD_OF_VIEW_DEG = 20.0
+_AIR = 1.12
+# Lamps stand this many bounding radii off, outside all that viewers within 25 degrees of the front
+# see past the relic; squares of half the side, in the same unit. Direction, half side, radiance.
+_LAMP_DISTANCE = 12.0
+_LAMPS = {
+    "key, up left": ((-0.80, 0.85, 0.55), 2.5, (22.0, 21.0, 19.8)),
+    "fill, right": ((0.85, 0.10, 0.50), 3.0, (4.0, 4.1, 4.4)),
+    "top": ((0.10, 1.00, -0.15), 3.0, (6.5, 6.5, 6.5)),
+}
+
+
+def scene_xml(files: Mapping[Path, Mesh], half_mm: np.ndarray, title: str, display: str) -> str:
+    """The scene's text.
+
+    Parameters
+    ----------
+    files : mapping of Path to Mesh
+        The relic's PLY files, each in the scene's folder; those with a texture have a PNG beside.
+    half_mm : (3,) float array
+        Half the size of the relic's bounding box, which is centred on the origin.
+    title, display : str
+        Values of `inim.title` and `inim.display`.
+    """
+    radius = math.hypot(*half_mm)
+    defaults = {"title": title, "display": display, "algorithms": "wang2024,template"}
+    lines = ["<?xml version='1.0' encoding='utf-8'?>", '<scene version="3.0.0">']
+    lines += ["    <!-- Lengths are millimetres; +y is up, +z towards the viewer. -->"]
+    for key, value in defaults.items():
+        lines.append(f'    <default name="inim.{key}" value="{attribute(value)}"/>')
+    # Our rays run along edges and through vertices, where Embree's default lets them slip through.
+    lines += ["", '    <boolean name="embree_use_robust_intersections" value="true"/>']
+    lines += ['    <integrator type="path">', '        <integer name="max_depth" value="6"/>']
+    lines += ["    </integrator>", "", *_camera_xml(half_mm, radius), ""]
+    for name, lamp in _LAMPS.items():
+        lines += [f"    <!-- {name} -->", *_lamp_xml(*lamp, radius), ""]
+    for path in files:
+        if path.suffix == ".ply":
+            lines += [*_relic_xml(path, files[path]), ""]
+    return "\n".join([*lines[:-1], "</scene>", ""])
+
+
+def _camera_xml(half: np.ndarray, radius: float) -> list[str]:
+    """First sensor: from +z, the whole relic in a square picture."""
+    away = max(half[0], half[1]) * _AIR / math.tan(math.radians(_FIELD_OF_VIEW_DEG / 2))
+    z = away + half[2]
+    return [
+        '    <sensor type="perspective">',
+        f'        <float name="fov" value="{_FIELD_OF_VIEW_DEG:g}"/>',
+        f'        <float name="near_clip" value="{away / 2:.6g}"/>',
+        f'        <float name="far_clip" value="{2 * (z + radius):.6g}"/>',
+        '        <transform name="to_world">',
+        f'            <lookat origin="0, 0, {z:.6g}" target="0, 0, 0" up="0, 1, 0"/>',
+        "        </transform>",
+        '        <sampler type="independent">',
+        '            <integer name="sample_count" value="64"/>',
+        "        </sampler>",
+        '        <film type="hdrfilm">',
+        '            <integer name="width" value="512"/>',
+        '            <integer name="height" value="512"/>',
+        '            <string name="component_format" value="float32"/>',
+        '            <rfilter type="box"/>',
+        "        </film>",
+        "    </sensor>",
+    ]
+
+
+def _lamp_xml(
+    direction: tuple[float, ...], half_side: float, radiance: tuple[float, ...], radius: float
+) -> list[str]:
+    """A black square that shines one way, at the relic."""
+    away = _LAMP_DISTANCE * radius / math.hypot(*direction)
+    origin = ", ".join(f"{away * d:.6g}" for d in direction)
+    # Any vector that is not along the direction will do as the square's own up.
+    upward = "0, 0, 1" if abs(direction[1]) > 0.9 else "0, 1, 0"
+    return [
+        '    <shape type="rectangle">',
+        '        <transform name="to_world">',
+        f'            <scale value="{half_side * radius:.6g}"/>',
+        f'            <lookat origin="{origin}" target="0, 0, 0" up="{upward}"/>',
+        "        </transform>",
+        '        <bsdf type="diffuse"><rgb name="reflectance" value="0, 0, 0"/></bsdf>',
+        '        <emitter type="area">',
+        f'            <rgb name="radiance" value="{", ".join(f"{r:g}" for r in radiance)}"/>',
+        "        </emitter>",
+        "    </shape>",
+    ]
+
+
+def _relic_xml(path: Path, part: Mesh) -> list[str]:
+    """The relic: its texture, its vertex colours, or plaster."""
+    if part.texture is not None:
+        color = [
+            '<texture type="bitmap" name="base_color">',
+            f'    <string name="filename" value="{attribute(path.with_suffix(".png").name)}"/>',
+            "</texture>",
+        ]
+    elif part.color is not None:
+        color = [
+            '<texture type="mesh_attribute" name="base_color">',
+            '    <string name="name" value="vertex_color"/>',
+            "</texture>",
+        ]
+    else:
+        color = [f'<rgb name="base_color" value="{", ".join(f"{c:g}" for c in STONE)}"/>']
+    return [
+        '    <shape type="ply">',
+        f'        <string name="filename" value="{attribute(path.name)}"/>',
+        '        <boolean name="flip_tex_coords" value="true"/>',
+        '        <bsdf type="twosided">',
+        '            <bsdf type="principled">',
+        *(f"                {line}" for line in color),
+        '                <float name="roughness" value="0.7"/>',
+        '                <float name="specular" value="0.3"/>',
+        "            </bsdf>",
+        "        </bsdf>",
+        "    </shape>",
+    ]
+
+
+def xml_text(text: str) -> str:
+    """The text with every character that XML 1.0 or UTF-8 cannot carry made an underscore."""
+    return "".join(c if _is_xml(ord(c)) else "_" for c in text)
+
+
+def _is_xml(code: int) -> bool:
+    return code >= 0x20 and not 0xD800 <= code <= 0xDFFF and code not in (0x7F, 0xFFFE, 0xFFFF)
+
+
+def attribute(text: str) -> str:
+    """Text for an XML attribute; Mitsuba takes `$name` for a parameter unless escaped."""
+    from xml.sax.saxutils import escape
+
+    return escape(xml_text(text), {'"': "&quot;"}).replace("$", "\\$")

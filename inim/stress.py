@@ -1,8 +1,0 @@
-"""`python -m inim.stress [scene.xml]`; see `inim.jobs.stress`."""
-
-import sys
-
-from inim.cli import main
-
-if __name__ == "__main__":
-    sys.exit(main(["stress", *sys.argv[1:]]))

@@ -1,0 +1,296 @@
+"""Cases for the lens models: rays and lenses where optics, and arithmetic, come to their ends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.stress.optics_oracle import LensRays
+
+__all__ = ["OPTICS_FAMILIES", "OpticsCase", "OpticsFamily", "all_optics_cases", "rays_over"]
+
+Made = tuple[Display, LensRays]
+
+_LENSES = 9
+
+
+@dataclass(frozen=True)
+class OpticsCase:
+    """A display and rays; `refused` as of `inim.stress.cases.Case`."""
+
+    label: str
+    make: Callable[[], Made]
+    value: float | None = None
+    refused: bool | None = False
+
+
+@dataclass(frozen=True)
+class OpticsFamily:
+    """Cases along one parameter; `models` are those it concerns."""
+
+    name: str
+    parameter: str
+    models: tuple[str, ...]
+    cases: Callable[[int], list[OpticsCase]]
+
+
+_ALL = ("pinhole", "thin", "thick")
+
+
+def display_of(**changes: object) -> Display:
+    """Nine by nine lenses like those of the nominal display."""
+    values: dict[str, object] = {
+        "pitch_mm": 1.0,
+        "focal_length_mm": 3.0,
+        "gap_mm": 3.3,
+        "pixel_pitch_mm": 1 / 17,
+        "lens_columns": _LENSES,
+        "lens_rows": _LENSES,
+    }
+    return Display(**(values | changes))  # type: ignore[arg-type]
+
+
+def rays_over(display: Display, count: int, slope: float = 0.15, seed: int = 0) -> LensRays:
+    """Random rays over the inner lenses: what float32 holds exactly, so that only errors of the
+    computation are seen; of sideways travel `slope` in random directions.
+    """
+    rng = np.random.default_rng(seed)
+    inner = (_lenses_inside(display.lens_columns), _lenses_inside(display.lens_rows))
+    x, y = ((rng.random(count) - 0.5) * n * display.pitch_mm for n in inner)
+    turn = rng.uniform(0, 2 * math.pi, count)
+    sx, sy = slope * np.cos(turn), slope * np.sin(turn)
+    return _float32(x, y, sx, sy)
+
+
+def _lenses_inside(lenses: int) -> float:
+    return max(lenses - 4, 1)
+
+
+def _float32(*values: Any) -> LensRays:
+    x, y, sx, sy = (np.asarray(v, np.float32) for v in np.broadcast_arrays(*values))
+    return LensRays(x, y, sx, sy)
+
+
+def _slopes(count: int) -> list[OpticsCase]:
+    def make(slope: float, side: str) -> Made:
+        display = display_of(curved_side=side)
+        return display, rays_over(display, count, slope)
+
+    slopes = (0.0, 1e-6, 1e-3, 0.01, 0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 10.0, 100.0, 1e3, 1e4, 1e6)
+    return [
+        OpticsCase(f"{s:g}, bulge to the {side}", partial(make, s, side), s)
+        for side in ("viewer", "panel")
+        for s in slopes
+    ]
+
+
+def _eyes(count: int) -> list[OpticsCase]:
+    """Rays from one eye above the middle, near and far."""
+
+    def make(distance: float) -> Made:
+        display = display_of()
+        aim = rays_over(display, count)
+        return display, _float32(aim.x, aim.y, -aim.x / distance, -aim.y / distance)
+
+    return [_case(f"{10.0**k:g} mm", make, 10.0**k) for k in range(-3, 7)]
+
+
+def _lengths(count: int) -> list[OpticsCase]:
+    def make(factor: float) -> Made:
+        names = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm")
+        base = display_of()
+        display = base.replace(**{name: getattr(base, name) * factor for name in names})
+        return display, rays_over(display, count)
+
+    powers = (-18, -12, -6, -3, -1, 0, 1, 3, 6, 12, 18)
+    return [_case(f"10^{p}", make, 10.0**p) for p in powers]
+
+
+def _widths(count: int) -> list[OpticsCase]:
+    """Wider and wider arrays: coordinates grow, and what is left of a float for the panel pixel."""
+
+    def make(lenses: float) -> Made:
+        display = display_of(lens_columns=int(lenses), lens_rows=_LENSES)
+        return display, rays_over(display, count)
+
+    return [_case(f"{n} lenses", make, float(n)) for n in (9, 64, 256, 1000, 10_000, 100_000)]
+
+
+def _focus(count: int) -> list[OpticsCase]:
+    def make(k: float, side: int) -> Made:
+        gap = 3.0 * (1 + side * 2.0 ** -int(k))
+        display = display_of(gap_mm=gap, depth_min_mm=5.0, depth_max_mm=20.0)
+        return display, rays_over(display, count)
+
+    return [
+        OpticsCase(
+            f"g = f (1 {'+' if side > 0 else '-'} 2^-{k})",
+            partial(make, k, side),
+            float(k),
+        )
+        for side in (1, -1)
+        for k in (3, 6, 10, 16, 23, 24, 30, 40, 52)
+    ]
+
+
+def _focal_lengths(count: int) -> list[OpticsCase]:
+    """From lenses as steep as can be ground to flat ones."""
+
+    def make(ratio: float) -> Made:
+        display = display_of(focal_length_mm=ratio, gap_mm=1.1 * ratio)
+        return display, rays_over(display, count, 0.1)
+
+    ratios = (0.5, 1.2, 1.5, 2.0, 3.0, 10.0, 100.0, 1e3, 1e4, 1e6)
+    return [_case(f"f / P = {r:g}", make, r, refused=None if r < 1.5 else False) for r in ratios]
+
+
+def _indices(count: int) -> list[OpticsCase]:
+    def make(index: float) -> Made:
+        display = display_of(refractive_index=index)
+        return display, rays_over(display, count)
+
+    may = (1.0, 1 + 2.0**-52, 1 + 1e-6, 1.01, 1.1)
+    return [
+        _case(f"n = {n:.10g}", make, n, refused=True if n == 1 else None if n in may else False)
+        for n in (*may, 1.3, 1.4917, 1.9, 4.0)
+    ]
+
+
+def _total_reflection(count: int) -> list[OpticsCase]:
+    """Flat side first, no ray of parallel light beyond R / n from the axis gets out."""
+
+    def make(offset: float) -> Made:
+        radius = 3.0 * 0.4917
+        display = display_of(
+            curved_side="panel", pitch_mm=1.405 * radius, lens_thickness_mm=1.5, pixel_pitch_mm=0.08
+        )
+        height = np.float32(radius / 1.4917)
+        for _ in range(abs(int(offset))):
+            height = np.nextafter(height, np.float32(math.copysign(9.0, offset)))
+        turn = np.linspace(0, 2 * math.pi, 4, endpoint=False)
+        around = [np.round(np.cos(turn)) * height, np.round(np.sin(turn)) * height]
+        return display, _float32(*around, np.zeros(4), np.zeros(4))
+
+    def spread(low: float, high: float) -> Made:
+        display = make(0)[0]
+        radius = 3.0 * 0.4917
+        h = np.random.default_rng(1).uniform(low, high, count) * radius / 1.4917
+        return display, _float32(h, 0 * h, 0 * h, 0 * h)
+
+    found = [_case(f"R / n {o:+d} ulp", make, float(o)) for o in (-1000, -10, -1, 0, 1, 10, 1000)]
+    found.append(OpticsCase("0.9 to 1 R / n", lambda: spread(0.9, 1.0)))
+    return [*found, OpticsCase("1 to 1.04 R / n", lambda: spread(1.0, 1.04))]
+
+
+def _places(count: int) -> list[OpticsCase]:
+    """Where decisions are: under lens centres, on borders between lenses and beside them."""
+    del count
+
+    def make(kind: str, slope: float) -> Made:
+        display = display_of(lens_columns=9)
+        n = np.arange(-2.0, 3.0)
+        shift = {"centre": 0.0, "border": 0.5}[kind.partition(" ")[0]]
+        x = np.float32(n + shift)
+        if kind.endswith("ulp"):
+            towards = np.inf if "+" in kind else -np.inf
+            x = np.nextafter(x, np.float32(towards))
+        y = np.full(5, np.float32(0.25))
+        return display, _float32(x, y, np.full(5, slope), np.zeros(5))
+
+    kinds = ("centre", "centre +1 ulp", "border", "border +1 ulp", "border -1 ulp")
+    return [
+        OpticsCase(f"{kind}, slope {s:g}", partial(make, kind, s))
+        for kind in kinds
+        for s in (0.0, 0.1)
+    ]
+
+
+def _shifts(count: int) -> list[OpticsCase]:
+    def make(shift: float) -> Made:
+        display = display_of(shift_x_mm=shift)
+        return display, rays_over(display, count, seed=3)
+
+    pixel = 1 / 17
+    shifts = {
+        "nothing": 0.0,
+        "half a pixel": pixel / 2,
+        "a pixel": pixel,
+        "half a pitch": 0.5,
+        "a pitch": 1.0,
+        "an ulp": 2.0**-52,
+    }
+    return [_case(name, make, value) for name, value in shifts.items()]
+
+
+def _mountings(count: int) -> list[OpticsCase]:
+    def make(**changes: object) -> Made:
+        display = display_of(**changes)
+        return display, rays_over(display, count, seed=4)
+
+    said: dict[str, dict[str, object]] = {
+        "turned by 1e-6 degrees": {"rotation_deg": 1e-6},
+        "turned by 1 degree": {"rotation_deg": 1.0},
+        "turned by 45 degrees": {"rotation_deg": 45.0},
+        "tilted by 2 degrees": {"tilt_x_deg": 2.0, "tilt_y_deg": -1.0},
+        "all at once": {"rotation_deg": 3.0, "tilt_x_deg": 1.0, "shift_y_mm": 0.31},
+    }
+    return [OpticsCase(name, partial(make, **c)) for name, c in said.items()]
+
+
+def _faces(count: int) -> list[OpticsCase]:
+    def make(side: str, **changes: float) -> Made:
+        display = display_of(curved_side=side, **changes)
+        return display, rays_over(display, count, seed=5)
+
+    said = {
+        "sphere": {},
+        "conic -1 (paraboloid)": {"conic": -1.0},
+        "conic -1 + 1e-9": {"conic": -1.0 + 1e-9},
+        "conic -2.2": {"conic": -2.2},
+        "conic 0.5": {"conic": 0.5},
+        "conic 1e-12": {"conic": 1e-12},
+        "a4": {"asphere_a4": 0.01},
+        "conic, a4, a6": {"conic": -0.6, "asphere_a4": 0.004, "asphere_a6": -0.002},
+    }
+    return [
+        OpticsCase(f"{name}, bulge to the {side}", partial(make, side, **c))
+        for name, c in said.items()
+        for side in ("viewer", "panel")
+    ]
+
+
+def _case(
+    label: str, make: Callable[..., Made], value: float, refused: bool | None = False
+) -> OpticsCase:
+    return OpticsCase(label, lambda: make(value), value, refused)
+
+
+OPTICS_FAMILIES = [
+    OpticsFamily("incidence", "sideways travel per mm", _ALL, _slopes),
+    OpticsFamily("eye distance", "distance of the eye, mm", _ALL, _eyes),
+    OpticsFamily("all lengths", "factor", _ALL, _lengths),
+    OpticsFamily("array width", "lenses across", _ALL, _widths),
+    OpticsFamily("g to f", "-log2 |g - f| / f", _ALL, _focus),
+    OpticsFamily("focal length", "f / P", ("thin", "thick"), _focal_lengths),
+    OpticsFamily("index", "n", ("thin", "thick"), _indices),
+    OpticsFamily("total reflection", "ulps from R / n", ("thick",), _total_reflection),
+    OpticsFamily("places", "", _ALL, _places),
+    OpticsFamily("shifted array", "shift to the right, mm", _ALL, _shifts),
+    OpticsFamily("mounting", "", _ALL, _mountings),
+    OpticsFamily("faces", "", ("thick",), _faces),
+]
+
+
+def all_optics_cases(count: int, thin: int) -> Iterator[tuple[OpticsFamily, OpticsCase]]:
+    """Every family's cases, thinned out; the first and the last of each are kept."""
+    for family in OPTICS_FAMILIES:
+        cases = family.cases(count)
+        for i, case in enumerate(cases):
+            if i % thin == 0 or i == len(cases) - 1:
+                yield family, case

@@ -1,0 +1,156 @@
+"""Relations of the lens models that hold by themselves: mirror, transpose, shift, scale."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.lens import trace_to_panel
+from inim.stress.optics_cases import display_of, rays_over
+from inim.stress.optics_oracle import LensRays
+
+__all__ = ["OPTICS_RELATIONS", "Trace", "run_optics_relations"]
+
+#: As `inim.lens.trace_to_panel`.
+Trace = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
+#: What rays gave, and what the relation expects: x, y, weight each.
+Pair = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], Display]
+
+_MODELS = ("pinhole", "thin", "thick")
+# Roundings that two ways to one point may differ by, in float64 ulps of the array's width.
+_MOST_ULPS = 64.0
+_RAYS = 500
+
+
+def run_optics_relations(trace: Trace = trace_to_panel) -> list[dict[str, Any]]:
+    """A row for each relation and lens model.
+
+    Parameters
+    ----------
+    trace : callable
+        What to test instead of `inim.lens.trace_to_panel`.
+    """
+    return [
+        _row(name, check, bitwise, model, trace)
+        for name, (check, bitwise) in OPTICS_RELATIONS.items()
+        for model in _MODELS
+    ]
+
+
+def _row(name: str, check: Any, bitwise: bool, model: str, trace: Trace) -> dict[str, Any]:
+    compared = broken = 0
+    worst = 0.0
+    for found, expected, display in check(trace, model):
+        most = 0.0 if bitwise else _MOST_ULPS
+        lit = (found[2] > 0) & (expected[2] > 0)
+        ulp = np.finfo(np.float64).eps * display.width_mm / 2
+        off = np.max([np.abs(a - b) for a, b in zip(found, expected, strict=True)], axis=0) / ulp
+        compared += len(off)
+        broken += int(((found[2] > 0) != (expected[2] > 0)).sum() + (off[lit] > most).sum())
+        worst = max(worst, float(off[lit].max(initial=0.0)))
+    return {
+        "relation": name,
+        "algorithm": model,
+        "explained": "",
+        "compared": compared,
+        "broken": broken,
+        "uncertain": 0,
+        "worst_ulp": worst,
+        "message": "",
+        "passed": compared > 0 and not broken,
+    }
+
+
+def _displays() -> Iterator[Display]:
+    yield display_of()
+    yield display_of(curved_side="panel", gap_mm=2.7)
+    yield display_of(conic=-0.7, asphere_a4=0.003)
+
+
+def _rays(display: Display, seed: int = 9) -> LensRays:
+    """Off the borders between lenses by more than any rounding."""
+    rays = rays_over(display, _RAYS, 0.2, seed)
+    clear = np.ones(_RAYS, bool)
+    for place in (rays.x, rays.y):
+        cell = place.astype(float) / display.pitch_mm + 0.5
+        clear &= np.abs(cell - np.rint(cell)) > 0.02
+    return LensRays(*(getattr(rays, n)[clear].astype(float) for n in ("x", "y", "sx", "sy")))
+
+
+def _mirror(trace: Trace, model: str) -> Iterator[Pair]:
+    """The mirrored ray lands at the mirrored point."""
+    for display in _displays():
+        r = _rays(display)
+        x, y, w = trace(display, model, r.x, r.y, r.sx, r.sy)
+        yield trace(display, model, -r.x, r.y, -r.sx, r.sy), (-x, y, w), display
+
+
+def _transpose(trace: Trace, model: str) -> Iterator[Pair]:
+    """X and y are treated alike."""
+    for display in _displays():
+        r = _rays(display)
+        x, y, w = trace(display, model, r.x, r.y, r.sx, r.sy)
+        yield trace(display, model, r.y, r.x, r.sy, r.sx), (y, x, w), display
+
+
+def _pitch(trace: Trace, model: str) -> Iterator[Pair]:
+    """A ray one lens further lands one pitch further."""
+    for display in _displays():
+        r = _rays(display)
+        x, y, w = trace(display, model, r.x, r.y, r.sx, r.sy)
+        p = display.pitch_mm
+        yield trace(display, model, r.x + p, r.y, r.sx, r.sy), (x + p, y, w), display
+
+
+def _shifted(trace: Trace, model: str) -> Iterator[Pair]:
+    """An array moved by whole and half pixels, rays and all, lands them as far moved."""
+    for display in _displays():
+        r = _rays(display)
+        x, y, w = trace(display, model, r.x, r.y, r.sx, r.sy)
+        for pixels in (0.5, 1.0, 3.5):
+            by = pixels * display.pixel_pitch_mm
+            moved = display.replace(shift_x_mm=by)
+            yield trace(moved, model, r.x + by, r.y, r.sx, r.sy), (x + by, y, w), display
+
+
+def _scaled(factor: float) -> Callable[[Trace, str], Iterator[Pair]]:
+    """All lengths times a factor: points times that factor."""
+    names = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm")
+
+    def check(trace: Trace, model: str) -> Iterator[Pair]:
+        for display in _displays():
+            if display.asphere_a4:
+                continue  # its terms have units of their own
+            r = _rays(display)
+            x, y, w = trace(display, model, r.x, r.y, r.sx, r.sy)
+            scaled = display.replace(**{n: getattr(display, n) * factor for n in names})
+            u, v, weight = trace(scaled, model, r.x * factor, r.y * factor, r.sx, r.sy)
+            yield (u / factor, v / factor, weight), (x, y, w), display
+
+    return check
+
+
+def _pieces(trace: Trace, model: str) -> Iterator[Pair]:
+    """Traced one by one, rays land as they do together."""
+    for display in _displays():
+        r = _rays(display)
+        whole = trace(display, model, r.x, r.y, r.sx, r.sy)
+        each = [
+            trace(display, model, r.x[i], r.y[i], r.sx[i], r.sy[i]) for i in range(0, len(r.x), 7)
+        ]
+        one = tuple(np.array([float(p[k]) for p in each]) for k in range(3))
+        yield one, tuple(np.asarray(a)[::7] for a in whole), display
+
+
+OPTICS_RELATIONS: dict[str, tuple[Callable[[Trace, str], Iterator[Pair]], bool]] = {
+    "mirror left and right": (_mirror, False),
+    "transpose": (_transpose, False),
+    "shift by one pitch": (_pitch, False),
+    "array and rays shifted by half and whole pixels": (_shifted, False),
+    "all lengths x 2^10": (_scaled(1024.0), True),
+    "all lengths x 1000": (_scaled(1000.0), False),
+    "one ray or many": (_pieces, True),
+}

@@ -1,0 +1,308 @@
+"""Oracles of the generators: the definitions in float64 NumPy.
+
+Written from the generators' docstrings, not from their kernels, and by other methods: where a
+kernel walks from cell to cell, an oracle gathers all border crossings and sorts them; where a
+kernel keeps the best so far, an oracle lists all candidates and takes the least.
+
+Every oracle answers for a list of panel pixels, and says for which of them the answer hangs on
+rounding: those that change when coordinates and depths move by a *band*, the error that arithmetic
+of some type may make. Such pixels are called uncertain. First hits, of `template` and `layered`,
+are `inim.stress.first_hits`, which knows them in fractions too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.display.pixel_axis import stated
+from inim.generators.sources import HOLE
+from inim.rgbd import RGBD
+from inim.stress.first_hits import CHUNK, cell_of, first_hits, framed
+from inim.stress.rays import Rays, band_of
+
+__all__ = ["Answer", "answer"]
+
+# Roundings in the number of an entry of a template.
+_ROUNDINGS = 4
+
+#: Shifts of (columns, rows, depths) in bands: the corners of a cube.
+_PUSHES = [(a, b, c) for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an oracle says of some pixels.
+
+    Attributes
+    ----------
+    sources : (n,) int64
+        ``row * W + column``, or `HOLE`.
+    uncertain : (n,) bool
+        Whether rounding of the given type decides.
+    """
+
+    sources: np.ndarray
+    uncertain: np.ndarray
+
+
+_Find = Callable[[Rays, RGBD, Display, tuple[Any, Any, Any]], np.ndarray]
+_STILL = (0.0, 0.0, 0.0)
+
+
+def answer(algorithm: str, rays: Rays, rgbd: RGBD, display: Display, dtype: type) -> Answer:
+    """What the definition of an algorithm says, and where rounding in a type may say otherwise.
+
+    Parameters
+    ----------
+    algorithm : {"template", "layered", "gu2020", "wang2024", "wang2024:matching=ray", "li2012"}
+    rays : Rays
+    rgbd : RGBD
+    display : Display
+    dtype : float type
+    """
+    find = _ORACLES[algorithm]
+    band = band_of(rays, display, dtype)
+    sources = find(rays, rgbd, display, _STILL)
+    uncertain = rays.doubtful.copy()
+    for a, b, c in _PUSHES:
+        pushed = find(rays, rgbd, display, (a * band[0], b * band[1], c * band[2]))
+        uncertain |= pushed != sources
+    near = _CLOSE_CALLS.get(algorithm)
+    if near is not None:
+        uncertain |= near(rays, rgbd, display, band)
+    return Answer(sources, uncertain)
+
+
+# -- gu2020 -------------------------------------------------------------------------------------
+
+
+def _gu2020(rays: Rays, rgbd: RGBD, display: Display, push: tuple) -> np.ndarray:
+    """The first of the depths z_max, z_max - P_I, ..., z_min at which the surface is as near."""
+    low, high = map(Fraction, display.depth_range_mm)
+    f, g = stated(display.focal_length_mm), stated(display.gap_mm)
+    # P_I = |D| P_D / g with D = f g / (g - f); a picture pixel where that is infinite.
+    step = (
+        stated(rgbd.pixel_mm)
+        if display.gap_mm == display.focal_length_mm
+        else abs(f / (g - f)) * stated(display.pixel_pitch_mm)
+    )
+    depths = _stepped(low, high, step)
+    depth = framed(rgbd, push[2])
+    v0, u0 = rays.v0 + push[1], rays.u0 + push[0]
+    found = np.empty(len(u0), np.int64)
+    chunk = max(1, CHUNK // len(depths))
+    for begin in range(0, len(u0), chunk):
+        part = slice(begin, begin + chunk)
+        r = cell_of(v0[part, None] + rays.dv[part, None] * depths, rgbd.shape[0])
+        c = cell_of(u0[part, None] + rays.du[part, None] * depths, rgbd.shape[1])
+        hit = depth[r + 1, c + 1] >= depths
+        first, each = np.argmax(hit, axis=1), np.arange(len(hit))
+        source = r[each, first] * rgbd.shape[1] + c[each, first]
+        found[part] = np.where(hit.any(axis=1), source, HOLE)
+    return found
+
+
+@lru_cache(maxsize=4)
+def _stepped(low: Fraction, high: Fraction, step: Fraction) -> np.ndarray:
+    """From `high` down to `low`, the last step cut short; each depth rounded once."""
+    scale = math.lcm(high.denominator, step.denominator)
+    top, by = int(high * scale), int(step * scale)
+    count = math.ceil((high - low) / step)
+    return np.array([(top - k * by) / scale for k in range(count)] + [float(low)])
+
+
+# -- wang2024 -----------------------------------------------------------------------------------
+
+
+def _mismatches(
+    rays: Rays, rgbd: RGBD, display: Display, push: tuple, i: int, along_ray: bool
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """|depth - z| of every entry of one pixel's template, its source, and the step of Eq. 5."""
+    low, high = display.depth_range_mm
+    middle = display.central_depth_mm
+    single = middle if low <= middle <= high else (low + high) / 2
+    travel = max(abs(rays.du[i]), abs(rays.dv[i]))
+    # The push says too on which side of a whole number z_len is rounded.
+    sign = np.sign(push[2])
+    reach = travel * (high - low) * (1 + _ROUNDINGS * sign * _relative(push[2], display))
+    if reach < 1:
+        step, z = high - low, np.array([single])
+    else:
+        step = 1 / travel
+        z = low + step * np.arange(math.ceil(reach) + 1)
+    at = (push[0][i], push[1][i]) if np.ndim(push[0]) else (0.0, 0.0)
+    v = np.floor(rays.v0[i] + at[1] + rays.dv[i] * z)
+    u = np.floor(rays.u0[i] + at[0] + rays.du[i] * z)
+    if not along_ray:
+        v, u = np.broadcast_arrays(v[:, None], u[None, :])
+        z = np.broadcast_to(z[:, None], v.shape)
+    rows, columns = rgbd.shape
+    inside = (v >= 0) & (v < rows) & (u >= 0) & (u < columns)
+    r, c = np.where(inside, v, 0).astype(int), np.where(inside, u, 0).astype(int)
+    depth = rgbd.depth_mm[r, c].astype(float) + push[2]
+    off = np.where(inside & rgbd.covered[r, c], np.abs(depth - z), np.inf)
+    return off.ravel(), (r * columns + c).ravel(), step
+
+
+def _relative(push: float, display: Display) -> float:
+    return abs(push) / max(map(abs, display.depth_range_mm))
+
+
+def _wang(along_ray: bool) -> _Find:
+    """Eq. 7 to 10: of all entries of the template the nearest to its surface, if within a step."""
+
+    def find(rays: Rays, rgbd: RGBD, display: Display, push: tuple) -> np.ndarray:
+        found = np.empty(len(rays.u0), np.int64)
+        for i in range(len(found)):
+            off, source, step = _mismatches(rays, rgbd, display, push, i, along_ray)
+            best = int(np.argmin(off))
+            found[i] = source[best] if off[best] < step else HOLE
+        return found
+
+    return find
+
+
+def _wang_close(along_ray: bool) -> Callable[[Rays, RGBD, Display, tuple], np.ndarray]:
+    """Pixels whose best match beats another source, or the limit, by less than the band.
+
+    Steps are of one cell, so where one entry lies on a border all do, and in arithmetic each goes
+    to its own side: every entry is asked for in all the cells that it may fall into.
+    """
+
+    def close(rays: Rays, rgbd: RGBD, display: Display, band: tuple) -> np.ndarray:
+        found = np.empty(len(rays.u0), bool)
+        nudges = [(a * band[0], b * band[1], 0.0) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
+        for i in range(len(found)):
+            off, source, step = _mismatches(rays, rgbd, display, _STILL, i, along_ray)
+            best = int(np.argmin(off))
+            moved = [_mismatches(rays, rgbd, display, push, i, along_ray) for push in nudges]
+            offs = np.stack([off, *(m[0] for m in moved)])
+            sources = np.stack([source, *(m[1] for m in moved)])
+            # Some entry is at most so far off, wherever entries fall.
+            surely = float(offs.max(axis=0).min())
+            bound = min(surely, step) + 4 * band[2]
+            # Entries of one depth and one surface depth tie exactly, in any arithmetic.
+            rivals = (offs <= bound) & (sources != source[best]) & (offs != off[best])
+            at_limit = float(offs.min()) < step + 4 * band[2] and surely >= step - 4 * band[2]
+            found[i] = bool(rivals.any()) or at_limit
+        return found
+
+    return close
+
+
+# -- li2012 -------------------------------------------------------------------------------------
+
+
+def _landings(
+    rays: Rays, rgbd: RGBD, display: Display, push: tuple
+) -> tuple[list[np.ndarray], list[tuple[np.ndarray, ...]]]:
+    """For each pixel, the picture pixels that land on it, and the keys by which one is kept.
+
+    Keys, the least first: -z, distance^2 from the panel pixel's centre, distance from the vertical
+    axis, from the horizontal one.
+    """
+    rows, columns = np.nonzero(rgbd.covered & (rgbd.depth_mm != 0))
+    z = rgbd.depth_mm[rows, columns].astype(float)
+    high, wide = display.eia_shape
+    found: list[np.ndarray] = []
+    keys: list[tuple[np.ndarray, ...]] = []
+    lens_v, lens_u = rays.rows.lens, rays.columns.lens
+    shift = [np.median(p) if np.ndim(p) else 0.0 for p in push[:2]]
+    placed: dict[tuple[int, int], tuple] = {}
+    for row, column in rays.pixels:
+        m, n = lens_v[row], lens_u[column]
+        if (m, n) not in placed:
+            across = (n, display.lens_columns, display.shift_x_mm)
+            down = (m, display.lens_rows, -display.shift_y_mm)
+            x = _landing(display, across, columns, rgbd.shape[1], rgbd, z)
+            y = _landing(display, down, rows, rgbd.shape[0], rgbd, z)
+            x, y = x + shift[0], y + shift[1]
+            placed[m, n] = (x, y, _panel_pixel(x, wide), _panel_pixel(y, high))
+        x, y, i, j = placed[m, n]
+        here = np.flatnonzero((i == column) & (j == row))
+        dx, dy = x[here] - (column - (wide - 1) / 2), y[here] - (row - (high - 1) / 2)
+        aside = np.abs(2 * columns[here] + 1 - rgbd.shape[1])
+        above = np.abs(2 * rows[here] + 1 - rgbd.shape[0])
+        found.append(rows[here] * rgbd.shape[1] + columns[here])
+        keys.append((-z[here], dx * dx + dy * dy, aside, above))
+    return found, keys
+
+
+def _landing(
+    display: Display,
+    lens: tuple[int, int, float],
+    cell: np.ndarray,
+    cells: int,
+    rgbd: RGBD,
+    z: np.ndarray,
+) -> np.ndarray:
+    """X = x0 + (x0 - X) g / z in panel pixels from the panel's middle.
+
+    `lens` is the lens's number, how many there are, and by how much the array is shifted.
+    """
+    pixel = stated(display.pixel_pitch_mm)
+    number, lenses, shift = lens
+    centre = Fraction(2 * number + 1 - lenses, 2) * stated(display.pitch_mm) + stated(shift)
+    x0 = float(centre / pixel)
+    X = (2 * cell + 1 - cells) / 2 * float(stated(rgbd.pixel_mm) / pixel)
+    place: np.ndarray = x0 + (x0 - X) * float(stated(display.gap_mm)) / z
+    return place
+
+
+def _panel_pixel(place: np.ndarray, pixels: int) -> np.ndarray:
+    """Panel pixel that holds a place; a border belongs to the pixel nearer the axis."""
+    right = np.ceil(place + pixels / 2) - 1
+    left = np.floor(place + pixels / 2)
+    return np.where(place > 0, right, np.where(place < 0, left, (pixels - 1) // 2))
+
+
+def _li2012(rays: Rays, rgbd: RGBD, display: Display, push: tuple) -> np.ndarray:
+    """Of the picture pixels that land on a panel pixel the nearest to the viewer."""
+    found, keys = _landings(rays, rgbd, display, _in_panel_pixels(push, display))
+    return np.array(
+        [s[np.lexsort(k[::-1])[0]] if len(s) else HOLE for s, k in zip(found, keys, strict=True)],
+        np.int64,
+    )
+
+
+def _in_panel_pixels(push: tuple, display: Display) -> tuple:
+    """A push of landing points instead of coordinates: as many roundings, of panel pixels."""
+    if not np.ndim(push[0]):
+        return _STILL
+    unit = abs(push[2]) / max(map(abs, display.depth_range_mm))
+    high, wide = display.eia_shape
+    return unit * 2 * wide * np.sign(push[0]), unit * 2 * high * np.sign(push[1]), 0.0
+
+
+def _li_close(rays: Rays, rgbd: RGBD, display: Display, band: tuple) -> np.ndarray:
+    """Pixels on which two points of one depth land almost equally far from the centre."""
+    unit = band[2] / max(map(abs, display.depth_range_mm)) * 4 * max(display.eia_shape)
+    close = np.zeros(len(rays.u0), bool)
+    _, keys = _landings(rays, rgbd, display, _STILL)
+    for i, (nearness, off, *_) in enumerate(keys):
+        foremost = np.sort(off[nearness == nearness.min(initial=np.inf)])
+        close[i] = len(foremost) > 1 and foremost[1] - foremost[0] <= unit
+    return close
+
+
+_ORACLES: dict[str, _Find] = {
+    "template": first_hits,
+    "layered": first_hits,
+    "gu2020": _gu2020,
+    "wang2024": _wang(along_ray=False),
+    "wang2024:matching=ray": _wang(along_ray=True),
+    "li2012": _li2012,
+}
+_CLOSE_CALLS = {
+    "wang2024": _wang_close(along_ray=False),
+    "wang2024:matching=ray": _wang_close(along_ray=True),
+    "li2012": _li_close,
+}

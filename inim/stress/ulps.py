@@ -1,0 +1,142 @@
+"""How exactly a generator's deciding quantity is computed, in units in the last place.
+
+Sources are whole numbers: they are right or wrong. What rounding touches are the quantities that
+decide: for `template` the depth at which a ray leaves a cell, for `gu2020` and `wang2024` the place
+in the picture a ray is at, for `li2012` the place on the panel a point lands on. Each is computed
+here by the generators' own functions in a type, and compared with the exact fraction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from fractions import Fraction
+
+import numpy as np
+
+from inim.display import Display
+from inim.display.pixel_axis import stated
+from inim.display.pixel_rays import pixel_rays
+from inim.generators.forward import forward_axes
+from inim.generators.li2012 import _position
+from inim.generators.raycast.cells import CellRays, cell_rays, free_cell_rays
+from inim.generators.raycast.direction_lists import rounded_up
+from inim.generators.raycast.traversal import leaves
+from inim.rgbd import RGBD
+from inim.stress.free_rays import chosen_pixels, free_rays_of
+from inim.stress.rays import AxisRays, rays_of
+
+__all__ = ["deciding_ulps"]
+
+# Rays of each axis, and places along each, that are looked at.
+_RAYS, _PLACES = 12, 8
+_Pairs = Iterator[tuple[float, Fraction]]
+
+
+def deciding_ulps(algorithm: str, dtype: type, display: Display, rgbd: RGBD) -> tuple[float, float]:
+    """Worst and mean error, in ulps of the exact value, of what decides; (0, 0) if nothing does."""
+    kind = algorithm.partition(":")[0]
+    if not display.is_separable:
+        found = list(_free_coordinates(display, rgbd, dtype))
+    elif kind == "li2012":
+        found = list(_landing(display, rgbd, dtype))
+    elif kind in ("template", "layered"):
+        rounded = dtype is np.float32 and "dtype" not in algorithm
+        found = list(_exits(display, rgbd, dtype, rounded))
+    else:
+        found = list(_coordinates(display, rgbd, dtype))
+    errors = [_ulps(computed, exact, dtype) for computed, exact in found]
+    return (max(errors), sum(errors) / len(errors)) if errors else (0.0, 0.0)
+
+
+def _ulps(computed: float, exact: Fraction, dtype: type) -> float:
+    spacing = Fraction(float(np.spacing(dtype(abs(float(exact))))))
+    return float(abs(Fraction(float(computed)) - exact) / spacing)
+
+
+def _axes(display: Display, rgbd: RGBD) -> Iterator[tuple[CellRays, AxisRays, np.ndarray]]:
+    exact = rays_of(display, rgbd, np.zeros((1, 2), int))
+    columns, rows = cell_rays(rgbd.shape, rgbd.pixel_mm, display)
+    for rays, line in ((columns, exact.columns), (rows, exact.rows)):
+        count = len(line.start)
+        yield rays, line, np.unique(np.linspace(0, count - 1, min(count, _RAYS)).astype(int))
+
+
+def _exits(display: Display, rgbd: RGBD, dtype: type, rounded: bool) -> _Pairs:
+    """Depths at which rays leave cells; `rounded`: as tables hold them, upwards to float32."""
+    low, high = map(Fraction, display.depth_range_mm)
+    working = np.float64 if rounded else dtype
+    for rays, line, chosen in _axes(display, rgbd):
+        for i in chosen:
+            start, slope = line.start[i], line.slope[i]
+            if slope == 0:
+                continue
+            first, last = sorted((start + slope * low, start + slope * high))
+            borders = range(math.floor(first) + 1, math.ceil(last))
+            step = max(1, len(borders) // _PLACES)
+            for border in borders[::step]:
+                cell = border if slope > 0 else border - 1
+                ray = (working(rays.start[i]), working(rays.slope[i]), working(rays.scale))
+                z = leaves(cell, *ray)
+                shown = float(rounded_up(np.array([z]))[0]) if rounded else z
+                yield shown, (border - start) / slope
+
+
+def _coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
+    """Picture cells at depths along rays."""
+    depths: np.ndarray = np.linspace(*display.depth_range_mm, _PLACES).astype(dtype)
+    for rays, line, chosen in _axes(display, rgbd):
+        start: np.ndarray = (rays.start / rays.scale).astype(dtype)
+        slope: np.ndarray = (rays.slope / rays.scale).astype(dtype)
+        for i in chosen:
+            for z in depths[np.isfinite(depths)]:
+                yield start[i] + slope[i] * z, line.start[i] + line.slope[i] * Fraction(float(z))
+
+
+def _free_coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
+    """The same of rays that share nothing, against long doubles."""
+    depths: np.ndarray = np.linspace(*display.depth_range_mm, _PLACES).astype(dtype)
+    pixels = chosen_pixels(display, _RAYS * 4)
+    known = free_rays_of(display, rgbd, pixels)
+    r, c = pixels.T
+    cells = free_cell_rays(
+        rgbd.shape, rgbd.pixel_mm, pixel_rays(display, slice(0, display.eia_shape[0]))
+    )
+    with np.errstate(over="ignore"):
+        u0, du, v0, dv = (one[r, c].astype(dtype) for one in cells)
+    for i in np.flatnonzero(~known.doubtful)[: _RAYS * 2]:
+        exact_v0, exact_dv, exact_u0, exact_du = known.line(int(i))
+        for z in depths[np.isfinite(depths)]:
+            for start, slope, exact_start, exact_slope in (
+                (u0[i], du[i], exact_u0, exact_du),
+                (v0[i], dv[i], exact_v0, exact_dv),
+            ):
+                with np.errstate(over="ignore", invalid="ignore"):
+                    place = start + slope * z
+                if np.isfinite(place):
+                    yield place, exact_start + exact_slope * Fraction(float(z))
+
+
+def _landing(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
+    """Panel positions of picture pixels."""
+    rows, columns = np.nonzero(rgbd.covered & (rgbd.depth_mm != 0))
+    if not len(rows):
+        return
+    depth = rgbd.depth_mm[rows, columns].astype(float)
+    ends = (float(depth.min()), float(depth.max()))
+    axis = forward_axes(display, rgbd.shape, rgbd.pixel_mm, ends)[0]
+    typed = axis._replace(
+        unit=dtype(axis.unit),
+        **{name: getattr(axis, name).astype(dtype) for name in ("lens_z", "lens_g", "pixel_g")},
+    )
+    pixel, gap = stated(display.pixel_pitch_mm), stated(display.gap_mm)
+    lenses = range(0, display.lens_columns, max(1, display.lens_columns // 3))
+    for n in lenses:
+        x0 = Fraction(2 * n + 1 - display.lens_columns, 2) * stated(display.pitch_mm)
+        for k in np.linspace(0, len(rows) - 1, _RAYS * 2).astype(int):
+            cell, z = int(columns[k]), Fraction(float(depth[k]))
+            x = Fraction(2 * cell + 1 - rgbd.shape[1], 2) * stated(rgbd.pixel_mm)
+            with np.errstate(over="ignore", invalid="ignore"):
+                place = _position(typed, n, cell, dtype(depth[k]))
+            if np.isfinite(place):
+                yield float(place), (x0 + (x0 - x) * gap / z) / pixel

@@ -1,0 +1,187 @@
+"""Units on a cluster: one dask task each, on workers that share the sweep's folder.
+
+What dask does when something dies (distributed 2024.1 to 2026.8), and what follows for us:
+
+* A worker that dies takes its task along; the scheduler gives the task to another worker, up to
+  `distributed.scheduler.allowed-failures` (3) times, then calls it a `KilledWorker`. So nothing
+  has to be retried here, and a unit that takes down four workers is a failed one.
+* Native code that dies takes our own child process along, not dask's worker: that is a result.
+* A client that dies has its waiting tasks forgotten. One in work runs to its end on its worker,
+  which puts its result into the shared folder: the next run finds it there. Keys name what is done,
+  so a run that asks for a task still in work is given that one and starts no second.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import queue
+import socket
+import threading
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from inim.errors import UsageError
+from inim.sweep.progress import Board
+from inim.sweep.task import Task, attempt
+from inim.worker.supervisor import Watcher
+
+__all__ = ["check_answers", "check_dask", "on_worker", "run_cluster"]
+
+_TOPIC = "inim-sweep"
+_TICK_S = 0.5
+_ANSWERS_WITHIN_S = 10
+# A dask worker with several threads takes as many tasks; a validation wants its cores to itself.
+_ONE_AT_A_TIME = threading.Lock()
+
+
+def check_dask() -> None:
+    """Raise the `UsageError` with the line to type where dask.distributed is missing."""
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        raise UsageError(
+            "--scheduler needs dask.distributed, which is not installed: pip install 'inim[dask]'"
+        ) from None
+
+
+class _Told(Watcher):
+    """Progress on a cluster's worker, told to whoever listens to the topic."""
+
+    def __init__(self, task: Task, worker: Any) -> None:
+        self._task, self._worker = task, worker
+
+    def stage(self, name: str) -> None:
+        """See `Watcher`."""
+        where = str(self._worker.address)
+        self._worker.log_event(_TOPIC, {"unit": self._task.unit, "stage": name, "where": where})
+
+
+def on_worker(raw: dict[str, Any]) -> str:
+    """What a dask worker does: carry out one task, in a process of its own; the error, or ""."""
+    from distributed import get_worker
+
+    task, worker = Task.from_json(raw), get_worker()
+    with _ONE_AT_A_TIME:
+        error = attempt(task, _Told(task, worker))
+    return "" if error is None else str(error)
+
+
+def run_cluster(tasks: Sequence[Task], scheduler: str, board: Board) -> dict[str, str]:
+    """Carry out tasks on the workers of a scheduler.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    scheduler : str
+        Its address, `tcp://HOST:PORT`.
+    board : Board
+
+    Returns
+    -------
+    dict of str to str
+        By unit, the error of each that failed.
+
+    Raises
+    ------
+    UsageError
+        No scheduler answers there.
+    """
+    by_unit = {task.unit: task for task in tasks}
+    with _client(scheduler) as client:
+        if not client.nthreads():
+            board.say(f"no worker yet; start some: dask worker {scheduler} --nthreads 1")
+
+        def hear(event: Any) -> None:
+            said = event[1]
+            task = by_unit.get(said["unit"])
+            if task is not None:
+                board.began(task.unit, task.label, said["where"])
+                board.stage(task.unit, said["stage"])
+
+        client.subscribe_topic(_TOPIC, hear)
+        ended: queue.Queue[Any] = queue.Queue()
+        futures = {}
+        for task in tasks:
+            future = client.submit(on_worker, task.as_json(), key=_key(task), pure=False)
+            futures[future.key] = task
+            future.add_done_callback(ended.put)
+        return _collect(client, futures, ended, board)
+
+
+def _collect(
+    client: Any, futures: dict[str, Task], ended: queue.Queue[Any], board: Board
+) -> dict[str, str]:
+    """Wait for every task, in whatever order they end."""
+    errors: dict[str, str] = {}
+    left = dict(futures)
+    while left:
+        board.draw()
+        try:
+            future = ended.get(timeout=_TICK_S)
+        except queue.Empty:
+            if client.status not in ("running", "connecting"):
+                for task in left.values():
+                    errors[task.unit] = "the scheduler went away; run the sweep again"
+                return errors
+            continue
+        task = left.pop(future.key)
+        error = _error_of(future)
+        if error:
+            errors[task.unit] = error
+        board.ended(task.unit, task.label, error)
+    return errors
+
+
+def _error_of(future: Any) -> str:
+    """The sentence a task left, or one on how dask lost it; empty where it is done."""
+    if future.status == "finished":
+        return str(future.result())
+    if future.status == "error":
+        exception = future.exception()
+        return " ".join(f"{type(exception).__name__}: {exception}".split())[:400]
+    return f"{future.status} by the scheduler; run the sweep again"
+
+
+def _key(task: Task) -> str:
+    """A task's name on the scheduler: what it computes, whoever asks for it."""
+    words = "\0".join((str(task.request.out), *task.algorithms))
+    return f"inim-{task.unit}-{hashlib.sha256(words.encode()).hexdigest()[:8]}"
+
+
+def check_answers(scheduler: str) -> None:
+    """Raise the `UsageError` that fits where nobody listens at a scheduler's address.
+
+    A dask client that cannot connect takes twice its patience to give up, and prints tracebacks.
+    """
+    host, _, port = scheduler.rpartition("://")[2].rpartition(":")
+    if not (host and port.isdigit()):
+        raise UsageError(
+            f"--scheduler {scheduler}: write tcp://HOST:PORT, as `dask scheduler` says"
+        )
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), _ANSWERS_WITHIN_S).close()
+    except (OSError, OverflowError) as error:
+        raise UsageError(
+            f"--scheduler {scheduler}: nobody answers there ({error}); start one: dask scheduler"
+        ) from None
+
+
+@contextmanager
+def _client(scheduler: str) -> Iterator[Any]:
+    from distributed import Client
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # every error is told by us
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of versions that differ; ours are in every key
+        try:
+            client = Client(scheduler, timeout=_ANSWERS_WITHIN_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            words = " ".join(str(error).split())[:160]
+            raise UsageError(
+                f"--scheduler {scheduler}: what answers there is no dask scheduler ({words})"
+            ) from None
+    with client:
+        yield client

@@ -1,0 +1,357 @@
+"""A study: what a sweep multiplies, read from a TOML file and checked word by word.
+
+======================  ===========================================================================
+``[study]``             ``scenes`` (files), ``displays`` (names), ``algorithms``, ``viewpoints``,
+                        ``lens_model``, ``title``, ``backend``, ``time``, ``keep_reports``
+``[settings]``          any other `inim.*` setting without its prefix; a list multiplies
+``[[display]]``         ``name``, ``preset``, and any parameter of a display
+======================  ===========================================================================
+"""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from inim.display import DISPLAYS, Display
+from inim.display.viewpoint import is_file_safe
+from inim.errors import FileError, InimError, UsageError
+from inim.lens import FULL, LENS_MODELS
+from inim.pipeline.method import parse_contenders
+from inim.settings import PREFIX, Settings
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = ["AS_SCENE", "NamedDisplay", "Study", "read_study"]
+
+#: The display a scene itself asks for.
+AS_SCENE = "scene"
+
+_PARAMETERS = tuple(f.name for f in fields(Display) if f.name != "name")
+# What has a place of its own in a study.
+_ELSEWHERE = {
+    "title": "study.title",
+    "display": "study.displays",
+    "algorithms": "study.algorithms",
+    "viewpoints": "study.viewpoints",
+    "lens_model": "study.lens_model",
+}
+_SETTINGS = tuple(
+    f.name for f in fields(Settings) if f.name not in _PARAMETERS and f.name not in _ELSEWHERE
+)
+_TABLES = ("study", "settings", "display")
+_KEYS = (
+    "title",
+    "scenes",
+    "displays",
+    "algorithms",
+    "viewpoints",
+    "lens_model",
+    "backend",
+    "time",
+    "keep_reports",
+)
+_BACKENDS = ("auto", "llvm", "cuda")
+# More than this is a slip: a day of work at ten seconds each.
+_MOST_UNITS = 10_000
+_LARGEST_BYTES = 2**20
+
+
+@dataclass(frozen=True)
+class NamedDisplay:
+    """A display of a study.
+
+    Attributes
+    ----------
+    name : str
+        In the table.
+    definitions : tuple of str
+        What makes a scene take it: `inim.KEY=VALUE` each; none for `AS_SCENE`.
+    display : Display, optional
+        What a scene must then show; None for `AS_SCENE`.
+    """
+
+    name: str
+    definitions: tuple[str, ...] = ()
+    display: Display | None = None
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is multiplied.
+
+    Attributes
+    ----------
+    path : Path
+        Of the study's file.
+    title : str
+    scenes : dict of str to Path
+        By their names in the table.
+    displays : tuple of NamedDisplay
+    algorithms : tuple of str
+        As in a report: options in the order given.
+    variations : dict of str to tuple of str
+        Lens model and settings, all their combinations, as `inim.KEY=VALUE` each; by what tells
+        them apart.
+    viewpoints : str, optional
+        As for `inim.viewpoints`; each scene's own otherwise.
+    backend : {"auto", "llvm", "cuda"}
+    time : bool
+        Time the generators in yardsticks.
+    keep_reports : bool
+        Keep each validation's whole report.
+    """
+
+    path: Path
+    title: str
+    scenes: dict[str, Path]
+    displays: tuple[NamedDisplay, ...]
+    algorithms: tuple[str, ...]
+    variations: dict[str, tuple[str, ...]]
+    viewpoints: str | None
+    backend: str
+    time: bool
+    keep_reports: bool
+
+
+def read_study(path: Path) -> Study:
+    """Read and check a study.
+
+    Raises
+    ------
+    FileError
+        Missing, unreadable, or no TOML.
+    UsageError
+        A key, name or value that makes no sense; the message names file, key and way out.
+    """
+    reader = _Reader(path, _toml(path))
+    reader.check_names("", reader.tables, _TABLES)
+    study = reader.table("study")
+    reader.check_names("study.", study, _KEYS)
+    displays = reader.displays()
+    scenes, variations = reader.scenes(), reader.variations()
+    units = len(scenes) * len(displays) * len(variations)
+    if units > _MOST_UNITS:
+        raise UsageError(
+            f"{path}: {len(scenes)} scenes x {len(displays)} displays x {len(variations)} "
+            f"combinations of settings are {units} validations; at most {_MOST_UNITS}: split it"
+        )
+    return Study(
+        path,
+        reader.text("study.title", study.get("title", path.stem)),
+        scenes,
+        displays,
+        reader.algorithms(),
+        variations,
+        reader.viewpoints(),
+        reader.one_of("study.backend", study.get("backend", "auto"), _BACKENDS),
+        reader.switch("study.time", study.get("time", False)),
+        reader.switch("study.keep_reports", study.get("keep_reports", False)),
+    )
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _LARGEST_BYTES:
+            raise FileError(f"{path}: above {_LARGEST_BYTES} bytes; name a study (.toml)")
+        return dict(tomllib.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise FileError(
+            f"{path}: cannot be read ({error.strerror}); name a study (.toml)"
+        ) from None
+    except (ValueError, RecursionError) as error:
+        words = " ".join(str(error).split())[:200]
+        raise FileError(f"{path}: no TOML ({words})") from None
+
+
+class _Reader:
+    """The tables of one file, and what to say where they are wrong."""
+
+    def __init__(self, path: Path, tables: dict[str, Any]) -> None:
+        self.path, self.tables = path, tables
+
+    def wrong(self, key: str, words: str) -> UsageError:
+        """The error for a key."""
+        return UsageError(f"{self.path}: {key}: {words}")
+
+    def table(self, name: str) -> Mapping[str, Any]:
+        """A table; empty where there is none."""
+        found = self.tables.get(name, {})
+        if not isinstance(found, dict):
+            raise self.wrong(name, f"write it as a table, [{name}]")
+        return found
+
+    def check_names(self, before: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
+        """Refuse keys that nobody reads; a slip of a letter would go unnoticed."""
+        for name in table:
+            if before == "settings." and (name in _ELSEWHERE or name in _PARAMETERS):
+                place = _ELSEWHERE.get(name, "a [[display]]")
+                raise self.wrong(f"settings.{name}", f"belongs to {place}")
+            if name not in known:
+                near = difflib.get_close_matches(name, known, n=1)
+                hint = f"did you mean {near[0]}?" if near else f"use {', '.join(known)}"
+                raise self.wrong(f"{before}{name}", f"unknown key; {hint}")
+
+    def text(self, key: str, value: Any) -> str:
+        """A text that is not empty."""
+        if not isinstance(value, str) or not value.strip():
+            raise self.wrong(key, f"must be a text, not {_shown(value)}")
+        return value.strip()
+
+    def texts(self, key: str, value: Any) -> list[str]:
+        """A list of texts, none twice."""
+        if not isinstance(value, list) or not value:
+            raise self.wrong(key, f"must be a list of texts, not {_shown(value)}")
+        found = [self.text(key, one) for one in value]
+        for one in found:
+            if found.count(one) > 1:
+                raise self.wrong(key, f"{one!r} is given twice; drop one")
+        return found
+
+    def switch(self, key: str, value: Any) -> bool:
+        """True or false."""
+        if not isinstance(value, bool):
+            raise self.wrong(key, f"must be true or false, not {_shown(value)}")
+        return value
+
+    def one_of(self, key: str, value: Any, known: Sequence[str]) -> str:
+        """One of a few words."""
+        if value not in known:
+            raise self.wrong(key, f"{_shown(value)}: use {' or '.join(known)}")
+        return str(value)
+
+    def required(self, name: str) -> Any:
+        """A key of [study] without which there is nothing to do."""
+        if name not in self.table("study"):
+            raise self.wrong(f"study.{name}", f"is missing; add a line {name} = [...] to [study]")
+        return self.table("study")[name]
+
+    def scenes(self) -> dict[str, Path]:
+        """Scenes by name: the file's, or where two are alike the path as written."""
+        written = self.texts("study.scenes", self.required("scenes"))
+        stems = [Path(one).stem for one in written]
+        found = {}
+        for one, stem in zip(written, stems, strict=True):
+            scene = self.path.parent / one
+            if not scene.is_file():
+                raise self.wrong(
+                    "study.scenes", f"{one!r} is not there; paths start at the study's folder"
+                )
+            found[stem if stems.count(stem) == 1 else one] = scene
+        return found
+
+    def algorithms(self) -> tuple[str, ...]:
+        """The names contenders have in reports."""
+        written = self.texts("study.algorithms", self.required("algorithms"))
+        for one in written:
+            if "," in one:
+                raise self.wrong("study.algorithms", f"{one!r}: write one algorithm in each text")
+        try:
+            return tuple(c.name for c in parse_contenders(",".join(written), ()))
+        except InimError as error:
+            raise self.wrong("study.algorithms", str(error)) from None
+
+    def viewpoints(self) -> str | None:
+        """As the setting has them."""
+        value = self.table("study").get("viewpoints")
+        if value is None or isinstance(value, str):
+            return value
+        return ", ".join(self.texts("study.viewpoints", value))
+
+    def displays(self) -> tuple[NamedDisplay, ...]:
+        """Those asked for by name; all of the study's own if none is; else each scene's."""
+        own = self._own_displays()
+        asked = self.table("study").get("displays")
+        if asked is None:
+            return tuple(own.values()) or (NamedDisplay(AS_SCENE),)
+        known = {AS_SCENE: NamedDisplay(AS_SCENE)}
+        for name, preset in DISPLAYS.items():
+            known[name] = NamedDisplay(name, (f"{PREFIX}display={name}",), preset)
+        known |= own
+        names = self.texts("study.displays", asked)
+        for name in names:
+            if name not in known:
+                raise self.wrong(
+                    "study.displays",
+                    f"{name!r} is unknown; use {', '.join(known)}, or add a [[display]] so named",
+                )
+        return tuple(known[name] for name in names)
+
+    def _own_displays(self) -> dict[str, NamedDisplay]:
+        tables = self.tables.get("display", [])
+        if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
+            raise self.wrong("display", "write each display as a table of its own, [[display]]")
+        found: dict[str, NamedDisplay] = {}
+        for table in tables:
+            name = self.text("display.name", table.get("name"))
+            if not is_file_safe(name) or name in (AS_SCENE, *DISPLAYS, *found):
+                why = "is taken" if is_file_safe(name) else "use 1 to 64 letters, digits or . _ + -"
+                raise self.wrong("display.name", f"{name!r}: {why}")
+            parameters = {k: v for k, v in table.items() if k not in ("name", "preset")}
+            self.check_names(f"display {name!r}: ", parameters, _PARAMETERS)
+            preset = self.one_of(
+                f"display {name!r}: preset", table.get("preset", "nominal"), tuple(DISPLAYS)
+            )
+            words = {"display": preset, **self._values(f"display {name!r}: ", parameters)}
+            display = self._settings(f"display {name!r}", words).make_display(
+                f"{self.path}: display {name!r}"
+            )
+            found[name] = NamedDisplay(name, _definitions(words), display)
+        return found
+
+    def variations(self) -> dict[str, tuple[str, ...]]:
+        """All combinations of what is given as a list, by the values that are one of several."""
+        table = self.table("settings")
+        self.check_names("settings.", table, _SETTINGS)
+        axes = {
+            name: value if isinstance(value, list) else [value] for name, value in table.items()
+        }
+        models = self.table("study").get("lens_model", [])
+        for model in models if isinstance(models, list) else [models]:
+            self.one_of("study.lens_model", model, (*LENS_MODELS, FULL))
+            axes.setdefault("lens_model", []).append(model)
+        for name, values in axes.items():
+            if not values:
+                raise self.wrong(f"settings.{name}", "is an empty list; give a value")
+            if len({str(v) for v in values}) < len(values):
+                raise self.wrong(f"settings.{name}", "has a value twice; drop one")
+        found = {}
+        for chosen in itertools.islice(itertools.product(*axes.values()), _MOST_UNITS + 1):
+            words = self._values("settings.", dict(zip(axes, chosen, strict=True)))
+            self._settings("settings", words)
+            label = ", ".join(f"{k} = {v}" for k, v in words.items() if len(axes[k]) > 1)
+            found[label] = _definitions(words)
+        return found
+
+    def _values(self, before: str, table: Mapping[str, Any]) -> dict[str, str]:
+        """Numbers and texts as -D has them."""
+        for name, value in table.items():
+            if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+                raise self.wrong(
+                    f"{before}{name}", f"must be a number or a text, not {_shown(value)}"
+                )
+        return {name: str(value) for name, value in table.items()}
+
+    def _settings(self, key: str, words: Mapping[str, str]) -> Settings:
+        try:
+            given = {f"{PREFIX}{name}": word for name, word in words.items()}
+            return Settings.parse(given, f"{self.path}: {key}")
+        except InimError as error:
+            raise UsageError(str(error)) from None
+
+
+def _definitions(words: Mapping[str, str]) -> tuple[str, ...]:
+    return tuple(f"{PREFIX}{name}={word}" for name, word in words.items())
+
+
+def _shown(value: Any) -> str:
+    """A value as the study's author may have written it, in a few characters."""
+    return repr(value)[:40]

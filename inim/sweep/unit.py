@@ -1,0 +1,200 @@
+"""Units: a study taken apart into validations, each known by what decides its result.
+
+A unit is one scene on one display with one set of settings; its algorithms and viewpoints share
+the ground truth. Its key is all that the scores depend on, and no path, name or time: equal keys
+are equal results, whoever computed them and when.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from importlib import metadata, util
+from pathlib import Path
+from typing import Any
+
+import inim
+from inim.errors import InimError, UsageError
+from inim.generators import GENERATORS, PICKUP, parse_algorithm
+from inim.pipeline.plan import Plan, make_plan
+from inim.pipeline.request import Request
+from inim.provenance import versions
+from inim.settings import PREFIX
+from inim.sweep.study import NamedDisplay, Study
+from inim.version import __version__
+
+__all__ = ["Unit", "expand", "key_of", "making_of", "unit_hash"]
+
+_VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "scikit-image")
+# Of the settings: what is no part of a result, or is in the key under another name.
+_NOT_DECIDING = ("title", "algorithms", "viewpoints", "min_ssim_to_ceiling")
+# Code of ours that no score passes through.
+_NOT_SCORING = ("cli.py", "report", "jobs/bench", "jobs/film", "jobs/stress", "jobs/sweep")
+_HASH_DIGITS = 16
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One validation of a study.
+
+    Attributes
+    ----------
+    scene, display : str
+        Their names in the table.
+    variation : str
+        What tells its settings from those of its kin; empty where there is only one.
+    request : Request
+        With all algorithms of the study; its `out` is not used.
+    plan : Plan, optional
+        None where it cannot be carried out.
+    hash : str
+        Of the key; empty without a plan.
+    error : str
+        Why it cannot be carried out, in a line; empty where it can.
+    """
+
+    scene: str
+    display: str
+    variation: str
+    request: Request
+    plan: Plan | None = None
+    hash: str = ""
+    error: str = ""
+
+    @property
+    def label(self) -> str:
+        """What it is called on a screen."""
+        return " · ".join(filter(None, (self.scene, self.display, self.variation)))
+
+    def only(self, algorithms: Sequence[str]) -> Request:
+        """The request for some of its algorithms; criteria for the others would be refused."""
+        assert self.plan is not None
+        limits = [f"{n}:{v!r}" for n, v in self.plan.ssim_limits.items() if n in algorithms]
+        key = f"{PREFIX}min_ssim_to_ceiling"
+        kept = [d for d in self.request.definitions if d.partition("=")[0] != key]
+        return replace(
+            self.request,
+            algorithms=",".join(algorithms),
+            definitions=(*kept, f"{key}={','.join(limits)}"),
+        )
+
+
+def expand(study: Study, out: Path) -> list[Unit]:
+    """All units, in the study's order: scene by scene, display by display.
+
+    Raises
+    ------
+    InimError
+        That of the first unit, where not one can be carried out.
+    """
+    units = [_unit(*names, request, display) for names, request, display in _requests(study, out)]
+    if all(unit.plan is None for unit in units):
+        _planned(*next((request, display) for _, request, display in _requests(study, out)))
+    return units
+
+
+def _unit(scene: str, variation: str, request: Request, display: NamedDisplay) -> Unit:
+    try:
+        plan = _planned(request, display)
+    except InimError as error:
+        return Unit(scene, display.name, variation, request, error=str(error))
+    return Unit(scene, display.name, variation, request, plan, unit_hash(key_of(plan)))
+
+
+def _requests(study: Study, out: Path) -> Iterator[tuple[tuple[str, str], Request, NamedDisplay]]:
+    for scene, path in study.scenes.items():
+        for display in study.displays:
+            for variation, words in study.variations.items():
+                request = Request(
+                    path,
+                    out,
+                    (*display.definitions, *words),
+                    algorithms=",".join(study.algorithms),
+                    viewpoints=study.viewpoints,
+                    backend=study.backend,
+                    time=study.time,
+                )
+                yield (scene, variation), request, display
+
+
+def _planned(request: Request, display: NamedDisplay) -> Plan:
+    plan = make_plan(request)
+    if display.display is not None:
+        asked, found = display.display.given(), plan.display.given()
+        changed = [key for key in asked if key != "name" and asked[key] != found[key]]
+        if changed:
+            raise UsageError(
+                f"{request.scene}: its own {', '.join(PREFIX + key for key in changed)} would "
+                f"change display {display.name!r}; take them out of the scene, or give them in a "
+                "[[display]]"
+            )
+    return plan
+
+
+def key_of(plan: Plan) -> dict[str, Any]:
+    """Everything a validation's scores depend on, but the algorithm, as JSON has it."""
+    settings = {k: v for k, v in asdict(plan.settings).items() if k not in _NOT_DECIDING}
+    key = {
+        "scene": plan.file.sha256,
+        "parameters": plan.file.parameters,
+        "settings": settings,
+        "display": _nameless(plan.display.given()),
+        "mounted": _nameless(plan.mounted.given()),
+        "viewpoints": [asdict(viewpoint) for viewpoint in plan.viewpoints],
+        "backend": plan.request.backend,
+        "time": plan.request.time,
+        "versions": {"inim": __version__, **_versions()},
+        "code": _own_code(),
+    }
+    found: dict[str, Any] = json.loads(json.dumps(key))
+    return found
+
+
+def _nameless(display: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in display.items() if key != "name"}
+
+
+def unit_hash(key: Mapping[str, Any]) -> str:
+    """The name of a key: the first digits of its SHA-256."""
+    text = json.dumps(key, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:_HASH_DIGITS]
+
+
+def making_of(plan: Plan, algorithm: str) -> dict[str, Any]:
+    """What else a result of one algorithm depends on: its own criterion, another package's code.
+
+    Who writes an algorithm edits its file long before its version. Our own code is in every key.
+    """
+    found: dict[str, Any] = {"min_ssim_to_ceiling": plan.ssim_limits.get(algorithm)}
+    name = parse_algorithm(algorithm)[0]
+    if name in GENERATORS or name == PICKUP:
+        return found
+    point = next(iter(metadata.entry_points(group="inim.generators", name=name)))
+    found["entry_point"] = point.value
+    if point.dist is not None:
+        found["version"] = point.dist.version
+    spec = util.find_spec(point.module)
+    if spec is not None and spec.origin is not None:
+        found["sha256"] = hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()
+    return found
+
+
+@cache
+def _versions() -> dict[str, str]:
+    """Looked up once: each look reads the packages' own files."""
+    return versions(_VERSIONS)
+
+
+@cache
+def _own_code() -> str:
+    """SHA-256 of the code that scores pass through: versions stay, while their code is edited."""
+    root = Path(inim.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        name = path.relative_to(root).as_posix()
+        if not name.startswith(_NOT_SCORING):
+            digest.update(name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
