@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from time import perf_counter
 from typing import Any
 
@@ -11,10 +12,11 @@ import numpy as np
 from inim.display import Display, Viewpoint
 from inim.display.panel import SUBPIXELS
 from inim.half_buffers import HalfBuffers
+from inim.pipeline.checks import finite
 from inim.pipeline.scene import BLACK_FOR_CERTAIN, Scene, samples_traced, seed_of
-from inim.pipeline.stage import RENDERING, stage
+from inim.pipeline.stage import RENDERING, Run, stage
 
-__all__ = ["PickedUp", "TrueView", "covered_pixels", "pick_up", "render_view"]
+__all__ = ["Finite", "PickedUp", "TrueView", "covered_pixels", "pick_up", "pick_up_truth", "render_view"]
 
 _NOT_OBSERVED = "no asked-for view has a sample there; "
 
@@ -49,6 +51,38 @@ class TrueView:
 
     view: HalfBuffers
     relic: np.ndarray
+
+
+@dataclass(frozen=True)
+class Finite:
+    """A rendered image without values that are not finite.
+
+    Attributes
+    ----------
+    halves : HalfBuffers
+        Black where a half was not finite.
+    checks : tuple of dict
+        One that fails, where there were such pixels.
+    """
+
+    halves: HalfBuffers
+    checks: tuple[dict[str, Any], ...]
+
+    @classmethod
+    def of(cls, name: str, halves: HalfBuffers) -> Finite:
+        """Mend an image."""
+        mended, checks = finite(name, halves.first, halves.second)
+        return cls(HalfBuffers(*mended), tuple(checks))
+
+    @cached_property
+    def image(self) -> np.ndarray:
+        """Mean of the halves; made once, as of an 8K panel it takes 0.4 GB."""
+        return self.halves.image
+
+    @property
+    def parts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Image and noise."""
+        return self.image, self.halves.noise
 
 
 def _panel_samples(
@@ -89,8 +123,25 @@ def pick_up(
     from inim.render.ground_truth import pickup
 
     fitted, started = scene.fitted, perf_counter()
-    eia = pickup(fitted, mounted, spp=eia_spp, seed=seed, mask=mask, **scene.effort)
+    eia = pickup(fitted, mounted, spp=eia_spp, seed=seed, asked=mask, **scene.effort)
     return PickedUp(eia, perf_counter() - started)
+
+
+def pick_up_truth(
+    scene: Scene,
+    mounted: Display,
+    eia_spp: int,
+    seed: int,
+    mask: np.ndarray | None,
+    *,
+    run: Run,
+) -> Finite:
+    """The ground-truth EIA, finite: of the display as it is mounted, by the run's seed."""
+    name = "ground-truth EIA" if mask is None else "ground-truth EIA, where observed"
+    display, own = mounted.through_pinholes(), seed_of("eia", seed)
+    with run.observer.timed("ground-truth EIA"):
+        found = pick_up(scene, display, eia_spp, own, mask, name, run=run)
+        return Finite.of("truth/eia", found.eia)
 
 
 @stage("panel pixels that meet the scene", code=RENDERING)

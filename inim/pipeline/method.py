@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,12 +30,22 @@ from inim.generators import (
     properties,
 )
 from inim.pipeline.capture import Capture, CaptureSettings
+from inim.pipeline.checks import finite
 from inim.pipeline.generate import GeneratedEIA, hole_fraction, prepare_generator
 from inim.pipeline.ground_truth import covered_pixels, pick_up
 from inim.pipeline.scene import Scene, seed_of
 from inim.pipeline.stage import Run
 
-__all__ = ["Make", "Method", "Task", "algorithm_table", "parse_methods"]
+__all__ = [
+    "MadeEIA",
+    "Make",
+    "Method",
+    "Task",
+    "algorithm_table",
+    "make_eia",
+    "parse_methods",
+    "prepare_methods",
+]
 
 #: In place of algorithms, where only finished EIAs are to be scored.
 _NONE = "none"
@@ -110,6 +120,33 @@ class Method:
         """
         if self.path is not None:
             check_eia_name(self.path)
+
+
+@dataclass(frozen=True)
+class MadeEIA(GeneratedEIA):
+    """A method's EIA whose values are finite, and the check of that."""
+
+    checks: tuple[dict[str, Any], ...] = ()
+
+
+def prepare_methods(methods: Sequence[Method], task: Task, *, run: Run) -> list[Make]:
+    """Get every method ready; those that cannot work are found out before rendering."""
+    makers = []
+    for method in methods:
+        with run.observer.timed(f"{method.verb} {method.name}"):
+            makers.append(method.prepare(task, run))
+    return makers
+
+
+def make_eia(method: Method, make: Make, capture: Capture, *, run: Run) -> MadeEIA:
+    """The EIA of a method; black where it is not finite, which fails a check."""
+    with run.observer.timed(f"{method.verb} {method.name}"):
+        made = make(capture)
+    (eia,), checks = finite(f"eia/{method.name}", made.eia)
+    noise = None if made.noise is None else np.nan_to_num(made.noise)
+    return MadeEIA(
+        eia, noise, made.seconds, made.hole_fraction, made.reference, checks=tuple(checks)
+    )
 
 
 def generator_method(name: str) -> Method:
