@@ -10,13 +10,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from inim.bench.contenders import prepared
-from inim.bench.scene import YARDSTICK, contender_data, timed
-from inim.bench.synthetic import two_spheres
-from inim.bench.timing import Rounds
+from inim.bench.scene import method_data
 from inim.display import Display
 from inim.errors import WorkerError
+from inim.pipeline.timing import YARDSTICK, Rounds, prepare_method, time_methods
 from inim.rgbd import RGBD
+from inim.scene.two_spheres import two_spheres
 
 __all__ = [
     "LENS_COUNTS",
@@ -94,15 +93,15 @@ def bench_scaling(
 
 def _point(display: Display, pixels_per_pitch: int, rounds: Rounds) -> dict[str, Any]:
     rgbd = picture_of(display, pixels_per_pitch)
-    contender = prepared(_ALGORITHM, rgbd, display)
-    times = timed([contender], rgbd, display, rounds)
+    method = prepare_method(_ALGORITHM, rgbd, display)
+    times = time_methods([method], rgbd, display, rounds)
     return {
         "lenses": display.lens_columns,
         "pixels_per_pitch": pixels_per_pitch,
         "display_pixels": display.eia_shape[0] * display.eia_shape[1],
         "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
         "yardstick": times[YARDSTICK].as_data(),
-        **contender_data(contender, times, display),
+        **method_data(method, times, display),
     }
 
 

@@ -6,6 +6,13 @@ from typing import Any
 
 from inim.pipeline.ledger import Ledger
 from inim.pipeline.method import Generated, reads_layers
+from inim.pipeline.timing import (
+    YARDSTICK,
+    Rounds,
+    display_ready,
+    prepare_method,
+    time_methods,
+)
 from inim.pipeline.truth import GroundTruth
 from inim.regression import is_steady, log_ratios
 
@@ -24,21 +31,17 @@ def generator_times(job: Ledger, truth: GroundTruth) -> dict[str, tuple[float, .
 
     Rounds are added until `inim.regression.is_steady` holds for all, or `_MOST_TURNS` are done.
     """
-    from inim.bench.contenders import display_ready, prepared
-    from inim.bench.scene import YARDSTICK, timed
-    from inim.bench.timing import Rounds
-
     names = [c.name for c in job.plan.contenders if isinstance(c, Generated)]
     found: dict[str, tuple[float, ...]] = dict.fromkeys(names, ())
     with job.stage("time"):
         display = job.plan.display
         rgbd = display_ready(truth.rgbd)
         layered = rgbd if truth.layered is None else display_ready(truth.layered)
-        contenders = [
-            prepared(name, layered if reads_layers(name) else rgbd, display) for name in names
+        methods = [
+            prepare_method(name, layered if reads_layers(name) else rgbd, display) for name in names
         ]
         for _ in range(_MOST_TURNS):
-            times: Any = timed(contenders, rgbd, display, Rounds(runs=_ROUNDS))
+            times: Any = time_methods(methods, rgbd, display, Rounds(runs=_ROUNDS))
             yardstick = times[YARDSTICK].times_s
             found = {n: found[n] + log_ratios(times[n].times_s, yardstick) for n in names}
             if all(map(is_steady, found.values())):

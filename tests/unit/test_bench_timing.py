@@ -6,10 +6,10 @@ import math
 
 import pytest
 
+from inim.bench.evaluate import mark_fronts, pareto
 from inim.bench.scaling import growth, power_law
-from inim.bench.scene import marked
-from inim.bench.timing import Rounds, Timing, in_turn, pareto, ratios
 from inim.errors import UsageError
+from inim.pipeline.timing import Rounds, Timing, in_turn, ratios
 
 
 class Bench:
@@ -106,17 +106,15 @@ def test_equal_points_are_both_on_the_front():
     assert pareto([(1.0, 1.0), (1.0, 1.0), (1.0, 2.0)]) == [True, True, False]
 
 
-def test_a_contender_without_sources_can_still_be_on_another_front():
+def test_a_method_without_sources_can_still_be_on_another_front():
     def one(name, ms, wrong, psnr):
         return {
             "name": name, "median_ms": ms, "wrong_source": wrong, "eia_psnr_db": psnr,
             "eia_ssim": 0.5, "view_ssim_to_ceiling": 0.5,
         }  # fmt: skip
 
-    found = {
-        c["name"]: c
-        for c in marked([one("a", 1.0, 0.1, 20), one("b", 2.0, None, 30), one("c", 3.0, 0.1, 20)])
-    }
+    methods = [one("a", 1.0, 0.1, 20), one("b", 2.0, None, 30), one("c", 3.0, 0.1, 20)]
+    found = {m["name"]: m for m in mark_fronts(methods)}
     assert found["a"]["fronts"][0] == "wrong_source"
     assert found["b"]["fronts"] == ["eia_psnr_db"]
     assert (found["b"]["pareto"], found["c"]["pareto"], found["c"]["fronts"]) == (True, False, [])
