@@ -1,4 +1,4 @@
-"""Calls in parallel with the rest of a run: most of the work is in libraries that release the GIL."""
+"""Calls in threads: most of the work is in libraries that let other threads run."""
 
 from __future__ import annotations
 

@@ -11,8 +11,7 @@ import numpy as np
 from inim.bench.evaluate import Reference, evaluate, make_reference, mark_fronts, noise_floor
 from inim.display import Display
 from inim.errors import SceneError, UsageError
-from inim.generators import check_algorithm, prepare
-from inim.pipeline.method import reads_layers
+from inim.generators import check_algorithm, prepare, properties
 from inim.pipeline.plan import Plan
 from inim.pipeline.timing import (
     YARDSTICK,
@@ -89,7 +88,9 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
     inputs = _render(plan, names, listener)
     listener.stage("time")
     methods = [
-        prepare_method(name, inputs.layered if reads_layers(name) else inputs.rgbd, plan.display)
+        prepare_method(
+            name, inputs.layered if properties(name).reads_layers else inputs.rgbd, plan.display
+        )
         for name in names
     ]
     times = time_methods(methods, inputs.rgbd, plan.display, rounds)
@@ -162,7 +163,7 @@ def _render(plan: Plan, names: Sequence[str], listener: Any) -> _Inputs:
     if not rgbd.covered.any():
         raise SceneError(f"{plan.request.scene}: the depth camera sees nothing to time with")
     layered, layers = _finite(rgbd), None
-    if any(map(reads_layers, names)):
+    if any(properties(name).reads_layers for name in names):
         listener.stage("capture layers")
         peeled = peel(fitted, display, pixels_per_pitch=s.capture_pixels_per_pitch)
         layered = _finite(

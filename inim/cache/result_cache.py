@@ -105,7 +105,9 @@ def _packed(value: Any) -> Record:
             arrays[name] = part
             return {"array": name}
         if is_dataclass(part) and not isinstance(part, type):
-            return {type(part).__name__: {f.name: tree(getattr(part, f.name)) for f in fields(part)}}
+            return {
+                type(part).__name__: {f.name: tree(getattr(part, f.name)) for f in fields(part)}
+            }
         if isinstance(part, tuple | list):
             return {"list": [tree(one) for one in part]}
         if isinstance(part, dict):

@@ -12,29 +12,46 @@ from inim.pipeline.scene import BLACK_FOR_CERTAIN, Scene, samples_traced, seed_o
 from inim.pipeline.stage import RENDERING, Run, stage
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 
-__all__ = ["Capture", "CaptureSettings", "capture_layers", "capture_relic", "capture_rgbd"]
+__all__ = ["Capture", "DepthCamera", "capture_layers", "capture_relic", "capture_rgbd"]
 
 
 @dataclass(frozen=True)
-class CaptureSettings:
-    """How the RGB-D picture is captured.
+class DepthCamera:
+    """The depth camera before a scene: parallel rays straight back.
 
     Attributes
     ----------
-    capture_pixels_per_pitch : int
-    capture_spp : int
+    scene : Scene
+    pixels_per_pitch : int
+    spp : int
         Samples per pixel, both halves.
     seed : int
         Of the run.
     """
 
-    capture_pixels_per_pitch: int
-    capture_spp: int
+    scene: Scene
+    pixels_per_pitch: int
+    spp: int
     seed: int
 
     def cache_key(self) -> dict[str, Any]:
-        """By the names of the settings."""
-        return dict(vars(self))
+        """What decides its picture."""
+        return {
+            **self.scene.cache_key(),
+            "capture_pixels_per_pitch": self.pixels_per_pitch,
+            "capture_spp": self.spp,
+            "seed": self.seed,
+        }
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of its picture."""
+        return self.scene.display.capture_shape(self.pixels_per_pitch)
+
+    @property
+    def pixel_mm(self) -> float:
+        """Side of its pixels."""
+        return self.scene.display.pitch_mm / self.pixels_per_pitch
 
 
 @dataclass(frozen=True)
@@ -62,6 +79,7 @@ class Capture:
 
     Attributes
     ----------
+    camera : DepthCamera
     rgbd : RGBD
     halves : (RGBD, RGBD)
         By two independent halves of the colour's samples; depth is the same in both.
@@ -72,12 +90,17 @@ class Capture:
     warnings : tuple of str
     """
 
+    camera: DepthCamera
     rgbd: RGBD
     halves: tuple[RGBD, RGBD]
     layered: LayeredRGBD | None = None
     layered_halves: tuple[LayeredRGBD, ...] = ()
     checks: tuple[dict[str, Any], ...] = ()
     warnings: tuple[str, ...] = ()
+
+    def cache_key(self) -> dict[str, Any]:
+        """What decides it."""
+        return self.camera.cache_key()
 
     def input(self, *, layers: bool) -> tuple[RGBD, tuple[RGBD, ...]]:
         """What a method is given, and its two halves."""
@@ -86,23 +109,23 @@ class Capture:
         return self.rgbd, self.halves
 
 
-def capture_relic(scene: Scene, settings: CaptureSettings, *, layers: bool, run: Run) -> Capture:
+def capture_relic(camera: DepthCamera, *, layers: bool, run: Run) -> Capture:
     """Colour and depth, and the layers behind where they are wanted; finite, and checked."""
-    first, second = capture_rgbd(scene, settings, run=run)
+    first, second = capture_rgbd(camera, run=run)
     (one, other), checks = finite("RGB-D", first.color, second.color)
     halves = replace(first, color=one), replace(second, color=other)
     color = np.float32(0.5) * (one + other)
-    capture = Capture(replace(first, color=color.astype(np.float32)), halves, checks=(*checks,))
+    mean = replace(first, color=color.astype(np.float32))
+    capture = Capture(camera, mean, halves, checks=(*checks,))
     if layers:
-        return _with_layers(capture, capture_layers(scene, settings, run=run), run)
+        return _with_layers(capture, capture_layers(camera, run=run), run)
     what, why = "layers behind the picture", "no algorithm reads them"
     run.skipped.add(what, "nothing", "peeling the scene", why)
     return capture
 
 
-def _all_samples(samples: int, scene: Scene, settings: CaptureSettings) -> tuple[str, str, str]:
-    rows, columns = scene.display.capture_shape(settings.capture_pixels_per_pitch)
-    whole = 2 * max(1, settings.capture_spp // 2) * rows * columns
+def _all_samples(samples: int, camera: DepthCamera) -> tuple[str, str, str]:
+    whole = 2 * max(1, camera.spp // 2) * camera.shape[0] * camera.shape[1]
     return samples_traced(samples, whole, BLACK_FOR_CERTAIN)
 
 
@@ -113,17 +136,17 @@ def _all_samples(samples: int, scene: Scene, settings: CaptureSettings) -> tuple
     timed="capture RGB-D",
     describe=_all_samples,
 )
-def capture_rgbd(scene: Scene, settings: CaptureSettings) -> tuple[RGBD, RGBD]:
+def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, RGBD]:
     """Colour by two halves of the samples, with the same depth and coverage."""
     from inim.render.ground_truth import capture_halves
 
     return capture_halves(
-        scene.fitted,
-        scene.display,
-        pixels_per_pitch=settings.capture_pixels_per_pitch,
-        spp=settings.capture_spp,
-        seed=seed_of("capture", settings.seed),
-        **scene.effort,
+        camera.scene.fitted,
+        camera.scene.display,
+        pixels_per_pitch=camera.pixels_per_pitch,
+        spp=camera.spp,
+        seed=seed_of("capture", camera.seed),
+        **camera.scene.effort,
     )
 
 
@@ -139,23 +162,24 @@ def _peeled(*_: Any, **__: Any) -> tuple[str, str, str]:
     timed="capture layers",
     describe=_peeled,
 )
-def capture_layers(scene: Scene, settings: CaptureSettings) -> Layers:
+def capture_layers(camera: DepthCamera) -> Layers:
     """All solids along the camera's rays, their colours by two halves of the samples."""
     from inim.render import ground_truth
     from inim.render.depth_peeling import MOST_LAYERS, peel
 
-    observer, seed = scene.renderer.observer, seed_of("layers", settings.seed)
+    scene, observer = camera.scene, camera.scene.renderer.observer
+    seed = seed_of("layers", camera.seed)
     peeled = peel(
         scene.fitted,
         scene.display,
-        pixels_per_pitch=settings.capture_pixels_per_pitch,
+        pixels_per_pitch=camera.pixels_per_pitch,
         observer=observer,
     )
     first, second = (
         ground_truth.capture_layers(
             scene.fitted,
             peeled,
-            spp=max(1, settings.capture_spp // 2),
+            spp=max(1, camera.spp // 2),
             seed=2 * seed + half,
             observer=observer,
         )

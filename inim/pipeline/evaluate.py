@@ -17,12 +17,20 @@ from inim.pipeline.generate import Reference
 from inim.pipeline.method import MadeEIA
 from inim.pipeline.plan import Plan
 from inim.pipeline.reconstruct import ReconstructedView
-from inim.pipeline.statistics import Half, Statistics, eia_statistics, view_statistics
 from inim.pipeline.stage import SCORING, Run, stage
+from inim.pipeline.statistics import Half, Statistics, eia_statistics, view_statistics
 from inim.pipeline.truth import GroundTruth
 from inim.regression import HalfBuffer, ScoreEstimate, score_interval, view_scores
 
-__all__ = ["MethodResult", "ViewScores", "ceiling_scores", "evaluate", "noise_floor", "score_view", "truth_statistics"]
+__all__ = [
+    "MethodResult",
+    "ViewScores",
+    "ceiling_scores",
+    "evaluate",
+    "noise_floor",
+    "score_view",
+    "truth_statistics",
+]
 
 # A score takes some 100 bytes a pixel while it is made: 0.4 GB for all of them together.
 _PIXELS_AT_ONCE = 2**22

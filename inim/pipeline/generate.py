@@ -6,7 +6,7 @@ import io
 import time
 from collections.abc import Callable
 from contextlib import redirect_stderr
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,14 +14,13 @@ import numpy as np
 
 from inim.display import Display
 from inim.generators import Generator, prepare, properties
-from inim.pipeline.capture import Capture, CaptureSettings
+from inim.pipeline.capture import Capture, DepthCamera
 from inim.pipeline.plugin_guard import blamed, run_generator
-from inim.pipeline.scene import Scene
 from inim.pipeline.stage import GENERATING, Run, stage
 from inim.regression import Fingerprint, fingerprint, reference_input
 from inim.rgbd import RGBD
 
-__all__ = ["GeneratedEIA", "Reference", "hole_fraction", "prepare_generator"]
+__all__ = ["GeneratedEIA", "GeneratorHandle", "Reference", "hole_fraction", "prepare_generator"]
 
 
 @dataclass(frozen=True)
@@ -66,16 +65,43 @@ class GeneratedEIA:
     reference: Reference | None = None
 
 
-class _Prepared:
-    """A generator for a display and a size of picture, prepared when it is first needed."""
+class GeneratorHandle:
+    """A generator for a display and a size of picture, prepared when it is first needed.
+
+    Parameters
+    ----------
+    algorithm : str
+        With its options.
+    display : Display
+        As designed: what generators know.
+    shape : (rows, columns)
+        Of the pictures to come.
+    pixel_mm : float
+    mask : (rows, columns) bool, optional
+        Panel pixels to make; all if None.
+    """
 
     def __init__(
-        self, algorithm: str, display: Display, capture: CaptureSettings, mask: np.ndarray | None
+        self,
+        algorithm: str,
+        display: Display,
+        shape: tuple[int, int],
+        pixel_mm: float,
+        mask: np.ndarray | None = None,
     ) -> None:
-        self.algorithm, self.display, self.mask = algorithm, display, mask
-        self.shape = display.capture_shape(capture.capture_pixels_per_pitch)
-        self.pixel_mm = display.pitch_mm / capture.capture_pixels_per_pitch
+        self.algorithm, self.display = algorithm, display
+        self.shape, self.pixel_mm, self.mask = shape, pixel_mm, mask
+        self.properties = properties(algorithm)
         self.seconds = 0.0
+
+    def cache_key(self) -> dict[str, Any]:
+        """What decides what it makes of a picture."""
+        return {
+            "algorithm": self.algorithm,
+            "display as designed": self.display.replace(name=""),
+            "size of the picture": [*self.shape, self.pixel_mm],
+            "panel pixels": self.mask,
+        }
 
     @cached_property
     def generator(self) -> Generator:
@@ -96,7 +122,7 @@ class _Prepared:
         """See `run_generator`; the EIA is its own array."""
         made = run_generator(self.algorithm, self.generator, rgbd, self.display, self.mask)
         # Ours make a new one each time; others may keep one place to write to.
-        return made if properties(self.algorithm).own else (made[0].copy(), *made[1:])
+        return made if self.properties.own else (made[0].copy(), *made[1:])
 
     def again(self, rgbd: RGBD) -> np.ndarray:
         """The EIA of another picture; what the generator says, it has said."""
@@ -113,89 +139,57 @@ def _generated(*_: Any, **__: Any) -> tuple[str, str, str]:
 
 
 @stage(
-    "EIA of {algorithm}",
+    "EIA of {generator.algorithm}",
     code=GENERATING,
     makes=(GeneratedEIA,),
     describe=_generated,
-    follows=("capture", "prepared"),
 )
-def generate(
-    algorithm: str,
-    scene: Scene,
-    settings: CaptureSettings,
-    display: Display,
-    mask: np.ndarray | None,
-    capture: Capture,
-    prepared: _Prepared,
-) -> GeneratedEIA:
-    """The EIA that an algorithm makes of a scene's capture, and its noise.
-
-    Parameters
-    ----------
-    algorithm : str
-        With its options.
-    scene, settings :
-        What the capture is of.
-    display : Display
-        As designed: what generators know.
-    mask : (rows, columns) bool, optional
-        Panel pixels to make; all if None.
-    capture : Capture
-    prepared : _Prepared
-    """
-    whole, halves = capture.input(layers=properties(algorithm).reads_layers)
-    eia, seconds, empty = prepared.run(whole)
-    holes = hole_fraction(empty, display, mask)
+def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
+    """The EIA that a generator makes of a scene's capture, and its noise."""
+    whole, halves = capture.input(layers=generator.properties.reads_layers)
+    eia, seconds, empty = generator.run(whole)
+    holes = hole_fraction(empty, generator.display, generator.mask)
     del empty
-    noise, second = (prepared.again(rgbd) for rgbd in halves)
+    noise, second = (generator.again(rgbd) for rgbd in halves)
     # In place: of an 8K panel each of these takes 0.4 GB.
     noise -= second
     noise /= 2
-    return GeneratedEIA(eia, noise, prepared.seconds + seconds, holes)
+    return GeneratedEIA(eia, noise, generator.seconds + seconds, holes)
 
 
-@stage(
-    "EIA of {algorithm}, reference input",
-    code=GENERATING,
-    makes=(Fingerprint,),
-    follows=("prepared",),
-)
-def _fingerprint(
-    algorithm: str, display: Display, settings: CaptureSettings, prepared: _Prepared
-) -> Fingerprint:
-    rgbd = prepared.reference_input()
-    exact = properties(algorithm).exact
-    return fingerprint(rgbd, prepared.again(rgbd), display, exact=exact)
+@stage("EIA of {generator.algorithm}, reference input", code=GENERATING, makes=(Fingerprint,))
+def _fingerprint(generator: GeneratorHandle) -> Fingerprint:
+    """The mark of what a generator makes of the reference input."""
+    rgbd, exact = generator.reference_input(), generator.properties.exact
+    return fingerprint(rgbd, generator.again(rgbd), generator.display, exact=exact)
 
 
 def prepare_generator(
-    algorithm: str,
-    scene: Scene,
-    settings: CaptureSettings,
-    mask: np.ndarray | None,
-    *,
-    run: Run,
+    algorithm: str, camera: DepthCamera, mask: np.ndarray | None, *, run: Run
 ) -> Callable[[Capture], GeneratedEIA]:
     """What makes the EIA of a capture; the generator is ready, or its EIA is in the cache.
 
     Of other packages' generators nothing tells what has changed: theirs are always made.
     """
-    display, own = scene.display, properties(algorithm).own
-    prepared = _Prepared(algorithm, display, settings, mask)
-    if not (own and generate.is_known(algorithm, scene, settings, display, mask, run=run)):
-        _ = prepared.generator
+    display = camera.scene.display
+    generator = GeneratorHandle(algorithm, display, camera.shape, camera.pixel_mm, mask)
+    own = generator.properties.own
+    if not (own and generate.is_known(generator, camera, run=run)):
+        _ = generator.generator
+
+    def fingerprint_once() -> Fingerprint:
+        return _fingerprint(generator, run=run) if own else _fingerprint.function(generator)
 
     def make(capture: Capture) -> GeneratedEIA:
-        given = (algorithm, scene, settings, display, mask, capture, prepared)
-        made = generate(*given, run=run) if own else generate.function(*given)
+        made = (
+            generate(generator, capture, run=run) if own else generate.function(generator, capture)
+        )
         if mask is not None:  # of an EIA that is made in part, no fingerprint could be compared
             return made
-        printing = (algorithm, display, settings, prepared)
         reference = Reference(
-            lambda: _fingerprint(*printing, run=run) if own else _fingerprint.function(*printing),
-            lambda: prepared.again(prepared.reference_input()),
+            fingerprint_once, lambda: generator.again(generator.reference_input())
         )
-        return GeneratedEIA(made.eia, made.noise, made.seconds, made.hole_fraction, reference)
+        return replace(made, reference=reference)
 
     return make
 

@@ -16,7 +16,15 @@ from inim.pipeline.checks import finite
 from inim.pipeline.scene import BLACK_FOR_CERTAIN, Scene, samples_traced, seed_of
 from inim.pipeline.stage import RENDERING, Run, stage
 
-__all__ = ["Finite", "PickedUp", "TrueView", "covered_pixels", "pick_up", "pick_up_truth", "render_view"]
+__all__ = [
+    "Finite",
+    "PickedUp",
+    "TrueView",
+    "covered_pixels",
+    "pick_up",
+    "pick_up_truth",
+    "render_view",
+]
 
 _NOT_OBSERVED = "no asked-for view has a sample there; "
 

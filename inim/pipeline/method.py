@@ -1,10 +1,10 @@
 """Methods: whatever yields an EIA to be scored.
 
-| made by            | what                                        | asked for with                 |
-| ------------------ | ------------------------------------------- | ------------------------------ |
-| `generator_method` | a generator's, from the RGB-D picture       | ``--algorithms template``      |
-| `pickup_method`    | ray traced from the scene, where one has it | ``--algorithms pickup:spp=16`` |
-| `file_method`      | a file's, made by any program               | ``--eia mine=mine.png``        |
+| made by            | what                                  | asked for with                 |
+| ------------------ | ------------------------------------- | ------------------------------ |
+| `generator_method` | a generator's, from the RGB-D picture | ``--algorithms template``      |
+| `pickup_method`    | ray traced from the scene             | ``--algorithms pickup:spp=16`` |
+| `file_method`      | a file's, made by any program         | ``--eia mine=mine.png``        |
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from inim.display import Display
 from inim.display.viewpoint import is_file_safe
 from inim.errors import InimError, UsageError
 from inim.files.eia_file import check_eia_name, read_eia
@@ -29,11 +28,11 @@ from inim.generators import (
     parse_algorithm,
     properties,
 )
-from inim.pipeline.capture import Capture, CaptureSettings
+from inim.pipeline.capture import Capture, DepthCamera
 from inim.pipeline.checks import finite
 from inim.pipeline.generate import GeneratedEIA, hole_fraction, prepare_generator
 from inim.pipeline.ground_truth import covered_pixels, pick_up
-from inim.pipeline.scene import Scene, seed_of
+from inim.pipeline.scene import seed_of
 from inim.pipeline.stage import Run
 
 __all__ = [
@@ -66,20 +65,15 @@ class Task:
 
     Attributes
     ----------
-    scene : Scene
-    capture : CaptureSettings
+    camera : DepthCamera
     eia_spp : int
         Samples per panel pixel of the ground truth.
-    seed : int
-        Of the run.
     mask : (rows, columns) bool, optional
         Panel pixels to make; all if None.
     """
 
-    scene: Scene
-    capture: CaptureSettings
+    camera: DepthCamera
     eia_spp: int
-    seed: int
     mask: np.ndarray | None = None
 
 
@@ -153,7 +147,7 @@ def generator_method(name: str) -> Method:
     """A generator's EIA: the project's own or one announced by another package."""
 
     def prepare(task: Task, run: Run) -> Make:
-        return prepare_generator(name, task.scene, task.capture, task.mask, run=run)
+        return prepare_generator(name, task.camera, task.mask, run=run)
 
     layers = properties(name).reads_layers
     return Method(name, "generate", prepare, reads_layers=layers, times=True)
@@ -162,10 +156,10 @@ def generator_method(name: str) -> Method:
 def file_method(name: str, path: Path) -> Method:
     """A finished EIA from a file, which is read to its end before anything is rendered."""
 
-    def prepare(task: Task, run: Run) -> Make:  # noqa: ARG001
-        eia, shown = read_eia(path, task.scene.display)
+    def prepare(task: Task, run: Run) -> Make:
+        eia, shown = read_eia(path, task.camera.scene.display)
         empty = None if shown is None else ~shown
-        holes = hole_fraction(empty, task.scene.display, task.mask)
+        holes = hole_fraction(empty, task.camera.scene.display, task.mask)
         return lambda _: GeneratedEIA(eia, None, None, holes)
 
     return Method(name, "read", prepare, path=path)
@@ -175,8 +169,8 @@ def pickup_method(name: str, spp: int = 0) -> Method:
     """Ray tracing of the scene, for those who have the scene; the ground truth as an algorithm."""
 
     def prepare(task: Task, run: Run) -> Make:
-        scene = task.scene
-        display, seed = scene.display.through_pinholes(), seed_of("pickup", task.seed)
+        scene = task.camera.scene
+        display, seed = scene.display.through_pinholes(), seed_of("pickup", task.camera.seed)
 
         def make(_: Capture) -> GeneratedEIA:
             wanted = spp or task.eia_spp

@@ -13,7 +13,6 @@ from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import OutOfMemoryError, SceneError
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW
-from inim.pipeline.capture import CaptureSettings
 from inim.pipeline.memory import LEAST_BYTES, rays_in_flight
 from inim.pipeline.method import Method, parse_methods
 from inim.pipeline.reconstruct import Optics
@@ -74,12 +73,6 @@ class Plan:
     pictures_bytes: int
     rays_in_flight: int
     baseline: Evidence | None = None
-
-    @property
-    def capture(self) -> CaptureSettings:
-        """How the RGB-D picture is captured."""
-        s = self.settings
-        return CaptureSettings(s.capture_pixels_per_pitch, s.capture_spp, s.seed)
 
     @property
     def optics(self) -> Optics:

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from inim.cache.digest import array_digest
 from inim.display import Display, Viewpoint
 from inim.lens import white_exposure
 from inim.pipeline.scene import Renderer
 from inim.pipeline.stage import RENDERING, Run, stage
 
-__all__ = ["Optics", "ReconstructedView", "observed_pixels", "reconstruct", "reconstruct_views"]
+__all__ = [
+    "Optics",
+    "ReconstructedView",
+    "ShownEIA",
+    "observed_pixels",
+    "reconstruct",
+    "reconstruct_views",
+]
 
 
 @dataclass(frozen=True)
@@ -84,25 +93,43 @@ class ReconstructedView:
 
 
 @dataclass(frozen=True)
-class _Shown:
-    """An EIA on the display: its scene in the renderer is made once for all viewpoints."""
+class ShownEIA:
+    """An EIA on the display: its scene in the renderer is made once for all viewpoints.
+
+    Attributes
+    ----------
+    eia : (rows, columns, 3) float32, linear RGB
+    noise : (rows, columns, 3) float32, or None
+        Half of the difference of two halves of the EIA's samples; None where it has no noise.
+    optics : Optics
+    renderer : Renderer
+    """
 
     eia: np.ndarray
     noise: np.ndarray | None
     optics: Optics
     renderer: Renderer
-    scenes: dict[str, Any]
+    _scenes: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def digest(self) -> str:
+        """Of EIA and noise."""
+        return array_digest(self.eia, self.noise)
+
+    def cache_key(self) -> dict[str, Any]:
+        """What decides a view of it."""
+        return {"EIA": self.digest, **self.optics.cache_key(), **self.renderer.cache_key()}
 
     def view(self, viewpoint: Viewpoint, half: int, *, moved: bool = False) -> np.ndarray:
         """The view by a half of the samples, of the EIA or of the EIA moved by its noise."""
         optics, key = self.optics, "moved" if moved else "eia"
-        if key not in self.scenes:
+        if key not in self._scenes:
             self.renderer.load()
             from inim.render.reconstruct import DisplayScene
 
             eia = self.eia if not moved or self.noise is None else self.eia + self.noise
-            self.scenes[key] = DisplayScene(eia, optics.mounted, optics.lens_model)
-        seen: np.ndarray = self.scenes[key].view(
+            self._scenes[key] = DisplayScene(eia, optics.mounted, optics.lens_model)
+        seen: np.ndarray = self._scenes[key].view(
             viewpoint,
             pixels_per_lens=optics.view_pixels_per_lens,
             spp=optics.half_spp,
@@ -122,16 +149,9 @@ def _looked_at(*_: Any, **__: Any) -> tuple[str, str, str]:
     makes=(ReconstructedView,),
     timed="reconstruct views",
     describe=_looked_at,
-    follows=("name", "shown"),
+    follows=("name",),
 )
-def reconstruct(
-    name: str,
-    eia_digest: str,
-    viewpoint: Viewpoint,
-    optics: Optics,
-    renderer: Renderer,
-    shown: _Shown,
-) -> ReconstructedView:
+def reconstruct(name: str, shown: ShownEIA, viewpoint: Viewpoint) -> ReconstructedView:
     """The view of an EIA from one eye, exposed so that the panel's white looks white.
 
     Two views of half of the samples each make it. A view is linear in its EIA; so what the EIA's
@@ -141,13 +161,8 @@ def reconstruct(
     ----------
     name : str
         Whose EIA it is.
-    eia_digest : str
-        Of EIA and noise.
+    shown : ShownEIA
     viewpoint : Viewpoint
-    optics : Optics
-    renderer : Renderer
-    shown : _Shown
-        The EIA on the display.
     """
     first, second = shown.view(viewpoint, 0), shown.view(viewpoint, 1)
     moved = first if shown.noise is None else shown.view(viewpoint, 0, moved=True)
@@ -180,20 +195,15 @@ def reconstruct_views(
     renderer : Renderer
     run : Run
     """
-    from inim.cache.digest import array_digest
-
-    digest, shown = array_digest(eia, noise), _Shown(eia, noise, optics, renderer, {})
-    return {
-        v.name: reconstruct(name, digest, v, optics, renderer, shown, run=run) for v in viewpoints
-    }
+    shown = ShownEIA(eia, noise, optics, renderer)
+    return {eye.name: reconstruct(name, shown, eye, run=run) for eye in viewpoints}
 
 
 def observed_pixels(
     viewpoints: Sequence[Viewpoint], optics: Optics, renderer: Renderer, *, run: Run
 ) -> np.ndarray | None:
     """Panel pixels that the views have samples of, (rows, columns) bool; None: all may be."""
-    places = [[*v.position_mm, v.pupil_mm, v.focus_mm] for v in viewpoints]
-    packed = _observed(places, tuple(viewpoints), optics, renderer, run=run)
+    packed = _observed(tuple(viewpoints), optics, renderer, run=run)
     if packed is None:
         why = "the full lens model scatters rays between lenses: any pixel may be observed"
         run.skipped.add("panel pixels", "all", "none", why)
@@ -206,11 +216,11 @@ def observed_pixels(
     return observed
 
 
-@stage("observed panel pixels", code=RENDERING, timed="observed pixels", follows=("viewpoints",))
+@stage("observed panel pixels", code=RENDERING, timed="observed pixels")
 def _observed(
-    places: list[Any], viewpoints: tuple[Viewpoint, ...], optics: Optics, renderer: Renderer
+    viewpoints: tuple[Viewpoint, ...], optics: Optics, renderer: Renderer
 ) -> np.ndarray | None:
-    """The pixels packed eight to a byte, (rows, columns / 8) uint8; `places` are the eyes'."""
+    """The pixels packed eight to a byte, (rows, columns / 8) uint8."""
     renderer.load()
     from inim.render import reconstruct as display_scene
 

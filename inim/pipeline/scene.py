@@ -9,10 +9,17 @@ from typing import Any
 from inim.backend import Backend, choose_backend
 from inim.display import Display
 from inim.observer import Observer
-from inim.pipeline.stage import RENDERING, Run, stage
+from inim.pipeline.stage import RENDERING, stage
 from inim.scene.file import SceneFile
 
-__all__ = ["Renderer", "Scene", "scene_facts", "seed_of"]
+__all__ = [
+    "BLACK_FOR_CERTAIN",
+    "Renderer",
+    "Scene",
+    "samples_traced",
+    "scene_facts",
+    "seed_of",
+]
 
 # Each picture's seed is its own, so that adding a viewpoint changes no other picture. New ones go
 # to the end.
@@ -82,7 +89,7 @@ class Scene:
     renderer: Renderer
 
     def cache_key(self) -> dict[str, Any]:
-        """What decides any picture of it. Lenses do not: ground truth goes through their centres."""
+        """What decides any picture of it; lenses do not, as it is traced through their centres."""
         given = self.display.through_pinholes().given()
         return {
             "scene": self.file.look_sha256,

@@ -15,6 +15,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Generic, ParamSpec, TypeVar
 
+from inim import metrics
 from inim.cache.digest import code_digest
 from inim.cache.result_cache import ResultCache
 from inim.observer import Observer
@@ -27,7 +28,11 @@ _Made = TypeVar("_Made")
 #: What was done, what was skipped, and why that is safe; of the samples traced and the arguments.
 Describe = Callable[..., tuple[str, str, str]]
 
-_FOUND = ("read from the store", "all of it", "nothing that decides it has changed since it was made")
+_FOUND = (
+    "read from the store",
+    "all of it",
+    "nothing that decides it has changed since it was made",
+)
 
 
 @dataclass(frozen=True)
@@ -40,14 +45,18 @@ class Code:
         Paths below the package.
     packages : tuple of str
         Whose versions count.
+    plugins : callable, optional
+        What other packages add to it.
     """
 
     places: tuple[str, ...]
     packages: tuple[str, ...]
+    plugins: Callable[[], dict[str, Any]] | None = None
 
     def key(self) -> dict[str, Any]:
-        """Digest and versions."""
-        return {"program": code_digest(*self.places), "packages": versions(self.packages)}
+        """Digests and versions."""
+        found = {"program": code_digest(*self.places), "packages": versions(self.packages)}
+        return found | ({} if self.plugins is None else {"plugins": self.plugins()})
 
 
 _VALUES = ("color.py", "display", "half_buffers.py", "rgbd", "scene")
@@ -62,6 +71,7 @@ GENERATING = Code(
 SCORING = Code(
     ("metrics", "color.py", "row_bands.py", "regression"),
     ("flip-evaluator", "numpy", "scikit-image", "scipy"),
+    metrics.foreign_identities,
 )
 
 
@@ -125,6 +135,7 @@ class Stage(Generic[_Given, _Made]):
     def __call__(self, *args: Any, run: Run, **named: Any) -> _Made:
         """The result: found, or made by the function."""
         bound = self._bound(*args, **named)
+        call: Callable[..., _Made] = self.function
         name, before = self._name.format(**bound), run.observer.samples
         timed: AbstractContextManager[None] = nullcontext()
         if self._timed is not None:
@@ -133,7 +144,7 @@ class Stage(Generic[_Given, _Made]):
             made, why = run.cache.recall(
                 name,
                 lambda: self._parts(bound),
-                lambda: self.function(**bound),
+                lambda: call(**bound),
                 self._kinds,
                 explain=self._describe is not None,
             )
@@ -148,7 +159,7 @@ class Stage(Generic[_Given, _Made]):
 
     def is_known(self, *args: Any, run: Run, **named: Any) -> bool:
         """Whether a call would find its result; arguments that follow from others are left out."""
-        bound = self._bound(*args, **dict.fromkeys(self._follows), **named)
+        bound = self._bound(*args, **named, **dict.fromkeys(self._follows))
         return run.cache.holds(self._name.format(**bound), self._parts(bound))
 
     def _bound(self, *args: Any, **named: Any) -> dict[str, Any]:

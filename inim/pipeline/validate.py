@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from inim.pipeline.adaptive_sampling import measure_until_known
 from inim.pipeline.baseline import judge
-from inim.pipeline.capture import capture_relic
+from inim.pipeline.capture import DepthCamera, capture_relic
 from inim.pipeline.evaluate import ceiling_scores, evaluate, noise_floor, truth_statistics
 from inim.pipeline.generator_times import generator_times
 from inim.pipeline.ground_truth import pick_up_truth, render_view
@@ -48,12 +48,12 @@ def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measure
     s, eyes, optics = plan.settings, plan.viewpoints, plan.optics
     scene = Scene(plan.file, plan.display, s.fit_share, renderer)
     mask = observed_pixels(eyes, optics, renderer, run=run) if plan.request.lazy else None
-    task = Task(scene, plan.capture, s.eia_spp, s.seed, mask)
-    makers = prepare_methods(plan.methods, task, run=run)
+    camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
+    makers = prepare_methods(plan.methods, Task(camera, s.eia_spp, mask), run=run)
     run.observer.begin(plan.rays)
 
     facts = scene_facts(scene, run=run)
-    capture = capture_relic(scene, plan.capture, layers=plan.reads_layers, run=run)
+    capture = capture_relic(camera, layers=plan.reads_layers, run=run)
     eia = pick_up_truth(scene, plan.mounted, s.eia_spp, s.seed, mask, run=run)
     sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
     views = {eye.name: render_view(scene, eye, *sampling, run=run) for eye in eyes}

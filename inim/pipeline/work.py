@@ -53,7 +53,7 @@ def run(plan: Plan, staging: Path, observer: Observer | None = None) -> Report:
             run, renderer, images = setup(plan, staging, observer, store)
             check_baseline(plan, renderer.backend.variant)
         report = validate(plan, renderer, images, run)
-        report.data["timings"] |= {
+        observer.timings |= {
             "mitsuba_render": observer.render_seconds,
             "total": perf_counter() - started,
         }

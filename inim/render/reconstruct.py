@@ -79,8 +79,10 @@ def exposed_views(
     """Views of one EIA, exposed so that the panel's white looks white; see `reconstruct`."""
     exposure = white_exposure(display, lens_model)
     shown = DisplayScene(eia, display, lens_model)
-    sampling = {"pixels_per_lens": pixels_per_lens, "spp": spp, "seed": seed}
-    return [shown.view(viewpoint, **sampling) * exposure for viewpoint in viewpoints]
+    return [
+        shown.view(eye, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed) * exposure
+        for eye in viewpoints
+    ]
 
 
 def observed_pixels(
