@@ -12,11 +12,11 @@ import numpy as np
 from inim.display import Display
 from inim.display.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm
 from inim.errors import UsageError
-from inim.lens import FULL, check_lens_model
+from inim.lens import lens_model as find_lens_model
 from inim.observer import Observer
 from inim.render import variant
 from inim.render.display_emitter import LensedPanel
-from inim.render.full_lens import FullLens
+from inim.render.lens_mesh import LensMesh
 from inim.render.sensors import eye_rays, make_sensor
 from inim.render.trace import Tracer, mean_light
 
@@ -43,8 +43,8 @@ def reconstruct(
     display : Display
     viewpoint : Viewpoint
         Must lie inside the viewing zone, with its pupil.
-    lens_model : {"thick", "pinhole", "thin", "full"}
-        `full` path traces the lenses as a mesh: the check of `thick`, and far slower.
+    lens_model : str
+        One of `inim.lens.lens_models`.
     pixels_per_lens : int
         Resolution of the view; it shows exactly the lens array.
     spp : int
@@ -90,10 +90,11 @@ def observed_pixels(
     Returns
     -------
     (rows, columns) bool, or None
-        None for ``full``, whose rays scatter between the lenses.
+        None for a mesh, whose rays scatter between the lenses.
     """
-    check_lens_model(lens_model, display)
-    if lens_model == FULL:
+    model = find_lens_model(lens_model)
+    model.check(display)
+    if model.trace is None:
         return None
     panel = LensedPanel.dark(display, lens_model)
     rows, columns = display.eia_shape
@@ -138,10 +139,11 @@ class DisplayScene:
             raise UsageError(
                 f"EIA of shape {eia.shape}; display {display.name} needs {(*display.eia_shape, 3)}"
             )
-        check_lens_model(lens_model, display)
+        model = find_lens_model(lens_model)
+        model.check(display)
         self.display = display
-        if lens_model == FULL:
-            self._shown: FullLens | AnalyticLens = FullLens(eia, display)
+        if model.mesh is not None:
+            self._shown: LensMesh | AnalyticLens = LensMesh(eia, display, model.mesh(display))
         else:
             self._shown = AnalyticLens(eia, display, lens_model)
 
