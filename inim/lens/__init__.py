@@ -126,8 +126,11 @@ def _guarded_trace(what: str, trace: Trace) -> Trace:
                 raise UsageError(f"{what} traced a ray to a {made}; return an inim.lens.PanelRay")
             # A constant weight, say, becomes one for each ray.
             full_sized = PanelRay(*(value + 0.0 * x for value in ray))
-            if any(np.shape(value) != np.shape(x) for value in full_sized):
-                raise UsageError(f"{what} traced {np.shape(x)} rays to {np.shape(full_sized.x)}")
+            shapes = {np.shape(value) for value in full_sized} - {np.shape(x)}
+            if shapes:
+                raise UsageError(
+                    f"{what} traced {np.shape(x)} rays to {', '.join(map(str, shapes))}"
+                )
             return full_sized
 
     return guarded

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from inim.cache.digest import code_digest
 from inim.display import Display
+from inim.lens import foreign_identity
 from inim.provenance import versions
 
 if TYPE_CHECKING:
@@ -98,6 +99,7 @@ def look_parts(job: Ledger) -> dict[str, Any]:
     return {
         **{f"display {name}": value for name, value in job.plan.mounted.given().items()},
         "lens_model": s.lens_model,
+        "lens_model's package": foreign_identity(s.lens_model),
         "view_pixels_per_lens": s.view_pixels_per_lens,
         "reconstruction_spp": s.reconstruction_spp,
         "seed": s.seed,

@@ -263,7 +263,8 @@ def _observed(job: Ledger) -> np.ndarray | None:
     """The panel pixels to make, (rows, columns) bool; None: all."""
     observed = observed_pixels(job)
     if observed is None:
-        why = "the full lens model scatters rays between lenses: any pixel may be observed"
+        model = job.plan.settings.lens_model
+        why = f"the {model} lens model scatters rays between lenses: any pixel may be observed"
         job.memo.tell("panel pixels", "all", "none", why)
         return None
     done = f"{np.count_nonzero(observed)} of {observed.size} ({observed.mean():.1%})"
