@@ -307,7 +307,8 @@ def _misses(job: Ledger) -> np.ndarray:
 
     def make() -> Record:
         fitted = job.fitted
-        from inim.render.sensors import make_sensor, pickup_rays
+        from inim.render.rays import pickup_rays
+        from inim.render.sensors import make_sensor
         from inim.render.trace import surface
 
         rays = pickup_rays(display, fitted.start_mm)

@@ -315,7 +315,7 @@ def render_pickup(
 
         asked = job.observed
         fitted, started = job.fitted, perf_counter()
-        eia = pickup(fitted, display, spp=spp, seed=seed, asked=asked, **_effort(job))
+        eia = pickup(fitted, display, spp=spp, seed=seed, mask=asked, **_effort(job))
         return Record({"first": eia.first, "second": eia.second}, perf_counter() - started)
 
     whole = 2 * max(1, spp // 2) * display.eia_shape[0] * display.eia_shape[1]

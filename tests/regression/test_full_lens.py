@@ -68,11 +68,12 @@ def traced(eia, display, finer=4, spp=SPP):
     """
     from inim.lens.full import facets_per_lens, sheet_mesh
     from inim.render.lens_mesh import LensMesh
-    from inim.render.sensors import eye_rays, make_sensor
+    from inim.render.rays import eye_rays
+    from inim.render.sensors import make_sensor
     from inim.render.trace import Tracer, mean_light
 
     mesh = LensMesh(eia, display, sheet_mesh(display, finer * facets_per_lens(display)))
-    rays = eye_rays(display, EYE.position_mm, PER_LENS, mesh.start_mm)
+    rays = eye_rays(display, EYE, PER_LENS, mesh.start_mm)
     sensor = make_sensor(rays, np.eye(4))
     looks = [mean_light(Tracer(mesh.light, sensor, seed), spp) for seed in SEEDS]
     return np.stack([by_lens(look) for look in looks])
