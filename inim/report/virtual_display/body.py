@@ -11,6 +11,7 @@ import numpy as np
 from inim.display import Display
 from inim.display.misalignment import mounted
 from inim.errors import InimError
+from inim.lens import drawn_as
 from inim.report.markup import element, figure, text, void
 from inim.report.pictures import Pictures, is_wide
 from inim.report.virtual_display.optics import SKETCHED_LENS_MODELS, drawn_as_none, optics
@@ -242,7 +243,7 @@ def _controls(eyes: Sequence[Eye], several: bool, lens_model: str) -> str:
         for i, eye in enumerate(eyes)
     ]
     # A thick lens focuses as a thin one does; a pinhole shows one pixel all over.
-    first = lens_model if lens_model in SKETCHED_LENS_MODELS else "thin"
+    first = drawn_as(lens_model)
     radios = [_radio(model, model == first) for model in SKETCHED_LENS_MODELS]
     parts = [_choices("Look from", buttons), _choices("Lens model", radios)]
     if several:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from inim.display import Display
-from inim.lens import channel_indices, lens_array, lens_traits
+from inim.lens import channel_indices, drawn_live, lens_array, lens_traits
 
 __all__ = ["SKETCHED_LENS_MODELS", "drawn_as_none", "optics"]
 
 #: The lens models that the shader knows.
-SKETCHED_LENS_MODELS = ("pinhole", "thin")
+SKETCHED_LENS_MODELS = drawn_live()
 
 
 def optics(display: Display) -> dict[str, Any]:
