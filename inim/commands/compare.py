@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.errors import UsageError
-from inim.pipeline.baseline import regression_data, verdict_lines
-from inim.pipeline.differences import FOLDER
+from inim.pipeline.baseline import FOLDER, regression_data, verdict_lines
 from inim.regression import CANDIDATE, Evidence, all_passed, compare, read_evidence
 from inim.report import Report
 from inim.report.compare import SCHEMA, write_comparison

@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from inim.parallel import beside
+from inim.parallel import threads
 from inim.report import virtual_display, wipe
 from inim.report.markup import element, mark, section, text
 from inim.report.pictures import ENCODINGS, Pictures
@@ -56,8 +56,8 @@ def render_html(data: Mapping[str, Any], folder: Path) -> str:
 
 
 def _page(data: Mapping[str, Any], pictures: Pictures) -> str:
-    with beside() as begin:  # packing and comparing pictures takes the longest
-        begun = [begin(s.body, data, pictures) for s in SECTIONS]
+    with threads() as submit:  # packing and comparing pictures takes the longest
+        begun = [submit(s.body, data, pictures) for s in SECTIONS]
         bodies = [one.result() for one in begun]
     shown = [(s.anchor, s.title, body) for s, body in zip(SECTIONS, bodies, strict=True) if body]
     header = _header(data, _navigation((anchor, title) for anchor, title, _ in shown))
