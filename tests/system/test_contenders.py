@@ -21,6 +21,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from inim.pipeline.ledger import Ledger
 from PIL import Image
 
 import inim
@@ -31,7 +32,6 @@ from inim.files.eia_file import read_eia
 from inim.files.image import read_exr, write_exr
 from inim.generators import SourceGenerator
 from inim.observer import Observer
-from inim.pipeline.ledger import Ledger
 from inim.pipeline.method import parse_contenders
 from inim.pipeline.plan import make_plan
 from inim.pipeline.plugin_guard import run_generator

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from inim.pipeline.ledger import Ledger
 
 from inim import metrics
 from inim.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
 from inim.observer import Observer
 from inim.pipeline import validate as validating
-from inim.pipeline.ledger import Ledger
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.report import Report

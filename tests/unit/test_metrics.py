@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -12,6 +13,7 @@ from inim import metrics
 from inim.color import srgb_from_linear
 from inim.errors import UsageError
 from inim.metrics import Metric
+from inim.plugins import stdout_to_stderr
 from inim.regression import ScoreEstimate, view_scores
 from inim.regression.scores import compare_scores
 
@@ -238,3 +240,16 @@ def test_score_whose_metric_is_gone_fails() -> None:
     (found,) = compare_scores(known, known)
     assert not found.passed
     assert found.detail == "its metric is not installed"
+
+
+def test_two_plugins_at_once_leave_stdout_as_it_was(capsys: pytest.CaptureFixture[str]) -> None:
+    """The first to begin is the first to end, as in two threads."""
+    before = sys.stdout
+    first, second = stdout_to_stderr(), stdout_to_stderr()
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    print("second")
+    second.__exit__(None, None, None)
+    assert sys.stdout is before
+    assert capsys.readouterr() == ("", "second\n")
