@@ -27,10 +27,10 @@ def announce(monkeypatch: pytest.MonkeyPatch) -> Iterator[Announce]:
     def announced(**found: object) -> None:
         monkeypatch.setattr("inim.metrics.announced", lambda group: sorted(found))
         monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: found[name])
-        metrics.all_metrics.cache_clear()
+        metrics._all_metrics.cache_clear()
 
     yield announced
-    metrics.all_metrics.cache_clear()
+    metrics._all_metrics.cache_clear()
 
 
 def absolute(reference: np.ndarray, test: np.ndarray) -> float:
@@ -178,6 +178,14 @@ def test_own_names_are_taken(announce: Announce) -> None:
 def test_declaration_that_makes_no_sense_is_refused(wrong: dict, words: str) -> None:
     with pytest.raises(UsageError, match=f"^metric .*{words}"):
         Metric(**{"name": "mine", "function": absolute, "tolerance": 0.01, **wrong})
+
+
+def test_eia_has_scores_of_those_metrics_that_say_something_of_it(announce: Announce) -> None:
+    announce(mae=lower("mae", absolute, of_eia=True), other=lower("other", absolute))
+    a, b = two(np.random.default_rng(7))
+    found = metrics.eia_scores(a, b)
+    mae = absolute(srgb_from_linear(a), srgb_from_linear(b))
+    assert found == {"ssim": metrics.ssim(a, b), "psnr_db": metrics.psnr_db(a, b), "mae": mae}
 
 
 def test_keys_carry_the_unit() -> None:
