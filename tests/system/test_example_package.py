@@ -90,14 +90,9 @@ def test_baseline_judges_its_metric_by_its_own_tolerance(
 ) -> None:
     out, _ = validated
     run("inim", "compare", out, out, "-o", "same", folder=tmp_path, variables=installed)
-    checks = json.loads((tmp_path / "same" / "compare.json").read_text("utf-8"))["verdict"][
-        "checks"
-    ]
-    (found,) = [
-        c
-        for c in data["verdict"]["checks"]
-        if c["name"].startswith("example/centre: MAD to ceiling")
-    ]
+    data = json.loads((tmp_path / "same" / "compare.json").read_text("utf-8"))
+    label = "example/centre: MAD to ceiling"
+    (found,) = [c for c in data["verdict"]["checks"] if c["name"].startswith(label)]
     assert found["passed"]
     assert found["value"] == 0
     assert found["limit"] >= 0.002
