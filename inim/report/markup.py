@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import html
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -9,12 +10,13 @@ from typing import Any
 from inim.report.wording import MISSING, NBSP, plain, score
 
 __all__ = [
+    "bullets",
     "captioned",
     "decibels",
     "element",
     "figure",
     "mark",
-    "section",
+    "plot",
     "table",
     "text",
     "triple",
@@ -41,10 +43,18 @@ def void(name: str, **attributes: object) -> str:
     return element(name, **attributes).removesuffix(f"</{name}>")
 
 
-def section(anchor: str, title: str, content: str) -> str:
-    """A part of the page that can be linked to, under its heading."""
-    heading = element("h2", text(title), id=f"{anchor}-title")
-    return element("section", heading, content, id=anchor, aria_labelledby=f"{anchor}-title")
+def bullets(lines: Iterable[object], class_: str) -> str:
+    """A list of plain texts; empty where there are none."""
+    listed = [element("li", text(line)) for line in lines]
+    return element("ul", *listed, class_=class_) if listed else ""
+
+
+def plot(svg: bytes, alt: str, caption: str = "", **attributes: object) -> str:
+    """A drawing as an embedded image: it scales, and its styles stay its own."""
+    source = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode('ascii')}"
+    image = void("img", src=source, alt=alt, **attributes)
+    words = element("figcaption", text(caption)) if caption else ""
+    return element("figure", image, words, class_="plot")
 
 
 def table(

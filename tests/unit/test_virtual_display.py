@@ -20,7 +20,7 @@ from inim.display import DISPLAYS, Display
 from inim.report import html as report_html
 from inim.report.html import render_html
 from inim.report.pictures import ENCODINGS, Pictures
-from inim.report.virtual_display import report_display
+from inim.report.sections.virtual_display import report_display
 from inim.report.virtual_display.panels import Panel, embed_panels
 from inim.report.virtual_display.still import still_view
 from tests.conftest import small_display

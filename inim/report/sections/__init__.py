@@ -18,7 +18,8 @@ from inim.report.sections.rgbd import rgbd
 from inim.report.sections.skipped import skipped
 from inim.report.sections.time_against_error import time_against_error
 from inim.report.sections.views import views
-from inim.report.virtual_display import ANCHOR, TITLE, report_display
+from inim.report.sections.virtual_display import report_display
+from inim.report.virtual_display.live import ANCHOR, TITLE
 
 __all__ = ["SECTIONS", "Section"]
 

@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeGuard
 
-from inim.report.markup import element, mark, table, text
+from inim.report.markup import bullets, element, mark, table, text
+from inim.report.page import how_to_reproduce
 from inim.report.wording import (
     MISSING,
     NBSP,
@@ -20,7 +21,6 @@ from inim.report.wording import (
     part,
     per_cent,
     relation,
-    short,
 )
 
 __all__ = ["check_list", "reproduce", "timings", "warnings"]
@@ -84,35 +84,9 @@ def _is_time(value: object) -> TypeGuard[float]:
 
 def warnings(data: Mapping[str, Any]) -> str:
     """What the run wants the reader to know."""
-    listed = [element("li", text(w)) for w in items(data, "warnings")]
-    return element("ul", *listed, class_="cautions") if listed else element("p", "None.")
+    return bullets(items(data, "warnings"), "cautions") or element("p", "None.")
 
 
 def reproduce(data: Mapping[str, Any]) -> str:
     """The command, and everything that could make another run differ."""
-    command = element("pre", element("code", text(data.get("command", MISSING))), tabindex=0)
-    versions = {"inim": data.get("inim_version"), **part(data, "versions")}
-    scene = {**part(data, "scene"), **part(data, "scene", "fit")}
-    others = [
-        _facts("Scene", {k: v for k, v in scene.items() if k != "fit"}),
-        _facts("Versions", versions),
-        _facts("Backend", part(data, "backend")),
-    ]
-    settings = _facts("Settings", part(data, "settings"))
-    stack = element("div", *others, class_="stack")
-    return command + element("div", settings, stack, class_="columns")
-
-
-def _facts(caption: str, values: Mapping[str, Any]) -> str:
-    rows = [
-        [text(key), element("span", _lines(value), class_="value")] for key, value in values.items()
-    ]
-    return table(caption, ["Key", "Value"], rows, "facts")
-
-
-def _lines(value: object) -> str:
-    """A value in full, so that it can be given again; a matrix as one line per row."""
-    if isinstance(value, (list, tuple)):
-        rows = [v if isinstance(v, (list, tuple)) else [v] for v in value]
-        return "<br>".join(text("  ".join(short(v) for v in row)) for row in rows)
-    return text(MISSING if value is None else value)
+    return how_to_reproduce(data).body

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import math
 import warnings
@@ -17,7 +16,7 @@ from inim.cache.digest import code_digest, value_digest
 from inim.cache.store import remembered
 from inim.report.bench.marks import LINES, MARKS, colour_of, plain_ticks, style
 from inim.report.bench.names import Name, across, set_apart
-from inim.report.markup import element, text, void
+from inim.report.markup import element, plot, text
 from inim.report.wording import is_number, part, plain, viewpoint_names
 
 __all__ = ["time_against_error"]
@@ -51,19 +50,16 @@ def time_against_error(data: Mapping[str, Any]) -> str:
         return ""
     floor = part(data, "noise_floor", "eia").get("psnr_db")
     known_floor = float(floor) if is_number(floor) and math.isfinite(floor) else None
-    drawn = base64.b64encode(_remembered(tuple(views), tuple(eias), unit, known_floor)).decode(
-        "ascii"
-    )
+    drawn = _remembered(tuple(views), tuple(eias), unit, known_floor)
     words = "; ".join(
         f"{p.name} {p.time:.2g} {unit}, 1 − SSIM to the ceiling {p.error:.3f}" for p in views
     )
     alt = f"Time against error. {words}" if words else "Time against error"
-    plot = void("img", src=f"data:image/svg+xml;base64,{drawn}", alt=alt, width=760, height=330)
     if unit == _YARDSTICKS:
         how = text(_WORDS + _RATIOS)
     else:
         how = text(_WORDS + _SECONDS) + element("code", "python -m inim.bench") + "."
-    return element("p", how, class_="lead") + element("figure", plot, class_="plot")
+    return element("p", how, class_="lead") + plot(drawn, alt, width=760, height=330)
 
 
 def _times(data: Mapping[str, Any]) -> tuple[dict[str, float], str]:
