@@ -87,12 +87,12 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
         No report there, or none that has panels to show.
     """
     from inim.report import Report
-    from inim.report.pictures import ENCODINGS, Pictures
+    from inim.report.images import ENCODINGS, Images
     from inim.report.sections.virtual_display import report_display
     from inim.report.virtual_display.live import LIVE
 
     report = Report.load(folder)
-    pictures = Pictures(report.folder, ENCODINGS[0])
+    pictures = Images(report.folder, ENCODINGS[0])
     content = report_display(report.data, pictures, most_bytes=_MOST_BYTES)
     if not LIVE.is_in(content):
         raise FileError(
@@ -135,7 +135,7 @@ def view_eia(
     from inim.display.misalignment import mounted
     from inim.display.viewpoint import parse_viewpoints
     from inim.files.eia_file import read_eia
-    from inim.report.pictures import ENCODINGS, Pictures
+    from inim.report.images import ENCODINGS, Images
     from inim.report.virtual_display.live import LIVE, Eye, Still, live_display
     from inim.report.virtual_display.panels import Panel
     from inim.report.virtual_display.still import still_view
@@ -155,7 +155,7 @@ def view_eia(
         [Panel(eia.stem, codes)],
         eyes,
         stills,
-        Pictures(eia.parent, ENCODINGS[0]),
+        Images(eia.parent, ENCODINGS[0]),
         most_bytes=_MOST_BYTES,
         lens_model=settings.lens_model,
     )

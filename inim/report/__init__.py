@@ -16,7 +16,7 @@ from inim.report.wording import verdict
 __all__ = ["SCHEMA", "Report"]
 
 SCHEMA = "inim.report/1"
-# Tall enough for verdict, scores and pictures; the rest scrolls.
+# Tall enough for verdict, scores and images; the rest scrolls.
 _NOTEBOOK_HEIGHT_PX = 900
 
 
@@ -27,7 +27,7 @@ class Report:
     Attributes
     ----------
     folder : Path
-        Holds `report.json`, `report.html`, `junit.xml`, `summary.md` and the pictures.
+        Holds `report.json`, `report.html`, `junit.xml`, `summary.md` and the images.
     data : mapping
         Schema `inim.report/1`; see the README.
 
@@ -36,7 +36,7 @@ class Report:
     JSON has no number that is not finite. `write` puts null in its place; the paths of those that
     were NaN or −infinity it lists under the top-level key ``not_finite``, each as the list of keys
     that lead there, and `load` puts NaN back at them. They show as "–" and pass no check. A null
-    PSNR that is not listed was +infinity, of two identical pictures, and shows as "∞"; any other
+    PSNR that is not listed was +infinity, of two identical images, and shows as "∞"; any other
     null is a value there was none of.
     """
 

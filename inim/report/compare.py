@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from inim.report.files import list_files, write_forms
+from inim.report.images import ENCODINGS, Images
 from inim.report.junit import render_junit
 from inim.report.markup import table, text
 from inim.report.page import Section, badge, data_note, render_page, timestamp
-from inim.report.pictures import ENCODINGS, Pictures
 from inim.report.sections.record import check_list
 from inim.report.sections.regression import regression
 from inim.report.summary import render_checks
@@ -48,7 +48,7 @@ def _page(data: Mapping[str, Any], folder: Path) -> str:
         data.get("title"),
         [text(f"{after} against {before}"), timestamp(data)],
         [
-            Section("regression", "What changed", regression(data, Pictures(folder, ENCODINGS[0]))),
+            Section("regression", "What changed", regression(data, Images(folder, ENCODINGS[0]))),
             Section("checks", "Checks", check_list(data)),
             Section("runs", "The two runs", _runs(data)),
         ],

@@ -33,7 +33,7 @@ def to_strict(data: Mapping[str, Any]) -> dict[str, Any]:
     """`data` with null for every number that is not finite.
 
     Paths to those that were NaN or −infinity are listed under ``not_finite``, as lists of keys
-    and indices. +infinity is the PSNR of identical pictures: a plain null, not listed.
+    and indices. +infinity is the PSNR of identical images: a plain null, not listed.
     """
     lost: list[_Path] = []
     strict = {k: _strict(v, (k,), lost) for k, v in data.items() if k != NOT_FINITE}

@@ -13,10 +13,10 @@ from typing import Any
 
 from inim.parallel import beside
 from inim.report import wipe
+from inim.report.images import ENCODINGS, Images
 from inim.report.markup import text
 from inim.report.page import Section, badge, data_note, render_page, timestamp
-from inim.report.pictures import ENCODINGS, Pictures
-from inim.report.sections import SECTIONS
+from inim.report.sections import all_sections
 from inim.report.virtual_display.live import LIVE
 from inim.report.wording import MISSING, check_passed, checks, items, part, verdict
 
@@ -43,21 +43,21 @@ def render_html(data: Mapping[str, Any], folder: Path) -> str:
     """
     page = ""
     for encoding in ENCODINGS:
-        page = _page(data, Pictures(Path(folder), encoding))
+        page = _page(data, Images(Path(folder), encoding))
         if len(page.encode()) < LARGEST_PAGE_BYTES:
             break
     return page
 
 
-def _page(data: Mapping[str, Any], pictures: Pictures) -> str:
+def _page(data: Mapping[str, Any], images: Images) -> str:
     with beside() as begin:  # packing and comparing images takes the longest
-        begun = [begin(s.body, data, pictures) for s in SECTIONS]
-        bodies = [one.result() for one in begun]
+        begun = [(s, begin(s.body, data, images)) for s in all_sections()]
+        sections = [Section(s.anchor, s.title, one.result()) for s, one in begun]
     title = data.get("title") or "Untitled"
     return render_page(
         title,
         _facts(data),
-        [Section(s.anchor, s.title, body) for s, body in zip(SECTIONS, bodies, strict=True)],
+        sections,
         window_title=f"{title}: {verdict(data)} – inim report",
         footer=data_note(data, "report.json"),
         verdict=_badge(data),

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
-from inim.report.wording import MISSING, NBSP, plain, score
+from inim.report.wording import plain
 
 __all__ = [
     "bullets",
     "captioned",
-    "decibels",
     "element",
     "figure",
     "mark",
     "plot",
     "table",
     "text",
-    "triple",
     "void",
 ]
 
@@ -94,7 +91,7 @@ def captioned(
     images: Sequence[str],
     facts: Iterable[tuple[str, Sequence[tuple[str, str]]]],
 ) -> str:
-    """A figure of one or more pictures; under its name, per reference, the scores against it."""
+    """A figure of one or more images; under its name, per reference, the scores against it."""
     title = element("b", text(name)) + " " + element("span", text(remark))
     rows = "".join(element("div", element("dt", text(k)), _measured(v)) for k, v in facts)
     caption = element("figcaption", title, element("dl", rows))
@@ -106,18 +103,3 @@ def _measured(scores: Iterable[tuple[str, str]]) -> str:
     return "".join(
         element("dd", text(f"{metric} "), element("b", text(value))) for metric, value in scores
     )
-
-
-def triple(scores: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """SSIM, PSNR and FLIP of `scores`, as `captioned` takes them."""
-    return [
-        ("SSIM", score(scores, "ssim")),
-        ("PSNR", decibels(scores, "psnr_db")),
-        ("FLIP", score(scores, "flip")),
-    ]
-
-
-def decibels(scores: Mapping[str, Any], key: str) -> str:
-    """A PSNR with its unit."""
-    shown = score(scores, key)
-    return shown if shown == MISSING else f"{shown}{NBSP}dB"

@@ -19,9 +19,9 @@ from skimage.metrics import structural_similarity
 from inim.display import DISPLAYS
 from inim.files.image import write_rgbd
 from inim.report import html as report_html
-from inim.report.depth_profile import depth_profile
 from inim.report.diagram import plan_view
 from inim.report.html import render_html
+from inim.report.sections.rgbd import depth_profile
 from inim.report.wipe import WIPE
 from inim.rgbd import RGBD
 

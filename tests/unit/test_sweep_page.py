@@ -9,7 +9,7 @@ import pytest
 
 from inim.report.sweep.page import render_sweep, write_page
 from inim.report.sweep.plots import time_column
-from inim.report.sweep.summary import contests_of, mean, on_front
+from inim.report.sweep.results import contests_of, mean, on_front
 from inim.report.sweep.tables import best_displays
 
 ABOUT = {"title": "T <b>&", "command": "inim sweep s.toml", "created": "2026", "inim_version": "1"}

@@ -16,10 +16,12 @@ from inim.cache.digest import code_digest, value_digest
 from inim.cache.store import remembered
 from inim.report.bench.marks import LINES, MARKS, colour_of, plain_ticks, style
 from inim.report.bench.names import Name, across, set_apart
+from inim.report.images import Images
 from inim.report.markup import element, plot, text
-from inim.report.wording import is_number, part, plain, viewpoint_names
+from inim.report.sections import ReportSection
+from inim.report.wording import MAIN, is_number, part, plain, viewpoint_names
 
-__all__ = ["time_against_error"]
+__all__ = ["SECTIONS", "time_against_error"]
 
 _YARDSTICKS = "yardsticks"
 _WORDS = "Down and left is better; the line joins those that no other beats in both. "
@@ -42,7 +44,7 @@ class _Point:
     error: float
 
 
-def time_against_error(data: Mapping[str, Any]) -> str:
+def time_against_error(data: Mapping[str, Any], _images: Images) -> str:
     """The section; empty where no algorithm has a time and a score."""
     times, unit = _times(data)
     views, eias = _view_points(data, times), _eia_points(data, times)
@@ -82,7 +84,7 @@ def _view_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_P
     points = []
     for name, time in times.items():
         views = part(data, "algorithms", name, "views")
-        values = [part(views, view).get("ssim_to_ceiling") for view in names]
+        values = [part(views, view).get(MAIN.to_ceiling_key) for view in names]
         known = [v for v in values if is_number(v)]
         if names and len(known) == len(names):
             points.append(_Point(plain(name), time, 1 - math.fsum(known) / len(known)))
@@ -175,3 +177,6 @@ def _is_beaten(mine: _Point, points: Sequence[_Point]) -> bool:
         and (p.time, p.error) != (mine.time, mine.error)
         for p in points
     )
+
+
+SECTIONS = (ReportSection(80, "time", "Time against error", time_against_error),)

@@ -8,13 +8,21 @@ from typing import Any
 from inim.display import Display
 from inim.display.misalignment import mounted
 from inim.errors import InimError
+from inim.report.images import Images
 from inim.report.markup import element, text
-from inim.report.pictures import Pictures
-from inim.report.virtual_display.live import LIVE_LENS_MODELS, Eye, Still, live_display
+from inim.report.sections import ReportSection
+from inim.report.virtual_display.live import (
+    ANCHOR,
+    LIVE_LENS_MODELS,
+    TITLE,
+    Eye,
+    Still,
+    live_display,
+)
 from inim.report.virtual_display.panels import Panel
 from inim.report.wording import best_algorithm, is_number, items, part, viewpoint_names
 
-__all__ = ["REPORT_PANEL_BYTES", "report_display"]
+__all__ = ["REPORT_PANEL_BYTES", "SECTIONS", "report_display"]
 
 #: Room for a report's panels; the rest of the page has as much again.
 REPORT_PANEL_BYTES = 6_000_000
@@ -22,7 +30,7 @@ _GROUND_TRUTH = "Ground truth"
 
 
 def report_display(
-    data: Mapping[str, Any], pictures: Pictures, *, most_bytes: int = REPORT_PANEL_BYTES
+    data: Mapping[str, Any], images: Images, *, most_bytes: int = REPORT_PANEL_BYTES
 ) -> str:
     """The section of a report; empty where the report says nothing of a display.
 
@@ -30,7 +38,7 @@ def report_display(
     ----------
     data : mapping
         Contents of report.json, schema ``inim.report/1``.
-    pictures : Pictures
+    images : Images
     most_bytes : int
         Room for the panels.
     """
@@ -44,17 +52,17 @@ def report_display(
     eyes = _eyes(data)
     if not eyes:
         return _left_out("no viewpoint has a position")
-    if not pictures.encoding.longest_px:
+    if not images.encoding.longest_px:
         return _left_out("the page would be too large; `inim view` shows it alone")
-    panels, missing = _panels(data, pictures, display)
+    panels, missing = _panels(data, images, display)
     if not panels:
         return _left_out(f"{', '.join(missing)} cannot be read, or not of the panel's size")
     return live_display(
         display,
         panels,
         eyes,
-        _stills(data, pictures, eyes[0].name),
-        pictures,
+        _stills(data, images, eyes[0].name),
+        images,
         most_bytes=most_bytes,
         lens_model=str(data.get("lens_model")),
         remarks=[*_missing_words(missing), _lens_words(data)],
@@ -74,7 +82,7 @@ def _eyes(data: Mapping[str, Any]) -> list[Eye]:
 
 
 def _panels(
-    data: Mapping[str, Any], pictures: Pictures, display: Display
+    data: Mapping[str, Any], images: Images, display: Display
 ) -> tuple[list[Panel], list[str]]:
     """The report's EIAs, the most important first, and the names of those that are not there."""
     best = best_algorithm(data)
@@ -82,7 +90,7 @@ def _panels(
     files = {_GROUND_TRUTH: ("truth", "eia.png")} | {n: ("eia", f"{n}.png") for n in names}
     panels, missing = [], []
     for name, place in files.items():
-        codes = pictures.read(*place)
+        codes = images.read(*place)
         if codes is None or codes.shape[:2] != display.eia_shape:
             missing.append(name)
         else:
@@ -90,13 +98,13 @@ def _panels(
     return panels, missing
 
 
-def _stills(data: Mapping[str, Any], pictures: Pictures, view: str) -> list[Still]:
+def _stills(data: Mapping[str, Any], images: Images, view: str) -> list[Still]:
     """What stands in on paper and without scripts: one viewpoint, as the report's views show it."""
     best = best_algorithm(data)
     sources = [(_GROUND_TRUTH, "ceiling")] + ([(best, best)] if best else [])
     model = data.get("lens_model", "")
     return [
-        Still(name, f"from {view}, {model} lenses", pictures.read("views", place, f"{view}.png"))
+        Still(name, f"from {view}, {model} lenses", images.read("views", place, f"{view}.png"))
         for name, place in sources
     ]
 
@@ -117,3 +125,6 @@ def _lens_words(data: Mapping[str, Any]) -> str:
         return ""
     views = "views" if viewpoint_names(data) else "pictures"
     return f"The report's {views} and scores are those of {model} lenses; thin ones come nearest."
+
+
+SECTIONS = (ReportSection(20, ANCHOR, TITLE, report_display),)

@@ -10,7 +10,7 @@ from inim.report.files import write_text
 from inim.report.markup import element, plot, text
 from inim.report.page import Section, badge, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.sweep.plots import draw_pareto, time_column
-from inim.report.sweep.summary import Contest, contests_of, names_of
+from inim.report.sweep.results import Contest, contests_of, names_of
 from inim.report.sweep.tables import best_displays, cost_table, failures, matrix
 from inim.report.wording import MISSING
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from inim.display import Display
 from inim.lens import channel_indices, lens_array, lens_traits
+from inim.report.images import Images, is_wide
 from inim.report.markup import element, figure, text, void
 from inim.report.page import Widget, package_text
-from inim.report.pictures import Pictures, is_wide
 from inim.report.virtual_display.panels import EmbeddedPanel, Panel, embed_panels
 
 __all__ = ["ANCHOR", "LIVE", "LIVE_LENS_MODELS", "TITLE", "Eye", "Still", "live_display"]
@@ -63,7 +63,7 @@ def live_display(
     panels: Sequence[Panel],
     eyes: Sequence[Eye],
     stills: Sequence[Still],
-    pictures: Pictures,
+    images: Images,
     *,
     most_bytes: int,
     lens_model: str = "thick",
@@ -80,7 +80,7 @@ def live_display(
     eyes : sequence of Eye
         The first is where the eye starts.
     stills : sequence of Still
-    pictures : Pictures
+    images : Images
         Embeds the stills.
     most_bytes : int
         Room for the panels.
@@ -93,7 +93,7 @@ def live_display(
     words = [*_embedding_words(embedded, left_out), *remarks, *_display_words(display)]
     note = element("p", text(" ".join(filter(None, words))), class_="note")
     if not embedded:
-        return _stand_in(stills, pictures) + note
+        return _stand_in(stills, images) + note
     start = [0, min(1, len(embedded) - 1)][: len(embedded)]
     data = {
         "optics": _optics(display),
@@ -103,16 +103,16 @@ def live_display(
     }
     return (
         _live(display, [one.name for one in embedded], start, eyes, lens_model)
-        + _stand_in(stills, pictures)
+        + _stand_in(stills, images)
         + note
         + _data_element(data)
     )
 
 
-def _stand_in(stills: Sequence[Still], pictures: Pictures) -> str:
+def _stand_in(stills: Sequence[Still], images: Images) -> str:
     why = element("p", text(_NEEDED), class_="note", id="virtual-display-why")
     shown = [
-        figure(pictures.embed(s.codes, f"{s.name} {s.remark}", _STILL_PX), s.name, s.remark)
+        figure(images.embed(s.codes, f"{s.name} {s.remark}", _STILL_PX), s.name, s.remark)
         for s in stills
     ]
     wide = any(is_wide(s.codes) for s in stills)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from inim.report.images import DIFFERENCE_GAIN, is_wide
 from inim.report.markup import element, text, void
 from inim.report.page import Widget, package_text
-from inim.report.pictures import DIFFERENCE_GAIN, is_wide
 from inim.report.wording import NBSP
 
 __all__ = ["WIPE", "wipe"]
@@ -37,12 +37,12 @@ def wipe(viewpoints: Sequence[str], names: Sequence[str], second: str, truth: An
     viewpoints : sequence of str
         The first of them, or the one called centre, is shown first.
     names : sequence of str
-        What there is a picture of from each viewpoint: `data-shows` of the page's pictures, whose
+        What there is a picture of from each viewpoint: `data-shows` of the page's images, whose
         `data-viewpoint` is the viewpoint. The first of them is one of the two shown first.
     second : str
         The other.
     truth : (rows, columns, 3) uint8, or None
-        Any of the pictures, for their shape; None leaves all out.
+        Any of the images, for their shape; None leaves all out.
     """
     if truth is None or not viewpoints or len(names) < 2:
         return ""

@@ -31,7 +31,7 @@ _LEAD = (
 
 
 def write_picture_report(data: Mapping[str, Any], folder: Path) -> None:
-    """Write all forms into a folder that holds the pictures, `report.json` last.
+    """Write all forms into a folder that holds the images, `report.json` last.
 
     Parameters
     ----------
@@ -154,14 +154,14 @@ def _facts(data: Mapping[str, Any]) -> list[str]:
 
 
 def _views(data: Mapping[str, Any], folder: Path) -> list[str]:
-    """A row of pictures for each viewpoint: warped, exact, then each algorithm's."""
+    """A row of images for each viewpoint: warped, exact, then each algorithm's."""
     rows = []
     for viewpoint in items(data, "viewpoints"):
         name = viewpoint["name"]
         shown = {"picture": "the picture, warped", "exact": "exact first hits"}
         shown |= {algorithm: algorithm for algorithm in part(data, "algorithms")}
-        pictures = [_picture(folder / "views" / k / f"{name}.png", v) for k, v in shown.items()]
-        rows.append(element("h3", text(name)) + element("div", *pictures, class_="seen"))
+        images = [_picture(folder / "views" / k / f"{name}.png", v) for k, v in shown.items()]
+        rows.append(element("h3", text(name)) + element("div", *images, class_="seen"))
     return rows
 
 
