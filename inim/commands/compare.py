@@ -77,9 +77,9 @@ def _about(folder: Path, statistics: RunStatistics) -> dict[str, Any]:
 
 def _copy_pictures(reports: list[Report], name: str, staging: Path) -> bool:
     """The two pictures of a name, and their difference; whether both are there."""
-    from inim.report.pictures import ENCODINGS, Pictures, difference
+    from inim.report.images import ENCODINGS, Images, difference
 
-    found = [Pictures(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in reports]
+    found = [Images(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in reports]
     change = difference(found[0], found[1])
     if found[0] is None or found[1] is None or change is None:
         return False

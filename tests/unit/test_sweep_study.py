@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from inim.errors import EXIT_USAGE, InimError
-from inim.report.sweep.summary import _SETTINGS
+from inim.report.sweep.results import _SETTINGS
 from inim.settings import Settings
 from inim.sweep.rows import DISPLAY_COLUMNS, SETTING_COLUMNS, failed_rows
 from inim.sweep.study import AS_SCENE, read_study
