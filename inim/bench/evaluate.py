@@ -92,25 +92,28 @@ def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
         "wrong_source": wrong,
         "hole_fraction": _lensed_share(empty, reference.exact),
         "averaged_share": _averaged_share(method),
-        "eia_ssim": metrics.ssim(reference.eia, made),
-        "eia_psnr_db": metrics.psnr_db(reference.eia, made),
-        "view_ssim_to_ceiling": _mean_ssim(reference.ceiling, reference.views_of(made)),
+        **_scores(reference.eia, made, reference.ceiling, reference.views_of(made)),
     }
 
 
 def noise_floor(first: np.ndarray, second: np.ndarray, views_of: ViewsOf) -> dict[str, float]:
     """One half of the ground truth's samples against the other, by the same measures."""
-    return {
-        "eia_ssim": metrics.ssim(first, second),
-        "eia_psnr_db": metrics.psnr_db(first, second),
-        "view_ssim_to_ceiling": _mean_ssim(views_of(first), views_of(second)),
+    return _scores(first, second, views_of(first), views_of(second))
+
+
+def _scores(
+    reference: np.ndarray,
+    eia: np.ndarray,
+    ceiling: Sequence[np.ndarray],
+    views: Sequence[np.ndarray],
+) -> dict[str, float]:
+    """Every metric's score of the EIA, where it has one, and its mean over the views."""
+    of_eia = metrics.eia_scores(reference, eia)
+    of_views = [metrics.score(*pair) for pair in zip(ceiling, views, strict=True)]
+    return {f"eia_{key}": value for key, value in of_eia.items()} | {
+        f"view_{metric.to_ceiling_key}": float(np.mean([view[metric.key] for view in of_views]))
+        for metric in metrics.all_metrics()
     }
-
-
-def _mean_ssim(references: Sequence[np.ndarray], views: Sequence[np.ndarray]) -> float:
-    """Over the viewpoints."""
-    pairs = zip(references, views, strict=True)
-    return float(np.mean([metrics.ssim(reference, view) for reference, view in pairs]))
 
 
 def _sources(method: TimedMethod) -> Sources | None:

@@ -25,16 +25,16 @@ from inim.pipeline.plan import Plan
 from inim.regression import (
     BASELINE,
     CANDIDATE,
-    Evidence,
     Fingerprint,
+    RunStatistics,
     Verdict,
     changed_circumstances,
     compare,
     drift,
-    read_evidence,
-    write_evidence,
+    read_statistics,
+    write_statistics,
 )
-from inim.regression.difference_images import changed_pixels, tile_pictures
+from inim.regression.comparison import changed_pixels, tile_pictures
 from inim.report import Report
 
 __all__ = [
@@ -71,7 +71,7 @@ class Comparison:
 
 
 def judge(
-    plan: Plan, folder: Path, candidate: Evidence, references: Mapping[str, Reference]
+    plan: Plan, folder: Path, candidate: RunStatistics, references: Mapping[str, Reference]
 ) -> Comparison:
     """Compare a run with its baseline; images of what changed are written.
 
@@ -80,12 +80,12 @@ def judge(
     plan : Plan
     folder : Path
         Of the report.
-    candidate : Evidence
+    candidate : RunStatistics
         What the run leaves behind.
     references : mapping of str to Reference
         What the generators make of the reference input, by method.
     """
-    write_evidence(folder / FOLDER, CANDIDATE, candidate)
+    write_statistics(folder / FOLDER, CANDIDATE, candidate)
     baseline, where = plan.baseline, str(plan.request.baseline)
     if baseline is None:
         return Comparison()
@@ -120,7 +120,9 @@ def _keep_changed(
     write_png(place / f"{name}-difference.png", changed_pixels(old, new, display))
 
 
-def write_difference(folder: Path, name: str, baseline: Evidence, candidate: Evidence) -> bool:
+def write_difference(
+    folder: Path, name: str, baseline: RunStatistics, candidate: RunStatistics
+) -> bool:
     """The candidate's picture beside the baseline's tiles and what changed; whether it could be."""
     old, new = baseline.pictures[name], candidate.pictures.get(name)
     if new is None or (new.shape, new.tile) != (old.shape, old.tile):
@@ -136,7 +138,7 @@ def write_difference(folder: Path, name: str, baseline: Evidence, candidate: Evi
 
 
 def regression_data(
-    where: str, baseline: Evidence, candidate: Evidence, pictures: list[str]
+    where: str, baseline: RunStatistics, candidate: RunStatistics, pictures: list[str]
 ) -> dict[str, Any]:
     """What a report says of a comparison besides its checks."""
     return {
@@ -181,17 +183,17 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
         raise UsageError(
             f"{out}: failed {len(own)} checks of its own ({own[0]['name']}); mend that first"
         )
-    candidate = read_evidence(out / FOLDER, CANDIDATE)
+    candidate = read_statistics(out / FOLDER, CANDIDATE)
     _check_whole(candidate, out)
     if folder is None:
         compared = report.data.get("regression")
         folder = Path(compared["baseline"]) if compared else default_baseline(report.data["title"])
     today = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    write_evidence(folder, BASELINE, candidate.accept(reason.strip(), today))
+    write_statistics(folder, BASELINE, candidate.accept(reason.strip(), today))
     return folder
 
 
-def _check_whole(candidate: Evidence, out: Path) -> None:
+def _check_whole(candidate: RunStatistics, out: Path) -> None:
     """A baseline with a hole in it would let everything pass, or nothing."""
     wrong = [
         f"{what} {name}"

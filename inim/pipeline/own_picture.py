@@ -29,7 +29,7 @@ from inim.pipeline.picture_oracle import ExactHits, exact_hits, why_no_oracle
 from inim.pipeline.plugin_guard import blamed, run_generator
 from inim.pipeline.warp import warped
 from inim.provenance import backend_data, versions
-from inim.report.picture import SCHEMA, write_picture_report
+from inim.report.without_scene import SCHEMA, write_picture_report
 from inim.rgbd import RGBD, LayeredRGBD
 from inim.version import __version__
 from inim.worker.output import open_staging, publish

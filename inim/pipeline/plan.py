@@ -17,7 +17,7 @@ from inim.pipeline.memory import LEAST_BYTES, rays_in_flight
 from inim.pipeline.method import Method, parse_methods
 from inim.pipeline.reconstruct import Optics
 from inim.pipeline.request import SHORTHANDS, Request
-from inim.regression import BASELINE, Evidence, check_comparable, read_evidence
+from inim.regression import BASELINE, RunStatistics, check_comparable, read_statistics
 from inim.scene.file import SceneFile, parse_definitions, read_scene_file
 from inim.settings import Settings
 
@@ -58,7 +58,7 @@ class Plan:
         What the run's pictures take at their fullest moment.
     rays_in_flight : int
         That the memory beside them allows the renderer at once.
-    baseline : Evidence, optional
+    baseline : RunStatistics, optional
         To compare with.
     """
 
@@ -72,7 +72,7 @@ class Plan:
     ssim_limits: dict[str, float]
     pictures_bytes: int
     rays_in_flight: int
-    baseline: Evidence | None = None
+    baseline: RunStatistics | None = None
 
     @property
     def optics(self) -> Optics:
@@ -149,7 +149,7 @@ def make_plan(request: Request) -> Plan:
 
 def _with_baseline(plan: Plan, folder: Path) -> Plan:
     """The plan with its baseline, once it is sure that they can be compared."""
-    plan = replace(plan, baseline=read_evidence(folder, BASELINE))
+    plan = replace(plan, baseline=read_statistics(folder, BASELINE))
     check_baseline(plan)
     return plan
 

@@ -12,7 +12,7 @@ from inim.pipeline.measured import Measured
 from inim.pipeline.plan import Plan, conditions_of
 from inim.pipeline.statistics import Statistics
 from inim.provenance import versions
-from inim.regression import Evidence, Fingerprint, ScoreEstimate, TileStatistics
+from inim.regression import Fingerprint, RunStatistics, ScoreEstimate, TileStatistics
 from inim.version import __version__
 
 __all__ = ["run_statistics"]
@@ -23,7 +23,7 @@ _SAMPLING = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp", "seed")
 
 def run_statistics(
     found: Measured, truth: Statistics, times: Mapping[str, tuple[float, ...]]
-) -> Evidence:
+) -> RunStatistics:
     """All that a run leaves behind.
 
     Parameters
@@ -41,7 +41,7 @@ def run_statistics(
         pictures |= one.pictures
         scores |= one.scores
         prints |= one.fingerprints
-    return Evidence(
+    return RunStatistics(
         conditions_of(found.plan, found.backend.variant),
         _circumstances(found.plan, found.backend),
         pictures,

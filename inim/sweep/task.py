@@ -213,6 +213,6 @@ def _validated(task: Task, plan: Plan, staging: Path, listener: Any) -> Any:
 
 def _times(staging: Path) -> Mapping[str, Sequence[float]]:
     from inim.pipeline.baseline import FOLDER as STATISTICS
-    from inim.regression import CANDIDATE, read_evidence
+    from inim.regression import CANDIDATE, read_statistics
 
-    return read_evidence(staging / STATISTICS, CANDIDATE).times
+    return read_statistics(staging / STATISTICS, CANDIDATE).times

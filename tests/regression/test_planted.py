@@ -29,7 +29,7 @@ from inim.pipeline.scene import Renderer
 from inim.pipeline.truth import GroundTruth
 from inim.pipeline.validate import measure
 from inim.pipeline.work import setup
-from inim.regression import Evidence, Verdict, compare, fingerprint, reference_input
+from inim.regression import RunStatistics, Verdict, compare, fingerprint, reference_input
 from inim.rgbd import RGBD
 
 SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"
@@ -63,7 +63,7 @@ class Run:
         generate: Callable[[RGBD], np.ndarray] | None = None,
         seen: Callable[[dict[str, Any]], dict[str, Any]] = lambda views: views,
         times: dict[str, tuple[float, ...]] | None = None,
-    ) -> Evidence:
+    ) -> RunStatistics:
         """What it leaves, with another truth, another generator or other views planted."""
         truth, generate = truth or self.truth, generate or self.generate
         plan, run, capture = self.found.plan, self.found.run, self.found.capture
@@ -94,7 +94,7 @@ def run_of(folder: Path, **settings: Any) -> Run:
 
 
 @pytest.fixture(scope="module")
-def baseline(tmp_path_factory: pytest.TempPathFactory) -> Evidence:
+def baseline(tmp_path_factory: pytest.TempPathFactory) -> RunStatistics:
     return run_of(tmp_path_factory.mktemp("baseline")).evidence()
 
 
@@ -104,7 +104,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run_of(tmp_path_factory.mktemp("run"), seed=1)
 
 
-def failed(baseline: Evidence, candidate: Evidence) -> dict[str, Verdict]:
+def failed(baseline: RunStatistics, candidate: RunStatistics) -> dict[str, Verdict]:
     return {v.name: v for v in compare(baseline, candidate, "here") if not v.passed}
 
 

@@ -1,7 +1,12 @@
-"""The section's HTML: controls and canvases for the script, and views that stand in for them."""
+"""Controls and canvases for the script, the data it draws from, and views that stand in for it.
+
+Geometry, panels and images are put together here; one script and one shader, package data beside
+this file, draw.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,35 +14,25 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.display.misalignment import mounted
-from inim.errors import InimError
-from inim.lens import drawn_as
+from inim.lens import channel_indices, drawn_as, drawn_live, lens_array, lens_traits
+from inim.report.images import Images, is_wide
 from inim.report.markup import element, figure, text, void
-from inim.report.pictures import Pictures, is_wide
-from inim.report.virtual_display.optics import SKETCHED_LENS_MODELS, drawn_as_none, optics
+from inim.report.page import Widget, package_text
 from inim.report.virtual_display.panels import EmbeddedPanel, Panel, embed_panels
-from inim.report.virtual_display.scripts import data_element
-from inim.report.wording import best_algorithm, is_number, items, part, viewpoint_names
 
-__all__ = [
-    "ANCHOR",
-    "TITLE",
-    "Eye",
-    "Still",
-    "is_live",
-    "live_display",
-    "report_display",
-    "report_eyes",
-    "report_panels",
-    "report_stills",
-]
+__all__ = ["ANCHOR", "LIVE", "LIVE_LENS_MODELS", "TITLE", "Eye", "Still", "live_display"]
 
 ANCHOR, TITLE = "virtual-display", "Virtual display"
+#: The lens models that the shader knows.
+LIVE_LENS_MODELS = drawn_live()
 
-#: Room for a report's panels; the rest of the page has as much again.
-REPORT_PANEL_BYTES = 6_000_000
+_FOLDER = "virtual_display"
+LIVE = Widget(
+    package_text(_FOLDER, "virtual_display.css"),
+    package_text(_FOLDER, "virtual_display.js"),
+    "<canvas ",
+)
 _STILL_PX = 420
-_GROUND_TRUTH = "Ground truth"
 _NEEDED = "The live display needs scripts and WebGL 2; these pre-rendered views stand in for it."
 _HELP = (
     "Drag across a picture to move the eye. Once clicked, or reached with the Tab key: scroll or "
@@ -63,92 +58,12 @@ class Still:
     codes: np.ndarray | None
 
 
-def report_display(
-    data: Mapping[str, Any], pictures: Pictures, *, most_bytes: int = REPORT_PANEL_BYTES
-) -> str:
-    """The section of a report; empty where the report says nothing of a display.
-
-    Parameters
-    ----------
-    data : mapping
-        Contents of report.json, schema ``inim.report/1``.
-    pictures : Pictures
-    most_bytes : int
-        Room for the panels.
-    """
-    given = part(data, "display", "given")
-    if not given:
-        return ""
-    try:
-        display = mounted(Display(**given), str(data.get("misalign") or ""))
-    except (InimError, TypeError) as error:
-        return _left_out(f"the display cannot be set up ({error})")
-    eyes = report_eyes(data)
-    if not eyes:
-        return _left_out("no viewpoint has a position")
-    if not pictures.encoding.longest_px:
-        return _left_out("the page would be too large; `inim view` shows it alone")
-    panels, missing = report_panels(data, pictures, display)
-    if not panels:
-        return _left_out(f"{_joined(missing)} cannot be read, or not of the panel's size")
-    return live_display(
-        display,
-        panels,
-        eyes,
-        report_stills(data, pictures, eyes[0].name),
-        pictures,
-        most_bytes=most_bytes,
-        lens_model=str(data.get("lens_model")),
-        remarks=[*_missing_words(missing), _lens_words(data)],
-    )
-
-
-def report_eyes(data: Mapping[str, Any]) -> list[Eye]:
-    """The report's viewpoints, the one called centre first."""
-    eyes = []
-    for viewpoint in items(data, "viewpoints"):
-        position = items(viewpoint, "position_mm")
-        known = len(position) == 3 and all(map(is_number, position)) and position[2] > 0
-        if "name" in part(viewpoint) and known:
-            x, y, z = map(float, position)
-            eyes.append(Eye(str(viewpoint["name"]), (x, y, z)))
-    return sorted(eyes, key=lambda eye: eye.name != "centre")
-
-
-def report_panels(
-    data: Mapping[str, Any], pictures: Pictures, display: Display
-) -> tuple[list[Panel], list[str]]:
-    """The report's EIAs, the most important first, and the names of those that are not there."""
-    best = best_algorithm(data)
-    names = sorted(part(data, "algorithms"), key=lambda name: name != best)
-    files = {_GROUND_TRUTH: ("truth", "eia.png")} | {n: ("eia", f"{n}.png") for n in names}
-    panels, missing = [], []
-    for name, place in files.items():
-        codes = pictures.read(*place)
-        if codes is None or codes.shape[:2] != display.eia_shape:
-            missing.append(name)
-        else:
-            panels.append(Panel(name, codes))
-    return panels, missing
-
-
-def report_stills(data: Mapping[str, Any], pictures: Pictures, view: str) -> list[Still]:
-    """What stands in on paper and without scripts: one viewpoint, as the report's views show it."""
-    best = best_algorithm(data)
-    sources = [(_GROUND_TRUTH, "ceiling")] + ([(best, best)] if best else [])
-    model = data.get("lens_model", "")
-    return [
-        Still(name, f"from {view}, {model} lenses", pictures.read("views", place, f"{view}.png"))
-        for name, place in sources
-    ]
-
-
 def live_display(
     display: Display,
     panels: Sequence[Panel],
     eyes: Sequence[Eye],
     stills: Sequence[Still],
-    pictures: Pictures,
+    images: Images,
     *,
     most_bytes: int,
     lens_model: str = "thick",
@@ -165,7 +80,7 @@ def live_display(
     eyes : sequence of Eye
         The first is where the eye starts.
     stills : sequence of Still
-    pictures : Pictures
+    images : Images
         Embeds the stills.
     most_bytes : int
         Room for the panels.
@@ -178,35 +93,26 @@ def live_display(
     words = [*_embedding_words(embedded, left_out), *remarks, *_display_words(display)]
     note = element("p", text(" ".join(filter(None, words))), class_="note")
     if not embedded:
-        return _stand_in(stills, pictures) + note
+        return _stand_in(stills, images) + note
     start = [0, min(1, len(embedded) - 1)][: len(embedded)]
     data = {
-        "optics": optics(display),
+        "optics": _optics(display),
         "panels": [{"name": one.name, "source": one.source} for one in embedded],
         "viewpoints": [{"name": e.name, "position_mm": list(e.position_mm)} for e in eyes],
         "start": start,
     }
     return (
         _live(display, [one.name for one in embedded], start, eyes, lens_model)
-        + _stand_in(stills, pictures)
+        + _stand_in(stills, images)
         + note
-        + data_element(data)
+        + _data_element(data)
     )
 
 
-def is_live(body: str) -> bool:
-    """Whether a section's content holds a live display, which needs the script."""
-    return "<canvas " in body  # whatever comes from outside is escaped
-
-
-def _left_out(reason: str) -> str:
-    return element("p", text(f"Left out: {reason}."), class_="note")
-
-
-def _stand_in(stills: Sequence[Still], pictures: Pictures) -> str:
+def _stand_in(stills: Sequence[Still], images: Images) -> str:
     why = element("p", text(_NEEDED), class_="note", id="virtual-display-why")
     shown = [
-        figure(pictures.embed(s.codes, f"{s.name} {s.remark}", _STILL_PX), s.name, s.remark)
+        figure(images.embed(s.codes, f"{s.name} {s.remark}", _STILL_PX), s.name, s.remark)
         for s in stills
     ]
     wide = any(is_wide(s.codes) for s in stills)
@@ -244,7 +150,7 @@ def _controls(eyes: Sequence[Eye], several: bool, lens_model: str) -> str:
     ]
     # A thick lens focuses as a thin one does; a pinhole shows one pixel all over.
     first = drawn_as(lens_model)
-    radios = [_radio(model, model == first) for model in SKETCHED_LENS_MODELS]
+    radios = [_radio(model, model == first) for model in LIVE_LENS_MODELS]
     parts = [_choices("Look from", buttons), _choices("Lens model", radios)]
     if several:
         box = void("input", type="checkbox", name_="together", checked="checked")
@@ -314,23 +220,9 @@ def _embedding_words(embedded: Sequence[EmbeddedPanel], left_out: Sequence[str])
     return words
 
 
-def _missing_words(missing: Sequence[str]) -> list[str]:
-    if not missing:
-        return []
-    return [f"Not there, or not of the panel's size: {_joined(missing)}."]
-
-
-def _lens_words(data: Mapping[str, Any]) -> str:
-    model = data.get("lens_model")
-    if model in SKETCHED_LENS_MODELS or not model:
-        return ""
-    views = "views" if viewpoint_names(data) else "pictures"
-    return f"The report's {views} and scores are those of {model} lenses; thin ones come nearest."
-
-
 def _display_words(display: Display) -> list[str]:
     words = ["The eye is a point."]
-    if drawn_as_none(display):
+    if _has_dark_gaps(display):
         words.append("Panel pixels are drawn evenly lit: sub-pixels and pixel fill as none.")
     if display.tilt_x_deg or display.tilt_y_deg:
         words.append("The viewing zone is stated for a panel that is not tilted.")
@@ -339,3 +231,55 @@ def _display_words(display: Display) -> list[str]:
 
 def _joined(names: Sequence[str]) -> str:
     return ", ".join(names)
+
+
+def _optics(display: Display) -> dict[str, Any]:
+    """Everything the live display needs of a `Display`, for JSON; lengths in millimetres.
+
+    `traits` are names the shader is compiled with.
+
+    Parameters
+    ----------
+    display : Display
+        As its array really lies.
+    """
+    array, traits = lens_array(display), lens_traits(display)
+    rows, columns = display.eia_shape
+    indices = channel_indices(display)
+    kinds = {
+        "COLORED": len(set(indices)) > 1,
+        "HEXAGONAL": traits.hexagonal,
+        "APERTURE": not traits.full_aperture,
+        "ROUND_APERTURE": traits.round_aperture,
+        "CLEAR_BETWEEN": traits.clear_between,
+        "TURNED": traits.turned,
+        "TILTED": traits.tilted,
+    }
+    return {
+        "size_mm": [display.width_mm, display.height_mm],
+        "pitch_mm": [array.pitch_x, array.pitch_y],
+        "lenses": [display.lens_columns, display.lens_rows],
+        "gap_mm": array.gap,
+        "elemental_pitch_mm": [display.elemental_image_pitch_mm, display.elemental_row_pitch_mm],
+        "power_per_mm": [(n - 1) / array.radius for n in indices],
+        "traits": [name for name, has in kinds.items() if has],
+        "half_aperture_mm": array.half_aperture,
+        "shift_mm": [array.shift_x, array.shift_y],
+        "turn": [array.cosine, array.sine],
+        "tilt": [array.tilt_x, array.tilt_y],
+        "pixel_mm": display.pixel_pitch_mm,
+        "panel": [columns, rows],
+        "front_mm": max(display.depth_range_mm[1], 0.0),
+    }
+
+
+def _has_dark_gaps(display: Display) -> bool:
+    """Whether the panel has sub-pixels or dark gaps, which the live display leaves out."""
+    return display.subpixels != "none" or display.pixel_fill < 1
+
+
+def _data_element(data: Mapping[str, Any]) -> str:
+    """`data` and the shader as a block that the script reads and nothing runs."""
+    whole = {**data, "shader": package_text(_FOLDER, "virtual_display.glsl")}
+    coded = json.dumps(whole, allow_nan=False).replace("<", "\\u003c").replace("&", "\\u0026")
+    return f'<script type="application/json" id="virtual-display-data">{coded}</script>'

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from inim.files.image import write_atomically
-from inim.report.markup import element, figure, section, table, text, void
-from inim.report.strict_json import from_strict, to_strict
+from inim.report.files import list_files, write_forms
+from inim.report.markup import bullets, element, figure, table, text, void
+from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.wording import MISSING, items, number, part, per_cent, plain, score
 
 __all__ = ["SCHEMA", "write_picture_report"]
 
 SCHEMA = "inim.picture/1"
-_POLICY = (
-    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
-    "base-uri 'none'; form-action 'none'"
-)
 _STYLE = """
 .seen { display: grid; grid-template-columns: repeat(auto-fill, minmax(220px, 1fr)); gap: 12px; }
 .seen figure { margin: 0; } .seen img { width: 100%; image-rendering: pixelated; }
@@ -37,7 +31,7 @@ _LEAD = (
 
 
 def write_picture_report(data: Mapping[str, Any], folder: Path) -> None:
-    """Write all forms into a folder that holds the pictures, `report.json` last.
+    """Write all forms into a folder that holds the images, `report.json` last.
 
     Parameters
     ----------
@@ -45,25 +39,8 @@ def write_picture_report(data: Mapping[str, Any], folder: Path) -> None:
         Schema `inim.picture/1`; `files` is added here.
     folder : Path
     """
-    own = ("report.html", "report.json", "summary.md")
-    pictures = [str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()]
-    strict = to_strict({**data, "files": sorted([*pictures, *own])})
-    data = from_strict(strict)
-    texts = {
-        "summary.md": _markdown(data),
-        "report.html": _page(data, folder),
-        "report.json": json.dumps(strict, indent=1, allow_nan=False, ensure_ascii=False),
-    }
-    for name, written in texts.items():
-        _write(folder / name, written + "\n")
-
-
-def _write(path: Path, content: str) -> None:
-    write_atomically(path, lambda p: _put(p, content))
-
-
-def _put(path: Path, content: str) -> None:
-    path.write_text(content, encoding="utf-8", errors="backslashreplace")
+    forms = {"summary.md": _markdown, "report.html": lambda data: _page(data, folder)}
+    write_forms(list_files(data, folder, "report.json", *forms), folder, "report.json", forms)
 
 
 # -- tables -------------------------------------------------------------------------------------
@@ -142,62 +119,49 @@ def _cell(value: object) -> str:
 
 def _page(data: Mapping[str, Any], folder: Path) -> str:
     heads, rows = _scores(data)
-    warned = [element("li", text(w)) for w in items(data, "warnings")]
     scored = (
         element("p", text(_LEAD), class_="lead")
         + table("Scores", [text(h) for h in heads], [[text(c) for c in row] for row in rows])
-        + (element("ul", *warned, class_="cautions") if warned else "")
-        + element("ul", *(element("li", text(r)) for r in _remarks(data)), class_="remarks")
+        + bullets(items(data, "warnings"), "cautions")
+        + bullets(_remarks(data), "remarks")
     )
     checked = [[text(cell) for cell in row] for row in _checks(data)]
     heads = ["Check", "Value", "Limit", "Verdict"]
-    sections = [
-        ("scores", "Scores", scored),
-        ("views", "Views", "".join(_views(data, folder))),
-        ("checks", "Checks", table("Checks", heads, checked)),
-        ("reproduce", "How to reproduce", _reproduce(data)),
-    ]
-    links = [f'<a href="#{anchor}">{text(title)}</a>' for anchor, title, _ in sections]
-    title = text(data.get("title", "Picture"))
-    header = element(
-        "header",
-        element("div", element("h1", title), _facts(data)),
-        element("nav", *links, aria_label="Sections"),
-    )
-    main = "\n".join(section(*one) for one in sections)
-    sheet = resources.files("inim.report").joinpath("report.css").read_text("utf-8")
-    version, schema = text(data.get("inim_version", MISSING)), text(data.get("schema", MISSING))
-    footer = element("footer", element("p", f"inim {version} · data in report.json ({schema})"))
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{text(_POLICY)}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        '<meta name="color-scheme" content="light dark">\n'
-        f"<title>{title} – inim</title>\n<style>\n{sheet}{_STYLE}</style>\n</head>\n"
-        f"<body>\n{header}\n<main>\n{main}\n</main>\n{footer}\n</body>\n</html>"
+    title = data.get("title", "Picture")
+    return render_page(
+        title,
+        _facts(data),
+        [
+            Section("scores", "Scores", scored),
+            Section("views", "Views", "".join(_views(data, folder))),
+            Section("checks", "Checks", table("Checks", heads, checked)),
+            how_to_reproduce(data),
+        ],
+        window_title=f"{title} – inim",
+        footer=data_note(data, "report.json"),
+        style=_STYLE,
     )
 
 
-def _facts(data: Mapping[str, Any]) -> str:
-    facts = [
+def _facts(data: Mapping[str, Any]) -> list[str]:
+    return [
         "passed" if part(data, "verdict").get("passed") is True else "FAILED",
         "without a scene",
         f"display {text(part(data, 'display', 'given').get('name', MISSING))}",
         f"{text(data.get('lens_model', MISSING))} lenses",
-        element("time", text(plain(data.get("created", MISSING)).replace("+00:00", " UTC"))),
+        timestamp(data),
     ]
-    return element("p", " · ".join(facts), class_="facts")
 
 
 def _views(data: Mapping[str, Any], folder: Path) -> list[str]:
-    """A row of pictures for each viewpoint: warped, exact, then each algorithm's."""
+    """A row of images for each viewpoint: warped, exact, then each algorithm's."""
     rows = []
     for viewpoint in items(data, "viewpoints"):
         name = viewpoint["name"]
         shown = {"picture": "the picture, warped", "exact": "exact first hits"}
         shown |= {algorithm: algorithm for algorithm in part(data, "algorithms")}
-        pictures = [_picture(folder / "views" / k / f"{name}.png", v) for k, v in shown.items()]
-        rows.append(element("h3", text(name)) + element("div", *pictures, class_="seen"))
+        images = [_picture(folder / "views" / k / f"{name}.png", v) for k, v in shown.items()]
+        rows.append(element("h3", text(name)) + element("div", *images, class_="seen"))
     return rows
 
 
@@ -207,9 +171,3 @@ def _picture(path: Path, words: str) -> str:
     except OSError:
         return ""
     return figure(void("img", src=f"data:image/png;base64,{code}", alt=words), words)
-
-
-def _reproduce(data: Mapping[str, Any]) -> str:
-    command = element("pre", element("code", text(data.get("command", MISSING))))
-    rows = [[text(name), text(value)] for name, value in part(data, "versions").items()]
-    return command + table("Versions", ["Package", "Version"], rows, "facts")

@@ -1,6 +1,6 @@
-"""The report's pictures: read from its folder, compared, and embedded in the page.
+"""The report's images: read from its folder, compared, and embedded in the page.
 
-Pictures are embedded so that the page needs no other file. An `Encoding` says how small; the page
+Images are embedded so that the page needs no other file. An `Encoding` says how small; the page
 tries the `ENCODINGS` in turn, and what it shows smaller lies in full in the folder beside it.
 """
 
@@ -24,7 +24,7 @@ __all__ = [
     "DIFFERENCE_GAIN",
     "ENCODINGS",
     "Encoding",
-    "Pictures",
+    "Images",
     "difference",
     "is_wide",
     "similarity",
@@ -34,15 +34,15 @@ __all__ = [
 #: Differences are shown this many times brighter: most are below what an eye notices.
 DIFFERENCE_GAIN = 4
 
-# Magnified pixels are a whole number of page pixels, and three such pictures stand side by side.
+# Magnified pixels are a whole number of page pixels, and three such images stand side by side.
 _CROP_ON_PAGE_PX = 372
-_WIDE = 1.5  # pictures wider than this many times their height get a wider column
+_WIDE = 1.5  # images wider than this many times their height get a wider column
 _LEFT_OUT = "left out, the page would be too large"
 
 
 @dataclass(frozen=True)
 class Encoding:
-    """How pictures are embedded: `longest_px` 0 leaves them out."""
+    """How images are embedded: `longest_px` 0 leaves them out."""
 
     form: str
     quality: int
@@ -61,7 +61,7 @@ _EXACT = Encoding("PNG", 0, _CROP_ON_PAGE_PX)
 
 
 @dataclass(frozen=True)
-class Pictures:
+class Images:
     """The PNG files of a report's folder, and how they are put on the page."""
 
     folder: Path
@@ -121,7 +121,7 @@ def difference(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
 
 
 def similarity(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
-    """SSIM's map of two pictures in colours, (rows, columns, 3) uint8: black is 1.
+    """SSIM's map of two images in colours, (rows, columns, 3) uint8: black is 1.
 
     None unless the two are alike in size, and no smaller than SSIM's window.
     """
@@ -132,14 +132,14 @@ def similarity(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
         first, second = (linear_from_srgb(codes.astype(np.float32) / 255) for codes in (a, b))
         return _magma(1 - ssim_map(first, second))
 
-    code = code_digest("metrics", "color.py", "report/pictures.py")
+    code = code_digest("metrics", "color.py", "report/images.py")
     return remembered(lambda: value_digest(["map of SSIM", a, b, code]), make)
 
 
 def similarity_scale() -> np.ndarray:
     """The colours of `similarity` from 1, at the left, to 0: (1, 256, 3) uint8."""
     # Found again, it needs no plotter loaded.
-    code = code_digest("report/pictures.py")
+    code = code_digest("report/images.py")
     return remembered(
         lambda: value_digest(["scale of SSIM", code]), lambda: _magma(np.linspace(0, 1, 256)[None])
     )
@@ -178,7 +178,7 @@ def _shrink(pixels: np.ndarray, longest_px: int) -> np.ndarray:
 
 
 def _data_uri(pixels: np.ndarray, encoding: Encoding) -> str:
-    # No "optimize": with it Pillow's JPEG writer runs out of buffer on noisy pictures.
+    # No "optimize": with it Pillow's JPEG writer runs out of buffer on noisy images.
     lossy = encoding.form == "JPEG"
     options = {"quality": encoding.quality, "subsampling": 0} if lossy else {}
     coded = base64.b64encode(encoded(pixels, encoding.form, **options)).decode("ascii")
