@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
     from inim.files.mesh import Mesh
 
-__all__ = ["add_arguments", "new_scene", "run"]
+__all__ = ["SUMMARY", "add_arguments", "new_scene", "run"]
+
+SUMMARY = "write a lit, fitted scene for a mesh"
 
 _UNITS = ("mm", "cm", "m", "in")
 _AXES = {

@@ -16,9 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.errors import FileError, UsageError
-from inim.from_camera.depth_file import DepthFile
+from inim.from_camera.picture_files import DepthFile
 
-__all__ = ["DepthValues", "Meaning", "parse_unit", "read_meaning", "sample"]
+__all__ = [
+    "FILL_RULES",
+    "DepthValues",
+    "Meaning",
+    "fill_missing",
+    "parse_unit",
+    "read_meaning",
+    "sample",
+]
+
+FILL_RULES = ("none", "nearest", "behind", "far")
 
 _UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 # A macro lens and the far end of a street: no camera that measures depth goes beyond either.
@@ -262,3 +272,47 @@ def _detected_direction(seen: bool | None, unit: float, name: str) -> tuple[bool
 def _direction_words(near_is_large: bool) -> tuple[str, str]:
     words = ("--near-is-large", "--far-is-large")
     return words if near_is_large else (words[1], words[0])
+
+
+def fill_missing(
+    depth: NDArray[np.float32], rule: str, *, near_is_large: bool = False
+) -> NDArray[np.float32]:
+    """Depth with its missing pixels, NaN, filled.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+    rule : str
+        One of `FILL_RULES`.
+    near_is_large : bool
+        Whether numbers grow towards the viewer.
+
+    Returns
+    -------
+    (H, W) float32
+        NaN where the rule found nothing; the input itself where there is nothing to do.
+    """
+    empty = np.isnan(depth)
+    if rule == "none" or not empty.any() or empty.all():
+        return depth
+    if rule == "nearest":
+        from scipy.ndimage import distance_transform_edt
+
+        rows, columns = distance_transform_edt(empty, return_distances=False, return_indices=True)
+        nearest: NDArray[np.float32] = depth[rows, columns]
+        return nearest
+    farther = np.fmin if near_is_large else np.fmax
+    if rule == "far":
+        farthest = np.float32(farther.reduce(depth[~empty]))
+        return np.where(empty, farthest, depth)
+    filled = depth.copy()
+    for row in filled:  # a row at a time: no array of the picture's size per step
+        known = np.flatnonzero(~np.isnan(row))
+        gaps = np.flatnonzero(np.isnan(row))
+        if known.size and gaps.size:
+            after = np.searchsorted(known, gaps)
+            left = np.where(after > 0, row[known[after - 1]], np.float32(np.nan))
+            right = row[known[np.minimum(after, known.size - 1)]]
+            right = np.where(after < known.size, right, np.float32(np.nan))
+            row[gaps] = farther(left, right)
+    return filled
