@@ -43,7 +43,7 @@ def bench_masked(
         Linear.
     viewpoints : sequence of Viewpoint
     rounds : Rounds
-    listener : Listener
+    listener : Observer
 
     Returns
     -------

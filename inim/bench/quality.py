@@ -61,7 +61,11 @@ class Looks:
 
         exposure = white_exposure(self.display, self.lens_model)
         shown = DisplayScene(eia, self.display, self.lens_model)
-        sampling = {"pixels_per_lens": self.pixels_per_lens, "spp": self.spp, "seed": self.seed}
+        sampling: dict[str, Any] = {
+            "pixels_per_lens": self.pixels_per_lens,
+            "spp": self.spp,
+            "seed": self.seed,
+        }
         return [shown.view(v, **sampling) * exposure for v in self.viewpoints]
 
 

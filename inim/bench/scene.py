@@ -40,7 +40,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
     names : sequence of str
         Algorithms with their options.
     rounds : Rounds
-    listener : Listener
+    listener : Observer
 
     Returns
     -------
@@ -117,7 +117,7 @@ def _rendered(plan: Plan, names: Sequence[str], listener: Any) -> _Rendered:
         pixels_per_pitch=s.capture_pixels_per_pitch,
         spp=s.capture_spp,
         seed=2 * s.seed,
-        progress=listener.rays,
+        observer=listener,
     )
     if not rgbd.covered.any():
         raise SceneError(f"{plan.request.scene}: the depth camera sees nothing to time with")
@@ -134,7 +134,7 @@ def _rendered(plan: Plan, names: Sequence[str], listener: Any) -> _Rendered:
         }
     listener.stage("ground-truth EIA")
     truth = ground_truth.pickup(
-        fitted, display, spp=s.eia_spp, seed=2 * s.seed + 1, progress=listener.rays
+        fitted, display, spp=s.eia_spp, seed=2 * s.seed + 1, observer=listener
     )
     first, second = (np.nan_to_num(half, posinf=0.0) for half in (truth.first, truth.second))
     listener.stage("reconstruct views")

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from inim.backend import Backend, choose_backend
-from inim.clock import Clock
-from inim.observer import Listener
+from inim.observer import Observer
 from inim.parallel import Begin, beside
 from inim.pipeline.memo import Memo
 from inim.pipeline.picture_files import PictureFiles
@@ -37,9 +36,8 @@ class Ledger:
     plan : Plan
     folder : Path
         Where the pictures go.
-    listener : Listener
-    clock : Clock
-        Time and samples inside the renderer.
+    listener : Observer
+        Counts time and samples inside the renderer, too.
     memo : Memo
         Results found again.
     observed : (rows, columns) bool, optional
@@ -48,8 +46,7 @@ class Ledger:
 
     plan: Plan
     folder: Path
-    listener: Listener
-    clock: Clock
+    listener: Observer
     memo: Memo = field(default_factory=Memo)
     observed: np.ndarray | None = None
     timings: dict[str, float] = field(default_factory=dict)
@@ -115,7 +112,7 @@ class Ledger:
 
         with self.stage("open scene"):
             plan = self.plan
-            return open_scene(plan.file, plan.display, plan.settings.fit_share, self.clock)
+            return open_scene(plan.file, plan.display, plan.settings.fit_share, self.listener)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

@@ -312,7 +312,7 @@ def _misses(job: Ledger) -> np.ndarray:
 
         rays = pickup_rays(display, fitted.start_mm)
         sensor = make_sensor(rays, fitted.fit.world_from_display)
-        return Record({"covered": surface(fitted.scene, sensor, job.clock).covered})
+        return Record({"covered": surface(fitted.scene, sensor, job.listener).covered})
 
     found = job.memo.recall("panel pixels that meet the scene", scene_parts(job, display), make)
     return ~found.arrays["covered"]

@@ -129,8 +129,7 @@ class _Looks:
             pixels_per_lens=s.view_pixels_per_lens,
             spp=half_of(s.reconstruction_spp),
             seed=look_seeds(s.seed)[half],
-            clock=job.clock,
-            progress=job.listener.rays,
+            observer=job.listener,
         )
         return np.float32(white_exposure(job.plan.mounted, s.lens_model)) * seen
 
@@ -163,7 +162,7 @@ def observed_pixels(job: Ledger) -> np.ndarray | None:
             pixels_per_lens=s.view_pixels_per_lens,
             spp=half_of(s.reconstruction_spp),
             seeds=look_seeds(s.seed),
-            clock=job.clock,
+            observer=job.listener,
         )
         return Record({} if found is None else {"pixels": np.packbits(found, axis=1)})
 

@@ -128,14 +128,14 @@ def _any_colour(which: np.ndarray) -> np.ndarray:
 
 
 def _effort(job: Ledger) -> dict[str, Any]:
-    return {"skip": job.skip, "clock": job.clock, "progress": job.listener.rays}
+    return {"skip": job.skip, "observer": job.listener}
 
 
 def _traced(job: Ledger, before: int, whole: int, why: str = _BLACK_FOR_CERTAIN) -> Any:
     """Samples that a product took, of so many in whole, as `Memo.recall` tells them."""
 
     def told() -> tuple[str, str, str]:
-        done = job.clock.samples - before
+        done = job.listener.samples - before
         reason = why if done < whole else "every pixel may show something"
         return f"{_millions(done)} samples traced", f"{_millions(whole - done)} samples", reason
 
@@ -170,7 +170,7 @@ def _scene(job: Ledger) -> dict[str, Any]:
 def _capture(job: Ledger) -> tuple[RGBD, RGBD]:
     """Two halves of the samples; depth and coverage are the same in both."""
     s, display = job.plan.settings, job.plan.display
-    seed, before = picture_seed("capture", s.seed), job.clock.samples
+    seed, before = picture_seed("capture", s.seed), job.listener.samples
     shape = job.plan.capture_shape
     parts = capture_parts(job, "capture")
 
@@ -211,7 +211,7 @@ def _capture_layers(job: Ledger) -> tuple[LayeredRGBD, LayeredRGBD]:
             job.fitted,
             display,
             pixels_per_pitch=s.capture_pixels_per_pitch,
-            clock=job.clock,
+            observer=job.listener,
         )
         first, second = (
             capture_layers(
@@ -219,7 +219,7 @@ def _capture_layers(job: Ledger) -> tuple[LayeredRGBD, LayeredRGBD]:
                 peeled,
                 spp=max(1, s.capture_spp // 2),
                 seed=2 * seed + half,
-                clock=job.clock,
+                observer=job.listener,
             )
             for half in (0, 1)
         )
@@ -302,7 +302,7 @@ def render_pickup(
 
     The ground truth is made for the display as it is mounted, a contender for the one designed.
     """
-    seed, before = picture_seed(picture, job.plan.settings.seed), job.clock.samples
+    seed, before = picture_seed(picture, job.plan.settings.seed), job.listener.samples
     parts = scene_parts(job, job.plan.display) | {
         "array as mounted": display_parts(display),
         "eia_spp": spp,
@@ -327,7 +327,7 @@ def render_pickup(
 
 def _view(job: Ledger, viewpoint: Viewpoint) -> tuple[HalfBuffers, np.ndarray]:
     s, display = job.plan.settings, job.plan.display
-    seed, before = picture_seed("views", s.seed), job.clock.samples
+    seed, before = picture_seed("views", s.seed), job.listener.samples
     parts = scene_parts(job, display) | {
         "viewpoint": [*viewpoint.position_mm, viewpoint.pupil_mm, viewpoint.focus_mm],
         "view_pixels_per_lens": s.view_pixels_per_lens,

@@ -12,8 +12,7 @@ import numpy as np
 
 from inim.accuracy_limits import trust_warnings
 from inim.cache.store import Store, open_store, use_store
-from inim.clock import Clock
-from inim.observer import Listener
+from inim.observer import Observer
 from inim.pipeline.adaptive_sampling import FIRST_SHARE, known_within, next_share, with_share
 from inim.pipeline.baseline import check_conditions, judge
 from inim.pipeline.generator_times import generator_times
@@ -119,7 +118,7 @@ def validate(
     return Report.load(request.out)
 
 
-def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:
+def run(plan: Plan, staging: Path, listener: Observer | None = None) -> Report:
     """Carry out a plan in this process and write its report into `staging`.
 
     Parameters
@@ -127,7 +126,7 @@ def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:
     plan : Plan
     staging : Path
         An empty folder; see `inim.worker.output`.
-    listener : Listener, optional
+    listener : Observer, optional
 
     Returns
     -------
@@ -135,14 +134,14 @@ def run(plan: Plan, staging: Path, listener: Listener | None = None) -> Report:
     """
     store = None if plan.request.no_skip else open_store()
     with use_store(store):
-        return _run(plan, staging, listener or Listener(), store)
+        return _run(plan, staging, listener or Observer(), store)
 
 
-def _run(plan: Plan, staging: Path, listener: Listener, store: Store | None) -> Report:
-    started = perf_counter()
+def _run(plan: Plan, staging: Path, listener: Observer, store: Store | None) -> Report:
+    started, rendered_before = perf_counter(), listener.render_seconds
     listener.stage("start")
     memo = Memo(store, str(plan.request.scene.resolve()))
-    job = Ledger(plan, staging, listener, Clock(), memo)
+    job = Ledger(plan, staging, listener, memo)
     check_conditions(plan, job.backend.variant)
     job.timings["start"] = perf_counter() - started
     job.warnings += _outside_trust(plan)
@@ -157,7 +156,7 @@ def _run(plan: Plan, staging: Path, listener: Listener, store: Store | None) -> 
     data = report_data(job, truth, ceiling, algorithms)
     data |= {"regression": regression} if regression else {}
     data["timings"] |= {
-        "mitsuba_render": job.clock.seconds,
+        "mitsuba_render": listener.render_seconds - rendered_before,
         "total": perf_counter() - started,
     }
     _print_scores(listener, data)
@@ -346,7 +345,7 @@ def _check(job: Ledger, truth: GroundTruth, name: str, entry: Entry, eia: np.nda
         )
 
 
-def _print_scores(listener: Listener, data: Mapping[str, Any]) -> None:
+def _print_scores(listener: Observer, data: Mapping[str, Any]) -> None:
     width = max(len(name) for name in data["algorithms"])
     for name, result in data["algorithms"].items():
         for view, score in result["views"].items():

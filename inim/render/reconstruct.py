@@ -9,11 +9,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from inim.clock import Clock
 from inim.display import Display
 from inim.display.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm
 from inim.errors import UsageError
 from inim.lens import FULL, check_lens_model
+from inim.observer import Observer
 from inim.render import variant
 from inim.render.display_emitter import LensedPanel
 from inim.render.full_lens import FullLens
@@ -74,7 +74,7 @@ def observed_pixels(
     pixels_per_lens: int,
     spp: int,
     seeds: Sequence[int],
-    clock: Clock | None = None,
+    observer: Observer | None = None,
 ) -> np.ndarray | None:
     """Panel pixels that the views depend on: those that their very samples come from.
 
@@ -110,7 +110,7 @@ def observed_pixels(
     for viewpoint in viewpoints:
         sensor = _eye(display, viewpoint, pixels_per_lens, AnalyticLens.start_mm)
         for seed in seeds:
-            mean_light(Tracer(light, sensor, seed, clock), spp)
+            mean_light(Tracer(light, sensor, seed, observer, planned=False), spp)
     return np.asarray(marks).reshape(rows, columns) > 0
 
 
@@ -152,12 +152,11 @@ class DisplayScene:
         pixels_per_lens: int,
         spp: int,
         seed: int,
-        clock: Any = None,
-        progress: Any = None,
+        observer: Observer | None = None,
     ) -> np.ndarray:
         """One view, (rows, columns, 3) float32; see `reconstruct`."""
         sensor = _eye(self.display, viewpoint, pixels_per_lens, self._shown.start_mm)
-        return mean_light(Tracer(self._shown.light, sensor, seed, clock, progress), spp)
+        return mean_light(Tracer(self._shown.light, sensor, seed, observer), spp)
 
 
 class AnalyticLens:

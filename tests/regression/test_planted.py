@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.observer import Listener
+from inim.observer import Observer
 from inim.pipeline.ledger import Ledger
 from inim.pipeline.method import Contender, Entry
 from inim.pipeline.plan import make_plan
@@ -88,14 +88,13 @@ class Run:
 
 def run_of(folder: Path, **settings: Any) -> Run:
     """A run of the small scene, without a report."""
-    from inim.clock import Clock
     from inim.generators import prepare
     from inim.render import variant
 
     backend = variant.use()
     definitions = tuple(f"inim.{key}={value}" for key, value in (SMALL | settings).items())
     plan = make_plan(Request(SCENE, folder, definitions))
-    job = Ledger(plan, folder, Listener(), Clock())
+    job = Ledger(plan, folder, Observer())
     truth = render_truth(job)
     rgbd = truth.rgbd
     made = prepare(plan.display, "template", shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
