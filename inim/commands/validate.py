@@ -11,6 +11,7 @@ from inim.commands.options import (
     add_exit_codes,
     add_picture,
     add_quiet,
+    picture_of,
     print_outcome,
 )
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
@@ -113,7 +114,7 @@ def _check_words(args: argparse.Namespace) -> None:
 
 def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
     from inim.pipeline.request import Request, default_out
-    from inim.worker.supervisor import run_in_worker
+    from inim.pipeline.validation import validate_in_worker
 
     request = Request(
         scene=args.scene,
@@ -131,10 +132,29 @@ def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
         lazy=args.lazy,
         no_skip=args.no_skip,
     )
-    return run_in_worker(request, quiet=args.quiet, debug=args.debug), request.out
+    return validate_in_worker(request, quiet=args.quiet, debug=args.debug), request.out
 
 
 def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
-    from inim.pipeline.own_picture import run_picture
+    from inim.pipeline.own_picture import PictureRequest, run_picture
 
-    return run_picture(args)
+    if args.scene is not None:
+        raise UsageError(f"{args.scene}: a scene and a picture; validate one of them")
+    if args.rgbd is not None and (args.color is not None or args.depth is not None):
+        raise UsageError("--rgbd: is a fitted picture; leave --color and --depth out, or --rgbd")
+    for option in ("eias", "misalign", "baseline", "time", "lazy"):
+        if getattr(args, option):
+            shown = f"--{option.removesuffix('s')}"
+            raise UsageError(f"{shown}: needs the ground truth of a scene; leave it out")
+    request = PictureRequest(
+        picture_of(args),
+        rgbd=args.rgbd,
+        out=args.out,
+        display=args.display,
+        definitions=tuple(args.definitions),
+        algorithms=args.algorithms,
+        viewpoints=args.viewpoints,
+        lens_model=args.lens_model,
+        backend=args.backend,
+    )
+    return run_picture(request, quiet=args.quiet, debug=args.debug)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 __all__ = ["SHORTHANDS", "Request", "default_out"]
 
@@ -74,15 +73,3 @@ class Request:
         flags = {"--time": self.time, "--lazy": self.lazy, "--no-skip": self.no_skip}
         words += [flag for flag, given in flags.items() if given]
         return words
-
-    def as_json(self) -> dict[str, Any]:
-        """For the worker; `from_json` reads it."""
-        return {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
-
-    @classmethod
-    def from_json(cls, raw: dict[str, Any]) -> Request:
-        """The request that `as_json` wrote."""
-        given = {name: raw[name] for name in ("scene", "out", "baseline")}
-        paths = {name: None if path is None else Path(path) for name, path in given.items()}
-        lists = {name: tuple(raw[name]) for name in ("definitions", "eias")}
-        return cls(**{**raw, **paths, **lists})

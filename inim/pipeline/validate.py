@@ -19,7 +19,7 @@ from inim.pipeline.generator_times import generator_times
 from inim.pipeline.ledger import Ledger
 from inim.pipeline.memo import Memo
 from inim.pipeline.method import Contender, Entry, Make
-from inim.pipeline.plan import Plan
+from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.reconstruct import observed_pixels, reconstruct_views
 from inim.pipeline.report_data import eia_scores, report_data
 from inim.pipeline.request import Request, default_out
@@ -36,11 +36,13 @@ from inim.pipeline.run_statistics import (
 )
 from inim.pipeline.score import ViewScores
 from inim.pipeline.truth import BLACK, CLIPPED_SHARE, GroundTruth, render_truth, share_outside
+from inim.pipeline.validation import validate_in_worker
 from inim.regression import HalfBuffer, ScoreEstimate, score_interval, yardsticks
 from inim.report import Report
 from inim.settings import Settings
+from inim.worker.output import publish
 
-__all__ = ["run", "validate"]
+__all__ = ["run", "validate", "work"]
 
 
 def validate(
@@ -95,8 +97,6 @@ def validate(
     InimError
         Of the kind that fits, with the line the command would print.
     """
-    from inim.worker.supervisor import run_in_worker
-
     scene = Path(scene)
     request = Request(
         scene=scene,
@@ -114,8 +114,15 @@ def validate(
         lazy=lazy,
         no_skip=no_skip,
     )
-    run_in_worker(request)
+    validate_in_worker(request)
     return Report.load(request.out)
+
+
+def work(request: Request, staging: Path, observer: Observer) -> bool:
+    """The worker's side: carry out the request, publish its report; whether every check passed."""
+    report = run(make_plan(request), staging, observer)
+    publish(staging, request.out)
+    return report.passed
 
 
 def run(plan: Plan, staging: Path, listener: Observer | None = None) -> Report:

@@ -1,23 +1,48 @@
-"""The worker process of a validation; see `inim.worker.serve`."""
+"""A validation in a process of its own; imports nothing heavy before that process has begun."""
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-from typing import Any
-
-from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.pipeline.validate import run
-from inim.worker.output import publish
+from inim.worker.output import open_staging
+from inim.worker.supervisor import run_in_worker
 
-__all__ = ["work"]
+__all__ = ["validate_in_worker"]
 
 
-def work(job: dict[str, Any], listener: Any) -> bool:
-    """Carry out the request and publish its report; whether every check passed."""
-    os.environ.update(job["variables"])  # this process has begun before they were known
-    request = Request.from_json(job["request"])
-    report = run(make_plan(request), Path(job["staging"]), listener)
-    publish(Path(job["staging"]), request.out)
-    return report.passed
+def validate_in_worker(request: Request, *, quiet: bool = True, debug: bool = False) -> bool:
+    """Validate in a worker process; the report is in `request.out` afterwards.
+
+    Parameters
+    ----------
+    request : Request
+    quiet : bool
+        No result lines on stdout and no progress bar on stderr.
+    debug : bool
+        Let the worker print the traceback of an internal error.
+
+    Returns
+    -------
+    bool
+        Whether every check passed.
+
+    Raises
+    ------
+    InimError
+        What is wrong with the request or the scene; see `run_in_worker`.
+    """
+
+    def check() -> None:
+        from inim.pipeline.plan import make_plan  # loaded while the worker loads
+
+        make_plan(request)
+
+    return run_in_worker(
+        "inim.pipeline.validate:work",
+        request,
+        lambda: open_staging(request.out),
+        check=check,
+        backend=request.backend,
+        about=str(request.scene),
+        quiet=quiet,
+        debug=debug,
+    )

@@ -14,7 +14,7 @@ from inim.report.sweep import PAGE, write_page
 from inim.sweep.cluster import check_answers, check_dask, run_cluster
 from inim.sweep.plan import SweepPlan, SweepRequest, plan_sweep
 from inim.sweep.pool import choose_slots, run_pool
-from inim.sweep.progress import Board
+from inim.sweep.progress import Progress
 from inim.sweep.results import FOLDER
 from inim.sweep.rows import failed_rows, finished_rows
 from inim.sweep.table import TABLE, check_pyarrow, write_table
@@ -77,7 +77,7 @@ def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False)
     plan = plan_sweep(request, threads if request.scheduler is None else request.threads)
     plan = replace(plan, tasks=[replace(task, debug=debug) for task in plan.tasks])
     _make_folder(plan.results.out, request.out)
-    errors = _computed(plan, request.scheduler, workers, Board(len(plan.tasks), quiet=quiet))
+    errors = _computed(plan, request.scheduler, workers, Progress(len(plan.tasks), quiet=quiet))
     rows, failed = _assembled(plan, errors)
     about = {
         "title": plan.study.title,
@@ -99,19 +99,21 @@ def _make_folder(out: Path, shown: Path) -> None:
         ) from None
 
 
-def _computed(plan: SweepPlan, scheduler: str | None, workers: int, board: Board) -> dict[str, str]:
+def _computed(
+    plan: SweepPlan, scheduler: str | None, workers: int, progress: Progress
+) -> dict[str, str]:
     """Carry out the tasks, here or elsewhere; by unit, the error of each that failed."""
     for line in plan.lines():
-        board.say(line)
+        progress.say(line)
     if not plan.tasks:
         return {}
     try:
         if scheduler is not None:
-            return run_cluster(plan.tasks, scheduler, board)
+            return run_cluster(plan.tasks, scheduler, progress)
         backends.choose_backend(plan.study.backend)  # once, and before anything is started
-        return run_pool(plan.tasks, workers, board)
+        return run_pool(plan.tasks, workers, progress)
     finally:
-        board.close()
+        progress.close()
 
 
 def _assembled(
