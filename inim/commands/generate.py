@@ -123,7 +123,7 @@ def _of_light_field(args: argparse.Namespace, display: Display, settings: Settin
 
 def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
     """Refuse arguments that are wrong by themselves."""
-    from inim.files.true_size import EIA_SUFFIXES
+    from inim.files.eia_file import EIA_SUFFIXES
 
     if args.hci is not None:
         for name in ("color", "depth", "depth_unit", "intrinsics", "near", "far", "frame_at"):
@@ -175,8 +175,8 @@ def _written(
     display: Display,
 ) -> str:
     """Write what -o, --pdf and --rgbd ask for; the report's line on it."""
+    from inim.files.eia_file import write_eia, write_true_size_pdf
     from inim.files.image import write_rgbd
-    from inim.files.true_size import write_eia, write_true_size_pdf
 
     write_eia(args.out, eia, empty, display.pixel_pitch_mm)
     if args.pdf is not None:

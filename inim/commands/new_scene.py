@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inim.errors import FileError, UsageError
-from inim.scene.scene_xml import attribute, scene_xml, xml_text
 
 if TYPE_CHECKING:
     import argparse
@@ -91,7 +90,7 @@ def new_scene(
     """
     from inim.files.mesh import UNIT_MM, read_mesh
     from inim.files.smoothing import smoothed
-    from inim.scene.placement import bounds, merged, placed
+    from inim.scene.relic_scene import bounds, merged, placed, scene_xml
 
     source, out = Path(source), Path(out)
     _check_choices(out, unit, up, front, display)
@@ -171,7 +170,7 @@ def _settled(
     if up is None:
         missing.append("up axis, give --up (x, y, z, -x, -y, -z)")
     if unit is None or up is None:
-        from inim.scene.placement import bounds
+        from inim.scene.relic_scene import bounds
 
         low, high = bounds(meshes)
         size = " x ".join(f"{length:.4g}" for length in high - low)
@@ -217,6 +216,8 @@ def _part_files(out: Path, parts: Sequence[Mesh]) -> dict[Path, Mesh]:
 
 def _stem(out: Path) -> str:
     """The scene's name as its parts bear it: nothing that XML or Mitsuba reads otherwise."""
+    from inim.scene.relic_scene import xml_text
+
     return xml_text(out.stem).replace("\\", "_").replace("$", "_") or "relic"
 
 
@@ -225,6 +226,8 @@ def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
 
     Named after the scene and named by it, so that no bystander is taken for one.
     """
+    from inim.scene.relic_scene import attribute
+
     if not out.is_file():
         return []
     text = out.read_text("utf-8", errors="replace")

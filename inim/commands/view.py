@@ -6,7 +6,6 @@ views that stand in for the live display come from the lens models in NumPy.
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,6 +55,8 @@ def run(args: argparse.Namespace) -> int:
         path = view_eia(args.what, args.display, args.definitions, args.out)
     print(path)
     if args.open:
+        import webbrowser
+
         webbrowser.open(path.resolve().as_uri())
     return EXIT_PASSED
 

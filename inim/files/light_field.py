@@ -29,7 +29,7 @@ from inim.display import Display
 from inim.display.pixel_axis import PixelAxis
 from inim.errors import FileError, UsageError
 from inim.files.image import write_atomically
-from inim.files.pfm import read_pfm
+from inim.files.picture import read_pfm
 
 __all__ = [
     "LightField",

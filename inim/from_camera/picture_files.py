@@ -21,9 +21,7 @@ from inim.files.image import (
     read_exr_texture,
     write_atomically,
 )
-from inim.files.pfm import read_pfm
-from inim.files.picture import is_exr
-from inim.files.png import check_png
+from inim.files.picture import check_png, is_exr, read_pfm
 from inim.version import __version__
 
 __all__ = ["DepthFile", "read_color", "read_depth", "write_depth"]

@@ -14,8 +14,8 @@ import numpy as np
 from inim import metrics
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import FileError
+from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
-from inim.files.true_size import write_eia
 from inim.from_camera.picture import CameraPicture
 from inim.generators import SourceGenerator, check_algorithm, generate, prepare
 from inim.lens import check_lens_model
