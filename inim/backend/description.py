@@ -8,8 +8,7 @@ from typing import Any
 from inim.backend.choice import choose_backend, cuda_verdict, llvm_verdicts
 from inim.backend.libllvm import llvm_version
 from inim.backend.machine import cpu_count, cpu_model, memory_limit_bytes
-from inim.backend.trial import Verdict
-from inim.backend.verdicts import cache_file
+from inim.backend.trial import Verdict, cache_file
 from inim.errors import BackendError
 
 __all__ = ["describe", "sys_info"]

@@ -1,16 +1,19 @@
-"""A task: the algorithms of one unit that are not there yet, carried out by a supervised worker.
+"""A task: what is left to compute of a unit, and where its results are put.
 
-Whoever hands out tasks, a pool or a cluster, gets back nothing but an error: what was found lies in
-the sweep's folder by then, put there by the worker itself.
+Results lie in ``OUT/units/HASH/ALGORITHM.json``: one small file for each algorithm of each unit,
+whole or not there. The table is made of them alone, so whatever is killed loses what it had in
+work and nothing else, and whoever does the same work twice writes the same file.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 import stat
 import subprocess
 import tempfile
+import uuid
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +25,72 @@ from inim.pipeline.memory import LEAST_BYTES
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.report import Report
-from inim.sweep.results import FOLDER, Results
+from inim.report.strict_json import from_strict, to_strict
 from inim.sweep.rows import result_of
 from inim.sweep.unit import Unit, key_of, making_of
 from inim.worker.output import open_staging, publish
 from inim.worker.supervisor import run_in_worker
 
-__all__ = ["Task", "attempt", "make_task", "report_folder", "work"]
+__all__ = ["FOLDER", "SCHEMA", "Results", "Task", "attempt", "make_task", "report_folder", "work"]
+
+SCHEMA = "inim.unit/1"
+FOLDER = "units"
+
+
+@dataclass(frozen=True)
+class Results:
+    """The results in the folder of a sweep.
+
+    Attributes
+    ----------
+    out : Path
+        Of the sweep; on a cluster, a folder that all its machines share.
+    """
+
+    out: Path
+
+    def path(self, unit: str, algorithm: str) -> Path:
+        """Where a result lies, or will."""
+        return self.out / FOLDER / unit / f"{algorithm}.json"
+
+    def read(self, unit: str, algorithm: str, making: Mapping[str, Any]) -> dict[str, Any] | None:
+        """A result; None where there is none of this making that can be read."""
+        try:
+            found = json.loads(self.path(unit, algorithm).read_text(encoding="utf-8"))
+            asked = {"schema": SCHEMA, "unit": unit, "algorithm": algorithm, "making": dict(making)}
+            if any(found[key] != value for key, value in asked.items()) or not found["rows"]:
+                return None
+            return from_strict(found)
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            return None
+
+    def write(self, unit: str, algorithm: str, content: Mapping[str, Any]) -> None:
+        """Put a result there, whole: a reader sees it or does not.
+
+        Raises
+        ------
+        FileError
+            The folder cannot be written.
+        """
+        path = self.path(unit, algorithm)
+        strict = to_strict({"schema": SCHEMA, "unit": unit, "algorithm": algorithm, **content})
+        # A process's number is its own on one machine only, and the folder may be shared.
+        temporary = path.with_name(f".{uuid.uuid4().hex}.tmp")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with temporary.open("w", encoding="utf-8") as file:
+                json.dump(strict, file, indent=1, allow_nan=False, ensure_ascii=False)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        except OSError as error:
+            raise FileError(
+                f"{path}: cannot be written ({error.strerror}); free some space or choose another "
+                "folder with -o"
+            ) from None
+        finally:
+            temporary.unlink(missing_ok=True)
+
 
 #: Is given a worker's process.
 Started = Callable[["subprocess.Popen[bytes]"], object]
