@@ -95,7 +95,7 @@ def new_scene(
     source, out = Path(source), Path(out)
     _check_choices(out, unit, up, front, display)
     meshes = read_mesh(source, warn)
-    unit, up = _settled(source, meshes, unit, up)
+    unit, up = _unit_and_up(source, meshes, unit, up)
     turn = _turn(up, front or _USUAL_FRONT[up])
     parts = placed(merged([smoothed(m) for m in meshes]), turn, UNIT_MM[unit])
     files = _part_files(out, parts)
@@ -158,7 +158,7 @@ def _check_choices(
         raise UsageError(f"{out}: the parts take that name; name the scene {out.stem}.xml")
 
 
-def _settled(
+def _unit_and_up(
     source: Path, meshes: Sequence[Mesh], unit: str | None, up: str | None
 ) -> tuple[str, str]:
     """Unit and up axis, from the format's standard where it has one."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 from inim.commands.options import (
@@ -116,22 +117,10 @@ def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
     from inim.pipeline.request import Request, default_out
     from inim.pipeline.validation import validate_in_worker
 
-    request = Request(
-        scene=args.scene,
-        out=args.out or default_out(args.scene),
-        definitions=tuple(args.definitions),
-        display=args.display,
-        algorithms=args.algorithms,
-        viewpoints=args.viewpoints,
-        lens_model=args.lens_model,
-        misalign=args.misalign,
-        eias=tuple(args.eias),
-        backend=args.backend,
-        baseline=args.baseline,
-        time=args.time,
-        lazy=args.lazy,
-        no_skip=args.no_skip,
-    )
+    given = {f.name: getattr(args, f.name) for f in fields(Request)}
+    given |= {"out": args.out or default_out(args.scene)}
+    given |= {name: tuple(getattr(args, name)) for name in ("definitions", "eias")}
+    request = Request(**given)
     return validate_in_worker(request, quiet=args.quiet, debug=args.debug), request.out
 
 

@@ -176,9 +176,5 @@ def _written(path: Path, page: str) -> Path:
 
     if path.is_dir():
         raise FileError(f"{path}: is a folder; name a file with -o")
-
-    def put(temporary: Path) -> None:
-        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
-
-    write_atomically(path, put)
+    write_atomically(path, lambda p: p.write_text(page, "utf-8", "backslashreplace"))
     return path

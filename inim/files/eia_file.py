@@ -248,7 +248,7 @@ def write_true_size_pdf(path: Path, eia: NDArray[np.float32], pixel_mm: float) -
         + picture
         + b"\nendstream",
     ]
-    write_atomically(path, lambda p: _put(p, _pdf(objects)))
+    write_atomically(path, lambda p: p.write_bytes(_pdf(objects)))
 
 
 def _pdf(objects: list[bytes]) -> bytes:
@@ -262,7 +262,3 @@ def _pdf(objects: list[bytes]) -> bytes:
     body += b"".join(b"%010d 00000 n \n" % place for place in places)
     body += b"trailer\n<< /Size %d /Root 1 0 R >>\n" % (len(objects) + 1)
     return bytes(body) + b"startxref\n%d\n%%%%EOF\n" % start
-
-
-def _put(path: Path, data: bytes) -> None:
-    path.write_bytes(data)

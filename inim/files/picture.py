@@ -10,8 +10,10 @@ from __future__ import annotations
 import re
 import struct
 import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -27,6 +29,7 @@ __all__ = [
     "is_exr",
     "is_pfm",
     "is_radiance",
+    "open_picture",
     "read_pfm",
 ]
 
@@ -36,6 +39,7 @@ _HEAD_BYTES = 16
 _FORMATS = ("PNG", "JPEG")
 # A texture becomes floats.
 _SAMPLE_BYTES = 4
+_UNKNOWN = "not a picture that inim reads (EXR, PNG, JPEG, HDR, PFM); save it as PNG or EXR"
 
 
 def check_picture(path: Path) -> None:
@@ -63,7 +67,8 @@ def check_picture(path: Path) -> None:
     if head.startswith(_EXR_MAGIC):
         check_exr(path)
     elif not is_pfm(head) and not is_radiance(head):
-        _decode(path)
+        with open_picture(path, _FORMATS, _SAMPLE_BYTES, _UNKNOWN) as picture:
+            picture.load()
 
 
 def is_exr(path: Path) -> bool:
@@ -72,25 +77,42 @@ def is_exr(path: Path) -> bool:
         return file.read(len(_EXR_MAGIC)) == _EXR_MAGIC
 
 
-def _decode(path: Path) -> None:
+@contextmanager
+def open_picture(
+    path: Path, formats: Sequence[str], sample_bytes: int, unknown: str = ""
+) -> Iterator[Any]:
+    """A picture that Pillow has opened, checked; whatever is wrong with it is a `FileError`.
+
+    Parameters
+    ----------
+    path : Path
+    formats : sequence of str
+        Pillow's names of those that are read.
+    sample_bytes : int
+        That a sample takes once decoded.
+    unknown : str
+        What to say of a picture in no such format.
+
+    Raises
+    ------
+    FileError
+        Damaged, cut short, of another kind, or unfolding to far more than its size.
+    """
     from PIL import Image
 
     check_png(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # on sizes, which are checked below
-            with Image.open(path, formats=_FORMATS) as picture:
+            with Image.open(path, formats=formats) as picture:
                 samples = picture.width * picture.height * len(picture.getbands())
-                check_unfolding(path, _SAMPLE_BYTES * samples)
-                picture.load()
+                check_unfolding(path, sample_bytes * samples)
+                yield picture
     except FileError:
         raise
-    except Image.UnidentifiedImageError as error:
-        raise FileError(
-            f"{path}: not a picture that inim reads (EXR, PNG, JPEG, HDR, PFM); save it as PNG or "
-            "EXR"
-        ) from error
     except Exception as error:
+        if unknown and isinstance(error, Image.UnidentifiedImageError):
+            raise FileError(f"{path}: {unknown}") from error
         cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
         raise FileError(f"{path}: not a readable picture ({cause}); save it anew") from error
 

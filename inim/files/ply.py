@@ -227,11 +227,7 @@ def write_ply(path: Path, mesh: Mesh) -> None:
     header += [f"property float {name}" for name in names]
     header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
     body = ("\n".join(header) + "\n").encode("ascii") + records.tobytes() + faces.tobytes()
-
-    def save(temporary: Path) -> None:
-        temporary.write_bytes(body)
-
-    write_atomically(path, save)
+    write_atomically(path, lambda p: p.write_bytes(body))
 
 
 def _columns(data: bytes, header: PlyHeader) -> dict[str, _Columns] | None:

@@ -126,7 +126,7 @@ class CameraPicture:
         """
         assert self.color is not None
         assert self.depth is not None
-        said = Meaning(
+        stated = Meaning(
             None if self.depth_unit is None else parse_unit(self.depth_unit),
             True if self.near_is_large else False if self.far_is_large else None,
             _numbers(self.missing),
@@ -137,7 +137,7 @@ class CameraPicture:
         rows, columns = color.shape[:2]
         size = file.values.shape
         check_same_view((rows, columns), (size[0], size[1]), str(self.depth))
-        values = read_meaning(file, said, str(self.depth))
+        values = read_meaning(file, stated, str(self.depth))
         warnings = [*values.warnings]
         missing = float(np.isnan(values.depth).mean())
         filled = fill_missing(values.depth, self.fill, near_is_large=values.near_is_large)

@@ -7,7 +7,6 @@ neighbours differ by little, and in the wrong one by multiples of 256.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,17 +15,17 @@ from numpy.typing import NDArray
 
 from inim.errors import FileError
 from inim.files.image import (
-    check_unfolding,
     read_exr_channels,
     read_exr_texture,
     write_atomically,
 )
-from inim.files.picture import check_png, is_exr, read_pfm
+from inim.files.picture import is_exr, open_picture, read_pfm
 from inim.version import __version__
 
 __all__ = ["DepthFile", "read_color", "read_depth", "write_depth"]
 
 _COLOR_FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM")
+_NO_COLOR = "not a colour picture that inim reads; save it as PNG, JPEG or EXR"
 _OPAQUE = 255
 _CODES_OF_16_BITS = 65535 / 255
 _PICTURES = {
@@ -81,31 +80,17 @@ def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
 def _decoded_color(path: Path) -> NDArray[np.uint8]:
     from PIL import Image, ImageOps
 
-    check_png(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # on sizes, which are checked below
-            with Image.open(path, formats=_COLOR_FORMATS) as picture:
-                check_unfolding(path, picture.width * picture.height * len(picture.getbands()))
-                upright = ImageOps.exif_transpose(picture)
-                if upright.mode.startswith("I"):  # Pillow would cut 16 bits off at 255
-                    grey = np.asarray(upright, np.float32) / _CODES_OF_16_BITS
-                    codes = np.rint(np.clip(grey, 0, 255)).astype(np.uint8)
-                    return np.repeat(codes[..., None], 3, axis=-1)
-                if "A" not in upright.getbands() and "transparency" not in upright.info:
-                    return np.asarray(upright.convert("RGB"))
-                rgba = upright.convert("RGBA")
-                black = Image.new("RGBA", rgba.size, (0, 0, 0, _OPAQUE))
-                return np.asarray(Image.alpha_composite(black, rgba).convert("RGB"))
-    except FileError:
-        raise
-    except Image.UnidentifiedImageError as error:
-        raise FileError(
-            f"{path}: not a colour picture that inim reads; save it as PNG, JPEG or EXR"
-        ) from error
-    except Exception as error:
-        cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-        raise FileError(f"{path}: not a readable picture ({cause}); save it anew") from error
+    with open_picture(path, _COLOR_FORMATS, 1, _NO_COLOR) as picture:
+        upright = ImageOps.exif_transpose(picture)
+        if upright.mode.startswith("I"):  # Pillow would cut 16 bits off at 255
+            grey = np.asarray(upright, np.float32) / _CODES_OF_16_BITS
+            codes = np.rint(np.clip(grey, 0, 255)).astype(np.uint8)
+            return np.repeat(codes[..., None], 3, axis=-1)
+        if "A" not in upright.getbands() and "transparency" not in upright.info:
+            return np.asarray(upright.convert("RGB"))
+        rgba = upright.convert("RGBA")
+        black = Image.new("RGBA", rgba.size, (0, 0, 0, _OPAQUE))
+        return np.asarray(Image.alpha_composite(black, rgba).convert("RGB"))
 
 
 @dataclass(frozen=True)
@@ -171,25 +156,10 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
 
 
 def _decoded_depth(path: Path) -> np.ndarray:
-    from PIL import Image
-
-    check_png(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # on sizes, which are checked below
-            with Image.open(path, formats=_PICTURES[path.suffix.lower()]) as picture:
-                samples = picture.width * picture.height * len(picture.getbands())
-                check_unfolding(path, 4 * samples)
-                if picture.mode == "P":
-                    raise FileError(
-                        f"{path}: holds numbers of a palette, not depths; save it as grey"
-                    )
-                pixels = np.asarray(picture)
-    except FileError:
-        raise
-    except Exception as error:
-        cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-        raise FileError(f"{path}: not a readable picture ({cause}); save it anew") from error
+    with open_picture(path, _PICTURES[path.suffix.lower()], 4) as picture:
+        if picture.mode == "P":
+            raise FileError(f"{path}: holds numbers of a palette, not depths; save it as grey")
+        pixels = np.asarray(picture)
     if pixels.ndim == 3:
         pixels = _grey(path, pixels)
     if pixels.dtype == np.int32 and path.suffix.lower() in (".png", ".pgm"):

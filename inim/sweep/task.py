@@ -57,8 +57,8 @@ class Results:
         """A result; None where there is none of this making that can be read."""
         try:
             found = json.loads(self.path(unit, algorithm).read_text(encoding="utf-8"))
-            asked = {"schema": SCHEMA, "unit": unit, "algorithm": algorithm, "making": dict(making)}
-            if any(found[key] != value for key, value in asked.items()) or not found["rows"]:
+            key = {"schema": SCHEMA, "unit": unit, "algorithm": algorithm, "making": dict(making)}
+            if any(found[name] != value for name, value in key.items()) or not found["rows"]:
                 return None
             return from_strict(found)
         except (OSError, ValueError, KeyError, TypeError, RecursionError):

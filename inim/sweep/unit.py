@@ -123,8 +123,8 @@ def _requests(study: Study, out: Path) -> Iterator[tuple[tuple[str, str], Reques
 def _planned(request: Request, display: NamedDisplay) -> Plan:
     plan = make_plan(request)
     if display.display is not None:
-        asked, found = display.display.given(), plan.display.given()
-        changed = [key for key in asked if key != "name" and asked[key] != found[key]]
+        wanted, found = display.display.given(), plan.display.given()
+        changed = [key for key in wanted if key != "name" and wanted[key] != found[key]]
         if changed:
             raise UsageError(
                 f"{request.scene}: its own {', '.join(PREFIX + key for key in changed)} would "
