@@ -8,7 +8,6 @@ the verdict is remembered. Call `activate` before Mitsuba is first imported.
 from __future__ import annotations
 
 from inim.backend.choice import BACKENDS, Backend, activate, choose_backend, environment
-from inim.backend.description import describe, sys_info
 from inim.backend.libllvm import (
     LLVM_VARIABLE,
     PRIVATE_MARKER,
@@ -28,11 +27,9 @@ __all__ = [
     "Verdict",
     "activate",
     "choose_backend",
-    "describe",
     "environment",
     "known_bad",
     "memory_limit_bytes",
     "private_folders",
     "probe",
-    "sys_info",
 ]

@@ -89,7 +89,7 @@ def new_scene(
         Unit or axis missing or impossible, unknown display, or a file in the way.
     """
     from inim.files.mesh import UNIT_MM, read_mesh
-    from inim.files.smoothing import smoothed
+    from inim.files.triangle_mesh import smoothed
     from inim.scene.relic_scene import bounds, merged, placed, scene_xml
 
     source, out = Path(source), Path(out)

@@ -1,15 +1,21 @@
-"""`inim sys-info`: what the renderer can run on here."""
+"""`inim sys-info`: the machine and its backends in words, for whoever has to help."""
 
 from __future__ import annotations
 
 import argparse
-import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from inim.errors import EXIT_PASSED
+from inim.errors import EXIT_PASSED, BackendError
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
+if TYPE_CHECKING:
+    from inim.backend import Verdict
+
+__all__ = ["SUMMARY", "add_arguments", "describe", "run", "sys_info"]
 
 SUMMARY = "what the renderer can run on here"
+
+_DISTRIBUTIONS = ("inim", "mitsuba", "drjit", "numpy", "OpenEXR", "trimesh", "flip-evaluator")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +25,71 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print it; the exit code."""
-    from inim import backend
+    import json
 
-    print(json.dumps(backend.describe(), indent=1) if args.json else backend.sys_info())
+    print(json.dumps(describe(), indent=1) if args.json else sys_info())
     return EXIT_PASSED
+
+
+def describe() -> dict[str, Any]:
+    """All that a report about this machine needs, ready for JSON."""
+    import platform
+
+    from inim.backend.choice import choose_backend, cuda_verdict, llvm_verdicts
+    from inim.backend.machine import cpu_count, cpu_model, memory_limit_bytes
+    from inim.backend.trial import cache_file
+
+    cuda = cuda_verdict()
+    chosen: dict[str, Any] | str
+    try:
+        chosen = {name: value and str(value) for name, value in choose_backend()._asdict().items()}
+    except BackendError as error:
+        chosen = str(error)
+    return {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "cpu": cpu_model(),
+        "cores": cpu_count(),
+        "memory_bytes": memory_limit_bytes(),
+        "versions": {name: _installed_version(name) for name in _DISTRIBUTIONS},
+        "libllvm": [_candidate(path, verdict) for path, verdict in llvm_verdicts()],
+        "cuda": {"usable": cuda.usable, "reason": cuda.reason, "device": cuda.device},
+        "chosen": chosen,
+        "cache": str(cache_file() or ""),
+    }
+
+
+def _installed_version(name: str) -> str | None:
+    """The installed version of a Python distribution, or None."""
+    from importlib import metadata
+
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _candidate(library: Path, verdict: Verdict) -> dict[str, Any]:
+    from inim.backend.libllvm import llvm_version
+
+    named = ".".join(map(str, llvm_version(library) or ()))
+    version = verdict.version or named or None
+    reason = verdict.reason
+    return {"path": str(library), "version": version, "usable": verdict.usable, "reason": reason}
+
+
+def sys_info() -> str:
+    """The facts of `describe` as text, one per line."""
+    facts = describe()
+    chosen = facts["chosen"]
+    rows = [(name, facts[name]) for name in ("python", "platform", "cpu", "cores")]
+    rows.append(("memory", f"{facts['memory_bytes'] / 2**30:.1f} GiB"))
+    rows += [(name, version or "not installed") for name, version in facts["versions"].items()]
+    for found in facts["libllvm"]:
+        words = "usable" if found["usable"] else f"refused: {found['reason']}"
+        rows.append(("libLLVM", f"{found['version'] or '?'}  {found['path']}  {words}"))
+    rows.append(("CUDA", facts["cuda"]["device"] or f"not used: {facts['cuda']['reason']}"))
+    if isinstance(chosen, dict):
+        chosen = " ".join(str(chosen[name]) for name in ("variant", "device"))
+    rows += [("backend", chosen), ("cache", facts["cache"] or "none (no home folder)")]
+    return "\n".join(f"{name:<15} {value}" for name, value in rows)
