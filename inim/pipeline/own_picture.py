@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import shlex
-import shutil
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
@@ -14,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inim import backend as backends
 from inim import metrics
-from inim.commands.display_choice import chosen_display
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.errors import FileError, UsageError
+from inim.errors import FileError
+from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
-from inim.files.true_size import write_eia
+from inim.from_camera.picture import CameraPicture
 from inim.generators import SourceGenerator, check_algorithm, generate, prepare
 from inim.lens import check_lens_model
+from inim.observer import Observer
 from inim.pipeline.checks import BLACK
 from inim.pipeline.method import parse_methods
 from inim.pipeline.picture_oracle import ExactHits, exact_hits, why_no_oracle
@@ -31,20 +29,19 @@ from inim.pipeline.warp import warped
 from inim.provenance import backend_data, versions
 from inim.report.without_scene import SCHEMA, write_picture_report
 from inim.rgbd import RGBD, LayeredRGBD
+from inim.scene.file import chosen_display
 from inim.version import __version__
 from inim.worker.output import open_staging, publish
-from inim.worker.supervisor import outcome_of, supervise
+from inim.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
     from inim.display import Display
     from inim.settings import Settings
 
-__all__ = ["EXACT", "run_picture", "work"]
+__all__ = ["EXACT", "PictureRequest", "run_picture", "work"]
 
 #: Its EIA shows just what the picture says: all that can be asked for without a ground truth.
 EXACT = "template:samples=4"
-# What the worker needs of the arguments.
-_SETTINGS = ("display", "definitions", "algorithms", "viewpoints", "lens_model", "backend")
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
 # Algorithms that show the exact first hits by definition.
 _EXACT_KINDS = ("template", "layered")
@@ -54,82 +51,98 @@ _NOT_SCORED = (
 )
 
 
-def run_picture(args: argparse.Namespace) -> tuple[bool, Path]:
-    """Carry out `inim validate` on a picture; whether every check passed, and the folder.
+@dataclass(frozen=True)
+class PictureRequest:
+    """What the user asked for; None: the display's settings.
+
+    Attributes
+    ----------
+    picture : CameraPicture
+        Colour and depth to fit to the display.
+    rgbd : Path, optional
+        A fitted picture in its place.
+    out : Path, optional
+        `PICTURE-report` otherwise.
+    display : str, optional
+        A preset, or an XML file with `inim.*` settings.
+    definitions : tuple of str
+        `key=value` overrides, as after -D.
+    algorithms, viewpoints, lens_model : str, optional
+        Shorthands for the `inim.*` settings of those names.
+    backend : {"auto", "llvm", "cuda"}
+    """
+
+    picture: CameraPicture
+    rgbd: Path | None = None
+    out: Path | None = None
+    display: str | None = None
+    definitions: tuple[str, ...] = ()
+    algorithms: str | None = None
+    viewpoints: str | None = None
+    lens_model: str | None = None
+    backend: str = "auto"
+
+    @property
+    def named(self) -> Path:
+        """The file that it is called after."""
+        named = self.rgbd or self.picture.color
+        assert named is not None
+        return named
+
+    @property
+    def folder(self) -> Path:
+        """Of the report."""
+        return self.out or Path(f"{self.named.stem}-report")
+
+    def command(self) -> list[str]:
+        """The command line that repeats this request, after `inim validate`."""
+        words = ["-o", str(self.folder)]
+        for item in self.definitions:
+            words += ["-D", item]
+        given = {f.name: (getattr(self.picture, f.name), f.default) for f in fields(self.picture)}
+        for name in ("rgbd", "display", "algorithms", "viewpoints", "lens_model"):
+            given[name] = (getattr(self, name), None)
+        for name, (value, default) in given.items():
+            if value != default:
+                words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
+        return words
+
+
+def run_picture(
+    request: PictureRequest, *, quiet: bool = True, debug: bool = False
+) -> tuple[bool, Path]:
+    """Validate a picture in a worker process; whether every check passed, and the folder.
 
     Raises
     ------
     InimError
         Every mistake in the arguments and pictures is found out before a worker is started.
     """
-    from inim.commands.generate import fitted_picture
-
-    _check(args)
-    display, settings = _chosen(args)
-    names = _algorithms(settings.algorithms)
+    display, settings = _chosen(request)
+    _algorithms(settings.algorithms)
     _viewpoints(display, settings)
     warnings: tuple[str, ...] = ()
-    if args.rgbd is not None:
-        rgbd = read_rgbd(args.rgbd)
+    if request.rgbd is not None:
+        rgbd = read_rgbd(request.rgbd)
     else:
-        rgbd, warnings = fitted_picture(args, display, settings)
-    named = args.rgbd or args.color
-    _check_picture(rgbd, display, str(named))
-    out = args.out or Path(f"{named.stem}-report")
-    backend = backends.choose_backend(args.backend)
-    staging = open_staging(out)
-    try:
-        write_rgbd(staging / "rgbd.exr", rgbd)
-        job = {
-            "args": {name: getattr(args, name) for name in _SETTINGS},
-            "names": names,
-            "warnings": warnings,
-            "title": named.stem,
-            "command": shlex.join(["inim", "validate", *_command(args, out)]),
-            "out": str(out),
-            "staging": str(staging),
-            "quiet": args.quiet,
-            "debug": args.debug,
-        }
-        return outcome_of(supervise("inim.pipeline.own_picture:work", job, backend)), out
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        rgbd, warnings = request.picture.fitted(display, settings.capture_pixels_per_pitch)
+    _check_picture(rgbd, display, str(request.named))
+    passed = run_in_worker(
+        "inim.pipeline.own_picture:work",
+        (request, warnings),
+        lambda: open_staging(request.folder),
+        fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
+        backend=request.backend,
+        quiet=quiet,
+        debug=debug,
+    )
+    return passed, request.folder
 
 
-def _check(args: argparse.Namespace) -> None:
-    """What belongs to a scene, or to the other kind of picture."""
-    if args.scene is not None:
-        raise UsageError(f"{args.scene}: a scene and a picture; validate one of them")
-    if args.rgbd is not None and (args.color is not None or args.depth is not None):
-        raise UsageError("--rgbd: is a fitted picture; leave --color and --depth out, or --rgbd")
-    for option in ("eias", "misalign", "baseline", "time", "lazy"):
-        if getattr(args, option, None):
-            shown = f"--{option.removesuffix('s')}"
-            raise UsageError(f"{shown}: needs the ground truth of a scene; leave it out")
-
-
-def _command(args: argparse.Namespace, out: Path) -> list[str]:
-    """The command line that repeats this, after `inim validate`."""
-    from inim.commands.generate import add_picture_arguments
-
-    parser = argparse.ArgumentParser()
-    add_picture_arguments(parser)
-    unsaid = vars(parser.parse_args([]))
-    unsaid |= dict.fromkeys(("rgbd", "display", "algorithms", "viewpoints", "lens_model"))
-    words = ["-o", str(out)]
-    for item in args.definitions:
-        words += ["-D", item]
-    for name, default in unsaid.items():
-        value = getattr(args, name)
-        if value != default:
-            words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
-    return words
-
-
-def _chosen(args: argparse.Namespace) -> tuple[Display, Settings]:
-    """The display, and the settings with what the command line says of them."""
-    display, settings = chosen_display(args.display, args.definitions, "inim validate")
-    said = {name: getattr(args, name) for name in ("algorithms", "viewpoints", "lens_model")}
+def _chosen(request: PictureRequest) -> tuple[Display, Settings]:
+    """The display, and the settings with what the request says of them."""
+    display, settings = chosen_display(request.display, list(request.definitions), "inim validate")
+    said = {name: getattr(request, name) for name in ("algorithms", "viewpoints", "lens_model")}
     settings = replace(settings, **{k: v for k, v in said.items() if v is not None})
     check_lens_model(settings.lens_model, display)
     return display, settings
@@ -162,36 +175,39 @@ def _check_picture(rgbd: RGBD, display: Display, named: str) -> None:
         raise FileError(f"{named}: has colours that are not finite; mend them")
 
 
-def work(job: dict[str, Any], listener: Any) -> bool:
+def work(
+    requested: tuple[PictureRequest, tuple[str, ...]], staging: Path, observer: Observer
+) -> bool:
     """The worker's side: make, look, score, write, publish."""
-    staging = Path(job["staging"])
-    listener.stage("start")
+    request, warnings = requested
+    observer.stage("start")
     from inim.render import variant
 
-    backend = variant.use(job["args"]["backend"])
-    display, settings = _chosen(argparse.Namespace(**job["args"]))
+    backend = variant.use(request.backend)
+    display, settings = _chosen(request)
     rgbd = read_rgbd(staging / "rgbd.exr")
-    scored = _scored(job, rgbd, display, settings, listener)
-    listener.stage("write")
+    scored = _scored(staging, rgbd, display, settings, observer)
+    observer.stage("write")
     write_png(staging / "picture.png", rgbd.color)
-    data = _record(job, display, settings, rgbd) | {"backend": backend_data(backend)} | scored
+    data = _record(request, display, settings, rgbd)
+    data |= {"warnings": [*warnings], "backend": backend_data(backend)} | scored
     write_picture_report(data, staging)
-    publish(staging, Path(job["out"]))
+    publish(staging, request.folder)
     return bool(data["verdict"]["passed"])
 
 
 def _record(
-    job: dict[str, Any], display: Display, settings: Settings, rgbd: RGBD
+    request: PictureRequest, display: Display, settings: Settings, rgbd: RGBD
 ) -> dict[str, Any]:
     """What made it and how to make it again."""
     depth = rgbd.depth_mm[rgbd.covered]
     return {
         "schema": SCHEMA,
-        "title": job["title"],
+        "title": request.named.stem,
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "inim_version": __version__,
         "versions": versions(_VERSIONS),
-        "command": job["command"],
+        "command": shlex.join(["inim", "validate", *request.command()]),
         "display": {"given": display.given(), "derived": display.derived()},
         "lens_model": settings.lens_model,
         "picture": {
@@ -203,17 +219,15 @@ def _record(
             "depth_min_mm": float(depth.min()),
             "depth_max_mm": float(depth.max()),
         },
-        "warnings": job["warnings"],
     }
 
 
 def _scored(
-    job: dict[str, Any], rgbd: RGBD, display: Display, settings: Settings, listener: Any
+    folder: Path, rgbd: RGBD, display: Display, settings: Settings, observer: Observer
 ) -> dict[str, Any]:
     """Scores, checks and pictures; `not_scored` says what is missing and why."""
     from inim.render.reconstruct import exposed_views
 
-    folder = Path(job["staging"])
     viewpoints = _viewpoints(display, settings)
     views_of = partial(
         exposed_views,
@@ -224,10 +238,10 @@ def _scored(
         spp=settings.reconstruction_spp,
         seed=settings.seed,
     )
-    listener.stage("exact oracle")
+    observer.stage("exact oracle")
     why = why_no_oracle(rgbd, display)
     exact = exact_hits(rgbd, display) if why is None else None
-    listener.stage("views")
+    observer.stage("views")
     front = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
     direct = {v.name: warped(front, display, v, settings.view_pixels_per_lens) for v in viewpoints}
     best = views_of(generate(front, display, EXACT))
@@ -235,8 +249,8 @@ def _scored(
         write_png(folder / "views" / "picture" / f"{viewpoint.name}.png", direct[viewpoint.name][0])
         write_png(folder / "views" / "exact" / f"{viewpoint.name}.png", view)
     algorithms = {}
-    for name in job["names"]:
-        listener.stage(name)
+    for name in _algorithms(settings.algorithms):
+        observer.stage(name)
         made = _made(name, rgbd, display, exact, folder)
         seen = views_of(made.pop("eia"))
         made["views"] = {}
@@ -247,7 +261,7 @@ def _scored(
                 "to_exact": metrics.score(reference, view),
             }
         algorithms[name] = made
-        listener.line(_line(name, made))
+        observer.line(_line(name, made))
     checks = _checks(algorithms)
     return {
         "viewpoints": [{"name": v.name, "position_mm": list(v.position_mm)} for v in viewpoints],

@@ -33,7 +33,7 @@ _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "scikit-ima
 # Of the settings: what is no part of a result, or is in the key under another name.
 _NOT_DECIDING = ("title", "algorithms", "viewpoints", "min_ssim_to_ceiling")
 # Code of ours that no score passes through.
-_NOT_SCORING = ("cli.py", "report", "jobs/bench", "jobs/film", "jobs/stress", "jobs/sweep")
+_NOT_SCORING = ("cli.py", "commands/", "report/", "bench/", "stress/", "sweep/", "pipeline/film.py")
 _HASH_DIGITS = 16
 
 
@@ -124,8 +124,8 @@ def _requests(study: Study, out: Path) -> Iterator[tuple[tuple[str, str], Reques
 def _planned(request: Request, display: NamedDisplay) -> Plan:
     plan = make_plan(request)
     if display.display is not None:
-        asked, found = display.display.given(), plan.display.given()
-        changed = [key for key in asked if key != "name" and asked[key] != found[key]]
+        wanted, found = display.display.given(), plan.display.given()
+        changed = [key for key in wanted if key != "name" and wanted[key] != found[key]]
         if changed:
             raise UsageError(
                 f"{request.scene}: its own {', '.join(PREFIX + key for key in changed)} would "
