@@ -42,7 +42,6 @@ from inim.generators.raycast.cells import Aside, cell_rays
 from inim.generators.raycast.non_separable import free_rays
 from inim.generators.raycast.pixel_mask import OnPanel, asked_pixels
 from inim.generators.raycast.subpixels import by_subpixel
-from inim.generators.raycast.working_type import DTYPES
 from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
@@ -58,7 +57,6 @@ def prepare(
     pixel_mm: float,
     step_mm: float | str | None = None,
     implementation: str = "compiled",
-    dtype: str = "float64",
     *,
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
@@ -72,8 +70,6 @@ def prepare(
         Depth between two samples of a ray; by default P_I.
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one.
-    dtype : {"float64", "float32"}
-        What is computed in; see `inim.generators.raycast.working_type`.
 
     Raises
     ------
@@ -85,13 +81,12 @@ def prepare(
         step_mm = pixel_mm if focused else display.scene_pixel_mm
     depths = _sampled_depths(display, positive_mm("step_mm", step_mm))
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
-    typed = one_of("dtype", dtype, DTYPES)
 
     asked = None if mask is None else asked_pixels(mask, display)
 
     def seen_from(subpixel: SubPixel) -> SourceGenerator:
         aside = (Fraction(0), subpixel.right)
-        return _Gu2020(display, shape, pixel_mm, depths, chosen, typed, aside, asked)
+        return _Gu2020(display, shape, pixel_mm, depths, chosen, aside, asked)
 
     made = by_subpixel(display.subpixels, seen_from)
     return made if asked is None else OnPanel(made)
@@ -105,7 +100,6 @@ class _Gu2020(SourceGenerator):
         pixel_mm: float,
         depths: np.ndarray,
         implementation: str,
-        dtype: str,
         aside: Aside,
         asked: AskedPixels | None,
     ) -> None:
@@ -113,7 +107,6 @@ class _Gu2020(SourceGenerator):
         self._aside = aside
         self._depths = depths
         self._implementation = implementation
-        self._dtype = dtype
 
     def find(self, rgbd: RGBD) -> Sources:
         # An uncovered cell is a column without height: it never reaches a ray.
@@ -139,7 +132,6 @@ class _Gu2020(SourceGenerator):
             *self.shape,
             *rays,
             self._depths,
-            dtype=self._dtype,
         )
 
     def _find_each(self, depth: np.ndarray) -> Sources:
@@ -155,7 +147,6 @@ class _Gu2020(SourceGenerator):
                 *self.shape,
                 *(coordinate.ravel() for coordinate in cells),
                 self._depths,
-                dtype=self._dtype,
             )
         return found
 

@@ -43,7 +43,6 @@ from inim.generators.fill import FILLS, filled
 from inim.generators.forward import ForwardAxis, forward_axes
 from inim.generators.options import one_of
 from inim.generators.plain import IMPLEMENTATIONS, run
-from inim.generators.raycast.working_type import DTYPES
 from inim.generators.sources import HOLE, Sources, colour_of
 from inim.rgbd import RGBD
 
@@ -56,7 +55,6 @@ def prepare(
     pixel_mm: float,
     fill: str = "none",
     implementation: str = "compiled",
-    dtype: str = "float64",
 ) -> SourceGenerator:
     """A generator by forward mapping; see the module's text.
 
@@ -70,8 +68,6 @@ def prepare(
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one; the painting is not
         part of the method and the same for both.
-    dtype : {"float64", "float32"}
-        What is computed in; see `inim.generators.raycast.working_type`.
 
     Raises
     ------
@@ -80,9 +76,8 @@ def prepare(
     """
     how = one_of("fill", fill, FILLS)
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
-    typed = one_of("dtype", dtype, DTYPES)
     require_separable(display, "li2012")
-    return _Li2012(display, shape, pixel_mm, how, chosen, typed)
+    return _Li2012(display, shape, pixel_mm, how, chosen)
 
 
 class _Li2012(SourceGenerator):
@@ -93,12 +88,10 @@ class _Li2012(SourceGenerator):
         pixel_mm: float,
         fill: str,
         implementation: str,
-        dtype: str,
     ) -> None:
         super().__init__(display, shape, pixel_mm)
         self._fill = fill
         self._implementation = implementation
-        self._dtype = dtype
 
     def find(self, rgbd: RGBD) -> Sources:
         depth, x, y = self._mapping(rgbd)
@@ -106,7 +99,7 @@ class _Li2012(SourceGenerator):
         miss = np.full(x.pixels * y.pixels, np.inf)
         shape = self.display.eia_shape
         mapping = (depth, x, y, nearest, miss)
-        return run(_map_all, self._implementation, shape, HOLE, *mapping, dtype=self._dtype)
+        return run(_map_all, self._implementation, shape, HOLE, *mapping)
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         out = self.place(rgbd, out)
@@ -120,7 +113,7 @@ class _Li2012(SourceGenerator):
         """Panel pixels between the images of picture pixels that touch, see `_sheet_of_lens`."""
         shape = self.display.eia_shape
         mapping = self._mapping(rgbd)
-        marked = run(_sheet_all, self._implementation, shape, HOLE, *mapping, dtype=self._dtype)
+        marked = run(_sheet_all, self._implementation, shape, HOLE, *mapping)
         return np.not_equal(marked, HOLE)
 
     def _mapping(self, rgbd: RGBD) -> tuple[np.ndarray, ForwardAxis, ForwardAxis]:

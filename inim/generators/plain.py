@@ -15,9 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.errors import UsageError
-from inim.generators.raycast.working_type import in_type
-
 __all__ = ["IMPLEMENTATIONS", "run"]
 
 IMPLEMENTATIONS = ("compiled", "python")
@@ -29,7 +26,6 @@ def run(
     shape: tuple[int, int],
     start: int,
     *arguments: Any,
-    dtype: str = "float64",
 ) -> NDArray[np.int32]:
     """Fill a map of panel pixels by a kernel.
 
@@ -45,24 +41,15 @@ def run(
     *arguments
         Numbers, flat arrays and named tuples of them. Plain Python sees lists: indexing an array
         would box a NumPy number each time. What a kernel writes to them is lost.
-    dtype : {"float64", "float32"}
-        What compiled kernels compute in.
 
     Returns
     -------
     (rows, columns) int32
-
-    Raises
-    ------
-    UsageError
-        Plain Python asked for float32, which it has not; or a number that float32 cannot hold.
     """
     if implementation == "compiled":
         found = np.full(shape, start, np.int32)
-        kernel(*(in_type(dtype, value) for value in arguments), found.ravel())
+        kernel(*arguments, found.ravel())
         return found
-    if dtype != "float64":
-        raise UsageError(f"dtype = {dtype!r}: plain Python has float64 only; use the compiled form")
     flat = [start] * (shape[0] * shape[1])
     kernel.py_func(*map(_as_plain, arguments), flat)
     return np.array(flat, np.int32).reshape(shape)

@@ -42,9 +42,7 @@ from inim.generators.base import (
     AskedPixels,
     PictureShape,
     SourceGenerator,
-    require_separable,
 )
-from inim.generators.options import one_of
 from inim.generators.raycast.axis_runs import (
     AxisRuns,
     axis_runs,
@@ -66,7 +64,6 @@ from inim.generators.raycast.polyphase import Phases, index_payload, run_templat
 from inim.generators.raycast.ray_length import check_ray_length, fits_tables
 from inim.generators.raycast.subpixels import by_subpixel
 from inim.generators.raycast.traversal import first_hits, first_hits_at, starts
-from inim.generators.raycast.working_type import DTYPES, in_type
 from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
@@ -80,7 +77,6 @@ def prepare(
     *,
     samples: int | str = 1,
     mask: np.ndarray | None = None,
-    dtype: str = "float64",
 ) -> SourceGenerator:
     """A generator of exact first hits.
 
@@ -92,33 +88,23 @@ def prepare(
         Rays per panel pixel, or per sub-pixel where it has some: through its centre; through two
         points on its diagonal; through the centres of its quarters, or of those of its shining part
         (`Display.pixel_fill`). Colours are averaged in linear light, a hole counting as black.
-    dtype : {"float64", "float32"}
-        float32 walks every ray by itself in single precision, as a port to hardware without float64
-        would: rounded, not exact. See `inim.generators.raycast.working_type`.
 
     Raises
     ------
     UsageError
-        Another number of samples, float32 on a display that is not separable, or rays so long
-        that they are a slip.
+        Another number of samples, or rays so long that they are a slip.
     """
     if str(samples) not in ("1", "2", "4"):
         raise UsageError(f"template: samples = {samples!r}; use 1, 2 or 4")
-
-    typed = one_of("dtype", dtype, DTYPES)
-    if typed != "float64":
-        require_separable(display, "template:dtype=float32")
     check_ray_length("template", display, shape, pixel_mm)
 
-    if typed != "float64" and mask is None:
-        mask = np.ones(display.eia_shape, bool)
     asked = None if mask is None else asked_pixels(mask, display)
 
     def first_hits_through(aside: Aside) -> SourceGenerator:
         if not display.is_separable:
             return FreeRays(display, shape, pixel_mm, aside, asked)
-        if typed != "float64" or not fits_tables(display, shape, pixel_mm):
-            return _RayByRay(display, shape, pixel_mm, aside, asked, typed)
+        if not fits_tables(display, shape, pixel_mm):
+            return _RayByRay(display, shape, pixel_mm, aside, asked)
         if shares_directions(display):
             return _Shared(display, shape, pixel_mm, aside, asked)
         if asked is not None:
@@ -309,16 +295,14 @@ class _RayByRay(SourceGenerator):
         pixel_mm: float,
         aside: Aside = CENTRE,
         asked: AskedPixels | None = None,
-        dtype: str = "float64",
     ) -> None:
         super().__init__(display, shape, pixel_mm, asked)
-        self._dtype = dtype
         columns, rows = cell_rays(shape, pixel_mm, display, aside)
         rays = (
             *(columns.start, columns.slope, columns.scale),
             *(rows.start, rows.slope, rows.scale),
         )
-        self._rays = tuple(in_type(dtype, value) for value in rays)
+        self._rays = rays
         if asked is None:
             self._reach = (
                 *_reach(columns, display.columns, display),
@@ -329,7 +313,7 @@ class _RayByRay(SourceGenerator):
         """See `SourceGenerator.find`."""
         # An uncovered cell is a column without height: it never reaches a ray.
         depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
-        z_min, z_max = (in_type(self._dtype, z) for z in self.display.depth_range_mm)
+        z_min, z_max = self.display.depth_range_mm
         found = np.empty(self.made_shape, np.int32)
         if self.asked is not None:
             rows, columns = self.asked.rows, self.asked.columns

@@ -44,7 +44,6 @@ from inim.generators.options import one_of
 from inim.generators.plain import IMPLEMENTATIONS, run
 from inim.generators.raycast.cells import cell_rays
 from inim.generators.raycast.pixel_mask import OnPanel, asked_pixels
-from inim.generators.raycast.working_type import DTYPES, as_type_of
 from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
@@ -61,7 +60,6 @@ def prepare(
     pixel_mm: float,
     matching: str = "matrix",
     implementation: str = "compiled",
-    dtype: str = "float64",
     *,
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
@@ -75,8 +73,6 @@ def prepare(
         Search the whole matrix, as printed, or only the entries on the ray.
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one.
-    dtype : {"float64", "float32"}
-        What is computed in; see `inim.generators.raycast.working_type`.
 
     Raises
     ------
@@ -86,13 +82,12 @@ def prepare(
     """
     along_ray = one_of("matching", matching, _MATCHINGS) == "ray"
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
-    typed = one_of("dtype", dtype, DTYPES)
     require_separable(display, "wang2024")
     _check_length(display, shape, pixel_mm, along_ray)
     if mask is None:
-        return _Wang2024(display, shape, pixel_mm, along_ray, chosen, typed)
+        return _Wang2024(display, shape, pixel_mm, along_ray, chosen)
     asked = asked_pixels(mask, display)
-    return OnPanel(_Wang2024(display, shape, pixel_mm, along_ray, chosen, typed, asked))
+    return OnPanel(_Wang2024(display, shape, pixel_mm, along_ray, chosen, asked))
 
 
 def _check_length(display: Display, shape: PictureShape, pixel_mm: float, along_ray: bool) -> None:
@@ -116,13 +111,11 @@ class _Wang2024(SourceGenerator):
         pixel_mm: float,
         along_ray: bool,
         implementation: str,
-        dtype: str,
         asked: AskedPixels | None = None,
     ) -> None:
         super().__init__(display, shape, pixel_mm, asked)
         self._along_ray = along_ray
         self._implementation = implementation
-        self._dtype = dtype
 
     def find(self, rgbd: RGBD) -> Sources:
         column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display)
@@ -148,7 +141,6 @@ class _Wang2024(SourceGenerator):
             single,
             self._along_ray,
             *listed,
-            dtype=self._dtype,
         )
 
 
@@ -186,7 +178,7 @@ def _steps(du, dv, z_min, z_max):  # type: ignore[no-untyped-def]
     travel = max(abs(du), abs(dv))
     if travel * (z_max - z_min) < 1.0:
         return z_max - z_min, 1
-    step = as_type_of(travel, 1.0) / travel
+    step = 1.0 / travel
     return step, math.ceil((z_max - z_min) / step) + 1
 
 
@@ -197,13 +189,13 @@ def _match(  # type: ignore[no-untyped-def]
     """Eq. 7 to 10: the entry of the z_len x z_len matrix nearest to its template depth."""
     best, source = step, HOLE
     for i in range(z_len):
-        z = start + as_type_of(step, i) * step
+        z = start + i * step
         v = math.floor(v0 + dv * z)
         if v < 0 or v >= rows:
             continue
         first, end = (i, i + 1) if along_ray else (0, z_len)
         for j in range(first, end):
-            u = math.floor(u0 + du * (start + as_type_of(step, j) * step))
+            u = math.floor(u0 + du * (start + j * step))
             if u < 0 or u >= columns:
                 continue
             mismatch = abs(depth[v * columns + u] - z)

@@ -41,7 +41,7 @@ def deciding_ulps(algorithm: str, dtype: type, display: Display, rgbd: RGBD) -> 
     elif kind == "li2012":
         found = list(_landing(display, rgbd, dtype))
     elif kind in ("template", "layered"):
-        rounded = dtype is np.float32 and "dtype" not in algorithm
+        rounded = dtype is np.float32
         found = list(_exits(display, rgbd, dtype, rounded))
     else:
         found = list(_coordinates(display, rgbd, dtype))

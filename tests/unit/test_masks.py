@@ -31,12 +31,11 @@ from tests.conftest import small_display
 ALGORITHMS = [
     "template",
     "template:samples=4",
-    "template:dtype=float32",
     "layered:samples=1",
     "layered:samples=2",
     "gu2020",
     "wang2024",
-    "wang2024:matching=ray:dtype=float32",
+    "wang2024:matching=ray",
     "li2012:fill=nearest",
 ]
 SEPARABLE = [

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from inim.generators.raycast.working_type import as_type_of
 from inim.generators.sources import HOLE
 
 __all__ = ["first_hit", "first_hits", "first_hits_at", "starts", "walk"]
@@ -21,7 +20,7 @@ def leaves(cell, start, slope, scale):  # type: ignore[no-untyped-def]
     """Depth at which a ray leaves a cell in one axis; never, if it does not move in it."""
     if slope == 0.0:
         return -np.inf
-    return (as_type_of(start, cell if slope > 0 else cell + 1) * scale - start) / slope
+    return ((cell if slope > 0 else cell + 1) * scale - start) / slope
 
 
 @numba.njit(cache=True, nogil=True)
