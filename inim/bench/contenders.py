@@ -18,8 +18,8 @@ from inim.generators import (
     SourceGenerator,
     Sources,
     check_algorithm,
-    parse_algorithm,
     prepare,
+    properties,
 )
 from inim.generators.raycast.supersampling import Supersampled
 from inim.rgbd import RGBD, LayeredRGBD
@@ -133,7 +133,7 @@ def prepared(name: str, rgbd: RGBD, display: Display, mask: np.ndarray | None = 
 
 def is_interpreted(name: str) -> bool:
     """Whether an algorithm runs in plain Python, as the paper's did: it compiles nothing."""
-    return parse_algorithm(name)[1].get("implementation") == "python"
+    return properties(name).interpreted
 
 
 def display_ready(rgbd: RGBD) -> RGBD:

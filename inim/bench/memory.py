@@ -45,7 +45,7 @@ def measure(lenses: int, pixels_per_pitch: int = 2) -> dict[str, Any]:
 
     from inim.bench.contenders import prepared
     from inim.bench.scaling import picture_of, square_display
-    from inim.generators import template  # noqa: F401
+    from inim.generators.raycast import polyphase  # noqa: F401
 
     imported = peak_bytes()
     display = square_display(lenses)

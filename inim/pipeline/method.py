@@ -27,14 +27,15 @@ from inim.display.viewpoint import is_file_safe
 from inim.errors import InimError, UsageError
 from inim.files.eia_file import check_eia_name, read_eia
 from inim.generators import (
-    GENERATORS,
     PICKUP,
     Generator,
     algorithm_names,
     algorithm_summary,
     check_algorithm,
+    is_own,
     parse_algorithm,
     prepare,
+    properties,
 )
 from inim.pipeline.deciding import eia_parts, scene_parts
 from inim.pipeline.plugin_guard import blamed, run_generator
@@ -50,10 +51,6 @@ __all__ = ["Contender", "Entry", "algorithm_table", "parse_contenders", "reads_l
 
 #: In place of algorithms, where only finished EIAs are to be scored.
 _NONE = "none"
-# Algorithms that read `inim.rgbd.LayeredRGBD`.
-_LAYERED = ("layered",)
-# Algorithms whose EIA depends on comparisons of stored numbers only: equal on every machine.
-_EXACT = ("template",)
 # The ceiling's views lie beside the contenders'.
 _TAKEN = ("ceiling", _NONE)
 # An algorithm's name with its options also names files.
@@ -155,7 +152,7 @@ class Generated(Contender):
     @property
     def _is_own(self) -> bool:
         """Whether the project's code decides it: of others, nothing tells what has changed."""
-        return parse_algorithm(self.name)[0] in GENERATORS
+        return is_own(parse_algorithm(self.name)[0])
 
     def prepare(self, job: Ledger) -> Make:
         """See `Contender`; nothing is loaded where the store has the EIA."""
@@ -173,7 +170,7 @@ class Generated(Contender):
             def once(product: str, anew: Callable[[], Record], told: Any = None) -> Record:
                 return job.memo.recall(product, parts, anew, told=told) if self._is_own else anew()
 
-            plan, exact = job.plan, parse_algorithm(self.name)[0] in _EXACT
+            plan, exact = job.plan, properties(self.name).portable
 
             def fixed_eia(rgbd: RGBD | None = None) -> np.ndarray:
                 return self._again(job, prepared()[0], rgbd or _reference_input(plan))
@@ -331,7 +328,7 @@ def _hole_fraction(
 
 def reads_layers(algorithm: str) -> bool:
     """Whether an algorithm, options and all, makes use of `inim.rgbd.LayeredRGBD`."""
-    return parse_algorithm(algorithm)[0] in _LAYERED
+    return properties(algorithm).reads_layers
 
 
 def parse_contenders(algorithms: str, eias: tuple[str, ...]) -> tuple[Contender, ...]:

@@ -20,7 +20,7 @@ from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import FileError, UsageError
 from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.files.true_size import write_eia
-from inim.generators import SourceGenerator, check_algorithm, generate, prepare
+from inim.generators import SourceGenerator, check_algorithm, generate, prepare, properties
 from inim.lens import check_lens_model
 from inim.pipeline.method import parse_contenders
 from inim.pipeline.picture_oracle import ExactHits, exact_hits, why_no_oracle
@@ -45,8 +45,6 @@ EXACT = "template:samples=4"
 # What the worker needs of the arguments.
 _SETTINGS = ("display", "definitions", "algorithms", "viewpoints", "lens_model", "backend")
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
-# Algorithms that show the exact first hits by definition.
-_EXACT_KINDS = ("template", "layered")
 _NOT_SCORED = (
     "Views against the scene, on the relic, to the ceiling: there is no scene, only its picture.",
     "The EIA against ground truth, and its noise floor: nobody knows what the camera did not see.",
@@ -287,7 +285,7 @@ def _checks(algorithms: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]
             ("brightest value", made["brightest"], ">=", BLACK, "not black"),
             ("values not finite", made["not_finite"], "<=", 0.0, "all are numbers"),
         ]
-        if name.partition(":")[0] in _EXACT_KINDS and made["wrong_source"] is not None:
+        if properties(name).exact and made["wrong_source"] is not None:
             detail = "the exact first hits, by its definition"
             rows.append(("wrong sources", made["wrong_source"], "<=", 0.0, detail))
         for what, value, relation, limit, detail in rows:
