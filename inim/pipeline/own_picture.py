@@ -6,7 +6,6 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from datetime import datetime, timezone
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -303,7 +302,7 @@ def _checks(generator: GeneratorHandle, made: Mapping[str, Any]) -> list[dict[st
         check(f"{name}: brightest value", made["brightest"], ">=", BLACK, "not black"),
         check(f"{name}: values not finite", made["not_finite"], "<=", 0.0, "all are numbers"),
     ]
-    if generator.properties.exact_hits and made["wrong_source"] is not None:
+    if generator.properties.exact and made["wrong_source"] is not None:
         detail = "the exact first hits, by its definition"
         checks.append(check(f"{name}: wrong sources", made["wrong_source"], "<=", 0.0, detail))
     return checks
