@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,15 +16,63 @@ from inim.pipeline.timing import TimedMethod, linear_picture
 from inim.rgbd import RGBD, LayeredRGBD
 from inim.settings import Settings
 
-__all__ = ["ERRORS", "Reference", "evaluate", "make_reference", "mark_fronts", "noise_floor"]
+__all__ = [
+    "SCORES",
+    "Reference",
+    "Score",
+    "evaluate",
+    "make_reference",
+    "mark_fronts",
+    "noise_floor",
+]
 
-#: The errors that times stand against, each smaller the better, from a method's data.
-ERRORS: dict[str, Callable[[Mapping[str, Any]], float]] = {
-    "wrong_source": lambda c: c["wrong_source"],
-    "eia_psnr_db": lambda c: -c["eia_psnr_db"],
-    "eia_ssim": lambda c: 1 - c["eia_ssim"],
-    "view_ssim_to_ceiling": lambda c: 1 - c["view_ssim_to_ceiling"],
-}
+
+@dataclass(frozen=True)
+class Score:
+    """A score that times stand against; bench.json lists them under `scores`.
+
+    Attributes
+    ----------
+    key : str
+        Its name in bench.json.
+    label, title : str
+        In tables; of its panel in the plot.
+    function : callable
+        Of reference and test, (rows, columns, 3) float32, linear RGB: the score.
+    of_views : bool
+        The mean over the views, against those of the ground-truth EIA; else of the EIA.
+    better : {"higher", "lower"}
+    best : float or None
+        The best there is; None where that is infinite.
+    digits : int
+        After the point.
+    plotted : bool
+        Whether it has a panel of its own.
+    """
+
+    key: str
+    label: str
+    title: str
+    function: Callable[[np.ndarray, np.ndarray], float]
+    of_views: bool
+    better: str = "higher"
+    best: float | None = 1.0
+    digits: int = 4
+    plotted: bool = True
+
+    def as_data(self) -> dict[str, Any]:
+        """Under the names of bench.json."""
+        names = ("key", "label", "title", "of_views", "better", "best", "digits", "plotted")
+        return {name: getattr(self, name) for name in names}
+
+
+_EIA, _VIEWS = "Elemental images", "Views"
+#: All scores, in the order of the tables.
+SCORES = (
+    Score("eia_ssim", "EIA SSIM", _EIA, metrics.ssim, False, plotted=False),
+    Score("eia_psnr_db", "EIA PSNR dB", _EIA, metrics.psnr_db, False, best=None, digits=2),
+    Score("view_ssim_to_ceiling", "view SSIM to ceiling", _VIEWS, metrics.ssim, True),
+)
 
 #: Views of an EIA, one for each viewpoint: (rows, columns, 3) float32, linear RGB.
 ViewsOf = Callable[[np.ndarray], Sequence[np.ndarray]]
@@ -92,25 +140,27 @@ def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
         "wrong_source": wrong,
         "hole_fraction": _lensed_share(empty, reference.exact),
         "averaged_share": _averaged_share(method),
-        "eia_ssim": metrics.ssim(reference.eia, made),
-        "eia_psnr_db": metrics.psnr_db(reference.eia, made),
-        "view_ssim_to_ceiling": _mean_ssim(reference.ceiling, reference.views_of(made)),
+        **_scores(reference.eia, made, reference.ceiling, reference.views_of(made)),
     }
 
 
 def noise_floor(first: np.ndarray, second: np.ndarray, views_of: ViewsOf) -> dict[str, float]:
     """One half of the ground truth's samples against the other, by the same measures."""
+    return _scores(first, second, views_of(first), views_of(second))
+
+
+def _scores(
+    true_eia: np.ndarray,
+    eia: np.ndarray,
+    true_views: Sequence[np.ndarray],
+    views: Sequence[np.ndarray],
+) -> dict[str, float]:
+    """All of `SCORES`, by key."""
+    pictures = {False: [(true_eia, eia)], True: list(zip(true_views, views, strict=True))}
     return {
-        "eia_ssim": metrics.ssim(first, second),
-        "eia_psnr_db": metrics.psnr_db(first, second),
-        "view_ssim_to_ceiling": _mean_ssim(views_of(first), views_of(second)),
+        score.key: float(np.mean([score.function(*pair) for pair in pictures[score.of_views]]))
+        for score in SCORES
     }
-
-
-def _mean_ssim(references: Sequence[np.ndarray], views: Sequence[np.ndarray]) -> float:
-    """Over the viewpoints."""
-    pairs = zip(references, views, strict=True)
-    return float(np.mean([metrics.ssim(reference, view) for reference, view in pairs]))
 
 
 def _sources(method: TimedMethod) -> Sources | None:
@@ -140,8 +190,11 @@ def _lensed_share(chosen: np.ndarray, exact: Sources) -> float:
 def mark_fronts(methods: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """The methods' data with their place: `fronts` by error, and `pareto`, on any of them."""
     fronts: list[list[str]] = [[] for _ in methods]
-    for name, error in ERRORS.items():
-        points = [(m["median_ms"], None if m[name] is None else float(error(m))) for m in methods]
+    signs = {"wrong_source": 1} | {s.key: 1 if s.better == "lower" else -1 for s in SCORES}
+    for name, sign in signs.items():
+        points = [
+            (m["median_ms"], None if m[name] is None else sign * float(m[name])) for m in methods
+        ]
         for front, is_on in zip(fronts, pareto(points), strict=True):
             front += [name] * is_on
     return [

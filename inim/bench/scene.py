@@ -4,16 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from inim.bench.evaluate import Reference, evaluate, make_reference, mark_fronts, noise_floor
+from inim.bench.evaluate import (
+    SCORES,
+    Reference,
+    evaluate,
+    make_reference,
+    mark_fronts,
+    noise_floor,
+)
 from inim.display import Display
 from inim.errors import SceneError, UsageError
-from inim.generators import check_algorithm, prepare
+from inim.generators import GENERATORS, algorithm_names, check_algorithm
 from inim.pipeline.method import reads_layers
-from inim.pipeline.plan import Plan
+from inim.pipeline.plan import Plan, make_plan
+from inim.pipeline.request import Request
 from inim.pipeline.timing import (
     YARDSTICK,
     Rounds,
@@ -26,10 +35,11 @@ from inim.pipeline.timing import (
 )
 from inim.rgbd import RGBD, LayeredRGBD
 
-__all__ = ["DEFAULT", "available", "bench_scene", "choose_algorithms", "method_data"]
+__all__ = ["available", "bench_scene", "choose_algorithms", "method_data", "scene_plan"]
 
-#: What is measured where nothing is named: every algorithm, and the settings that cost time.
-DEFAULT = (
+# What is measured where nothing is named, with those that other packages announce: every
+# algorithm, and the settings that cost time.
+_DEFAULT = (
     "template",
     "template:samples=2",
     "template:samples=4",
@@ -42,14 +52,19 @@ DEFAULT = (
 )
 # What a name is tried on: as small as a display gets.
 _TRIAL = Display(1.0, 3.0, 3.3, 0.25, 1, 1)
+_TRIAL_RGBD = RGBD(
+    np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4), np.float32), np.ones((4, 4), bool), 0.25
+)
 
 
 def available(names: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Those of `names` that exist here, and a note on each that does not."""
+    """Those of `names` that exist and work here, and a note on each that does not."""
     found, notes = [], []
     for name in names:
         try:
-            prepare(_TRIAL, name, shape=(4, 4), pixel_mm=0.25)
+            method = prepare_method(name, _TRIAL_RGBD, _TRIAL)
+            if not method.is_own:
+                method.run()
         except (UsageError, ImportError) as error:
             notes.append(f"left out: {error}")
         else:
@@ -58,15 +73,34 @@ def available(names: Iterable[str]) -> tuple[list[str], list[str]]:
 
 
 def choose_algorithms(text: str | None) -> tuple[Sequence[str], list[str]]:
-    """The algorithms of a ``--algorithms`` text, all of which must exist; else `DEFAULT`'s."""
+    """The algorithms of a ``--algorithms`` text, all of which must exist; else all there are."""
     if text is None:
-        return available(DEFAULT)
+        others = [name for name in algorithm_names() if name not in GENERATORS]
+        return available([*_DEFAULT, *others])
     names = list(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
     if not names:
         raise UsageError("--algorithms: none given; name at least one, such as 'template'")
     for name in names:
         check_algorithm(name)
     return names, []
+
+
+def scene_plan(
+    scene: Path, out: Path, definitions: Sequence[str] = (), display: str | None = None
+) -> Plan:
+    """The plan of a validation of a scene: its display, viewpoints and sampling.
+
+    Parameters
+    ----------
+    scene, out : Path
+    definitions : sequence of str
+        `key=value` overrides, as after -D.
+    display : str, optional
+        A preset's name.
+    """
+    # Methods are chosen apart: their options are not settings.
+    request = Request(scene, out, tuple(definitions), display, algorithms="template")
+    return make_plan(request)
 
 
 def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any) -> dict[str, Any]:
@@ -107,6 +141,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
         "yardstick": times[YARDSTICK].as_data(),
         "contenders": mark_fronts(data),
         "noise_floor": inputs.noise_floor,
+        "scores": [score.as_data() for score in SCORES],
         "captured_layers": inputs.layers,
     }
 

@@ -1,13 +1,17 @@
-"""The bench of whole commands: what a validation costs cold, and with something to find again.
+"""What a validation costs cold, and with something to find again: whole commands.
 
-Every case is a process as a user would start it, timed from its start to its end, with a store of
-results of its own; all cases take turns in every round, the first of which is not counted. So the
-kernels that numba and Dr.Jit keep on disk are there, and the store is what a case says it is.
+    python -m reports.bench.commands.run scenes/amphora.xml --runs 3 -o reports/bench/commands
+
+takes some minutes. Every case is a process as a user would start it, timed from its start to its
+end, with a result cache of its own; all cases take turns in every round, the first of which is not
+counted. So the kernels that numba and Dr.Jit keep on disk are there, and the cache is what a case
+says it is.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import sys
@@ -16,17 +20,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inim.bench.masked import bench_masked
-from inim.bench.process import run_measured
-from inim.bench.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
+from inim.bench import Rounds, Timing
 from inim.cache.store import FOLDER_VARIABLE
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.files.image import read_rgbd
 from inim.pipeline.plan import Plan
-from inim.pipeline.timing import Rounds, Timing
+from reports.bench.commands.masked import bench_masked
+from reports.bench.commands.report import parts_of
+from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
+from reports.bench.process import run_measured
+from reports.bench.study import add_scene_arguments, new_parser, plan_of, run_study
 
-__all__ = ["ALGORITHMS", "CHANGED", "bench_commands", "check_commands"]
+__all__ = ["ALGORITHMS", "CHANGED", "bench_commands"]
 
 #: What is validated, and what is when one algorithm is another.
 ALGORITHMS = "template,wang2024"
@@ -47,7 +53,7 @@ class Case:
     ----------
     name : str
     finds : str
-        What is in its store, in words.
+        What is in its cache, in words.
     words : tuple of str
         The command line after `python -m`, without its output folder.
     store : str
@@ -71,13 +77,6 @@ class Case:
         return self.name != _HELP
 
 
-def check_commands(plan: Plan) -> None:
-    """Raise `ViewpointError` where the display's viewing zone lacks the viewpoints of the bench."""
-    for text in (_nine(plan), _added(plan)):
-        s = plan.settings
-        parse_viewpoints(text, plan.display, s.viewing_distance_mm, s.pupil_mm, s.focus_mm)
-
-
 def bench_commands(
     plan: Plan, rounds: Rounds, listener: Any, folder: Path, variables: Mapping[str, str]
 ) -> dict[str, Any]:
@@ -92,7 +91,7 @@ def bench_commands(
         commands have one warm-up.
     listener : Listener
     folder : Path
-        For stores and reports; removed afterwards.
+        Empty; for caches and reports.
     variables : mapping of str to str
         The environment of the commands, but for the store.
 
@@ -104,7 +103,6 @@ def bench_commands(
         the paths of values in its report that should equal those of `beside` and do not.
     """
     count = min(rounds.runs, _MOST_ROUNDS)
-    folder.mkdir()
     cases, notes = _cases(plan, folder)
     runs: dict[str, list[dict[str, Any]]] = {case.name: [] for case in cases}
     for number in range(1 + count):
@@ -121,7 +119,6 @@ def bench_commands(
     listener.stage("generate what is observed")
     rgbd = read_rgbd(folder / "reports" / _COLD / "rgbd.exr")
     masked = bench_masked(plan, rgbd, _viewpoints(plan, _nine(plan)), rounds, listener)
-    shutil.rmtree(folder)
     return {
         "title": plan.settings.title or plan.request.scene.stem,
         "scene": {"path": str(plan.request.scene), "sha256": plan.file.sha256},
@@ -292,3 +289,26 @@ def _in_words(row: Mapping[str, Any]) -> str:
         f"{row['name']:27}  {row['median_s']:8.2f} s  {row['share']:7.1%} of {row['beside']!r}  "
         f"{row['peak_bytes'] / 2**20:6.0f} MiB  {said}"
     )
+
+
+# -- the command --------------------------------------------------------------------------------
+
+
+def main() -> int:
+    """Carry out the study; the exit code."""
+    variables = dict(os.environ)  # before the backend adds its own: as a user's commands have them
+    parser = new_parser(__doc__, "bench-commands")
+    parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
+    add_scene_arguments(parser)
+    args = parser.parse_args()
+
+    def measure(rounds: Rounds, listener: Any, folder: Path) -> dict[str, Any]:
+        plan = plan_of(args, args.scene)
+        return {"commands": bench_commands(plan, rounds, listener, folder, variables)}
+
+    title = f"Bench: commands on {args.scene.stem}"
+    return run_study(args, "reports.bench.commands.run", title, measure, parts_of)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
