@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     """Carry out `inim bench`; the exit code."""
     from inim.bench.job import BenchRequest, default_out, run_bench
 
-    # An asked-for end takes the worker and its half-written files along, as Ctrl-C does.
+    # SIGTERM takes the worker and its half-written files along, as Ctrl-C does.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     request = BenchRequest(
         scene=args.scene,

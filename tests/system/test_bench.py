@@ -8,16 +8,21 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from inim.bench.scene import choose_algorithms
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from tests.system.conftest import TINY, assert_one_line, definitions, nothing_left, write_scene
 
-ALGORITHMS = ["template", "wang2024:matching=ray", "gu2020:implementation=python"]
+ALGORITHMS = [
+    "template", "wang2024:matching=ray", "gu2020:implementation=python", "example", "own_place",
+]  # fmt: skip
 FILES = {"bench.json", "bench.md", "bench.html", "pareto.svg", "pareto.png"}
 KEYS = {
     "schema", "scene", "display", "backend", "threads", "load", "versions", "command", "yardstick",
@@ -30,24 +35,62 @@ METHOD = {
 }  # fmt: skip
 
 
-def run_bench(*words: object, folder: Path, timeout: float = 120):
+#: Other packages' algorithms: one that returns a picture of its own, one that cannot be timed.
+OTHERS = """
+import inim_example
+
+class OwnPlace:
+    def __init__(self, made): self.made = made
+    def generate(self, rgbd, out=None): return self.made.generate(rgbd)
+
+class LinearOnly:
+    def generate(self, rgbd, out=None): raise ValueError("needs float32")
+
+def own_place(display, shape, pixel_mm):
+    return OwnPlace(inim_example.prepare(display, shape, pixel_mm))
+
+def linear_only(display, shape, pixel_mm):
+    return LinearOnly()
+"""
+POINTS = """[inim.generators]
+example = inim_example:prepare
+own_place = bench_others:own_place
+linear_only = bench_others:linear_only
+"""
+
+
+def run_bench(*words: object, folder: Path, site: Path | None = None, timeout: float = 120):
+    paths = [str(site or ""), os.environ.get("PYTHONPATH", "")]
     return subprocess.run(
         [sys.executable, "-m", "inim.bench", *map(str, words)],
-        cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
-        timeout=timeout,
+        cwd=folder, env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", timeout=timeout,
     )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    """One bench of three methods, into a folder with a stranger's file."""
+def site(tmp_path_factory):
+    """A folder in which the algorithms of other packages are installed."""
+    folder = tmp_path_factory.mktemp("site")
+    info = folder / "bench_others-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bench_others\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(POINTS)
+    (folder / "bench_others.py").write_text(OTHERS)
+    shutil.copy(Path(__file__).parents[1] / "example_package" / "inim_example.py", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, site):
+    """One bench, other packages' algorithms included, into a folder with a stranger's file."""
     folder = tmp_path_factory.mktemp("bench 鼎")
     scene = write_scene(folder)
     (folder / "out").mkdir()
     (folder / "out" / "notes.txt").write_text("mine")
     ended = run_bench(
         scene.name, "-o", "out", "--algorithms", ",".join(ALGORITHMS), "--runs", "3",
-        "--threads", "1", *definitions(TINY), folder=folder,
+        "--threads", "1", *definitions(TINY), folder=folder, site=site,
     )  # fmt: skip
     assert ended.returncode == EXIT_PASSED, ended.stderr
     return ended, folder, json.loads((folder / "out" / "bench.json").read_text("utf-8"))
@@ -88,7 +131,26 @@ def test_times_and_ratios_agree(finished):
 def test_exact_sources_are_never_wrong_and_others_sometimes(finished):
     wrong = {c["name"]: c["wrong_source"] for c in finished[2]["contenders"]}
     assert wrong["template"] == 0
-    assert all(0 < share < 1 for name, share in wrong.items() if name != "template")
+    known = {name: share for name, share in wrong.items() if share is not None}
+    assert known.keys() == set(ALGORITHMS[:3])
+    assert all(0 < share < 1 for name, share in known.items() if name != "template")
+
+
+def test_another_package_s_algorithm_is_scored_wherever_it_writes(finished):
+    rows = {m["name"]: m for m in finished[2]["contenders"]}
+    keys = [score["key"] for score in finished[2]["scores"]]
+    assert [rows["example"][k] for k in keys] == [rows["own_place"][k] for k in keys]
+    assert rows["example"]["eia_ssim"] > 0.1  # a picture, not the black it started from
+    assert rows["example"]["hole_fraction"] < 1
+
+
+def test_all_algorithms_take_part_unless_some_are_named(monkeypatch, site):
+    monkeypatch.syspath_prepend(str(site))
+    names, notes = choose_algorithms(None)
+    assert names[0] == "template"
+    assert {"example", "own_place"} <= set(names)
+    assert "linear_only" not in names
+    assert [n for n in notes if "linear_only" in n and "needs float32" in n]
 
 
 def test_a_line_for_each_method_and_where_the_page_lies(finished):

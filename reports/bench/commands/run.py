@@ -58,17 +58,17 @@ class Case:
         The command line after `python -m`, without its output folder.
     store : str
         Cases of a round with the same one share it; it is empty when the round begins. "": none.
-    beside : str
+    compared_with : str
         The case whose time and scores its own are compared with.
     same : str, optional
-        What of its report has to be equal to that of `beside`; nothing if None.
+        What of its report has to be equal to that of `compared_with`; nothing if None.
     """
 
     name: str
     finds: str
     words: tuple[str, ...]
     store: str = ""
-    beside: str = _COLD
+    compared_with: str = _COLD
     same: str | None = None
 
     @property
@@ -169,13 +169,13 @@ def _cases(plan: Plan, folder: Path) -> tuple[list[Case], list[str]]:
         words = validation(*usual, scene=dimmed)
         cases.append(Case("one light changed", "no such pictures", words, one))
     cases += [
-        Case(_WHOLE, "nothing", validation(*many), "whole", beside=_WHOLE),
+        Case(_WHOLE, "nothing", validation(*many), "whole", compared_with=_WHOLE),
         Case(
             "nine viewpoints, --lazy",
             "nothing",
             validation(*many, "--lazy"),
             "lazy",
-            beside=_WHOLE,
+            compared_with=_WHOLE,
             same=VIEWS,
         ),
         Case("--no-skip", "–", validation(*usual, "--no-skip"), same=EVERYTHING),
@@ -258,17 +258,17 @@ def _row(
     """A case, under the names of bench.json."""
     taken = [run["seconds"] for run in runs[case.name]]
     timing = Timing(taken[0], tuple(taken))
-    beside = Timing(0.0, tuple(run["seconds"] for run in runs[case.beside]))
+    other_times = Timing(0.0, tuple(run["seconds"] for run in runs[case.compared_with]))
     row = {
         "name": case.name,
         "finds": case.finds,
-        "beside": case.beside,
+        "beside": case.compared_with,
         "times_s": taken,
         "median_s": timing.median_s,
         "min_s": timing.min_s,
         "spread": timing.spread,
-        "share": timing.median_s / beside.median_s,
-        "share_min": timing.min_s / beside.min_s,
+        "share": timing.median_s / other_times.median_s,
+        "share_min": timing.min_s / other_times.min_s,
         "peak_bytes": max(run["peak_bytes"] for run in runs[case.name]),
         "traced": None,
         "whole": None,
@@ -276,7 +276,7 @@ def _row(
         "unlike": None,
     }
     if case.is_validation:
-        report, other = reports[case.name], reports[case.beside]
+        report, other = reports[case.name], reports[case.compared_with]
         row["traced"], row["whole"] = samples_of(report["skipped"], other["skipped"])
         if case.same is not None:
             row["unlike"] = unlike(report, other, case.same)
