@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,9 +18,9 @@ from inim.rgbd import RGBD, LayeredRGBD
 from inim.settings import Settings
 
 __all__ = [
-    "SCORES",
     "Reference",
     "Score",
+    "all_scores",
     "evaluate",
     "make_reference",
     "mark_fronts",
@@ -27,52 +28,43 @@ __all__ = [
 ]
 
 
+# Scores with a panel of their own; those of other packages' metrics have one, too.
+_PLOTTED = ("eia_psnr_db", "view_ssim_to_ceiling")
+
+
 @dataclass(frozen=True)
 class Score:
-    """A score that times stand against; bench.json lists them under `scores`.
+    """A metric of the EIA, against the true one, or of its views: their mean to the ceiling."""
 
-    Attributes
-    ----------
-    key : str
-        Its name in bench.json.
-    label, title : str
-        In tables; of its panel in the plot.
-    function : callable
-        Of reference and test, (rows, columns, 3) float32, linear RGB: the score.
-    of_views : bool
-        The mean over the views, against those of the ground-truth EIA; else of the EIA.
-    better : {"higher", "lower"}
-    best : float or None
-        The best there is; None where that is infinite.
-    digits : int
-        After the point.
-    plotted : bool
-        Whether it has a panel of its own.
-    """
-
-    key: str
-    label: str
-    title: str
-    function: Callable[[np.ndarray, np.ndarray], float]
+    metric: metrics.Metric
     of_views: bool
-    better: str = "higher"
-    best: float | None = 1.0
-    digits: int = 4
-    plotted: bool = True
+
+    @property
+    def key(self) -> str:
+        """Its name in bench.json."""
+        return f"view_{self.metric.to_ceiling_key}" if self.of_views else f"eia_{self.metric.key}"
 
     def as_data(self) -> dict[str, Any]:
-        """Under the names of bench.json."""
-        names = ("key", "label", "title", "of_views", "better", "best", "digits", "plotted")
-        return {name: getattr(self, name) for name in names}
+        """Under the names of bench.json; `best` is null where that is infinite."""
+        metric = self.metric
+        best = metric.range[1 if metric.better == "higher" else 0]
+        words = f"view {metric.label} to ceiling" if self.of_views else f"EIA {metric.label}"
+        return {
+            "key": self.key,
+            "label": f"{words} {metric.unit}".rstrip(),
+            "title": "Views" if self.of_views else "Elemental images",
+            "better": metric.better,
+            "best": best if math.isfinite(best) else None,
+            "digits": metric.digits,
+            "plotted": self.key in _PLOTTED or metric.name in metrics.foreign_identities(),
+        }
 
 
-_EIA, _VIEWS = "Elemental images", "Views"
-#: All scores, in the order of the tables.
-SCORES = (
-    Score("eia_ssim", "EIA SSIM", _EIA, metrics.ssim, False, plotted=False),
-    Score("eia_psnr_db", "EIA PSNR dB", _EIA, metrics.psnr_db, False, best=None, digits=2),
-    Score("view_ssim_to_ceiling", "view SSIM to ceiling", _VIEWS, metrics.ssim, True),
-)
+def all_scores() -> list[Score]:
+    """All that there are, in the order of the tables: of the EIA, then of its views."""
+    of_eia = [Score(metric, False) for metric in metrics.all_metrics() if metric.of_eia]
+    return of_eia + [Score(metric, True) for metric in metrics.all_metrics()]
+
 
 #: Views of an EIA, one for each viewpoint: (rows, columns, 3) float32, linear RGB.
 ViewsOf = Callable[[np.ndarray], Sequence[np.ndarray]]
@@ -155,11 +147,14 @@ def _scores(
     true_views: Sequence[np.ndarray],
     views: Sequence[np.ndarray],
 ) -> dict[str, float]:
-    """All of `SCORES`, by key."""
-    pictures = {False: [(true_eia, eia)], True: list(zip(true_views, views, strict=True))}
+    """All scores, by key."""
+    of_eia = metrics.eia_scores(true_eia, eia)
+    of_views = [metrics.score(*pair) for pair in zip(true_views, views, strict=True)]
     return {
-        score.key: float(np.mean([score.function(*pair) for pair in pictures[score.of_views]]))
-        for score in SCORES
+        one.key: float(np.mean([view[one.metric.key] for view in of_views]))
+        if one.of_views
+        else of_eia[one.metric.key]
+        for one in all_scores()
     }
 
 
@@ -190,10 +185,13 @@ def _lensed_share(chosen: np.ndarray, exact: Sources) -> float:
 def mark_fronts(methods: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """The methods' data with their place: `fronts` by error, and `pareto`, on any of them."""
     fronts: list[list[str]] = [[] for _ in methods]
-    signs = {"wrong_source": 1} | {s.key: 1 if s.better == "lower" else -1 for s in SCORES}
+    signs = {"wrong_source": 1} | {
+        s.key: 1 if s.metric.better == "lower" else -1 for s in all_scores()
+    }
     for name, sign in signs.items():
         points = [
-            (m["median_ms"], None if m[name] is None else sign * float(m[name])) for m in methods
+            (m["median_ms"], None if m.get(name) is None else sign * float(m[name]))
+            for m in methods
         ]
         for front, is_on in zip(fronts, pareto(points), strict=True):
             front += [name] * is_on

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from inim.bench.evaluate import (
-    SCORES,
     Reference,
+    all_scores,
     evaluate,
     make_reference,
     mark_fronts,
@@ -19,8 +19,7 @@ from inim.bench.evaluate import (
 )
 from inim.display import Display
 from inim.errors import SceneError, UsageError
-from inim.generators import GENERATORS, algorithm_names, check_algorithm
-from inim.pipeline.method import reads_layers
+from inim.generators import GENERATORS, algorithm_names, check_algorithm, properties
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.timing import (
@@ -113,7 +112,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
     names : sequence of str
         Algorithms with their options.
     rounds : Rounds
-    listener : Listener
+    listener : Observer
 
     Returns
     -------
@@ -123,7 +122,9 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
     inputs = _render(plan, names, listener)
     listener.stage("time")
     methods = [
-        prepare_method(name, inputs.layered if reads_layers(name) else inputs.rgbd, plan.display)
+        prepare_method(
+            name, inputs.layered if properties(name).reads_layers else inputs.rgbd, plan.display
+        )
         for name in names
     ]
     times = time_methods(methods, inputs.rgbd, plan.display, rounds)
@@ -141,7 +142,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
         "yardstick": times[YARDSTICK].as_data(),
         "contenders": mark_fronts(data),
         "noise_floor": inputs.noise_floor,
-        "scores": [score.as_data() for score in SCORES],
+        "scores": [score.as_data() for score in all_scores()],
         "captured_layers": inputs.layers,
     }
 
@@ -192,12 +193,12 @@ def _render(plan: Plan, names: Sequence[str], listener: Any) -> _Inputs:
         pixels_per_pitch=s.capture_pixels_per_pitch,
         spp=s.capture_spp,
         seed=2 * s.seed,
-        progress=listener.rays,
+        observer=listener,
     )
     if not rgbd.covered.any():
         raise SceneError(f"{plan.request.scene}: the depth camera sees nothing to time with")
     layered, layers = _finite(rgbd), None
-    if any(map(reads_layers, names)):
+    if any(properties(name).reads_layers for name in names):
         listener.stage("capture layers")
         peeled = peel(fitted, display, pixels_per_pitch=s.capture_pixels_per_pitch)
         layered = _finite(
@@ -209,7 +210,7 @@ def _render(plan: Plan, names: Sequence[str], listener: Any) -> _Inputs:
         }
     listener.stage("ground-truth EIA")
     truth = ground_truth.pickup(
-        fitted, display, spp=s.eia_spp, seed=2 * s.seed + 1, progress=listener.rays
+        fitted, display, spp=s.eia_spp, seed=2 * s.seed + 1, observer=listener
     )
     first, second = (np.nan_to_num(half, posinf=0.0) for half in (truth.first, truth.second))
     listener.stage("reconstruct views")

@@ -23,13 +23,13 @@ from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.files.true_size import write_eia
 from inim.generators import SourceGenerator, check_algorithm, generate, prepare
 from inim.lens import check_lens_model
-from inim.pipeline.method import parse_contenders
+from inim.pipeline.checks import BLACK
+from inim.pipeline.method import parse_methods
 from inim.pipeline.picture_oracle import ExactHits, exact_hits, why_no_oracle
 from inim.pipeline.plugin_guard import blamed, run_generator
-from inim.pipeline.truth import BLACK
 from inim.pipeline.warp import warped
 from inim.provenance import backend_data, versions
-from inim.report.picture import SCHEMA, write_picture_report
+from inim.report.without_scene import SCHEMA, write_picture_report
 from inim.rgbd import RGBD, LayeredRGBD
 from inim.version import __version__
 from inim.worker.output import open_staging, publish
@@ -136,7 +136,7 @@ def _chosen(args: argparse.Namespace) -> tuple[Display, Settings]:
 
 
 def _algorithms(text: str) -> list[str]:
-    names = [contender.name for contender in parse_contenders(text, ())]
+    names = [contender.name for contender in parse_methods(text, ())]
     for name in names:
         check_algorithm(name)
     return names

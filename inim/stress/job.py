@@ -160,7 +160,7 @@ def _captured(request: StressRequest, listener: Any) -> tuple[RGBD, Any, str]:
         pixels_per_pitch=settings.capture_pixels_per_pitch,
         spp=settings.capture_spp,
         seed=2 * settings.seed,
-        progress=listener.rays,
+        observer=listener,
     )
     if not rgbd.covered.any():
         raise SceneError(f"{request.scene}: the depth camera sees nothing to jitter")

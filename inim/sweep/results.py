@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.errors import FileError
-from inim.report.strict_json import from_strict, to_strict
+from inim.report.files import from_strict, to_strict
 
 __all__ = ["FOLDER", "SCHEMA", "Results"]
 

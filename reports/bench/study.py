@@ -17,7 +17,7 @@ from typing import Any
 from inim.bench import Rounds, load_average, record, scene_plan
 from inim.display import Display
 from inim.errors import InimError
-from inim.observer import Listener
+from inim.observer import Observer
 from inim.pipeline.plan import Plan
 from inim.report.bench import Part, write_bench
 from inim.rgbd import RGBD
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 #: Measures, with an empty folder for whatever it writes meanwhile; what bench.json says of it.
-Measure = Callable[[Rounds, Listener, Path], Mapping[str, Any]]
+Measure = Callable[[Rounds, Observer, Path], Mapping[str, Any]]
 
 
 def new_parser(description: str | None, out: str) -> argparse.ArgumentParser:

@@ -13,7 +13,7 @@ import pytest
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from tests.conftest import sphere
 from tests.system.conftest import TINY, definitions, write_scene
-from tests.unit.test_peel import cube
+from tests.unit.test_depth_peeling import cube
 
 ROOT = Path(__file__).parents[2]
 

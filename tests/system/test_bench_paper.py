@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from inim.observer import Listener
+from inim.observer import Observer
 from inim.pipeline.timing import Rounds
 from inim.report.bench import write_bench
 from reports.bench.paper.experiments import Sizes, bench_paper
@@ -14,7 +14,7 @@ from reports.bench.paper.scaling import bench_scaling
 
 @pytest.mark.slow
 def test_scaling_and_paper_at_small_sizes(tmp_path, renderer):
-    rounds, listener = Rounds(runs=2, warmups=1), Listener()
+    rounds, listener = Rounds(runs=2, warmups=1), Observer()
     scaling = bench_scaling(rounds, listener, (1, 4), (1, 3), 2)
     sizes = Sizes(2, (1, 2), (3, 5), (1, 2), 3, 2)
     paper = bench_paper(rounds, listener, sizes)

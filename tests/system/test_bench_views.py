@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.observer import Listener
+from inim.observer import Observer
 from inim.pipeline.timing import Rounds
 from inim.report.bench import SCHEMA, write_bench
 from reports.bench.views.run import RECTANGLE, bench_views, parts_of
@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.usefixtures("renderer"), pytest.mark.slow]
 
 @pytest.fixture(scope="module")
 def views(renderer):
-    return bench_views(Rounds(runs=3, warmups=1), Listener(), 4, 4, spp=16, full_spp=4)
+    return bench_views(Rounds(runs=3, warmups=1), Observer(), 4, 4, spp=16, full_spp=4)
 
 
 def test_every_lens_model_is_timed_in_turn_with_the_rectangle(views):

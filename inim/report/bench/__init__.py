@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from inim.files.image import write_atomically
 from inim.report.bench.part import Part, Table
-from inim.report.strict_json import from_strict, to_strict
+from inim.report.files import from_strict, list_files, to_strict, write_forms
 
 __all__ = ["SCHEMA", "Part", "Table", "scene_parts", "write_bench"]
 
@@ -47,27 +45,16 @@ def write_bench(data: Mapping[str, Any], folder: Path, parts_of: PartsOf = scene
     parts_of : callable
         What is shown of the data, which are as they are read from `bench.json`.
     """
-    from inim.report.bench.page import render_page
+    from inim.report.bench.page import render_bench
     from inim.report.bench.plots import save
     from inim.report.bench.tables import render_markdown
 
-    shown = from_strict(to_strict(data))
-    parts = parts_of(shown)
-    plots = [name for one in parts if one.figure for name in save(one.figure, folder, one.plot)]
-    files = sorted([*plots, "bench.html", "bench.json", "bench.md"])
-    strict = to_strict({**data, "files": files})
-    texts = {
-        "bench.md": render_markdown(shown, parts),
-        "bench.html": render_page(shown, parts, folder),
-        "bench.json": json.dumps(strict, indent=1, allow_nan=False, ensure_ascii=False),
+    parts = parts_of(from_strict(to_strict(data)))
+    for one in parts:
+        if one.figure is not None:
+            save(one.figure, folder, one.plot)
+    forms = {
+        "bench.md": lambda data: render_markdown(data, parts),
+        "bench.html": lambda data: render_bench(data, parts, folder),
     }
-    for name, text in texts.items():
-        _write(folder / name, text + "\n")
-
-
-def _write(path: Path, text: str) -> None:
-    write_atomically(path, lambda p: _put(p, text))
-
-
-def _put(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", errors="backslashreplace")
+    write_forms(list_files(data, folder, "bench.json", *forms), folder, "bench.json", forms)

@@ -14,7 +14,6 @@ from inim.generators import prepare
 from inim.lens import check_lens_model
 from inim.pipeline.plan import Plan
 from inim.pipeline.plugin_guard import run_generator
-from inim.pipeline.reconstruct import half_of, look_seeds
 from inim.rgbd import RGBD
 
 __all__ = ["bench_masked"]
@@ -40,7 +39,7 @@ def bench_masked(
         Linear.
     viewpoints : sequence of Viewpoint
     rounds : Rounds
-    listener : Listener
+    listener : Observer
 
     Returns
     -------
@@ -129,8 +128,8 @@ def _masks(plan: Plan, viewpoints: Sequence[Viewpoint]) -> dict[str, np.ndarray]
             viewpoints,
             model,
             pixels_per_lens=s.view_pixels_per_lens,
-            spp=half_of(s.reconstruction_spp),
-            seeds=look_seeds(s.seed),
+            spp=plan.optics.half_spp,
+            seeds=plan.optics.half_seeds,
         )
         if found is not None:
             masks[model] = found

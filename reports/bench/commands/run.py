@@ -89,7 +89,7 @@ def bench_commands(
     rounds : Rounds
         At most three; the warm-ups and threads are for the generation of part of an EIA, and
         commands have one warm-up.
-    listener : Listener
+    listener : Observer
     folder : Path
         Empty; for caches and reports.
     variables : mapping of str to str

@@ -45,7 +45,7 @@ def bench_layers(plans: Sequence[Plan], rounds: Rounds, listener: Any) -> list[d
     plans : sequence of Plan
         One for each scene.
     rounds : Rounds
-    listener : Listener
+    listener : Observer
 
     Returns
     -------

@@ -48,7 +48,7 @@ def bench_views(
     Parameters
     ----------
     rounds : Rounds
-    listener : Listener
+    listener : Observer
     lenses : int
         Along a side, 17 pixels each.
     pixels_per_lens, spp : int
