@@ -51,9 +51,9 @@ def draw_scene(data: Mapping[str, Any]) -> Any:
     title, label = "Wrong source", "panel pixels of a wrong source, %"
     names = [_panel(axes[0], data, "wrong_source", lambda share: 100 * share)]
     style(axes[0], title, f"{TIME} (↙ better)", label)
-    _share_scale(axes[0])
     for axis, score in zip(axes[1:], plotted, strict=True):
         names.append(_score_panel(axis, data, score))
+    _share_scale(axes[0])
     for axis in axes:
         plain_ticks(axis)
     figure.canvas.draw()  # now all has its place, and names can be put beside one another
