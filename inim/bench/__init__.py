@@ -1,9 +1,54 @@
-"""The bench: how long each algorithm takes, and what it gets for it.
+"""Run time against error: what each algorithm takes on a scene, and what it gets for it.
 
-Every time is taken on the display-ready form (`inim.bench.contenders`), all contenders and the
-yardstick in turn in one loop (`inim.bench.timing`), and given as a multiple of the yardstick
-besides milliseconds. Six parts, each on its own or together: a scene, where time stands against
-error (`scene`); synthetic pictures of growing size (`scaling`); the paper's own experiments
-(`paper`); views by each lens model (`views`); several scenes with and without their layers
-(`layers`); whole commands, cold and with something to find again (`commands`).
+All methods and a reference kernel take turns in one loop (`inim.pipeline.timing`), on display-ready
+pictures. A time is given in milliseconds and in yardsticks: as a multiple of the reference kernel,
+one 4-byte gather per display pixel. `python -m inim.bench SCENE` does all of it. For a study of
+one's own, these functions are public:
+
+* `bench_scene`: render a scene, time methods on it, evaluate their EIAs;
+* `prepare_method`, `time_methods`, `method_data`: methods on any display-ready picture;
+* `in_turn`, `ratios`: any other calls;
+* `make_reference`, `evaluate`, `noise_floor`: errors of the EIAs that were timed;
+* `record`, and `inim.report.bench.write_bench`: what else a bench.json says, and its forms.
 """
+
+from inim.bench.evaluate import evaluate, make_reference, mark_fronts, noise_floor
+from inim.bench.record import load_average, record
+from inim.bench.scene import available, bench_scene, method_data, scene_plan
+from inim.pipeline.timing import (
+    YARDSTICK,
+    Rounds,
+    TimedMethod,
+    Timing,
+    display_ready,
+    in_turn,
+    linear_picture,
+    prepare_method,
+    ratios,
+    threads,
+    time_methods,
+)
+
+__all__ = [
+    "YARDSTICK",
+    "Rounds",
+    "TimedMethod",
+    "Timing",
+    "available",
+    "bench_scene",
+    "display_ready",
+    "evaluate",
+    "in_turn",
+    "linear_picture",
+    "load_average",
+    "make_reference",
+    "mark_fronts",
+    "method_data",
+    "noise_floor",
+    "prepare_method",
+    "ratios",
+    "record",
+    "scene_plan",
+    "threads",
+    "time_methods",
+]

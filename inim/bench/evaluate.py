@@ -2,29 +2,68 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from inim import metrics
-from inim.display import Display, Viewpoint
+from inim.display import Display
 from inim.generators import HOLE, NO_LENS, SourceGenerator, Sources, find_sources
 from inim.generators.raycast.supersampling import Supersampled
 from inim.pipeline.timing import TimedMethod, linear_picture
 from inim.rgbd import RGBD, LayeredRGBD
-from inim.settings import Settings
 
-__all__ = ["ERRORS", "Reference", "evaluate", "make_reference", "mark_fronts", "noise_floor"]
+__all__ = [
+    "Reference",
+    "Score",
+    "all_scores",
+    "evaluate",
+    "make_reference",
+    "mark_fronts",
+    "noise_floor",
+]
 
-#: The errors that times stand against, each smaller the better, from a method's data.
-ERRORS: dict[str, Callable[[Mapping[str, Any]], float]] = {
-    "wrong_source": lambda c: c["wrong_source"],
-    "eia_psnr_db": lambda c: -c["eia_psnr_db"],
-    "eia_ssim": lambda c: 1 - c["eia_ssim"],
-    "view_ssim_to_ceiling": lambda c: 1 - c["view_ssim_to_ceiling"],
-}
+
+# Scores with a panel of their own; those of other packages' metrics have one, too.
+_PLOTTED = ("eia_psnr_db", "view_ssim_to_ceiling")
+
+
+@dataclass(frozen=True)
+class Score:
+    """A metric of the EIA, against the true one, or of its views: their mean to the ceiling."""
+
+    metric: metrics.Metric
+    of_views: bool
+
+    @property
+    def key(self) -> str:
+        """Its name in bench.json."""
+        return f"view_{self.metric.to_ceiling_key}" if self.of_views else f"eia_{self.metric.key}"
+
+    def as_data(self) -> dict[str, Any]:
+        """Under the names of bench.json; `best` is null where that is infinite."""
+        metric = self.metric
+        best = metric.range[1 if metric.better == "higher" else 0]
+        words = f"view {metric.label} to ceiling" if self.of_views else f"EIA {metric.label}"
+        return {
+            "key": self.key,
+            "label": f"{words} {metric.unit}".rstrip(),
+            "title": "Views" if self.of_views else "Elemental images",
+            "better": metric.better,
+            "best": best if math.isfinite(best) else None,
+            "digits": metric.digits,
+            "plotted": self.key in _PLOTTED or metric.name in metrics.foreign_identities(),
+        }
+
+
+def all_scores() -> list[Score]:
+    """All that there are, in the order of the tables: of the EIA, then of its views."""
+    of_eia = [Score(metric, False) for metric in metrics.all_metrics() if metric.of_eia]
+    return of_eia + [Score(metric, True) for metric in metrics.all_metrics()]
+
 
 #: Views of an EIA, one for each viewpoint: (rows, columns, 3) float32, linear RGB.
 ViewsOf = Callable[[np.ndarray], Sequence[np.ndarray]]
@@ -52,33 +91,20 @@ class Reference:
     ceiling: Sequence[np.ndarray]
 
 
-def make_reference(
-    rgbd: RGBD,
-    eia: np.ndarray,
-    display: Display,
-    viewpoints: Sequence[Viewpoint],
-    settings: Settings | None = None,
-) -> Reference:
+def make_reference(rgbd: RGBD, eia: np.ndarray, display: Display, views_of: ViewsOf) -> Reference:
     """What EIAs made from a display-ready RGB-D picture are compared with.
 
-    Views are those of a validation with these settings; without, of 4 x 4 pixels to the lens
-    and 64 samples through `thick` lenses.
+    Parameters
+    ----------
+    rgbd : RGBD
+        Display-ready.
+    eia : (rows, columns, 3) float32
+        Ground truth, linear RGB.
+    display : Display
+    views_of : callable
+        The views of an EIA.
     """
-    from inim.render.reconstruct import exposed_views
-
-    sampling: dict[str, Any] = {}
-    if settings is not None:
-        sampling = {
-            "lens_model": settings.lens_model,
-            "pixels_per_lens": settings.view_pixels_per_lens,
-            "spp": settings.reconstruction_spp,
-            "seed": settings.seed,
-        }
-
-    def views_of(shown: np.ndarray) -> list[np.ndarray]:
-        return exposed_views(shown, display, viewpoints, **sampling)
-
-    exact = find_sources(rgbd, display, "template")
+    exact = find_sources(rgbd, display)
     return Reference(exact, eia, views_of, views_of(eia))
 
 
@@ -102,17 +128,19 @@ def noise_floor(first: np.ndarray, second: np.ndarray, views_of: ViewsOf) -> dic
 
 
 def _scores(
-    reference: np.ndarray,
+    true_eia: np.ndarray,
     eia: np.ndarray,
-    ceiling: Sequence[np.ndarray],
+    true_views: Sequence[np.ndarray],
     views: Sequence[np.ndarray],
 ) -> dict[str, float]:
-    """Every metric's score of the EIA, where it has one, and its mean over the views."""
-    of_eia = metrics.eia_scores(reference, eia)
-    of_views = [metrics.score(*pair) for pair in zip(ceiling, views, strict=True)]
-    return {f"eia_{key}": value for key, value in of_eia.items()} | {
-        f"view_{metric.to_ceiling_key}": float(np.mean([view[metric.key] for view in of_views]))
-        for metric in metrics.all_metrics()
+    """All scores, by key."""
+    of_eia = metrics.eia_scores(true_eia, eia)
+    of_views = [metrics.score(*pair) for pair in zip(true_views, views, strict=True)]
+    return {
+        one.key: float(np.mean([view[one.metric.key] for view in of_views]))
+        if one.of_views
+        else of_eia[one.metric.key]
+        for one in all_scores()
     }
 
 
@@ -143,8 +171,14 @@ def _lensed_share(chosen: np.ndarray, exact: Sources) -> float:
 def mark_fronts(methods: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """The methods' data with their place: `fronts` by error, and `pareto`, on any of them."""
     fronts: list[list[str]] = [[] for _ in methods]
-    for name, error in ERRORS.items():
-        points = [(m["median_ms"], None if m[name] is None else float(error(m))) for m in methods]
+    signs = {"wrong_source": 1} | {
+        s.key: 1 if s.metric.better == "lower" else -1 for s in all_scores()
+    }
+    for name, sign in signs.items():
+        points = [
+            (m["median_ms"], None if m.get(name) is None else sign * float(m[name]))
+            for m in methods
+        ]
         for front, is_on in zip(fronts, pareto(points), strict=True):
             front += [name] * is_on
     return [

@@ -1,34 +1,78 @@
-"""A whole bench: everything asked for is measured, then written as data, table, page and plots."""
+"""The bench of a scene as a command: checked, measured in a worker process, written whole."""
 
 from __future__ import annotations
 
-import os
-import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from inim.bench.commands import bench_commands
-from inim.bench.layers import bench_layers
-from inim.bench.machine import load_average, warn_of_load
-from inim.bench.paper import bench_paper
-from inim.bench.request import BenchRequest, check_request, scene_plan
-from inim.bench.scaling import bench_scaling
-from inim.bench.scene import bench_scene, choose_algorithms
-from inim.bench.views import bench_views
+from inim.bench.record import load_average, record
+from inim.bench.scene import bench_scene, choose_algorithms, scene_plan
+from inim.errors import UsageError
 from inim.observer import Observer
-from inim.pipeline.timing import most_threads
-from inim.provenance import backend_data, versions
-from inim.report.bench import SCHEMA, write_bench
-from inim.version import __version__
+from inim.pipeline.plan import Plan
+from inim.pipeline.scene import Renderer
+from inim.pipeline.timing import Rounds, most_threads
+from inim.report.bench import write_bench
 from inim.worker.output import open_staging, publish
 from inim.worker.supervisor import run_in_worker
 
-__all__ = ["run_bench", "work"]
+__all__ = ["BenchRequest", "default_out", "run_bench", "work"]
 
 _MARKER = "bench.json"
-_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
+
+
+@dataclass(frozen=True)
+class BenchRequest:
+    """What the user asked for; None and empty mean "as the scene says".
+
+    Attributes
+    ----------
+    scene, out : Path
+    definitions : tuple of str
+        `key=value` overrides, as after -D.
+    display, algorithms : str, optional
+    runs, warmups : int
+    threads : int, optional
+        All there are if None.
+    """
+
+    scene: Path
+    out: Path
+    definitions: tuple[str, ...] = ()
+    display: str | None = None
+    algorithms: str | None = None
+    runs: int = Rounds.runs
+    warmups: int = Rounds.warmups
+    threads: int | None = None
+
+    @property
+    def rounds(self) -> Rounds:
+        """How often everything runs, and on how many threads."""
+        return Rounds(self.runs, self.warmups, self.threads)
+
+    def plan(self) -> Plan:
+        """The plan of a validation of the scene: its display, viewpoints and sampling."""
+        return scene_plan(self.scene, self.out, self.definitions, self.display)
+
+    def command(self) -> list[str]:
+        """The command line that repeats this request."""
+        words = ["python", "-m", "inim.bench", str(self.scene), "-o", str(self.out)]
+        for item in self.definitions:
+            words += ["-D", item]
+        for name in ("display", "algorithms", "threads"):
+            if getattr(self, name) is not None:
+                words += [f"--{name}", str(getattr(self, name))]
+        for name in ("runs", "warmups"):
+            if getattr(self, name) != getattr(Rounds, name):
+                words += [f"--{name}", str(getattr(self, name))]
+        return words
+
+
+def default_out(scene: Path) -> Path:
+    """Where a bench goes when nobody says: beside where the command is typed."""
+    return Path(f"{scene.stem}-bench")
 
 
 def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False) -> None:
@@ -38,104 +82,52 @@ def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False)
     ------
     InimError
         What the worker raised, or `WorkerError` / `OutOfMemoryError` where it could not say.
+        Mistakes in the request are found before anything is rendered.
     """
-    # Before the worker starts to load: what others do. Commands run with the user's environment.
-    job = BenchJob(request, load_average(), dict(os.environ))
     run_in_worker(
         "inim.bench.job:work",
-        job,
+        (request, load_average()),  # before the worker starts to load: what others do
         lambda: open_staging(request.out),
-        check=lambda: check_request(request),
+        check=lambda: _check(request),
         backend="llvm",
         quiet=quiet,
         debug=debug,
     )
 
 
-@dataclass(frozen=True)
-class BenchJob:
-    """What the worker is given: the request, the load before it and the user's environment."""
+def _check(request: BenchRequest) -> None:
+    """Raise the `InimError` that fits where a request cannot be carried out."""
+    most = most_threads()
+    if request.rounds.threads is not None and not 1 <= request.rounds.threads <= most:
+        raise UsageError(f"--threads {request.threads}: this machine has 1 to {most}")
+    request.plan()
+    if request.algorithms is not None:
+        choose_algorithms(request.algorithms)
 
-    request: BenchRequest
-    load: float | None
-    environment: dict[str, str]
 
-
-def work(job: BenchJob, staging: Path, observer: Observer) -> bool:
+def work(requested: tuple[BenchRequest, float | None], staging: Path, observer: Observer) -> bool:
     """The worker's side: measure, write, publish."""
-    data = _measured(job, staging, observer)
+    request, load = requested
+    observer.stage("start")
+    renderer = Renderer("llvm", observer)
+    title = f"Bench: {request.scene.stem}"
+    data = record(title, request.command(), renderer.backend, request.rounds, load)
+    names, data["notes"] = choose_algorithms(request.algorithms)
+    data |= bench_scene(request.plan(), names, request.rounds, renderer)
+    _print_methods(observer, data)
+    data["load"]["end"] = load_average()
     observer.stage("write")
     write_bench(data, staging)
-    publish(staging, job.request.out, _MARKER)
+    publish(staging, request.out, _MARKER)
     return True
 
 
-def _measured(job: BenchJob, staging: Path, listener: Any) -> dict[str, Any]:
-    """The content of bench.json."""
-    request, load = job.request, job.load
-    listener.stage("start")
-    from inim.render import variant
-
-    backend = variant.use("llvm")
-    thread_count = request.threads or most_threads()
-    data = _record(request, backend, thread_count)
-    data["warnings"] = warn_of_load(load)
-    data["load"] = {"start": load, "cores": os.cpu_count()}
-    data |= dict.fromkeys(("scaling", "paper", "views", "layers", "commands"))
-    data |= {"contenders": [], "notes": []}
-    if request.scene is not None:
-        names, data["notes"] = choose_algorithms(request.algorithms)
-        plan = scene_plan(request, request.scene)
-        data |= bench_scene(plan, names, request.rounds, listener)
-        _print_contenders(listener, data)
-    if request.scaling:
-        data["scaling"] = bench_scaling(request.rounds, listener)
-    if request.paper:
-        data["paper"] = bench_paper(request.rounds, listener)
-        for claim in data["paper"]["claims"]:
-            listener.line(f"{'yes' if claim['holds'] else 'NO '}  {claim['claim']}")
-    if request.views:
-        data["views"] = bench_views(request.rounds, listener)
-    if request.layers:
-        plans = [scene_plan(request, scene) for scene in request.layers]
-        data["layers"] = bench_layers(plans, request.rounds, listener)
-    if request.commands is not None:
-        data["commands"] = bench_commands(
-            scene_plan(request, request.commands),
-            request.rounds,
-            listener,
-            folder=staging / "commands",
-            variables=job.environment,
-        )
-    data["load"]["end"] = load_average()
-    return data
-
-
-def _record(request: BenchRequest, backend: Any, thread_count: int) -> dict[str, Any]:
-    """What made it and how to make it again."""
-    named = "layers" if request.layers else "synthetic pictures"
-    named = f"commands on {request.commands.stem}" if request.commands else named
-    named = request.scene.stem if request.scene else named
-    return {
-        "schema": SCHEMA,
-        "title": f"Bench: {named}",
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "inim_version": __version__,
-        "versions": versions(_VERSIONS),
-        "command": shlex.join(["python", "-m", "inim.bench", *request.command()]),
-        "backend": backend_data(backend),
-        "threads": thread_count,
-        "threading_layer": os.environ.get("NUMBA_THREADING_LAYER", "default"),
-        "rounds": {"runs": request.runs, "warmups": request.warmups},
-    }
-
-
-def _print_contenders(listener: Any, data: dict[str, Any]) -> None:
-    width = max(len(c["name"]) for c in data["contenders"])
-    for c in data["contenders"]:
-        wrong = "   –   " if c["wrong_source"] is None else f"{c['wrong_source']:7.2%}"
-        listener.line(
-            f"{c['name']:{width}}  {c['median_ms']:9.2f} ms  {c['ratio']:8.2f} yardsticks  wrong "
-            f"source {wrong}  EIA PSNR {c['eia_psnr_db']:.2f} dB  view SSIM to ceiling "
-            f"{c['view_ssim_to_ceiling']:.4f}{'  *' if c['pareto'] else ''}"
+def _print_methods(observer: Observer, data: Mapping[str, Any]) -> None:
+    width = max(len(m["name"]) for m in data["contenders"])
+    for m in data["contenders"]:
+        wrong = "   –   " if m["wrong_source"] is None else f"{m['wrong_source']:7.2%}"
+        observer.line(
+            f"{m['name']:{width}}  {m['median_ms']:9.2f} ms  {m['ratio']:8.2f} yardsticks  wrong "
+            f"source {wrong}  EIA PSNR {m['eia_psnr_db']:.2f} dB  view SSIM to ceiling "
+            f"{m['view_ssim_to_ceiling']:.4f}{'  *' if m['pareto'] else ''}"
         )

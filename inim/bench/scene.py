@@ -4,15 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from inim.bench.evaluate import Reference, evaluate, make_reference, mark_fronts, noise_floor
+from inim.bench.evaluate import (
+    Reference,
+    all_scores,
+    evaluate,
+    make_reference,
+    mark_fronts,
+    noise_floor,
+)
 from inim.display import Display
 from inim.errors import SceneError, UsageError
-from inim.generators import check_algorithm, prepare, properties
-from inim.pipeline.plan import Plan
+from inim.generators import algorithm_names, check_algorithm, is_own, properties
+from inim.pipeline.capture import DepthCamera, capture_relic
+from inim.pipeline.ground_truth import pick_up_truth
+from inim.pipeline.plan import Plan, make_plan
+from inim.pipeline.reconstruct import reconstruct_views
+from inim.pipeline.request import Request
+from inim.pipeline.scene import Renderer, Scene
+from inim.pipeline.stage import Run
 from inim.pipeline.timing import (
     YARDSTICK,
     Rounds,
@@ -23,12 +37,13 @@ from inim.pipeline.timing import (
     ratios,
     time_methods,
 )
-from inim.rgbd import RGBD, LayeredRGBD
+from inim.rgbd import RGBD
 
-__all__ = ["DEFAULT", "available", "bench_scene", "choose_algorithms", "method_data"]
+__all__ = ["available", "bench_scene", "choose_algorithms", "method_data", "scene_plan"]
 
-#: What is measured where nothing is named: every algorithm, and the settings that cost time.
-DEFAULT = (
+# What is measured where nothing is named, with those that other packages announce: every
+# algorithm, and the settings that cost time.
+_DEFAULT = (
     "template",
     "template:samples=2",
     "template:samples=4",
@@ -41,14 +56,19 @@ DEFAULT = (
 )
 # What a name is tried on: as small as a display gets.
 _TRIAL = Display(1.0, 3.0, 3.3, 0.25, 1, 1)
+_TRIAL_RGBD = RGBD(
+    np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4), np.float32), np.ones((4, 4), bool), 0.25
+)
 
 
 def available(names: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Those of `names` that exist here, and a note on each that does not."""
+    """Those of `names` that exist and work here, and a note on each that does not."""
     found, notes = [], []
     for name in names:
         try:
-            prepare(_TRIAL, name, shape=(4, 4), pixel_mm=0.25)
+            method = prepare_method(name, _TRIAL_RGBD, _TRIAL)
+            if not method.is_own:
+                method.run()
         except (UsageError, ImportError) as error:
             notes.append(f"left out: {error}")
         else:
@@ -57,9 +77,10 @@ def available(names: Iterable[str]) -> tuple[list[str], list[str]]:
 
 
 def choose_algorithms(text: str | None) -> tuple[Sequence[str], list[str]]:
-    """The algorithms of a ``--algorithms`` text, all of which must exist; else `DEFAULT`'s."""
+    """The algorithms of a ``--algorithms`` text, all of which must exist; else all there are."""
     if text is None:
-        return available(DEFAULT)
+        others = [name for name in algorithm_names() if not is_own(name)]
+        return available([*_DEFAULT, *others])
     names = list(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
     if not names:
         raise UsageError("--algorithms: none given; name at least one, such as 'template'")
@@ -68,7 +89,27 @@ def choose_algorithms(text: str | None) -> tuple[Sequence[str], list[str]]:
     return names, []
 
 
-def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any) -> dict[str, Any]:
+def scene_plan(
+    scene: Path, out: Path, definitions: Sequence[str] = (), display: str | None = None
+) -> Plan:
+    """The plan of a validation of a scene: its display, viewpoints and sampling.
+
+    Parameters
+    ----------
+    scene, out : Path
+    definitions : sequence of str
+        `key=value` overrides, as after -D.
+    display : str, optional
+        A preset's name.
+    """
+    # Methods are chosen apart: their options are not settings.
+    request = Request(scene, out, tuple(definitions), display, algorithms="template")
+    return make_plan(request)
+
+
+def bench_scene(
+    plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Renderer
+) -> dict[str, Any]:
     """Render a scene, time all methods on it, and evaluate their EIAs.
 
     Parameters
@@ -78,23 +119,21 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
     names : sequence of str
         Algorithms with their options.
     rounds : Rounds
-    listener : Observer
+    renderer : Renderer
 
     Returns
     -------
     dict
         The keys of bench.json that a scene adds.
     """
-    inputs = _render(plan, names, listener)
-    listener.stage("time")
+    inputs, observer = _render(plan, names, renderer), renderer.observer
+    observer.stage("time")
     methods = [
-        prepare_method(
-            name, inputs.layered if properties(name).reads_layers else inputs.rgbd, plan.display
-        )
+        prepare_method(name, inputs.input(layers=properties(name).reads_layers), plan.display)
         for name in names
     ]
     times = time_methods(methods, inputs.rgbd, plan.display, rounds)
-    listener.stage("score")
+    observer.stage("score")
     data = [method_data(m, times, plan.display) | evaluate(m, inputs.reference) for m in methods]
     return {
         "scene": {"path": str(plan.request.scene), "sha256": plan.file.sha256},
@@ -108,6 +147,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
         "yardstick": times[YARDSTICK].as_data(),
         "contenders": mark_fronts(data),
         "noise_floor": inputs.noise_floor,
+        "scores": [score.as_data() for score in all_scores()],
         "captured_layers": inputs.layers,
     }
 
@@ -136,67 +176,42 @@ class _Inputs:
     noise_floor: dict[str, float]
     layers: dict[str, Any] | None
 
-    def of(self, name: str) -> RGBD:
+    def input(self, *, layers: bool) -> RGBD:
         """What a method reads."""
-        return self.layered if properties(name).reads_layers else self.rgbd
+        return self.layered if layers else self.rgbd
 
 
-def _render(plan: Plan, names: Sequence[str], listener: Any) -> _Inputs:
+def _render(plan: Plan, names: Sequence[str], renderer: Renderer) -> _Inputs:
     """As in a validation, with its samples; no true views, none is scored."""
-    from inim.render import ground_truth
-    from inim.render.depth_peeling import peel
-    from inim.render.scene import open_scene
-
-    s, display = plan.settings, plan.display
-    rays = [
-        np.prod(display.capture_shape(s.capture_pixels_per_pitch)) * s.capture_spp,
-        np.prod(display.eia_shape) * 2 * (s.eia_spp // 2),
-    ]
-    listener.begin(int(sum(rays)))
-    listener.stage("open scene")
-    fitted = open_scene(plan.file, display, s.fit_share)
-    listener.stage("capture RGB-D")
-    rgbd = ground_truth.capture(
-        fitted,
-        display,
-        pixels_per_pitch=s.capture_pixels_per_pitch,
-        spp=s.capture_spp,
-        seed=2 * s.seed,
-        observer=listener,
-    )
-    if not rgbd.covered.any():
+    s, run = plan.settings, Run(observer=renderer.observer)
+    scene = Scene(plan.file, plan.display, s.fit_share, renderer)
+    camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
+    panel, picture = plan.display.eia_shape, plan.capture_shape
+    rays = picture[0] * picture[1] * s.capture_spp + panel[0] * panel[1] * s.eia_spp
+    run.observer.begin(rays)
+    reads_layers = any(properties(name).reads_layers for name in names)
+    capture = capture_relic(camera, layers=reads_layers, run=run)
+    if not capture.rgbd.covered.any():
         raise SceneError(f"{plan.request.scene}: the depth camera sees nothing to time with")
-    layered, layers = _finite(rgbd), None
-    if any(properties(name).reads_layers for name in names):
-        listener.stage("capture layers")
-        peeled = peel(fitted, display, pixels_per_pitch=s.capture_pixels_per_pitch)
-        layered = _finite(
-            ground_truth.capture_layers(fitted, peeled, spp=s.capture_spp, seed=2 * s.seed)
-        )
+    truth = pick_up_truth(scene, plan.display, s.eia_spp, s.seed, None, run=run).halves
+
+    def views_of(eia: np.ndarray) -> list[np.ndarray]:
+        """As a validation reconstructs them."""
+        optics = replace(plan.optics, mounted=plan.display)
+        seen = reconstruct_views("", eia, None, plan.viewpoints, optics, renderer, run=run)
+        return [view.image for view in seen.values()]
+
+    ready = display_ready(capture.rgbd)
+    layered, layers = ready, None
+    if capture.layered is not None:
+        layered = display_ready(capture.layered)
         layers = {
-            "covered_shares": [float(layer.mean()) for layer in peeled.covered],
-            "hidden_share": peeled.hidden_share,
+            "covered_shares": [float(layer.covered.mean()) for layer in capture.layered.layers],
+            "hidden_share": capture.hidden_share,
         }
-    listener.stage("ground-truth EIA")
-    truth = ground_truth.pickup(
-        fitted, display, spp=s.eia_spp, seed=2 * s.seed + 1, observer=listener
-    )
-    first, second = (np.nan_to_num(half, posinf=0.0) for half in (truth.first, truth.second))
-    listener.stage("reconstruct views")
-    ready = display_ready(_finite(rgbd))
-    reference = make_reference(ready, (first + second) / 2, display, plan.viewpoints, s)
-    floor = noise_floor(first, second, reference.views_of)
-    return _Inputs(ready, display_ready(layered), reference, floor, layers)
-
-
-def _finite(rgbd: RGBD) -> RGBD:
-    def finite(color: np.ndarray) -> np.ndarray:
-        return np.nan_to_num(color.astype(np.float32), posinf=0.0)
-
-    if not isinstance(rgbd, LayeredRGBD):
-        return replace(rgbd, color=finite(rgbd.color))
-    deeper = [replace(layer, color=finite(layer.color)) for layer in rgbd.deeper]
-    return replace(rgbd, color=finite(rgbd.color), deeper=tuple(deeper))
+    reference = make_reference(ready, truth.image, plan.display, views_of)
+    floor = noise_floor(truth.first, truth.second, views_of)
+    return _Inputs(ready, layered, reference, floor, layers)
 
 
 def method_data(

@@ -86,6 +86,8 @@ class Capture:
     layered : LayeredRGBD, optional
         With what lies behind the front, where a method reads it.
     layered_halves : (LayeredRGBD, LayeredRGBD) or ()
+    hidden_share : float
+        Share of what lies behind the front that no ray of the display meets, and is left out.
     checks : tuple of dict
     warnings : tuple of str
     """
@@ -95,6 +97,7 @@ class Capture:
     halves: tuple[RGBD, RGBD]
     layered: LayeredRGBD | None = None
     layered_halves: tuple[LayeredRGBD, ...] = ()
+    hidden_share: float = 0.0
     checks: tuple[dict[str, Any], ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -213,6 +216,7 @@ def _with_layers(capture: Capture, found: Layers, run: Run) -> Capture:
         capture,
         layered=_recoloured(first, np.float32(0.5) * (halves[0].palette + halves[1].palette)),
         layered_halves=halves,
+        hidden_share=found.hidden_share,
         checks=(*capture.checks, *checks, *more),
         warnings=(*capture.warnings, *warnings),
     )

@@ -23,7 +23,8 @@ import numpy as np
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators import Generator, parse_algorithm, prepare
+from inim.generators import Generator, is_own, parse_algorithm, prepare
+from inim.pipeline.plugin_guard import blamed
 from inim.rgbd import RGBD, LayeredRGBD
 
 __all__ = [
@@ -256,6 +257,8 @@ class TimedMethod:
         The EIA, after a run.
     prepare_s : float
         Seconds that preparing took, once per display and picture size.
+    is_own : bool
+        Whether the generator is the project's, not another package's.
     """
 
     name: str
@@ -263,10 +266,23 @@ class TimedMethod:
     rgbd: RGBD
     out: np.ndarray
     prepare_s: float
+    is_own: bool = True
 
     def run(self) -> None:
-        """Generate once: what is timed."""
-        self.generator.generate(self.rgbd, self.out)
+        """Generate once: what is timed.
+
+        Raises
+        ------
+        UsageError
+            In place of anything that another package's generator raises.
+        """
+        if self.is_own:
+            self.generator.generate(self.rgbd, self.out)
+            return
+        with blamed(self.name, "generate"):
+            made = self.generator.generate(self.rgbd, self.out)
+            if made is not self.out:  # it wrote elsewhere: the EIA still has to get to its place
+                self.out[...] = made
 
 
 def prepare_method(
@@ -289,10 +305,11 @@ def prepare_method(
         Unknown algorithm or option.
     """
     start = time.perf_counter()
-    made = prepare(display, name, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
+    with blamed(name, "prepare"):
+        made = prepare(display, name, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
     taken = time.perf_counter() - start
     out = np.zeros((*display.eia_shape, 4), np.uint8)  # written once: its pages are there
-    return TimedMethod(name, made, rgbd, out, taken)
+    return TimedMethod(name, made, rgbd, out, taken, is_own(parse_algorithm(name)[0]))
 
 
 def time_methods(

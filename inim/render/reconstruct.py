@@ -13,7 +13,6 @@ from inim.display import Display
 from inim.display.viewpoint import Viewpoint, check_viewpoint
 from inim.errors import UsageError
 from inim.lens import lens_model as find_lens_model
-from inim.lens import white_exposure
 from inim.observer import Observer
 from inim.render import variant
 from inim.render.display_emitter import LensedPanel
@@ -22,7 +21,7 @@ from inim.render.rays import eye_rays
 from inim.render.sensors import make_sensor
 from inim.render.trace import Tracer, mean_light
 
-__all__ = ["DisplayScene", "exposed_views", "observed_pixels", "reconstruct"]
+__all__ = ["DisplayScene", "observed_pixels", "reconstruct"]
 
 
 def reconstruct(
@@ -66,25 +65,6 @@ def reconstruct(
     check_viewpoint(viewpoint, display)
     scene = DisplayScene(eia, display, lens_model)
     return scene.view(viewpoint, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed)
-
-
-def exposed_views(
-    eia: np.ndarray,
-    display: Display,
-    viewpoints: Sequence[Viewpoint],
-    lens_model: str = "thick",
-    *,
-    pixels_per_lens: int = 4,
-    spp: int = 64,
-    seed: int = 0,
-) -> list[np.ndarray]:
-    """Views of one EIA, exposed so that the panel's white looks white; see `reconstruct`."""
-    exposure = white_exposure(display, lens_model)
-    shown = DisplayScene(eia, display, lens_model)
-    return [
-        shown.view(eye, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed) * exposure
-        for eye in viewpoints
-    ]
 
 
 def observed_pixels(

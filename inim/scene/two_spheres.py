@@ -31,7 +31,7 @@ _SUBPIXELS = 4
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _Hits:
     """What rays meet: linear RGB, depth in millimetres, and whether there is anything."""
 
     color: np.ndarray
@@ -44,11 +44,11 @@ def two_spheres(display: Display, shape: tuple[int, int], pixel_mm: float) -> RG
     y = _places(shape[0], pixel_mm, -1)
     x = _places(shape[1], pixel_mm, +1)
     still = np.zeros(1)
-    seen = _seen(display, x, still, y, still)
-    codes = srgb_to_uint8(srgb_from_linear(seen.color))
-    alpha = np.where(seen.covered, 255, 0).astype(np.uint8)
+    hits = _first_hits(display, x, still, y, still)
+    codes = srgb_to_uint8(srgb_from_linear(hits.color))
+    alpha = np.where(hits.covered, 255, 0).astype(np.uint8)
     rgba = np.concatenate([codes, alpha[..., None]], axis=-1)
-    return RGBD(rgba, seen.depth_mm, seen.covered, pixel_mm)
+    return RGBD(rgba, hits.depth_mm, hits.covered, pixel_mm)
 
 
 def two_spheres_eia(display: Display) -> np.ndarray:
@@ -60,7 +60,7 @@ def two_spheres_eia(display: Display) -> np.ndarray:
     for up in turn:
         for across in turn:
             columns, rows = display.columns, display.rows
-            total += _seen(
+            total += _first_hits(
                 display,
                 columns.centre_mm,
                 columns.slope - across,
@@ -78,9 +78,10 @@ def two_spheres_view(display: Display, eye: Viewpoint, pixels_per_lens: int) -> 
     fine = pixels_per_lens * _SUBPIXELS
     x = _places(display.lens_columns * fine, display.pitch_mm / fine, +1)
     y = _places(display.lens_rows * fine, display.pitch_mm / fine, -1)
-    seen = _seen(display, x, (eye.x_mm - x) / eye.z_mm, y, (eye.y_mm - y) / eye.z_mm).color
+    slopes = (eye.x_mm - x) / eye.z_mm, (eye.y_mm - y) / eye.z_mm
+    hits = _first_hits(display, x, slopes[0], y, slopes[1]).color
     rows, columns = display.lens_rows * pixels_per_lens, display.lens_columns * pixels_per_lens
-    blocks = seen.reshape(rows, _SUBPIXELS, columns, _SUBPIXELS, 3)
+    blocks = hits.reshape(rows, _SUBPIXELS, columns, _SUBPIXELS, 3)
     mean: np.ndarray = blocks.mean(axis=(1, 3)).astype(np.float32)
     return mean
 
@@ -90,7 +91,9 @@ def _places(count: int, step_mm: float, sign: int) -> np.ndarray:
     return centres
 
 
-def _seen(display: Display, x: np.ndarray, dx: np.ndarray, y: np.ndarray, dy: np.ndarray) -> _Seen:
+def _first_hits(
+    display: Display, x: np.ndarray, dx: np.ndarray, y: np.ndarray, dy: np.ndarray
+) -> _Hits:
     """Rays (x + dx z, y + dy z), columns by `x` and rows by `y`: the hit of largest z."""
     shape = (len(y), len(x))
     color = np.zeros((*shape, 3), np.float32)
@@ -102,7 +105,7 @@ def _seen(display: Display, x: np.ndarray, dx: np.ndarray, y: np.ndarray, dy: np
         depth = np.where(nearer, z, depth)
         color[nearer] = _shade(sphere, np.stack([part[nearer] for part in normal], axis=-1))
     covered = np.isfinite(depth)
-    return _Seen(color, np.where(covered, depth, 0.0).astype(np.float32), covered)
+    return _Hits(color, np.where(covered, depth, 0.0).astype(np.float32), covered)
 
 
 def _hit(

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from inim.bench.process import run_measured
 from inim.errors import EXIT_PASSED
 from inim.files.image import read_exr
+from reports.bench.process import run_measured
 from tests.system.conftest import definitions
 
 SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"

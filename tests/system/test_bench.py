@@ -1,6 +1,6 @@
 """A whole bench of a tiny scene, from the command line.
 
-Expected: every contender timed and judged, everything in yardsticks, files that appear whole or not
+Expected: every method timed and evaluated, everything in yardsticks, files that appear whole or not
 at all, mistakes found before anything is rendered. How long anything takes is never checked.
 """
 
@@ -8,51 +8,89 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from inim.bench.paper import Sizes, bench_paper
-from inim.bench.scaling import bench_scaling
+from inim.bench.scene import choose_algorithms
 from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.observer import Observer
-from inim.pipeline.timing import Rounds
-from inim.report.bench import write_bench
 from tests.system.conftest import TINY, assert_one_line, definitions, nothing_left, write_scene
 
-ALGORITHMS = ["template", "wang2024:matching=ray", "gu2020:implementation=python"]
+ALGORITHMS = [
+    "template", "wang2024:matching=ray", "gu2020:implementation=python", "example", "own_place",
+]  # fmt: skip
 FILES = {"bench.json", "bench.md", "bench.html", "pareto.svg", "pareto.png"}
 KEYS = {
     "schema", "scene", "display", "backend", "threads", "load", "versions", "command", "yardstick",
-    "contenders", "noise_floor", "scaling", "paper", "rounds", "warnings", "notes", "files",
+    "contenders", "scores", "noise_floor", "rounds", "warnings", "notes", "files",
 }  # fmt: skip
-CONTENDER = {
+METHOD = {
     "name", "prepare_s", "cold_s", "median_ms", "min_ms", "spread", "runs", "mpx_per_s", "ratio",
     "ratio_min", "wrong_source", "hole_fraction", "eia_ssim", "eia_psnr_db", "view_ssim_to_ceiling",
     "pareto",
 }  # fmt: skip
 
 
-def run_bench(*words: object, folder: Path, timeout: float = 120):
+#: Other packages' algorithms: one that returns a picture of its own, one that cannot be timed.
+OTHERS = """
+import inim_example
+
+class OwnPlace:
+    def __init__(self, made): self.made = made
+    def generate(self, rgbd, out=None): return self.made.generate(rgbd)
+
+class LinearOnly:
+    def generate(self, rgbd, out=None): raise ValueError("needs float32")
+
+def own_place(display, shape, pixel_mm):
+    return OwnPlace(inim_example.prepare(display, shape, pixel_mm))
+
+def linear_only(display, shape, pixel_mm):
+    return LinearOnly()
+"""
+POINTS = """[inim.generators]
+example = inim_example:prepare
+own_place = bench_others:own_place
+linear_only = bench_others:linear_only
+"""
+
+
+def run_bench(*words: object, folder: Path, site: Path | None = None, timeout: float = 120):
+    paths = [str(site or ""), os.environ.get("PYTHONPATH", "")]
     return subprocess.run(
         [sys.executable, "-m", "inim.bench", *map(str, words)],
-        cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
-        timeout=timeout,
+        cwd=folder, env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", timeout=timeout,
     )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    """One bench of three contenders, into a folder with a stranger's file."""
+def site(tmp_path_factory):
+    """A folder in which the algorithms of other packages are installed."""
+    folder = tmp_path_factory.mktemp("site")
+    info = folder / "bench_others-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bench_others\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(POINTS)
+    (folder / "bench_others.py").write_text(OTHERS)
+    shutil.copy(Path(__file__).parents[1] / "example_package" / "inim_example.py", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, site):
+    """One bench, other packages' algorithms included, into a folder with a stranger's file."""
     folder = tmp_path_factory.mktemp("bench 鼎")
     scene = write_scene(folder)
     (folder / "out").mkdir()
     (folder / "out" / "notes.txt").write_text("mine")
     ended = run_bench(
         scene.name, "-o", "out", "--algorithms", ",".join(ALGORITHMS), "--runs", "3",
-        "--threads", "1", *definitions(TINY), folder=folder,
+        "--threads", "1", *definitions(TINY), folder=folder, site=site,
     )  # fmt: skip
     assert ended.returncode == EXIT_PASSED, ended.stderr
     return ended, folder, json.loads((folder / "out" / "bench.json").read_text("utf-8"))
@@ -73,12 +111,12 @@ def test_data_are_complete(finished):
     assert (data["threads"], data["rounds"]) == (1, {"runs": 3, "warmups": 2})
     assert data["yardstick"].keys() >= {"median_ms", "min_ms"}
     assert [c["name"] for c in data["contenders"]] == ALGORITHMS
-    for contender in data["contenders"]:
-        assert contender.keys() >= CONTENDER
-        numbers = [v for v in contender.values() if isinstance(v, float)]
-        assert all(map(math.isfinite, numbers)), contender
-        assert contender["runs"] == 3
-        assert contender["min_ms"] <= contender["median_ms"]
+    for method in data["contenders"]:
+        assert method.keys() >= METHOD
+        numbers = [v for v in method.values() if isinstance(v, float)]
+        assert all(map(math.isfinite, numbers)), method
+        assert method["runs"] == 3
+        assert method["min_ms"] <= method["median_ms"]
 
 
 def test_times_and_ratios_agree(finished):
@@ -93,10 +131,29 @@ def test_times_and_ratios_agree(finished):
 def test_exact_sources_are_never_wrong_and_others_sometimes(finished):
     wrong = {c["name"]: c["wrong_source"] for c in finished[2]["contenders"]}
     assert wrong["template"] == 0
-    assert all(0 < share < 1 for name, share in wrong.items() if name != "template")
+    known = {name: share for name, share in wrong.items() if share is not None}
+    assert known.keys() == set(ALGORITHMS[:3])
+    assert all(0 < share < 1 for name, share in known.items() if name != "template")
 
 
-def test_a_line_for_each_contender_and_where_the_page_lies(finished):
+def test_another_package_s_algorithm_is_scored_wherever_it_writes(finished):
+    rows = {m["name"]: m for m in finished[2]["contenders"]}
+    keys = [score["key"] for score in finished[2]["scores"]]
+    assert [rows["example"][k] for k in keys] == [rows["own_place"][k] for k in keys]
+    assert rows["example"]["eia_ssim"] > 0.1  # a picture, not the black it started from
+    assert rows["example"]["hole_fraction"] < 1
+
+
+def test_all_algorithms_take_part_unless_some_are_named(monkeypatch, site):
+    monkeypatch.syspath_prepend(str(site))
+    names, notes = choose_algorithms(None)
+    assert names[0] == "template"
+    assert {"example", "own_place"} <= set(names)
+    assert "linear_only" not in names
+    assert [n for n in notes if "linear_only" in n and "needs float32" in n]
+
+
+def test_a_line_for_each_method_and_where_the_page_lies(finished):
     lines = finished[0].stdout.splitlines()
     assert [line.split()[0] for line in lines[:-1]] == ALGORITHMS
     assert lines[-1] == f"bench: {Path('out') / 'bench.html'}"
@@ -105,10 +162,10 @@ def test_a_line_for_each_contender_and_where_the_page_lies(finished):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ((), ["--scaling"]),
-        (("--scaling", "--display", "phone"), ["--display", "scene"]),
-        (("--paper", "--runs", "0"), ["--runs 0"]),
-        (("--paper", "--threads", "0"), ["--threads 0"]),
+        ((), ["scene"]),
+        (("tiny.xml", "--scaling"), ["--scaling"]),
+        (("tiny.xml", "--runs", "0"), ["--runs 0"]),
+        (("tiny.xml", "--threads", "0"), ["--threads 0"]),
         (("missing.xml",), ["missing.xml"]),
         (("tiny.xml", "--algorithms", "nonesuch"), ["nonesuch"]),
         (("tiny.xml", "--algorithms", ","), ["none given"]),
@@ -120,25 +177,3 @@ def test_mistakes_cost_one_line_and_no_folder(tmp_path, words, says):
     assert ended.returncode == EXIT_USAGE
     assert_one_line(ended.stderr, says)
     assert [p.name for p in tmp_path.iterdir()] == ["tiny.xml"]
-
-
-def test_scaling_and_paper_at_small_sizes(tmp_path, renderer):
-    rounds, listener = Rounds(runs=2, warmups=1), Observer()
-    scaling = bench_scaling(rounds, listener, (1, 4), (1, 3), 2)
-    sizes = Sizes(2, (1, 2), (3, 5), (1, 2), 3, 2)
-    paper = bench_paper(rounds, listener, sizes)
-    assert [p["display_pixels"] for p in scaling["display"]] == [17**2, 68**2]
-    assert len({p["display_pixels"] for p in scaling["scene"]}) == 1
-    memory = scaling["memory"]
-    assert memory["imported_bytes"] + memory["eia_bytes"] < memory["peak_bytes"]
-    assert [p["lenses"] for p in paper["experiments"][2]["points"]] == [1, 4]
-    assert [p["elemental_pixels"] for p in paper["experiments"][1]["points"]] == [9, 25]
-    forms = {c["name"]: c for c in paper["same_input"]["contenders"]}
-    for name in ("li2012", "gu2020", "wang2024"):
-        # Compiled or not, it is the same algorithm.
-        python, compiled = forms[f"{name}:implementation=python"], forms[name]
-        same = ("wrong_source", "eia_psnr_db", "middle_view_ssim")
-        assert [python[k] for k in same] == [compiled[k] for k in same]
-    data = {"title": "t", "schema": "s", "scaling": scaling, "paper": paper}
-    write_bench(data, tmp_path)
-    assert {p.stem for p in tmp_path.glob("*.svg")} == {"scaling", "paper"}

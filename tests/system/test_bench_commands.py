@@ -1,4 +1,4 @@
-"""The bench of whole commands on a tiny scene: what each found, traced and scored.
+"""The study of whole commands on a tiny scene: what each found, traced and scored.
 
 Expected: reruns read what they can and say the same; what is changed is made anew. How long
 anything takes is never checked.
@@ -11,10 +11,10 @@ import json
 
 import pytest
 
-from inim.bench.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
-from inim.errors import EXIT_PASSED, EXIT_USAGE
-from tests.system.conftest import TINY, assert_one_line, definitions, write_scene
-from tests.system.test_bench import run_bench
+from inim.errors import EXIT_PASSED
+from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
+from tests.system.conftest import TINY, definitions, write_scene
+from tests.system.test_bench_layers import run_study
 
 SMALL = TINY | {"inim.lens_model": "thin", "inim.viewpoints": "centre,left"}
 CASES = [
@@ -27,8 +27,8 @@ CASES = [
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bench")
     scene = write_scene(folder)
-    words = ["--commands", scene.name, "-o", "out", "--runs", "1", "--warmups", "1"]
-    ended = run_bench(*words, *definitions(SMALL), folder=folder, timeout=400)
+    words = [scene.name, "-o", "out", "--runs", "1", "--warmups", "1", *definitions(SMALL)]
+    ended = run_study("commands", *words, folder=folder, timeout=400)
     assert ended.returncode == EXIT_PASSED, ended.stderr
     return folder, json.loads((folder / "out" / "bench.json").read_text("utf-8"))
 
@@ -100,16 +100,10 @@ def test_page_plot_and_command(finished):
     assert {p.name for p in (folder / "out").iterdir()} == {
         "bench.html", "bench.json", "bench.md", "commands.png", "commands.svg",
     }  # fmt: skip
-    assert "--commands tiny.xml" in data["command"]
+    assert "reports.bench.commands.run tiny.xml" in data["command"]
     page = (folder / "out" / "bench.html").read_text("utf-8")
     assert "Whole commands on" in page
     assert "yes, all but times" in page
-
-
-def test_a_missing_scene_costs_one_line(tmp_path):
-    ended = run_bench("--commands", "missing.xml", folder=tmp_path)
-    assert ended.returncode == EXIT_USAGE
-    assert_one_line(ended.stderr, ["missing.xml"])
 
 
 REPORT = {

@@ -1,16 +1,32 @@
-"""The bench of layers on a tiny scene: at equal samples, and what was captured and left out."""
+"""The study of layers on a tiny scene: at equal samples, and what was captured and left out."""
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from tests.conftest import sphere
-from tests.system.conftest import TINY, assert_one_line, definitions, write_scene
-from tests.system.test_bench import run_bench
+from tests.system.conftest import TINY, definitions, write_scene
 from tests.unit.test_depth_peeling import cube
+
+ROOT = Path(__file__).parents[2]
+
+
+def run_study(name: str, *words: object, folder: Path, timeout: float = 120):
+    """Run a study of ``reports/bench`` to its end in a folder."""
+    paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
+    return subprocess.run(
+        [sys.executable, "-m", f"reports.bench.{name}.run", *map(str, words)],
+        cwd=folder, env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", timeout=timeout,
+    )  # fmt: skip
+
 
 NAMES = ["template", "layered:samples=1", "template:samples=4", "layered:samples=4"]
 
@@ -23,12 +39,13 @@ def finished(tmp_path_factory):
     scenes = [
         write_scene(folder, name="a.xml").name, write_scene(folder, *closely, name="b.xml").name
     ]  # fmt: skip
-    words = ["--layers", *scenes, "-o", "out", "--runs", "2", *definitions(TINY)]
-    ended = run_bench(*words, folder=folder)
+    words = [*scenes, "-o", "out", "--runs", "2", *definitions(TINY)]
+    ended = run_study("layered", *words, folder=folder)
     assert ended.returncode == EXIT_PASSED, ended.stderr
     return folder, json.loads((folder / "out" / "bench.json").read_text("utf-8"))
 
 
+@pytest.mark.slow
 def test_each_scene_compares_one_layer_with_all_at_equal_samples(finished):
     scenes = finished[1]["layers"]
     assert [found["title"] for found in scenes] == ["a", "b"]
@@ -44,7 +61,8 @@ def test_each_scene_compares_one_layer_with_all_at_equal_samples(finished):
             assert not several or 0 < c["averaged_share"] < 1
 
 
-def test_what_is_captured_is_told(finished):
+@pytest.mark.slow
+def test_shares_of_what_is_captured(finished):
     """In b a plate is closely behind another: but for its rim no ray gets there."""
     apart, closely = (found["captured_layers"] for found in finished[1]["layers"])
     for captured in (apart, closely):
@@ -53,26 +71,22 @@ def test_what_is_captured_is_told(finished):
     assert apart["hidden_share"] < 0.1 < closely["hidden_share"] < 1
 
 
+@pytest.mark.slow
 def test_page_plot_and_command(finished):
     folder, data = finished
     assert {p.name for p in (folder / "out").iterdir()} == {
         "bench.html", "bench.json", "bench.md", "layers.png", "layers.svg",
     }  # fmt: skip
-    assert "--layers a.xml b.xml" in data["command"]
+    assert "reports.bench.layered.run a.xml b.xml" in data["command"]
     page = (folder / "out" / "bench.html").read_text("utf-8")
     assert "One layer and all, at equal samples" in page
     assert "What the capture found" in page
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("--layers", "missing.xml"), ["missing.xml"]),
-        (("--layers", "tiny.xml", "--algorithms", "gu2020"), ["--algorithms", "scene"]),
-    ],
-)
-def test_mistakes_cost_one_line(tmp_path, words, says):
-    write_scene(tmp_path)
-    ended = run_bench(*words, folder=tmp_path)
+@pytest.mark.slow
+def test_a_missing_scene_costs_one_line(tmp_path):
+    ended = run_study("layered", "missing.xml", folder=tmp_path)
     assert ended.returncode == EXIT_USAGE
-    assert_one_line(ended.stderr, says)
+    assert ended.stderr.count("\n") == 1
+    assert "missing.xml" in ended.stderr
+    assert not list(tmp_path.iterdir())

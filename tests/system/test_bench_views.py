@@ -1,18 +1,17 @@
-"""The bench of views at a small size: every model timed and scaled, and written with the rest."""
+"""The study of views at a small size: every model timed and scaled, and written with the rest."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from inim.bench.views import RECTANGLE, bench_views
 from inim.observer import Observer
 from inim.pipeline.timing import Rounds
 from inim.report.bench import SCHEMA, write_bench
-from inim.report.bench.tables import tables_of
+from reports.bench.views.run import RECTANGLE, bench_views, parts_of
 from tests.conftest import small_display
 
-pytestmark = pytest.mark.usefixtures("renderer")
+pytestmark = [pytest.mark.usefixtures("renderer"), pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +19,7 @@ def views(renderer):
     return bench_views(Rounds(runs=3, warmups=1), Observer(), 4, 4, spp=16, full_spp=4)
 
 
-def test_every_lens_model_is_timed_beside_the_rectangle(views):
+def test_every_lens_model_is_timed_in_turn_with_the_rectangle(views):
     names = [c["name"] for c in views["contenders"]]
     assert names == [RECTANGLE, "pinhole", "thin", "thick", "full"]
     assert [c["spp"] for c in views["contenders"]] == [16, 16, 16, 16, 4]
@@ -36,7 +35,7 @@ def test_times_are_those_of_equal_samples_and_of_equal_noise(views):
     for c in found.values():
         assert c["ratio"] == pytest.approx(c["view_ms"] / base)
         assert c["thick_ratio"] == pytest.approx(c["view_ms"] / thick["view_ms"])
-    # Timed apart, beside `thick`; by way of it to the rectangle.
+    # Timed apart, in turn with `thick`; by way of it to the rectangle.
     assert full["ratio"] == pytest.approx(full["thick_ratio"] * thick["ratio"])
     assert full["noise"] > thick["noise"] > 0, "faces that reflect by chance add noise"
     share = (full["noise"] / thick["noise"]) ** 2
@@ -45,14 +44,14 @@ def test_times_are_those_of_equal_samples_and_of_equal_noise(views):
 
 def test_the_views_have_a_table_on_the_page(views, tmp_path):
     data = {"title": "t", "schema": SCHEMA, "views": views}
-    write_bench(data, tmp_path)
-    assert [len(table.rows) for table in tables_of(data)] == [5]
+    write_bench(data, tmp_path, parts_of)
+    assert [len(table.rows) for table in parts_of(data)[0].tables] == [5]
     assert "textured rectangle" in (tmp_path / "bench.html").read_text("utf-8")
     assert "| thick |" in (tmp_path / "bench.md").read_text("utf-8")
 
 
 def test_the_rectangle_shows_its_picture_upright():
-    from inim.render.view_reference_kernel import TexturedRectangle
+    from reports.bench.views.rectangle import TexturedRectangle
 
     display = small_display(7, 5)
     letter = np.zeros((5, 7, 3), np.float32)

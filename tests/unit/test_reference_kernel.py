@@ -1,17 +1,16 @@
-"""The yardstick gathers where it says: against float64 rays of the display model."""
+"""The reference kernel gathers where it says: against float64 rays of the display model."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from inim.bench.scaling import square_display
 from inim.pipeline.timing import threads
 from inim.rgbd import RGBD
 from tests.conftest import small_display
 
 DISPLAYS = {
-    "nominal": (square_display(12), 0.2),
+    "nominal": (small_display(12, 12, pixels=17), 0.2),
     "even": (small_display(6, 4, pixels=8), 0.25),
     "15.7 pixels": (
         small_display(7, 5, pixel_pitch_mm=0.0636, panel_columns=120, panel_rows=70), 0.2,
@@ -62,12 +61,12 @@ def test_addresses_are_those_of_float64_rays(renderer, name):
 def test_it_gathers_the_picture_s_own_words(renderer):
     from inim.render.reference_kernel import ReferenceKernel
 
-    display = square_display(4)
+    display = small_display(4, 4, pixels=17)
     shape = display.capture_shape(3)
     color = np.random.default_rng(0).integers(0, 256, (*shape, 4), np.uint8)
-    yardstick = ReferenceKernel(color, display, 1 / 3)
-    words = np.asarray(yardstick.run()).reshape(display.eia_shape)
-    assert (words == color.view(np.uint32).ravel()[yardstick.addresses()]).all()
+    kernel = ReferenceKernel(color, display, 1 / 3)
+    words = np.asarray(kernel.run()).reshape(display.eia_shape)
+    assert (words == color.view(np.uint32).ravel()[kernel.addresses()]).all()
 
 
 def test_threads_hold_for_both_and_are_given_back(renderer):

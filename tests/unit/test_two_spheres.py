@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.bench.scaling import picture_of, square_display
 from inim.display import Viewpoint
 from inim.generators import colour_of, find_sources
 from inim.pipeline.timing import linear_picture
@@ -13,8 +12,13 @@ from inim.scene.two_spheres import two_spheres, two_spheres_eia, two_spheres_vie
 from tests.conftest import small_display
 
 
+def picture_of(display, pixels_per_pitch):
+    shape = display.capture_shape(pixels_per_pitch)
+    return two_spheres(display, shape, display.pitch_mm / pixels_per_pitch)
+
+
 def test_depths_lie_inside_the_range_and_both_spheres_are_there():
-    display = square_display(12)
+    display = small_display(12, 12)
     rgbd = picture_of(display, 5)
     low, high = display.depth_range_mm
     depth = rgbd.depth_mm[rgbd.covered]
@@ -24,7 +28,7 @@ def test_depths_lie_inside_the_range_and_both_spheres_are_there():
 
 
 def test_nearest_point_of_the_front_sphere_is_where_its_centre_is():
-    display = square_display(20)
+    display = small_display(20, 20)
     rgbd = two_spheres(display, (400, 400), display.width_mm / 400)
     row, column = np.unravel_index(np.argmax(rgbd.depth_mm), rgbd.shape)
     # Centre (0.30, -0.16) half widths from the axis; y points up, rows down.
@@ -36,7 +40,7 @@ def test_nearest_point_of_the_front_sphere_is_where_its_centre_is():
 
 
 def test_a_finer_picture_is_the_same_scene():
-    display = square_display(8)
+    display = small_display(8, 8)
     coarse, fine = (two_spheres(display, (n, n), 8 / n) for n in (25, 75))
     assert (coarse.covered == fine.covered[1::3, 1::3]).all()
     assert np.allclose(coarse.depth_mm, fine.depth_mm[1::3, 1::3], atol=1e-4)
@@ -55,7 +59,7 @@ def test_true_eia_is_what_the_exact_generator_makes_of_a_fine_picture():
 
 
 def test_a_view_from_afar_is_the_picture_itself():
-    display = square_display(10)
+    display = small_display(10, 10)
     view = two_spheres_view(display, Viewpoint("far", 0, 0, 1e9), 4)
     rgbd = two_spheres(display, (160, 160), display.width_mm / 160)
     flat = linear_picture(rgbd.color).reshape(40, 4, 40, 4, 3).mean(axis=(1, 3))

@@ -1,24 +1,44 @@
 """A command run to its end, how long it took and how much memory.
 
 A process's peak memory starts at that of the one that made it. So the command is made by a small
-process, ``python -m inim.bench.process WORDS``, which prints one JSON object.
+process, this file run as a script with the command's words, which prints one JSON object.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
+import resource
 import subprocess
 import sys
 import threading
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from inim.bench.memory import resident_bytes
-from inim.errors import WorkerError
+__all__ = ["peak_bytes", "resident_bytes", "run_measured"]
 
-__all__ = ["run_measured"]
+
+def peak_bytes() -> int:
+    """Largest resident size of this process so far.
+
+    The system's own ru_maxrss starts at that of the parent, from before this program was loaded;
+    Linux's VmHWM does not.
+    """
+    try:
+        found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text("ascii"))
+    except OSError:
+        found = None
+    if found:
+        return 1024 * int(found[1])
+    return resident_bytes(resource.getrusage(resource.RUSAGE_SELF))
+
+
+def resident_bytes(usage: resource.struct_rusage) -> int:
+    """The largest resident size that the system's account of a process names."""
+    return (1 if sys.platform == "darwin" else 1024) * usage.ru_maxrss
 
 
 def run_measured(words: Sequence[str], variables: Mapping[str, str]) -> dict[str, Any]:
@@ -33,10 +53,10 @@ def run_measured(words: Sequence[str], variables: Mapping[str, str]) -> dict[str
     Raises
     ------
     WorkerError
-        The process beside it died.
+        The small process died.
     """
     process = subprocess.Popen(
-        [sys.executable, "-m", "inim.bench.process", *words],
+        [sys.executable, __file__, *words],
         env=variables,
         stdin=subprocess.PIPE,  # nothing is sent: it closes when this process ends, however
         stdout=subprocess.PIPE,
@@ -46,6 +66,8 @@ def run_measured(words: Sequence[str], variables: Mapping[str, str]) -> dict[str
     with process.stdin, process.stdout:
         answer = process.stdout.read()
     if process.wait():
+        from inim.errors import WorkerError  # the small process does without
+
         raise WorkerError(f"the process that measures {words[0]} ended with {process.returncode}")
     found: dict[str, Any] = json.loads(answer)
     return found

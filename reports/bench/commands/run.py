@@ -1,13 +1,17 @@
-"""The bench of whole commands: what a validation costs cold, and with something to find again.
+"""What a validation costs cold, and with something to find again: whole commands.
 
-Every case is a process as a user would start it, timed from its start to its end, with a store of
-results of its own; all cases take turns in every round, the first of which is not counted. So the
-kernels that numba and Dr.Jit keep on disk are there, and the store is what a case says it is.
+    python -m reports.bench.commands.run scenes/amphora.xml --runs 3 -o reports/bench/commands
+
+takes some minutes. Every case is a process as a user would start it, timed from its start to its
+end, with a result cache of its own; all cases take turns in every round, the first of which is not
+counted. So the kernels that numba and Dr.Jit keep on disk are there, and the cache is what a case
+says it is.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import sys
@@ -16,17 +20,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inim.bench.masked import bench_masked
-from inim.bench.process import run_measured
-from inim.bench.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
+from inim.bench import Rounds, Timing
 from inim.cache.store import FOLDER_VARIABLE
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.files.image import read_rgbd
 from inim.pipeline.plan import Plan
-from inim.pipeline.timing import Rounds, Timing
+from reports.bench.commands.masked import bench_masked
+from reports.bench.commands.report import parts_of
+from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
+from reports.bench.process import run_measured
+from reports.bench.study import add_scene_arguments, new_parser, plan_of, run_study
 
-__all__ = ["ALGORITHMS", "CHANGED", "bench_commands", "check_commands"]
+__all__ = ["ALGORITHMS", "CHANGED", "bench_commands"]
 
 #: What is validated, and what is when one algorithm is another.
 ALGORITHMS = "template,wang2024"
@@ -47,35 +53,28 @@ class Case:
     ----------
     name : str
     finds : str
-        What is in its store, in words.
+        What is in its cache, in words.
     words : tuple of str
         The command line after `python -m`, without its output folder.
     store : str
         Cases of a round with the same one share it; it is empty when the round begins. "": none.
-    beside : str
+    compared_with : str
         The case whose time and scores its own are compared with.
     same : str, optional
-        What of its report has to be equal to that of `beside`; nothing if None.
+        What of its report has to be equal to that of `compared_with`; nothing if None.
     """
 
     name: str
     finds: str
     words: tuple[str, ...]
     store: str = ""
-    beside: str = _COLD
+    compared_with: str = _COLD
     same: str | None = None
 
     @property
     def is_validation(self) -> bool:
         """Whether it writes a report."""
         return self.name != _HELP
-
-
-def check_commands(plan: Plan) -> None:
-    """Raise `ViewpointError` where the display's viewing zone lacks the viewpoints of the bench."""
-    for text in (_nine(plan), _added(plan)):
-        s = plan.settings
-        parse_viewpoints(text, plan.display, s.viewing_distance_mm, s.pupil_mm, s.focus_mm)
 
 
 def bench_commands(
@@ -92,7 +91,7 @@ def bench_commands(
         commands have one warm-up.
     listener : Observer
     folder : Path
-        For stores and reports; removed afterwards.
+        Empty; for caches and reports.
     variables : mapping of str to str
         The environment of the commands, but for the store.
 
@@ -104,7 +103,6 @@ def bench_commands(
         the paths of values in its report that should equal those of `beside` and do not.
     """
     count = min(rounds.runs, _MOST_ROUNDS)
-    folder.mkdir()
     cases, notes = _cases(plan, folder)
     runs: dict[str, list[dict[str, Any]]] = {case.name: [] for case in cases}
     for number in range(1 + count):
@@ -121,7 +119,6 @@ def bench_commands(
     listener.stage("generate what is observed")
     rgbd = read_rgbd(folder / "reports" / _COLD / "rgbd.exr")
     masked = bench_masked(plan, rgbd, _viewpoints(plan, _nine(plan)), rounds, listener)
-    shutil.rmtree(folder)
     return {
         "title": plan.settings.title or plan.request.scene.stem,
         "scene": {"path": str(plan.request.scene), "sha256": plan.file.sha256},
@@ -172,13 +169,13 @@ def _cases(plan: Plan, folder: Path) -> tuple[list[Case], list[str]]:
         words = validation(*usual, scene=dimmed)
         cases.append(Case("one light changed", "no such pictures", words, one))
     cases += [
-        Case(_WHOLE, "nothing", validation(*many), "whole", beside=_WHOLE),
+        Case(_WHOLE, "nothing", validation(*many), "whole", compared_with=_WHOLE),
         Case(
             "nine viewpoints, --lazy",
             "nothing",
             validation(*many, "--lazy"),
             "lazy",
-            beside=_WHOLE,
+            compared_with=_WHOLE,
             same=VIEWS,
         ),
         Case("--no-skip", "–", validation(*usual, "--no-skip"), same=EVERYTHING),
@@ -261,17 +258,17 @@ def _row(
     """A case, under the names of bench.json."""
     taken = [run["seconds"] for run in runs[case.name]]
     timing = Timing(taken[0], tuple(taken))
-    beside = Timing(0.0, tuple(run["seconds"] for run in runs[case.beside]))
+    other_times = Timing(0.0, tuple(run["seconds"] for run in runs[case.compared_with]))
     row = {
         "name": case.name,
         "finds": case.finds,
-        "beside": case.beside,
+        "beside": case.compared_with,
         "times_s": taken,
         "median_s": timing.median_s,
         "min_s": timing.min_s,
         "spread": timing.spread,
-        "share": timing.median_s / beside.median_s,
-        "share_min": timing.min_s / beside.min_s,
+        "share": timing.median_s / other_times.median_s,
+        "share_min": timing.min_s / other_times.min_s,
         "peak_bytes": max(run["peak_bytes"] for run in runs[case.name]),
         "traced": None,
         "whole": None,
@@ -279,7 +276,7 @@ def _row(
         "unlike": None,
     }
     if case.is_validation:
-        report, other = reports[case.name], reports[case.beside]
+        report, other = reports[case.name], reports[case.compared_with]
         row["traced"], row["whole"] = samples_of(report["skipped"], other["skipped"])
         if case.same is not None:
             row["unlike"] = unlike(report, other, case.same)
@@ -292,3 +289,26 @@ def _in_words(row: Mapping[str, Any]) -> str:
         f"{row['name']:27}  {row['median_s']:8.2f} s  {row['share']:7.1%} of {row['beside']!r}  "
         f"{row['peak_bytes'] / 2**20:6.0f} MiB  {said}"
     )
+
+
+# -- the command --------------------------------------------------------------------------------
+
+
+def main() -> int:
+    """Carry out the study; the exit code."""
+    variables = dict(os.environ)  # before the backend adds its own: as a user's commands have them
+    parser = new_parser(__doc__, "bench-commands")
+    parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
+    add_scene_arguments(parser)
+    args = parser.parse_args()
+
+    def measure(rounds: Rounds, listener: Any, folder: Path) -> dict[str, Any]:
+        plan = plan_of(args, args.scene)
+        return {"commands": bench_commands(plan, rounds, listener, folder, variables)}
+
+    title = f"Bench: commands on {args.scene.stem}"
+    return run_study(args, "reports.bench.commands.run", title, measure, parts_of)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

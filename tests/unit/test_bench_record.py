@@ -6,13 +6,13 @@ import os
 
 import pytest
 
-from inim.bench import machine
+from inim.bench.record import load_average, warn_of_load
 
 
 @pytest.mark.parametrize(("load", "warned"), [(0.0, 0), (0.5, 0), (0.6, 1), (8.0, 1), (None, 1)])
 def test_a_busy_machine_is_warned_of(monkeypatch, load, warned):
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    found = machine.warn_of_load(load)
+    found = warn_of_load(load)
     assert len(found) == warned
     assert not warned or ("load" in found[0])
 
@@ -22,4 +22,4 @@ def test_a_system_without_load_averages_says_none(monkeypatch):
         raise OSError
 
     monkeypatch.setattr(os, "getloadavg", fails)
-    assert machine.load_average() is None
+    assert load_average() is None

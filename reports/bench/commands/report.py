@@ -1,14 +1,17 @@
-"""The tables of whole commands, and how they were timed."""
+"""What bench.json says of whole commands, as a part of a page: tables and a plot."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from inim.report.bench.cells import Table, milliseconds, times
+from inim.report.bench import Part, Table
+from inim.report.bench.marks import LINES, SOFT, colour_of, plain_ticks, style
+from inim.report.bench.part import milliseconds, times
+from inim.report.bench.plots import new_figure
 from inim.report.wording import MISSING, is_number, items, number, part, per_cent
 
-__all__ = ["command_remarks", "command_tables"]
+__all__ = ["parts_of"]
 
 _MIB = 2**20
 _SAME = {
@@ -18,7 +21,18 @@ _SAME = {
 }
 
 
-def command_tables(found: Mapping[str, Any]) -> list[Table]:
+def parts_of(data: Mapping[str, Any]) -> list[Part]:
+    """Tables and plot of all commands."""
+    found = part(data, "commands")
+    lead = (
+        "What a validation costs when nothing is known, and when something is found again. Each "
+        "mark is a run; lines are the medians of those compared with."
+    )
+    tables, remarks = _tables(found), _remarks(found)
+    return [Part("commands", "Whole commands", lead, tables, "commands", _draw(found), remarks)]
+
+
+def _tables(found: Mapping[str, Any]) -> list[Table]:
     """Commands; then the generation of what nine viewpoints observe."""
     heads = [
         "command", "its store holds", "seconds", "fastest", "spread", "of", "share", "by fastest",
@@ -42,7 +56,7 @@ def command_tables(found: Mapping[str, Any]) -> list[Table]:
         for case in items(found, "cases")
     ]
     caption = f"Whole commands on {found['title']}, medians"
-    return [Table("commands", caption, heads, rows), _generation(part(found, "generation"))]
+    return [Table(caption, heads, rows), _generation(part(found, "generation"))]
 
 
 def _samples(case: Mapping[str, Any]) -> str:
@@ -80,10 +94,10 @@ def _generation(found: Mapping[str, Any]) -> Table:
         for c in items(found, "contenders")
     ]
     caption = f"Generating what {len(items(found, 'viewpoints'))} viewpoints observe"
-    return Table("commands", f"{caption}: {found['algorithm']}", heads, rows)
+    return Table(f"{caption}: {found['algorithm']}", heads, rows)
 
 
-def command_remarks(found: Mapping[str, Any]) -> list[str]:
+def _remarks(found: Mapping[str, Any]) -> list[str]:
     """How whole commands were timed, in sentences."""
     return [
         f"Whole commands: medians of {found['rounds']} rounds, all cases in turn in each, every "
@@ -95,3 +109,36 @@ def command_remarks(found: Mapping[str, Any]) -> list[str]:
         "alone. Peak memory is that of a command's largest process.",
         *map(str, items(found, "notes")),
     ]
+
+
+def _draw(found: Mapping[str, Any]) -> Any:
+    """A row for each command: its runs, over seconds, and the share of what it is compared with."""
+    cases = found["cases"]
+    figure, (axis,) = new_figure(1, 1.2 + 0.32 * len(cases))
+    figure.set_figwidth(8.4)
+    compared = {case["beside"] for case in cases}
+    for row, case in enumerate(cases):
+        is_measure = case["name"] in compared
+        colour = SOFT if is_measure else colour_of("template")
+        taken = case["times_s"]
+        axis.plot(taken, [row] * len(taken), "o", color=colour, alpha=0.6, markersize=5, zorder=3)
+        if is_measure:
+            reach = [r for r, other in enumerate(cases) if other["beside"] == case["name"]]
+            ends = [min(reach) - 0.3, max(reach) + 0.3]
+            axis.plot([case["median_s"]] * 2, ends, **LINES["floor"])
+        else:
+            _write_right_of(axis, f"{case['share']:.1%} of {case['beside']}", max(taken), row)
+    axis.set_xscale("log")
+    axis.margins(x=0.2)
+    style(axis, "Whole commands", "seconds, start to end", "")
+    axis.set_yticks(range(len(cases)), [case["name"] for case in cases])
+    axis.invert_yaxis()
+    plain_ticks(axis)
+    return figure
+
+
+def _write_right_of(axis: Any, words: str, x: float, y: float) -> None:
+    """Words on the right of a mark, readable where a line is behind them."""
+    behind = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+    look = {"fontsize": 8, "color": SOFT, "va": "center", "bbox": behind, "zorder": 2}
+    axis.annotate(words, (x, y), (7, 0), textcoords="offset points", **look)

@@ -8,22 +8,21 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from inim.bench.scene import method_data
+from inim.bench import YARDSTICK, Rounds, method_data, prepare_method, time_methods
 from inim.display import Display
 from inim.errors import WorkerError
-from inim.pipeline.timing import YARDSTICK, Rounds, prepare_method, time_methods
-from inim.rgbd import RGBD
-from inim.scene.two_spheres import two_spheres
+from reports.bench.study import picture_of, square_display
 
 __all__ = [
     "LENS_COUNTS",
     "PIXELS_PER_PITCH",
+    "PowerLaw",
     "bench_scaling",
     "growth",
     "power_law",
-    "square_display",
 ]
 
 #: Lenses along a side, 17 pixels each: up to 4080 x 4080, the largest array measured in print.
@@ -37,26 +36,7 @@ _ALGORITHM = "template"
 _MOST_ABOVE_IMPORT = 2**30
 # Time a child may take to generate once.
 _PATIENCE_S = 300
-
-
-def square_display(lenses: int, pixels: int = 17, **changes: Any) -> Display:
-    """The paper's lenses, `lenses` by `lenses` of them, with `pixels` by `pixels` pixels each."""
-    display = Display(
-        pitch_mm=1.0,
-        focal_length_mm=3.0,
-        gap_mm=3.3,
-        pixel_pitch_mm=1.0 / pixels,
-        lens_columns=lenses,
-        lens_rows=lenses,
-        name=f"{lenses} x {lenses} lenses",
-    )
-    return display.replace(**changes) if changes else display
-
-
-def picture_of(display: Display, pixels_per_pitch: int) -> RGBD:
-    """The two spheres with so many pixels per lens pitch."""
-    shape = display.capture_shape(pixels_per_pitch)
-    return two_spheres(display, shape, display.pitch_mm / pixels_per_pitch)
+_ROOT = Path(__file__).parents[3]
 
 
 def bench_scaling(
@@ -66,7 +46,7 @@ def bench_scaling(
     pixels_per_pitch: Sequence[int] = PIXELS_PER_PITCH,
     fixed_lenses: int = _FIXED_LENSES,
 ) -> dict[str, Any]:
-    """Times of `template` and the yardstick over both sizes, and peak memory at the largest."""
+    """Times of `template` and the reference kernel over both sizes; peak memory at the largest."""
     by_display = []
     for lenses in lens_counts:
         listener.stage(f"{lenses} x {lenses} lenses")
@@ -170,9 +150,14 @@ def growth(points: Sequence[Mapping[str, Any]], size: str) -> float | None:
 
 def peak_memory(lenses: int) -> dict[str, Any]:
     """Peak memory of a fresh process that makes one EIA and nothing else, bytes."""
-    words = [sys.executable, "-m", "inim.bench.memory", str(lenses)]
+    words = [sys.executable, "-m", "reports.bench.paper.memory", str(lenses)]
     ended = subprocess.run(
-        words, stdin=subprocess.DEVNULL, capture_output=True, timeout=_PATIENCE_S, check=False
+        words,
+        cwd=_ROOT,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        timeout=_PATIENCE_S,
+        check=False,
     )
     try:
         found: dict[str, Any] = json.loads(ended.stdout)

@@ -13,20 +13,22 @@ from dataclasses import dataclass
 from typing import Any
 
 from inim import metrics
-from inim.bench.evaluate import evaluate, make_reference
-from inim.bench.paper_claims import claims
-from inim.bench.scaling import picture_of, square_display
-from inim.bench.scene import available, method_data
-from inim.display import Display
-from inim.display.viewpoint import parse_viewpoints
-from inim.pipeline.timing import (
+from inim.bench import (
     YARDSTICK,
     Rounds,
+    available,
+    evaluate,
     linear_picture,
+    make_reference,
+    method_data,
     prepare_method,
     time_methods,
 )
+from inim.display import Display
+from inim.display.viewpoint import parse_viewpoints
 from inim.scene.two_spheres import two_spheres_eia, two_spheres_view
+from reports.bench.paper.claims import claims
+from reports.bench.study import picture_of, square_display, views_of
 
 __all__ = ["FULL", "NAMES", "Sizes", "bench_paper"]
 
@@ -175,7 +177,7 @@ def _same_input(
     methods = [prepare_method(name, rgbd, display) for name in names]
     times = time_methods(methods, rgbd, display, rounds)
     eye = parse_viewpoints("centre", display)
-    reference = make_reference(rgbd, two_spheres_eia(display), display, eye)
+    reference = make_reference(rgbd, two_spheres_eia(display), display, views_of(display, eye))
     pixels_per_lens = len(reference.ceiling[0]) // display.lens_rows
     truth = two_spheres_view(display, eye[0], pixels_per_lens)
     found = []

@@ -1,38 +1,17 @@
 """A process that does nothing but generate once, and says how much memory that took.
 
-``python -m inim.bench.memory LENSES`` prints one JSON object; see `inim.bench.scaling`.
+``python -m reports.bench.paper.memory LENSES`` prints one JSON object; see `scaling`.
 """
 
 from __future__ import annotations
 
 import json
-import re
-import resource
 import sys
-from pathlib import Path
 from typing import Any
 
-__all__ = ["measure", "peak_bytes", "resident_bytes"]
+from reports.bench.process import peak_bytes
 
-
-def peak_bytes() -> int:
-    """Largest resident size of this process so far.
-
-    The system's own ru_maxrss starts at that of the parent, from before this program was loaded;
-    Linux's VmHWM does not.
-    """
-    try:
-        found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text("ascii"))
-    except OSError:
-        found = None
-    if found:
-        return 1024 * int(found[1])
-    return resident_bytes(resource.getrusage(resource.RUSAGE_SELF))
-
-
-def resident_bytes(usage: resource.struct_rusage) -> int:
-    """The largest resident size that the system's account of a process names."""
-    return (1 if sys.platform == "darwin" else 1024) * usage.ru_maxrss
+__all__ = ["measure"]
 
 
 def measure(lenses: int, pixels_per_pitch: int = 2) -> dict[str, Any]:
@@ -43,9 +22,9 @@ def measure(lenses: int, pixels_per_pitch: int = 2) -> dict[str, Any]:
     """
     import numpy as np
 
-    from inim.bench.scaling import picture_of, square_display
+    from inim.bench import prepare_method
     from inim.generators.raycast import polyphase  # noqa: F401
-    from inim.pipeline.timing import prepare_method
+    from reports.bench.study import picture_of, square_display
 
     imported = peak_bytes()
     display = square_display(lenses)

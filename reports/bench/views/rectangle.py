@@ -1,4 +1,4 @@
-"""The yardstick of views: a rectangle with the EIA for its texture, by the stock renderer alone.
+"""What views are measured by: a rectangle with the EIA for its texture, by the stock renderer.
 
 The least that any view of a panel costs: as many camera rays as the view has samples, one
 intersection and one texel each, the stock film; no lens, and nothing of this program.

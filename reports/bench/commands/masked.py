@@ -1,4 +1,4 @@
-"""The bench of part of an EIA: the panel pixels that some eyes observe, against all of them."""
+"""Times of part of an EIA: the panel pixels that some viewpoints observe, against all of them."""
 
 from __future__ import annotations
 
@@ -7,21 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from inim.bench import YARDSTICK, Rounds, display_ready, in_turn, prepare_method, ratios, threads
 from inim.display import Display, Viewpoint
 from inim.errors import DisplayError
 from inim.generators import prepare
 from inim.lens import check_lens_model
 from inim.pipeline.plan import Plan
 from inim.pipeline.plugin_guard import run_generator
-from inim.pipeline.timing import (
-    YARDSTICK,
-    Rounds,
-    display_ready,
-    in_turn,
-    prepare_method,
-    ratios,
-    threads,
-)
 from inim.rgbd import RGBD
 
 __all__ = ["bench_masked"]
@@ -42,7 +34,7 @@ def bench_masked(
     Parameters
     ----------
     plan : Plan
-        Its display, and how it looks at EIAs.
+        Its display, and how it reconstructs views.
     rgbd : RGBD
         Linear.
     viewpoints : sequence of Viewpoint
@@ -52,7 +44,7 @@ def bench_masked(
     Returns
     -------
     dict
-        Under the names of bench.json: the yardstick, and for each `form` of the picture a contender
+        Under the names of bench.json: the yardstick, and for each `form` of the picture an entry
         for the whole EIA and one for each lens model, whose `share` is its time over that of the
         whole EIA, `observed_share` that of the panel, and `same` whether each pixel made is the
         whole EIA's. The forms are display-ready, 8-bit into place, and linear as a validation has
@@ -76,7 +68,7 @@ def bench_masked(
         times = in_turn(calls, rounds)
     rows = []
     for (form, name), make in makes.items():
-        asked = masks[name]
+        mask = masks[name]
         timing, whole = times[f"{form}: {name}"], times[f"{form}: {_ALL}"]
         of_whole = ratios(timing, whole)
         row = {
@@ -86,8 +78,8 @@ def bench_masked(
             **ratios(timing, times[YARDSTICK]),
             "share": of_whole["ratio"],
             "share_min": of_whole["ratio_min"],
-            "observed_share": 1.0 if asked is None else float(asked.mean()),
-            "same": asked is None or _same(makes[form, _ALL](), make(), asked),
+            "observed_share": 1.0 if mask is None else float(mask.mean()),
+            "same": mask is None or _same(makes[form, _ALL](), make(), mask),
         }
         rows.append(row)
         listener.line(
@@ -145,5 +137,5 @@ def _masks(plan: Plan, viewpoints: Sequence[Viewpoint]) -> dict[str, np.ndarray]
 
 
 def _same(whole: np.ndarray, part: np.ndarray, mask: np.ndarray) -> bool:
-    """Whether what was asked for is as in the whole EIA, and the rest is black."""
+    """Whether the pixels of the mask are as in the whole EIA, and the rest is black."""
     return bool(np.array_equal(whole[mask], part[mask]) and not part[~mask].any())

@@ -1,11 +1,11 @@
-"""What the paper claims about time, beside what was measured: reproduced or not, and why."""
+"""What the paper claims about time, and what was measured: reproduced or not, and why."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from inim.bench.scaling import PowerLaw, power_law
+from reports.bench.paper.scaling import PowerLaw, power_law
 
 __all__ = ["claims"]
 
@@ -154,12 +154,12 @@ def _ratio(points: Mapping[str, Any], above: str, below: str) -> float | None:
 
 
 def _series(experiments: Sequence[Mapping[str, Any]], size: str, name: str) -> list[dict[str, Any]]:
-    """The points of one contender over one size."""
+    """The points of one method over one size."""
     return [
-        {size: point[size], "min_ms": contender["min_ms"]}
+        {size: point[size], "min_ms": method["min_ms"]}
         for experiment in experiments
         if experiment["size"] == size
         for point in experiment["points"]
-        for contender in point["contenders"]
-        if contender["name"] == name
+        for method in point["contenders"]
+        if method["name"] == name
     ]

@@ -1,0 +1,74 @@
+"""What a bench says besides its results: what made it, how to make it again, how busy it was."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Sequence
+from datetime import datetime, timezone
+from typing import Any
+
+from inim.pipeline.timing import Rounds, most_threads
+from inim.provenance import backend_data, versions
+from inim.report.bench import SCHEMA
+from inim.version import __version__
+
+__all__ = ["load_average", "record"]
+
+_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
+# Share of the cores that others may keep busy before times are in doubt.
+_BUSY = 0.25
+
+
+def record(
+    title: str, command: Sequence[str], backend: Any, rounds: Rounds, load: float | None
+) -> dict[str, Any]:
+    """The keys that every bench.json has, schema `inim.bench/1`.
+
+    Parameters
+    ----------
+    title : str
+    command : sequence of str
+        The words that make it again.
+    backend : inim.backend.Backend
+    rounds : Rounds
+    load : float or None
+        `load_average` before anything was loaded; its ``end`` is left to the caller.
+    """
+    return {
+        "schema": SCHEMA,
+        "title": title,
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "inim_version": __version__,
+        "versions": versions(_VERSIONS),
+        "command": shlex.join(command),
+        "backend": backend_data(backend),
+        "threads": rounds.threads or most_threads(),
+        "threading_layer": os.environ.get("NUMBA_THREADING_LAYER", "default"),
+        "rounds": {"runs": rounds.runs, "warmups": rounds.warmups},
+        "warnings": warn_of_load(load),
+        "load": {"start": load, "cores": os.cpu_count()},
+        "contenders": [],
+        "notes": [],
+    }
+
+
+def load_average() -> float | None:
+    """Programs at work or waiting for a core, mean of the last minute; None if not known."""
+    try:
+        return os.getloadavg()[0]
+    except OSError:
+        return None
+
+
+def warn_of_load(before: float | None) -> list[str]:
+    """A warning where others were at work when the measurement began."""
+    cores = os.cpu_count() or 1
+    if before is None:
+        return ["the load of this machine is not known: times may be those of a busy one"]
+    if before <= _BUSY * cores:
+        return []
+    return [
+        f"the machine was busy: load average {before:.2f} on {cores} cores at the start; "
+        "trust ratios and fastest runs more than medians, and run it again alone"
+    ]

@@ -1,0 +1,255 @@
+"""What bench.json says of the paper's experiments and of growth, as parts of a page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from inim.report.bench import Part, Table
+from inim.report.bench.marks import MARKS, colour_of, plain_ticks, style
+from inim.report.bench.part import TIME_HEADS, milliseconds, time_cells, times
+from inim.report.bench.plots import TIME, new_figure
+from inim.report.wording import MISSING, is_number, items, number, part, per_cent
+
+__all__ = ["parts_of"]
+
+_GIB = 2**30
+
+
+def parts_of(data: Mapping[str, Any]) -> list[Part]:
+    """Whichever of the two there is data for."""
+    found = []
+    if data.get("scaling"):
+        found.append(_scaling(part(data, "scaling")))
+    if data.get("paper"):
+        found.append(_paper(part(data, "paper")))
+    return found
+
+
+# -- growth -------------------------------------------------------------------------------------
+
+
+def _scaling(scaling: Mapping[str, Any]) -> Part:
+    lead = (
+        "Two spheres in closed form, 17 × 17 pixels to the lens. Left: more and more lenses, two "
+        "picture pixels per pitch. Right: the same display, finer and finer pictures, of which "
+        "each ray crosses more pixels: as many times more as there are along a side, a power of "
+        "0.5. Powers are those of the fastest runs (left: of the larger half)."
+    )
+    memory = part(scaling, "memory")
+    within = memory["above_import_bytes"] < memory["limit_bytes"]
+    remark = (
+        f"Peak memory at {memory['lenses']} × {memory['lenses']} lenses "
+        f"{'stays below' if within else 'EXCEEDS'} {memory['limit_bytes'] / _GIB:g} GiB above "
+        "the imports."
+    )
+    tables, figure = _scaling_tables(scaling), _draw_scaling(scaling)
+    return Part("scaling", "How time grows", lead, tables, "scaling", figure, [remark])
+
+
+def _scaling_tables(scaling: Mapping[str, Any]) -> list[Table]:
+    heads = [
+        "lenses", "picture pixels per pitch", "display pixels", "scene pixels",
+        *TIME_HEADS, "yardstick ms",
+    ]  # fmt: skip
+    captions = {
+        "display": f"{scaling['algorithm']} against display pixels",
+        "scene": f"{scaling['algorithm']} against scene pixels",
+    }
+    found = [
+        Table(caption, heads, [_size_row(p) for p in items(scaling, key)])
+        for key, caption in captions.items()
+    ]
+    memory = part(scaling, "memory")
+    row = [
+        f"{memory['lenses']} × {memory['lenses']}",
+        *(
+            f"{number(memory[k] / _GIB, 3)} GiB"
+            for k in (
+                "imported_bytes",
+                "peak_bytes",
+                "above_import_bytes",
+                "limit_bytes",
+                "eia_bytes",
+            )
+        ),
+    ]
+    names = ["lenses", "after the imports", "peak", "above the imports", "limit", "the EIA itself"]
+    caption = "Peak memory of a fresh process that makes one EIA"
+    return [*found, Table(caption, names, [row])]
+
+
+def _size_row(point: Mapping[str, Any]) -> list[str]:
+    return [
+        f"{point['lenses']} × {point['lenses']}",
+        str(point["pixels_per_pitch"]),
+        f"{point['display_pixels']:,}",
+        f"{point['scene_pixels']:,}",
+        *time_cells(point),
+        milliseconds(part(point, "yardstick").get("median_ms")),
+    ]
+
+
+# -- the paper's experiments --------------------------------------------------------------------
+
+_PYTHON = ":implementation=python"
+
+
+def _paper(paper: Mapping[str, Any]) -> Part:
+    lead = (
+        "Wang et al., Heritage Science 2024, timed plain Python on one thread; so do the dashed "
+        "lines. Solid: the same lines compiled, on all threads. Two synthetic spheres, not the "
+        "paper's scenes."
+    )
+    remarks = ["Plain Python above 2 s a run: at most 3 runs; above 10 s: one."]
+    return Part(
+        "paper",
+        "The paper's experiments",
+        lead,
+        _paper_tables(paper),
+        "paper",
+        _draw_paper(paper),
+        [*remarks, *map(str, items(paper, "notes"))],
+        ("The paper's claims", _claim_lines(paper)),
+    )
+
+
+def _paper_tables(paper: Mapping[str, Any]) -> list[Table]:
+    found = [_experiment(part(e)) for e in items(paper, "experiments")]
+    return [*found, _same_input(part(paper, "same_input"))]
+
+
+def _experiment(experiment: Mapping[str, Any]) -> Table:
+    """Milliseconds of each at each size, then the two ratios the paper's claims are about."""
+    points = items(experiment, "points")
+    names = [c["name"] for c in points[0]["contenders"]]
+    heads = [
+        experiment["name"],
+        *(name.replace(_PYTHON, ", Python") for name in names),
+        "gu2020 / wang2024, Python", "gu2020 / wang2024", "wang2024, Python / template",
+    ]  # fmt: skip
+    rows = []
+    for point in points:
+        ms = {c["name"]: c["median_ms"] for c in point["contenders"]}
+        ratios = [
+            _ratio(ms, f"gu2020{_PYTHON}", f"wang2024{_PYTHON}"),
+            _ratio(ms, "gu2020", "wang2024"),
+            _ratio(ms, f"wang2024{_PYTHON}", "template"),
+        ]
+        cells = [milliseconds(ms[name]) for name in names]
+        rows.append([f"{point[experiment['size']]:,}", *cells, *map(times, ratios)])
+    caption = (
+        f"As the paper's {experiment['figure']}: ms per EIA against {experiment['name']}; "
+        f"{experiment['kept']}"
+    )
+    return Table(caption, heads, rows)
+
+
+def _ratio(ms: Mapping[str, float], above: str, below: str) -> float | None:
+    """One median over another; None where one is missing."""
+    return ms[above] / ms[below] if above in ms and below in ms else None
+
+
+def _same_input(same: Mapping[str, Any]) -> Table:
+    heads = [
+        "algorithm", "ms per EIA", "runs", "times template", "wrong source", "EIA PSNR dB",
+        "view SSIM to ceiling", "middle view SSIM", "the paper's, other scenes",
+    ]  # fmt: skip
+    methods = items(same, "contenders")
+    ms = {c["name"]: c["median_ms"] for c in methods}
+    rows = [
+        [
+            c["name"].replace(_PYTHON, ", Python"),
+            milliseconds(c["median_ms"]),
+            str(c["runs"]),
+            times(_ratio(ms, c["name"], "template")),
+            per_cent(c["wrong_source"], 2),
+            number(math.inf if c["eia_psnr_db"] is None else c["eia_psnr_db"], 2),
+            number(c["view_ssim_to_ceiling"], 4),
+            number(c["middle_view_ssim"], 3),
+            number(c["published_ssim"], 2),
+        ]
+        for c in methods
+    ]
+    rows.append(["ceiling", *[MISSING] * 6, number(same.get("ceiling_ssim"), 3), MISSING])
+    caption = (
+        f"One input for all: {same['lenses']:,} lenses, {same['display_pixels']:,} display pixels, "
+        f"{same['scene_pixels']:,} scene pixels"
+    )
+    return Table(caption, heads, rows)
+
+
+def _claim_lines(paper: Mapping[str, Any]) -> list[str]:
+    """Each claim in a few sentences: what is claimed, what was found, why not."""
+    lines = []
+    for claim in items(paper, "claims"):
+        word = "Reproduced" if claim["holds"] else "Does not reproduce"
+        why = f" {claim['why']}" if claim["why"] else ""
+        lines.append(f"{word}: {claim['claim']} ({claim['source']}). Found: {claim['found']}.{why}")
+    return lines
+
+
+# -- plots --------------------------------------------------------------------------------------
+
+
+def _draw_scaling(scaling: Mapping[str, Any]) -> Any:
+    """Time over display pixels and over scene pixels, the reference kernel, too."""
+    figure, axes = new_figure(2, 4.2, sharey=True)
+    panels = [("display", "display_pixels"), ("scene", "scene_pixels")]
+    for axis, (key, size) in zip(axes, panels, strict=True):
+        points = scaling[key]
+        sizes = [p[size] for p in points]
+        _line(axis, sizes, points, scaling["algorithm"])
+        _line(axis, sizes, [p["yardstick"] for p in points], "yardstick")
+        words = size.replace("_", " ")
+        power = scaling["growth"][size]
+        grows = f": grows with the power {power:.2f}" if is_number(power) else ""
+        _finish_sizes(axis, f"{words.capitalize()}{grows}", words)
+    axes[0].set_ylabel(TIME)
+    axes[0].legend(fontsize=8, frameon=False, loc="upper left")
+    return figure
+
+
+def _draw_paper(paper: Mapping[str, Any]) -> Any:
+    """The three experiments side by side, on common times."""
+    experiments = paper["experiments"]
+    figure, axes = new_figure(len(experiments), 4.6, sharey=True)
+    for axis, experiment in zip(axes, experiments, strict=True):
+        points = experiment["points"]
+        sizes = [p[experiment["size"]] for p in points]
+        for place, method in enumerate(points[0]["contenders"]):
+            _line(axis, sizes, [p["contenders"][place] for p in points], method["name"])
+        _line(axis, sizes, [p["yardstick"] for p in points], "yardstick")
+        _finish_sizes(axis, f"As {experiment['figure']}", experiment["name"])
+    axes[0].set_ylabel(TIME)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    return figure
+
+
+def _finish_sizes(axis: Any, title: str, label: str) -> None:
+    style(axis, title, label, "")
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.margins(0.08, 0.08)
+    plain_ticks(axis)
+
+
+def _line(axis: Any, sizes: Sequence[float], points: Sequence[Any], name: str) -> None:
+    """One series of medians with whiskers to the fastest runs; dashed in plain Python."""
+    interpreted = "implementation=python" in name
+    algorithm, colour = name.partition(":")[0], colour_of(name)
+    medians, fastest = ([p[key] for p in points] for key in ("median_ms", "min_ms"))
+    axis.vlines(sizes, fastest, medians, color=colour, linewidth=1, alpha=0.5)
+    axis.plot(
+        sizes,
+        medians,
+        MARKS.get(algorithm, "o"),
+        color=colour,
+        label=f"{algorithm}, plain Python" if interpreted else name,
+        markersize=4.5,
+        markerfacecolor="white" if interpreted else colour,
+        linestyle="--" if interpreted else ":" if name == "yardstick" else "-",
+        linewidth=1.4,
+    )

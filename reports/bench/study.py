@@ -1,0 +1,147 @@
+"""What the studies of this folder share: command line, conditions, test pictures, writing.
+
+A study is a script that times something which only this project asks, with the public functions of
+`inim.bench`. It is run from the repository's root, as ``python -m reports.bench.NAME.run``, and
+writes the same forms as ``python -m inim.bench``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim import reconstruct
+from inim.bench import Rounds, load_average, record, scene_plan
+from inim.display import Display, Viewpoint
+from inim.errors import InimError
+from inim.lens import white_exposure
+from inim.observer import Observer
+from inim.pipeline.plan import Plan
+from inim.report.bench import Part, write_bench
+from inim.rgbd import RGBD
+from inim.scene.two_spheres import two_spheres
+from inim.worker.console import ConsoleListener
+from inim.worker.output import open_staging, publish
+
+__all__ = [
+    "Measure",
+    "add_scene_arguments",
+    "new_parser",
+    "picture_of",
+    "plan_of",
+    "run_study",
+    "square_display",
+]
+
+#: Measures, with an empty folder for whatever it writes meanwhile; what bench.json says of it.
+Measure = Callable[[Rounds, Observer, Path], Mapping[str, Any]]
+
+
+def new_parser(description: str | None, out: str) -> argparse.ArgumentParser:
+    """A command line with the options that every study has; results go to `out` if not named."""
+    parser = argparse.ArgumentParser(description=(description or "").partition("\n")[0])
+    parser.add_argument("-o", "--out", type=Path, default=Path(out), help=f"folder ({out})")
+    parser.add_argument("--runs", type=int, default=Rounds.runs, metavar="N", help="timed runs (9)")
+    parser.add_argument(
+        "--warmups", type=int, default=Rounds.warmups, metavar="N", help="runs before (2)"
+    )
+    parser.add_argument("--threads", type=int, metavar="T", help="threads to time with (all)")
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+    return parser
+
+
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """What a study of scenes has besides."""
+    parser.add_argument(
+        "-D", dest="definitions", action="append", default=[], metavar="KEY=VALUE",
+        help="override an inim.* setting or a scene parameter; may be repeated",
+    )  # fmt: skip
+    parser.add_argument("--display", help="display preset: nominal or phone")
+
+
+def plan_of(args: argparse.Namespace, scene: Path) -> Plan:
+    """The plan of a validation of one of the scenes: its display, viewpoints and sampling."""
+    return scene_plan(scene, args.out, args.definitions, args.display)
+
+
+def run_study(
+    args: argparse.Namespace,
+    module: str,
+    title: str,
+    measure: Measure,
+    parts_of: Callable[[Mapping[str, Any]], Sequence[Part]],
+) -> int:
+    """Measure and write; the exit code.
+
+    Parameters
+    ----------
+    args : Namespace
+        Of `new_parser`.
+    module : str
+        What runs it again, after ``python -m``.
+    title : str
+    measure : callable
+    parts_of : callable
+        See `inim.report.bench.write_bench`.
+    """
+    load = load_average()  # before anything is loaded: what others do
+    try:
+        rounds = Rounds(args.runs, args.warmups, args.threads)
+        staging = open_staging(args.out)
+        try:
+            from inim.render import variant
+
+            command = ["python", "-m", module, *sys.argv[1:]]
+            data = record(title, command, variant.use("llvm"), rounds, load)
+            folder = staging / "work"
+            folder.mkdir()
+            with ConsoleListener(args.quiet, lambda _: None) as listener:
+                data |= measure(rounds, listener, folder)
+            shutil.rmtree(folder)
+            data["load"]["end"] = load_average()
+            write_bench(data, staging, parts_of)
+            publish(staging, args.out, "bench.json")
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+    except InimError as error:
+        print(f"{module}: error: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+def square_display(lenses: int, pixels: int = 17, **changes: Any) -> Display:
+    """The paper's lenses, `lenses` by `lenses` of them, with `pixels` by `pixels` pixels each."""
+    display = Display(
+        pitch_mm=1.0,
+        focal_length_mm=3.0,
+        gap_mm=3.3,
+        pixel_pitch_mm=1.0 / pixels,
+        lens_columns=lenses,
+        lens_rows=lenses,
+        name=f"{lenses} x {lenses} lenses",
+    )
+    return display.replace(**changes) if changes else display
+
+
+def picture_of(display: Display, pixels_per_pitch: int) -> RGBD:
+    """The two spheres with so many pixels per lens pitch, display-ready."""
+    shape = display.capture_shape(pixels_per_pitch)
+    return two_spheres(display, shape, display.pitch_mm / pixels_per_pitch)
+
+
+def views_of(
+    display: Display, viewpoints: Sequence[Viewpoint], lens_model: str = "thick"
+) -> Callable[[np.ndarray], list[np.ndarray]]:
+    """What makes the views of an EIA on a display, white as the panel's white."""
+    exposure = white_exposure(display, lens_model)
+
+    def views(eia: np.ndarray) -> list[np.ndarray]:
+        return [reconstruct(eia, display, eye, lens_model) * exposure for eye in viewpoints]
+
+    return views

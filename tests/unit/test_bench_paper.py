@@ -1,0 +1,143 @@
+"""The study of the paper's experiments: growth, claims, and what its page says of them."""
+
+from __future__ import annotations
+
+import json
+import math
+from importlib import import_module
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from inim.report.bench import write_bench
+from inim.report.bench.part import milliseconds, times
+from inim.report.bench.tables import render_markdown
+from reports.bench.paper.claims import claims
+from reports.bench.paper.report import parts_of
+from reports.bench.paper.scaling import growth, power_law
+from tests.unit.test_bench_report import assert_tables_are_whole, bench, method, timing
+
+
+def paper_bench():
+    def point(size):
+        names = ["gu2020:implementation=python", "wang2024:implementation=python", "template"]
+        ms = dict(zip(names, (6000.0, 3000.0, 1.5), strict=True))
+        found = [method(n, size * v) for n, v in ms.items()]
+        sizes = {"scene_pixels": 100 * size, "lenses": size, "elemental_pixels": 289}
+        return {**sizes, "yardstick": timing(1.0), "contenders": found}
+
+    experiments = [
+        {
+            "name": size,
+            "figure": "Fig. 12",
+            "kept": "x",
+            "size": size,
+            "points": [point(1), point(4)],
+        }
+        for size in ("scene_pixels", "lenses")
+    ]
+    last = [{**c, "middle_view_ssim": 0.5, "published_ssim": None} for c in point(1)["contenders"]]
+    last[1] |= {"wrong_source": 0.4, "eia_psnr_db": 20.0}
+    same = {
+        "lenses": 4, "display_pixels": 100, "scene_pixels": 50, "ceiling_ssim": 0.9,
+        "yardstick": timing(1.0), "contenders": last,
+    }  # fmt: skip
+    found = claims(experiments, same)
+    return bench(
+        paper={"experiments": experiments, "same_input": same, "claims": found, "notes": []}
+    )
+
+
+def test_every_form_is_written_and_listed(tmp_path):
+    write_bench(paper_bench(), tmp_path, parts_of)
+    read = json.loads((tmp_path / "bench.json").read_text("utf-8"))
+    assert {p.name for p in tmp_path.iterdir()} == set(read["files"])
+    ElementTree.parse(tmp_path / "paper.svg")
+    assert 'class="claims"' in (tmp_path / "bench.html").read_text("utf-8")
+
+
+def test_markdown_tables_have_as_many_cells_in_every_row():
+    data = paper_bench()
+    assert_tables_are_whole(data, parts_of(data))
+
+
+@pytest.mark.parametrize("name", ["paper", "views", "layered", "commands"])
+def test_committed_results_are_still_read(name):
+    """What documents quote can be shown again, tables and plots."""
+    folder = Path(__file__).parents[2] / "reports" / "bench" / name
+    data = json.loads((folder / "bench.json").read_text("utf-8"))
+    run = "report" if name in ("paper", "commands") else "run"
+    parts = import_module(f"reports.bench.{name}.{run}").parts_of(data)
+    assert_tables_are_whole(data, parts)
+    committed = (folder / "bench.md").read_text("utf-8")
+    rows = [x for x in render_markdown(data, parts).splitlines() if x.startswith("|")]
+    assert rows == [x for x in committed.splitlines() if x.startswith("|")]
+
+
+def test_ratios_in_the_paper_s_tables_are_those_of_the_medians():
+    table = parts_of(paper_bench())[0].tables[0]
+    first = dict(zip(table.heads, table.rows[0], strict=True))
+    assert first["gu2020 / wang2024, Python"] == times(6000 / 3000) == "2.00 ×"
+    assert first["wang2024, Python / template"] == times(3000 / 1.5) == "2000 ×"
+    assert first["gu2020 / wang2024"] == "–"  # compiled forms took no part
+    assert first["template"] == milliseconds(1.5) == "1.50"
+
+
+def test_claims_follow_the_measured_times():
+    paper = paper_bench()["paper"]
+    twice, growth, _, thousand = _by_words(paper["claims"])
+    assert twice["holds"] is False  # exactly twice is not more than twice
+    assert twice["why"]
+    assert growth["holds"] is False  # both grow alike
+    assert thousand["holds"] is True
+    assert thousand["why"] == ""
+    same = paper["same_input"]
+    same["contenders"][0]["median_ms"] *= 1.01
+    same["contenders"][2]["median_ms"] *= 2.01
+    twice, _, _, thousand = _by_words(claims(paper["experiments"], same))
+    assert twice["holds"] is True
+    assert thousand["holds"] is False
+
+
+def _by_words(found):
+    words = ("twice as fast as gu2020", "grows slowly", "middle view", "1000 times")
+    return [next((c for c in found if word in c["claim"]), None) for word in words]
+
+
+def test_without_a_rival_its_claim_is_left_out():
+    paper = paper_bench()["paper"]
+    assert not [c for c in paper["claims"] if "li2012" in c["claim"].split(",")[0]]
+
+
+def test_growth_is_the_power_of_the_size():
+    points = [{"n": n, "min_ms": 0.5 * n**1.5} for n in (4, 1, 64, 16)]
+    assert growth(points, "n") == pytest.approx(1.5)
+    assert growth(points[:1], "n") is None
+
+
+@pytest.mark.parametrize("factor", [2.0, 3.0, 0.1, 1 / 3, 7e-5])
+@pytest.mark.parametrize("sizes", [(100, 400), (3, 5), (1, 2, 4, 6, 8, 10, 12)])
+def test_powers_that_differ_by_rounding_only_are_equal(factor, sizes):
+    """Times that are multiples of one another grow alike, however the logarithms are rounded."""
+    one, other = (
+        power_law([{"n": n, "min_ms": 0.9 * f * n**0.7} for n in sizes], "n") for f in (1.0, factor)
+    )
+    assert not one.is_below(other)
+    assert not other.is_below(one)
+    assert one.error < 1e-12
+    slower = power_law([{"n": n, "min_ms": n**0.701} for n in sizes], "n")
+    assert one.is_below(slower)
+
+
+def test_error_of_a_power_is_its_standard_error():
+    """Against scipy's, which takes n - 2 degrees of freedom too."""
+    from scipy.stats import linregress
+
+    points = [{"n": n, "min_ms": ms} for n, ms in ((1, 1.1), (2, 1.9), (4, 4.2), (8, 7.7))]
+    wanted = linregress(*([math.log(p[key]) for p in points] for key in ("n", "min_ms")))
+    law = power_law(points, "n")
+    assert law.power == pytest.approx(wanted.slope)
+    assert law.error == pytest.approx(wanted.stderr)
+    near = [{"n": p["n"], "min_ms": p["min_ms"] * p["n"] ** (0.5 * law.error)} for p in points]
+    assert not law.is_below(power_law(near, "n"))
