@@ -25,8 +25,8 @@ __all__ = [
     "LEAST_TURN_DEG",
     "STEEPEST_SLOPE",
     "WIDEST_PANEL_PIXELS",
+    "accuracy_warnings",
     "steepest_slope",
-    "trust_warnings",
 ]
 
 #: Error of a landing point, in panel pixels, that counts as none: far below what a lens blurs.
@@ -51,7 +51,7 @@ _LARGEST_PICTURE = (8192, 8192)
 FEWEST_DEPTHS = 256
 
 
-def trust_warnings(
+def accuracy_warnings(
     display: Display,
     lens_model: str | None = None,
     *,

@@ -21,9 +21,9 @@ from inim.errors import FileError, UsageError
 from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.files.true_size import write_eia
 from inim.generators import SourceGenerator, check_algorithm, generate, prepare
+from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
 from inim.lens import check_lens_model
 from inim.pipeline.method import parse_contenders
-from inim.pipeline.picture_oracle import ExactHits, exact_hits, why_no_oracle
 from inim.pipeline.plugin_guard import blamed, run_generator
 from inim.pipeline.truth import BLACK
 from inim.pipeline.warp import warped

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inim.accuracy_limits import trust_warnings
+from inim.accuracy_limits import accuracy_warnings
 from inim.cache.store import Store, open_store, use_store
 from inim.clock import Clock
 from inim.observer import Listener
@@ -252,7 +252,7 @@ def _measure(job: Ledger) -> _Measured:
 
 def _outside_trust(plan: Plan) -> list[str]:
     """What of the display lies outside the limits that the stress run measured."""
-    return trust_warnings(
+    return accuracy_warnings(
         plan.display,
         plan.settings.lens_model,
         viewpoints=plan.viewpoints,

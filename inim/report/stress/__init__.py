@@ -1,43 +1,50 @@
-"""The report of a stress run: `stress.json`, `stress.md`, `stress.html` and the figure."""
+"""The report of a stress run: `stress.json`, `stress.md` and `stress.html`."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from inim.files.image import write_atomically
+from inim.report.stress.page import render_page
+from inim.report.stress.tables import Table, render_markdown, summary_lines, tables_of
 from inim.report.strict_json import from_strict, to_strict
 
 __all__ = ["SCHEMA", "write_stress"]
 
-SCHEMA = "inim.stress/1"
+SCHEMA = "inim.stress/2"
 # Digits of figures in the file: enough for any table, and a third of its size.
 _DIGITS = 6
 
 
-def write_stress(data: Mapping[str, Any], folder: Path) -> None:
+def write_stress(
+    data: Mapping[str, Any],
+    folder: Path,
+    *,
+    tables: Callable[[Mapping[str, Any]], Sequence[Table]] = tables_of,
+    lines: Callable[[Mapping[str, Any]], Sequence[str]] = summary_lines,
+) -> None:
     """Write all forms of a stress run into a folder, `stress.json` last: it marks a whole one.
 
     Parameters
     ----------
     data : mapping
-        Schema `inim.stress/1`; `files` is added here.
+        Schema `inim.stress/2`, or another that `tables` and `lines` know; `files` is added here.
     folder : Path
-        Empty; the figure is written first, for the page shows it.
+        Empty but for figures; the page shows `stress.svg`.
+    tables, lines : callable
+        Tables and sentences of the page and of the Markdown, made from what was written.
     """
-    from inim.report.stress.page import render_page
-    from inim.report.stress.plots import draw_plots
-    from inim.report.stress.tables import render_markdown
-
-    plots = draw_plots(data, folder)
-    files = sorted([*plots, "stress.html", "stress.json", "stress.md"])
+    present = [p.name for p in folder.iterdir()]
+    files = sorted([*present, "stress.html", "stress.json", "stress.md"])
     strict = to_strict(_short({**data, "files": files}))
     data = from_strict(strict)
+    made, said = tables(data), lines(data)
     texts = {
-        "stress.md": render_markdown(data),
-        "stress.html": render_page(data, folder),
+        "stress.md": render_markdown(data, made, said),
+        "stress.html": render_page(data, folder, made, said),
         "stress.json": _as_text(strict),
     }
     for name, text in texts.items():

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from inim import metrics
-from inim.accuracy_limits import trust_warnings
+from inim.accuracy_limits import accuracy_warnings
 from inim.display import Display
 from inim.errors import InimError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
@@ -185,7 +185,7 @@ def _run(
     # Rays of the other arrays are float64: what meets a corner exactly may go either way.
     exact = contender.exact and display.is_separable
     safe = not (row["changed"] if exact else row["outside"])
-    guards = trust_warnings(display, pixel_mm=rgbd.pixel_mm)
+    guards = accuracy_warnings(display, pixel_mm=rgbd.pixel_mm)
     return row | {
         "outcome": "ran",
         "message": "",

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.accuracy_limits import trust_warnings
+from inim.accuracy_limits import accuracy_warnings
 from inim.display import Display
 from inim.errors import InimError
 from inim.lens import trace_to_panel
@@ -83,7 +83,7 @@ def _run(
     row = _compare(display, rays, traced, truth, dtype)
     safe = not row["outside"]
     slope = float(np.hypot(rays.sx.astype(float), rays.sy.astype(float)).max(initial=0.0))
-    guards = trust_warnings(display, model, slope=slope)
+    guards = accuracy_warnings(display, model, slope=slope)
     return row | {
         "slope": slope,
         "outcome": "ran",
