@@ -13,6 +13,7 @@ import numpy as np
 
 from inim import metrics
 from inim.display import Display
+from inim.pipeline.plugin_guard import blamed
 from inim.rgbd import RGBD
 from inim.stress.algorithm import eia_of
 
@@ -89,7 +90,8 @@ def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> l
     for algorithm in algorithms:
         for kind in JITTERS:
             before, after = jitters[kind]
-            (a, eia), (b, moved) = (eia_of(p, display, algorithm) for p in (before, after))
+            with blamed(algorithm, "generate"):
+                (a, eia), (b, moved) = (eia_of(p, display, algorithm) for p in (before, after))
             changed = float((a != b).any(axis=-1)[display.lensed].mean())
             lost = 1 - metrics.ssim(eia, moved) if changed else 0.0
             rows.append(

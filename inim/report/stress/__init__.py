@@ -37,8 +37,8 @@ def write_stress(
     tables, lines : callable
         Tables and sentences of the page and of the Markdown, made from what was written.
     """
-    present = [p.name for p in folder.iterdir()]
-    files = sorted([*present, "stress.html", "stress.json", "stress.md"])
+    figures = [p.name for p in folder.iterdir() if p.suffix in (".png", ".svg")]
+    files = sorted([*figures, "stress.html", "stress.json", "stress.md"])
     strict = to_strict(_short({**data, "files": files}))
     data = from_strict(strict)
     made, said = tables(data), lines(data)

@@ -1,129 +1,178 @@
 """Families of cases that push one parameter of a display at a time to where arithmetic fails.
 
 A case is a display and a picture, made when it is run: some are there to be refused. Pictures are
-noise unless their family says otherwise: random depths over the whole depth range, a few pixels
-uncovered, random colours.
+noise unless their family says otherwise. Families of arrays whose rows and columns are independent
+come first; those of hexagonal, turned and tilted ones, called mounted here, follow.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 
 import numpy as np
 
 from inim.display import Display
-from inim.rgbd import RGBD
-from inim.stress.case import (
-    Case,
-    Family,
+from inim.stress.pictures import (
+    MOUNTINGS,
+    SHAPES,
     Made,
-    Size,
-    case_at,
-    decades,
-    display_of,
     noise,
-    over,
+    random_picture,
     shaped,
-    sized,
-    windowed,
+    small_display,
+    tied,
+    window,
     with_depth,
 )
-from inim.stress.rays import rays_of
 
-__all__ = ["SEPARABLE_FAMILIES", "random_case", "ties"]
+__all__ = [
+    "FAMILIES",
+    "FULL",
+    "MOUNTED_FAMILIES",
+    "QUICK",
+    "Case",
+    "Family",
+    "Size",
+    "cases_of",
+    "ties",
+]
 
 
-def _distances(size: Size) -> list[Case]:
+@dataclass(frozen=True)
+class Size:
+    """How much is run.
+
+    Attributes
+    ----------
+    thin : int
+        Every so manieth case of a family.
+    random : int
+        Random displays.
+    most_pixels : int
+        Panel pixels compared with the oracle; a sample where there are more.
+    many : int
+        Lenses along a side of the largest array.
+    """
+
+    thin: int
+    random: int
+    most_pixels: int
+    many: int
+
+
+QUICK = Size(24, 2, 49, 60)
+FULL = Size(2, 10, 225, 1000)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One display and picture, or whatever else `make` makes.
+
+    Attributes
+    ----------
+    label : str
+    make : callable
+        Makes display and picture; may be refused.
+    value : float, optional
+        Of the family's parameter.
+    refused : bool, optional
+        Whether it must be refused; None: it may be.
+    """
+
+    label: str
+    make: Callable[[], Made]
+    value: float | None = None
+    refused: bool | None = False
+
+
+@dataclass(frozen=True)
+class Family:
+    """Cases along one parameter.
+
+    Attributes
+    ----------
+    name : str
+    parameter : str
+        What `Case.value` is, with its unit; empty where cases have no order.
+    cases : callable
+        From a `Size`.
+    """
+
+    name: str
+    parameter: str
+    cases: Callable[[Size], list[Case]]
+
+
+def cases_of(family: Family, size: Size) -> Iterator[Case]:
+    """A family's cases, thinned out; the first and the last are kept."""
+    cases = family.cases(size)
+    for i, case in enumerate(cases):
+        if i % size.thin == 0 or i == len(cases) - 1:
+            yield case
+
+
+def _case(
+    label: str, make: Callable[..., Made], value: float, refused: bool | None = False
+) -> Case:
+    """The case that `make` makes of a value of its family's parameter."""
+    return Case(label, partial(make, value), value, refused)
+
+
+def _over(display: Display, seed: int = 0, per_pitch: int = 2) -> Made:
+    """A display with noise over all that its rays reach."""
+    shape, pixel = display.capture_shape(per_pitch), display.pitch_mm / per_pitch
+    return display, noise(display, shape, pixel, seed)
+
+
+def _windowed(display: Display, seed: int = 0) -> Made:
+    """A display with noise in a window around its axis."""
+    return display, noise(display, *window(display), seed)
+
+
+def _decades(first: int, last: int) -> list[float]:
+    """Powers of ten, each the nearest float."""
+    return [float(Fraction(10) ** k) for k in range(first, last + 1)]
+
+
+# -- where surfaces are -------------------------------------------------------------------------
+
+
+def _distances(**changes: object) -> Callable[[Size], list[Case]]:
     def make(z: float) -> Made:
-        return windowed(display_of(size, depth_min_mm=z, depth_max_mm=1.5 * z))
+        ends = {"depth_min_mm": z, "depth_max_mm": 1.5 * z}
+        return _windowed(small_display(**(changes | ends)))
 
-    return [case_at(f"{z:g} mm", make, z) for z in decades(-3, 6)]
+    return lambda _: [_case(f"{z:g} mm", make, z) for z in _decades(-3, 6)]
 
 
-def _distances_behind(size: Size) -> list[Case]:
+def _distances_behind(_: Size) -> list[Case]:
     def make(z: float) -> Made:
-        range_mm = {"depth_min_mm": -1.5 * z, "depth_max_mm": -z}
-        return windowed(display_of(size, focal_length_mm=3.3, gap_mm=3.0, **range_mm))
+        ends = {"depth_min_mm": -1.5 * z, "depth_max_mm": -z}
+        return _windowed(small_display(focal_length_mm=3.3, gap_mm=3.0, **ends))
 
-    return [case_at(f"-{z:g} mm", make, z) for z in decades(-3, 6)]
-
-
-def _pixels_per_lens(size: Size) -> list[Case]:
-    def make(ratio: float) -> Made:
-        # A strip of the panel about the axis: all of it would be millions of pixels.
-        panel = {"panel_rows": 3, "panel_columns": max(1, min(3000, round(3 * ratio)))}
-        display = display_of(
-            size, lens_columns=3, lens_rows=3, pixel_pitch_mm=1 / ratio,
-            depth_min_mm=20.0, depth_max_mm=40.0, **panel,
-        )  # fmt: skip
-        return sized(display)
-
-    below = [case_at(f"{r:g}", make, r, refused=True) for r in (1e-3, 1e-2, 0.1, 0.999)]
-    ratios = (1.0, 1.5, 2.0, 3.3, 10.0, 15.7, 17.0, 33.3, 100.0, 333.3, 1000.0)
-    return below + [case_at(f"{r:g}", make, r) for r in ratios]
+    return [_case(f"-{z:g} mm", make, z) for z in _decades(-3, 6)]
 
 
-def _picture_pixels_per_pitch(size: Size) -> list[Case]:
-    def make(ratio: float) -> Made:
-        # Through the array, so that rays cross a few cells of the finest picture too.
-        half = min(4.0, 40 / ratio)
-        display = display_of(size, depth_min_mm=-half, depth_max_mm=half)
-        cells = min(48, math.ceil((display.width_mm + 2) * ratio))
-        return display, noise(display, (cells, cells), 1 / ratio)
-
-    ratios = (1e-3, 1e-2, 0.1, 0.5, 1.0, 1.7, 2.0, 3.0, 3.7, 10.0, 33.0, 100.0, 333.3, 1000.0)
-    return [case_at(f"{r:g}", make, r) for r in ratios]
-
-
-def _focus(side: int, stated: bool) -> Callable[[Size], list[Case]]:
-    """G = f (1 +- 2^-k), down to one ulp; D and its own depth range grow without bound."""
-
-    def cases(size: Size) -> list[Case]:
-        def make(k: float) -> Made:
-            gap = 3.0 * (1 + side * 2.0 ** -int(k))
-            own = {"gap_mm": gap}
-            if stated:
-                own |= {"depth_min_mm": 5.0, "depth_max_mm": 20.0}
-            return windowed(display_of(size, **own))
-
-        found = [case_at(f"|g - f| / f = 2^-{k}", make, float(k)) for k in (*range(3, 52, 3), 52)]
-        exact = math.inf
-        return [*found, Case("g = f", lambda: make(2000), exact, refused=not stated)]
-
-    return cases
-
-
-def _fine_focus(size: Size) -> list[Case]:
-    """As a capture would be made, whole pixels per pitch: far too many cells at some distance."""
-
-    def make(k: float) -> Made:
-        display = display_of(size, gap_mm=3.0 * (1 + 2.0 ** -int(k)))
-        return display, noise(display, (48, 48), 0.5)
-
-    return [case_at(f"|g - f| / f = 2^-{k}", make, float(k), refused=None) for k in range(3, 53, 7)]
-
-
-def _depth_spans(size: Size) -> list[Case]:
+def _depth_spans(_: Size) -> list[Case]:
     def make(k: float) -> Made:
         top = 20.0 * (1 + 2.0 ** -int(k))
-        return sized(display_of(size, depth_min_mm=20.0, depth_max_mm=top))
+        return _over(small_display(depth_min_mm=20.0, depth_max_mm=top))
 
-    found = [case_at(f"20 mm x 2^-{k}", make, float(k)) for k in (*range(0, 52, 3), 52)]
+    found = [_case(f"20 mm x 2^-{k}", make, float(k)) for k in (*range(0, 52, 3), 52)]
     return [*found, Case("no depth at all", lambda: make(2000), math.inf, refused=True)]
 
 
-def _flat(size: Size) -> list[Case]:
+def _flat(_: Size) -> list[Case]:
     def make(z: float, **changes: object) -> Made:
-        display = display_of(size, **changes)
-        shape, pixel = over(display)
-        return display, with_depth(np.full(shape, z, np.float32), pixel)
+        display = small_display(**changes)
+        return display, with_depth(np.full(display.capture_shape(2), z, np.float32), 0.5)
 
-    display = display_of(size)
+    display = small_display()
     low, high = display.depth_range_mm
-    through = {"depth_min_mm": -4.0, "depth_max_mm": 6.0}
     places = {
         "at z_min": low,
         "at z_max": high,
@@ -131,218 +180,131 @@ def _flat(size: Size) -> list[Case]:
         "an ulp beyond z_min": np.nextafter(np.float32(low), np.float32(-np.inf)),
         "an ulp above z_max": np.nextafter(np.float32(high), np.float32(np.inf)),
     }
-    found = [case_at(name, make, z) for name, z in places.items()]
+    found = [Case(name, partial(make, z)) for name, z in places.items()]
     for name, z in {"on the array": 0.0, "just in front": 1e-30, "just behind": -1e-30}.items():
-        found.append(Case(name, partial(make, z, **through)))
-    return [Case(c.label, c.make) for c in found]
+        found.append(Case(name, partial(make, z, depth_min_mm=-4.0, depth_max_mm=6.0)))
+    return found
 
 
-_FORMS: dict[str, tuple[dict[str, object], float]] = {
-    "lists": ({}, 0.5),
-    "lists, binary lengths": ({"gap_mm": 4.0, "pixel_pitch_mm": 0.125}, 0.5),
-    "strips": ({"elemental_pitch_mm": 1.001}, 0.5),
-    "strips, virtual": ({"focal_length_mm": 3.3, "gap_mm": 3.0, "pixel_pitch_mm": 0.19}, 0.5),
-    "ray by ray": ({}, 0.3),
-}
+def _subnormal_depths(_: Size) -> list[Case]:
+    def make(half: float) -> Made:
+        display = small_display(depth_min_mm=-half, depth_max_mm=half)
+        return display, noise(display, (12, 12), 0.5)
+
+    return [_case(f"+-{z:g} mm", make, z) for z in (1e-45, 1e-42, 1e-38, 1e-30, 1e-10)]
 
 
-def _form(size: Size, form: str) -> tuple[Display, tuple[int, int], float]:
-    changes, pixel = _FORMS[form]
-    display = display_of(size, **changes)
-    shape = display.capture_shape(2)
-    return display, (round(shape[0] * 0.5 / pixel), round(shape[1] * 0.5 / pixel)), pixel
+# -- focus --------------------------------------------------------------------------------------
 
 
-def ties(size: Size) -> list[Case]:
-    """Depths that are template boundaries, or the float32 next to one on either side."""
+def _focus(
+    powers: tuple[int, ...], side: int = +1, stated: bool = False, **changes: object
+) -> Callable[[Size], list[Case]]:
+    """G = f (1 +- 2^-k), down to one ulp; D and its own depth range grow without bound."""
 
-    def make(form: str, ulps: int) -> Made:
-        display, shape, pixel = _form(size, form)
-        blank = noise(display, shape, pixel, seed=ulps + 5)
-        depth = _boundary_depths(display, blank)
-        for _ in range(abs(ulps)):
-            depth = np.nextafter(depth, np.float32(math.copysign(math.inf, ulps)))
-        return display, with_depth(depth, pixel, blank.covered)
+    def make(k: float) -> Made:
+        own = {"gap_mm": 3.0 * (1 + side * 2.0 ** -int(k))}
+        if stated:
+            own |= {"depth_min_mm": 5.0, "depth_max_mm": 20.0}
+        return _windowed(small_display(**(changes | own)))
 
-    return [
-        Case(f"{form}, {ulps:+d} ulp", partial(make, form, ulps))
-        for form in _FORMS
-        for ulps in (-1, 0, 1)
-    ]
+    def cases(_: Size) -> list[Case]:
+        found = [_case(f"|g - f| / f = 2^-{k}", make, float(k)) for k in powers]
+        if changes:
+            return found
+        return [*found, Case("g = f", lambda: make(2000), math.inf, refused=not stated)]
 
-
-def _boundary_depths(display: Display, blank: RGBD) -> np.ndarray:
-    """For each picture pixel, the float32 nearest to a depth at which some ray leaves it."""
-    low, high = display.depth_range_mm
-    rays = rays_of(display, blank, np.zeros((1, 2), int))
-    depth = np.array(blank.depth_mm)
-    rng = np.random.default_rng(7)
-    for axis, line in ((0, rays.rows), (1, rays.columns)):
-        for i in range(len(line.start)):
-            if line.slope[i] == 0:
-                continue
-            ends = sorted((line.start[i] + line.slope[i] * Fraction(z)) for z in (low, high))
-            for border in range(math.floor(ends[0]) + 1, math.ceil(ends[1])):
-                cell = border if line.slope[i] > 0 else border - 1
-                if not 0 <= cell < depth.shape[axis]:
-                    continue
-                z = np.float32(float((border - line.start[i]) / line.slope[i]))
-                across = rng.random(depth.shape[1 - axis]) < 0.3
-                depth[(cell, across) if axis == 0 else (across, cell)] = z
-    return depth
+    return cases
 
 
-def _shapes(size: Size) -> list[Case]:
-    def make(form: str, kind: str) -> Made:
-        display, shape, pixel = _form(size, form)
-        return display, shaped(kind, display, shape, pixel)
+def _fine_focus(powers: tuple[int, ...], **changes: object) -> Callable[[Size], list[Case]]:
+    """As a capture would be made, whole pixels per pitch: far too many cells at some distance."""
 
-    kinds = ("spikes", "slits", "checkerboard", "ramp", "stairs")
-    return [Case(f"{kind}, {form}", partial(make, form, kind)) for form in _FORMS for kind in kinds]
+    def make(k: float) -> Made:
+        display = small_display(gap_mm=3.0 * (1 + 2.0 ** -int(k)), **changes)
+        return display, noise(display, (48, 48), 0.5)
+
+    return lambda _: [_case(f"|g - f| / f = 2^-{k}", make, float(k), refused=None) for k in powers]
 
 
-def _odd_and_even(size: Size) -> list[Case]:
-    del size
+# -- pixels, lenses, lengths --------------------------------------------------------------------
 
-    def make(columns: int, rows: int, pixels: int, per_pitch: int) -> Made:
-        small = Size((columns, rows), pixels, 1, 0, 0, 0)
-        return sized(display_of(small), seed=columns + 7 * rows, per_pitch=per_pitch)
 
-    return [
-        Case(
-            f"{n} x {m} lenses of {p} pixels, {k} per pitch",
-            partial(make, n, m, p, k),
+def _pixels_per_lens(_: Size) -> list[Case]:
+    def make(ratio: float) -> Made:
+        # A strip of the panel about the axis: all of it would be millions of pixels.
+        panel = {"panel_rows": 3, "panel_columns": max(1, min(3000, round(3 * ratio)))}
+        display = small_display(
+            pixel_pitch_mm=1 / ratio, depth_min_mm=20.0, depth_max_mm=40.0, **panel
         )
+        return _over(display)
+
+    below = [_case(f"{r:g}", make, r, refused=True) for r in (1e-3, 1e-2, 0.1, 0.999)]
+    ratios = (1.0, 1.5, 2.0, 3.3, 10.0, 15.7, 17.0, 33.3, 100.0, 333.3, 1000.0)
+    return below + [_case(f"{r:g}", make, r) for r in ratios]
+
+
+def _picture_pixels_per_pitch(_: Size) -> list[Case]:
+    def make(ratio: float) -> Made:
+        # Through the array, so that rays cross a few cells of the finest picture too.
+        half = min(4.0, 40 / ratio)
+        display = small_display(depth_min_mm=-half, depth_max_mm=half)
+        cells = min(48, math.ceil((display.width_mm + 2) * ratio))
+        return display, noise(display, (cells, cells), 1 / ratio)
+
+    ratios = (1e-3, 1e-2, 0.1, 0.5, 1.0, 1.7, 2.0, 3.0, 3.7, 10.0, 33.0, 100.0, 333.3, 1000.0)
+    return [_case(f"{r:g}", make, r) for r in ratios]
+
+
+def _odd_and_even(_: Size) -> list[Case]:
+    def make(columns: int, rows: int, pixels: int, per_pitch: int) -> Made:
+        display = small_display(lens_columns=columns, lens_rows=rows, pixel_pitch_mm=1 / pixels)
+        return _over(display, columns + 7 * rows, per_pitch)
+
+    return [
+        Case(f"{n} x {m} lenses of {p} pixels, {k} per pitch", partial(make, n, m, p, k))
         for n, m in ((1, 1), (1, 2), (2, 2), (3, 2), (4, 4))
         for p, k in ((1, 1), (2, 1), (3, 2), (4, 3), (5, 2))
     ]
 
 
-def _tiny_lengths(size: Size) -> list[Case]:
-    """All lengths times a factor, down to where floats end."""
+def _lengths(powers: dict[int, bool | None], **changes: object) -> Callable[[Size], list[Case]]:
+    """All lengths times powers of ten, down to where floats end; and whether it is refused."""
+    names = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm")
 
     def make(factor: float) -> Made:
-        lengths = {"pitch_mm": 1.0, "focal_length_mm": 3.0, "gap_mm": 3.3}
-        scaled = {name: value * factor for name, value in lengths.items()}
-        pixel = factor / size.pixels
-        display = display_of(size, **scaled, pixel_pitch_mm=pixel)
-        return display, noise(display, *over(display))
+        base = small_display(**changes)
+        return _over(base.replace(**{name: getattr(base, name) * factor for name in names}))
 
-    may = dict.fromkeys((-60.0, -42.0, -40.0, 30.0, 36.0, 40.0))
-    powers = (-60.0, -42.0, -40.0, -30.0, -9.0, 9.0, 18.0, 30.0, 36.0, 40.0)
-    return [
-        case_at(f"10^{p:g}", make, 10.0**p, refused=None if p in may else False) for p in powers
-    ]
-
-
-def _subnormal_depths(size: Size) -> list[Case]:
-    def make(half: float) -> Made:
-        display = display_of(size, depth_min_mm=-half, depth_max_mm=half)
-        return display, noise(display, (12, 12), 0.5)
-
-    return [case_at(f"+-{z:g} mm", make, z) for z in (1e-45, 1e-42, 1e-38, 1e-30, 1e-10)]
-
-
-def _not_finite(size: Size) -> list[Case]:
-    def garbage(value: float) -> Made:
-        display, rgbd = sized(display_of(size))
-        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(value))
-        return display, with_depth(depth, rgbd.pixel_mm, rgbd.covered)
-
-    def covered(value: float) -> Made:
-        display, rgbd = sized(display_of(size))
-        depth = np.array(rgbd.depth_mm)
-        depth[3, 3] = value
-        return display, with_depth(depth, rgbd.pixel_mm)
-
-    def with_changes(changes: dict[str, float]) -> Made:
-        return sized(display_of(size, **changes))
-
-    found = []
-    for value in (math.nan, math.inf, -math.inf):
-        found.append(Case(f"uncovered {value}", partial(garbage, value)))
-        found.append(Case(f"covered {value}", partial(covered, value), refused=True))
-        for name in ("pitch_mm", "gap_mm", "focal_length_mm", "pixel_pitch_mm", "depth_min_mm"):
-            both = {"depth_max_mm": 40.0} if name == "depth_min_mm" else {}
-            given = {name: value, **both}
-            found.append(
-                Case(
-                    f"{name} = {value}",
-                    partial(with_changes, given),
-                    refused=True,
-                )
-            )
-    return found
-
-
-def _small(size: Size) -> list[Case]:
-    def one_cell() -> Made:
-        display = display_of(size)
-        return display, noise(display, (1, 1), 3.0, covered=1.1)
-
-    def empty() -> Made:
-        return display_of(size), with_depth(np.zeros((0, 0), np.float32), 0.5)
-
-    def one_panel_pixel() -> Made:
-        one = Size((1, 1), 1, 1, 0, 0, 0)
-        return sized(display_of(one))
-
-    def bare() -> Made:
-        display, rgbd = sized(display_of(size))
-        return display, with_depth(np.array(rgbd.depth_mm), 0.5, np.zeros(rgbd.shape, bool))
-
-    return [
-        Case("a picture of one pixel", one_cell),
-        Case("a picture without pixels", empty, refused=True),
-        Case("one lens over one pixel", one_panel_pixel),
-        Case("nothing covered", bare),
-        Case("one lens", lambda: sized(display_of(size, lens_columns=1, lens_rows=1))),
+    return lambda _: [
+        _case(f"10^{p}", make, 10.0**p, refused=refused) for p, refused in powers.items()
     ]
 
 
 def _many_lenses(size: Size) -> list[Case]:
-    def make(pixels: int) -> Made:
-        many = Size((size.many, size.many), pixels, 1, 0, 0, 0)
-        display = display_of(many, depth_min_mm=2.0, depth_max_mm=6.0)
-        return sized(display, per_pitch=1)
-
     side = size.many
+
+    def make(pixels: int) -> Made:
+        display = small_display(
+            lens_columns=side, lens_rows=side, pixel_pitch_mm=1 / pixels,
+            depth_min_mm=2.0, depth_max_mm=6.0,
+        )  # fmt: skip
+        return _over(display, per_pitch=1)
+
     return [
         Case(f"{side} x {side} lenses of {p} pixels", partial(make, p), side**2)
-        for p in ((2,) if size.many < 1000 else (1, 2))
+        for p in ((2,) if side < FULL.many else (1, 2))
     ]
 
 
-def random_case(seed: int) -> Made:
-    """A random display of plausible lengths in random units, and a random picture over it."""
-    rng = np.random.default_rng(seed)
-    pitch = float(rng.choice([1.0, 0.5, 0.93, 1 / 3, rng.uniform(0.1, 3)]))
-    pixels = float(rng.choice([3, 5, 7.5, 4.25, rng.uniform(2, 9)]))
-    f = pitch * float(rng.choice([2.0, 3.0, rng.uniform(1.5, 5)]))
-    gap = f * float(rng.choice([1.1, 0.9, 1.25, rng.uniform(0.7, 1.4)]))
-    near, far = np.sort(rng.uniform(-30, 30, 2)) * pitch
-    stated = {"depth_min_mm": near, "depth_max_mm": far} if rng.random() < 0.5 else {}
-    display = Display(
-        pitch, f, gap, pitch / pixels, int(rng.integers(1, 6)), int(rng.integers(1, 5)), **stated
-    )
-    per_pitch = int(rng.integers(1, 4))
-    if rng.random() < 0.4:
-        return display, noise(display, (40, 36), pitch / float(rng.uniform(0.5, 3)), seed)
-    shape = display.capture_shape(per_pitch)
-    if max(shape) > 160:  # a display out of focus reaches far; its picture need not
-        return windowed(display, seed)
-    return display, noise(display, shape, pitch / per_pitch, seed)
-
-
-def _shifted(size: Size) -> list[Case]:
-    """Arrays beside the panel's middle, by whole and half pixels and pitches."""
+def _shifted(_: Size) -> list[Case]:
+    """Arrays off the panel's middle, by whole and half pixels and pitches."""
 
     def make(shift: float, up: float, pixel: float) -> Made:
-        display = display_of(size, shift_x_mm=shift, shift_y_mm=up)
-        shape = display.capture_shape(2)
-        return display, noise(display, shape, pixel, seed=11)
+        display = small_display(shift_x_mm=shift, shift_y_mm=up)
+        return display, noise(display, display.capture_shape(2), pixel, seed=11)
 
-    one = 1 / size.pixels
+    one = small_display().pixel_pitch_mm
     shifts = {
         "half a pixel": (one / 2, 0.0),
         "a pixel": (one, 0.0),
@@ -359,26 +321,226 @@ def _shifted(size: Size) -> list[Case]:
     ]
 
 
+# -- ties and shapes ----------------------------------------------------------------------------
+
+# The ways in which first hits are found, and a display and a picture pixel that take each.
+_FORMS: dict[str, tuple[dict[str, object], float]] = {
+    "lists": ({}, 0.5),
+    "lists, binary lengths": ({"gap_mm": 4.0, "pixel_pitch_mm": 0.125}, 0.5),
+    "strips": ({"elemental_pitch_mm": 1.001}, 0.5),
+    "strips, virtual": ({"focal_length_mm": 3.3, "gap_mm": 3.0, "pixel_pitch_mm": 0.19}, 0.5),
+    "ray by ray": ({}, 0.3),
+}
+
+
+def _form(form: str) -> tuple[Display, tuple[int, int], float]:
+    changes, pixel = _FORMS[form]
+    display = small_display(**changes)
+    shape = display.capture_shape(2)
+    return display, (round(shape[0] * 0.5 / pixel), round(shape[1] * 0.5 / pixel)), pixel
+
+
+def ties(_: Size = FULL) -> list[Case]:
+    """Depths at which rays leave picture pixels, or the float32 next to one on either side."""
+
+    def make(form: str, ulps: int) -> Made:
+        display, shape, pixel = _form(form)
+        return display, tied(display, shape, pixel, ulps)
+
+    return [
+        Case(f"{form}, {ulps:+d} ulp", partial(make, form, ulps))
+        for form in _FORMS
+        for ulps in (-1, 0, 1)
+    ]
+
+
+def _shapes(_: Size) -> list[Case]:
+    def make(form: str, kind: str) -> Made:
+        display, shape, pixel = _form(form)
+        return display, shaped(kind, display, shape, pixel)
+
+    return [
+        Case(f"{kind}, {form}", partial(make, form, kind)) for form in _FORMS for kind in SHAPES
+    ]
+
+
+# -- what makes no sense, or hardly any -----------------------------------------------------------
+
+
+def _not_finite(_: Size) -> list[Case]:
+    def uncovered(value: float) -> Made:
+        display, rgbd = _over(small_display())
+        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(value))
+        return display, with_depth(depth, rgbd.pixel_mm, rgbd.covered)
+
+    def covered(value: float) -> Made:
+        display, rgbd = _over(small_display())
+        depth = np.array(rgbd.depth_mm)
+        depth[3, 3] = value
+        return display, with_depth(depth, rgbd.pixel_mm)
+
+    def changed(changes: dict[str, float]) -> Made:
+        return _over(small_display(**changes))
+
+    found = []
+    for value in (math.nan, math.inf, -math.inf):
+        found.append(Case(f"uncovered {value}", partial(uncovered, value)))
+        found.append(Case(f"covered {value}", partial(covered, value), refused=True))
+        for name in ("pitch_mm", "gap_mm", "focal_length_mm", "pixel_pitch_mm", "depth_min_mm"):
+            both = {"depth_max_mm": 40.0} if name == "depth_min_mm" else {}
+            given = {name: value, **both}
+            found.append(Case(f"{name} = {value}", partial(changed, given), refused=True))
+    return found
+
+
+def _small(_: Size) -> list[Case]:
+    def one_cell() -> Made:
+        display = small_display()
+        return display, noise(display, (1, 1), 3.0, covered=1.1)
+
+    def bare() -> Made:
+        display, rgbd = _over(small_display())
+        return display, with_depth(np.array(rgbd.depth_mm), 0.5, np.zeros(rgbd.shape, bool))
+
+    one = {"lens_columns": 1, "lens_rows": 1}
+    empty = np.zeros((0, 0), np.float32)
+    return [
+        Case("a picture of one pixel", one_cell),
+        Case(
+            "a picture without pixels",
+            lambda: (small_display(), with_depth(empty, 0.5)),
+            refused=True,
+        ),
+        Case("one lens over one pixel", lambda: _over(small_display(pixel_pitch_mm=1.0, **one))),
+        Case("nothing covered", bare),
+        Case("one lens", lambda: _over(small_display(**one))),
+    ]
+
+
 def _random(size: Size) -> list[Case]:
-    return [Case(f"seed {s}", partial(random_case, s)) for s in range(size.random)]
+    return [Case(f"seed {s}", partial(random_picture, s)) for s in range(size.random)]
 
 
-SEPARABLE_FAMILIES = [
-    Family("distance in front", "nearest surface, mm", _distances),
+# -- mounted arrays -----------------------------------------------------------------------------
+
+
+def _mounted(angles: tuple[float, ...], **changes: float) -> Callable[[Size], list[Case]]:
+    """Angles times `changes`."""
+
+    def make(degrees: float) -> Made:
+        return _over(small_display(**{name: by * degrees for name, by in changes.items()}))
+
+    return lambda _: [_case(f"{a:g} degrees", make, a) for a in angles]
+
+
+def _hexagonal(_: Size) -> list[Case]:
+    def make(columns: int, rows: int, pixels: float) -> Made:
+        display = small_display(
+            lattice="hexagonal", lens_columns=columns, lens_rows=rows, pixel_pitch_mm=1 / pixels
+        )
+        return _over(display, columns + 7 * rows)
+
+    return [
+        Case(f"{n} x {m} lenses of {p:g} pixels", partial(make, n, m, p))
+        for n, m in ((1, 1), (1, 2), (2, 1), (2, 3), (3, 4), (4, 5))
+        for p in (1, 4, 5, 5.3)
+    ]
+
+
+def _mounted_shapes(_: Size) -> list[Case]:
+    def make(mounting: str, kind: str) -> Made:
+        display = small_display(**MOUNTINGS[mounting])
+        return display, shaped(kind, display, display.capture_shape(2), 0.5)
+
+    return [Case(f"{k}, {m}", partial(make, m, k)) for m in MOUNTINGS for k in SHAPES]
+
+
+def _widths(size: Size) -> list[Case]:
+    """Wider and wider arrays: a lens centre and a pixel near it cancel in a ray's slope."""
+
+    def make(lenses: float) -> Made:
+        return _over(
+            small_display(
+                rotation_deg=0.5, lens_columns=int(lenses), depth_min_mm=20.0, depth_max_mm=40.0
+            )
+        )
+
+    widths = (3, 30, 100, 300, 1000)
+    return [_case(f"{n} lenses", make, float(n)) for n in widths if n <= size.many]
+
+
+def _impossible(_: Size) -> list[Case]:
+    def make(**changes: object) -> Made:
+        return _over(small_display(**changes))
+
+    said: dict[str, dict[str, object]] = {
+        f"{name} = {value}": {name: value}
+        for name in ("rotation_deg", "tilt_x_deg", "tilt_y_deg", "pitch_y_mm")
+        for value in (math.nan, math.inf, -math.inf)
+    }
+    said["tilted by 11 degrees"] = {"tilt_x_deg": 11.0}
+    said["a panel tilted through its array"] = {"lens_columns": 60, "tilt_x_deg": 10.0}
+    found = [Case(name, partial(make, **changes), refused=True) for name, changes in said.items()]
+    # Found out when its pixels look for their lenses.
+    off = partial(make, rotation_deg=3.0, shift_x_mm=1e3)
+    return [*found, Case("an array off its panel", off, refused=None)]
+
+
+def _random_mounted(size: Size) -> list[Case]:
+    return [Case(f"seed {s}", partial(_random_mounted_picture, s)) for s in range(size.random)]
+
+
+def _random_mounted_picture(seed: int) -> Made:
+    """A random hexagonal, turned or tilted display, and a random picture over it."""
+    rng = np.random.default_rng(seed)
+    lattice = str(rng.choice(["square", "hexagonal"]))
+    turn = float(rng.choice([0.0, 90.0, rng.uniform(-180, 180)]))
+    tilts = rng.uniform(-4, 4, 2) * (rng.random() < 0.5)
+    if lattice == "square" and not turn and not tilts.any():
+        turn = 1.0
+    pixels = float(rng.choice([3, 5, rng.uniform(2, 9)]))
+    columns, rows = int(rng.integers(1, 6)), int(rng.integers(1, 5))
+    display = small_display(
+        lens_columns=columns, lens_rows=rows, pixel_pitch_mm=1 / pixels,
+        gap_mm=float(rng.choice([3.3, 2.7, rng.uniform(3.1, 4)])),
+        lattice=lattice, rotation_deg=turn, tilt_x_deg=float(tilts[0]), tilt_y_deg=float(tilts[1]),
+        shift_x_mm=float(rng.choice([0.0, rng.uniform(-1, 1)])),
+    )  # fmt: skip
+    if max(display.capture_shape(2)) > 160:
+        return _windowed(display, seed)
+    return _over(display, seed, per_pitch=int(rng.integers(1, 4)))
+
+
+# -- all ----------------------------------------------------------------------------------------
+
+_EVERY_THIRD = (*range(3, 52, 3), 52)
+_EVERY_SIXTH = (*range(3, 52, 6), 52)
+_TURNS = (1e-12, 1e-6, 1e-3, 0.03, 0.5, 4.0, 10.0, 30.0, 45.0, 60.0, 89.0, 90.0, 180.0, 360.0)
+_TILTS = (1e-12, 1e-6, 1e-3, 0.1, 1.0, 5.0, 10.0)
+_MAY, _MUST_NOT = None, False
+_POWERS = {
+    -60: _MAY, -42: _MAY, -40: _MAY, -30: _MUST_NOT, -9: _MUST_NOT, 9: _MUST_NOT, 18: _MUST_NOT,
+    30: _MAY, 36: _MAY, 40: _MAY,
+}  # fmt: skip
+_FEWER_POWERS = {-40: _MAY, **dict.fromkeys((-30, -9, -3, 3, 9, 30), _MUST_NOT)}
+_BY_POWER = "-log2 |g - f| / f"
+
+_SEPARABLE_FAMILIES = [
+    Family("distance in front", "nearest surface, mm", _distances()),
     Family("distance behind", "nearest surface, mm", _distances_behind),
     Family("pixels per lens", "P / P_D", _pixels_per_lens),
     Family("picture pixels per pitch", "P / picture pixel", _picture_pixels_per_pitch),
-    Family("g to f from above, own range", "-log2 |g - f| / f", _focus(+1, stated=False)),
-    Family("g to f from below, own range", "-log2 |g - f| / f", _focus(-1, stated=False)),
-    Family("g to f from above, stated range", "-log2 |g - f| / f", _focus(+1, stated=True)),
-    Family("g to f from below, stated range", "-log2 |g - f| / f", _focus(-1, stated=True)),
-    Family("g to f, fine picture", "-log2 |g - f| / f", _fine_focus),
+    Family("g to f from above, own range", _BY_POWER, _focus(_EVERY_THIRD, +1)),
+    Family("g to f from below, own range", _BY_POWER, _focus(_EVERY_THIRD, -1)),
+    Family("g to f from above, stated range", _BY_POWER, _focus(_EVERY_THIRD, +1, stated=True)),
+    Family("g to f from below, stated range", _BY_POWER, _focus(_EVERY_THIRD, -1, stated=True)),
+    Family("g to f, fine picture", _BY_POWER, _fine_focus(tuple(range(3, 53, 7)))),
     Family("depth span", "-log2 of span / distance", _depth_spans),
     Family("flat depth", "", _flat),
     Family("ties", "", ties),
     Family("shapes", "", _shapes),
     Family("odd and even", "", _odd_and_even),
-    Family("all lengths", "factor", _tiny_lengths),
+    Family("all lengths", "factor", _lengths(_POWERS)),
     Family("subnormal depths", "half the depth range, mm", _subnormal_depths),
     Family("not finite", "", _not_finite),
     Family("small", "", _small),
@@ -386,3 +548,30 @@ SEPARABLE_FAMILIES = [
     Family("shifted array", "shift to the right, mm", _shifted),
     Family("random displays", "", _random),
 ]
+MOUNTED_FAMILIES = [
+    Family("turned array", "degrees", _mounted(_TURNS, rotation_deg=1)),
+    Family("tilted panel", "degrees", _mounted(_TILTS, tilt_x_deg=1, tilt_y_deg=-0.5)),
+    Family("hexagonal array", "", _hexagonal),
+    *(
+        Family(f"{name}, distance", "nearest surface, mm", _distances(**MOUNTINGS[mounting]))
+        for name, mounting in (
+            ("turned array", "turned"),
+            ("hexagonal array", "hexagonal"),
+            ("array off in every way", "all at once"),
+        )
+    ),
+    Family("mounted arrays, shapes", "", _mounted_shapes),
+    Family("turned array, g to f", _BY_POWER, _focus(_EVERY_SIXTH, rotation_deg=4.0)),
+    Family(
+        "turned array, g to f, fine picture", _BY_POWER, _fine_focus((3, 24, 45), rotation_deg=4.0)
+    ),
+    Family("turned array, width", "lenses across", _widths),
+    Family(
+        "turned array, all lengths",
+        "factor",
+        _lengths(_FEWER_POWERS, rotation_deg=4.0, tilt_x_deg=1.0),
+    ),
+    Family("impossible mounting", "", _impossible),
+    Family("random mounted displays", "", _random_mounted),
+]
+FAMILIES = [*_SEPARABLE_FAMILIES, *MOUNTED_FAMILIES]

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.stress.optics_oracle import LensRays
+from reports.stress.study.lens_oracle import LensRays
 
-__all__ = ["OPTICS_FAMILIES", "OpticsCase", "OpticsFamily", "all_optics_cases", "rays_over"]
+__all__ = ["LENS_FAMILIES", "LensCase", "LensFamily", "cases_of", "display_of", "rays_over"]
 
 Made = tuple[Display, LensRays]
 
@@ -21,8 +21,8 @@ _LENSES = 9
 
 
 @dataclass(frozen=True)
-class OpticsCase:
-    """A display and rays; `refused` as of `inim.stress.cases.Case`."""
+class LensCase:
+    """A display and rays; `refused` as of `cases.Case`."""
 
     label: str
     make: Callable[[], Made]
@@ -31,13 +31,13 @@ class OpticsCase:
 
 
 @dataclass(frozen=True)
-class OpticsFamily:
+class LensFamily:
     """Cases along one parameter; `models` are those it concerns."""
 
     name: str
     parameter: str
     models: tuple[str, ...]
-    cases: Callable[[int], list[OpticsCase]]
+    cases: Callable[[int], list[LensCase]]
 
 
 _ALL = ("pinhole", "thin", "thick")
@@ -77,20 +77,20 @@ def _float32(*values: Any) -> LensRays:
     return LensRays(x, y, sx, sy)
 
 
-def _slopes(count: int) -> list[OpticsCase]:
+def _slopes(count: int) -> list[LensCase]:
     def make(slope: float, side: str) -> Made:
         display = display_of(curved_side=side)
         return display, rays_over(display, count, slope)
 
     slopes = (0.0, 1e-6, 1e-3, 0.01, 0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 10.0, 100.0, 1e3, 1e4, 1e6)
     return [
-        OpticsCase(f"{s:g}, bulge to the {side}", partial(make, s, side), s)
+        LensCase(f"{s:g}, bulge to the {side}", partial(make, s, side), s)
         for side in ("viewer", "panel")
         for s in slopes
     ]
 
 
-def _eyes(count: int) -> list[OpticsCase]:
+def _eyes(count: int) -> list[LensCase]:
     """Rays from one eye above the middle, near and far."""
 
     def make(distance: float) -> Made:
@@ -101,7 +101,7 @@ def _eyes(count: int) -> list[OpticsCase]:
     return [_case(f"{10.0**k:g} mm", make, 10.0**k) for k in range(-3, 7)]
 
 
-def _lengths(count: int) -> list[OpticsCase]:
+def _lengths(count: int) -> list[LensCase]:
     def make(factor: float) -> Made:
         names = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm")
         base = display_of()
@@ -112,7 +112,7 @@ def _lengths(count: int) -> list[OpticsCase]:
     return [_case(f"10^{p}", make, 10.0**p) for p in powers]
 
 
-def _widths(count: int) -> list[OpticsCase]:
+def _widths(count: int) -> list[LensCase]:
     """Wider and wider arrays: coordinates grow, and what is left of a float for the panel pixel."""
 
     def make(lenses: float) -> Made:
@@ -122,14 +122,14 @@ def _widths(count: int) -> list[OpticsCase]:
     return [_case(f"{n} lenses", make, float(n)) for n in (9, 64, 256, 1000, 10_000, 100_000)]
 
 
-def _focus(count: int) -> list[OpticsCase]:
+def _focus(count: int) -> list[LensCase]:
     def make(k: float, side: int) -> Made:
         gap = 3.0 * (1 + side * 2.0 ** -int(k))
         display = display_of(gap_mm=gap, depth_min_mm=5.0, depth_max_mm=20.0)
         return display, rays_over(display, count)
 
     return [
-        OpticsCase(
+        LensCase(
             f"g = f (1 {'+' if side > 0 else '-'} 2^-{k})",
             partial(make, k, side),
             float(k),
@@ -139,7 +139,7 @@ def _focus(count: int) -> list[OpticsCase]:
     ]
 
 
-def _focal_lengths(count: int) -> list[OpticsCase]:
+def _focal_lengths(count: int) -> list[LensCase]:
     """From lenses as steep as can be ground to flat ones."""
 
     def make(ratio: float) -> Made:
@@ -150,7 +150,7 @@ def _focal_lengths(count: int) -> list[OpticsCase]:
     return [_case(f"f / P = {r:g}", make, r, refused=None if r < 1.5 else False) for r in ratios]
 
 
-def _indices(count: int) -> list[OpticsCase]:
+def _indices(count: int) -> list[LensCase]:
     def make(index: float) -> Made:
         display = display_of(refractive_index=index)
         return display, rays_over(display, count)
@@ -162,7 +162,7 @@ def _indices(count: int) -> list[OpticsCase]:
     ]
 
 
-def _total_reflection(count: int) -> list[OpticsCase]:
+def _total_reflection(count: int) -> list[LensCase]:
     """Flat side first, no ray of parallel light beyond R / n from the axis gets out."""
 
     def make(offset: float) -> Made:
@@ -184,11 +184,11 @@ def _total_reflection(count: int) -> list[OpticsCase]:
         return display, _float32(h, 0 * h, 0 * h, 0 * h)
 
     found = [_case(f"R / n {o:+d} ulp", make, float(o)) for o in (-1000, -10, -1, 0, 1, 10, 1000)]
-    found.append(OpticsCase("0.9 to 1 R / n", lambda: spread(0.9, 1.0)))
-    return [*found, OpticsCase("1 to 1.04 R / n", lambda: spread(1.0, 1.04))]
+    found.append(LensCase("0.9 to 1 R / n", lambda: spread(0.9, 1.0)))
+    return [*found, LensCase("1 to 1.04 R / n", lambda: spread(1.0, 1.04))]
 
 
-def _places(count: int) -> list[OpticsCase]:
+def _places(count: int) -> list[LensCase]:
     """Where decisions are: under lens centres, on borders between lenses and beside them."""
     del count
 
@@ -205,13 +205,13 @@ def _places(count: int) -> list[OpticsCase]:
 
     kinds = ("centre", "centre +1 ulp", "border", "border +1 ulp", "border -1 ulp")
     return [
-        OpticsCase(f"{kind}, slope {s:g}", partial(make, kind, s))
+        LensCase(f"{kind}, slope {s:g}", partial(make, kind, s))
         for kind in kinds
         for s in (0.0, 0.1)
     ]
 
 
-def _shifts(count: int) -> list[OpticsCase]:
+def _shifts(count: int) -> list[LensCase]:
     def make(shift: float) -> Made:
         display = display_of(shift_x_mm=shift)
         return display, rays_over(display, count, seed=3)
@@ -228,7 +228,7 @@ def _shifts(count: int) -> list[OpticsCase]:
     return [_case(name, make, value) for name, value in shifts.items()]
 
 
-def _mountings(count: int) -> list[OpticsCase]:
+def _mountings(count: int) -> list[LensCase]:
     def make(**changes: object) -> Made:
         display = display_of(**changes)
         return display, rays_over(display, count, seed=4)
@@ -240,10 +240,10 @@ def _mountings(count: int) -> list[OpticsCase]:
         "tilted by 2 degrees": {"tilt_x_deg": 2.0, "tilt_y_deg": -1.0},
         "all at once": {"rotation_deg": 3.0, "tilt_x_deg": 1.0, "shift_y_mm": 0.31},
     }
-    return [OpticsCase(name, partial(make, **c)) for name, c in said.items()]
+    return [LensCase(name, partial(make, **c)) for name, c in said.items()]
 
 
-def _faces(count: int) -> list[OpticsCase]:
+def _faces(count: int) -> list[LensCase]:
     def make(side: str, **changes: float) -> Made:
         display = display_of(curved_side=side, **changes)
         return display, rays_over(display, count, seed=5)
@@ -259,7 +259,7 @@ def _faces(count: int) -> list[OpticsCase]:
         "conic, a4, a6": {"conic": -0.6, "asphere_a4": 0.004, "asphere_a6": -0.002},
     }
     return [
-        OpticsCase(f"{name}, bulge to the {side}", partial(make, side, **c))
+        LensCase(f"{name}, bulge to the {side}", partial(make, side, **c))
         for name, c in said.items()
         for side in ("viewer", "panel")
     ]
@@ -267,30 +267,29 @@ def _faces(count: int) -> list[OpticsCase]:
 
 def _case(
     label: str, make: Callable[..., Made], value: float, refused: bool | None = False
-) -> OpticsCase:
-    return OpticsCase(label, lambda: make(value), value, refused)
+) -> LensCase:
+    return LensCase(label, lambda: make(value), value, refused)
 
 
-OPTICS_FAMILIES = [
-    OpticsFamily("incidence", "sideways travel per mm", _ALL, _slopes),
-    OpticsFamily("eye distance", "distance of the eye, mm", _ALL, _eyes),
-    OpticsFamily("all lengths", "factor", _ALL, _lengths),
-    OpticsFamily("array width", "lenses across", _ALL, _widths),
-    OpticsFamily("g to f", "-log2 |g - f| / f", _ALL, _focus),
-    OpticsFamily("focal length", "f / P", ("thin", "thick"), _focal_lengths),
-    OpticsFamily("index", "n", ("thin", "thick"), _indices),
-    OpticsFamily("total reflection", "ulps from R / n", ("thick",), _total_reflection),
-    OpticsFamily("places", "", _ALL, _places),
-    OpticsFamily("shifted array", "shift to the right, mm", _ALL, _shifts),
-    OpticsFamily("mounting", "", _ALL, _mountings),
-    OpticsFamily("faces", "", ("thick",), _faces),
+LENS_FAMILIES = [
+    LensFamily("incidence", "sideways travel per mm", _ALL, _slopes),
+    LensFamily("eye distance", "distance of the eye, mm", _ALL, _eyes),
+    LensFamily("all lengths", "factor", _ALL, _lengths),
+    LensFamily("array width", "lenses across", _ALL, _widths),
+    LensFamily("g to f", "-log2 |g - f| / f", _ALL, _focus),
+    LensFamily("focal length", "f / P", ("thin", "thick"), _focal_lengths),
+    LensFamily("index", "n", ("thin", "thick"), _indices),
+    LensFamily("total reflection", "ulps from R / n", ("thick",), _total_reflection),
+    LensFamily("places", "", _ALL, _places),
+    LensFamily("shifted array", "shift to the right, mm", _ALL, _shifts),
+    LensFamily("mounting", "", _ALL, _mountings),
+    LensFamily("faces", "", ("thick",), _faces),
 ]
 
 
-def all_optics_cases(count: int, thin: int) -> Iterator[tuple[OpticsFamily, OpticsCase]]:
-    """Every family's cases, thinned out; the first and the last of each are kept."""
-    for family in OPTICS_FAMILIES:
-        cases = family.cases(count)
-        for i, case in enumerate(cases):
-            if i % thin == 0 or i == len(cases) - 1:
-                yield family, case
+def cases_of(family: LensFamily, count: int, thin: int) -> Iterator[LensCase]:
+    """A family's cases of so many rays, thinned out; the first and the last are kept."""
+    cases = family.cases(count)
+    for i, case in enumerate(cases):
+        if i % thin == 0 or i == len(cases) - 1:
+            yield case

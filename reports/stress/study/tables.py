@@ -1,39 +1,37 @@
-"""The tables of a stress run, for its page and its Markdown alike."""
+"""The tables of the accuracy study, for its page and its Markdown alike."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-from inim.report.wording import MISSING, is_number, items, number, part, per_cent, plain, short
+from inim.report.stress.tables import (
+    Table,
+    checks_table,
+    count,
+    grouped,
+    jitter_table,
+    relations_table,
+    small,
+)
+from inim.report.wording import MISSING, is_number, items, part, per_cent, short
 
-__all__ = ["Table", "render_markdown", "summary_lines", "tables_of"]
+__all__ = ["summary_lines", "tables_of"]
 
 Rows = Sequence[Mapping[str, Any]]
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of texts; `part` is the section it belongs to."""
-
-    part: str
-    caption: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
 
 
 def tables_of(data: Mapping[str, Any]) -> list[Table]:
     """All tables, in the order of the page."""
     generators, optics = items(data, "generators"), items(data, "lens_models")
     return [
-        _checks(data),
+        checks_table(data),
         _regions(data),
         _families(generators),
-        _contenders(generators),
+        _variants(generators),
         _optics(optics),
-        _relations(items(data, "relations")),
-        _jitter(data),
+        relations_table(items(data, "relations")),
+        jitter_table(data),
         _guarded(generators, optics),
         _refusals(generators, optics),
     ]
@@ -47,7 +45,7 @@ def summary_lines(data: Mapping[str, Any]) -> list[str]:
     ties = part(trust, "changed_by_ties")
     return [
         "Exact paths (template, its means of 2 and 4 rays, layered): "
-        f"{exact.get('changed', MISSING)} of {_count(exact.get('pixels'))} pixels in "
+        f"{exact.get('changed', MISSING)} of {count(exact.get('pixels'))} pixels in "
         f"{exact.get('rows', MISSING)} runs differ from the definition, in float32 tables and "
         "float64 rays alike, wherever no warning is given.",
         f"Lengths of more digits than float64 can multiply exactly leave the proof: at worst "
@@ -58,7 +56,7 @@ def summary_lines(data: Mapping[str, Any]) -> list[str]:
         "axis.",
         "Lens models land within a hundredth of a panel pixel in float32 up to a slope of "
         f"{short(slope.get('pinhole'))} (pinhole), {short(slope.get('thin'))} (thin) and "
-        f"{short(slope.get('thick'))} (thick), and up to {_count(trust.get('panel_pixels'))} panel "
+        f"{short(slope.get('thick'))} (thick), and up to {count(trust.get('panel_pixels'))} panel "
         "pixels across.",
         f"Oracle of the lens models: {data.get('oracle_mantissa_bits', MISSING)} bits of mantissa; "
         "of the generators: float64, and fractions wherever rounding might decide.",
@@ -67,32 +65,16 @@ def summary_lines(data: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _count(value: object) -> str:
-    return f"{value:,.0f}" if is_number(value) else MISSING
-
-
-def _checks(data: Mapping[str, Any]) -> Table:
-    rows = [
-        [c["name"], _count(c["cases"]), _count(c["broken"]), "holds" if c["passed"] else "FAILS"]
-        for c in items(data, "checks")
-    ]
-    return Table("verdict", "What is claimed", ["check", "cases", "broken", "verdict"], rows)
-
-
 def _regions(data: Mapping[str, Any]) -> Table:
     """Alike ranges of one family share a row."""
     alike: dict[tuple[str, str, str], list[str]] = {}
     for r in items(data, "regions"):
-        name = f"{_plain_name(r['name'])}, {_dress(r['name'], r['dtype'])}"
+        name = f"{r['name']}, {_dress(r['name'], r['dtype'])}"
         ranges = (_range(r["low"], r["high"]), _range(*r["tried"]))
         alike.setdefault((f"{r['family']}: {r['parameter']}", *ranges), []).append(name)
     rows = [[what, "; ".join(names), safe, tried] for (what, safe, tried), names in alike.items()]
     heads = ["parameter", "what", "safe", "tried"]
-    return Table("trust", "Trust regions: measured safe between", heads, rows)
-
-
-def _plain_name(algorithm: str) -> str:
-    return algorithm.replace(":dtype=float32", "")
+    return Table("limits", "Accuracy limits: measured safe between", heads, rows)
 
 
 def _range(low: object, high: object) -> str:
@@ -103,13 +85,6 @@ def _range(low: object, high: object) -> str:
 
 def _end(value: object) -> str:
     return f"{value:.6g}".replace("-", "−") if is_number(value) else "∞"
-
-
-def _grouped(rows: Rows, keys: Sequence[str]) -> dict[tuple[str, ...], list[Mapping[str, Any]]]:
-    groups: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
-    return groups
 
 
 def _most(
@@ -135,7 +110,7 @@ def _loss(row: Mapping[str, Any]) -> Any:
 def _families(rows: Rows) -> Table:
     """The exact path, family by family."""
     found = []
-    for (family,), members in _grouped(rows, ["family"]).items():
+    for (family,), members in grouped(rows, ["family"]).items():
         cases = len({m["case"] for m in members})
         refused = len({m["case"] for m in members if m["algorithm"] == "all"})
         ran = [m for m in members if m["outcome"] == "ran" and m["algorithm"] == "template"]
@@ -147,40 +122,35 @@ def _families(rows: Rows) -> Table:
                 _ulp(_most(mine, lambda m: m["worst_ulp"])),
                 _ulp(_mean(mine, lambda m: m["mean_ulp"])),
             ]
-        single = [m for m in members if m["algorithm"] == "template:dtype=float32"]
-        single = [m for m in single if m["outcome"] == "ran"]
         cells += [
             per_cent(_most(ran, _share("uncertain")), 0),
-            _small(_most(ran, _loss)),
-            per_cent(_most(single, _share("changed")), 1),
-            _small(_most(single, _loss)),
+            small(_most(ran, _loss)),
         ]
         found.append(cells)
     heads = [
         "family", "cases", "refused", "float32: changed", "worst ulp", "mean ulp",
         "float64: changed", "worst ulp", "mean ulp", "uncertain", "SSIM loss",
-        "walk in float32: changed", "SSIM loss",
     ]  # fmt: skip
     return Table("generators", "template, worst case of each family", heads, found)
 
 
-def _contenders(rows: Rows) -> Table:
+def _variants(rows: Rows) -> Table:
     found = []
-    for (algorithm, dtype), members in _grouped(rows, ["algorithm", "dtype"]).items():
+    for (algorithm, dtype), members in grouped(rows, ["algorithm", "dtype"]).items():
         ran = [m for m in members if m["outcome"] == "ran"]
         if not ran:
             continue
         pixels = sum(m["pixels"] for m in ran)
         found.append(
             [
-                f"{_plain_name(algorithm)}, {_dress(algorithm, dtype)}",
+                f"{algorithm}, {_dress(algorithm, dtype)}",
                 str(len(ran)),
                 str(len(members) - len(ran)),
                 per_cent(sum(m["changed"] for m in ran) / pixels, 3),
                 per_cent(_most(ran, _share("changed")), 1),
                 per_cent(sum(m["uncertain"] for m in ran) / pixels, 1),
                 str(sum(m["outside"] for m in ran)),
-                _small(_most(ran, _loss)),
+                small(_most(ran, _loss)),
                 _ulp(_most(ran, lambda m: m["worst_ulp"])),
                 _ulp(_mean(ran, lambda m: m["mean_ulp"])),
             ]
@@ -196,8 +166,7 @@ def _dress(algorithm: str, dtype: str) -> str:
     if ":samples" in algorithm:
         return "as run" if algorithm.endswith("=1") else "mean colours"
     if algorithm.startswith("template"):
-        walked = "float32 walk" if "dtype" in algorithm else "float32 tables"
-        return walked if dtype == "float32" else "float64 rays"
+        return "float32 tables" if dtype == "float32" else "float64 rays"
     return dtype
 
 
@@ -207,15 +176,9 @@ def _ulp(value: float | None) -> str:
     return f"{value:.2g}" if value < 1000 else f"{value:.1e}"
 
 
-def _small(value: float | None) -> str:
-    if value is None:
-        return MISSING
-    return "0" if value == 0 else f"{value:.1e}".replace("-", "−")
-
-
 def _optics(rows: Rows) -> Table:
     found = []
-    for (family, model), members in _grouped(rows, ["family", "model"]).items():
+    for (family, model), members in grouped(rows, ["family", "model"]).items():
         ran = [m for m in members if m["outcome"] == "ran"]
         if not ran:
             continue
@@ -225,7 +188,7 @@ def _optics(rows: Rows) -> Table:
             cells += [
                 _ulp(_most(mine, lambda m: m["worst_ulp"])),
                 _ulp(_mean(mine, lambda m: m["mean_ulp"])),
-                _small(_most(mine, lambda m: m["worst_pixels"])),
+                small(_most(mine, lambda m: m["worst_pixels"])),
             ]
         single = [m for m in ran if m["dtype"] == "float32"]
         rays = sum(m["rays"] for m in single)
@@ -241,42 +204,6 @@ def _optics(rows: Rows) -> Table:
         "uncertain", "changed though certain",
     ]  # fmt: skip
     return Table("lenses", "Landing points of the lens models", heads, found)
-
-
-def _relations(rows: Rows) -> Table:
-    found = []
-    for name, members in _grouped(rows, ["relation", "explained"]).items():
-        compared, broken, uncertain = (
-            sum(m[key] for m in members) for key in ("compared", "broken", "uncertain")
-        )
-        verdict = "holds" if not broken else "holds but for rounding"
-        if name[1]:
-            verdict = f"not promised: {name[1]}"
-        if not all(m["passed"] for m in members):
-            verdict = "FAILS"
-        who = ", ".join(m["algorithm"] for m in members)
-        found.append([name[0], who, _count(compared), str(broken), str(uncertain), verdict])
-    heads = ["relation", "of", "pixels or rays", "broken", "of these uncertain", "verdict"]
-    return Table("relations", "Relations that need no oracle", heads, found)
-
-
-def _jitter(data: Mapping[str, Any]) -> Table:
-    rows = items(data, "jitter")
-    names = list(dict.fromkeys(r["algorithm"] for r in rows))
-    found = []
-    for (kind,), members in _grouped(rows, ["jitter"]).items():
-        by_name = {m["algorithm"]: m for m in members}
-        cells = [kind]
-        for name in names:
-            cells += [per_cent(by_name[name]["changed"], 3), _small(by_name[name]["ssim_loss"])]
-        found.append(cells)
-    heads = ["depth"] + [h for n in names for h in (f"{n}: changed", "SSIM loss")]
-    picture = part(data, "picture")
-    caption = (
-        f"What small errors of depth cost: {picture.get('name', MISSING)}, "
-        f"{picture.get('columns', MISSING)} × {picture.get('rows', MISSING)} pixels"
-    )
-    return Table("jitter", caption, heads, found)
 
 
 def _guarded(generators: Rows, optics: Rows) -> Table:
@@ -305,25 +232,3 @@ def _refusals(generators: Rows, optics: Rows) -> Table:
     rows = [[name, str(len(said)), said[0]] for name, said in seen.items()]
     heads = ["family and error", "refused", "for example"]
     return Table("refused", "What is refused, and with which sentence", heads, rows)
-
-
-def render_markdown(data: Mapping[str, Any]) -> str:
-    """The run as Markdown: sentences, then tables."""
-    blocks = [f"## {_cell(data.get('title', 'Stress'))}"]
-    seconds = number(data.get("seconds"), 0)
-    blocks.append(f"{data.get('mode', '')} run, {seconds} s, inim {data.get('inim_version', '')}")
-    blocks.append("\n".join(f"* {_cell(line)}" for line in summary_lines(data)))
-    for table in tables_of(data):
-        if not table.rows:
-            continue
-        head = [list(table.heads), [":--", *["--:"] * (len(table.heads) - 1)]]
-        rows = [f"| {' | '.join(map(_cell, row))} |" for row in [*head, *table.rows]]
-        blocks += [f"### {_cell(table.caption)}", "\n".join(rows)]
-    blocks.append(f"`{plain(data.get('command', '')).replace('`', '')}`")
-    return "\n\n".join(blocks)
-
-
-def _cell(value: object) -> str:
-    """One line that cannot break a table."""
-    line = " ".join(plain(value).split())
-    return line.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|")
