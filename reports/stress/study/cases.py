@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,7 @@ __all__ = [
     "Case",
     "Family",
     "Size",
+    "case_at",
     "cases_of",
     "ties",
 ]
@@ -70,7 +72,7 @@ FULL = Size(2, 10, 225, 1000)
 
 @dataclass(frozen=True)
 class Case:
-    """One display and picture, or whatever else `make` makes.
+    """One display and picture; of lens models a display and rays.
 
     Attributes
     ----------
@@ -84,7 +86,7 @@ class Case:
     """
 
     label: str
-    make: Callable[[], Made]
+    make: Callable[[], Any]
     value: float | None = None
     refused: bool | None = False
 
@@ -115,8 +117,8 @@ def cases_of(family: Family, size: Size) -> Iterator[Case]:
             yield case
 
 
-def _case(
-    label: str, make: Callable[..., Made], value: float, refused: bool | None = False
+def case_at(
+    label: str, make: Callable[..., Any], value: float, refused: bool | None = False
 ) -> Case:
     """The case that `make` makes of a value of its family's parameter."""
     return Case(label, partial(make, value), value, refused)
@@ -146,7 +148,7 @@ def _distances(**changes: object) -> Callable[[Size], list[Case]]:
         ends = {"depth_min_mm": z, "depth_max_mm": 1.5 * z}
         return _windowed(small_display(**(changes | ends)))
 
-    return lambda _: [_case(f"{z:g} mm", make, z) for z in _decades(-3, 6)]
+    return lambda _: [case_at(f"{z:g} mm", make, z) for z in _decades(-3, 6)]
 
 
 def _distances_behind(_: Size) -> list[Case]:
@@ -154,7 +156,7 @@ def _distances_behind(_: Size) -> list[Case]:
         ends = {"depth_min_mm": -1.5 * z, "depth_max_mm": -z}
         return _windowed(small_display(focal_length_mm=3.3, gap_mm=3.0, **ends))
 
-    return [_case(f"-{z:g} mm", make, z) for z in _decades(-3, 6)]
+    return [case_at(f"-{z:g} mm", make, z) for z in _decades(-3, 6)]
 
 
 def _depth_spans(_: Size) -> list[Case]:
@@ -162,7 +164,7 @@ def _depth_spans(_: Size) -> list[Case]:
         top = 20.0 * (1 + 2.0 ** -int(k))
         return _over(small_display(depth_min_mm=20.0, depth_max_mm=top))
 
-    found = [_case(f"20 mm x 2^-{k}", make, float(k)) for k in (*range(0, 52, 3), 52)]
+    found = [case_at(f"20 mm x 2^-{k}", make, float(k)) for k in (*range(0, 52, 3), 52)]
     return [*found, Case("no depth at all", lambda: make(2000), math.inf, refused=True)]
 
 
@@ -191,7 +193,7 @@ def _subnormal_depths(_: Size) -> list[Case]:
         display = small_display(depth_min_mm=-half, depth_max_mm=half)
         return display, noise(display, (12, 12), 0.5)
 
-    return [_case(f"+-{z:g} mm", make, z) for z in (1e-45, 1e-42, 1e-38, 1e-30, 1e-10)]
+    return [case_at(f"+-{z:g} mm", make, z) for z in (1e-45, 1e-42, 1e-38, 1e-30, 1e-10)]
 
 
 # -- focus --------------------------------------------------------------------------------------
@@ -209,7 +211,7 @@ def _focus(
         return _windowed(small_display(**(changes | own)))
 
     def cases(_: Size) -> list[Case]:
-        found = [_case(f"|g - f| / f = 2^-{k}", make, float(k)) for k in powers]
+        found = [case_at(f"|g - f| / f = 2^-{k}", make, float(k)) for k in powers]
         if changes:
             return found
         return [*found, Case("g = f", lambda: make(2000), math.inf, refused=not stated)]
@@ -224,7 +226,9 @@ def _fine_focus(powers: tuple[int, ...], **changes: object) -> Callable[[Size], 
         display = small_display(gap_mm=3.0 * (1 + 2.0 ** -int(k)), **changes)
         return display, noise(display, (48, 48), 0.5)
 
-    return lambda _: [_case(f"|g - f| / f = 2^-{k}", make, float(k), refused=None) for k in powers]
+    return lambda _: [
+        case_at(f"|g - f| / f = 2^-{k}", make, float(k), refused=None) for k in powers
+    ]
 
 
 # -- pixels, lenses, lengths --------------------------------------------------------------------
@@ -239,9 +243,9 @@ def _pixels_per_lens(_: Size) -> list[Case]:
         )
         return _over(display)
 
-    below = [_case(f"{r:g}", make, r, refused=True) for r in (1e-3, 1e-2, 0.1, 0.999)]
+    below = [case_at(f"{r:g}", make, r, refused=True) for r in (1e-3, 1e-2, 0.1, 0.999)]
     ratios = (1.0, 1.5, 2.0, 3.3, 10.0, 15.7, 17.0, 33.3, 100.0, 333.3, 1000.0)
-    return below + [_case(f"{r:g}", make, r) for r in ratios]
+    return below + [case_at(f"{r:g}", make, r) for r in ratios]
 
 
 def _picture_pixels_per_pitch(_: Size) -> list[Case]:
@@ -253,7 +257,7 @@ def _picture_pixels_per_pitch(_: Size) -> list[Case]:
         return display, noise(display, (cells, cells), 1 / ratio)
 
     ratios = (1e-3, 1e-2, 0.1, 0.5, 1.0, 1.7, 2.0, 3.0, 3.7, 10.0, 33.0, 100.0, 333.3, 1000.0)
-    return [_case(f"{r:g}", make, r) for r in ratios]
+    return [case_at(f"{r:g}", make, r) for r in ratios]
 
 
 def _odd_and_even(_: Size) -> list[Case]:
@@ -277,7 +281,7 @@ def _lengths(powers: dict[int, bool | None], **changes: object) -> Callable[[Siz
         return _over(base.replace(**{name: getattr(base, name) * factor for name in names}))
 
     return lambda _: [
-        _case(f"10^{p}", make, 10.0**p, refused=refused) for p, refused in powers.items()
+        case_at(f"10^{p}", make, 10.0**p, refused=refused) for p, refused in powers.items()
     ]
 
 
@@ -430,7 +434,7 @@ def _mounted(angles: tuple[float, ...], **changes: float) -> Callable[[Size], li
     def make(degrees: float) -> Made:
         return _over(small_display(**{name: by * degrees for name, by in changes.items()}))
 
-    return lambda _: [_case(f"{a:g} degrees", make, a) for a in angles]
+    return lambda _: [case_at(f"{a:g} degrees", make, a) for a in angles]
 
 
 def _hexagonal(_: Size) -> list[Case]:
@@ -466,7 +470,7 @@ def _widths(size: Size) -> list[Case]:
         )
 
     widths = (3, 30, 100, 300, 1000)
-    return [_case(f"{n} lenses", make, float(n)) for n in widths if n <= size.many]
+    return [case_at(f"{n} lenses", make, float(n)) for n in widths if n <= size.many]
 
 
 def _impossible(_: Size) -> list[Case]:

@@ -11,7 +11,8 @@ from inim.accuracy_limits import accuracy_warnings
 from inim.display import Display
 from inim.errors import InimError
 from inim.lens import trace_to_panel
-from reports.stress.study.lens_cases import LENS_FAMILIES, LensCase, LensFamily, cases_of
+from reports.stress.study.cases import Case
+from reports.stress.study.lens_cases import LENS_FAMILIES, LensFamily, cases_of
 from reports.stress.study.lens_oracle import Landing, LensRays, land
 
 __all__ = ["run_lens_case", "run_lens_cases"]
@@ -41,7 +42,7 @@ def run_lens_cases(count: int, thin: int, listener: Any) -> list[dict[str, Any]]
     return rows
 
 
-def run_lens_case(family: LensFamily, case: LensCase) -> list[dict[str, Any]]:
+def run_lens_case(family: LensFamily, case: Case) -> list[dict[str, Any]]:
     """Make one case and trace it by all its models."""
     common = {"family": family.name, "case": case.label, "value": case.value}
     try:
@@ -67,7 +68,7 @@ def _said(error: Exception) -> str:
 
 
 def _run(
-    case: LensCase, display: Display, model: str, rays: LensRays, truth: _Truth, dtype: type
+    case: Case, display: Display, model: str, rays: LensRays, truth: _Truth, dtype: type
 ) -> dict[str, Any]:
     try:
         traced = trace_to_panel(display, model, rays.x, rays.y, rays.sx, rays.sy, dtype=dtype)
