@@ -1,7 +1,7 @@
-"""Where the numbers can be trusted: the limits that the stress run measured, as warnings.
+"""Accuracy limits: inside them results were measured right; outside, validations warn.
 
-`python -m inim.stress` finds them; `reports/stress` holds the run they are taken from, and a test
-compares the two. Inside all limits, sources of `template` and `layered` are proved exact on
+The study `reports/stress/study` finds them; `reports/stress` holds the run they are taken from, and
+a test compares the two. Inside all limits, sources of `template` and `layered` are proved exact on
 displays that are separable, float32 or float64 alike, and landing points of lens models are off by
 at most `LANDING_PIXELS` in float32.
 """

@@ -145,7 +145,7 @@ def _run(plan: Plan, staging: Path, listener: Listener, store: Store | None) -> 
     job = Ledger(plan, staging, listener, Clock(), memo)
     check_conditions(plan, job.backend.variant)
     job.timings["start"] = perf_counter() - started
-    job.warnings += _outside_trust(plan)
+    job.warnings += _outside_limits(plan)
     job, truth, ceiling, contests = _measure_until_known(job)
     algorithms = {name: contest.scores for name, contest in contests.items()}
     times = generator_times(job, truth) if plan.request.time else {}
@@ -250,7 +250,7 @@ def _measure(job: Ledger) -> _Measured:
     return _Measured(job, truth, ceiling, contests)
 
 
-def _outside_trust(plan: Plan) -> list[str]:
+def _outside_limits(plan: Plan) -> list[str]:
     """What of the display lies outside the limits that the stress run measured."""
     return accuracy_warnings(
         plan.display,
