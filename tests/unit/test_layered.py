@@ -7,9 +7,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from inim.stress.case import noise
-from inim.stress.cases import ties
-from inim.stress.solids import solids_of
 
 from inim.display import Display
 from inim.errors import UsageError
@@ -17,6 +14,8 @@ from inim.generators import HOLE, find_sources, generate, prepare
 from inim.generators.layered import _FreeRays, _RayByRay, _Shared
 from inim.generators.sources import NO_LENS
 from inim.rgbd import RGBD, Layer, LayeredRGBD
+from inim.stress.pictures import noise, solids_of
+from reports.stress.study.cases import ties
 from tests import oracle
 from tests.conftest import small_display
 
