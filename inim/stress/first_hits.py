@@ -32,9 +32,9 @@ from inim.stress.pictures import (
 __all__ = ["Case", "cases", "check_first_hits"]
 
 # Panel pixels of a case that are followed in fractions.
-_MOST_PIXELS = 150
+_MOST_PIXELS = 100
 # Random displays: of a full run, of a quick one.
-_RANDOM = {False: 12, True: 3}
+_RANDOM = {False: 8, True: 3}
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,9 @@ from inim.worker.supervisor import outcome_of, supervise
 __all__ = [
     "StressRequest",
     "default_out",
-    "picture_of",
     "record",
     "run_stress",
+    "spheres",
     "work",
 ]
 
@@ -38,8 +38,8 @@ _MARKER = "stress.json"
 _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
 # What is run unless algorithms are named; with it all that other packages announce.
 _DEFAULT = ("template", "layered", "gu2020", "wang2024", "wang2024:matching=ray", "li2012")
-# Lenses along each side of the display whose picture is jittered in a quick run.
-_QUICK_LENSES = 16
+# Lenses along each side of the display whose picture is jittered: of a full run, of a quick one.
+_LENSES = {False: 32, True: 16}
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ def _measured(request: StressRequest, listener: Any) -> dict[str, Any]:
         listener.stage(f"{name}: relations")
         data["relations"] += run_relations([name])
     listener.stage("jitter")
-    picture, display, source = picture_of(request, listener)
+    picture, display, source = _picture_of(request, listener)
     data["jitter"] = measure_jitter(picture, display, names)
     data["picture"] = {"name": source, "rows": picture.shape[0], "columns": picture.shape[1]}
     data["checks"] = _checks(data)
@@ -229,20 +229,23 @@ def _checks(data: Mapping[str, Any]) -> list[dict[str, Any]]:
     return found
 
 
-def picture_of(request: StressRequest, listener: Any) -> tuple[RGBD, Any, str]:
+def _picture_of(request: StressRequest, listener: Any) -> tuple[RGBD, Any, str]:
     """The picture whose depth is jittered, its display, and its name."""
+    if request.scene is not None:
+        return _captured(request, listener)
+    return (*spheres(_LENSES[request.quick]), "two spheres")
+
+
+def spheres(lenses: int) -> tuple[RGBD, Any]:
+    """Two spheres in closed form, and so many lenses along each side of the nominal display."""
     from inim.bench.synthetic import two_spheres
     from inim.color import linear_from_srgb
     from inim.display import DISPLAYS
 
-    if request.scene is not None:
-        return _captured(request, listener)
-    display = DISPLAYS["nominal"]
-    if request.quick:
-        display = display.replace(lens_columns=_QUICK_LENSES, lens_rows=_QUICK_LENSES)
+    display = DISPLAYS["nominal"].replace(lens_columns=lenses, lens_rows=lenses)
     ready = two_spheres(display, display.capture_shape(5), display.pitch_mm / 5)
     linear = linear_from_srgb(ready.color[..., :3] / np.float32(255))
-    return replace(ready, color=linear), display, "two spheres"
+    return replace(ready, color=linear), display
 
 
 def _captured(request: StressRequest, listener: Any) -> tuple[RGBD, Any, str]:
