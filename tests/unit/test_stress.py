@@ -110,7 +110,7 @@ def test_a_wrong_first_hit_fails_where_it_is_promised(monkeypatch):
 def test_somebody_else_s_algorithm_is_counted(planted):
     assert check_first_hits(planted, ONE)["wrong"] == 0
     wrong = check_first_hits(f"{planted}:fault=lens", ONE)
-    assert wrong["wrong"] > 100 and wrong["passed"] and not wrong["exact"]
+    assert wrong["wrong"] > wrong["pixels"] / 2 and wrong["passed"] and not wrong["exact"]
 
 
 @pytest.mark.parametrize(
