@@ -1,7 +1,7 @@
-"""Where the numbers can be trusted: the limits that the stress run measured, as warnings.
+"""Accuracy limits: inside them results were measured right; outside, validations warn.
 
-`python -m inim.stress` finds them; `reports/stress` holds the run they are taken from, and a test
-compares the two. Inside all limits, sources of `template` and `layered` are proved exact on
+The study `reports/stress/study` finds them; `reports/stress` holds the run they are taken from, and
+a test compares the two. Inside all limits, sources of `template` and `layered` are proved exact on
 displays that are separable, float32 or float64 alike, and landing points of lens models are off by
 at most `LANDING_PIXELS` in float32.
 """
@@ -24,8 +24,8 @@ __all__ = [
     "LANDING_PIXELS",
     "LEAST_TURN_DEG",
     "WIDEST_PANEL_PIXELS",
+    "accuracy_warnings",
     "steepest_slope",
-    "trust_warnings",
 ]
 
 #: Error of a landing point, in panel pixels, that counts as none: far below what a lens blurs.
@@ -46,7 +46,7 @@ _LARGEST_PICTURE = (8192, 8192)
 FEWEST_DEPTHS = 256
 
 
-def trust_warnings(
+def accuracy_warnings(
     display: Display,
     lens_model: str | None = None,
     *,

@@ -5,11 +5,12 @@ with it: neither follows the ray step by step.
 
 * `exact_sources` works in rational numbers: no rounding anywhere, so ties are decided by the
   definition. Each axis is cut into runs (a stretch of depth spent in one column, or in one row);
-  a ray's cells are the intersections of its column runs with its row runs.
-* `float_sources` works in float64 and arrays: gather every depth at which the ray meets a grid
-  line of either axis, sort, and name each interval's cell by its midpoint. For large displays and
-  arbitrary lengths, where no tie is expected; `doubtful` says which pixels a push of a
-  ten-millionth of a cell would change.
+  a ray's cells are the intersections of its column runs with its row runs. It is kept on purpose
+  beside `inim.generators.oracle`, which scores users' algorithms: written apart, by another
+  method, down to `stated` and the rays, it is what that oracle is checked with.
+* `float_sources` is the float64 oracle of the accuracy study, `reports.stress.study.oracles`, for
+  whole panels: for large displays and arbitrary lengths, where no tie is expected; `doubtful`
+  says which pixels a push of a ten-millionth of a cell would change.
 
 What a length means. A panel pitch given as ``1 / 17`` or ``0.0636`` stands for that number, not
 for the binary fraction next to it: `stated` recovers the simplest fraction that rounds to the
@@ -31,7 +32,10 @@ from fractions import Fraction
 import numpy as np
 
 from inim.display import Display
+from inim.generators.oracle import lensed_pixels
 from inim.rgbd import RGBD
+from reports.stress.study.oracles import first_hits
+from reports.stress.study.rays import rays_over
 
 HOLE = -1
 NO_LENS = -2
@@ -181,43 +185,12 @@ def float_sources(
     rgbd: RGBD, display: Display, push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
     """Source map in float64, the picture moved by `push` (rows, columns, mm of depth)."""
-    low, high = map(float, depth_range(display))
-    row_rays, column_rays = all_rays(rgbd, display)
-    v0, dv = np.array(row_rays.start, float) + push[0], np.array(row_rays.slope, float)
-    u0, du = np.array(column_rays.start, float) + push[1], np.array(column_rays.slope, float)
-    depth = np.where(rgbd.covered, rgbd.depth_mm.astype(float) + push[2], -np.inf)
-    depth = np.pad(depth, 1, constant_values=-np.inf)  # a frame of nothing catches what leaves
-    rows, columns = rgbd.shape
-    by_row = _crossings(v0, dv, low, high)
-    by_column = _crossings(u0, du, low, high)
-    ends = np.array([high, low])
-    found = np.empty((len(v0), len(u0)), np.int32)
-    for i in range(len(v0)):
-        same = np.broadcast_to(np.concatenate([ends, by_row[i]]), (len(u0), 2 + by_row.shape[1]))
-        z = -np.sort(-np.concatenate([same, by_column], axis=1), axis=1)
-        top, end = z[:, :-1], z[:, 1:]
-        middle = (top + end) / 2
-        r = np.clip(np.floor(v0[i] + dv[i] * middle), -1, rows).astype(int)
-        c = np.clip(np.floor(u0[:, None] + du[:, None] * middle), -1, columns).astype(int)
-        hit = (depth[r + 1, c + 1] >= end) & (top > end)
-        first = np.argmax(hit, axis=1)
-        each = np.arange(len(u0))
-        found[i] = np.where(hit.any(axis=1), r[each, first] * columns + c[each, first], HOLE)
-    found[np.array(row_rays.lens) < 0, :] = NO_LENS
-    found[:, np.array(column_rays.lens) < 0] = NO_LENS
+    pixels = lensed_pixels(display)
+    found = np.full(display.eia_shape, NO_LENS, np.int32)
+    rays = rays_over(display, rgbd, pixels)
+    moved = (push[1], push[0], push[2])
+    found[tuple(pixels.T)] = first_hits(rays, rgbd, display, moved)
     return found
-
-
-def _crossings(start: np.ndarray, slope: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Depths at which each ray meets grid lines, padded with `high`: (rays, most crossings)."""
-    left = np.minimum(start + slope * low, start + slope * high)
-    right = np.maximum(start + slope * low, start + slope * high)
-    count = int((np.ceil(right) - np.floor(left)).max()) + 1
-    k = np.floor(left)[:, None] + np.arange(count)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = (k - start[:, None]) / slope[:, None]
-    inside = (z > low) & (z < high)
-    return np.where(inside, z, high)
 
 
 def doubtful(rgbd: RGBD, display: Display, push: float = 1e-7) -> np.ndarray:

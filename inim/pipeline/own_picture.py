@@ -18,12 +18,12 @@ from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.from_camera.picture import CameraPicture
 from inim.generators import SourceGenerator, check_algorithm, generate
+from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
 from inim.lens import check_lens_model
 from inim.observer import Observer
 from inim.pipeline.checks import BLACK, check, finite
 from inim.pipeline.generate import GeneratorHandle, hole_fraction
 from inim.pipeline.method import parse_methods
-from inim.pipeline.picture_oracle import ExactHits, exact_hits, why_no_oracle
 from inim.pipeline.plugin_guard import blamed
 from inim.pipeline.reconstruct import Optics, reconstruct_views
 from inim.pipeline.scene import Renderer

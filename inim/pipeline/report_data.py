@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from inim.accuracy_limits import trust_warnings
+from inim.accuracy_limits import accuracy_warnings
 from inim.pipeline.baseline import Comparison
 from inim.pipeline.measured import Measured
 from inim.pipeline.plan import Plan
@@ -84,7 +84,7 @@ def report_of(
 
 def _outside_limits(plan: Plan) -> list[str]:
     """What of the display lies outside the limits that the stress run measured."""
-    return trust_warnings(
+    return accuracy_warnings(
         plan.display,
         plan.settings.lens_model,
         viewpoints=plan.viewpoints,

@@ -1,10 +1,7 @@
-"""The stress run: where the numbers can be trusted, and where they stop to be.
+"""Stress: where an algorithm's numbers are worst, for anybody's algorithm.
 
-Every generator and lens model, in float32 and float64, is set against an oracle written from the
-definitions alone (`oracle`, `first_hits`, `averages`, `optics_oracle`; rays in `rays` and
-`free_rays`), over families of cases that push one parameter at a time to where arithmetic fails
-(`cases`, `free_cases`, `optics_cases`). Relations that need no oracle are checked beside
-(`relations`, `layer_relations`, `free_relations`, `optics_relations`), and what small errors of the
-input cost is measured (`jitter`). From the cases follows, per parameter, the range inside which
-results are safe (`regions`); `accuracy_limits` holds its limits for the warnings of other runs.
+Each is set against the exact first hits of displays and pictures that are hard on arithmetic
+(`first_hits`), against relations that need no oracle (`relations`), and against itself when its
+depth is off by a little (`jitter`). The project's own study of its generators and lens models,
+from which the limits of `inim.accuracy_limits` are taken, is `reports/stress/study`.
 """

@@ -1,32 +1,118 @@
-"""A whole stress run: cases, relations and jitter, then data, table, page and figure."""
+"""A whole stress run: first hits, relations and jitter of algorithms, then data, table and page."""
 
 from __future__ import annotations
 
 import shlex
 import time
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from inim.errors import SceneError
+from inim.errors import SceneError, UsageError
+from inim.generators import algorithm_names, check_algorithm, is_own
+from inim.observer import Observer
+from inim.pipeline.capture import DepthCamera, capture_relic
+from inim.pipeline.plan import Plan, make_plan
+from inim.pipeline.request import Request
+from inim.pipeline.scene import Renderer, Scene
+from inim.pipeline.stage import Run
 from inim.provenance import backend_data, versions
 from inim.report.stress import SCHEMA, write_stress
 from inim.rgbd import RGBD
-from inim.stress.request import StressRequest, check_request, scene_plan
 from inim.version import __version__
 from inim.worker.output import open_staging, publish
 from inim.worker.supervisor import run_in_worker
 
-__all__ = ["run_stress", "work"]
+__all__ = [
+    "StressRequest",
+    "default_out",
+    "record",
+    "run_stress",
+    "spheres",
+    "work",
+]
 
 _MARKER = "stress.json"
-_VERSIONS = ("drjit", "hypothesis", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
-# Rays of a lens-model case.
-_RAYS = {True: 60, False: 100}
-_THIN = {True: 8, False: 1}
+_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
+# What is run unless algorithms are named; with it all that other packages announce.
+_DEFAULT = ("template", "layered", "gu2020", "wang2024", "wang2024:matching=ray", "li2012")
+# Lenses along each side of the display whose picture is jittered: of a full run, of a quick one.
+_LENSES = {False: 32, True: 16}
+
+
+@dataclass(frozen=True)
+class StressRequest:
+    """What the user asked for.
+
+    Attributes
+    ----------
+    out : Path
+    scene : Path, optional
+        Whose captured picture is jittered, instead of two synthetic spheres.
+    definitions : tuple of str
+        `key=value` overrides, as after -D.
+    algorithms : str
+        Separated by commas, with options if need be; empty: all.
+    quick : bool
+        Fewer and smaller cases.
+    """
+
+    out: Path
+    scene: Path | None = None
+    definitions: tuple[str, ...] = ()
+    algorithms: str = ""
+    quick: bool = False
+
+    def command(self) -> list[str]:
+        """The command line that repeats this request, after `python -m inim.stress`."""
+        words = [] if self.scene is None else [str(self.scene)]
+        words += ["-o", str(self.out)]
+        for item in self.definitions:
+            words += ["-D", item]
+        if self.algorithms:
+            words += ["--algorithms", self.algorithms]
+        return [*words, "--quick"] if self.quick else words
+
+    def chosen(self) -> list[str]:
+        """The algorithms to run.
+
+        Raises
+        ------
+        UsageError
+            An unknown one, an unknown option, or one given twice.
+        """
+        if not self.algorithms:
+            return [*_DEFAULT, *(n for n in algorithm_names() if not is_own(n))]
+        names = [name.strip() for name in self.algorithms.split(",") if name.strip()]
+        for name in names:
+            check_algorithm(name)
+            if names.count(name) > 1:
+                raise UsageError(f"algorithm {name!r} is given twice; drop one")
+        if not names:
+            raise UsageError("--algorithms: none given; name at least one, such as 'template'")
+        return names
+
+    def plan(self) -> Plan:
+        """The plan of a validation of the scene: its display and sampling."""
+        assert self.scene is not None
+        return make_plan(Request(self.scene, self.out, self.definitions, algorithms="template"))
+
+    def check(self) -> None:
+        """Raise the `InimError` that fits where a request cannot be carried out."""
+        if self.scene is None and self.definitions:
+            raise UsageError("stress: -D belongs to a scene; name one")
+        self.chosen()
+        if self.scene is not None:
+            self.plan()
+
+
+def default_out(scene: Path | None) -> Path:
+    """Where a stress run goes when nobody says: a folder where the command is typed."""
+    return Path("stress" if scene is None else f"{scene.stem}-stress")
 
 
 def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = False) -> bool:
@@ -46,129 +132,115 @@ def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = Fals
         "inim.stress.job:work",
         request,
         lambda: open_staging(request.out),
-        check=lambda: check_request(request),
+        check=request.check,
         backend="llvm",
         quiet=quiet,
         debug=debug,
     )
 
 
-def work(request: StressRequest, staging: Path, listener: Any) -> bool:
+def work(request: StressRequest, staging: Path, observer: Observer) -> bool:
     """The worker's side: measure, write, publish; whether every check holds."""
-    data = _measured(request, listener)
-    listener.stage("write")
+    data = _measured(request, observer)
+    observer.stage("write")
     write_stress(data, staging)
     publish(staging, request.out, _MARKER)
-    _say(data, listener)
+    for check in data["checks"]:
+        word = "ok    " if check["passed"] else "FAILED"
+        observer.line(f"{word}  {check['name']}: {check['cases']} cases, {check['broken']} broken")
     return bool(data["passed"])
 
 
-def _measured(request: StressRequest, listener: Any) -> dict[str, Any]:
+def _measured(request: StressRequest, observer: Observer) -> dict[str, Any]:
     """The content of stress.json."""
-    started = time.perf_counter()
-    listener.stage("start")
-    from inim.render import variant
-
-    backend = variant.use("llvm")
-    from inim.stress.case import FULL, QUICK
-    from inim.stress.families import FAMILIES
-    from inim.stress.free_relations import FREE_RELATIONS
-    from inim.stress.generators import run_cases
+    from inim.stress.first_hits import cases, check_first_hits
     from inim.stress.jitter import measure_jitter
-    from inim.stress.layer_relations import LAYER_RELATIONS
-    from inim.stress.optics import run_optics
-    from inim.stress.optics_cases import OPTICS_FAMILIES, display_of
-    from inim.stress.optics_relations import run_optics_relations
-    from inim.stress.regions import checks_of, regions_of, trust_limits
     from inim.stress.relations import run_relations
 
-    size = QUICK if request.quick else FULL
-    data = _record(request, backend)
-    data["generators"] = run_cases(size, listener)
-    data["lens_models"] = run_optics(_RAYS[request.quick], _THIN[request.quick], listener)
-    listener.stage("relations")
-    data["relations"] = [
-        *run_relations(size),
-        *run_relations(size, relations=[*LAYER_RELATIONS, *FREE_RELATIONS]),
-        *run_optics_relations(),
-    ]
-    listener.stage("jitter")
-    picture, display, name = _picture(request, listener)
-    data["jitter"] = measure_jitter(picture, display)
-    data["picture"] = {"name": name, "rows": picture.shape[0], "columns": picture.shape[1]}
-    generators, optics = data["generators"], data["lens_models"]
-    of_generators = {f.name: f.parameter for f in FAMILIES}
-    of_optics = {f.name: f.parameter for f in OPTICS_FAMILIES}
-    data["regions"] = regions_of(generators, [], of_generators) + regions_of([], optics, of_optics)
-    data["trust"] = trust_limits(generators, optics, round(display_of().pixels_per_lens))
-    data["checks"] = checks_of(data)
-    data["passed"] = all(c["passed"] for c in data["checks"])
+    started, renderer = time.perf_counter(), Renderer("llvm", observer)
+    observer.stage("start")
+    names = request.chosen()
+    words = shlex.join(["python", "-m", "inim.stress", *request.command()])
+    title = "Stress" if request.scene is None else f"Stress: {request.scene.stem}"
+    data = {
+        "schema": SCHEMA,
+        "title": title,
+        **record(words, request.quick, renderer.backend, _VERSIONS),
+    }
+    data |= {"algorithms": names, "first_hits": [], "relations": []}
+    for name in names:
+        observer.stage(f"{name}: first hits")
+        data["first_hits"] += [check_first_hits(name, case) for case in cases(request.quick)]
+        observer.stage(f"{name}: relations")
+        data["relations"] += run_relations([name])
+    observer.stage("jitter")
+    picture, display, source = _picture_of(request, renderer)
+    data["jitter"] = measure_jitter(picture, display, names)
+    data["picture"] = {"name": source, "rows": picture.shape[0], "columns": picture.shape[1]}
+    data["checks"] = _checks(data)
+    data["passed"] = all(check["passed"] for check in data["checks"])
     data["seconds"] = time.perf_counter() - started
     return data
 
 
-def _record(request: StressRequest, backend: Any) -> dict[str, Any]:
-    """What made it and how to make it again."""
+def record(command: str, quick: bool, backend: Any, packages: Sequence[str]) -> dict[str, Any]:
+    """What made a run and how to make it again."""
     return {
-        "schema": SCHEMA,
-        "title": "Stress" if request.scene is None else f"Stress: {request.scene.stem}",
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "inim_version": __version__,
-        "versions": versions(_VERSIONS),
-        "command": shlex.join(["python", "-m", "inim.stress", *request.command()]),
-        "mode": "quick" if request.quick else "full",
+        "versions": versions(packages),
+        "command": command,
+        "mode": "quick" if quick else "full",
         "backend": backend_data(backend),
-        # How much wider the oracle of the lens models is than what it judges.
-        "oracle_mantissa_bits": int(np.finfo(np.longdouble).nmant) + 1,
     }
 
 
-def _picture(request: StressRequest, listener: Any) -> tuple[RGBD, Any, str]:
-    """The picture whose depth is jittered: of the scene, or two spheres in closed form."""
+def _checks(data: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The verdict's rows, for each algorithm: what was claimed, how many cases, how many broken."""
+    found = []
+    for name in data["algorithms"]:
+        hits = [r for r in data["first_hits"] if r["algorithm"] == name]
+        kept = [r for r in data["relations"] if r["algorithm"] == name and not r["explained"]]
+        exact = any(r["exact"] for r in hits)
+        shows = "every pixel shows the exact first hit" if exact else "nothing crashes"
+        for what, rows in ((shows, hits), ("relations hold but for rounding", kept)):
+            broken = sum(not r["passed"] for r in rows)
+            found.append(
+                {
+                    "name": f"{name}: {what}",
+                    "cases": len(rows),
+                    "broken": broken,
+                    "passed": bool(rows) and not broken,
+                }
+            )
+    return found
+
+
+def _picture_of(request: StressRequest, renderer: Renderer) -> tuple[RGBD, Any, str]:
+    """The picture whose depth is jittered, its display, and its name."""
+    if request.scene is not None:
+        return _captured(request, renderer)
+    return (*spheres(_LENSES[request.quick]), "two spheres")
+
+
+def spheres(lenses: int) -> tuple[RGBD, Any]:
+    """Two spheres in closed form, and so many lenses along each side of the nominal display."""
     from inim.color import linear_from_srgb
     from inim.display import DISPLAYS
     from inim.scene.two_spheres import two_spheres
 
-    if request.scene is not None:
-        return _captured(request, listener)
-    display = DISPLAYS["nominal"]
-    if request.quick:
-        display = display.replace(lens_columns=16, lens_rows=16)
+    display = DISPLAYS["nominal"].replace(lens_columns=lenses, lens_rows=lenses)
     ready = two_spheres(display, display.capture_shape(5), display.pitch_mm / 5)
     linear = linear_from_srgb(ready.color[..., :3] / np.float32(255))
-    return replace(ready, color=linear), display, "two spheres"
+    return replace(ready, color=linear), display
 
 
-def _captured(request: StressRequest, listener: Any) -> tuple[RGBD, Any, str]:
+def _captured(request: StressRequest, renderer: Renderer) -> tuple[RGBD, Any, str]:
     """As a validation captures it."""
-    from inim.render import ground_truth
-    from inim.render.scene import open_scene
-
-    plan = scene_plan(request)
-    settings = plan.settings
-    fitted = open_scene(plan.file, plan.display, settings.fit_share)
-    rgbd = ground_truth.capture(
-        fitted,
-        plan.display,
-        pixels_per_pitch=settings.capture_pixels_per_pitch,
-        spp=settings.capture_spp,
-        seed=2 * settings.seed,
-        observer=listener,
-    )
+    plan = request.plan()
+    s, scene = plan.settings, Scene(plan.file, plan.display, plan.settings.fit_share, renderer)
+    camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
+    rgbd = capture_relic(camera, layers=False, run=Run(observer=renderer.observer)).rgbd
     if not rgbd.covered.any():
         raise SceneError(f"{request.scene}: the depth camera sees nothing to jitter")
-    color = np.nan_to_num(rgbd.color.astype(np.float32), posinf=0.0)
-    return replace(rgbd, color=color), plan.display, str(request.scene)
-
-
-def _say(data: dict[str, Any], listener: Any) -> None:
-    """Each check in a line, then the jitters of the exact path."""
-    for check in data["checks"]:
-        word = "ok    " if check["passed"] else "FAILED"
-        listener.line(f"{word}  {check['name']}: {check['cases']} cases, {check['broken']} broken")
-    for row in data["jitter"]:
-        if row["algorithm"] == "template":
-            listener.line(
-                f"depth {row['jitter']}: {row['changed']:.3%} of the pixels change, "
-                f"EIA SSIM falls by {row['ssim_loss']:.2e}"
-            )
+    return rgbd, plan.display, str(request.scene)

@@ -1,12 +1,17 @@
 """Relations between results that hold by themselves, whatever the right answer is.
 
-Each is a named check: shift, mirror, scale, stretch, hide, split. A relation that an algorithm's
-definition does not promise is measured all the same, and said to be explained.
+Each is a named check: shift, mirror, scale, stretch, hide, split. They need no oracle, so they
+apply to any algorithm. Some follow only from the definition of a first hit: of other algorithms
+they are measured, and nothing is demanded.
+
+Where two ways to one result differ in a pixel whose decision hangs on rounding, neither is wrong.
+Which pixels these are the algorithm says itself: those that change when lengths and depths are
+moved by a ten-millionth (`within_rounding`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,50 +19,55 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import InimError
-from inim.generators import HOLE, find_sources
+from inim.generators import properties
 from inim.rgbd import RGBD
-from inim.stress.case import Size, display_of, noise, over, with_depth
-from inim.stress.free_rays import rays_over
-from inim.stress.oracle import answer
-from inim.stress.solids import solids_of
+from inim.stress.algorithm import Show, is_first_hit, shown
+from inim.stress.pictures import Made, mounted_pictures, noise, noise_pictures, small_display
 
 __all__ = [
-    "ALGORITHMS",
     "RELATIONS",
-    "Find",
-    "Outcome",
+    "Comparison",
+    "Doubt",
     "Relation",
-    "colours_shown",
-    "noise_pictures",
-    "outcome_of",
+    "check_relation",
     "run_relations",
     "same_colour",
-    "sources_shown",
+    "within_rounding",
 ]
 
-Find = Callable[[RGBD, Display, str], np.ndarray]
+# By how much lengths are moved to see what hangs on rounding: about an ulp of float32.
+_NUDGE = 1e-7
+# Rows of hexagonal arrays: an even number is the same upside down, an odd one in a mirror.
+_EVEN, _ODD = 4, 3
+# The colour of an object put in: brighter than any mean of the others', which are below 1.
+_MARK = np.float32(1024)
+_NOT_PROMISED = "follows from the definition of a first hit, which this algorithm's is not"
 
-ALGORITHMS = ("template", "gu2020", "wang2024", "wang2024:matching=ray", "li2012")
-_FIRST_HIT = ("template", "gu2020")
-_RIVALS = ALGORITHMS[1:]
-_AND_LAYERS = (*ALGORITHMS, "layered")
+_LENGTHS = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm", "shift_x_mm", "shift_y_mm")
+_Pictures = Callable[[], Iterable[Made]]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Comparison:
     """What a relation found on one picture.
 
     Attributes
     ----------
-    compared, broken : int
-        Panel pixels, and those that break it.
-    uncertain : int
-        Broken ones whose decision is within float64's rounding: they may.
+    display : Display
+    rgbd : RGBD
+    same, which : (rows, columns) bool
+        Panel pixels that keep the relation, and those it speaks of.
     """
 
-    compared: int
-    broken: int
-    uncertain: int
+    display: Display
+    rgbd: RGBD
+    same: np.ndarray
+    which: np.ndarray
+
+
+_Check = Callable[[Show, str], Iterator[Comparison]]
+#: How many of the panel pixels (n, 2) hang on rounding: of picture, display, algorithm, pixels.
+Doubt = Callable[[RGBD, Display, str, np.ndarray], int]
 
 
 @dataclass(frozen=True)
@@ -68,132 +78,152 @@ class Relation:
     ----------
     name : str
     check : callable
-        ``check(find, algorithm, size)`` yields outcomes.
-    algorithms : tuple of str
-        Which promise it.
-    explained : mapping of str to str
-        Which do not, and why.
+        ``check(show, algorithm)`` yields comparisons.
     bitwise : bool
         Whether not even a pixel within rounding may differ.
-    free : bool
+    first_hit : bool
+        Whether it follows only from the definition of a first hit.
+    one_layer : bool
+        Whether it is one of pictures without layers.
+    mounted : bool
         Whether it is one of arrays whose rays are float64, where ties are left to rounding.
     """
 
     name: str
-    check: Callable[[Find, str, Size], Iterator[Outcome]]
-    algorithms: tuple[str, ...] = ALGORITHMS
-    explained: tuple[tuple[str, str], ...] = ()
+    check: _Check
     bitwise: bool = False
-    free: bool = False
-
-
-def sources_shown(rgbd: RGBD, display: Display, algorithm: str, **options: Any) -> np.ndarray:
-    """What a generator shows; `layered` of the picture's solids, at pixel centres."""
-    if algorithm != "layered":
-        return find_sources(rgbd, display, algorithm, **options)
-    return find_sources(solids_of(rgbd, display), display, algorithm, samples=1, **options)
+    first_hit: bool = False
+    one_layer: bool = False
+    mounted: bool = False
 
 
 def run_relations(
-    size: Size, find: Find = sources_shown, relations: Sequence[Relation] | None = None
+    algorithms: Sequence[str], *, show: Show = shown, relations: Sequence[Relation] | None = None
 ) -> list[dict[str, Any]]:
-    """A row for each relation and algorithm.
+    """A row for each relation and algorithm it applies to; see `check_relation`.
 
     Parameters
     ----------
-    size : Size
-    find : callable
-        What to test instead of `sources_shown`.
+    algorithms : sequence of str
+    show : callable
+        What to test instead of `shown`.
     relations : sequence of Relation, optional
         `RELATIONS` unless given.
     """
     rows = []
     for relation in RELATIONS if relations is None else relations:
-        why = dict(relation.explained)
-        for algorithm in (*relation.algorithms, *why):
-            rows.append(_row(relation, algorithm, why.get(algorithm, ""), find, size))
+        for algorithm in algorithms:
+            if relation.one_layer and properties(algorithm).reads_layers:
+                continue
+            exact = is_first_hit(algorithm)
+            explained = _NOT_PROMISED if relation.first_hit and not exact else ""
+            rows.append(
+                check_relation(relation, algorithm, show=show, exact=exact, explained=explained)
+            )
     return rows
 
 
-def _row(relation: Relation, algorithm: str, why: str, find: Find, size: Size) -> dict[str, Any]:
-    row = {"relation": relation.name, "algorithm": algorithm, "explained": why}
+def check_relation(
+    relation: Relation,
+    algorithm: str,
+    *,
+    show: Show = shown,
+    exact: bool = False,
+    explained: str = "",
+    doubt: Doubt | None = None,
+) -> dict[str, Any]:
+    """Check one relation of one algorithm.
+
+    Parameters
+    ----------
+    relation : Relation
+    algorithm : str
+    show : callable
+        What the algorithm shows.
+    exact : bool
+        Whether ties are decided by the definition, so that none is left to rounding.
+    explained : str
+        Why the algorithm need not keep it; it is measured all the same.
+    doubt : callable, optional
+        Counts pixels that hang on rounding, in place of `within_rounding`.
+
+    Returns
+    -------
+    dict
+        `relation`, `algorithm`, `explained`; `compared`, `broken` panel pixels, and the `uncertain`
+        among the broken ones; `message` of a refusal; `passed`.
+    """
+    row = {"relation": relation.name, "algorithm": algorithm, "explained": explained}
+    compared = broken = uncertain = 0
+    # Whether rounding excuses what is broken; else there is no need to look for it.
+    excused = bool(explained) or not (relation.bitwise or (exact and not relation.mounted))
     try:
-        outcomes = list(relation.check(find, algorithm, size))
+        for one in relation.check(show, algorithm):
+            pixels = np.argwhere(one.which & ~one.same)
+            compared += int(one.which.sum())
+            broken += len(pixels)
+            if not (len(pixels) and excused):
+                continue
+            if doubt is not None:
+                uncertain += doubt(one.rgbd, one.display, algorithm, pixels)
+            else:
+                near = within_rounding(one.rgbd, one.display, algorithm, show)
+                uncertain += int(near[tuple(pixels.T)].sum())
     except InimError as error:
-        return (
-            row
-            | {"compared": 0, "broken": 0, "uncertain": 0, "message": str(error)}
-            | {"passed": False}
-        )
-    compared, broken, uncertain = (
-        sum(getattr(o, name) for o in outcomes) for name in ("compared", "broken", "uncertain")
-    )
-    exact = algorithm in ("template", "layered") and not relation.free
-    allowed = 0 if relation.bitwise or exact else uncertain
+        refused = {"compared": 0, "broken": 0, "uncertain": 0, "message": str(error)}
+        # Arrays whose rows and columns are not independent need not be served.
+        return row | refused | {"passed": relation.mounted and not exact}
+    except Exception as error:
+        said = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        return row | {"compared": 0, "broken": 0, "uncertain": 0, "message": said, "passed": False}
     return row | {
         "compared": compared,
         "broken": broken,
         "uncertain": uncertain,
         "message": "",
-        "passed": compared > 0 and (broken <= allowed or bool(why)),
+        "passed": compared > 0 and (broken <= uncertain or bool(explained)),
     }
 
 
-def outcome_of(
-    same: np.ndarray, which: np.ndarray, algorithm: str, rgbd: RGBD, display: Display
-) -> Outcome:
-    """Count what is broken of the panel pixels `which`, (rows, columns) bool both."""
-    broken = np.argwhere(which & ~same)
-    doubt = 0
-    if len(broken) and algorithm in _AND_LAYERS:
-        rays = rays_over(display, rgbd, broken)
-        picture = solids_of(rgbd, display) if algorithm == "layered" else rgbd
-        doubt = int(answer(algorithm, rays, picture, display, np.float64).uncertain.sum())
-    return Outcome(int(which.sum()), len(broken), doubt)
+def within_rounding(rgbd: RGBD, display: Display, algorithm: str, show: Show) -> np.ndarray:
+    """Panel pixels that change when lengths or depths are moved by rounding, (rows, columns) bool.
 
-
-# -- pictures -----------------------------------------------------------------------------------
-
-#: Real and virtual mode, an even and an odd number of pixels, binary and decimal lengths.
-_DISPLAYS: tuple[dict[str, object], ...] = (
-    {},
-    {"gap_mm": 4.0, "pixel_pitch_mm": 0.125},
-    {"focal_length_mm": 3.3, "gap_mm": 3.0, "pixel_pitch_mm": 0.19},
-)
-
-
-def noise_pictures(size: Size) -> Iterator[tuple[Display, RGBD]]:
-    """Noise over small displays of each kind."""
-    for seed, changes in enumerate(_DISPLAYS):
-        display = display_of(size, lens_columns=size.lenses[0] + 2, **changes)
-        yield display, noise(display, *over(display), seed=seed)
-
-
-def colours_shown(sources: np.ndarray, rgbd: RGBD) -> np.ndarray:
-    """Colours of sources: what two pictures with their pixels at other places share.
-
-    Each layer has its own, and so have holes and pixels without a lens.
+    Rounding is what float32 can say: the gap, the depths and the array's place are each moved up
+    and down by about an ulp of it.
     """
-    flat = rgbd.color.reshape(-1, 3)
-    layer, cell = np.divmod(np.maximum(sources, 0), len(flat))
-    found: np.ndarray = np.where(
-        (sources >= 0)[..., None], flat[cell] + 2.0 * layer[..., None], sources[..., None] - 5.0
-    )
+    low, high = display.depth_range_mm
+    still = display.replace(depth_min_mm=low, depth_max_mm=high)
+    before = show(rgbd, display, algorithm)
+    found = np.zeros(display.eia_shape, bool)
+    for sign in (1, -1):
+        depth = np.nextafter(rgbd.depth_mm, np.float32(sign * np.inf))
+        step = sign * _NUDGE
+        places = {name: getattr(display, name) for name in ("shift_x_mm", "shift_y_mm")}
+        moved = [
+            (rgbd, still.replace(gap_mm=display.gap_mm * (1 + step))),
+            (RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm), display),
+            *(
+                (rgbd, display.replace(**{name: place + step * display.pitch_mm}))
+                for name, place in places.items()
+            ),
+        ]
+        for picture, other in moved:
+            found |= ~same_colour(before, show(picture, other, algorithm))
     return found
 
 
 def same_colour(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Where two pictures of colours agree, (rows, columns) bool."""
+    """Where two arrays of colours agree, (rows, columns) bool."""
     found: np.ndarray = (a == b).all(axis=-1)
     return found
 
 
-# -- relations ----------------------------------------------------------------------------------
+# -- moved, mirrored, turned ----------------------------------------------------------------------
 
 
-def _shift(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
+def _shift(show: Show, algorithm: str) -> Iterator[Comparison]:
     """A picture moved by one pitch shows under the next lens."""
-    for display, rgbd in noise_pictures(size):
+    for display, rgbd in noise_pictures():
         if not display.has_integer_ratio:
             continue  # lenses differ: no two show alike
         cells, pixels = 2, round(display.pixels_per_lens)
@@ -203,13 +233,13 @@ def _shift(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
             np.roll(rgbd.covered, cells, axis=1),
             rgbd.pixel_mm,
         )
-        before = colours_shown(find(rgbd, display, algorithm), rgbd)[:, :-pixels]
-        after = colours_shown(find(moved, display, algorithm), moved)[:, pixels:]
-        which = _away_from_rim(display, rgbd, cells)[:, :-pixels]
-        full = np.zeros(display.eia_shape, bool)
+        before = show(rgbd, display, algorithm)[:, :-pixels]
+        after = show(moved, display, algorithm)[:, pixels:]
+        which = np.zeros(display.eia_shape, bool)
         same = np.ones(display.eia_shape, bool)
-        full[:, :-pixels], same[:, :-pixels] = which, same_colour(before, after)
-        yield outcome_of(same, full, algorithm, rgbd, display)
+        which[:, :-pixels] = _away_from_rim(display, rgbd, cells)[:, :-pixels]
+        same[:, :-pixels] = same_colour(before, after)
+        yield Comparison(display, rgbd, same, which)
 
 
 def _away_from_rim(display: Display, rgbd: RGBD, cells: int) -> np.ndarray:
@@ -222,21 +252,22 @@ def _away_from_rim(display: Display, rgbd: RGBD, cells: int) -> np.ndarray:
     return found
 
 
-def _mirror(axis: int) -> Callable[[Find, str, Size], Iterator[Outcome]]:
-    """A mirrored picture gives the mirrored EIA, but for rays along borders, which take a side."""
+def _flip(axes: tuple[int, ...], pictures: _Pictures, negated: Sequence[str] = ()) -> _Check:
+    """A picture flipped along axes gives the EIA flipped, on a display whose `negated` are."""
 
-    def check(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
-        for display, rgbd in noise_pictures(size):
+    def check(show: Show, algorithm: str) -> Iterator[Comparison]:
+        for display, rgbd in pictures():
             flipped = RGBD(
-                np.flip(rgbd.color, axis),
-                np.flip(rgbd.depth_mm, axis),
-                np.flip(rgbd.covered, axis),
+                np.flip(rgbd.color, axes),
+                np.flip(rgbd.depth_mm, axes),
+                np.flip(rgbd.covered, axes),
                 rgbd.pixel_mm,
             )
-            before = colours_shown(find(rgbd, display, algorithm), rgbd)
-            after = np.flip(colours_shown(find(flipped, display, algorithm), flipped), axis)
+            turned = display.replace(**{name: -getattr(display, name) for name in negated})
+            before = show(rgbd, display, algorithm)
+            after = np.flip(show(flipped, turned, algorithm), axes)
             which = display.lensed & _off_borders(display, rgbd)
-            yield outcome_of(same_colour(before, after), which, algorithm, rgbd, display)
+            yield Comparison(display, rgbd, same_colour(before, after), which)
 
     return check
 
@@ -246,6 +277,8 @@ def _off_borders(display: Display, rgbd: RGBD) -> np.ndarray:
 
     Nor lies on one between lenses: both belong to one side by rule.
     """
+    if not display.is_separable:
+        return np.ones(display.eia_shape, bool)
     clear = []
     for axis, cells in ((display.rows, rgbd.shape[0]), (display.columns, rgbd.shape[1])):
         start = axis.centre_mm / rgbd.pixel_mm + cells / 2
@@ -257,35 +290,47 @@ def _off_borders(display: Display, rgbd: RGBD) -> np.ndarray:
     return found
 
 
-def _transpose(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
+def _transpose(show: Show, algorithm: str) -> Iterator[Comparison]:
     """Rows and columns are treated alike."""
-    for display, rgbd in noise_pictures(size):
+    for display, rgbd in noise_pictures():
         turned = display.replace(lens_columns=display.lens_rows, lens_rows=display.lens_columns)
         other = RGBD(np.swapaxes(rgbd.color, 0, 1), rgbd.depth_mm.T, rgbd.covered.T, rgbd.pixel_mm)
-        before = colours_shown(find(rgbd, display, algorithm), rgbd)
-        after = np.swapaxes(colours_shown(find(other, turned, algorithm), other), 0, 1)
-        yield outcome_of(same_colour(before, after), display.lensed, algorithm, rgbd, display)
+        before = show(rgbd, display, algorithm)
+        after = np.swapaxes(show(other, turned, algorithm), 0, 1)
+        yield Comparison(display, rgbd, same_colour(before, after), display.lensed)
 
 
-def _scale(factor: float) -> Callable[[Find, str, Size], Iterator[Outcome]]:
+def _turned_round(show: Show, algorithm: str) -> Iterator[Comparison]:
+    """An array turned right round, its rays one by one, shows what the straight one does."""
+    straight = small_display(lens_columns=5)
+    rgbd = noise(straight, straight.capture_shape(2), 0.5)
+    turned = straight.replace(rotation_deg=360.0)
+    same = same_colour(show(rgbd, straight, algorithm), show(rgbd, turned, algorithm))
+    yield Comparison(turned, rgbd, same, straight.lensed)
+
+
+# -- other lengths ------------------------------------------------------------------------------
+
+
+def _scale(factor: float, pictures: _Pictures) -> _Check:
     """All lengths times a factor: nothing changes."""
-    names = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm")
 
-    def check(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
-        for display, rgbd in noise_pictures(size):
+    def check(show: Show, algorithm: str) -> Iterator[Comparison]:
+        for display, rgbd in pictures():
             low, high = display.depth_range_mm
-            lengths = {name: getattr(display, name) * factor for name in names}
-            ends = {"depth_min_mm": low * factor, "depth_max_mm": high * factor}
             base = display.replace(depth_min_mm=low, depth_max_mm=high)
-            scaled = display.replace(**lengths, **ends)
+            lengths = {name: getattr(base, name) * factor for name in _LENGTHS}
+            if base.elemental_pitch_mm is not None:
+                lengths["elemental_pitch_mm"] = base.elemental_pitch_mm * factor
+            ends = {"depth_min_mm": low * factor, "depth_max_mm": high * factor}
             # Depths that both float32 pictures hold exactly: of 12 binary digits.
             depth = _short(rgbd.depth_mm)
             one = RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
-            other = RGBD(
-                rgbd.color, depth * np.float32(factor), rgbd.covered, rgbd.pixel_mm * factor
-            )
-            before, after = find(one, base, algorithm), find(other, scaled, algorithm)
-            yield outcome_of(before == after, display.lensed, algorithm, one, base)
+            pixel = rgbd.pixel_mm * factor
+            other = RGBD(rgbd.color, depth * np.float32(factor), rgbd.covered, pixel)
+            before = show(one, base, algorithm)
+            after = show(other, base.replace(**lengths, **ends), algorithm)
+            yield Comparison(base, one, same_colour(before, after), display.lensed)
 
     return check
 
@@ -296,12 +341,12 @@ def _short(depth: np.ndarray) -> np.ndarray:
     return short
 
 
-def _stretch(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
+def _stretch(show: Show, algorithm: str) -> Iterator[Comparison]:
     """Scene, gap and depth range stretched along z alone: every ray meets the same cells."""
-    for display, rgbd in noise_pictures(size):
+    for display, rgbd in noise_pictures():
         low, high = display.depth_range_mm
         base = display.replace(depth_min_mm=low, depth_max_mm=high)
-        # f follows, so that D and P_I, which some of them step by, stretch too.
+        # f follows, so that D and P_I, which some algorithms step by, stretch too.
         long = base.replace(
             focal_length_mm=display.focal_length_mm * 4,
             gap_mm=display.gap_mm * 4,
@@ -309,151 +354,130 @@ def _stretch(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
             depth_max_mm=high * 4,
         )
         other = RGBD(rgbd.color, rgbd.depth_mm * np.float32(4), rgbd.covered, rgbd.pixel_mm)
-        before, after = find(rgbd, base, algorithm), find(other, long, algorithm)
-        yield outcome_of(before == after, display.lensed, algorithm, rgbd, base)
+        same = same_colour(show(rgbd, base, algorithm), show(other, long, algorithm))
+        yield Comparison(base, rgbd, same, display.lensed)
 
 
-def _along_z(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
+def _along_z(show: Show, algorithm: str) -> Iterator[Comparison]:
     """Scene and depth range moved along z: rays under lens centres, which run along it, agree."""
-    display = display_of(size, pixel_pitch_mm=0.2, depth_min_mm=16.0, depth_max_mm=24.0)
+    display = small_display(depth_min_mm=16.0, depth_max_mm=24.0)
     rgbd = noise(display, display.capture_shape(3), 1 / 3)
     depth = np.round(rgbd.depth_mm * 64) / np.float32(64)
+    one = RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
+    before = show(one, display, algorithm)
+    upright = (display.rows.slope == 0)[:, None] & (display.columns.slope == 0)[None, :]
     for step in (8.0, -8.0, 1000.0):
         moved = display.replace(depth_min_mm=16.0 + step, depth_max_mm=24.0 + step)
-        one = RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
         other = RGBD(rgbd.color, depth + np.float32(step), rgbd.covered, rgbd.pixel_mm)
-        before, after = find(one, display, algorithm), find(other, moved, algorithm)
-        upright = (display.rows.slope == 0)[:, None] & (display.columns.slope == 0)[None, :]
-        yield outcome_of(before == after, upright & display.lensed, algorithm, one, display)
+        same = same_colour(before, show(other, moved, algorithm))
+        yield Comparison(display, one, same, upright & display.lensed)
 
 
-def _shadow(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
+# -- other pictures -----------------------------------------------------------------------------
+
+
+def _nearer(show: Show, algorithm: str) -> Iterator[Comparison]:
     """A nearer object changes only panel pixels that now show it."""
-    for display, rgbd in noise_pictures(size):
+    for display, rgbd in noise_pictures():
         high = np.float32(display.depth_range_mm[1])
         r, c = (n // 2 for n in rgbd.shape)
-        depth = np.array(rgbd.depth_mm)
-        covered = np.array(rgbd.covered)
         there = np.zeros(rgbd.shape, bool)
         there[r - 2 : r + 2, c - 2 : c + 2] = True
-        depth[there] = np.nextafter(high, np.float32(-np.inf))
-        covered |= there
-        other = RGBD(rgbd.color, depth, covered, rgbd.pixel_mm)
-        before, after = find(rgbd, display, algorithm), find(other, display, algorithm)
-        shows = (after >= 0) & there.ravel()[np.maximum(after, 0)]
-        yield outcome_of((before == after) | shows, display.lensed, algorithm, rgbd, display)
+        depth = np.where(there, np.nextafter(high, np.float32(-np.inf)), rgbd.depth_mm)
+        yield _with_object(show, algorithm, display, rgbd, there, depth)
 
 
-def _appears(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
+def _appears(show: Show, algorithm: str) -> Iterator[Comparison]:
     """An object where nothing was changes only panel pixels that now show it."""
-    for display, rgbd in noise_pictures(size):
-        there = ~rgbd.covered
-        full = with_depth(rgbd.depth_mm, rgbd.pixel_mm)
-        before = find(rgbd, display, algorithm)
-        after = find(
-            RGBD(rgbd.color, full.depth_mm, full.covered, full.pixel_mm), display, algorithm
-        )
-        shows = (after >= 0) & there.ravel()[np.maximum(after, 0)]
-        yield outcome_of((before == after) | shows, display.lensed, algorithm, rgbd, display)
+    for display, rgbd in noise_pictures():
+        yield _with_object(show, algorithm, display, rgbd, ~rgbd.covered, rgbd.depth_mm)
 
 
-def _garbage(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
+def _with_object(
+    show: Show, algorithm: str, display: Display, rgbd: RGBD, there: np.ndarray, depth: np.ndarray
+) -> Comparison:
+    marked = np.where(there[..., None], _MARK, rgbd.color)
+    other = RGBD(marked, depth, rgbd.covered | there, rgbd.pixel_mm)
+    # The object's colour is told apart, also where the picture had its pixels before.
+    painted = RGBD(marked, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    before, after = show(painted, display, algorithm), show(other, display, algorithm)
+    shows = (after > 1).any(axis=-1)
+    return Comparison(display, rgbd, same_colour(before, after) | shows, display.lensed)
+
+
+def _uncovered(show: Show, algorithm: str) -> Iterator[Comparison]:
     """What uncovered pixels hold, NaN and infinities too, changes nothing."""
-    for display, rgbd in noise_pictures(size):
-        before = find(rgbd, display, algorithm)
+    for display, rgbd in noise_pictures():
+        before = show(rgbd, display, algorithm)
         for value in (np.nan, np.inf, -np.inf, 1e30):
             depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(value))
-            after = find(RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm), display, algorithm)
-            yield outcome_of(before == after, display.lensed, algorithm, rgbd, display)
+            after = show(RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm), display, algorithm)
+            yield Comparison(display, rgbd, same_colour(before, after), display.lensed)
 
 
-def _threads(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
-    """One thread or all: the same bits."""
-    import numba
-
-    before = numba.get_num_threads()
-    for display, rgbd in noise_pictures(size):
-        many = find(rgbd, display, algorithm)
-        numba.set_num_threads(1)
-        try:
-            one = find(rgbd, display, algorithm)
-        finally:
-            numba.set_num_threads(before)
-        yield outcome_of(many == one, display.lensed, algorithm, rgbd, display)
+# -- other ways of doing it ---------------------------------------------------------------------
 
 
-def _tiles(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
-    """Asked for in pieces, the panel is the same as whole."""
-    for display, rgbd in noise_pictures(size):
-        whole = find(rgbd, display, algorithm)
-        pieces = np.full_like(whole, HOLE)
+def _threads(pictures: _Pictures) -> _Check:
+    """One thread or all, and once more: the same bits."""
+
+    def check(show: Show, algorithm: str) -> Iterator[Comparison]:
+        import numba
+
+        before = numba.get_num_threads()
+        for display, rgbd in pictures():
+            many = show(rgbd, display, algorithm)
+            numba.set_num_threads(1)
+            try:
+                one = show(rgbd, display, algorithm)
+            finally:
+                numba.set_num_threads(before)
+            yield Comparison(display, rgbd, same_colour(many, one), display.lensed)
+
+    return check
+
+
+def _tiles(show: Show, algorithm: str) -> Iterator[Comparison]:
+    """Made in three pieces by a mask, the panel is the same as whole."""
+    for display, rgbd in noise_pictures():
+        whole = show(rgbd, display, algorithm)
+        pieces = np.full_like(whole, np.nan)
         tile = np.indices(display.eia_shape).sum(axis=0) // 3 % 3
         for n in range(3):
-            part = sources_shown(rgbd, display, algorithm, mask=tile == n)
+            part = shown(rgbd, display, algorithm, mask=tile == n)
             pieces[tile == n] = part[tile == n]
-        yield outcome_of(whole == pieces, display.lensed, algorithm, rgbd, display)
+        yield Comparison(display, rgbd, same_colour(whole, pieces), display.lensed)
 
 
-def _interpreted(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
-    """Compiled or as plain Python: the same bits."""
-    for display, rgbd in noise_pictures(size):
-        compiled = find(rgbd, display, algorithm)
-        plain = find(rgbd, display, f"{algorithm}:implementation=python")
-        yield outcome_of(compiled == plain, display.lensed, algorithm, rgbd, display)
+def _even() -> Iterator[Made]:
+    return mounted_pictures(_EVEN)
 
 
-def _types(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
-    """The exact path: tables of float32 and rays in float64, the same bits."""
-    from inim.generators.template import ray_by_ray
-
-    for display, rgbd in noise_pictures(size):
-        tables = find(rgbd, display, algorithm)
-        rays = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
-        yield outcome_of(tables == rays, display.lensed, algorithm, rgbd, display)
+def _odd() -> Iterator[Made]:
+    return mounted_pictures(_ODD)
 
 
-def _backends(find: Find, algorithm: str, size: Size) -> Iterator[Outcome]:
-    """Compiled by numba or by Dr.Jit for LLVM: the same bits."""
-    for display, rgbd in noise_pictures(size):
-        ours, theirs = find(rgbd, display, algorithm), find(rgbd, display, "template_jit")
-        yield outcome_of(ours == theirs, display.lensed, algorithm, rgbd, display)
-
-
-_NO_OCCLUSION = "the best match wins, wherever on the ray: occlusion is no part of the method"
-_A_POINT = "a picture pixel is a point: raised, it lands elsewhere and uncovers what was behind"
-_STEPS = "its step P_I is a length across: along a stretched z it samples more finely"
-_SIZE = "a picture pixel is a point: farther away, more of them land on one panel pixel"
+_TURNED = ("shift_x_mm", "shift_y_mm", "tilt_x_deg", "tilt_y_deg")
+_MIRRORED = ("shift_y_mm", "tilt_y_deg", "rotation_deg")
 
 RELATIONS = [
-    Relation("shift by one pitch", _shift, _AND_LAYERS),
-    Relation("mirror left and right", _mirror(1), _AND_LAYERS),
-    Relation("mirror top and bottom", _mirror(0), _AND_LAYERS),
-    Relation(
-        "transpose", _transpose,
-        ("template", "gu2020", "wang2024:matching=ray", "li2012", "layered"),
-        (("wang2024", "z depends on the rows alone: a transposed picture is another problem"),),
-    ),
-    Relation("all lengths x 2^10", _scale(1024.0), _AND_LAYERS, bitwise=True),
-    Relation("all lengths x 2^-7", _scale(2.0**-7), _AND_LAYERS, bitwise=True),
-    Relation("all lengths x 1000", _scale(1000.0), _AND_LAYERS),
-    Relation(
-        "stretch along z x 4", _stretch, tuple(a for a in _AND_LAYERS if a != "gu2020"),
-        (("gu2020", _STEPS),), bitwise=True,
-    ),
-    Relation("move along z", _along_z, (*ALGORITHMS[:-1], "layered"), (("li2012", _SIZE),)),
-    Relation(
-        "a nearer object changes only its shadow", _shadow, _FIRST_HIT,
-        (
-            ("wang2024", _NO_OCCLUSION),
-            ("wang2024:matching=ray", _NO_OCCLUSION),
-            ("li2012", _A_POINT),
-        ),
-    ),
-    Relation("an object where nothing was", _appears),
-    Relation("uncovered pixels do not matter", _garbage, _AND_LAYERS, bitwise=True),
-    Relation("one thread or all", _threads, _AND_LAYERS, bitwise=True),
-    Relation("tiles or whole", _tiles, _AND_LAYERS, bitwise=True),
-    Relation("compiled or plain Python", _interpreted, _RIVALS, bitwise=True),
-    Relation("float32 tables or float64 rays", _types, ("template",), bitwise=True),
-    Relation("numba or Dr.Jit on LLVM", _backends, ("template",), bitwise=True),
-]  # fmt: skip
+    Relation("shift by one pitch", _shift),
+    Relation("mirror left and right", _flip((1,), noise_pictures)),
+    Relation("mirror top and bottom", _flip((0,), noise_pictures)),
+    Relation("transpose", _transpose, first_hit=True),
+    Relation("all lengths x 2^10", _scale(2.0**10, noise_pictures), bitwise=True),
+    Relation("all lengths x 2^-7", _scale(2.0**-7, noise_pictures), bitwise=True),
+    Relation("all lengths x 1000", _scale(1000.0, noise_pictures)),
+    Relation("stretch along z x 4", _stretch, bitwise=True, first_hit=True),
+    Relation("move along z", _along_z, first_hit=True),
+    Relation("a nearer object changes only its shadow", _nearer, first_hit=True, one_layer=True),
+    Relation("an object where nothing was", _appears, first_hit=True, one_layer=True),
+    Relation("uncovered pixels do not matter", _uncovered, bitwise=True),
+    Relation("one thread or all", _threads(noise_pictures), bitwise=True),
+    Relation("tiles or whole", _tiles, bitwise=True),
+    Relation("turned right round, as straight", _turned_round, mounted=True),
+    Relation("mounted array upside down", _flip((0, 1), _even, _TURNED), mounted=True),
+    Relation("mounted array in a mirror", _flip((0,), _odd, _MIRRORED), mounted=True),
+    Relation("mounted array, all lengths x 2^10", _scale(2.0**10, _even), True, mounted=True),
+    Relation("mounted array, one thread or all", _threads(_odd), True, mounted=True),
+]

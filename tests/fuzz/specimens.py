@@ -17,7 +17,7 @@ from inim.display import Display
 from inim.files.image import write_exr, write_rgbd
 from inim.files.mesh import Mesh, write_ply
 from inim.rgbd import RGBD
-from inim.stress.solids import solids_of
+from inim.stress.pictures import solids_of
 from tests.conftest import scene_text, small_display, sphere, square
 
 __all__ = ["DISPLAY", "SPECIMENS"]

@@ -16,7 +16,7 @@ from inim.cli import main
 from inim.display import Viewpoint
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.files.image import read_rgbd
-from inim.pipeline.picture_oracle import exact_hits
+from inim.generators.oracle import exact_hits
 from inim.pipeline.warp import warped
 from inim.rgbd import RGBD
 from tests import oracle

@@ -1,4 +1,4 @@
-"""A whole quick stress run from the command line.
+"""A whole quick stress run from the command line, and one of the project's own study.
 
 Expected: every check holds, every file is there, mistakes cost one line and no folder.
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from inim.errors import EXIT_PASSED, EXIT_USAGE
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
 from inim.settings import Settings
 from tests.system.conftest import (
     TINY,
@@ -23,18 +23,27 @@ from tests.system.conftest import (
     write_scene,
 )
 
-FILES = {"stress.html", "stress.json", "stress.md", "stress.png", "stress.svg"}
+ROOT = Path(__file__).parents[2]
+FILES = {"stress.html", "stress.json", "stress.md"}
 KEYS = {
+    "schema", "mode", "command", "versions", "backend", "algorithms", "first_hits", "relations",
+    "jitter", "picture", "checks", "passed", "files", "seconds",
+}  # fmt: skip
+STUDY_KEYS = {
     "schema", "mode", "command", "versions", "backend", "generators", "lens_models", "relations",
     "jitter", "regions", "trust", "checks", "passed", "files", "seconds",
 }  # fmt: skip
 
 
-def run_stress(*words: object, folder: Path):
+def run(module: str, *words: object, folder: Path):
     return subprocess.run(
-        [sys.executable, "-m", "inim.stress", *map(str, words)],
+        [sys.executable, "-m", module, *map(str, words)],
         cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", timeout=600,
     )  # fmt: skip
+
+
+def run_stress(*words: object, folder: Path):
+    return run("inim.stress", *words, folder=folder)
 
 
 @pytest.fixture(scope="module")
@@ -56,18 +65,15 @@ def test_every_file_is_there_and_nothing_half_written(finished):
 def test_data_are_complete_and_every_check_holds(finished):
     data = finished[2]
     assert data.keys() >= KEYS
-    assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress/1", "quick", True)
+    assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress/2", "quick", True)
     assert all(c["passed"] and c["cases"] > 0 for c in data["checks"])
-    both = {(r["algorithm"], r["dtype"]) for r in data["generators"] if r["outcome"] == "ran"}
-    assert len(both) == 15
-    assert {(r["model"], r["dtype"]) for r in data["lens_models"] if r["outcome"] == "ran"} == {
-        (m, d) for m in ("pinhole", "thin", "thick") for d in ("float32", "float64")
-    }
-    relations = {r["relation"] for r in data["relations"]}
-    assert {"numba or Dr.Jit on LLVM", "a solid cut in two", "free array upside down"} <= relations
-    assert {r["form"] for r in data["generators"] if r["outcome"] == "ran"} >= {
-        "lists", "strips", "ray by ray", "free rays"
-    }  # fmt: skip
+    names = set(data["algorithms"])
+    assert names >= {"template", "layered", "gu2020", "wang2024", "li2012"}
+    for rows in ("first_hits", "relations", "jitter"):
+        assert {r["algorithm"] for r in data[rows]} == names
+    exact = [r for r in data["first_hits"] if r["exact"] and not r["warnings"]]
+    assert {r["algorithm"] for r in exact} == {"template", "layered"}
+    assert sum(r["pixels"] for r in exact) > 2000 and not any(r["wrong"] for r in exact)
 
 
 @pytest.mark.slow
@@ -77,6 +83,64 @@ def test_each_check_has_a_line_and_the_page_its_place(finished):
     for check, line in zip(data["checks"], lines, strict=False):
         assert line.startswith("ok") and check["name"] in line
     assert lines[-1] == f"passed; {Path('out') / 'stress.html'}"
+
+
+@pytest.mark.slow
+def test_the_study_runs_from_the_repository_and_all_it_claims_holds(tmp_path):
+    ended = run("reports.stress.study", "--quick", "-o", tmp_path / "out", folder=ROOT)
+    assert ended.returncode == EXIT_PASSED, ended.stderr + ended.stdout
+    data = json.loads((tmp_path / "out" / "stress.json").read_text("utf-8"))
+    figures = {"stress.svg", "stress.png"}
+    assert {p.name for p in (tmp_path / "out").iterdir()} == FILES | figures == set(data["files"])
+    assert data.keys() >= STUDY_KEYS
+    assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress/1", "quick", True)
+    assert all(c["passed"] and c["cases"] > 0 for c in data["checks"])
+    both = {(r["algorithm"], r["dtype"]) for r in data["generators"] if r["outcome"] == "ran"}
+    assert len(both) == 10
+    assert {(r["model"], r["dtype"]) for r in data["lens_models"] if r["outcome"] == "ran"} == {
+        (m, d) for m in ("pinhole", "thin", "thick") for d in ("float32", "float64")
+    }
+    relations = {r["relation"] for r in data["relations"]}
+    assert {"numba or Dr.Jit on LLVM", "a solid cut in two", "mirror left and right"} <= relations
+    assert {r["form"] for r in data["generators"] if r["outcome"] == "ran"} >= {
+        "lists", "strips", "ray by ray", "mounted"
+    }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_an_algorithm_that_others_announce_is_run_by_name_and_a_failure_is_its_exit_code(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "planted_eia.py").write_text(
+        """
+import numpy as np
+
+def prepare(display, shape, pixel_mm):
+    return Fickle(display.eia_shape)
+
+class Fickle:
+    calls = 0
+
+    def __init__(self, shape):
+        self.shape = shape
+
+    def generate(self, rgbd, out=None):
+        Fickle.calls += 1
+        return np.full((*self.shape, 3), Fickle.calls % 7, np.float32)
+"""
+    )
+    info = tmp_path / "planted-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: planted\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[inim.generators]\nplanted = planted_eia:prepare\n")
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
+    words = ("--quick", "--algorithms", "planted,template", "-o", tmp_path / "out")
+    ended = run_stress(*words, folder=tmp_path)
+    assert ended.returncode == EXIT_CHECK_FAILED, ended.stderr
+    lines = ended.stdout.splitlines()
+    assert lines[0].startswith("ok") and "planted: nothing crashes" in lines[0]
+    assert lines[1].startswith("FAILED") and "planted: relations" in lines[1]
+    assert all(line.startswith("ok") and "template" in line for line in lines[2:4])
 
 
 @pytest.mark.slow
@@ -107,7 +171,11 @@ def test_a_scene_that_shows_nothing_is_one_line(tmp_path):
 
 @pytest.mark.parametrize(
     ("words", "says"),
-    [(("missing.xml",), ["missing.xml"]), (("-D", "inim.gap_mm=3"), ["-D", "scene"])],
+    [
+        (("missing.xml",), ["missing.xml"]),
+        (("-D", "inim.gap_mm=3"), ["-D", "scene"]),
+        (("--algorithms", "nobody"), ["nobody", "template"]),
+    ],
 )
 def test_mistakes_cost_one_line_and_no_folder(tmp_path, words, says):
     ended = run_stress(*words, folder=tmp_path)

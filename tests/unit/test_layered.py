@@ -18,9 +18,8 @@ from inim.generators.raycast.solids import (
 )
 from inim.generators.sources import NO_LENS
 from inim.rgbd import RGBD, Layer, LayeredRGBD
-from inim.stress.case import FULL, noise
-from inim.stress.cases import ties
-from inim.stress.solids import solids_of
+from inim.stress.pictures import noise, solids_of
+from reports.stress.study.cases import ties
 from tests import oracle
 from tests.conftest import small_display
 
@@ -132,7 +131,7 @@ def test_backs_at_the_very_depth_where_a_ray_enters_are_exact(ulps):
 
 def tied(display: Display, ulps: int) -> RGBD:
     """Every picture pixel at a depth at which some ray leaves it, to the ulp."""
-    (case,) = [c for c in ties(FULL) if c.label == f"lists, binary lengths, {ulps:+d} ulp"]
+    (case,) = [c for c in ties() if c.label == f"lists, binary lengths, {ulps:+d} ulp"]
     made, rgbd = case.make()
     assert made == display
     return rgbd

@@ -1,348 +1,134 @@
-"""The stress run's own tools: its oracles are right, and each of its checks can fail.
+"""Stress of an algorithm: each of its checks can fail, for anybody's algorithm.
 
-An error is planted into a generator or a lens model, and the check that should see it must.
+An error is planted into what an algorithm shows, and the check that should see it must.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
-from hypothesis import strategies as st
-from hypothesis.database import DirectoryBasedExampleDatabase
 
-from inim.accuracy_limits import trust_warnings
-from inim.display import Display
 from inim.errors import UsageError
-from inim.generators import HOLE, find_sources, generate, prepare
-from inim.generators.template import ray_by_ray
-from inim.lens import trace_to_panel
-from inim.rgbd import RGBD
-from inim.stress import generators, optics, optics_cases, optics_relations, relations
-from inim.stress.case import FULL, QUICK, Case, Family, noise
-from inim.stress.first_hits import exact_hits, first_hits
-from inim.stress.free_cases import FREE_FAMILIES, MOUNTINGS
-from inim.stress.free_rays import chosen_pixels, rays_over
-from inim.stress.free_relations import FREE_RELATIONS
+from inim.generators.oracle import exact_hits
+from inim.stress.algorithm import shown
+from inim.stress.first_hits import cases, check_first_hits
 from inim.stress.jitter import JITTERS, measure_jitter, quantised
-from inim.stress.layer_relations import LAYER_RELATIONS
-from inim.stress.optics_cases import display_of
-from inim.stress.optics_oracle import LensRays, land
-from inim.stress.oracle import answer
-from inim.stress.rays import lensed_pixels, rays_of
-from inim.stress.regions import checks_of, regions_of, trust_limits
+from inim.stress.job import StressRequest
+from inim.stress.pictures import noise, random_picture, small_display, solids_of
+from inim.stress.relations import RELATIONS, run_relations
 from tests import oracle as rational
-from tests.conftest import small_display
 
-# Failures found once are tried first ever after, here and wherever the folder goes.
-FAILURES = DirectoryBasedExampleDatabase(Path(__file__).parent / "stress_failures")
-RANDOM = settings(
-    max_examples=12,
-    deadline=None,
-    database=FAILURES,
-    suppress_health_check=[HealthCheck.too_slow],
-    derandomize=False,
+CASES = {(case.family, case.name): case for case in cases()}
+ONE = CASES["ties", "real mode, +0 ulp"]
+
+
+@pytest.fixture
+def planted(tmp_path, monkeypatch):
+    """Announce an algorithm `planted` as another package would; its fault is an option."""
+    (tmp_path / "planted_eia.py").write_text(
+        """
+import numpy as np
+from inim.errors import UsageError
+from inim.generators import SourceGenerator, prepare as own
+
+def prepare(display, shape, pixel_mm, *, fault="none"):
+    '''An algorithm with a fault to choose.'''
+    if fault == "refuses":
+        raise UsageError("not today")
+    right = own(display, "template", shape=shape, pixel_mm=pixel_mm)
+    return Colours(right) if fault == "colours" else Sources(display, shape, pixel_mm, right, fault)
+
+class Sources(SourceGenerator):
+    def __init__(self, display, shape, pixel_mm, right, fault):
+        super().__init__(display, shape, pixel_mm)
+        self.right, self.fault = right, fault
+
+    def find(self, rgbd):
+        if self.fault == "crash":
+            raise ZeroDivisionError("by planting")
+        found = self.right.find(rgbd)
+        return np.roll(found, 5, axis=1) if self.fault == "lens" else found
+
+class Colours:
+    def __init__(self, right):
+        self.right = right
+
+    def generate(self, rgbd, out=None):
+        return self.right.generate(rgbd, out)
+"""
+    )
+    info = tmp_path / "planted-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: planted\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[inim.generators]\nplanted = planted_eia:prepare\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    return "planted"
+
+
+# -- first hits ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"shift_x_mm": 0.1}, {"elemental_pitch_mm": 1.01}, {"pixel_pitch_mm": 0.19}]
 )
-
-
-def picture(display: Display, seed: int = 0, per_pitch: int = 2) -> RGBD:
-    shape = display.capture_shape(per_pitch)
-    return noise(display, shape, display.pitch_mm / per_pitch, seed)
-
-
-def asked(display: Display, rgbd: RGBD):
-    return rays_of(display, rgbd, lensed_pixels(display))
-
-
-# -- oracles ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("shift", [0.0, 0.1])
-@pytest.mark.parametrize("pixels", [4, 5])
-def test_the_exact_oracle_agrees_with_the_tests_rational_one(pixels, shift):
-    display = small_display(3, 2, pixels=pixels)
-    rgbd = picture(display)
-    rays = asked(display, rgbd)
-    found = exact_hits(rays, rgbd, display, np.arange(len(rays.pixels)))
-    expected = rational.exact_sources(rgbd, display)[rays.pixels[:, 0], rays.pixels[:, 1]]
-    assert np.array_equal(found, expected)
-    # The float one agrees wherever it does not say that rounding decides.
-    float64 = answer("template", rays, rgbd, display, np.float64)
-    assert not ((float64.sources != found) & ~float64.uncertain).any()
-    if shift:
-        moved = display.replace(shift_x_mm=shift)
-        assert not np.array_equal(first_hits(asked(moved, rgbd), rgbd, moved), found)
-
-
-lengths = st.sampled_from([1.0, 0.5, 0.93, 1 / 3, 1.17, 2.0])
-
-
-@st.composite
-def displays(draw):
-    """Random displays, real and virtual, of whole and broken numbers of pixels."""
-    pitch = draw(lengths)
-    focal = pitch * draw(st.sampled_from([2.0, 3.0, 3.7]))
-    gap = focal * draw(st.sampled_from([0.8, 0.9, 1.1, 1.25]))
-    ratio = draw(st.sampled_from([2, 3, 4.5, 5, 5.3]))
-    columns, rows = draw(st.integers(1, 4)), draw(st.integers(1, 3))
-    ends = draw(st.sampled_from([None, (-6.0, 5.0), (3.0, 9.0), (-9.0, -2.5)]))
-    stated = {}
-    if ends is not None:
-        stated = {"depth_min_mm": ends[0] * pitch, "depth_max_mm": ends[1] * pitch}
-    return Display(pitch, focal, gap, pitch / ratio, columns, rows, **stated)
-
-
-#: Each of wang2024's entries is on a border of picture pixels.
-ON_BORDERS = Display(1 / 3, 2 / 3, 1.6 / 3, 1 / 15, 1, 2)
-
-
-@RANDOM
-@given(displays(), st.integers(0, 2**31), st.sampled_from([1, 2, 3, 1.7]))
-@example(ON_BORDERS, 113, 3)
-def test_random_displays_are_exact_and_uncertain_where_they_differ(display, seed, per_pitch):
-    """`template` in all forms against fractions; the others within rounding of their definition."""
-    rgbd = noise(display, (14, 16), display.pitch_mm / per_pitch, seed)
-    rays = asked(display, rgbd)
-    if not len(rays.pixels):
-        return
-    at = rays.pixels[:, 0], rays.pixels[:, 1]
-    exact = exact_hits(rays, rgbd, display, np.arange(len(rays.pixels)))
-    alone = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
-    # Lengths of too many digits (3 x 0.8 is not 2.4) are warned of, and then ties may be lost.
-    warned = bool(trust_warnings(display, pixel_mm=rgbd.pixel_mm))
-    uncertain = answer("template", rays, rgbd, display, np.float64).uncertain
-    for shown in (find_sources(rgbd, display), alone):
-        wrong = shown[at] != exact
-        assert not (wrong & ~uncertain if warned else wrong).any()
-    for algorithm in ("gu2020", "wang2024:matching=ray", "li2012"):
-        known = answer(algorithm, rays, rgbd, display, np.float64)
-        shown = find_sources(rgbd, display, algorithm)[at]
-        assert not ((shown != known.sources) & ~known.uncertain).any(), algorithm
-
-
-@pytest.mark.parametrize("side", ["viewer", "panel"])
-def test_the_optics_oracle_obeys_the_thin_lens_near_the_axis(side):
-    """h (1 - g / f) + s g from the lens centre, as in closed form."""
-    display = display_of(curved_side=side)
-    tiny = np.array([1e-6])
-    found = land(display, "thick", LensRays(tiny, 0 * tiny, 2 * tiny, 0 * tiny))
-    expected = 1e-6 * (1 - 3.3 / 3) + 2e-6 * 3.3
-    assert float(found.x[0]) == pytest.approx(expected, rel=1e-8)
-
-
-def test_the_optics_oracle_knows_where_total_reflection_begins():
-    """Flat side first, parallel light is reflected beyond h = R / n."""
-    radius = 3.0 * 0.4917
-    display = display_of(curved_side="panel", pitch_mm=1.405 * radius, pixel_pitch_mm=0.08)
-    display = display.replace(lens_thickness_mm=1.5)
-    h = radius / 1.4917 * np.array([0.999, 1.001])
-    weight = land(display, "thick", LensRays(h, 0 * h, 0 * h, 0 * h)).weight
-    assert weight[0] > 0 and weight[1] == 0
-
-
-# -- what would run for ever, or take all memory --------------------------------------------------
-
-
-def test_rays_that_cross_too_many_cells_are_refused():
-    far = small_display(2, 2, pixels=3, gap_mm=3.0 * (1 + 2.0**-24))
-    for algorithm in ("template", "wang2024", "gu2020"):
-        with pytest.raises(UsageError, match="make sense"):
-            prepare(far, algorithm, shape=(9, 9), pixel_mm=0.5)
-
-
-def test_tables_that_would_fill_the_memory_give_way_to_rays():
-    """A picture of 50,000 pixels per pitch took 894 GiB as tables."""
-    display = small_display(3, 3, pixels=5, depth_min_mm=1e-3, depth_max_mm=1.5e-3)
-    rgbd = noise(display, (16, 16), 2e-5)
-    shown = find_sources(rgbd, display)
-    alone = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm)
-    assert np.array_equal(shown, alone.sources(rgbd))
-    assert (shown >= 0).any()
-
-
-MEANS = {(c.algorithm, np.dtype(c.dtype).name) for c in generators.CONTENDERS if c.samples > 1}
-
-
-# -- checks that can fail -------------------------------------------------------------------------
-
-
-def one_case(make=None, **changes):
-    display = small_display(3, 3, pixels=5, **changes)
-    made = (display, picture(display)) if make is None else make
-    family = Family("family", "value", lambda _: [])
-    return family, Case("case", lambda: made, 1.0)
-
-
-def plant(monkeypatch, wrong):
-    """Let every generator's answer pass through `wrong` in the cases."""
-
-    def planted(rgbd, display, algorithm="template", **options):
-        return wrong(find_sources(rgbd, display, algorithm, **options), display, rgbd, algorithm)
-
-    replace_finder(monkeypatch, planted)
-
-
-def replace_finder(monkeypatch, finder):
-    """Let sources come from elsewhere in the cases, those of rays walked alone too."""
-
-    def alone(display, *_):
-        return SimpleNamespace(sources=lambda rgbd: finder(rgbd, display))
-
-    monkeypatch.setattr(generators, "find_sources", finder)
-    monkeypatch.setattr(generators, "ray_by_ray", alone)
-
-
-def of_sources(rows):
-    """Rows of what names its sources; means of colours are planted in by themselves."""
-    return [r for r in rows if (r["algorithm"], r["dtype"]) not in MEANS]
-
-
-def failed(rows):
-    return {(r["algorithm"], r["dtype"]) for r in rows if not r["passed"]}
-
-
-def test_an_honest_case_passes():
-    rows = generators.run_case(*one_case(), 225)
-    assert len(rows) == len(generators.CONTENDERS)
-    assert not failed(rows)
-    assert all(r["changed"] == 0 for r in rows if r["algorithm"] == "template")
-
-
-def test_a_lens_off_by_one_is_reported(monkeypatch):
-    plant(monkeypatch, lambda found, display, *_: np.roll(found, 5, axis=1))
-    rows = of_sources(generators.run_case(*one_case(), 225))
-    assert len(rows) == len(generators.CONTENDERS) - len(MEANS) == len(failed(rows))
-
-
-def test_a_wrong_sign_of_depth_is_reported(monkeypatch):
-    def planted(rgbd, display, algorithm="template", **options):
-        low, high = display.depth_range_mm
-        turned = RGBD(
-            rgbd.color, np.float32(low + high) - rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm
+def test_the_oracle_agrees_with_the_tests_own(changes):
+    display = small_display(lens_rows=2, **changes)
+    rgbd = noise(display, display.capture_shape(2), 0.5)
+    hits = exact_hits(rgbd, display)
+    if "shift_x_mm" in changes:  # which the tests' own does not know
+        assert not np.array_equal(
+            hits.sources, exact_hits(rgbd, small_display(lens_rows=2)).sources
         )
-        return find_sources(turned, display, algorithm, **options)
-
-    replace_finder(monkeypatch, planted)
-    rows = of_sources(generators.run_case(*one_case(), 225))
-    assert len(rows) == len(generators.CONTENDERS) - len(MEANS) == len(failed(rows))
+        return
+    expected = rational.exact_sources(rgbd, display)
+    assert np.array_equal(hits.sources, expected[tuple(hits.pixels.T)])
 
 
-def test_one_wrong_pixel_of_the_exact_path_is_reported(monkeypatch):
-    def wrong(found, display, rgbd, algorithm):
-        found = found.copy()
-        found[7, 7] = HOLE if found[7, 7] != HOLE else 0
-        return found
-
-    plant(monkeypatch, wrong)
-    rows = generators.run_case(*one_case(), 225)
-    assert {("template", "float32"), ("template", "float64")} <= failed(rows)
+@pytest.mark.parametrize("algorithm", ["template", "layered", "template:samples=4"])
+@pytest.mark.parametrize("case", [CASES[k] for k in CASES if "ulp" in k[1]], ids=lambda c: c.name)
+def test_first_hits_by_definition_are_right_at_ties(algorithm, case):
+    row = check_first_hits(algorithm, case)
+    assert row["outcome"] == "ran" and row["exact"]
+    assert row["wrong"] == 0 < row["pixels"] and row["passed"]
 
 
-def test_depths_off_by_their_last_bit_are_reported(monkeypatch):
-    """Exact tables over a picture that is one float32 farther away: ties give it away."""
-    ties = next(c for c in _family("ties") if c.label == "ray by ray, +0 ulp")
-
-    def farther(rgbd, display, algorithm="template", **options):
-        if algorithm == "template":
-            depth = np.nextafter(rgbd.depth_mm, np.float32(-np.inf))
-            rgbd = replace(rgbd, depth_mm=depth)
-        return find_sources(rgbd, display, algorithm, **options)
-
-    replace_finder(monkeypatch, farther)
-    rows = generators.run_case(Family("ties", "", lambda _: []), ties, 225)
-    assert {("template", "float32"), ("template", "float64")} <= failed(rows)
+def test_another_definition_is_counted_and_not_judged():
+    row = check_first_hits("wang2024", ONE)
+    assert row["wrong"] > 20 and row["passed"] and not row["exact"]
 
 
-def _family(name):
-    from inim.stress.families import FAMILIES
-
-    return next(f for f in FAMILIES if f.name == name).cases(QUICK)
-
-
-def test_a_crash_is_a_row_and_not_the_end(monkeypatch):
-    def broken(*_, **__):
-        raise ZeroDivisionError("by planting")
-
-    for name in ("find_sources", "ray_by_ray", "generate"):
-        monkeypatch.setattr(generators, name, broken)
-    rows = generators.run_case(*one_case(), 225)
-    assert {r["outcome"] for r in rows} == {"crashed"} and len(failed(rows)) == len(rows)
+def test_a_wrong_first_hit_fails_where_it_is_promised(monkeypatch):
+    monkeypatch.setattr("inim.stress.first_hits.is_first_hit", lambda _: True)
+    assert not check_first_hits("gu2020", ONE)["passed"]
+    long = random_picture(0)  # its lengths have too many digits: a validation warns
+    row = check_first_hits("gu2020", replace(ONE, make=lambda: long))
+    assert row["wrong"] and row["warnings"] and row["passed"]
 
 
-@pytest.mark.parametrize("wrong", ["lens", "place", "weight", "one pixel"])
-def test_a_wrong_mean_of_rays_is_reported(monkeypatch, wrong):
-    def planted(rgbd, display, algorithm):
-        if wrong == "place":  # all rays through the centre
-            return generate(rgbd, display, algorithm.partition(":")[0], samples=1)
-        eia = generate(rgbd, display, algorithm)
-        if wrong == "lens":
-            return np.roll(eia, 5, axis=1)
-        if wrong == "weight":
-            return eia * np.float32(1 + 2e-6)
-        eia[0, 0, 0] += np.float32(1e-5)  # of the pixels that are always looked at
-        return eia
-
-    honest = generators.run_case(*one_case(), 225)
-    assert not failed(honest)
-    monkeypatch.setattr(generators, "generate", planted)
-    assert failed(generators.run_case(*one_case(), 225)) == MEANS
+def test_somebody_else_s_algorithm_is_counted(planted):
+    assert check_first_hits(planted, ONE)["wrong"] == 0
+    wrong = check_first_hits(f"{planted}:fault=lens", ONE)
+    assert wrong["wrong"] > wrong["pixels"] / 2 and wrong["passed"] and not wrong["exact"]
 
 
-@pytest.mark.parametrize("name", MOUNTINGS)
-def test_a_wrong_ray_of_a_free_array_is_reported(monkeypatch, name):
-    """The gap of the panel's middle for all pixels, a turn the other way, another lattice."""
-    slip = {
-        "turned": {"rotation_deg": -4.0},
-        "tilted": {"tilt_x_deg": 0.0, "tilt_y_deg": 0.001},
-        "hexagonal": {"pitch_y_mm": 0.9},
-        "all at once": {"elemental_pitch_mm": 1.0},
-    }[name]
-    family, case = one_case(**MOUNTINGS[name])
-    rows = generators.run_case(family, case, 225)
-    ran = {r["algorithm"] for r in rows if r["outcome"] == "ran"}
-    assert ran >= {"template", "gu2020", "layered:samples=1", "template:samples=4"}
-    assert not failed(rows)
-
-    def planted(rgbd, display, algorithm="template", **options):
-        return find_sources(rgbd, display.replace(**slip), algorithm, **options)
-
-    replace_finder(monkeypatch, planted)
-    rows = of_sources(generators.run_case(family, case, 225))
-    assert all(r["outside"] for r in rows if r["outcome"] == "ran")
+@pytest.mark.parametrize(
+    ("fault", "outcome", "passed"),
+    [("crash", "crashed", False), ("refuses", "refused", True), ("colours", "no sources", True)],
+)
+def test_what_goes_wrong_is_a_row_and_not_the_end(planted, fault, outcome, passed):
+    row = check_first_hits(f"{planted}:fault={fault}", ONE)
+    assert (row["outcome"], row["passed"]) == (outcome, passed)
 
 
-def test_a_free_array_turned_to_straight_has_the_straight_one_s_rays():
-    """Long doubles and fractions tell of the same rays, whichever way lenses are found."""
-    straight = small_display(4, 3, pixels=5, shift_x_mm=0.13)
-    rgbd = picture(straight)
-    pixels = chosen_pixels(straight, 1000)
-    free = rays_over(straight.replace(rotation_deg=360.0), rgbd, pixels)
-    exact = rays_over(straight, rgbd, pixels)
-    assert not free.doubtful.any() and len(pixels) == 20 * 15 - 15
-    for name in ("v0", "dv", "u0", "du"):
-        off = np.abs(getattr(free, name) - getattr(exact, name))
-        assert off.max() < 1e-14 * np.abs(getattr(exact, name)).max()
+# -- relations ----------------------------------------------------------------------------------
 
-
-@pytest.mark.slow
-@pytest.mark.parametrize("family", FREE_FAMILIES, ids=lambda f: f.name)
-def test_every_case_of_free_arrays_holds(family):
-    rows = [row for c in family.cases(FULL) for row in generators.run_case(family, c, 225)]
-    assert rows and [r for r in rows if not r["passed"]] == []
-
-
-def test_what_must_be_refused_and_is_not_is_reported():
-    family, case = one_case()
-    (row,) = generators.run_case(family, Case(case.label, case.make, 1.0, refused=True), 225)
-    assert row["outcome"] == "accepted" and not row["passed"]
-
-
+_SHIFT = "shift by one pitch"
+_NEARER = "a nearer object changes only its shadow"
+#: For each relation, what breaks it: of what is shown, the display and the picture.
 BROKEN_BY = {
-    "shift by one pitch": lambda s, d, r: np.where(np.arange(s.shape[1]) < 9, s, np.roll(s, 1, 1)),
+    _SHIFT: lambda s, d, r: np.where((np.arange(s.shape[1]) < 9)[:, None], s, np.roll(s, 1, 1)),
     "mirror left and right": lambda s, d, r: np.roll(s, 1, axis=1),
     "mirror top and bottom": lambda s, d, r: np.roll(s, 1, axis=0),
     "transpose": lambda s, d, r: np.roll(s, 1, axis=1),
@@ -351,198 +137,134 @@ BROKEN_BY = {
     "all lengths x 1000": lambda s, d, r: np.roll(s, int(d.pitch_mm > 2), axis=1),
     "stretch along z x 4": lambda s, d, r: np.roll(s, int(d.gap_mm > 10), axis=1),
     "move along z": lambda s, d, r: np.roll(s, int(d.depth_range_mm[1] > 30), axis=1),
-    "a nearer object changes only its shadow": lambda s, d, r: np.roll(
-        s, int(np.count_nonzero(r.covered)), axis=1
-    ),
+    _NEARER: lambda s, d, r: np.roll(s, np.count_nonzero(r.covered), axis=1),
     "an object where nothing was": lambda s, d, r: np.roll(s, int(r.covered.all()), axis=1),
     "uncovered pixels do not matter": lambda s, d, r: np.roll(
         s, int(not np.isfinite(r.depth_mm).all()), axis=1
     ),
-}
-
-
-BROKEN_FREE = {
     "turned right round, as straight": lambda s, d, r: np.roll(s, int(d.rotation_deg != 0), 1),
-    "free array upside down": lambda s, d, r: np.roll(s, 1, axis=1),
-    "free array in a mirror": lambda s, d, r: np.roll(s, 1, axis=0),
-    "free array, all lengths x 2^10": lambda s, d, r: np.roll(s, int(d.pitch_mm > 2), axis=1),
+    "mounted array upside down": lambda s, d, r: np.roll(s, 1, axis=1),
+    "mounted array in a mirror": lambda s, d, r: np.roll(s, 1, axis=0),
+    "mounted array, all lengths x 2^10": lambda s, d, r: np.roll(s, int(d.pitch_mm > 2), axis=1),
 }
-BROKEN_LAYERS = {
-    "without layers as template": lambda s, d, r: np.roll(s, 1, axis=1),
-    "a solid cut in two": lambda s, d, r: np.roll(s, len(r.layers) % 2, axis=1),
-    "the deepest solid changes what shows it": lambda s, d, r: np.roll(
-        s, len(r.layers) % 2, axis=1
-    ),
-    "solids without gaps are columns": lambda s, d, r: np.roll(s, len(r.layers) // 2, axis=1),
-}
+#: Those that compare two calls with the same arguments.
+CALLS = ("one thread or all", "tiles or whole", "mounted array, one thread or all")
 
 
-@pytest.mark.parametrize("name", [*BROKEN_BY, *BROKEN_FREE, *BROKEN_LAYERS])
+def test_every_relation_is_planted_an_error():
+    assert {r.name for r in RELATIONS} == {*BROKEN_BY, *CALLS}
+
+
+@pytest.mark.parametrize("name", BROKEN_BY)
 def test_every_relation_sees_what_breaks_it(name):
-    wrong = (BROKEN_BY | BROKEN_FREE | BROKEN_LAYERS)[name]
-    every = [*relations.RELATIONS, *FREE_RELATIONS, *LAYER_RELATIONS]
-    (relation,) = [r for r in every if r.name == name]
-    algorithm = relation.algorithms[0]
-    relation = replace(relation, algorithms=(algorithm,), explained=())
+    (relation,) = (r for r in RELATIONS if r.name == name)
 
-    def planted(rgbd, display, algorithm):
-        return wrong(relations.sources_shown(rgbd, display, algorithm), display, rgbd)
+    def wrong(rgbd, display, algorithm):
+        return BROKEN_BY[name](shown(rgbd, display, algorithm), display, rgbd)
 
-    (row,) = relations.run_relations(QUICK, relations=[relation])
-    assert row["passed"] and row["algorithm"] == algorithm
-    (row,) = relations.run_relations(QUICK, planted, [relation])
+    (row,) = run_relations(["template"], relations=[relation])
+    assert row["passed"] and not row["explained"] and row["compared"] > 0
+    (row,) = run_relations(["template"], show=wrong, relations=[relation])
     assert not row["passed"]
 
 
-def test_threads_tiles_and_forms_are_compared_for_real():
+def test_threads_and_tiles_are_compared_for_real():
     """An answer that changes with every call breaks the relations that compare two calls."""
     calls = iter(range(1000))
 
     def fickle(rgbd, display, algorithm):
-        return np.roll(relations.sources_shown(rgbd, display, algorithm), next(calls), axis=1)
+        return np.roll(shown(rgbd, display, algorithm), next(calls), axis=1)
 
-    names = ("one thread or all", "tiles or whole", "float32 tables or float64 rays")
-    names += ("free array, one thread or all",)
-    chosen = [r for r in [*relations.RELATIONS, *FREE_RELATIONS] if r.name in names]
-    rows = relations.run_relations(QUICK, fickle, chosen)
-    assert {r["relation"] for r in rows if not r["passed"]} == set(names)
+    chosen = [r for r in RELATIONS if r.name in CALLS]
+    rows = run_relations(["template"], show=fickle, relations=chosen)
+    assert {r["relation"] for r in rows if not r["passed"]} == set(CALLS)
 
 
-def test_explained_relations_do_break_so_the_explanation_is_needed():
-    explained = [replace(r, algorithms=()) for r in relations.RELATIONS if r.explained]
-    rows = relations.run_relations(QUICK, relations=explained)
-    assert rows and all(r["broken"] > r["uncertain"] for r in rows)
+def test_what_only_first_hits_promise_is_measured_of_others_and_not_judged():
+    chosen = [r for r in RELATIONS if r.name in ("transpose", _NEARER, "mirror left and right")]
+    rows = {r["relation"]: r for r in run_relations(["wang2024"], relations=chosen)}
+    for name in ("transpose", _NEARER):
+        assert rows[name]["broken"] > rows[name]["uncertain"] and rows[name]["passed"]
+        assert rows[name]["explained"]
+    assert (
+        rows["mirror left and right"]["passed"] and not rows["mirror left and right"]["explained"]
+    )
 
 
-OPTICS_BROKEN = {
-    "mirror left and right": lambda x, y, d: (x + 1e-9, y),
-    "transpose": lambda x, y, d: (x * (1 + 1e-9), y),
-    "shift by one pitch": lambda x, y, d: (x * (1 + 1e-9), y),
-    "array and rays shifted by half and whole pixels": lambda x, y, d: (
-        x - 2 * d.shift_x_mm,
-        y,
-    ),
-    "all lengths x 2^10": lambda x, y, d: (x + 1e-12, y),
-    "all lengths x 1000": lambda x, y, d: (x + 1e-9, y),
-    "one ray or many": lambda x, y, d: (x + 1e-12 * np.size(x), y),
-}
+@pytest.mark.parametrize("fault", ["none", "colours"])
+def test_somebody_else_s_algorithm_keeps_them_by_sources_or_by_colours(planted, fault):
+    chosen = [r for r in RELATIONS if r.name in (_SHIFT, "tiles or whole", "all lengths x 2^10")]
+    rows = run_relations([f"{planted}:fault={fault}"], relations=chosen)
+    assert len(rows) == 3 and all(r["passed"] and r["compared"] > 0 for r in rows)
 
 
-@pytest.mark.parametrize("name", optics_relations.OPTICS_RELATIONS)
-def test_every_lens_relation_sees_what_breaks_it(name):
-    def planted(display, model, *ray):
-        x, y, weight = trace_to_panel(display, model, *ray)
-        return (*OPTICS_BROKEN[name](x, y, display), weight)
-
-    honest = [r for r in optics_relations.run_optics_relations() if r["relation"] == name]
-    wrong = [r for r in optics_relations.run_optics_relations(planted) if r["relation"] == name]
-    assert all(r["passed"] for r in honest)
-    assert not any(r["passed"] for r in wrong)
+def test_a_crash_in_a_relation_is_a_row(planted):
+    (row,) = run_relations([f"{planted}:fault=crash"], relations=RELATIONS[:1])
+    assert not row["passed"] and "by planting" in row["message"]
 
 
-def optics_case():
-    display = display_of()
-    rays = optics_cases.rays_over(display, 40)
-    family = optics.OpticsFamily("family", "value", ("pinhole", "thin", "thick"), lambda _: [])
-    return family, optics.OpticsCase("case", lambda: (display, rays), 1.0)
+def test_arrays_that_need_not_be_served_may_be_refused():
+    (relation,) = (r for r in RELATIONS if r.name == "mounted array upside down")
+    (row,) = run_relations(["li2012"], relations=[relation])
+    assert row["passed"] and row["compared"] == 0 and "independent" in row["message"]
+    (row,) = run_relations(["li2012"], relations=[replace(relation, mounted=False)])
+    assert not row["passed"]
 
 
-def test_honest_lens_models_pass():
-    rows = optics.run_optics_case(*optics_case())
-    assert len(rows) == 6 and all(r["passed"] and r["safe"] for r in rows)
-
-
-@pytest.mark.parametrize("wrong", ["sign", "lens", "single"])
-def test_a_wrong_lens_model_is_reported(monkeypatch, wrong):
-    """A wrong sign, the next lens, float32 where float64 is claimed."""
-
-    def planted(display, model, x, y, sx, sy, dtype):
-        if wrong == "sign":
-            return trace_to_panel(display, model, x, y, -sx, sy, dtype=dtype)
-        if wrong == "lens":
-            a, b, weight = trace_to_panel(display, model, x, y, sx, sy, dtype=dtype)
-            return a + display.pitch_mm, b, weight
-        return trace_to_panel(display, model, x, y, sx, sy, dtype=np.float32)
-
-    monkeypatch.setattr(optics, "trace_to_panel", planted)
-    rows = optics.run_optics_case(*optics_case())
-    dtypes = ("float64",) if wrong == "single" else ("float64", "float32")
-    assert all(not r["passed"] for r in rows if r["dtype"] in dtypes)
-
-
-# -- what follows from rows -----------------------------------------------------------------------
-
-
-def row(value, safe=True, dtype="float32", **more):
-    common = {
-        "family": "incidence", "case": str(value), "value": value, "model": "thin", "dtype": dtype,
-        "algorithm": "template", "outcome": "ran", "safe": safe, "guards": [], "passed": safe,
-        "exact": more.get("algorithm", "template") == "template", "form": "lists",
-        "worst_pixels": 0.0, "pixels": 10, "changed": 0 if safe else 3, "digest": "same",
-    }  # fmt: skip
-    return common | more
-
-
-def test_a_region_ends_where_the_first_unsafe_value_is():
-    rows = [row(1.0), row(2.0), row(3.0), row(4.0, safe=False), row(5.0)]
-    (region,) = regions_of([], rows, {"incidence": "slope"})
-    assert (region["low"], region["high"], region["tried"]) == (1.0, 3.0, [1.0, 5.0])
-    far_off = [row(1.0), row(2.0, worst_pixels=0.02)]
-    (region,) = regions_of([], far_off, {"incidence": "slope"})
-    assert region["high"] == 1.0
-
-
-def test_limits_are_the_last_safe_values():
-    lenses = [row(v, safe=v < 3, model=m) for v in (1.0, 2.0, 3.0) for m in ("pinhole", "thin")]
-    lenses += [row(v, safe=v < 2, model="thick") for v in (1.0, 2.0)]
-    widths = [row(v, family="array width", model=m) for v in (9.0, 64.0) for m in
-              ("pinhole", "thin", "thick")]  # fmt: skip
-    indices = [row(v, safe=v > 1.1, family="index", model=m) for v in (1.05, 1.2, 1.5)
-               for m in ("thin", "thick")]  # fmt: skip
-    found = trust_limits([row(0.0), row(1.0, safe=False)], lenses + widths + indices, 17)
-    assert found["slope"] == {"pinhole": 2.0, "thin": 2.0, "thick": 1.0}
-    assert (found["panel_pixels"], found["least_index"]) == (17 * 64.0, 1.2)
-    assert found["changed_by_rounding"] == 0.3
-
-
-def verdicts(rows, relations_rows=({"passed": True},)):
-    data = {"generators": rows, "lens_models": rows, "relations": list(relations_rows)}
-    return {c["name"].partition(":")[0]: [] for c in checks_of(data)}, checks_of(data)
-
-
-def test_the_verdict_fails_for_what_is_unsafe_and_unguarded():
-    good = [row(1.0), row(1.0, dtype="float64"), row(2.0, algorithm="gu2020")]
-    assert all(c["passed"] for c in verdicts(good)[1])
-    bad = [*good, row(3.0, safe=False)]
-    assert not all(c["passed"] for c in verdicts(bad)[1])
-    guarded = [*good, row(3.0, safe=False, guards=["warned"], passed=True)]
-    assert all(c["passed"] for c in verdicts(guarded)[1])
-
-
-def test_the_verdict_fails_where_types_differ_or_nothing_was_tried():
-    other = [row(1.0), row(1.0, dtype="float64", digest="other"), row(2.0, algorithm="gu2020")]
-    by_name = {c["name"]: c["passed"] for c in verdicts(other)[1]}
-    assert not next(v for k, v in by_name.items() if "alike" in k)
-    assert not any(c["passed"] for c in verdicts([], ())[1])
+def test_what_rounding_decides_may_break_a_relation_of_others_only():
+    """gu2020's ray through a corner of the picture's pixels, seen in a mirror."""
+    (relation,) = (r for r in RELATIONS if r.name == "mirror top and bottom")
+    (row,) = run_relations(["gu2020"], relations=[relation])
+    assert 0 < row["broken"] <= row["uncertain"] and row["passed"]
+    (row,) = run_relations(["gu2020"], relations=[replace(relation, bitwise=True)])
+    assert not row["passed"]
 
 
 # -- jitter ---------------------------------------------------------------------------------------
 
 
 def test_quantised_depth_has_that_many_values_and_is_within_half_a_step():
-    display = small_display(4, 4)
-    rgbd = picture(display, per_pitch=8)
+    display = small_display(lens_columns=4, lens_rows=4)
+    rgbd = noise(display, display.capture_shape(8), 1 / 8)
     low, high = display.depth_range_mm
     coarse = quantised(rgbd, display, 4)
     assert len(np.unique(coarse.depth_mm)) == 16
     assert np.abs(coarse.depth_mm - rgbd.depth_mm).max() <= (high - low) / 15 / 2 * 1.001
 
 
-def test_coarser_depth_changes_more():
-    display = small_display(4, 4)
-    rgbd = picture(display, per_pitch=4)
-    rows = measure_jitter(rgbd, display, ("template",))
+@pytest.mark.parametrize("fault", ["none", "colours"])
+def test_coarser_depth_changes_more(planted, fault):
+    display = small_display(lens_columns=4, lens_rows=4)
+    rgbd = noise(display, display.capture_shape(4), 1 / 4)
+    rows = measure_jitter(rgbd, display, [f"{planted}:fault={fault}"])
     assert [r["jitter"] for r in rows] == list(JITTERS)
     changed = {r["jitter"]: r["changed"] for r in rows}
     assert changed["8 bits"] > changed["10 bits"] > changed["16 bits"]
     assert changed["+1 ulp"] <= changed["16 bits"] < 0.01
+
+
+# -- requests -----------------------------------------------------------------------------------
+
+
+def test_algorithms_are_chosen_by_name_and_others_come_by_themselves(planted, tmp_path):
+    named = StressRequest(tmp_path, algorithms="planted:fault=lens, template")
+    assert named.chosen() == ["planted:fault=lens", "template"]
+    assert StressRequest.from_json(named.as_json()) == named
+    assert {"template", "layered", "planted"} <= set(StressRequest(tmp_path).chosen())
+
+
+@pytest.mark.parametrize(
+    ("algorithms", "says"),
+    [("nobody", "nobody"), ("template,template", "twice"), ("template:x=1", "x"), (",", "none")],
+)
+def test_mistakes_in_names_are_usage_errors(tmp_path, algorithms, says):
+    with pytest.raises(UsageError, match=says):
+        StressRequest(tmp_path, algorithms=algorithms).check()
+
+
+def test_solids_are_in_order_and_touch():
+    display = small_display()
+    solid = solids_of(noise(display, (9, 9), 0.5), display)
+    one, two = solid.deeper
+    assert (solid.depth_mm >= solid.back_mm).all() and (solid.back_mm >= one.front_mm).all()
+    assert (one.back_mm >= two.front_mm).all() and np.isneginf(two.back_mm).all()

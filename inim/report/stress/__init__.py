@@ -1,39 +1,44 @@
-"""The report of a stress run: `stress.json`, `stress.md`, `stress.html` and the figure."""
+"""The report of a stress run: `stress.json`, `stress.md` and `stress.html`."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from inim.report.files import list_files, write_forms
+from inim.report.stress.page import render_stress
+from inim.report.stress.tables import Table, render_markdown, summary_lines, tables_of
 
 __all__ = ["SCHEMA", "write_stress"]
 
-SCHEMA = "inim.stress/1"
+SCHEMA = "inim.stress/2"
 # Digits of figures in the file: enough for any table, and a third of its size.
 _DIGITS = 6
 
 
-def write_stress(data: Mapping[str, Any], folder: Path) -> None:
+def write_stress(
+    data: Mapping[str, Any],
+    folder: Path,
+    *,
+    tables: Callable[[Mapping[str, Any]], Sequence[Table]] = tables_of,
+    lines: Callable[[Mapping[str, Any]], Sequence[str]] = summary_lines,
+) -> None:
     """Write all forms of a stress run into a folder, `stress.json` last: it marks a whole one.
 
     Parameters
     ----------
     data : mapping
-        Schema `inim.stress/1`; `files` is added here.
+        Schema `inim.stress/2`, or another that `tables` and `lines` know; `files` is added here.
     folder : Path
-        Empty; the figure is written first, for the page shows it.
+        Empty but for figures; the page shows `stress.svg`.
+    tables, lines : callable
+        Tables and sentences of the page and of the Markdown, made from what was written.
     """
-    from inim.report.stress.page import render_stress
-    from inim.report.stress.plots import draw_plots
-    from inim.report.stress.tables import render_markdown
-
-    draw_plots(data, folder)
     forms = {
-        "stress.md": render_markdown,
-        "stress.html": lambda data: render_stress(data, folder),
+        "stress.md": lambda data: render_markdown(data, tables(data), lines(data)),
+        "stress.html": lambda data: render_stress(data, folder, tables(data), lines(data)),
     }
     listed = _short(list_files(data, folder, "stress.json", *forms))
     write_forms(listed, folder, "stress.json", forms, encode=_as_text)

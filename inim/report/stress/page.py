@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from inim.report.markup import bullets, plot, table, text
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
-from inim.report.stress.tables import Table, summary_lines, tables_of
+from inim.report.stress.tables import Table
 from inim.report.wording import MISSING, number, part
 
 __all__ = ["render_stress"]
@@ -23,7 +23,8 @@ _STYLE = """
 """
 _PARTS = {
     "verdict": "Verdict",
-    "trust": "Where numbers can be trusted",
+    "hits": "First hits",
+    "limits": "Accuracy limits",
     "generators": "Generators",
     "lenses": "Lens models",
     "relations": "Relations",
@@ -33,26 +34,32 @@ _PARTS = {
 }
 
 
-def render_stress(data: Mapping[str, Any], folder: Path) -> str:
+def render_stress(
+    data: Mapping[str, Any], folder: Path, tables: Sequence[Table], lines: Sequence[str]
+) -> str:
     """The whole run as one HTML page.
 
     Parameters
     ----------
     data : mapping
-        The contents of stress.json, schema ``inim.stress/1``.
+        The contents of stress.json.
     folder : Path
-        Where the figure lies; it is embedded.
+        Where the figure lies, if there is one; it is embedded.
+    tables : sequence of Table
+        Each goes to the section of its `part`; empty ones are left out.
+    lines : sequence of str
+        Sentences above the verdict.
     """
     by_part: dict[str, list[Table]] = {}
-    for one in tables_of(data):
+    for one in tables:
         if one.rows:
             by_part.setdefault(one.part, []).append(one)
     sections = []
     for name, found in by_part.items():
         body = "".join(map(_table, found))
         if name == "verdict":
-            body = bullets(summary_lines(data), "remarks") + body
-        if name == "trust":
+            body = bullets(lines, "remarks") + body
+        if name == "limits":
             body = _figure(folder) + body
         sections.append(Section(name, _PARTS[name], body))
     title = data.get("title", "Stress")

@@ -7,22 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from inim.accuracy_limits import trust_warnings
+from inim.accuracy_limits import accuracy_warnings
 from inim.display import Display
 from inim.errors import InimError
 from inim.lens import trace_to_panel
-from inim.stress.optics_cases import OpticsCase, OpticsFamily, all_optics_cases
-from inim.stress.optics_oracle import Landing, LensRays, land
+from reports.stress.study.cases import Case
+from reports.stress.study.lens_cases import LENS_FAMILIES, LensFamily, cases_of
+from reports.stress.study.lens_oracle import Landing, LensRays, land
 
-__all__ = ["BAND_ULPS", "run_optics", "run_optics_case"]
+__all__ = ["run_lens_case", "run_lens_cases"]
 
 # Roundings a landing point may collect: each in an ulp of the largest coordinate on the way, or in
 # an eps of the numbers of its ray, which grazing rays amplify.
-BAND_ULPS = 32.0
+_BAND_ULPS = 32.0
 _TYPES: tuple[Any, ...] = (np.float64, np.float32)
 
 
-def run_optics(count: int, thin: int, listener: Any) -> list[dict[str, Any]]:
+def run_lens_cases(count: int, thin: int, listener: Any) -> list[dict[str, Any]]:
     """A row for every lens model in both types on every case.
 
     Parameters
@@ -34,16 +35,14 @@ def run_optics(count: int, thin: int, listener: Any) -> list[dict[str, Any]]:
     listener : Observer
     """
     rows: list[dict[str, Any]] = []
-    family_before = None
-    for family, case in all_optics_cases(count, thin):
-        if family.name != family_before:
-            listener.stage(f"lens models: {family.name}")
-            family_before = family.name
-        rows += run_optics_case(family, case)
+    for family in LENS_FAMILIES:
+        listener.stage(f"lens models: {family.name}")
+        for case in cases_of(family, count, thin):
+            rows += run_lens_case(family, case)
     return rows
 
 
-def run_optics_case(family: OpticsFamily, case: OpticsCase) -> list[dict[str, Any]]:
+def run_lens_case(family: LensFamily, case: Case) -> list[dict[str, Any]]:
     """Make one case and trace it by all its models."""
     common = {"family": family.name, "case": case.label, "value": case.value}
     try:
@@ -69,7 +68,7 @@ def _said(error: Exception) -> str:
 
 
 def _run(
-    case: OpticsCase, display: Display, model: str, rays: LensRays, truth: _Truth, dtype: type
+    case: Case, display: Display, model: str, rays: LensRays, truth: _Truth, dtype: type
 ) -> dict[str, Any]:
     try:
         traced = trace_to_panel(display, model, rays.x, rays.y, rays.sx, rays.sy, dtype=dtype)
@@ -83,7 +82,7 @@ def _run(
     row = _compare(display, rays, traced, truth, dtype)
     safe = not row["outside"]
     slope = float(np.hypot(rays.sx.astype(float), rays.sy.astype(float)).max(initial=0.0))
-    guards = trust_warnings(display, model, slope=slope)
+    guards = accuracy_warnings(display, model, slope=slope)
     return row | {
         "slope": slope,
         "outcome": "ran",
@@ -153,10 +152,10 @@ def _compare(
         other = both & (landed != expected).any(axis=0)
         relit = (weight > 0) != (truth.weight > 0)
         lost = both & ~np.isfinite(known.moves)
-        band = BAND_ULPS * (ulp + np.where(lost, 0, known.moves))
+        band = _BAND_ULPS * (ulp + np.where(lost, 0, known.moves))
         near_edge = np.minimum(_clear(truth.x, pixel), _clear(truth.y, pixel)) <= band
         lens = truth.edge * display.pitch_mm <= band
-        reflecting = (truth.reflection <= BAND_ULPS * eps) | lost
+        reflecting = (truth.reflection <= _BAND_ULPS * eps) | lost
         uncertain = lens | reflecting | (both & near_edge)
         far_off = both & (off > band) & ~lens & ~reflecting
         broken = both & ~np.isfinite(off)

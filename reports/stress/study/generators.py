@@ -1,4 +1,4 @@
-"""Every generator on every case, against its oracle."""
+"""Every generator on every case, against its oracle: sources, or mean colours of several rays."""
 
 from __future__ import annotations
 
@@ -6,33 +6,32 @@ import hashlib
 import math
 import time
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from inim import metrics
-from inim.accuracy_limits import trust_warnings
+from inim.accuracy_limits import accuracy_warnings
 from inim.display import Display
+from inim.display.pixel_axis import stated
 from inim.errors import InimError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
+from inim.generators.oracle import Aside
 from inim.generators.raycast.direction_lists import cells_per_pitch, shares_directions
 from inim.generators.template import ray_by_ray
 from inim.rgbd import RGBD
-from inim.stress.averages import compare_colours
-from inim.stress.case import Case, Family, Size
-from inim.stress.families import all_cases
-from inim.stress.free_rays import chosen_pixels, rays_over
-from inim.stress.oracle import answer
-from inim.stress.rays import Rays
-from inim.stress.settled import settle
-from inim.stress.solids import solids_of
-from inim.stress.ulps import deciding_ulps
+from inim.stress.pictures import solids_of
+from reports.stress.study.cases import FAMILIES, Case, Family, Size, cases_of
+from reports.stress.study.oracles import answer, with_rational_ties
+from reports.stress.study.rays import Rays, chosen_pixels, rays_over
+from reports.stress.study.ulps import deciding_ulps
 
-__all__ = ["CONTENDERS", "Contender", "run_case", "run_cases"]
+__all__ = ["VARIANTS", "Variant", "run_case", "run_cases"]
 
 
 @dataclass(frozen=True)
-class Contender:
+class Variant:
     """A generator in one type.
 
     Attributes
@@ -59,22 +58,30 @@ class Contender:
 
     @property
     def is_first_hit(self) -> bool:
-        """Whether fractions can settle it."""
+        """Whether fractions can decide it."""
         return self.oracle in ("template", "layered")
 
 
 _ROUNDED = ("gu2020", "wang2024", "wang2024:matching=ray", "li2012")
-CONTENDERS = [
+VARIANTS = [
     # float64 before float32: the one is what the other is compared with.
-    Contender("template", "template", np.float64, exact=True, alone=True),
+    Variant("template", "template", np.float64, exact=True, alone=True),
     # What users get: exits as float32 tables where the picture allows.
-    Contender("template", "template", np.float32, exact=True),
-    Contender("layered:samples=1", "layered", np.float32, exact=True),
-    Contender("template:samples=2", "template", np.float32, exact=True, samples=2),
-    Contender("template:samples=4", "template", np.float32, exact=True, samples=4),
-    Contender("layered:samples=4", "layered", np.float32, exact=True, samples=4),
-    *(Contender(name, name, np.float64) for name in _ROUNDED),
+    Variant("template", "template", np.float32, exact=True),
+    Variant("layered:samples=1", "layered", np.float32, exact=True),
+    Variant("template:samples=2", "template", np.float32, exact=True, samples=2),
+    Variant("template:samples=4", "template", np.float32, exact=True, samples=4),
+    Variant("layered:samples=4", "layered", np.float32, exact=True, samples=4),
+    *(Variant(name, name, np.float64) for name in _ROUNDED),
 ]
+_QUARTER = Fraction(1, 4)
+_LEFT_AND_UP = (-_QUARTER, -_QUARTER)
+_RAY_PLACES: dict[int, tuple[Aside, ...]] = {
+    2: (_LEFT_AND_UP, (_QUARTER, _QUARTER)),
+    4: (_LEFT_AND_UP, (-_QUARTER, _QUARTER), (_QUARTER, -_QUARTER), (_QUARTER, _QUARTER)),
+}
+# Roundings of a mean of four float32 colours: a sum's three, each by half an ulp of at most 4.
+_MEAN_ROUNDINGS = 2
 # Panel pixels of a case that each oracle is asked for: some take long.
 _MOST_PIXELS = {"template": 1000, "layered": 400, "gu2020": 200, "wang2024": 60, "li2012": 120}
 # Landings that the oracle of `li2012` computes.
@@ -87,30 +94,28 @@ _MOST_SAMPLES = 300_000
 _LONGEST_S = 60.0
 
 
-def form_of(contender: Contender, display: Display, rgbd: RGBD) -> str:
-    """How first hits are gone about: lists, strips, or ray by ray."""
-    if not contender.is_first_hit:
+def _form_of(variant: Variant, display: Display, rgbd: RGBD) -> str:
+    """How first hits are found: by lists, strips, ray by ray, or rays of a mounted array."""
+    if not variant.is_first_hit:
         return ""
     if not display.is_separable:
-        return "free rays"
-    if contender.alone:
+        return "mounted"
+    if variant.alone:
         return "ray by ray"
     if not cells_per_pitch(display, rgbd.pixel_mm):
         return "ray by ray"
     if shares_directions(display):
         return "lists"
-    return "strips" if contender.oracle == "template" else "ray by ray"
+    return "strips" if variant.oracle == "template" else "ray by ray"
 
 
 def run_cases(size: Size, listener: Any) -> list[dict[str, Any]]:
-    """A row for every contender on every case."""
+    """A row for every variant on every case."""
     rows: list[dict[str, Any]] = []
-    family_before = None
-    for family, case in all_cases(size):
-        if family.name != family_before:
-            listener.stage(f"generators: {family.name}")
-            family_before = family.name
-        rows += run_case(family, case, size.most_pixels)
+    for family in FAMILIES:
+        listener.stage(f"generators: {family.name}")
+        for case in cases_of(family, size):
+            rows += run_case(family, case, size.most_pixels)
     return rows
 
 
@@ -132,9 +137,9 @@ def run_case(family: Family, case: Case, most_pixels: int) -> list[dict[str, Any
     solid = solids_of(rgbd, display)
     doubles: dict[str, np.ndarray] = {}
     rows = []
-    for contender in CONTENDERS:
-        picture = solid if contender.oracle == "layered" else rgbd
-        rows.append(common | _run(contender, case, (display, picture), rays, doubles))
+    for variant in VARIANTS:
+        picture = solid if variant.oracle == "layered" else rgbd
+        rows.append(common | _run(variant, case, (display, picture), rays, doubles))
     return rows
 
 
@@ -153,37 +158,37 @@ def _crashed(error: Exception) -> dict[str, Any]:
 
 
 def _run(
-    contender: Contender,
+    variant: Variant,
     case: Case,
     made: tuple[Display, RGBD],
     rays: Rays,
     doubles: dict[str, np.ndarray],
 ) -> dict[str, Any]:
-    """One contender's row; float64's sources are kept for float32's to be compared with."""
+    """One variant's row; float64's sources are kept for float32's to be compared with."""
     display, rgbd = made
-    said = {"algorithm": contender.algorithm, "dtype": np.dtype(contender.dtype).name}
+    said = {"algorithm": variant.algorithm, "dtype": np.dtype(variant.dtype).name}
     started = time.perf_counter()
     try:
-        if contender.samples > 1:
-            found = generate(rgbd, display, contender.algorithm)
-        elif contender.alone and display.is_separable:
-            prepare(display, contender.algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+        if variant.samples > 1:
+            found = generate(rgbd, display, variant.algorithm)
+        elif variant.alone and display.is_separable:
+            prepare(display, variant.algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
             found = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
         else:
-            found = find_sources(rgbd, display, contender.algorithm)
+            found = find_sources(rgbd, display, variant.algorithm)
         took = time.perf_counter() - started
-        row = said | _judged(contender, found, doubles, display, rgbd, rays)
+        row = said | _judged(variant, found, doubles, display, rgbd, rays)
         row["seconds"] = took
     except InimError as error:
         return _refused(said["algorithm"], said["dtype"], error) | {
-            "passed": case.refused is not False or not contender.exact
+            "passed": case.refused is not False or not variant.exact
         }
     except Exception as error:
         return said | _crashed(error)
     # Rays of the other arrays are float64: what meets a corner exactly may go either way.
-    exact = contender.exact and display.is_separable
+    exact = variant.exact and display.is_separable
     safe = not (row["changed"] if exact else row["outside"])
-    guards = trust_warnings(display, pixel_mm=rgbd.pixel_mm)
+    guards = accuracy_warnings(display, pixel_mm=rgbd.pixel_mm)
     return row | {
         "outcome": "ran",
         "message": "",
@@ -195,7 +200,7 @@ def _run(
 
 
 def _judged(
-    contender: Contender,
+    variant: Variant,
     found: np.ndarray,
     doubles: dict[str, np.ndarray],
     display: Display,
@@ -203,35 +208,34 @@ def _judged(
     rays: Rays,
 ) -> dict[str, Any]:
     """What was found against the oracle, and against float64's."""
-    few = _affordable(rays, contender, display, rgbd.depth_mm.size)
+    few = _affordable(rays, variant, display, rgbd.depth_mm.size)
     common = {
-        "form": form_of(contender, display, rgbd),
+        "form": _form_of(variant, display, rgbd),
         "digest": hashlib.sha256(found.tobytes()).hexdigest()[:16],
     }
-    if contender.samples > 1:
-        oracle = (contender.oracle, contender.samples)
-        return common | compare_colours(oracle, found, few.pixels, rgbd, display)
-    if contender.dtype is np.float64:
-        doubles[contender.oracle] = found
-    double = doubles.get(contender.oracle)
+    if variant.samples > 1:
+        return common | _compare_means(variant, found, few.pixels, rgbd, display)
+    if variant.dtype is np.float64:
+        doubles[variant.oracle] = found
+    double = doubles.get(variant.oracle)
     loss = None if double is None else _loss_of_type(double, found, display, rgbd)
-    return common | {"ssim_loss": loss} | _compare(contender, found, display, rgbd, few)
+    return common | {"ssim_loss": loss} | _compare(variant, found, display, rgbd, few)
 
 
 def _compare(
-    contender: Contender, found: np.ndarray, display: Display, rgbd: RGBD, rays: Rays
+    variant: Variant, found: np.ndarray, display: Display, rgbd: RGBD, rays: Rays
 ) -> dict[str, Any]:
     """Found sources against the oracle's."""
     shown = found[rays.pixels[:, 0], rays.pixels[:, 1]].astype(np.int64)
-    oracle = answer(contender.oracle, rays, rgbd, display, contender.dtype)
-    truth, settled = oracle.sources, 0
-    if contender.is_first_hit:
-        double = contender.dtype is np.float64
-        fine = oracle if double else answer(contender.oracle, rays, rgbd, display, np.float64)
-        truth, settled = settle(fine, shown, rays, rgbd, display)
+    oracle = answer(variant.oracle, rays, rgbd, display, variant.dtype)
+    truth, exact = oracle.sources, 0
+    if variant.is_first_hit:
+        double = variant.dtype is np.float64
+        fine = oracle if double else answer(variant.oracle, rays, rgbd, display, np.float64)
+        truth, exact = with_rational_ties(fine, shown, rays, rgbd, display)
     changed = shown != truth
     outside = changed & ~oracle.uncertain
-    worst, mean = deciding_ulps(contender.algorithm, contender.dtype, display, rgbd)
+    worst, mean = deciding_ulps(variant.algorithm, variant.dtype, display, rgbd)
     most = rgbd.palette.shape[0] * rgbd.palette.shape[1]
     bad = (found < HOLE) & (found != NO_LENS) | (found >= most)
     return {
@@ -239,24 +243,67 @@ def _compare(
         "changed": int(changed.sum()),
         "uncertain": int(oracle.uncertain.sum()),
         "outside": int(outside.sum()) + int(bad.sum()),
-        "settled_exactly": settled,
+        "settled_exactly": exact,
         "worst_ulp": worst,
         "mean_ulp": mean,
     }
 
 
-def _affordable(rays: Rays, contender: Contender, display: Display, cells: int) -> Rays:
+def _compare_means(
+    variant: Variant, found: np.ndarray, pixels: np.ndarray, rgbd: RGBD, display: Display
+) -> dict[str, Any]:
+    """How many panel pixels show another colour than the mean of their rays.
+
+    Parameters
+    ----------
+    variant : Variant
+    found : (rows, columns, 3) float32
+        A generator's EIA, linear RGB.
+    pixels : (n, 2) int
+        Panel pixels to look at.
+    """
+    shown = found[pixels[:, 0], pixels[:, 1]].astype(float)
+    mean, uncertain, exact = np.zeros(shown.shape), np.zeros(len(pixels), bool), 0
+    palette = rgbd.palette.reshape(-1, 3).astype(float)
+    fill = stated(display.pixel_fill)
+    for down, right in _RAY_PLACES[variant.samples]:
+        rays = rays_over(display, rgbd, pixels, (down * fill, right * fill))
+        known = answer(variant.oracle, rays, rgbd, display, np.float64)
+        # What is shown has no source to differ by: fractions decide all that rounding may have.
+        sources, decided = with_rational_ties(known, known.sources, rays, rgbd, display)
+        exact += decided
+        uncertain |= known.uncertain
+        mean += (
+            np.where((sources >= 0)[:, None], palette[np.maximum(sources, 0)], 0) / variant.samples
+        )
+    off = np.abs(shown - mean)
+    eps = float(np.finfo(np.float32).eps)
+    changed = (off > _MEAN_ROUNDINGS * eps).any(axis=1)
+    ulps = off[~changed] / np.spacing(np.maximum(mean[~changed], eps).astype(np.float32))
+    return {
+        "pixels": len(shown),
+        "changed": int(changed.sum()),
+        "uncertain": int(uncertain.sum()),
+        "outside": int((changed & ~uncertain).sum()),
+        "settled_exactly": exact,
+        "ssim_loss": None,
+        "worst_ulp": float(ulps.max(initial=0.0)),
+        "mean_ulp": float(ulps.mean()) if ulps.size else 0.0,
+    }
+
+
+def _affordable(rays: Rays, variant: Variant, display: Display, cells: int) -> Rays:
     """All rays, or an even choice of them where the oracle takes long for each."""
-    most = _MOST_PIXELS[contender.oracle.partition(":")[0]]
-    if contender.oracle == "gu2020" and not math.isinf(display.scene_pixel_mm):
+    most = _MOST_PIXELS[variant.oracle.partition(":")[0]]
+    if variant.oracle == "gu2020" and not math.isinf(display.scene_pixel_mm):
         low, high = display.depth_range_mm
         most = min(most, max(8, int(_MOST_SAMPLES * display.scene_pixel_mm / (high - low))))
-    if contender.oracle == "li2012":
+    if variant.oracle == "li2012":
         most = min(most, max(6, _MOST_LANDINGS // cells))
-    if contender.is_first_hit:
+    if variant.is_first_hit:
         low, high = display.depth_range_mm
         crossed = float(np.abs([rays.du, rays.dv]).max(initial=0)) * (high - low)
-        most = min(most, max(8, int(_MOST_SAMPLES / (crossed + 1)))) // contender.samples
+        most = min(most, max(8, int(_MOST_SAMPLES / (crossed + 1)))) // variant.samples
     if len(rays.pixels) <= most:
         return rays
     return rays.chosen(np.unique(np.linspace(0, len(rays.pixels) - 1, most).astype(int)))

@@ -208,9 +208,9 @@ def _newton(
         z = z - (z + side * sag) / (1 + side * slope * 2 * (px * ux + py * uy))
     px, py = x - cx + ux * z, y - cy + uy * z
     sag, slope = _sag(display, px * px + py * py)
-    # Rays that pass the face by never settle.
-    settled = np.abs(z + side * sag) <= 1e-12 * WIDE(display.pitch_mm)
-    z = np.where(settled, z, WIDE(np.nan))
+    # Rays that pass the face by never converge.
+    converged = np.abs(z + side * sag) <= 1e-12 * WIDE(display.pitch_mm)
+    z = np.where(converged, z, WIDE(np.nan))
     return np.stack([x + ux * z, y + uy * z, z]), slope
 
 

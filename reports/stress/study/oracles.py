@@ -1,4 +1,4 @@
-"""Oracles of the generators: the definitions in float64 NumPy.
+"""Oracles of the generators: their definitions in float64 NumPy, and fractions where ties are.
 
 Written from the generators' docstrings, not from their kernels, and by other methods: where a
 kernel walks from cell to cell, an oracle gathers all border crossings and sorts them; where a
@@ -6,8 +6,8 @@ kernel keeps the best so far, an oracle lists all candidates and takes the least
 
 Every oracle answers for a list of panel pixels, and says for which of them the answer hangs on
 rounding: those that change when coordinates and depths move by a *band*, the error that arithmetic
-of some type may make. Such pixels are called uncertain. First hits, of `template` and `layered`,
-are `inim.stress.first_hits`, which knows them in fractions too.
+of some type may make. Such pixels are called uncertain. Of first hits, which `template` and
+`layered` show, `with_rational_ties` decides them by `inim.generators.oracle`.
 """
 
 from __future__ import annotations
@@ -23,18 +23,22 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.pixel_axis import stated
-from inim.generators.sources import HOLE
+from inim.generators import HOLE
+from inim.generators.oracle import first_hits_of, layers_of
 from inim.rgbd import RGBD
-from inim.stress.first_hits import CHUNK, cell_of, first_hits, framed
-from inim.stress.rays import Rays, band_of
+from reports.stress.study.rays import Rays, band_of
 
-__all__ = ["Answer", "answer"]
+__all__ = ["Answer", "answer", "exact_first_hits", "first_hits", "with_rational_ties"]
 
+# Numbers in the largest array an oracle makes at once.
+_CHUNK = 2_000_000
+# More pixels than this are not decided by fractions: only where rounding would decide.
+_MOST_EXACT = 400
 # Roundings in the number of an entry of a template.
 _ROUNDINGS = 4
-
-#: Shifts of (columns, rows, depths) in bands: the corners of a cube.
+# Shifts of (columns, rows, depths) in bands: the corners of a cube.
 _PUSHES = [(a, b, c) for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)]
+_STILL = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,6 @@ class Answer:
 
 
 _Find = Callable[[Rays, RGBD, Display, tuple[Any, Any, Any]], np.ndarray]
-_STILL = (0.0, 0.0, 0.0)
 
 
 def answer(algorithm: str, rays: Rays, rgbd: RGBD, display: Display, dtype: type) -> Answer:
@@ -62,7 +65,8 @@ def answer(algorithm: str, rays: Rays, rgbd: RGBD, display: Display, dtype: type
 
     Parameters
     ----------
-    algorithm : {"template", "layered", "gu2020", "wang2024", "wang2024:matching=ray", "li2012"}
+    algorithm : str
+        "template", "layered", "gu2020", "wang2024", "wang2024:matching=ray" or "li2012".
     rays : Rays
     rgbd : RGBD
     display : Display
@@ -81,6 +85,118 @@ def answer(algorithm: str, rays: Rays, rgbd: RGBD, display: Display, dtype: type
     return Answer(sources, uncertain)
 
 
+# -- first hits ---------------------------------------------------------------------------------
+
+
+def exact_first_hits(rays: Rays, rgbd: RGBD, display: Display, which: np.ndarray) -> np.ndarray:
+    """Sources of the rays numbered `which`, in fractions."""
+    return first_hits_of((rays.line(int(i)) for i in which), rgbd, display)
+
+
+def with_rational_ties(
+    known: Answer, shown: np.ndarray, rays: Rays, rgbd: RGBD, display: Display
+) -> tuple[np.ndarray, int]:
+    """First hits, by fractions wherever float64 may have decided, or what is shown differs.
+
+    Parameters
+    ----------
+    known : Answer
+        Of the float64 oracle, for arithmetic in float64.
+    shown : (n,) int64
+        A generator's sources.
+
+    Returns
+    -------
+    (n,) int64, and how many are exact
+    """
+    differ = np.flatnonzero(shown != known.sources)
+    doubt = np.flatnonzero(known.uncertain | (shown != known.sources))
+    step = max(1, len(doubt) // _MOST_EXACT)
+    which = np.unique(np.concatenate([doubt[::step], differ]))
+    sources = known.sources.copy()
+    sources[which] = exact_first_hits(rays, rgbd, display, which)
+    return sources, len(which)
+
+
+def first_hits(rays: Rays, rgbd: RGBD, display: Display, push: tuple = _STILL) -> np.ndarray:
+    """The source of each ray, in float64; each interval's cell is that of its midpoint.
+
+    Parameters
+    ----------
+    rays : Rays
+    rgbd : RGBD
+    display : Display
+    push : (columns, rows, depths)
+        By how much coordinates (cells) and depths (mm) are off.
+
+    Returns
+    -------
+    (n,) int64
+        ``(layer * H + row) * W + column``, or `HOLE`.
+    """
+    low, high = display.depth_range_mm
+    fronts = np.stack([framed(layer.front_mm, layer.covered, push[2]) for layer in layers_of(rgbd)])
+    backs = np.stack([framed(layer.back_mm, layer.covered, push[2]) for layer in layers_of(rgbd)])
+    v0, u0 = rays.v0 + push[1], rays.u0 + push[0]
+    found = np.empty(len(u0), np.int64)
+    reach = np.abs([rays.du, rays.dv]).max(initial=0) * (high - low)
+    step = max(1, int(_CHUNK // (len(fronts) * (2 * reach + 6))))
+    for begin in range(0, len(u0), step):
+        part = slice(begin, begin + step)
+        down, across = (v0[part], rays.dv[part]), (u0[part], rays.du[part])
+        found[part] = _hits(down, across, fronts, backs, rgbd.shape, low, high)
+    return found
+
+
+def framed(depth_mm: np.ndarray, covered: np.ndarray, push: float) -> np.ndarray:
+    """Depths in float64, moved by `push`, with a frame of nothing around."""
+    depth = np.where(covered, depth_mm.astype(float) + push, -np.inf)
+    return np.pad(depth, 1, constant_values=-np.inf)
+
+
+def _hits(
+    down: tuple,
+    across: tuple,
+    fronts: np.ndarray,
+    backs: np.ndarray,
+    shape: tuple[int, int],
+    low: float,
+    high: float,
+) -> np.ndarray:
+    ends = np.broadcast_to([high, low], (len(down[0]), 2))
+    met = [_crossings(start, slope, low, high) for start, slope in (down, across)]
+    z = np.concatenate([ends, *met], axis=1)
+    z = -np.sort(-z, axis=1)
+    top, end = z[:, :-1], z[:, 1:]
+    middle = top / 2 + end / 2
+    r = cell_of(down[0][:, None] + down[1][:, None] * middle, shape[0])
+    c = cell_of(across[0][:, None] + across[1][:, None] * middle, shape[1])
+    # A ray comes from in front of everything: its first cell it has always been in.
+    entry = np.where(top >= high, np.inf, top)
+    reached = (fronts[:, r + 1, c + 1] >= end) & (backs[:, r + 1, c + 1] <= entry)
+    hit = reached.any(axis=0) & (top > end)
+    first, each = np.argmax(hit, axis=1), np.arange(len(hit))
+    layer = np.argmax(reached[:, each, first], axis=0)
+    source: np.ndarray = (layer * shape[0] + r[each, first]) * shape[1] + c[each, first]
+    return np.where(hit.any(axis=1), source, HOLE)
+
+
+def cell_of(place: np.ndarray, cells: int) -> np.ndarray:
+    """Cell of a place; -1 or `cells` outside, where the frame is."""
+    cell: np.ndarray = np.clip(np.floor(place), -1, cells).astype(np.int64)
+    return cell
+
+
+def _crossings(start: np.ndarray, slope: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Depths at which rays meet cell borders, (rays, most crossings), padded with `high`."""
+    ends = np.stack([start + slope * low, start + slope * high])
+    first, last = np.floor(ends.min(axis=0)), np.ceil(ends.max(axis=0))
+    border = first[:, None] + np.arange(int((last - first).max(initial=0)) + 1)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        z = (border - start[:, None]) / slope[:, None]
+    return np.where((z > low) & (z < high), z, high)
+
+
 # -- gu2020 -------------------------------------------------------------------------------------
 
 
@@ -95,10 +211,10 @@ def _gu2020(rays: Rays, rgbd: RGBD, display: Display, push: tuple) -> np.ndarray
         else abs(f / (g - f)) * stated(display.pixel_pitch_mm)
     )
     depths = _stepped(low, high, step)
-    depth = framed(rgbd, push[2])
+    depth = framed(rgbd.depth_mm, rgbd.covered, push[2])
     v0, u0 = rays.v0 + push[1], rays.u0 + push[0]
     found = np.empty(len(u0), np.int64)
-    chunk = max(1, CHUNK // len(depths))
+    chunk = max(1, _CHUNK // len(depths))
     for begin in range(0, len(u0), chunk):
         part = slice(begin, begin + chunk)
         r = cell_of(v0[part, None] + rays.dv[part, None] * depths, rgbd.shape[0])

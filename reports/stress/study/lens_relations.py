@@ -9,10 +9,10 @@ import numpy as np
 
 from inim.display import Display
 from inim.lens import trace_to_panel
-from inim.stress.optics_cases import display_of, rays_over
-from inim.stress.optics_oracle import LensRays
+from reports.stress.study.lens_cases import display_of, rays_over
+from reports.stress.study.lens_oracle import LensRays
 
-__all__ = ["OPTICS_RELATIONS", "Trace", "run_optics_relations"]
+__all__ = ["LENS_RELATIONS", "Trace", "run_lens_relations"]
 
 #: As `inim.lens.trace_to_panel`.
 Trace = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -25,7 +25,7 @@ _MOST_ULPS = 64.0
 _RAYS = 500
 
 
-def run_optics_relations(trace: Trace = trace_to_panel) -> list[dict[str, Any]]:
+def run_lens_relations(trace: Trace = trace_to_panel) -> list[dict[str, Any]]:
     """A row for each relation and lens model.
 
     Parameters
@@ -35,7 +35,7 @@ def run_optics_relations(trace: Trace = trace_to_panel) -> list[dict[str, Any]]:
     """
     return [
         _row(name, check, bitwise, model, trace)
-        for name, (check, bitwise) in OPTICS_RELATIONS.items()
+        for name, (check, bitwise) in LENS_RELATIONS.items()
         for model in _MODELS
     ]
 
@@ -145,7 +145,7 @@ def _pieces(trace: Trace, model: str) -> Iterator[Pair]:
         yield one, tuple(np.asarray(a)[::7] for a in whole), display
 
 
-OPTICS_RELATIONS: dict[str, tuple[Callable[[Trace, str], Iterator[Pair]], bool]] = {
+LENS_RELATIONS: dict[str, tuple[Callable[[Trace, str], Iterator[Pair]], bool]] = {
     "mirror left and right": (_mirror, False),
     "transpose": (_transpose, False),
     "shift by one pitch": (_pitch, False),

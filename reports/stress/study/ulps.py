@@ -18,12 +18,12 @@ from inim.display import Display
 from inim.display.pixel_axis import stated
 from inim.display.pixel_rays import pixel_rays
 from inim.generators.li2012 import _position, forward_axes
+from inim.generators.oracle import AxisRays, axis_rays
 from inim.generators.raycast.cells import CellRays, cell_rays, free_cell_rays
 from inim.generators.raycast.direction_lists import rounded_up
 from inim.generators.raycast.traversal import leaves
 from inim.rgbd import RGBD
-from inim.stress.free_rays import chosen_pixels, free_rays_of
-from inim.stress.rays import AxisRays, rays_of
+from reports.stress.study.rays import chosen_pixels, rays_over
 
 __all__ = ["deciding_ulps"]
 
@@ -36,12 +36,11 @@ def deciding_ulps(algorithm: str, dtype: type, display: Display, rgbd: RGBD) -> 
     """Worst and mean error, in ulps of the exact value, of what decides; (0, 0) if nothing does."""
     kind = algorithm.partition(":")[0]
     if not display.is_separable:
-        found = list(_free_coordinates(display, rgbd, dtype))
+        found = list(_mounted_coordinates(display, rgbd, dtype))
     elif kind == "li2012":
         found = list(_landing(display, rgbd, dtype))
     elif kind in ("template", "layered"):
-        rounded = dtype is np.float32
-        found = list(_exits(display, rgbd, dtype, rounded))
+        found = list(_exits(display, rgbd, rounded=dtype is np.float32))
     else:
         found = list(_coordinates(display, rgbd, dtype))
     errors = [_ulps(computed, exact, dtype) for computed, exact in found]
@@ -54,17 +53,16 @@ def _ulps(computed: float, exact: Fraction, dtype: type) -> float:
 
 
 def _axes(display: Display, rgbd: RGBD) -> Iterator[tuple[CellRays, AxisRays, np.ndarray]]:
-    exact = rays_of(display, rgbd, np.zeros((1, 2), int))
+    of_rows, of_columns = axis_rays(display, rgbd)
     columns, rows = cell_rays(rgbd.shape, rgbd.pixel_mm, display)
-    for rays, line in ((columns, exact.columns), (rows, exact.rows)):
+    for rays, line in ((columns, of_columns), (rows, of_rows)):
         count = len(line.start)
         yield rays, line, np.unique(np.linspace(0, count - 1, min(count, _RAYS)).astype(int))
 
 
-def _exits(display: Display, rgbd: RGBD, dtype: type, rounded: bool) -> _Pairs:
+def _exits(display: Display, rgbd: RGBD, rounded: bool) -> _Pairs:
     """Depths at which rays leave cells; `rounded`: as tables hold them, upwards to float32."""
     low, high = map(Fraction, display.depth_range_mm)
-    working = np.float64 if rounded else dtype
     for rays, line, chosen in _axes(display, rgbd):
         for i in chosen:
             start, slope = line.start[i], line.slope[i]
@@ -75,7 +73,7 @@ def _exits(display: Display, rgbd: RGBD, dtype: type, rounded: bool) -> _Pairs:
             step = max(1, len(borders) // _PLACES)
             for border in borders[::step]:
                 cell = border if slope > 0 else border - 1
-                ray = (working(rays.start[i]), working(rays.slope[i]), working(rays.scale))
+                ray = (float(rays.start[i]), float(rays.slope[i]), float(rays.scale))
                 z = leaves(cell, *ray)
                 shown = float(rounded_up(np.array([z]))[0]) if rounded else z
                 yield shown, (border - start) / slope
@@ -92,11 +90,11 @@ def _coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
                 yield start[i] + slope[i] * z, line.start[i] + line.slope[i] * Fraction(float(z))
 
 
-def _free_coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
+def _mounted_coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
     """The same of rays that share nothing, against long doubles."""
     depths: np.ndarray = np.linspace(*display.depth_range_mm, _PLACES).astype(dtype)
     pixels = chosen_pixels(display, _RAYS * 4)
-    known = free_rays_of(display, rgbd, pixels)
+    known = rays_over(display, rgbd, pixels)
     r, c = pixels.T
     cells = free_cell_rays(
         rgbd.shape, rgbd.pixel_mm, pixel_rays(display, slice(0, display.eia_shape[0]))

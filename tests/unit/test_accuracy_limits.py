@@ -8,23 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim import accuracy_limits as trust
-from inim.accuracy_limits import trust_warnings
+from inim import accuracy_limits as limits
+from inim.accuracy_limits import accuracy_warnings
 from inim.display import DISPLAYS, Viewpoint
 from inim.generators import find_sources
-from inim.lens import lens_model, lens_models
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.rgbd import RGBD
-from inim.stress.first_hits import exact_hits
-from inim.stress.free_rays import chosen_pixels, rays_over
+from reports.stress.study.oracles import exact_first_hits
+from reports.stress.study.rays import chosen_pixels, rays_over
 from tests.conftest import small_display
 from tests.oracle import exact_sources
 
 ROOT = Path(__file__).parents[2]
 SCENES = sorted((ROOT / "scenes").glob("*.xml"))
-LIMITS = {m: limit for m in lens_models() if (limit := lens_model(m).steepest_slope) < np.inf}
-LEAST_INDEX = lens_model("thin").least_index
 PUBLISHED = ROOT / "reports" / "stress" / "stress.json"
 
 
@@ -34,11 +31,11 @@ def measured():
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda p: p.stem)
-def test_the_scenes_are_inside_the_trust_region(scene):
+def test_the_scenes_are_inside_the_limits(scene):
     plan = make_plan(Request(scene, Path("unused"), algorithms="template"))
     pixel = plan.display.pitch_mm / plan.settings.capture_pixels_per_pitch
     assert (
-        trust_warnings(
+        accuracy_warnings(
             plan.display, plan.settings.lens_model, viewpoints=plan.viewpoints, pixel_mm=pixel
         )
         == []
@@ -47,20 +44,20 @@ def test_the_scenes_are_inside_the_trust_region(scene):
 
 @pytest.mark.parametrize("model", ["pinhole", "thin", "thick"])
 @pytest.mark.parametrize("display", DISPLAYS.values(), ids=DISPLAYS)
-def test_presets_are_inside_it(display, model):
-    assert trust_warnings(display, model, slope=0.3) == []
+def test_presets_are_inside_them(display, model):
+    assert accuracy_warnings(display, model, slope=0.3) == []
 
 
 def test_limits_are_those_of_the_published_run(measured):
     """Constants are no wider than what was measured safe."""
     found = measured["trust"]
-    for model, limit in LIMITS.items():
+    for model, limit in limits.STEEPEST_SLOPE.items():
         assert limit <= found["slope"][model], model
-    assert found["panel_pixels"] >= trust.WIDEST_PANEL_PIXELS
-    assert found["least_index"] <= LEAST_INDEX
-    assert found["changed_by_rounding"] == pytest.approx(trust.CHANGED_BY_ROUNDING, abs=0.005)
+    assert found["panel_pixels"] >= limits.WIDEST_PANEL_PIXELS
+    assert found["least_index"] <= limits.LEAST_INDEX
+    assert found["changed_by_rounding"] == pytest.approx(limits.CHANGED_BY_ROUNDING, abs=0.005)
     warned = found["changed_by_ties"]["warned"]
-    assert warned == pytest.approx(trust.CHANGED_BY_TIES, abs=0.005)
+    assert warned == pytest.approx(limits.CHANGED_BY_TIES, abs=0.005)
 
 
 def test_the_published_run_holds_what_is_claimed(measured):
@@ -73,43 +70,43 @@ def test_the_published_run_holds_what_is_claimed(measured):
 
 def test_each_limit_warns_on_its_far_side_only():
     display = small_display()
-    for model, limit in LIMITS.items():
-        assert trust_warnings(display, model, slope=limit) == []
-        (said,) = trust_warnings(display, model, slope=1.01 * limit)
+    for model, limit in limits.STEEPEST_SLOPE.items():
+        assert accuracy_warnings(display, model, slope=limit) == []
+        (said,) = accuracy_warnings(display, model, slope=1.01 * limit)
         assert model in said and f"{limit:g}" in said
-    assert trust_warnings(display.replace(refractive_index=LEAST_INDEX), "thin") == []
-    (said,) = trust_warnings(display.replace(refractive_index=1.009), "thin")
+    assert accuracy_warnings(display.replace(refractive_index=limits.LEAST_INDEX), "thin") == []
+    (said,) = accuracy_warnings(display.replace(refractive_index=1.009), "thin")
     assert "refractive_index = 1.009" in said
-    assert trust_warnings(display.replace(refractive_index=1.009), "pinhole") == []
-    wide = display.replace(panel_columns=trust.WIDEST_PANEL_PIXELS, panel_rows=1)
-    assert trust_warnings(wide, "pinhole") == []
-    wider = wide.replace(panel_columns=trust.WIDEST_PANEL_PIXELS + 1)
-    (said,) = trust_warnings(wider, "pinhole")
-    assert str(trust.WIDEST_PANEL_PIXELS + 1) in said
+    assert accuracy_warnings(display.replace(refractive_index=1.009), "pinhole") == []
+    wide = display.replace(panel_columns=limits.WIDEST_PANEL_PIXELS, panel_rows=1)
+    assert accuracy_warnings(wide, "pinhole") == []
+    wider = wide.replace(panel_columns=limits.WIDEST_PANEL_PIXELS + 1)
+    (said,) = accuracy_warnings(wider, "pinhole")
+    assert str(limits.WIDEST_PANEL_PIXELS + 1) in said
 
 
 def test_the_eye_s_steepest_ray_counts():
     display = small_display()
     near, far = (Viewpoint("e", 0, 0, z) for z in (5.0, 500.0))
     corner = np.hypot(6, 5)
-    assert trust.steepest_slope(display, near) == pytest.approx(corner / 5)
-    assert trust_warnings(display, "thick", viewpoints=[far]) == []
-    assert len(trust_warnings(display, "thick", viewpoints=[far, near])) == 1
+    assert limits.steepest_slope(display, near) == pytest.approx(corner / 5)
+    assert accuracy_warnings(display, "thick", viewpoints=[far]) == []
+    assert len(accuracy_warnings(display, "thick", viewpoints=[far, near])) == 1
 
 
 def test_a_depth_range_without_depths_warns():
     shallow = small_display(depth_min_mm=1000.0, depth_max_mm=1000.001)
-    (said,) = trust_warnings(shallow)
-    assert "1000" in said and str(trust.FEWEST_DEPTHS) in said
-    assert trust_warnings(small_display(depth_min_mm=1000.0, depth_max_mm=1100.0)) == []
+    (said,) = accuracy_warnings(shallow)
+    assert "1000" in said and str(limits.FEWEST_DEPTHS) in said
+    assert accuracy_warnings(small_display(depth_min_mm=1000.0, depth_max_mm=1100.0)) == []
 
 
 def test_lengths_of_many_digits_warn():
     """Without them, corners are met exactly."""
     short = small_display(3, 3, pixels=5, gap_mm=3.3)
     long = short.replace(gap_mm=3.0 * (1 + 2.0**-40), depth_min_mm=20.0, depth_max_mm=40.0)
-    assert trust_warnings(short, pixel_mm=0.5) == []
-    (said,) = trust_warnings(long, pixel_mm=0.3)
+    assert accuracy_warnings(short, pixel_mm=0.5) == []
+    (said,) = accuracy_warnings(long, pixel_mm=0.3)
     assert "digits" in said
     rgbd = _noise(short)
     assert np.array_equal(find_sources(rgbd, short), exact_sources(rgbd, short))
@@ -118,27 +115,27 @@ def test_lengths_of_many_digits_warn():
 @pytest.mark.parametrize(
     "changes",
     [{"lattice": "hexagonal"}, {"tilt_x_deg": 2.0}, {"rotation_deg": 90.0},
-     {"rotation_deg": -30.0 + trust.LEAST_TURN_DEG / 2}],
+     {"rotation_deg": -30.0 + limits.LEAST_TURN_DEG / 2}],
 )  # fmt: skip
-def test_free_arrays_that_are_regular_warn_and_a_slight_turn_is_the_way_out(changes):
+def test_mounted_arrays_that_are_regular_warn_and_a_slight_turn_is_the_way_out(changes):
     display = small_display(**changes)
-    (said,) = trust_warnings(display)
-    assert next(iter(changes)) in said and f"{trust.CHANGED_BY_TIES:.0%}" in said
-    turned = display.replace(rotation_deg=display.rotation_deg + trust.LEAST_TURN_DEG)
-    assert trust_warnings(turned) == []
+    (said,) = accuracy_warnings(display)
+    assert next(iter(changes)) in said and f"{limits.CHANGED_BY_TIES:.0%}" in said
+    turned = display.replace(rotation_deg=display.rotation_deg + limits.LEAST_TURN_DEG)
+    assert accuracy_warnings(turned) == []
 
 
 def test_the_way_out_of_corners_is_one():
     """A tilted display shows sources of its corners' neighbours; turned a little, next to none."""
     lost = []
-    for degrees in (0.0, trust.LEAST_TURN_DEG):
+    for degrees in (0.0, limits.LEAST_TURN_DEG):
         display = small_display(3, 3, pixels=5, tilt_x_deg=2.0, rotation_deg=degrees)
         rgbd = _noise(display)
         rays = rays_over(display, rgbd, chosen_pixels(display, 225))
         shown = find_sources(rgbd, display)[rays.pixels[:, 0], rays.pixels[:, 1]]
-        truth = exact_hits(rays, rgbd, display, np.arange(len(shown)))
+        truth = exact_first_hits(rays, rgbd, display, np.arange(len(shown)))
         lost.append(np.count_nonzero(shown != truth) / len(shown))
-    assert 0.05 < lost[0] < trust.CHANGED_BY_TIES
+    assert 0.05 < lost[0] < limits.CHANGED_BY_TIES
     assert lost[1] < 0.01
 
 

@@ -8,18 +8,18 @@ from typing import Any
 
 from inim.accuracy_limits import LANDING_PIXELS
 
-__all__ = ["checks_of", "regions_of", "trust_limits"]
+__all__ = ["accuracy_limits_of", "checks_of", "regions_of"]
 
 Rows = Sequence[Mapping[str, Any]]
 
 
 def regions_of(generators: Rows, lens_models: Rows, parameters: Mapping[str, str]) -> list[dict]:
-    """The trust region of each family with a parameter, for each generator or lens model.
+    """The safe range of each family with a parameter, for each generator or lens model.
 
     Parameters
     ----------
     generators, lens_models : rows
-        See `inim.stress.generators` and `inim.stress.optics`.
+        See `generators` and `lens_models`.
     parameters : mapping
         Of family names to what their values are; empty where they have no order.
 
@@ -74,7 +74,7 @@ def _widest_safe(rows: Rows) -> tuple[float | None, float | None]:
     return (best[0], best[-1]) if best else (None, None)
 
 
-def trust_limits(generators: Rows, lens_models: Rows, pixels_per_lens: int) -> dict[str, Any]:
+def accuracy_limits_of(generators: Rows, lens_models: Rows, pixels_per_lens: int) -> dict[str, Any]:
     """What `inim.accuracy_limits` states as constants, as this run measured it.
 
     Returns
@@ -89,7 +89,7 @@ def trust_limits(generators: Rows, lens_models: Rows, pixels_per_lens: int) -> d
     ran = [r for r in generators if r["outcome"] == "ran"]
     exact = [r for r in ran if r["exact"]]
     unguarded = [r for r in exact if not r["guards"]]
-    free = [r for r in ran if r["form"] == "free rays"]
+    mounted = [r for r in ran if r["form"] == "mounted"]
     optics = [r for r in lens_models if r["outcome"] == "ran"]
     return {
         "slope": {
@@ -102,8 +102,8 @@ def trust_limits(generators: Rows, lens_models: Rows, pixels_per_lens: int) -> d
         "least_index": _last_safe(optics, "index", "thin", -math.inf),
         "changed_by_rounding": _most_changed(r for r in exact if not r["safe"]),
         "changed_by_ties": {
-            "warned": _most_changed(r for r in free if r["guards"]),
-            "unwarned": _most_changed(r for r in free if not r["guards"]),
+            "warned": _most_changed(r for r in mounted if r["guards"]),
+            "unwarned": _most_changed(r for r in mounted if not r["guards"]),
         },
         "exact": {
             "rows": len(unguarded),

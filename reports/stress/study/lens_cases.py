@@ -11,33 +11,22 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.stress.optics_oracle import LensRays
+from reports.stress.study.cases import Case, case_at
+from reports.stress.study.lens_oracle import LensRays
 
-__all__ = ["OPTICS_FAMILIES", "OpticsCase", "OpticsFamily", "all_optics_cases", "rays_over"]
-
-Made = tuple[Display, LensRays]
+__all__ = ["LENS_FAMILIES", "LensFamily", "cases_of", "display_of", "rays_over"]
 
 _LENSES = 9
 
 
 @dataclass(frozen=True)
-class OpticsCase:
-    """A display and rays; `refused` as of `inim.stress.cases.Case`."""
-
-    label: str
-    make: Callable[[], Made]
-    value: float | None = None
-    refused: bool | None = False
-
-
-@dataclass(frozen=True)
-class OpticsFamily:
+class LensFamily:
     """Cases along one parameter; `models` are those it concerns."""
 
     name: str
     parameter: str
     models: tuple[str, ...]
-    cases: Callable[[int], list[OpticsCase]]
+    cases: Callable[[int], list[Case]]
 
 
 _ALL = ("pinhole", "thin", "thick")
@@ -77,59 +66,59 @@ def _float32(*values: Any) -> LensRays:
     return LensRays(x, y, sx, sy)
 
 
-def _slopes(count: int) -> list[OpticsCase]:
-    def make(slope: float, side: str) -> Made:
+def _slopes(count: int) -> list[Case]:
+    def make(slope: float, side: str) -> tuple[Display, LensRays]:
         display = display_of(curved_side=side)
         return display, rays_over(display, count, slope)
 
     slopes = (0.0, 1e-6, 1e-3, 0.01, 0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 10.0, 100.0, 1e3, 1e4, 1e6)
     return [
-        OpticsCase(f"{s:g}, bulge to the {side}", partial(make, s, side), s)
+        Case(f"{s:g}, bulge to the {side}", partial(make, s, side), s)
         for side in ("viewer", "panel")
         for s in slopes
     ]
 
 
-def _eyes(count: int) -> list[OpticsCase]:
+def _eyes(count: int) -> list[Case]:
     """Rays from one eye above the middle, near and far."""
 
-    def make(distance: float) -> Made:
+    def make(distance: float) -> tuple[Display, LensRays]:
         display = display_of()
         aim = rays_over(display, count)
         return display, _float32(aim.x, aim.y, -aim.x / distance, -aim.y / distance)
 
-    return [_case(f"{10.0**k:g} mm", make, 10.0**k) for k in range(-3, 7)]
+    return [case_at(f"{10.0**k:g} mm", make, 10.0**k) for k in range(-3, 7)]
 
 
-def _lengths(count: int) -> list[OpticsCase]:
-    def make(factor: float) -> Made:
+def _lengths(count: int) -> list[Case]:
+    def make(factor: float) -> tuple[Display, LensRays]:
         names = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm")
         base = display_of()
         display = base.replace(**{name: getattr(base, name) * factor for name in names})
         return display, rays_over(display, count)
 
     powers = (-18, -12, -6, -3, -1, 0, 1, 3, 6, 12, 18)
-    return [_case(f"10^{p}", make, 10.0**p) for p in powers]
+    return [case_at(f"10^{p}", make, 10.0**p) for p in powers]
 
 
-def _widths(count: int) -> list[OpticsCase]:
+def _widths(count: int) -> list[Case]:
     """Wider and wider arrays: coordinates grow, and what is left of a float for the panel pixel."""
 
-    def make(lenses: float) -> Made:
+    def make(lenses: float) -> tuple[Display, LensRays]:
         display = display_of(lens_columns=int(lenses), lens_rows=_LENSES)
         return display, rays_over(display, count)
 
-    return [_case(f"{n} lenses", make, float(n)) for n in (9, 64, 256, 1000, 10_000, 100_000)]
+    return [case_at(f"{n} lenses", make, float(n)) for n in (9, 64, 256, 1000, 10_000, 100_000)]
 
 
-def _focus(count: int) -> list[OpticsCase]:
-    def make(k: float, side: int) -> Made:
+def _focus(count: int) -> list[Case]:
+    def make(k: float, side: int) -> tuple[Display, LensRays]:
         gap = 3.0 * (1 + side * 2.0 ** -int(k))
         display = display_of(gap_mm=gap, depth_min_mm=5.0, depth_max_mm=20.0)
         return display, rays_over(display, count)
 
     return [
-        OpticsCase(
+        Case(
             f"g = f (1 {'+' if side > 0 else '-'} 2^-{k})",
             partial(make, k, side),
             float(k),
@@ -139,33 +128,33 @@ def _focus(count: int) -> list[OpticsCase]:
     ]
 
 
-def _focal_lengths(count: int) -> list[OpticsCase]:
+def _focal_lengths(count: int) -> list[Case]:
     """From lenses as steep as can be ground to flat ones."""
 
-    def make(ratio: float) -> Made:
+    def make(ratio: float) -> tuple[Display, LensRays]:
         display = display_of(focal_length_mm=ratio, gap_mm=1.1 * ratio)
         return display, rays_over(display, count, 0.1)
 
     ratios = (0.5, 1.2, 1.5, 2.0, 3.0, 10.0, 100.0, 1e3, 1e4, 1e6)
-    return [_case(f"f / P = {r:g}", make, r, refused=None if r < 1.5 else False) for r in ratios]
+    return [case_at(f"f / P = {r:g}", make, r, refused=None if r < 1.5 else False) for r in ratios]
 
 
-def _indices(count: int) -> list[OpticsCase]:
-    def make(index: float) -> Made:
+def _indices(count: int) -> list[Case]:
+    def make(index: float) -> tuple[Display, LensRays]:
         display = display_of(refractive_index=index)
         return display, rays_over(display, count)
 
     may = (1.0, 1 + 2.0**-52, 1 + 1e-6, 1.01, 1.1)
     return [
-        _case(f"n = {n:.10g}", make, n, refused=True if n == 1 else None if n in may else False)
+        case_at(f"n = {n:.10g}", make, n, refused=True if n == 1 else None if n in may else False)
         for n in (*may, 1.3, 1.4917, 1.9, 4.0)
     ]
 
 
-def _total_reflection(count: int) -> list[OpticsCase]:
+def _total_reflection(count: int) -> list[Case]:
     """Flat side first, no ray of parallel light beyond R / n from the axis gets out."""
 
-    def make(offset: float) -> Made:
+    def make(offset: float) -> tuple[Display, LensRays]:
         radius = 3.0 * 0.4917
         display = display_of(
             curved_side="panel", pitch_mm=1.405 * radius, lens_thickness_mm=1.5, pixel_pitch_mm=0.08
@@ -177,22 +166,22 @@ def _total_reflection(count: int) -> list[OpticsCase]:
         around = [np.round(np.cos(turn)) * height, np.round(np.sin(turn)) * height]
         return display, _float32(*around, np.zeros(4), np.zeros(4))
 
-    def spread(low: float, high: float) -> Made:
+    def spread(low: float, high: float) -> tuple[Display, LensRays]:
         display = make(0)[0]
         radius = 3.0 * 0.4917
         h = np.random.default_rng(1).uniform(low, high, count) * radius / 1.4917
         return display, _float32(h, 0 * h, 0 * h, 0 * h)
 
-    found = [_case(f"R / n {o:+d} ulp", make, float(o)) for o in (-1000, -10, -1, 0, 1, 10, 1000)]
-    found.append(OpticsCase("0.9 to 1 R / n", lambda: spread(0.9, 1.0)))
-    return [*found, OpticsCase("1 to 1.04 R / n", lambda: spread(1.0, 1.04))]
+    found = [case_at(f"R / n {o:+d} ulp", make, float(o)) for o in (-1000, -10, -1, 0, 1, 10, 1000)]
+    found.append(Case("0.9 to 1 R / n", lambda: spread(0.9, 1.0)))
+    return [*found, Case("1 to 1.04 R / n", lambda: spread(1.0, 1.04))]
 
 
-def _places(count: int) -> list[OpticsCase]:
+def _places(count: int) -> list[Case]:
     """Where decisions are: under lens centres, on borders between lenses and beside them."""
     del count
 
-    def make(kind: str, slope: float) -> Made:
+    def make(kind: str, slope: float) -> tuple[Display, LensRays]:
         display = display_of(lens_columns=9)
         n = np.arange(-2.0, 3.0)
         shift = {"centre": 0.0, "border": 0.5}[kind.partition(" ")[0]]
@@ -205,14 +194,12 @@ def _places(count: int) -> list[OpticsCase]:
 
     kinds = ("centre", "centre +1 ulp", "border", "border +1 ulp", "border -1 ulp")
     return [
-        OpticsCase(f"{kind}, slope {s:g}", partial(make, kind, s))
-        for kind in kinds
-        for s in (0.0, 0.1)
+        Case(f"{kind}, slope {s:g}", partial(make, kind, s)) for kind in kinds for s in (0.0, 0.1)
     ]
 
 
-def _shifts(count: int) -> list[OpticsCase]:
-    def make(shift: float) -> Made:
+def _shifts(count: int) -> list[Case]:
+    def make(shift: float) -> tuple[Display, LensRays]:
         display = display_of(shift_x_mm=shift)
         return display, rays_over(display, count, seed=3)
 
@@ -225,11 +212,11 @@ def _shifts(count: int) -> list[OpticsCase]:
         "a pitch": 1.0,
         "an ulp": 2.0**-52,
     }
-    return [_case(name, make, value) for name, value in shifts.items()]
+    return [case_at(name, make, value) for name, value in shifts.items()]
 
 
-def _mountings(count: int) -> list[OpticsCase]:
-    def make(**changes: object) -> Made:
+def _mountings(count: int) -> list[Case]:
+    def make(**changes: object) -> tuple[Display, LensRays]:
         display = display_of(**changes)
         return display, rays_over(display, count, seed=4)
 
@@ -240,11 +227,11 @@ def _mountings(count: int) -> list[OpticsCase]:
         "tilted by 2 degrees": {"tilt_x_deg": 2.0, "tilt_y_deg": -1.0},
         "all at once": {"rotation_deg": 3.0, "tilt_x_deg": 1.0, "shift_y_mm": 0.31},
     }
-    return [OpticsCase(name, partial(make, **c)) for name, c in said.items()]
+    return [Case(name, partial(make, **c)) for name, c in said.items()]
 
 
-def _faces(count: int) -> list[OpticsCase]:
-    def make(side: str, **changes: float) -> Made:
+def _faces(count: int) -> list[Case]:
+    def make(side: str, **changes: float) -> tuple[Display, LensRays]:
         display = display_of(curved_side=side, **changes)
         return display, rays_over(display, count, seed=5)
 
@@ -259,38 +246,31 @@ def _faces(count: int) -> list[OpticsCase]:
         "conic, a4, a6": {"conic": -0.6, "asphere_a4": 0.004, "asphere_a6": -0.002},
     }
     return [
-        OpticsCase(f"{name}, bulge to the {side}", partial(make, side, **c))
+        Case(f"{name}, bulge to the {side}", partial(make, side, **c))
         for name, c in said.items()
         for side in ("viewer", "panel")
     ]
 
 
-def _case(
-    label: str, make: Callable[..., Made], value: float, refused: bool | None = False
-) -> OpticsCase:
-    return OpticsCase(label, lambda: make(value), value, refused)
-
-
-OPTICS_FAMILIES = [
-    OpticsFamily("incidence", "sideways travel per mm", _ALL, _slopes),
-    OpticsFamily("eye distance", "distance of the eye, mm", _ALL, _eyes),
-    OpticsFamily("all lengths", "factor", _ALL, _lengths),
-    OpticsFamily("array width", "lenses across", _ALL, _widths),
-    OpticsFamily("g to f", "-log2 |g - f| / f", _ALL, _focus),
-    OpticsFamily("focal length", "f / P", ("thin", "thick"), _focal_lengths),
-    OpticsFamily("index", "n", ("thin", "thick"), _indices),
-    OpticsFamily("total reflection", "ulps from R / n", ("thick",), _total_reflection),
-    OpticsFamily("places", "", _ALL, _places),
-    OpticsFamily("shifted array", "shift to the right, mm", _ALL, _shifts),
-    OpticsFamily("mounting", "", _ALL, _mountings),
-    OpticsFamily("faces", "", ("thick",), _faces),
+LENS_FAMILIES = [
+    LensFamily("incidence", "sideways travel per mm", _ALL, _slopes),
+    LensFamily("eye distance", "distance of the eye, mm", _ALL, _eyes),
+    LensFamily("all lengths", "factor", _ALL, _lengths),
+    LensFamily("array width", "lenses across", _ALL, _widths),
+    LensFamily("g to f", "-log2 |g - f| / f", _ALL, _focus),
+    LensFamily("focal length", "f / P", ("thin", "thick"), _focal_lengths),
+    LensFamily("index", "n", ("thin", "thick"), _indices),
+    LensFamily("total reflection", "ulps from R / n", ("thick",), _total_reflection),
+    LensFamily("places", "", _ALL, _places),
+    LensFamily("shifted array", "shift to the right, mm", _ALL, _shifts),
+    LensFamily("mounting", "", _ALL, _mountings),
+    LensFamily("faces", "", ("thick",), _faces),
 ]
 
 
-def all_optics_cases(count: int, thin: int) -> Iterator[tuple[OpticsFamily, OpticsCase]]:
-    """Every family's cases, thinned out; the first and the last of each are kept."""
-    for family in OPTICS_FAMILIES:
-        cases = family.cases(count)
-        for i, case in enumerate(cases):
-            if i % thin == 0 or i == len(cases) - 1:
-                yield family, case
+def cases_of(family: LensFamily, count: int, thin: int) -> Iterator[Case]:
+    """A family's cases of so many rays, thinned out; the first and the last are kept."""
+    cases = family.cases(count)
+    for i, case in enumerate(cases):
+        if i % thin == 0 or i == len(cases) - 1:
+            yield case

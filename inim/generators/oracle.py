@@ -1,0 +1,229 @@
+"""Exact first hits, in rational numbers: what `template` and `layered` show by definition.
+
+The product's own oracle: a validation of somebody's picture and `inim.stress` score algorithms
+against it. It shares no code with the generators. A ray's border crossings are all gathered and
+sorted, where the generators walk from cell to cell; nothing is rounded, so ties are decided by
+the definition:
+
+* A cell counts when the ray spends a stretch of depth in it, not when it touches it in a point; a
+  ray along a border is in the cell of the larger row or column.
+* A panel pixel on the border between two elemental images belongs to the one nearer the array's
+  centre, and on that to the left or upper one.
+* A length means the number a person wrote (0.0636 is 636/10000): `pixel_axis.stated`. A float32
+  depth means exactly the value it holds.
+
+What judges others is judged itself: `tests/oracle.py` keeps a second rational oracle on purpose.
+It is written apart, by another method, and both must agree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+
+import numpy as np
+
+from inim.display import Display
+from inim.display.pixel_axis import stated
+from inim.generators.sources import HOLE, Sources
+from inim.rgbd import RGBD, Layer, LayeredRGBD
+
+__all__ = [
+    "CENTRE",
+    "Aside",
+    "AxisRays",
+    "ExactHits",
+    "Line",
+    "axis_rays",
+    "exact_hits",
+    "first_hits_of",
+    "layers_of",
+    "lensed_pixels",
+    "why_no_oracle",
+]
+
+# Panel pixels that are followed in fractions, a millisecond or two each; a share of one in a
+# hundred is known to a quarter of it.
+_MOST_PIXELS = 2000
+
+#: Where in its pixel a ray starts: (down, right) of the centre, in pixels.
+Aside = tuple[Fraction, Fraction]
+CENTRE: Aside = (Fraction(0), Fraction(0))
+#: Row and column ``v0 + dv z, u0 + du z`` of a ray: v0, dv, u0, du.
+Line = tuple[Fraction, Fraction, Fraction, Fraction]
+
+
+@dataclass(frozen=True)
+class ExactHits:
+    """What some panel pixels show by the definition of a first hit, in rational numbers.
+
+    Attributes
+    ----------
+    pixels : (n, 2) int
+        Row and column of each.
+    sources : (n,) int64
+        ``(layer * H + row) * W + column``, or `HOLE`.
+    """
+
+    pixels: np.ndarray
+    sources: np.ndarray
+
+    def wrong_share(self, sources: Sources) -> float:
+        """Share of them that a source map has otherwise."""
+        shown = sources[self.pixels[:, 0], self.pixels[:, 1]]
+        return float((shown != self.sources).mean())
+
+
+@dataclass(frozen=True)
+class AxisRays:
+    """Rays of one panel axis: ``cell(z) = start + slope z`` in picture cells; lens -1: none."""
+
+    lens: tuple[int, ...]
+    start: tuple[Fraction, ...]
+    slope: tuple[Fraction, ...]
+
+
+def why_no_oracle(rgbd: RGBD, display: Display) -> str | None:
+    """Why a validation has no exact hits of a picture on a display; None where it has."""
+    if not display.is_separable:
+        return (
+            "the exact oracle counts rows and columns apart, and this display has "
+            f"{display.not_separable_by}"
+        )
+    if isinstance(rgbd, LayeredRGBD):
+        return "the exact oracle knows one layer, and this picture has more"
+    return None
+
+
+def exact_hits(rgbd: RGBD, display: Display, most: int = _MOST_PIXELS) -> ExactHits:
+    """Exact first hits of panel pixels under lenses: of all, or of a random sample of them.
+
+    Parameters
+    ----------
+    rgbd : RGBD
+        With layers or without.
+    display : Display
+        Separable.
+    most : int
+        Panel pixels at most.
+    """
+    pixels = lensed_pixels(display)
+    if len(pixels) > most:
+        pixels = pixels[np.random.default_rng(0).choice(len(pixels), most, replace=False)]
+    rows, columns = axis_rays(display, rgbd)
+    lines = ((rows.start[r], rows.slope[r], columns.start[c], columns.slope[c]) for r, c in pixels)
+    return ExactHits(pixels, first_hits_of(lines, rgbd, display))
+
+
+# -- rays ---------------------------------------------------------------------------------------
+
+
+def lensed_pixels(display: Display) -> np.ndarray:
+    """Row and column of every panel pixel under a lens, (n, 2); of a separable display."""
+    rows, columns = display.eia_shape
+    down = np.array(_lenses(display, rows, display.lens_rows, -display.shift_y_mm)) >= 0
+    across = np.array(_lenses(display, columns, display.lens_columns, display.shift_x_mm)) >= 0
+    return np.argwhere(down[:, None] & across[None, :])
+
+
+def axis_rays(display: Display, rgbd: RGBD, aside: Aside = CENTRE) -> tuple[AxisRays, AxisRays]:
+    """The rays of all panel rows and of all columns, exactly; of a separable display.
+
+    A ray moved aside in its pixel keeps that pixel's lens.
+    """
+    high, wide = display.eia_shape
+    down = (high, display.lens_rows, -display.shift_y_mm)
+    across = (wide, display.lens_columns, display.shift_x_mm)
+    return (
+        _axis(display, down, rgbd.shape[0], rgbd.pixel_mm, aside[0]),
+        _axis(display, across, rgbd.shape[1], rgbd.pixel_mm, aside[1]),
+    )
+
+
+def _axis(
+    display: Display, panel: tuple[int, int, float], cells: int, cell_mm: float, aside: Fraction
+) -> AxisRays:
+    """Eq. 1, X(z) = x0 + (x0 - x) z / g, in cells; to the right or downwards alike.
+
+    `panel` is the number of pixels, that of lenses, and the array's shift.
+    """
+    pixels, lenses, shift_mm = panel
+    pitch, gap, cell = stated(display.pitch_mm), stated(display.gap_mm), stated(cell_mm)
+    pixel, shift = stated(display.pixel_pitch_mm), stated(shift_mm)
+    start, slope = [], []
+    owners = _lenses(display, pixels, lenses, shift_mm)
+    for i, owner in enumerate(owners):
+        x = (Fraction(2 * i + 1 - pixels, 2) + aside) * pixel
+        x0 = Fraction(2 * owner + 1 - lenses, 2) * pitch + shift
+        start.append(x0 / cell + Fraction(cells, 2))
+        slope.append((x0 - x) / (gap * cell))
+    return AxisRays(tuple(owners), tuple(start), tuple(slope))
+
+
+def _lenses(display: Display, pixels: int, lenses: int, shift_mm: float) -> list[int]:
+    """Lens over each pixel of an axis: the elemental image that holds its centre, -1 outside."""
+    elemental = stated(display.elemental_image_pitch_mm)
+    pixel, shift = stated(display.pixel_pitch_mm), stated(shift_mm)
+    found = []
+    for i in range(pixels):
+        from_axis = (Fraction(2 * i + 1 - pixels, 2) * pixel - shift) / elemental
+        place = from_axis + Fraction(lenses, 2)
+        lens = math.floor(place)
+        if lens == place and from_axis >= 0:
+            lens -= 1
+        found.append(lens if 0 <= lens < lenses else -1)
+    return found
+
+
+# -- hits ---------------------------------------------------------------------------------------
+
+
+def layers_of(rgbd: RGBD) -> tuple[Layer, ...]:
+    """A picture's layers; without any, its front surface, solid all the way back."""
+    if isinstance(rgbd, LayeredRGBD):
+        return rgbd.layers
+    back = np.full(rgbd.shape, -np.inf, np.float32)
+    return (Layer(rgbd.color, rgbd.depth_mm, back, rgbd.covered),)
+
+
+def first_hits_of(lines: Iterable[Line], rgbd: RGBD, display: Display) -> np.ndarray:
+    """Source of each ray, (n,) int64: ``(layer * H + row) * W + column``, or `HOLE`."""
+    low, high = map(Fraction, display.depth_range_mm)
+    layers = layers_of(rgbd)
+    return np.array([_first_hit(line, layers, low, high) for line in lines], np.int64)
+
+
+def _first_hit(line: Line, layers: tuple[Layer, ...], low: Fraction, high: Fraction) -> int:
+    rows, columns = layers[0].covered.shape
+    for entry, end, r, c in _spans(line, low, high):
+        if not (0 <= r < rows and 0 <= c < columns):
+            continue
+        for number, layer in enumerate(layers):
+            if not layer.covered[r, c] or float(layer.front_mm[r, c]) < end:
+                continue
+            if entry is None or float(layer.back_mm[r, c]) <= entry:
+                return int((number * rows + r) * columns + c)
+    return HOLE
+
+
+def _spans(
+    line: Line, low: Fraction, high: Fraction
+) -> Iterator[tuple[Fraction | None, Fraction, int, int]]:
+    """Depth at which a ray enters a cell, None in front of all, and leaves it; row and column."""
+    v0, dv, u0, du = line
+    ends = sorted({low, high, *_meets(v0, dv, low, high), *_meets(u0, du, low, high)}, reverse=True)
+    for top, end in pairwise(ends):
+        middle = (top + end) / 2
+        entry = None if top == high else top
+        yield entry, end, math.floor(v0 + dv * middle), math.floor(u0 + du * middle)
+
+
+def _meets(start: Fraction, slope: Fraction, low: Fraction, high: Fraction) -> list[Fraction]:
+    """Depths strictly inside the range at which a ray meets borders."""
+    if slope == 0:
+        return []
+    a, b = sorted((start + slope * low, start + slope * high))
+    return [(k - start) / slope for k in range(math.floor(a) + 1, math.ceil(b))]

@@ -1,0 +1,215 @@
+"""Small displays, and pictures over them in which a wrong source shows: nothing in them is smooth.
+
+Most are noise: random depths over the whole depth range, some pixels uncovered, random colours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from fractions import Fraction
+
+import numpy as np
+
+from inim.display import Display
+from inim.generators.oracle import axis_rays
+from inim.rgbd import RGBD, Layer, LayeredRGBD
+
+__all__ = [
+    "DISPLAYS",
+    "MOUNTINGS",
+    "SHAPES",
+    "Made",
+    "mounted_pictures",
+    "noise",
+    "noise_pictures",
+    "random_picture",
+    "shaped",
+    "small_display",
+    "solids_of",
+    "tied",
+    "window",
+    "with_depth",
+]
+
+Made = tuple[Display, RGBD]
+
+#: Real and virtual mode, an even and an odd number of pixels, binary and decimal lengths.
+DISPLAYS: tuple[dict[str, object], ...] = (
+    {},
+    {"gap_mm": 4.0, "pixel_pitch_mm": 0.125},
+    {"focal_length_mm": 3.3, "gap_mm": 3.0, "pixel_pitch_mm": 0.19},
+)
+#: Arrays whose rays share nothing: one of each kind, and one that is off in every way.
+MOUNTINGS: dict[str, dict[str, object]] = {
+    "turned": {"rotation_deg": 4.0},
+    "tilted": {"tilt_x_deg": 3.0, "tilt_y_deg": -2.0},
+    "hexagonal": {"lattice": "hexagonal"},
+    "all at once": {
+        "lattice": "hexagonal",
+        "rotation_deg": -7.0,
+        "shift_x_mm": 0.31,
+        "shift_y_mm": -0.22,
+        "tilt_x_deg": -2.0,
+        "tilt_y_deg": 1.5,
+        "elemental_pitch_mm": 1.01,
+    },
+}
+SHAPES = ("spikes", "slits", "checkerboard", "ramp", "stairs")
+
+# A pixel and its neighbours: (rows, columns) away. Mirrored and transposed they are the same set.
+_AROUND = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
+# Covered neighbours from which deeper layers are covered too.
+_MOST = 4
+# Share of the picture's pixels that get a depth at which a given ray leaves them.
+_TIED = 0.3
+# Rows and columns of pictures above which random displays are seen through a window.
+_LARGEST_RANDOM = 160
+
+
+def small_display(**changes: object) -> Display:
+    """3 x 3 lenses of 1 mm, one on the axis, each over 5 x 5 pixels, in real mode."""
+    values: dict[str, object] = {
+        "pitch_mm": 1.0,
+        "focal_length_mm": 3.0,
+        "gap_mm": 3.3,
+        "pixel_pitch_mm": 0.2,
+        "lens_columns": 3,
+        "lens_rows": 3,
+    }
+    return Display(**(values | changes))  # type: ignore[arg-type]
+
+
+def noise(
+    display: Display, shape: tuple[int, int], pixel_mm: float, seed: int = 0, covered: float = 0.85
+) -> RGBD:
+    """Random depths over the depth range, colours and cover."""
+    rng = np.random.default_rng(seed)
+    low, high = display.depth_range_mm
+    depth = (low + (high - low) * rng.random(shape)).astype(np.float32)
+    return with_depth(depth, pixel_mm, rng.random(shape) < covered, seed)
+
+
+def with_depth(
+    depth: np.ndarray, pixel_mm: float, covered: np.ndarray | None = None, seed: int = 0
+) -> RGBD:
+    """A picture of given depths and random colours."""
+    colour = np.random.default_rng(seed + 1).random((*depth.shape, 3)).astype(np.float32)
+    cover = np.ones(depth.shape, bool) if covered is None else covered
+    return RGBD(colour, depth, cover, pixel_mm)
+
+
+def shaped(kind: str, display: Display, shape: tuple[int, int], pixel_mm: float) -> RGBD:
+    """One of `SHAPES` between the ends of the depth range."""
+    r, c = np.indices(shape)
+    far, near = map(np.float32, display.depth_range_mm)
+    depth = {
+        "spikes": np.where((r % 5 == 2) & (c % 7 == 3), near, far),
+        "slits": np.where(c % 6 == 2, far, near),
+        "checkerboard": np.where((r + c) % 2 == 1, near, far),
+        "ramp": far + (near - far) * (r + c) / (sum(shape) - 2),
+        "stairs": far + (near - far) * (c // 3 % 5) / 4,
+    }[kind]
+    return with_depth(depth.astype(np.float32), pixel_mm)
+
+
+def tied(display: Display, shape: tuple[int, int], pixel_mm: float, ulps: int) -> RGBD:
+    """Depths that are the float32 nearest to one at which some ray leaves the pixel, moved by ulps.
+
+    The display is separable.
+    """
+    blank = noise(display, shape, pixel_mm, seed=ulps + 5)
+    depth = _boundary_depths(display, blank)
+    for _ in range(abs(ulps)):
+        depth = np.nextafter(depth, np.float32(math.copysign(math.inf, ulps)))
+    return with_depth(depth, pixel_mm, blank.covered)
+
+
+def _boundary_depths(display: Display, blank: RGBD) -> np.ndarray:
+    low, high = display.depth_range_mm
+    depth = np.array(blank.depth_mm)
+    rng = np.random.default_rng(7)
+    for axis, line in enumerate(axis_rays(display, blank)):
+        for start, slope in zip(line.start, line.slope, strict=True):
+            if slope == 0:
+                continue
+            ends = sorted(start + slope * Fraction(z) for z in (low, high))
+            for border in range(math.floor(ends[0]) + 1, math.ceil(ends[1])):
+                cell = border if slope > 0 else border - 1
+                if not 0 <= cell < depth.shape[axis]:
+                    continue
+                z = np.float32(float((border - start) / slope))
+                across = rng.random(depth.shape[1 - axis]) < _TIED
+                depth[(cell, across) if axis == 0 else (across, cell)] = z
+    return depth
+
+
+def random_picture(seed: int) -> Made:
+    """A random separable display of plausible lengths, and a random picture over it."""
+    rng = np.random.default_rng(seed)
+    pitch = float(rng.choice([1.0, 0.5, 0.93, 1 / 3, rng.uniform(0.1, 3)]))
+    pixels = float(rng.choice([3, 5, 7.5, 4.25, rng.uniform(2, 9)]))
+    f = pitch * float(rng.choice([2.0, 3.0, rng.uniform(1.5, 5)]))
+    gap = f * float(rng.choice([1.1, 0.9, 1.25, rng.uniform(0.7, 1.4)]))
+    near, far = np.sort(rng.uniform(-30, 30, 2)) * pitch
+    stated = {"depth_min_mm": near, "depth_max_mm": far} if rng.random() < 0.5 else {}
+    display = Display(
+        pitch, f, gap, pitch / pixels, int(rng.integers(1, 6)), int(rng.integers(1, 5)), **stated
+    )
+    per_pitch = int(rng.integers(1, 4))
+    if rng.random() < 0.4:
+        return display, noise(display, (40, 36), pitch / float(rng.uniform(0.5, 3)), seed)
+    shape = display.capture_shape(per_pitch)
+    if max(shape) > _LARGEST_RANDOM:  # a display out of focus reaches far; its picture need not
+        return display, noise(display, *window(display), seed)
+    return display, noise(display, shape, pitch / per_pitch, seed)
+
+
+def window(display: Display, cells: int = 48) -> tuple[tuple[int, int], float]:
+    """A picture around the axis whose pixel is an eighth of how far rays travel sideways."""
+    reach = max(map(abs, display.depth_range_mm)) * display.pitch_mm / (2 * display.gap_mm)
+    return (cells, cells), _one_digit(reach / 8)
+
+
+def _one_digit(length: float) -> float:
+    """The next number below with one digit: what a person would write."""
+    power = math.floor(math.log10(length))
+    digit = math.floor(length / 10.0**power) or 1
+    return float(Fraction(digit) * Fraction(10) ** power)
+
+
+def noise_pictures() -> Iterator[Made]:
+    """Noise over a small display of each of `DISPLAYS`."""
+    for seed, changes in enumerate(DISPLAYS):
+        display = small_display(lens_columns=5, **changes)
+        yield display, noise(display, display.capture_shape(2), display.pitch_mm / 2, seed=seed)
+
+
+def mounted_pictures(rows: int) -> Iterator[Made]:
+    """Noise over an array of each of `MOUNTINGS`, of so many rows of lenses."""
+    for seed, changes in enumerate(MOUNTINGS.values()):
+        display = small_display(lens_rows=rows, **changes)
+        yield display, noise(display, display.capture_shape(2), 0.5, seed=seed)
+
+
+def solids_of(rgbd: RGBD, display: Display) -> LayeredRGBD:
+    """A picture with layers: three solids in each pixel, between its depths and its neighbours'.
+
+    A depth at which a ray leaves a pixel is that at which it enters the next one, so a picture of
+    ties is one of ties at fronts and backs. The last solid goes all the way back. Deeper layers are
+    covered where most neighbours are, and have colours of their own.
+    """
+    low = np.float32(display.depth_range_mm[0])
+    held = np.where(rgbd.covered, rgbd.depth_mm, low)
+    depths = np.sort(np.stack([np.roll(held, by, axis=(0, 1)) for by in _AROUND]), axis=0)[::-1]
+    around = np.stack([np.roll(rgbd.covered, by, axis=(0, 1)) for by in _AROUND]).sum(axis=0)
+    inside = rgbd.covered & (around >= _MOST)
+    nothing = np.full(rgbd.shape, -np.inf, np.float32)
+    colours = [(rgbd.color * share).astype(np.float32) for share in (1.0, 0.5, 0.25)]
+    return LayeredRGBD(
+        colours[0], depths[0], rgbd.covered, rgbd.pixel_mm, depths[1],
+        (
+            Layer(colours[1], depths[2], depths[3], inside),
+            Layer(colours[2], depths[4], nothing, inside),
+        ),
+    )  # fmt: skip

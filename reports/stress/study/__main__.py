@@ -1,0 +1,94 @@
+"""`python -m reports.stress.study -o reports/stress`: run the accuracy study, write its report."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
+from inim.observer import Listener
+from inim.report.stress import write_stress
+from inim.stress.job import record, spheres
+from reports.stress.study.tables import summary_lines, tables_of
+
+SCHEMA = "inim.stress/1"
+_VERSIONS = ("drjit", "hypothesis", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
+_JITTERED = ("template", "gu2020", "wang2024:matching=ray", "li2012")
+# Rays of a lens-model case, and every how manieth case: of a quick run, of a full one.
+_LENS_SIZE = {True: (60, 8), False: (100, 1)}
+# Lenses along each side of the display whose picture is jittered.
+_JITTER_LENSES = {True: 16, False: 64}
+
+
+class _Stages(Listener):
+    """Says on stderr where the study is."""
+
+    def stage(self, name: str) -> None:
+        """A stage begins."""
+        print(name, file=sys.stderr, flush=True)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the study; the exit code says whether all that is claimed holds."""
+    parser = argparse.ArgumentParser(prog="python -m reports.stress.study", description=__doc__)
+    parser.add_argument("-o", "--out", type=Path, default=Path("reports/stress"))
+    parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
+    args = parser.parse_args(argv)
+    data = measured(args.quick, str(args.out), _Stages())
+    args.out.mkdir(parents=True, exist_ok=True)
+    from reports.stress.study.plots import draw_plots
+
+    draw_plots(data, args.out)
+    write_stress(data, args.out, tables=tables_of, lines=summary_lines)
+    for check in data["checks"]:
+        word = "ok    " if check["passed"] else "FAILED"
+        print(f"{word}  {check['name']}: {check['cases']} cases, {check['broken']} broken")
+    return EXIT_PASSED if data["passed"] else EXIT_CHECK_FAILED
+
+
+def measured(quick: bool, out: str, listener: Listener) -> dict[str, Any]:
+    """The content of stress.json."""
+    started = time.perf_counter()
+    from inim.render import variant
+
+    backend = variant.use("llvm")
+    from inim.stress.jitter import measure_jitter
+    from reports.stress.study.cases import FAMILIES, FULL, QUICK
+    from reports.stress.study.generators import run_cases
+    from reports.stress.study.lens_cases import LENS_FAMILIES, display_of
+    from reports.stress.study.lens_models import run_lens_cases
+    from reports.stress.study.lens_relations import run_lens_relations
+    from reports.stress.study.limits import accuracy_limits_of, checks_of, regions_of
+    from reports.stress.study.relations import run_layer_relations, run_relations
+
+    words = ["python", "-m", "reports.stress.study", "-o", out, *(["--quick"] if quick else [])]
+    data = {"schema": SCHEMA, "title": "Stress"}
+    data |= record(shlex.join(words), quick, backend, _VERSIONS)
+    # How much wider the oracle of the lens models is than what it judges.
+    data["oracle_mantissa_bits"] = int(np.finfo(np.longdouble).nmant) + 1
+    generators = data["generators"] = run_cases(QUICK if quick else FULL, listener)
+    lenses = data["lens_models"] = run_lens_cases(*_LENS_SIZE[quick], listener)
+    listener.stage("relations")
+    data["relations"] = [*run_relations(), *run_layer_relations(), *run_lens_relations()]
+    listener.stage("jitter")
+    picture, display = spheres(_JITTER_LENSES[quick])
+    data["jitter"] = measure_jitter(picture, display, _JITTERED)
+    data["picture"] = {"name": "two spheres", "rows": picture.shape[0], "columns": picture.shape[1]}
+    parameters = {f.name: f.parameter for f in FAMILIES}
+    of_lenses = {f.name: f.parameter for f in LENS_FAMILIES}
+    data["regions"] = regions_of(generators, [], parameters) + regions_of([], lenses, of_lenses)
+    data["trust"] = accuracy_limits_of(generators, lenses, round(display_of().pixels_per_lens))
+    data["checks"] = checks_of(data)
+    data["passed"] = all(c["passed"] for c in data["checks"])
+    data["seconds"] = time.perf_counter() - started
+    return data
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,581 @@
+"""Families of cases that push one parameter of a display at a time to where arithmetic fails.
+
+A case is a display and a picture, made when it is run: some are there to be refused. Pictures are
+noise unless their family says otherwise. Families of arrays whose rows and columns are independent
+come first; those of hexagonal, turned and tilted ones, called mounted here, follow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.stress.pictures import (
+    MOUNTINGS,
+    SHAPES,
+    Made,
+    noise,
+    random_picture,
+    shaped,
+    small_display,
+    tied,
+    window,
+    with_depth,
+)
+
+__all__ = [
+    "FAMILIES",
+    "FULL",
+    "MOUNTED_FAMILIES",
+    "QUICK",
+    "Case",
+    "Family",
+    "Size",
+    "case_at",
+    "cases_of",
+    "ties",
+]
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is run.
+
+    Attributes
+    ----------
+    thin : int
+        Every so manieth case of a family.
+    random : int
+        Random displays.
+    most_pixels : int
+        Panel pixels compared with the oracle; a sample where there are more.
+    many : int
+        Lenses along a side of the largest array.
+    """
+
+    thin: int
+    random: int
+    most_pixels: int
+    many: int
+
+
+QUICK = Size(24, 2, 49, 60)
+FULL = Size(2, 10, 225, 1000)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One display and picture; of lens models a display and rays.
+
+    Attributes
+    ----------
+    label : str
+    make : callable
+        Makes display and picture; may be refused.
+    value : float, optional
+        Of the family's parameter.
+    refused : bool, optional
+        Whether it must be refused; None: it may be.
+    """
+
+    label: str
+    make: Callable[[], Any]
+    value: float | None = None
+    refused: bool | None = False
+
+
+@dataclass(frozen=True)
+class Family:
+    """Cases along one parameter.
+
+    Attributes
+    ----------
+    name : str
+    parameter : str
+        What `Case.value` is, with its unit; empty where cases have no order.
+    cases : callable
+        From a `Size`.
+    """
+
+    name: str
+    parameter: str
+    cases: Callable[[Size], list[Case]]
+
+
+def cases_of(family: Family, size: Size) -> Iterator[Case]:
+    """A family's cases, thinned out; the first and the last are kept."""
+    cases = family.cases(size)
+    for i, case in enumerate(cases):
+        if i % size.thin == 0 or i == len(cases) - 1:
+            yield case
+
+
+def case_at(
+    label: str, make: Callable[..., Any], value: float, refused: bool | None = False
+) -> Case:
+    """The case that `make` makes of a value of its family's parameter."""
+    return Case(label, partial(make, value), value, refused)
+
+
+def _over(display: Display, seed: int = 0, per_pitch: int = 2) -> Made:
+    """A display with noise over all that its rays reach."""
+    shape, pixel = display.capture_shape(per_pitch), display.pitch_mm / per_pitch
+    return display, noise(display, shape, pixel, seed)
+
+
+def _windowed(display: Display, seed: int = 0) -> Made:
+    """A display with noise in a window around its axis."""
+    return display, noise(display, *window(display), seed)
+
+
+def _decades(first: int, last: int) -> list[float]:
+    """Powers of ten, each the nearest float."""
+    return [float(Fraction(10) ** k) for k in range(first, last + 1)]
+
+
+# -- where surfaces are -------------------------------------------------------------------------
+
+
+def _distances(**changes: object) -> Callable[[Size], list[Case]]:
+    def make(z: float) -> Made:
+        ends = {"depth_min_mm": z, "depth_max_mm": 1.5 * z}
+        return _windowed(small_display(**(changes | ends)))
+
+    return lambda _: [case_at(f"{z:g} mm", make, z) for z in _decades(-3, 6)]
+
+
+def _distances_behind(_: Size) -> list[Case]:
+    def make(z: float) -> Made:
+        ends = {"depth_min_mm": -1.5 * z, "depth_max_mm": -z}
+        return _windowed(small_display(focal_length_mm=3.3, gap_mm=3.0, **ends))
+
+    return [case_at(f"-{z:g} mm", make, z) for z in _decades(-3, 6)]
+
+
+def _depth_spans(_: Size) -> list[Case]:
+    def make(k: float) -> Made:
+        top = 20.0 * (1 + 2.0 ** -int(k))
+        return _over(small_display(depth_min_mm=20.0, depth_max_mm=top))
+
+    found = [case_at(f"20 mm x 2^-{k}", make, float(k)) for k in (*range(0, 52, 3), 52)]
+    return [*found, Case("no depth at all", lambda: make(2000), math.inf, refused=True)]
+
+
+def _flat(_: Size) -> list[Case]:
+    def make(z: float, **changes: object) -> Made:
+        display = small_display(**changes)
+        return display, with_depth(np.full(display.capture_shape(2), z, np.float32), 0.5)
+
+    display = small_display()
+    low, high = display.depth_range_mm
+    places = {
+        "at z_min": low,
+        "at z_max": high,
+        "at D": display.central_depth_mm,
+        "an ulp beyond z_min": np.nextafter(np.float32(low), np.float32(-np.inf)),
+        "an ulp above z_max": np.nextafter(np.float32(high), np.float32(np.inf)),
+    }
+    found = [Case(name, partial(make, z)) for name, z in places.items()]
+    for name, z in {"on the array": 0.0, "just in front": 1e-30, "just behind": -1e-30}.items():
+        found.append(Case(name, partial(make, z, depth_min_mm=-4.0, depth_max_mm=6.0)))
+    return found
+
+
+def _subnormal_depths(_: Size) -> list[Case]:
+    def make(half: float) -> Made:
+        display = small_display(depth_min_mm=-half, depth_max_mm=half)
+        return display, noise(display, (12, 12), 0.5)
+
+    return [case_at(f"+-{z:g} mm", make, z) for z in (1e-45, 1e-42, 1e-38, 1e-30, 1e-10)]
+
+
+# -- focus --------------------------------------------------------------------------------------
+
+
+def _focus(
+    powers: tuple[int, ...], side: int = +1, stated: bool = False, **changes: object
+) -> Callable[[Size], list[Case]]:
+    """G = f (1 +- 2^-k), down to one ulp; D and its own depth range grow without bound."""
+
+    def make(k: float) -> Made:
+        own = {"gap_mm": 3.0 * (1 + side * 2.0 ** -int(k))}
+        if stated:
+            own |= {"depth_min_mm": 5.0, "depth_max_mm": 20.0}
+        return _windowed(small_display(**(changes | own)))
+
+    def cases(_: Size) -> list[Case]:
+        found = [case_at(f"|g - f| / f = 2^-{k}", make, float(k)) for k in powers]
+        if changes:
+            return found
+        return [*found, Case("g = f", lambda: make(2000), math.inf, refused=not stated)]
+
+    return cases
+
+
+def _fine_focus(powers: tuple[int, ...], **changes: object) -> Callable[[Size], list[Case]]:
+    """As a capture would be made, whole pixels per pitch: far too many cells at some distance."""
+
+    def make(k: float) -> Made:
+        display = small_display(gap_mm=3.0 * (1 + 2.0 ** -int(k)), **changes)
+        return display, noise(display, (48, 48), 0.5)
+
+    return lambda _: [
+        case_at(f"|g - f| / f = 2^-{k}", make, float(k), refused=None) for k in powers
+    ]
+
+
+# -- pixels, lenses, lengths --------------------------------------------------------------------
+
+
+def _pixels_per_lens(_: Size) -> list[Case]:
+    def make(ratio: float) -> Made:
+        # A strip of the panel about the axis: all of it would be millions of pixels.
+        panel = {"panel_rows": 3, "panel_columns": max(1, min(3000, round(3 * ratio)))}
+        display = small_display(
+            pixel_pitch_mm=1 / ratio, depth_min_mm=20.0, depth_max_mm=40.0, **panel
+        )
+        return _over(display)
+
+    below = [case_at(f"{r:g}", make, r, refused=True) for r in (1e-3, 1e-2, 0.1, 0.999)]
+    ratios = (1.0, 1.5, 2.0, 3.3, 10.0, 15.7, 17.0, 33.3, 100.0, 333.3, 1000.0)
+    return below + [case_at(f"{r:g}", make, r) for r in ratios]
+
+
+def _picture_pixels_per_pitch(_: Size) -> list[Case]:
+    def make(ratio: float) -> Made:
+        # Through the array, so that rays cross a few cells of the finest picture too.
+        half = min(4.0, 40 / ratio)
+        display = small_display(depth_min_mm=-half, depth_max_mm=half)
+        cells = min(48, math.ceil((display.width_mm + 2) * ratio))
+        return display, noise(display, (cells, cells), 1 / ratio)
+
+    ratios = (1e-3, 1e-2, 0.1, 0.5, 1.0, 1.7, 2.0, 3.0, 3.7, 10.0, 33.0, 100.0, 333.3, 1000.0)
+    return [case_at(f"{r:g}", make, r) for r in ratios]
+
+
+def _odd_and_even(_: Size) -> list[Case]:
+    def make(columns: int, rows: int, pixels: int, per_pitch: int) -> Made:
+        display = small_display(lens_columns=columns, lens_rows=rows, pixel_pitch_mm=1 / pixels)
+        return _over(display, columns + 7 * rows, per_pitch)
+
+    return [
+        Case(f"{n} x {m} lenses of {p} pixels, {k} per pitch", partial(make, n, m, p, k))
+        for n, m in ((1, 1), (1, 2), (2, 2), (3, 2), (4, 4))
+        for p, k in ((1, 1), (2, 1), (3, 2), (4, 3), (5, 2))
+    ]
+
+
+def _lengths(powers: dict[int, bool | None], **changes: object) -> Callable[[Size], list[Case]]:
+    """All lengths times powers of ten, down to where floats end; and whether it is refused."""
+    names = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm")
+
+    def make(factor: float) -> Made:
+        base = small_display(**changes)
+        return _over(base.replace(**{name: getattr(base, name) * factor for name in names}))
+
+    return lambda _: [
+        case_at(f"10^{p}", make, 10.0**p, refused=refused) for p, refused in powers.items()
+    ]
+
+
+def _many_lenses(size: Size) -> list[Case]:
+    side = size.many
+
+    def make(pixels: int) -> Made:
+        display = small_display(
+            lens_columns=side, lens_rows=side, pixel_pitch_mm=1 / pixels,
+            depth_min_mm=2.0, depth_max_mm=6.0,
+        )  # fmt: skip
+        return _over(display, per_pitch=1)
+
+    return [
+        Case(f"{side} x {side} lenses of {p} pixels", partial(make, p), side**2)
+        for p in ((2,) if side < FULL.many else (1, 2))
+    ]
+
+
+def _shifted(_: Size) -> list[Case]:
+    """Arrays off the panel's middle, by whole and half pixels and pitches."""
+
+    def make(shift: float, up: float, pixel: float) -> Made:
+        display = small_display(shift_x_mm=shift, shift_y_mm=up)
+        return display, noise(display, display.capture_shape(2), pixel, seed=11)
+
+    one = small_display().pixel_pitch_mm
+    shifts = {
+        "half a pixel": (one / 2, 0.0),
+        "a pixel": (one, 0.0),
+        "half a pixel each way": (one / 2, -one / 2),
+        "half a pitch": (0.5, 0.0),
+        "a pitch": (1.0, 0.0),
+        "an ulp": (2.0**-52, 0.0),
+        "a third of a micrometre": (1e-3 / 3, 0.0),
+    }
+    return [
+        Case(f"{name}, picture pixels of {p:g} mm", partial(make, *s, p), s[0])
+        for p in (0.5, 0.3)
+        for name, s in shifts.items()
+    ]
+
+
+# -- ties and shapes ----------------------------------------------------------------------------
+
+# The ways in which first hits are found, and a display and a picture pixel that take each.
+_FORMS: dict[str, tuple[dict[str, object], float]] = {
+    "lists": ({}, 0.5),
+    "lists, binary lengths": ({"gap_mm": 4.0, "pixel_pitch_mm": 0.125}, 0.5),
+    "strips": ({"elemental_pitch_mm": 1.001}, 0.5),
+    "strips, virtual": ({"focal_length_mm": 3.3, "gap_mm": 3.0, "pixel_pitch_mm": 0.19}, 0.5),
+    "ray by ray": ({}, 0.3),
+}
+
+
+def _form(form: str) -> tuple[Display, tuple[int, int], float]:
+    changes, pixel = _FORMS[form]
+    display = small_display(**changes)
+    shape = display.capture_shape(2)
+    return display, (round(shape[0] * 0.5 / pixel), round(shape[1] * 0.5 / pixel)), pixel
+
+
+def ties(_: Size = FULL) -> list[Case]:
+    """Depths at which rays leave picture pixels, or the float32 next to one on either side."""
+
+    def make(form: str, ulps: int) -> Made:
+        display, shape, pixel = _form(form)
+        return display, tied(display, shape, pixel, ulps)
+
+    return [
+        Case(f"{form}, {ulps:+d} ulp", partial(make, form, ulps))
+        for form in _FORMS
+        for ulps in (-1, 0, 1)
+    ]
+
+
+def _shapes(_: Size) -> list[Case]:
+    def make(form: str, kind: str) -> Made:
+        display, shape, pixel = _form(form)
+        return display, shaped(kind, display, shape, pixel)
+
+    return [
+        Case(f"{kind}, {form}", partial(make, form, kind)) for form in _FORMS for kind in SHAPES
+    ]
+
+
+# -- what makes no sense, or hardly any -----------------------------------------------------------
+
+
+def _not_finite(_: Size) -> list[Case]:
+    def uncovered(value: float) -> Made:
+        display, rgbd = _over(small_display())
+        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(value))
+        return display, with_depth(depth, rgbd.pixel_mm, rgbd.covered)
+
+    def covered(value: float) -> Made:
+        display, rgbd = _over(small_display())
+        depth = np.array(rgbd.depth_mm)
+        depth[3, 3] = value
+        return display, with_depth(depth, rgbd.pixel_mm)
+
+    def changed(changes: dict[str, float]) -> Made:
+        return _over(small_display(**changes))
+
+    found = []
+    for value in (math.nan, math.inf, -math.inf):
+        found.append(Case(f"uncovered {value}", partial(uncovered, value)))
+        found.append(Case(f"covered {value}", partial(covered, value), refused=True))
+        for name in ("pitch_mm", "gap_mm", "focal_length_mm", "pixel_pitch_mm", "depth_min_mm"):
+            both = {"depth_max_mm": 40.0} if name == "depth_min_mm" else {}
+            given = {name: value, **both}
+            found.append(Case(f"{name} = {value}", partial(changed, given), refused=True))
+    return found
+
+
+def _small(_: Size) -> list[Case]:
+    def one_cell() -> Made:
+        display = small_display()
+        return display, noise(display, (1, 1), 3.0, covered=1.1)
+
+    def bare() -> Made:
+        display, rgbd = _over(small_display())
+        return display, with_depth(np.array(rgbd.depth_mm), 0.5, np.zeros(rgbd.shape, bool))
+
+    one = {"lens_columns": 1, "lens_rows": 1}
+    empty = np.zeros((0, 0), np.float32)
+    return [
+        Case("a picture of one pixel", one_cell),
+        Case(
+            "a picture without pixels",
+            lambda: (small_display(), with_depth(empty, 0.5)),
+            refused=True,
+        ),
+        Case("one lens over one pixel", lambda: _over(small_display(pixel_pitch_mm=1.0, **one))),
+        Case("nothing covered", bare),
+        Case("one lens", lambda: _over(small_display(**one))),
+    ]
+
+
+def _random(size: Size) -> list[Case]:
+    return [Case(f"seed {s}", partial(random_picture, s)) for s in range(size.random)]
+
+
+# -- mounted arrays -----------------------------------------------------------------------------
+
+
+def _mounted(angles: tuple[float, ...], **changes: float) -> Callable[[Size], list[Case]]:
+    """Angles times `changes`."""
+
+    def make(degrees: float) -> Made:
+        return _over(small_display(**{name: by * degrees for name, by in changes.items()}))
+
+    return lambda _: [case_at(f"{a:g} degrees", make, a) for a in angles]
+
+
+def _hexagonal(_: Size) -> list[Case]:
+    def make(columns: int, rows: int, pixels: float) -> Made:
+        display = small_display(
+            lattice="hexagonal", lens_columns=columns, lens_rows=rows, pixel_pitch_mm=1 / pixels
+        )
+        return _over(display, columns + 7 * rows)
+
+    return [
+        Case(f"{n} x {m} lenses of {p:g} pixels", partial(make, n, m, p))
+        for n, m in ((1, 1), (1, 2), (2, 1), (2, 3), (3, 4), (4, 5))
+        for p in (1, 4, 5, 5.3)
+    ]
+
+
+def _mounted_shapes(_: Size) -> list[Case]:
+    def make(mounting: str, kind: str) -> Made:
+        display = small_display(**MOUNTINGS[mounting])
+        return display, shaped(kind, display, display.capture_shape(2), 0.5)
+
+    return [Case(f"{k}, {m}", partial(make, m, k)) for m in MOUNTINGS for k in SHAPES]
+
+
+def _widths(size: Size) -> list[Case]:
+    """Wider and wider arrays: a lens centre and a pixel near it cancel in a ray's slope."""
+
+    def make(lenses: float) -> Made:
+        return _over(
+            small_display(
+                rotation_deg=0.5, lens_columns=int(lenses), depth_min_mm=20.0, depth_max_mm=40.0
+            )
+        )
+
+    widths = (3, 30, 100, 300, 1000)
+    return [case_at(f"{n} lenses", make, float(n)) for n in widths if n <= size.many]
+
+
+def _impossible(_: Size) -> list[Case]:
+    def make(**changes: object) -> Made:
+        return _over(small_display(**changes))
+
+    said: dict[str, dict[str, object]] = {
+        f"{name} = {value}": {name: value}
+        for name in ("rotation_deg", "tilt_x_deg", "tilt_y_deg", "pitch_y_mm")
+        for value in (math.nan, math.inf, -math.inf)
+    }
+    said["tilted by 11 degrees"] = {"tilt_x_deg": 11.0}
+    said["a panel tilted through its array"] = {"lens_columns": 60, "tilt_x_deg": 10.0}
+    found = [Case(name, partial(make, **changes), refused=True) for name, changes in said.items()]
+    # Found out when its pixels look for their lenses.
+    off = partial(make, rotation_deg=3.0, shift_x_mm=1e3)
+    return [*found, Case("an array off its panel", off, refused=None)]
+
+
+def _random_mounted(size: Size) -> list[Case]:
+    return [Case(f"seed {s}", partial(_random_mounted_picture, s)) for s in range(size.random)]
+
+
+def _random_mounted_picture(seed: int) -> Made:
+    """A random hexagonal, turned or tilted display, and a random picture over it."""
+    rng = np.random.default_rng(seed)
+    lattice = str(rng.choice(["square", "hexagonal"]))
+    turn = float(rng.choice([0.0, 90.0, rng.uniform(-180, 180)]))
+    tilts = rng.uniform(-4, 4, 2) * (rng.random() < 0.5)
+    if lattice == "square" and not turn and not tilts.any():
+        turn = 1.0
+    pixels = float(rng.choice([3, 5, rng.uniform(2, 9)]))
+    columns, rows = int(rng.integers(1, 6)), int(rng.integers(1, 5))
+    display = small_display(
+        lens_columns=columns, lens_rows=rows, pixel_pitch_mm=1 / pixels,
+        gap_mm=float(rng.choice([3.3, 2.7, rng.uniform(3.1, 4)])),
+        lattice=lattice, rotation_deg=turn, tilt_x_deg=float(tilts[0]), tilt_y_deg=float(tilts[1]),
+        shift_x_mm=float(rng.choice([0.0, rng.uniform(-1, 1)])),
+    )  # fmt: skip
+    if max(display.capture_shape(2)) > 160:
+        return _windowed(display, seed)
+    return _over(display, seed, per_pitch=int(rng.integers(1, 4)))
+
+
+# -- all ----------------------------------------------------------------------------------------
+
+_EVERY_THIRD = (*range(3, 52, 3), 52)
+_EVERY_SIXTH = (*range(3, 52, 6), 52)
+_TURNS = (1e-12, 1e-6, 1e-3, 0.03, 0.5, 4.0, 10.0, 30.0, 45.0, 60.0, 89.0, 90.0, 180.0, 360.0)
+_TILTS = (1e-12, 1e-6, 1e-3, 0.1, 1.0, 5.0, 10.0)
+_MAY, _MUST_NOT = None, False
+_POWERS = {
+    -60: _MAY, -42: _MAY, -40: _MAY, -30: _MUST_NOT, -9: _MUST_NOT, 9: _MUST_NOT, 18: _MUST_NOT,
+    30: _MAY, 36: _MAY, 40: _MAY,
+}  # fmt: skip
+_FEWER_POWERS = {-40: _MAY, **dict.fromkeys((-30, -9, -3, 3, 9, 30), _MUST_NOT)}
+_BY_POWER = "-log2 |g - f| / f"
+
+_SEPARABLE_FAMILIES = [
+    Family("distance in front", "nearest surface, mm", _distances()),
+    Family("distance behind", "nearest surface, mm", _distances_behind),
+    Family("pixels per lens", "P / P_D", _pixels_per_lens),
+    Family("picture pixels per pitch", "P / picture pixel", _picture_pixels_per_pitch),
+    Family("g to f from above, own range", _BY_POWER, _focus(_EVERY_THIRD, +1)),
+    Family("g to f from below, own range", _BY_POWER, _focus(_EVERY_THIRD, -1)),
+    Family("g to f from above, stated range", _BY_POWER, _focus(_EVERY_THIRD, +1, stated=True)),
+    Family("g to f from below, stated range", _BY_POWER, _focus(_EVERY_THIRD, -1, stated=True)),
+    Family("g to f, fine picture", _BY_POWER, _fine_focus(tuple(range(3, 53, 7)))),
+    Family("depth span", "-log2 of span / distance", _depth_spans),
+    Family("flat depth", "", _flat),
+    Family("ties", "", ties),
+    Family("shapes", "", _shapes),
+    Family("odd and even", "", _odd_and_even),
+    Family("all lengths", "factor", _lengths(_POWERS)),
+    Family("subnormal depths", "half the depth range, mm", _subnormal_depths),
+    Family("not finite", "", _not_finite),
+    Family("small", "", _small),
+    Family("many lenses", "lenses", _many_lenses),
+    Family("shifted array", "shift to the right, mm", _shifted),
+    Family("random displays", "", _random),
+]
+MOUNTED_FAMILIES = [
+    Family("turned array", "degrees", _mounted(_TURNS, rotation_deg=1)),
+    Family("tilted panel", "degrees", _mounted(_TILTS, tilt_x_deg=1, tilt_y_deg=-0.5)),
+    Family("hexagonal array", "", _hexagonal),
+    *(
+        Family(f"{name}, distance", "nearest surface, mm", _distances(**MOUNTINGS[mounting]))
+        for name, mounting in (
+            ("turned array", "turned"),
+            ("hexagonal array", "hexagonal"),
+            ("array off in every way", "all at once"),
+        )
+    ),
+    Family("mounted arrays, shapes", "", _mounted_shapes),
+    Family("turned array, g to f", _BY_POWER, _focus(_EVERY_SIXTH, rotation_deg=4.0)),
+    Family(
+        "turned array, g to f, fine picture", _BY_POWER, _fine_focus((3, 24, 45), rotation_deg=4.0)
+    ),
+    Family("turned array, width", "lenses across", _widths),
+    Family(
+        "turned array, all lengths",
+        "factor",
+        _lengths(_FEWER_POWERS, rotation_deg=4.0, tilt_x_deg=1.0),
+    ),
+    Family("impossible mounting", "", _impossible),
+    Family("random mounted displays", "", _random_mounted),
+]
+FAMILIES = [*_SEPARABLE_FAMILIES, *MOUNTED_FAMILIES]

@@ -1,0 +1,213 @@
+"""Relations of the project's own generators: of layers, implementations, types and backends.
+
+And which of `inim.stress.relations` each definition promises: those it does not are measured all
+the same, and said to be explained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.generators import find_sources
+from inim.generators.template import ray_by_ray
+from inim.rgbd import RGBD, Layer, LayeredRGBD
+from inim.stress.algorithm import Show, colours_of, input_of, shown
+from inim.stress.pictures import noise_pictures, solids_of
+from inim.stress.relations import (
+    RELATIONS,
+    Comparison,
+    Relation,
+    check_relation,
+    same_colour,
+)
+from reports.stress.study.oracles import answer
+from reports.stress.study.rays import rays_over
+
+__all__ = [
+    "EXPLAINED",
+    "LAYER_RELATIONS",
+    "all_relations",
+    "run_layer_relations",
+    "run_relations",
+]
+
+_LAYERED = "layered:samples=1"
+_ALGORITHMS = ("template", "gu2020", "wang2024", "wang2024:matching=ray", "li2012", _LAYERED)
+_RIVALS = ("gu2020", "wang2024", "wang2024:matching=ray", "li2012")
+# Those that serve arrays whose rows and columns are not independent.
+_OF_MOUNTED = ("template", "gu2020", _LAYERED)
+
+_NO_OCCLUSION = "the best match wins, wherever on the ray: occlusion is no part of the method"
+_A_POINT = "a picture pixel is a point: raised, it lands elsewhere and uncovers what was behind"
+_STEPS = "its step P_I is a length across: along a stretched z it samples more finely"
+_SIZE = "a picture pixel is a point: farther away, more of them land on one panel pixel"
+_BY_ROWS = "z depends on the rows alone: a transposed picture is another problem"
+_NEARER = "a nearer object changes only its shadow"
+#: What a definition does not promise, and why.
+EXPLAINED = {
+    ("transpose", "wang2024"): _BY_ROWS,
+    ("stretch along z x 4", "gu2020"): _STEPS,
+    ("move along z", "li2012"): _SIZE,
+    (_NEARER, "wang2024"): _NO_OCCLUSION,
+    (_NEARER, "wang2024:matching=ray"): _NO_OCCLUSION,
+    (_NEARER, "li2012"): _A_POINT,
+}
+
+
+def run_relations(
+    show: Show = shown,
+    relations: list[tuple[Relation, tuple[str, ...]]] | None = None,
+    explained: dict[tuple[str, str], str] = EXPLAINED,
+) -> list[dict[str, Any]]:
+    """A row for each relation and algorithm; see `inim.stress.relations.check_relation`.
+
+    Parameters
+    ----------
+    show : callable
+        What to test instead of what generators show.
+    relations : list of (Relation, algorithms), optional
+        All unless given.
+    explained : dict
+        Reasons by relation and algorithm.
+    """
+    return [
+        check_relation(
+            relation,
+            algorithm,
+            show=show,
+            exact=algorithm in ("template", _LAYERED),
+            explained=explained.get((relation.name, algorithm), ""),
+            doubt=_uncertain,
+        )
+        for relation, algorithms in (all_relations() if relations is None else relations)
+        for algorithm in algorithms
+    ]
+
+
+def all_relations() -> list[tuple[Relation, tuple[str, ...]]]:
+    """Every relation, with the algorithms it is checked of."""
+    found = []
+    for relation in RELATIONS:
+        algorithms = _OF_MOUNTED if relation.mounted else _ALGORITHMS
+        found.append((relation, algorithms[:-1] if relation.one_layer else algorithms))
+    return [*found, *_IMPLEMENTATIONS]
+
+
+def _uncertain(rgbd: RGBD, display: Display, algorithm: str, pixels: np.ndarray) -> int:
+    """How many of the panel pixels the definition leaves to rounding."""
+    picture = input_of(rgbd, display, algorithm)
+    rays = rays_over(display, rgbd, pixels)
+    name = "layered" if algorithm == _LAYERED else algorithm
+    return int(answer(name, rays, picture, display, np.float64).uncertain.sum())
+
+
+# -- layers -------------------------------------------------------------------------------------
+
+
+def run_layer_relations(find: Show = find_sources) -> list[dict[str, Any]]:
+    """A row for each of `LAYER_RELATIONS`, of the sources that `find` names."""
+    return [
+        check_relation(one, _LAYERED, show=find, exact=True, doubt=lambda *_: 0)
+        for one in LAYER_RELATIONS
+    ]
+
+
+def _plain(find: Show, algorithm: str) -> Iterator[Comparison]:
+    """A picture without layers shows what `template` shows."""
+    for display, rgbd in noise_pictures():
+        alike = find(rgbd, display, algorithm) == find_sources(rgbd, display, "template")
+        yield Comparison(display, rgbd, alike, display.lensed)
+
+
+def _cut(find: Show, algorithm: str) -> Iterator[Comparison]:
+    """A solid cut across into two that touch is still that solid."""
+    for display, rgbd in noise_pictures():
+        solid = solids_of(rgbd, display)
+        middle = (solid.depth_mm + solid.back_mm) / np.float32(2)
+        lower = Layer(solid.color, middle, solid.back_mm, solid.covered)
+        cut = LayeredRGBD(
+            solid.color,
+            solid.depth_mm,
+            solid.covered,
+            solid.pixel_mm,
+            middle,
+            (lower, *solid.deeper),
+        )
+        cells = rgbd.depth_mm.size
+        before, after = find(solid, display, algorithm), find(cut, display, algorithm)
+        # The lower half is layer 1, and those behind it count on.
+        after = np.where(after >= cells, after - cells, after)
+        yield Comparison(display, rgbd, before == after, display.lensed)
+
+
+def _behind(find: Show, algorithm: str) -> Iterator[Comparison]:
+    """The deepest solid changes only panel pixels that show it."""
+    for display, rgbd in noise_pictures():
+        solid = solids_of(rgbd, display)
+        fewer = replace(solid, deeper=solid.deeper[:-1])
+        before, after = find(fewer, display, algorithm), find(solid, display, algorithm)
+        shows = after >= len(solid.deeper) * rgbd.depth_mm.size
+        yield Comparison(display, rgbd, (before == after) | shows, display.lensed)
+
+
+def _endless(find: Show, algorithm: str) -> Iterator[Comparison]:
+    """Where every solid goes back to the next one's front, only the colours are layers'."""
+    for display, rgbd in noise_pictures():
+        solid = solids_of(rgbd, display)
+        one, two = solid.deeper
+        filled = replace(
+            solid,
+            back_mm=np.where(one.covered, one.front_mm, np.float32(-np.inf)),
+            deeper=(replace(one, back_mm=two.front_mm), two),
+        )
+        columns = replace(solid, back_mm=np.full(rgbd.shape, -np.inf, np.float32), deeper=())
+        before, after = find(columns, display, algorithm), find(filled, display, algorithm)
+        cells = rgbd.depth_mm.size
+        alike = np.where(after >= 0, after % cells, after) == before
+        yield Comparison(display, rgbd, alike, display.lensed)
+
+
+LAYER_RELATIONS = [
+    Relation("without layers as template", _plain, bitwise=True),
+    Relation("a solid cut in two", _cut, bitwise=True),
+    Relation("the deepest solid changes what shows it", _behind, bitwise=True),
+    Relation("solids without gaps are columns", _endless, bitwise=True),
+]
+
+
+# -- implementations ----------------------------------------------------------------------------
+
+
+def _as(other: Callable[[RGBD, Display, str], np.ndarray]) -> Callable:
+    """The same bits as another way of finding sources has."""
+
+    def check(show: Show, algorithm: str) -> Iterator[Comparison]:
+        for display, rgbd in noise_pictures():
+            alike = same_colour(show(rgbd, display, algorithm), other(rgbd, display, algorithm))
+            yield Comparison(display, rgbd, alike, display.lensed)
+
+    return check
+
+
+def _in_plain_python(rgbd: RGBD, display: Display, algorithm: str) -> np.ndarray:
+    return shown(rgbd, display, f"{algorithm}:implementation=python")
+
+
+def _in_float64(rgbd: RGBD, display: Display, _: str) -> np.ndarray:
+    return colours_of(ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd), rgbd)
+
+
+def _by_drjit(rgbd: RGBD, display: Display, _: str) -> np.ndarray:
+    return shown(rgbd, display, "template_jit")
+
+
+_IMPLEMENTATIONS = [
+    (Relation("compiled or plain Python", _as(_in_plain_python), bitwise=True), _RIVALS),
+    (Relation("float32 tables or float64 rays", _as(_in_float64), bitwise=True), ("template",)),
+    (Relation("numba or Dr.Jit on LLVM", _as(_by_drjit), bitwise=True), ("template",)),
+]
