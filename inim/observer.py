@@ -1,22 +1,29 @@
-"""Who sees how a run goes on, and what goes into rendering."""
+"""Who observes how a run goes on: its progress, and the time and samples that it took."""
 
 from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 __all__ = ["Observer"]
 
 
 class Observer:
-    """Sees how a run goes on and counts what it renders; the command line's prints and draws a bar.
+    """Observes a run and counts; the command line's version also prints and draws a bar.
 
     Attributes
     ----------
+    timings : dict of str to float
+        Seconds of each stage.
     render_seconds : float
-        Spent inside the renderer so far.
+        Spent inside the renderer.
     samples : int
-        Traced there so far.
+        Traced there.
     """
 
     def __init__(self) -> None:
+        self.timings: dict[str, float] = {}
         self.render_seconds = 0.0
         self.samples = 0
 
@@ -27,7 +34,7 @@ class Observer:
         """A stage begins."""
 
     def rays(self, count: int) -> None:
-        """So many rays of the total are done."""
+        """So many rays more are done."""
 
     def line(self, text: str) -> None:
         """A result worth a line."""
@@ -36,6 +43,14 @@ class Observer:
         """Something that the user should know."""
 
     def rendered(self, seconds: float, samples: int = 0) -> None:
-        """Add time spent inside the renderer, and samples traced in it."""
+        """The renderer took so long for so many samples."""
         self.render_seconds += seconds
         self.samples += samples
+
+    @contextmanager
+    def timed(self, name: str) -> Iterator[None]:
+        """A stage, from begin to end; the times of equal names add up."""
+        self.stage(name)
+        started = time.perf_counter()
+        yield
+        self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - started

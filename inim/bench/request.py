@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from inim.bench.timing import Rounds
 from inim.errors import UsageError
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
+from inim.pipeline.timing import Rounds, most_threads
 
 __all__ = ["BenchRequest", "check_request", "default_out", "scene_plan"]
 
@@ -81,8 +81,7 @@ def default_out(scene: Path | None) -> Path:
 def check_request(request: BenchRequest) -> None:
     """Raise the `InimError` that fits where a request cannot be carried out; costs no rendering."""
     from inim.bench.commands import check_commands
-    from inim.bench.contenders import chosen
-    from inim.bench.machine import most_threads
+    from inim.bench.scene import choose_algorithms
 
     scenes = [scene for scene in (request.scene, *request.layers, request.commands) if scene]
     if not (scenes or request.scaling or request.paper or request.views):
@@ -101,7 +100,7 @@ def check_request(request: BenchRequest) -> None:
         if scene == request.commands:
             check_commands(plan)
     if request.algorithms is not None:
-        chosen(request.algorithms)
+        choose_algorithms(request.algorithms)
 
 
 def scene_plan(request: BenchRequest, scene: Path) -> Plan:

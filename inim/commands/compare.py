@@ -11,7 +11,7 @@ from inim.commands.options import add_exit_codes
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 
 if TYPE_CHECKING:
-    from inim.regression import Evidence
+    from inim.regression import RunStatistics
     from inim.report import Report
 
 __all__ = ["SUMMARY", "add_arguments", "compare_reports", "run"]
@@ -64,9 +64,8 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     FileError
         No report there, or `out` cannot be written.
     """
-    from inim.pipeline.baseline import regression_data, verdict_lines
-    from inim.pipeline.differences import FOLDER
-    from inim.regression import CANDIDATE, all_passed, compare, read_evidence
+    from inim.pipeline.baseline import FOLDER, regression_data, verdict_lines
+    from inim.regression import CANDIDATE, all_passed, compare, read_statistics
     from inim.report import Report
     from inim.report.compare import SCHEMA, write_comparison
     from inim.worker.output import open_staging, publish
@@ -74,7 +73,7 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     reports = [Report.load(folder) for folder in (before, after)]
     if out.exists() and any(out.samefile(folder) for folder in (before, after)):
         raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
-    old, new = (read_evidence(report.folder / FOLDER, CANDIDATE) for report in reports)
+    old, new = (read_statistics(report.folder / FOLDER, CANDIDATE) for report in reports)
     verdicts = compare(old, new, str(before))
     staging = open_staging(out)
     try:
@@ -101,18 +100,18 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     return all_passed(verdicts), verdict_lines(verdicts)
 
 
-def _about(folder: Path, evidence: Evidence) -> dict[str, Any]:
-    return {"folder": str(folder), "circumstances": dict(evidence.circumstances)}
+def _about(folder: Path, statistics: RunStatistics) -> dict[str, Any]:
+    return {"folder": str(folder), "circumstances": dict(statistics.circumstances)}
 
 
 def _copy_pictures(reports: list[Report], name: str, staging: Path) -> bool:
     """The two pictures of a name, and their difference; whether both are there."""
     from PIL import Image
 
-    from inim.pipeline.differences import FOLDER
-    from inim.report.pictures import ENCODINGS, Pictures, difference
+    from inim.pipeline.baseline import FOLDER
+    from inim.report.images import ENCODINGS, Images, difference
 
-    found = [Pictures(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in reports]
+    found = [Images(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in reports]
     change = difference(found[0], found[1])
     if found[0] is None or found[1] is None or change is None:
         return False

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from inim.commands.options import add_definitions
 from inim.errors import EXIT_PASSED, FileError, UsageError
+from inim.version import __version__
 
 if TYPE_CHECKING:
     import argparse
@@ -82,21 +83,21 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
         No report there, or none that has panels to show.
     """
     from inim.report import Report
-    from inim.report.pictures import ENCODINGS, Pictures
-    from inim.report.virtual_display.body import is_live, report_display
-    from inim.report.virtual_display.page import display_page
+    from inim.report.images import ENCODINGS, Images
+    from inim.report.sections.virtual_display import report_display
+    from inim.report.virtual_display.live import LIVE
 
     report = Report.load(folder)
-    pictures = Pictures(report.folder, ENCODINGS[0])
+    pictures = Images(report.folder, ENCODINGS[0])
     content = report_display(report.data, pictures, most_bytes=_MOST_BYTES)
-    if not is_live(content):
+    if not LIVE.is_in(content):
         raise FileError(
             f"{folder}: the report's panels cannot be shown (missing, of another size than its "
             "display, or too large); make it anew with inim validate"
         )
     given = report.data["display"]["given"]
     title = str(report.data.get("title") or folder.name)
-    page = display_page(title, f"Display {given.get('name', '')}", content)
+    page = _page(title, f"Display {given.get('name', '')}", content)
     return _written(folder / _PAGE if out is None else out, page)
 
 
@@ -130,9 +131,8 @@ def view_eia(
     from inim.display.misalignment import mounted
     from inim.display.viewpoint import parse_viewpoints
     from inim.files.eia_file import read_eia
-    from inim.report.pictures import ENCODINGS, Pictures
-    from inim.report.virtual_display.body import Eye, Still, is_live, live_display
-    from inim.report.virtual_display.page import display_page
+    from inim.report.images import ENCODINGS, Images
+    from inim.report.virtual_display.live import LIVE, Eye, Still, live_display
     from inim.report.virtual_display.panels import Panel
     from inim.report.virtual_display.still import still_view
     from inim.scene.file import chosen_display
@@ -151,16 +151,16 @@ def view_eia(
         [Panel(eia.stem, codes)],
         eyes,
         stills,
-        Pictures(eia.parent, ENCODINGS[0]),
+        Images(eia.parent, ENCODINGS[0]),
         most_bytes=_MOST_BYTES,
         lens_model=settings.lens_model,
     )
-    if not is_live(content):
+    if not LIVE.is_in(content):
         raise FileError(
             f"{eia}: {real.eia_shape[1]} x {real.eia_shape[0]} pixels are too many for one page of "
             f"{_MOST_BYTES / 1e6:.0f} MB"
         )
-    page = display_page(eia.name, f"Display {_words(real)}", content)
+    page = _page(eia.name, f"Display {_words(real)}", content)
     return _written(Path(f"{eia.stem}-view.html") if out is None else out, page)
 
 
@@ -171,10 +171,26 @@ def _words(display: Display) -> str:
     )
 
 
+def _page(title: str, facts: str, content: str) -> str:
+    """One HTML file that needs nothing else."""
+    from inim.report.markup import text
+    from inim.report.page import Section, render_page
+    from inim.report.virtual_display.live import ANCHOR, LIVE, TITLE
+
+    return render_page(
+        title,
+        [text(facts)],
+        [Section(ANCHOR, TITLE, content)],
+        window_title=f"{title} – inim virtual display",
+        footer=f"inim {__version__}",
+        widgets=[LIVE],
+    )
+
+
 def _written(path: Path, page: str) -> Path:
-    from inim.files.image import write_atomically
+    from inim.report.files import write_text
 
     if path.is_dir():
         raise FileError(f"{path}: is a folder; name a file with -o")
-    write_atomically(path, lambda p: p.write_text(page, "utf-8", "backslashreplace"))
+    write_text(path, page)
     return path

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,13 +21,13 @@ from inim.from_camera.picture import CameraPicture
 from inim.generators import SourceGenerator, check_algorithm, generate, prepare
 from inim.lens import check_lens_model
 from inim.observer import Observer
-from inim.pipeline.method import parse_contenders
+from inim.pipeline.checks import BLACK
+from inim.pipeline.method import parse_methods
 from inim.pipeline.picture_oracle import ExactHits, exact_hits, why_no_oracle
 from inim.pipeline.plugin_guard import blamed, run_generator
-from inim.pipeline.truth import BLACK
 from inim.pipeline.warp import warped
 from inim.provenance import backend_data, versions
-from inim.report.picture import SCHEMA, write_picture_report
+from inim.report.without_scene import SCHEMA, write_picture_report
 from inim.rgbd import RGBD, LayeredRGBD
 from inim.scene.file import chosen_display
 from inim.version import __version__
@@ -148,7 +149,7 @@ def _chosen(request: PictureRequest) -> tuple[Display, Settings]:
 
 
 def _algorithms(text: str) -> list[str]:
-    names = [contender.name for contender in parse_contenders(text, ())]
+    names = [contender.name for contender in parse_methods(text, ())]
     for name in names:
         check_algorithm(name)
     return names
@@ -225,17 +226,25 @@ def _scored(
     folder: Path, rgbd: RGBD, display: Display, settings: Settings, observer: Observer
 ) -> dict[str, Any]:
     """Scores, checks and pictures; `not_scored` says what is missing and why."""
-    from inim.bench.quality import Looks
+    from inim.render.reconstruct import exposed_views
 
     viewpoints = _viewpoints(display, settings)
-    looks = Looks.of(display, viewpoints, settings)
+    views_of = partial(
+        exposed_views,
+        display=display,
+        viewpoints=viewpoints,
+        lens_model=settings.lens_model,
+        pixels_per_lens=settings.view_pixels_per_lens,
+        spp=settings.reconstruction_spp,
+        seed=settings.seed,
+    )
     observer.stage("exact oracle")
     why = why_no_oracle(rgbd, display)
     exact = exact_hits(rgbd, display) if why is None else None
     observer.stage("views")
     front = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-    direct = {v.name: warped(front, display, v, looks.pixels_per_lens) for v in viewpoints}
-    best = looks.at(generate(front, display, EXACT))
+    direct = {v.name: warped(front, display, v, settings.view_pixels_per_lens) for v in viewpoints}
+    best = views_of(generate(front, display, EXACT))
     for viewpoint, view in zip(viewpoints, best, strict=True):
         write_png(folder / "views" / "picture" / f"{viewpoint.name}.png", direct[viewpoint.name][0])
         write_png(folder / "views" / "exact" / f"{viewpoint.name}.png", view)
@@ -243,7 +252,7 @@ def _scored(
     for name in _algorithms(settings.algorithms):
         observer.stage(name)
         made = _made(name, rgbd, display, exact, folder)
-        seen = looks.at(made.pop("eia"))
+        seen = views_of(made.pop("eia"))
         made["views"] = {}
         for viewpoint, view, reference in zip(viewpoints, seen, best, strict=True):
             write_png(folder / "views" / name / f"{viewpoint.name}.png", view)

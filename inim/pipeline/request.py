@@ -1,4 +1,4 @@
-"""What a user asks a validation for, before anything of it is looked at."""
+"""What a user asks a validation for, and asking for it: a worker process carries it out."""
 
 from __future__ import annotations
 

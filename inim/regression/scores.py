@@ -20,6 +20,10 @@ noisy pictures being too low. That is all that noise adds to it where the map is
 a root of small errors, and noise has added more. Runs of unlike sample counts are compared free of
 it: a score is expected to move by ``bias (r^2 - 1)`` where the ground truth's standard errors grew
 r times.
+
+A score that is no mean of a map answers as a whole. There D^2 is the mean over some patterns of
+signs, drawn once and for all, by which the blocks are moved: its expectation over all patterns is
+the sum of the blocks' own squares (Hutchinson, Commun. Statist. Simul. 18, 1989).
 """
 
 from __future__ import annotations
@@ -31,7 +35,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.metrics import score_maps, scores_of
+from inim.metrics import Metric, all_metrics, find, score_maps
 from inim.regression.inference import (
     FALSE_ALARM_RATE,
     freedom_of_sum,
@@ -41,12 +45,8 @@ from inim.regression.inference import (
 )
 from inim.regression.verdict import Verdict, within
 
-__all__ = ["SMALLEST_CHANGES", "ScoreEstimate", "compare_scores", "score_interval", "view_scores"]
+__all__ = ["ScoreEstimate", "compare_scores", "score_interval", "view_scores"]
 
-#: The smallest changes that count. SSIM and FLIP: half of the last digit but one that reports
-#: quote; where algorithms differ, they differ by hundredths. PSNR: below a tenth of a decibel no
-#: one sees it.
-SMALLEST_CHANGES = {"ssim": 0.005, "flip": 0.005, "psnr": 0.1}
 #: Confidence of the interval shown beside a single score.
 SHOWN_LEVEL = 0.05
 # A ratio of variances beyond these is no matter of sample counts, and has a verdict of its own.
@@ -58,6 +58,8 @@ _BLOCK_PX = 16
 # of side L miss what crosses their borders, and keep (1 - 2.2 / L)^2 of the variance. FLIP's errors
 # proved to need no more.
 _COUPLING = (1 - 2.2 / _BLOCK_PX) ** -2
+# Patterns of signs for a score without a map, two evaluations each; so many degrees of freedom.
+_PATTERNS = 8
 # The step h: noise grows by h^2, and differences are far above float32's rounding.
 _STEP = 0.25
 
@@ -99,35 +101,39 @@ class ScoreEstimate:
 def view_scores(
     reference: tuple[np.ndarray, np.ndarray, np.ndarray],
     test: tuple[np.ndarray, np.ndarray, np.ndarray],
-    names: Sequence[str] = ("ssim", "psnr_db", "flip"),
+    keys: Sequence[str] | None = None,
     maps: Mapping[str, np.ndarray] | None = None,
 ) -> dict[str, ScoreEstimate]:
-    """SSIM, PSNR and FLIP of a view, with their errors.
+    """Scores of a view, with their errors.
 
     Parameters
     ----------
     reference, test : three (rows, columns, 3) float32, linear RGB
         The picture, and the two halves it is the mean of.
-    names : sequence of str
-        Those wanted.
-    maps : mapping of str to (rows, columns), optional
+    keys : sequence of str, optional
+        `inim.metrics.Metric.key` of those wanted; all metrics without.
+    maps : mapping of str to array, optional
         `inim.metrics.score_maps` of the pictures, if they are made already.
     """
-    whole = score_maps(reference[0], test[0], names) if maps is None else maps
+    metrics = [m for m in all_metrics() if keys is None or m.key in keys]
+    keys = [metric.key for metric in metrics]
+    whole = score_maps(reference[0], test[0], keys) if maps is None else maps
+    local = [key for key in keys if whole[key].ndim]
     plus, minus = (
-        score_maps(_moved(*reference, step), _moved(*test, step), names) for step in (1, -1)
+        score_maps(_moved(*reference, sign), _moved(*test, sign), local)
+        for sign in (np.float32(1), np.float32(-1))
     )
-    values = scores_of(whole)
-    found = {}
-    for name in names:
-        one = _estimate(whole[name], plus[name], minus[name])
-        found[name] = _decibels(one, values[name]) if name == "psnr_db" else one
-    return found
+    found = {key: _estimate(whole[key], plus[key], minus[key]) for key in local}
+    others = [key for key in keys if key not in found]
+    found |= _without_maps(reference, test, {key: float(whole[key]) for key in others})
+    return {metric.key: _of_mean(metric, found[metric.key]) for metric in metrics}
 
 
-def _moved(whole: np.ndarray, first: np.ndarray, second: np.ndarray, sign: int) -> np.ndarray:
-    """The picture, a step towards either half."""
-    moved: np.ndarray = whole + np.float32(sign * _STEP / 2) * (first - second)
+def _moved(
+    whole: np.ndarray, first: np.ndarray, second: np.ndarray, sign: np.ndarray | np.float32
+) -> np.ndarray:
+    """The picture, a step towards either half: everywhere, or by a (rows, columns, 1) sign."""
+    moved: np.ndarray = whole + sign * np.float32(_STEP / 2) * (first - second)
     return moved
 
 
@@ -143,12 +149,53 @@ def _estimate(whole: np.ndarray, plus: np.ndarray, minus: np.ndarray) -> ScoreEs
     return ScoreEstimate(value, error, float(freedom), (above + below - 2 * value) / (2 * _STEP**2))
 
 
-def _decibels(squared: ScoreEstimate, value: float) -> ScoreEstimate:
-    """From a mean squared error to the PSNR that it is, errors to first order."""
-    if not squared.value > 0:
+def _without_maps(
+    reference: tuple[np.ndarray, np.ndarray, np.ndarray],
+    test: tuple[np.ndarray, np.ndarray, np.ndarray],
+    values: Mapping[str, float],
+) -> dict[str, ScoreEstimate]:
+    """Estimates of scores that have no map, from blocks moved with signs by chance; see the module.
+
+    Parameters
+    ----------
+    reference, test : as `view_scores`
+    values : mapping of str to float
+        The scores, by key.
+    """
+    if not values:
+        return {}
+    random = np.random.default_rng(0)
+    rows, columns = reference[0].shape[:2]
+    blocks = math.ceil(rows / _BLOCK_PX), math.ceil(columns / _BLOCK_PX)
+    moved: dict[str, list[tuple[float, float]]] = {key: [] for key in values}
+    for _ in range(_PATTERNS):
+        drawn = random.choice(np.array([-1, 1], np.float32), blocks)
+        signs = np.repeat(np.repeat(drawn, _BLOCK_PX, 0), _BLOCK_PX, 1)[:rows, :columns, None]
+        plus, minus = (
+            score_maps(_moved(*reference, sign), _moved(*test, sign), [*values])
+            for sign in (signs, -signs)
+        )
+        for key, pairs in moved.items():
+            pairs.append((float(plus[key]), float(minus[key])))
+    return {key: _by_patterns(values[key], np.array(pairs)) for key, pairs in moved.items()}
+
+
+def _by_patterns(value: float, moved: np.ndarray) -> ScoreEstimate:
+    """From the score and what it was with either sign of each pattern, (patterns, 2)."""
+    answers = (moved[:, 0] - moved[:, 1]) / _STEP
+    error = math.sqrt(_COUPLING * float(np.square(answers).mean())) / 2
+    bias = (float(moved.sum(axis=1).mean()) - 2 * value) / (2 * _STEP**2)
+    return ScoreEstimate(value, error, float(len(moved)), bias)
+
+
+def _of_mean(metric: Metric, mean: ScoreEstimate) -> ScoreEstimate:
+    """From a map's mean to the score that is made of it, errors to first order."""
+    if metric.of_mean is None:
+        return mean
+    value, slope = metric.of_mean(mean.value)
+    if not slope:
         return ScoreEstimate(value, 0.0, 1.0, 0.0)
-    slope = 10 / math.log(10) / squared.value
-    return ScoreEstimate(value, slope * squared.error, squared.freedom, -slope * squared.bias)
+    return ScoreEstimate(value, abs(slope) * mean.error, mean.freedom, slope * mean.bias)
 
 
 def score_interval(score: ScoreEstimate, level: float = SHOWN_LEVEL) -> tuple[float, float]:
@@ -203,11 +250,11 @@ def _verdict(
     level: float,
     scale: float,
 ) -> Verdict:
-    smallest = SMALLEST_CHANGES[name.partition("_")[0]]
-    unit = "dB" if name.startswith("psnr") else ""
+    metric = find(name)
+    smallest, unit = (metric.tolerance, metric.unit) if metric else (0.0, "")
     label = f"{label} against the baseline"
-    if new is None:
-        detail = "the score is missing"
+    if new is None or metric is None:
+        detail = "the score is missing" if metric else "its metric is not installed"
         return within(label, "score", math.nan, math.nan, smallest, unit=unit, detail=detail)
     if old.value == new.value == math.inf:
         # Both show the very reference: no difference is left to have an error.
@@ -225,5 +272,9 @@ def _verdict(
 
 def _words(name: str) -> str:
     """Words for a score's name: ``psnr_to_ceiling_db`` is "PSNR to ceiling"."""
-    metric, _, against = name.removesuffix("_db").partition("_")
-    return f"{metric.upper()} {against.replace('_', ' ')}".strip()
+    metric = find(name)
+    first, _, against = name.partition("_")
+    if metric is None:
+        return f"{first.upper()} {against.replace('_', ' ')}".strip()
+    against = against.removesuffix(metric.unit.lower()).replace("_", " ")
+    return f"{metric.label} {against}".strip()

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from inim.errors import FileError
-from inim.files.image import write_atomically
-from inim.report.strict_json import from_strict, to_strict
+from inim.report.files import from_strict, write_forms
 from inim.report.wording import verdict
 
 __all__ = ["SCHEMA", "Report"]
 
 SCHEMA = "inim.report/1"
-# Tall enough for verdict, scores and pictures; the rest scrolls.
+# Tall enough for verdict, scores and images; the rest scrolls.
 _NOTEBOOK_HEIGHT_PX = 900
 
 
@@ -28,7 +27,7 @@ class Report:
     Attributes
     ----------
     folder : Path
-        Holds `report.json`, `report.html`, `junit.xml`, `summary.md` and the pictures.
+        Holds `report.json`, `report.html`, `junit.xml`, `summary.md` and the images.
     data : mapping
         Schema `inim.report/1`; see the README.
 
@@ -37,7 +36,7 @@ class Report:
     JSON has no number that is not finite. `write` puts null in its place; the paths of those that
     were NaN or −infinity it lists under the top-level key ``not_finite``, each as the list of keys
     that lead there, and `load` puts NaN back at them. They show as "–" and pass no check. A null
-    PSNR that is not listed was +infinity, of two identical pictures, and shows as "∞"; any other
+    PSNR that is not listed was +infinity, of two identical images, and shows as "∞"; any other
     null is a value there was none of.
     """
 
@@ -83,16 +82,12 @@ class Report:
         from inim.report.junit import render_junit
         from inim.report.summary import render_summary
 
-        strict = to_strict(self.data)
-        data = from_strict(strict)  # what a reader of report.json has, so that all four agree
-        texts = {
-            "report.html": render_html(data, self.folder),
-            "junit.xml": render_junit(data),
-            "summary.md": render_summary(data),
-            "report.json": json.dumps(strict, indent=1, allow_nan=False, ensure_ascii=False),
+        forms = {
+            "report.html": lambda data: render_html(data, self.folder),
+            "junit.xml": render_junit,
+            "summary.md": render_summary,
         }
-        for name, text in texts.items():
-            _write_text(self.folder / name, text)
+        write_forms(self.data, self.folder, "report.json", forms)
 
     def _repr_html_(self) -> str | None:
         """The page in a frame of its own: its styles must not reach the notebook around it.
@@ -111,13 +106,3 @@ class Report:
             f'<iframe srcdoc="{escape(page)}" title="inim report" sandbox="allow-scripts" '
             f'style="width:100%;height:{_NOTEBOOK_HEIGHT_PX}px;border:0"></iframe>'
         )
-
-
-def _write_text(path: Path, text: str) -> None:
-    write_atomically(path, lambda p: _put(p, text + "\n"))
-
-
-def _put(path: Path, text: str) -> None:
-    # A path may hold bytes that are no UTF-8, which Python keeps as lone surrogates. Written as
-    # backslash and number they are valid UTF-8, and in JSON the very escape that reads back.
-    path.write_text(text, encoding="utf-8", errors="backslashreplace")

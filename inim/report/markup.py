@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+import base64
 import html
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
-from inim.report.wording import MISSING, NBSP, plain, score
+from inim.report.wording import plain
 
 __all__ = [
+    "bullets",
     "captioned",
-    "decibels",
     "element",
     "figure",
     "mark",
-    "section",
+    "plot",
     "table",
     "text",
-    "triple",
     "void",
 ]
 
@@ -41,10 +40,18 @@ def void(name: str, **attributes: object) -> str:
     return element(name, **attributes).removesuffix(f"</{name}>")
 
 
-def section(anchor: str, title: str, content: str) -> str:
-    """A part of the page that can be linked to, under its heading."""
-    heading = element("h2", text(title), id=f"{anchor}-title")
-    return element("section", heading, content, id=anchor, aria_labelledby=f"{anchor}-title")
+def bullets(lines: Iterable[object], class_: str) -> str:
+    """A list of plain texts; empty where there are none."""
+    listed = [element("li", text(line)) for line in lines]
+    return element("ul", *listed, class_=class_) if listed else ""
+
+
+def plot(svg: bytes, alt: str, caption: str = "", **attributes: object) -> str:
+    """A drawing as an embedded image: it scales, and its styles stay its own."""
+    source = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode('ascii')}"
+    image = void("img", src=source, alt=alt, **attributes)
+    words = element("figcaption", text(caption)) if caption else ""
+    return element("figure", image, words, class_="plot")
 
 
 def table(
@@ -84,7 +91,7 @@ def captioned(
     images: Sequence[str],
     facts: Iterable[tuple[str, Sequence[tuple[str, str]]]],
 ) -> str:
-    """A figure of one or more pictures; under its name, per reference, the scores against it."""
+    """A figure of one or more images; under its name, per reference, the scores against it."""
     title = element("b", text(name)) + " " + element("span", text(remark))
     rows = "".join(element("div", element("dt", text(k)), _measured(v)) for k, v in facts)
     caption = element("figcaption", title, element("dl", rows))
@@ -96,18 +103,3 @@ def _measured(scores: Iterable[tuple[str, str]]) -> str:
     return "".join(
         element("dd", text(f"{metric} "), element("b", text(value))) for metric, value in scores
     )
-
-
-def triple(scores: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """SSIM, PSNR and FLIP of `scores`, as `captioned` takes them."""
-    return [
-        ("SSIM", score(scores, "ssim")),
-        ("PSNR", decibels(scores, "psnr_db")),
-        ("FLIP", score(scores, "flip")),
-    ]
-
-
-def decibels(scores: Mapping[str, Any], key: str) -> str:
-    """A PSNR with its unit."""
-    shown = score(scores, key)
-    return shown if shown == MISSING else f"{shown}{NBSP}dB"

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from inim.report.wording import (
+    MAIN,
     MISSING,
     check_passed,
     check_sentence,
@@ -142,7 +143,7 @@ def _sign(data: Mapping[str, Any]) -> str:
 
 def _scores_table(data: Mapping[str, Any]) -> str:
     names = viewpoint_names(data)
-    heads = ["algorithm", *map(_markdown, names), "EIA SSIM", "holes", "seconds"]
+    heads = ["algorithm", *map(_markdown, names), f"EIA {MAIN.label}", "holes", "seconds"]
     rows = [heads, [":--", *["--:"] * (len(heads) - 1)]]
     rows += [_algorithm_row(data, name, names) for name in part(data, "algorithms")]
     rows.append(_reference_row("*ceiling*", part(data, "ceiling"), names))
@@ -153,15 +154,15 @@ def _scores_table(data: Mapping[str, Any]) -> str:
 def _algorithm_row(data: Mapping[str, Any], name: str, names: list[str]) -> list[str]:
     run = part(data, "algorithms", name)
     views = [part(run, "views", v) for v in names]
-    cells = [f"{score(v, 'ssim_to_ceiling')} ({score(v, 'ssim')})" for v in views]
+    cells = [f"{score(v, MAIN.to_ceiling_key)} ({score(v, MAIN.key)})" for v in views]
     eia = part(run, "eia")
-    last = [score(eia, "ssim"), score(eia, "hole_fraction"), number(run.get("seconds"), 2)]
+    last = [score(eia, MAIN.key), score(eia, "hole_fraction"), number(run.get("seconds"), 2)]
     return [_markdown(name), *cells, *last]
 
 
 def _reference_row(label: str, scores: Mapping[str, Any], names: list[str]) -> list[str]:
-    cells = [f"({score(part(scores, 'views', name), 'ssim')})" for name in names]
-    return [label, *cells, score(part(scores, "eia"), "ssim"), MISSING, MISSING]
+    cells = [f"({score(part(scores, 'views', name), MAIN.key)})" for name in names]
+    return [label, *cells, score(part(scores, "eia"), MAIN.key), MISSING, MISSING]
 
 
 def _failures(data: Mapping[str, Any]) -> list[str]:

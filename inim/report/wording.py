@@ -1,7 +1,8 @@
-"""The wording all reports share, and the rule by which a check counts as passed.
+"""How all reports write numbers and scores, and the rule by which a check counts as passed.
 
 A number is written the same way in the page, the Markdown and the JUnit file, and whatever is
-missing, of another type or not a number shows as "–" and passes nothing.
+missing, of another type or not a number shows as "–" and passes nothing. What is shown of scores
+follows the metrics that `inim.metrics` knows; `MAIN` is the one by which algorithms are ranked.
 """
 
 from __future__ import annotations
@@ -9,9 +10,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeGuard
+from typing import Any, Literal, TypeGuard
+
+from inim.metrics import Metric, all_metrics, find
+from inim.metrics.ssim import metric as MAIN  # noqa: N812
 
 __all__ = [
+    "MAIN",
     "MISSING",
     "NBSP",
     "best_algorithm",
@@ -23,6 +28,7 @@ __all__ = [
     "checks",
     "is_number",
     "items",
+    "metric_scores",
     "mm",
     "number",
     "part",
@@ -35,10 +41,12 @@ __all__ = [
     "viewpoint_names",
 ]
 
+ScoreKind = Literal["scene", "ceiling", "relic", "eia"]
+
 MISSING = "–"
 INFINITE = "∞"
 NBSP = "\u00a0"
-_DIGITS = {"ssim": 4, "flip": 4, "psnr": 2, "seconds": 2}
+_DIGITS = 4  # of a number that is no metric's
 _MOST_DIGITS = 12
 _RELATIONS = {">=": "≥", "<=": "≤", "==": "=", "!=": "≠", "within": "within ±"}
 
@@ -106,18 +114,44 @@ def per_cent(share: object, digits: int) -> str:
 
 
 def score(scores: Mapping[str, Any], key: str) -> str:
-    """One metric of `scores`: SSIM and FLIP with 4 digits, PSNR with 2, holes in per cent.
+    """One of `scores` with the digits of its metric; ``hole_fraction`` in per cent.
 
-    The PSNR of identical images is infinite, which JSON writes as null.
+    An infinite score, such as the PSNR of identical images, is null in JSON.
     """
     if key not in scores:
         return MISSING
-    value = scores[key]
-    if value is None and key.startswith("psnr"):
-        return INFINITE
     if key == "hole_fraction":
-        return per_cent(value, 2)
-    return number(value, _DIGITS.get(key.split("_")[0], 4))
+        return per_cent(scores[key], 2)
+    metric = find(key)
+    if scores[key] is None and _may_be_infinite(metric):
+        return INFINITE
+    return number(scores[key], metric.digits if metric else _DIGITS)
+
+
+def metric_scores(scores: Mapping[str, Any], kind: ScoreKind = "scene") -> list[tuple[str, str]]:
+    """Label and score, with its unit, of every metric that has scores of a kind.
+
+    Parameters
+    ----------
+    scores : mapping
+        By key.
+    kind : {"scene", "ceiling", "relic", "eia"}
+        A view's to the scene, to the ceiling, or to the scene over the relic's pixels; an EIA's to
+        the ground truth.
+    """
+    found = []
+    for metric in all_metrics():
+        if (kind == "relic" and not metric.on_relic) or (kind == "eia" and not metric.of_eia):
+            continue
+        keys = {"ceiling": metric.to_ceiling_key, "relic": metric.on_relic_key}
+        shown = score(scores, keys.get(kind, metric.key))
+        unit = f"{NBSP}{metric.unit}" if metric.unit and shown != MISSING else ""
+        found.append((metric.label, shown + unit))
+    return found
+
+
+def _may_be_infinite(metric: Metric | None) -> bool:
+    return metric is not None and any(map(math.isinf, metric.range))
 
 
 def relation(check: Mapping[str, Any]) -> str:
@@ -136,12 +170,12 @@ def check_value(check: Mapping[str, Any], key: str = "value") -> str:
 
     "0.9000 ≥ 0.9000, failed" helps nobody, nor does a limit of 0.000001 printed as "0.0000".
     """
-    if _is_infinite_psnr(check, key):
+    if key == "value" and _is_infinite(check):
         return INFINITE
     if check.get("unit") is not None:  # of a comparison, in units of its own
         unit = plain(check["unit"])
         return short(check.get(key)) + (f"{NBSP}{unit}" if unit else "")
-    digits = 2 if _names_psnr(check) else 4
+    digits = _digits(check)
     while digits < _MOST_DIGITS and _misleads(check, key, digits):
         digits += 1
     return number(check.get(key), digits)
@@ -169,7 +203,7 @@ def check_interval(check: Mapping[str, Any]) -> str:
         return ""
     if check.get("unit") is not None:
         return f"{short(float(ends[0]))} to {short(float(ends[1]))}"
-    return " to ".join(number(end, 2 if _names_psnr(check) else 4) for end in ends)
+    return " to ".join(number(end, _digits(check)) for end in ends)
 
 
 def check_sentence(check: Mapping[str, Any]) -> str:
@@ -181,16 +215,23 @@ def check_sentence(check: Mapping[str, Any]) -> str:
 
 def check_passed(check: Mapping[str, Any]) -> bool:
     """Whether a check counts as passed: said so, and two numbers were really compared."""
-    value_is_known = is_number(check.get("value")) or _is_infinite_psnr(check, "value")
+    value_is_known = is_number(check.get("value")) or _is_infinite(check)
     return check.get("passed") is True and value_is_known and is_number(check.get("limit"))
 
 
-def _names_psnr(check: Mapping[str, Any]) -> bool:
-    return "psnr" in str(check.get("name", "")).lower()
+def _metric_of(check: Mapping[str, Any]) -> Metric | None:
+    """The metric that a check names."""
+    name = str(check.get("name", "")).lower()
+    return next((m for m in all_metrics() if m.label.lower() in name), None)
 
 
-def _is_infinite_psnr(check: Mapping[str, Any], key: str) -> bool:
-    return key == "value" and _names_psnr(check) and check.get(key, MISSING) is None
+def _digits(check: Mapping[str, Any]) -> int:
+    metric = _metric_of(check)
+    return metric.digits if metric else _DIGITS
+
+
+def _is_infinite(check: Mapping[str, Any]) -> bool:
+    return check.get("value", MISSING) is None and _may_be_infinite(_metric_of(check))
 
 
 def verdict(data: Mapping[str, Any]) -> str:
@@ -203,7 +244,7 @@ def verdict(data: Mapping[str, Any]) -> str:
 
 
 def best_algorithm(data: Mapping[str, Any]) -> str | None:
-    """The algorithm with the highest mean SSIM to the ceiling; the first one named on a tie.
+    """The algorithm with the best mean main score to the ceiling; the first one named on a tie.
 
     One that lacks any of the scores is never the best while another has them all.
     """
@@ -211,7 +252,7 @@ def best_algorithm(data: Mapping[str, Any]) -> str | None:
 
     def rank(algorithm: str) -> tuple[int, float]:
         views = part(data, "algorithms", algorithm, "views")
-        values = [part(views, name).get("ssim_to_ceiling") for name in names]
+        values = [part(views, name).get(MAIN.to_ceiling_key) for name in names]
         known = [float(v) for v in values if is_number(v) and math.isfinite(v)]
         return len(known), sum(known) / len(known) if known else 0.0
 

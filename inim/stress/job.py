@@ -125,9 +125,9 @@ def _record(request: StressRequest, backend: Any) -> dict[str, Any]:
 
 def _picture(request: StressRequest, listener: Any) -> tuple[RGBD, Any, str]:
     """The picture whose depth is jittered: of the scene, or two spheres in closed form."""
-    from inim.bench.synthetic import two_spheres
     from inim.color import linear_from_srgb
     from inim.display import DISPLAYS
+    from inim.scene.two_spheres import two_spheres
 
     if request.scene is not None:
         return _captured(request, listener)

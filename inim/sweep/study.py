@@ -21,8 +21,8 @@ from typing import Any
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import is_file_safe
 from inim.errors import FileError, InimError, UsageError
-from inim.lens import FULL, LENS_MODELS
-from inim.pipeline.method import parse_contenders
+from inim.lens import lens_models
+from inim.pipeline.method import parse_methods
 from inim.settings import PREFIX, Settings
 
 if sys.version_info >= (3, 11):
@@ -255,7 +255,7 @@ class _Reader:
             if "," in one:
                 raise self.wrong("study.algorithms", f"{one!r}: write one algorithm in each text")
         try:
-            return tuple(c.name for c in parse_contenders(",".join(written), ()))
+            return tuple(c.name for c in parse_methods(",".join(written), ()))
         except InimError as error:
             raise self.wrong("study.algorithms", str(error)) from None
 
@@ -316,7 +316,7 @@ class _Reader:
         }
         models = self.table("study").get("lens_model", [])
         for model in models if isinstance(models, list) else [models]:
-            self.one_of("study.lens_model", model, (*LENS_MODELS, FULL))
+            self.one_of("study.lens_model", model, tuple(lens_models()))
             axes.setdefault("lens_model", []).append(model)
         for name, values in axes.items():
             if not values:

@@ -25,7 +25,7 @@ from inim.pipeline.memory import LEAST_BYTES
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.report import Report
-from inim.report.strict_json import from_strict, to_strict
+from inim.report.files import from_strict, to_strict
 from inim.sweep.rows import result_of
 from inim.sweep.unit import Unit, key_of, making_of
 from inim.worker.output import open_staging, publish
@@ -265,7 +265,7 @@ def _check_same(task: Task, plan: Plan) -> None:
 
 
 def _validated(task: Task, plan: Plan, staging: Path, observer: Observer) -> Report:
-    from inim.pipeline.validate import run
+    from inim.pipeline.work import run
     from inim.render import variant
 
     variant.use(task.request.backend)
@@ -278,7 +278,7 @@ def _validated(task: Task, plan: Plan, staging: Path, observer: Observer) -> Rep
 
 
 def _times(staging: Path) -> Mapping[str, Sequence[float]]:
-    from inim.pipeline import differences
-    from inim.regression import CANDIDATE, read_evidence
+    from inim.pipeline.baseline import FOLDER as STATISTICS
+    from inim.regression import CANDIDATE, read_statistics
 
-    return read_evidence(staging / differences.FOLDER, CANDIDATE).times
+    return read_statistics(staging / STATISTICS, CANDIDATE).times

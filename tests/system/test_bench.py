@@ -16,9 +16,9 @@ import pytest
 
 from inim.bench.paper import Sizes, bench_paper
 from inim.bench.scaling import bench_scaling
-from inim.bench.timing import Rounds
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.observer import Observer
+from inim.pipeline.timing import Rounds
 from inim.report.bench import write_bench
 from tests.system.conftest import TINY, assert_one_line, definitions, nothing_left, write_scene
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.bench.timing import Rounds
 from inim.bench.views import RECTANGLE, bench_views
 from inim.observer import Observer
+from inim.pipeline.timing import Rounds
 from inim.report.bench import SCHEMA, write_bench
 from inim.report.bench.tables import tables_of
 from tests.conftest import small_display

@@ -19,10 +19,10 @@ from skimage.metrics import structural_similarity
 from inim.display import DISPLAYS
 from inim.files.image import write_rgbd
 from inim.report import html as report_html
-from inim.report import wipe
-from inim.report.depth_profile import depth_profile
 from inim.report.diagram import plan_view
 from inim.report.html import render_html
+from inim.report.sections.rgbd import depth_profile
+from inim.report.wipe import WIPE
 from inim.rgbd import RGBD
 
 HOSTILE = "</style><script>alert(1)</script>\"'`$\n&amp; 双耳陶罐 \x00\ud800"
@@ -180,7 +180,7 @@ def test_page_needs_nothing_from_outside_and_forbids_it(folder):
     policy = [m["content"] for m in page.all("meta") if "http-equiv" in m]
     assert len(policy) == 1
     assert policy[0].startswith("default-src 'none'; img-src data:;")
-    assert page.scripts == [wipe.script()]
+    assert page.scripts == [WIPE.script]
     digest = base64.b64encode(hashlib.sha256(page.scripts[0].encode()).digest()).decode()
     assert f"script-src 'sha256-{digest}';" in policy[0]
 
@@ -540,7 +540,7 @@ def test_what_was_skipped_is_listed_with_its_reason(folder):
     rows = [{"what": HOSTILE, "done": "3 of 5", "skipped": "2", "why": "nothing moves there"}]
     page = Page(render_html({**report(ALGORITHMS), "skipped": rows}, folder))
     assert "3 of 5 2 nothing moves there" in page.text
-    assert page.scripts == [wipe.script()]
+    assert page.scripts == [WIPE.script]
 
 
 @pytest.mark.parametrize("rows", [None, [], "all", {}])

@@ -13,6 +13,7 @@ from inim import metrics
 from inim.color import linear_from_srgb, srgb_codes, srgb_from_linear, srgb_to_uint8
 from inim.errors import UsageError
 from inim.generators import colour_of
+from inim.metrics.flip import FLIP_REACH
 from inim.regression import fingerprint, reference_input
 from inim.regression.tiles import HalfBuffer, tile_statistics
 from inim.rgbd import RGBD
@@ -85,7 +86,7 @@ def test_filters_reach_no_farther_than_said():
     second = first.copy()
     second[40, 40] = 1, 0, 0.2
     away = np.abs(np.argwhere(metrics.flip_map(first, second) > 0) - 40).max()
-    assert away == metrics._FLIP_REACH
+    assert away == FLIP_REACH
     away = np.abs(np.argwhere(metrics.ssim_map(first, second) < 1) - 40).max()
     assert away == metrics.SSIM_WINDOW // 2
 

@@ -7,10 +7,9 @@ import re
 
 import pytest
 
-from inim.report.sweep import write_page
-from inim.report.sweep.page import render_page
+from inim.report.sweep.page import render_sweep, write_page
 from inim.report.sweep.plots import time_column
-from inim.report.sweep.summary import contests_of, mean, on_front
+from inim.report.sweep.results import contests_of, mean, on_front
 from inim.report.sweep.tables import best_displays
 
 ABOUT = {"title": "T <b>&", "command": "inim sweep s.toml", "created": "2026", "inim_version": "1"}
@@ -99,7 +98,7 @@ def test_the_page_needs_nothing_else_and_shows_what_is_in_the_table(tmp_path):
 def test_failures_stand_first_with_their_reasons():
     rows = [row(), row("tripod", status="failed", error="no <such> lens", passed=None)]
     rows.append(row("coin", passed=False, failed_checks="template: 0 shown"))
-    page = render_page(rows, ABOUT)
+    page = render_sweep(rows, ABOUT)
     assert page.index("What failed") < page.index("Time against error")
     assert "no &lt;such&gt; lens" in page
     assert "template: 0 shown" in page
@@ -107,6 +106,6 @@ def test_failures_stand_first_with_their_reasons():
 
 
 def test_a_page_of_nothing_but_failures_is_a_page():
-    page = render_page([row(status="failed", error="why", ssim=None, ssim_to_ceiling=None)], ABOUT)
+    page = render_sweep([row(status="failed", error="why", ssim=None, ssim_to_ceiling=None)], ABOUT)
     assert "why" in page
     assert "Best display" not in page

@@ -19,8 +19,8 @@ from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS, Display
 from inim.report import html as report_html
 from inim.report.html import render_html
-from inim.report.pictures import ENCODINGS, Pictures
-from inim.report.virtual_display import report_display
+from inim.report.images import ENCODINGS, Images
+from inim.report.sections.virtual_display import report_display
 from inim.report.virtual_display.panels import Panel, embed_panels
 from inim.report.virtual_display.still import still_view
 from tests.conftest import small_display
@@ -236,7 +236,7 @@ def test_the_most_important_panels_are_embedded_while_there_is_room(share, shown
 def test_page_says_when_panels_are_compressed_or_left_out(tmp_path, share, words):
     data = shown_report(tmp_path, ("template", "wang2024"))
     one = len(block(render_html(data, tmp_path))["panels"][0]["source"])
-    content = report_display(data, Pictures(tmp_path, ENCODINGS[0]), most_bytes=int(share * one))
+    content = report_display(data, Images(tmp_path, ENCODINGS[0]), most_bytes=int(share * one))
     assert words in content
     assert words or "too large" not in content
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from inim.files.image import write_atomically
-from inim.report.strict_json import from_strict, to_strict
+from inim.report.files import list_files, write_forms
 
 __all__ = ["SCHEMA", "write_bench"]
 
@@ -25,26 +23,10 @@ def write_bench(data: Mapping[str, Any], folder: Path) -> None:
     folder : Path
         Empty; the plots are written first, for the page shows them.
     """
-    from inim.report.bench.page import render_page
+    from inim.report.bench.page import render_bench
     from inim.report.bench.plots import draw_plots
     from inim.report.bench.tables import render_markdown
 
-    plots = draw_plots(data, folder)
-    files = sorted([*plots, "bench.html", "bench.json", "bench.md"])
-    strict = to_strict({**data, "files": files})
-    data = from_strict(strict)
-    texts = {
-        "bench.md": render_markdown(data),
-        "bench.html": render_page(data, folder),
-        "bench.json": json.dumps(strict, indent=1, allow_nan=False, ensure_ascii=False),
-    }
-    for name, text in texts.items():
-        _write(folder / name, text + "\n")
-
-
-def _write(path: Path, text: str) -> None:
-    write_atomically(path, lambda p: _put(p, text))
-
-
-def _put(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", errors="backslashreplace")
+    draw_plots(data, folder)
+    forms = {"bench.md": render_markdown, "bench.html": lambda data: render_bench(data, folder)}
+    write_forms(list_files(data, folder, "bench.json", *forms), folder, "bench.json", forms)

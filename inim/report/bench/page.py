@@ -1,24 +1,19 @@
-"""The page of a bench: one HTML file in the report's dress, plots and tables."""
+"""The page of a bench: plots and tables."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from inim.report.bench.cells import Table
 from inim.report.bench.tables import claim_lines, remarks, tables_of, thread_words
-from inim.report.markup import element, section, table, text
-from inim.report.wording import MISSING, items, part, plain
+from inim.report.markup import bullets, element, plot, table, text
+from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
+from inim.report.wording import MISSING, items, part
 
-__all__ = ["render_page"]
+__all__ = ["render_bench"]
 
-_POLICY = (
-    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
-    "base-uri 'none'; form-action 'none'"
-)
 _STYLE = """
 .plot img { max-width: 1160px; }
 .bench th, .bench td { white-space: nowrap; }
@@ -79,7 +74,7 @@ _PARTS = {
 }
 
 
-def render_page(data: Mapping[str, Any], folder: Path) -> str:
+def render_bench(data: Mapping[str, Any], folder: Path) -> str:
     """The whole bench as one HTML page.
 
     Parameters
@@ -92,66 +87,43 @@ def render_page(data: Mapping[str, Any], folder: Path) -> str:
     by_part: dict[str, list[Table]] = {}
     for one in tables_of(data):
         by_part.setdefault(one.part, []).append(one)
-    sections = [("conditions", "Conditions", _conditions(data))]
+    sections = [Section("conditions", "Conditions", _conditions(data))]
     for name, found in by_part.items():
-        title, plot, words = _PARTS[name]
-        body = element("p", text(words), class_="lead") + _plot(folder, plot, title)
+        title, drawing, words = _PARTS[name]
+        body = element("p", text(words), class_="lead") + _plot(folder, drawing, title)
         body += _claims(part(data, "paper")) if name == "paper" else ""
-        sections.append((name, title, body + "".join(map(_table, found))))
-    sections.append(("reproduce", "How to reproduce", _reproduce(data)))
-    links = [f'<a href="#{anchor}">{text(title)}</a>' for anchor, title, _ in sections]
-    header = element(
-        "header",
-        element("div", element("h1", text(data.get("title", "Bench"))), _facts(data)),
-        element("nav", *links, aria_label="Sections"),
-    )
-    main = "\n".join(section(*one) for one in sections)
-    return (
-        f'<!doctype html>\n<html lang="en">\n{_head(data)}\n<body>\n{header}\n'
-        f"<main>\n{main}\n</main>\n{_footer(data)}\n</body>\n</html>"
+        sections.append(Section(name, title, body + "".join(map(_table, found))))
+    title = data.get("title", "Bench")
+    return render_page(
+        title,
+        _facts(data),
+        [*sections, how_to_reproduce(data)],
+        window_title=f"{title} – inim",
+        footer=data_note(data, "bench.json"),
+        style=_STYLE,
     )
 
 
-def _head(data: Mapping[str, Any]) -> str:
-    style = resources.files("inim.report").joinpath("report.css").read_text("utf-8")
-    return (
-        '<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{text(_POLICY)}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        '<meta name="color-scheme" content="light dark">\n'
-        f"<title>{text(data.get('title', 'Bench'))} – inim</title>\n"
-        f"<style>\n{style}{_STYLE}</style>\n</head>"
-    )
-
-
-def _facts(data: Mapping[str, Any]) -> str:
+def _facts(data: Mapping[str, Any]) -> list[str]:
     display = part(data, "display", "given").get("name")
-    facts = [f"Display {text(display)}"] if display else []
-    facts += [
+    return [
+        *([f"Display {text(display)}"] if display else []),
         text(thread_words(data)),
         text(part(data, "backend").get("device", MISSING)),
         f"inim {text(data.get('inim_version', MISSING))}",
-        element("time", text(plain(data.get("created", MISSING)).replace("+00:00", " UTC"))),
+        timestamp(data),
     ]
-    return element("p", " · ".join(facts), class_="facts")
 
 
 def _conditions(data: Mapping[str, Any]) -> str:
-    warned = [element("li", text(w)) for w in items(data, "warnings")]
-    cautions = element("ul", *warned, class_="cautions") if warned else ""
-    return cautions + element(
-        "ul", *(element("li", text(r)) for r in remarks(data)), class_="remarks"
-    )
+    return bullets(items(data, "warnings"), "cautions") + bullets(remarks(data), "remarks")
 
 
 def _plot(folder: Path, name: str, title: str) -> str:
-    """A plot as an embedded SVG picture: it scales, and its styles stay its own."""
     try:
-        drawn = base64.b64encode((folder / f"{name}.svg").read_bytes()).decode()
+        return plot((folder / f"{name}.svg").read_bytes(), title)
     except OSError:
         return ""
-    picture = element("img", src=f"data:image/svg+xml;base64,{drawn}", alt=title)
-    return element("figure", picture.replace("</img>", ""), class_="plot")
 
 
 def _table(found: Table) -> str:
@@ -160,18 +132,5 @@ def _table(found: Table) -> str:
 
 
 def _claims(paper: Mapping[str, Any]) -> str:
-    lines = [element("li", text(line)) for line in claim_lines(paper)]
-    heading = element("h3", "The paper's claims")
-    return heading + element("ul", *lines, class_="claims") if lines else ""
-
-
-def _reproduce(data: Mapping[str, Any]) -> str:
-    command = element("pre", element("code", text(data.get("command", MISSING))))
-    found = part(data, "versions")
-    rows = [[text(name), text(value)] for name, value in found.items()]
-    return command + table("Versions", ["Package", "Version"], rows, "facts")
-
-
-def _footer(data: Mapping[str, Any]) -> str:
-    version, schema = text(data.get("inim_version", MISSING)), text(data.get("schema", MISSING))
-    return element("footer", element("p", f"inim {version} · data in bench.json ({schema})"))
+    lines = bullets(claim_lines(paper), "claims")
+    return element("h3", "The paper's claims") + lines if lines else ""

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from inim.report.diagram import plan_view
+from inim.report.images import Images
 from inim.report.markup import element, table, text
+from inim.report.sections import ReportSection
 from inim.report.wording import MISSING, NBSP, is_number, items, mm, part, short
 
-__all__ = ["display"]
+__all__ = ["SECTIONS", "display"]
 
 # key: (label, unit, what it means)
 _GIVEN = {
@@ -65,7 +67,7 @@ _DERIVED = {
 }
 
 
-def display(data: Mapping[str, Any]) -> str:
+def display(data: Mapping[str, Any], _images: Images) -> str:
     """The section on the display."""
     whole = part(data, "display")
     given, derived = part(whole, "given"), part(whole, "derived")
@@ -154,3 +156,6 @@ def _quantities(
         shown = none if value is None else short(value) + (space + unit if unit else "")
         rows.append([text(label), text(shown), text(meaning)])
     return table(caption, ["Quantity", "Value", "Meaning"], rows, "quantities")
+
+
+SECTIONS = (ReportSection(40, "display", "Display", display),)

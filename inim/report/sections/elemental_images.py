@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from inim.report.markup import captioned, element, text, triple
-from inim.report.pictures import Pictures
-from inim.report.wording import is_number, part, score
+from inim.report.images import Images
+from inim.report.markup import captioned, element, text
+from inim.report.sections import ReportSection
+from inim.report.wording import is_number, metric_scores, part, score
 
-__all__ = ["elemental_images"]
+__all__ = ["SECTIONS", "elemental_images"]
 
 _CROP_LENSES = 5
 _WHOLE_EIA_PX = 420
@@ -38,35 +39,31 @@ class _Window:
         return cut if cut.shape[:2] == (self.height, self.width) else None
 
 
-def elemental_images(data: Mapping[str, Any], pictures: Pictures) -> str:
+def elemental_images(data: Mapping[str, Any], images: Images) -> str:
     """The section on the elemental images, of the same place in every array."""
-    truth = pictures.read("truth", "eia.png")
+    truth = images.read("truth", "eia.png")
     window = _busiest_window(truth, data)
-    floor = triple(part(data, "noise_floor", "eia"))[:2]
-    figures = [_eia_figure(pictures, truth, window, "Ground truth", ("To itself", floor))]
+    floor = metric_scores(part(data, "noise_floor", "eia"), "eia")
+    figures = [_eia_figure(images, truth, window, "Ground truth", ("To itself", floor))]
     for name in part(data, "algorithms"):
-        made = pictures.read("eia", f"{name}.png")
-        facts = ("To ground truth", _measured(part(data, "algorithms", name, "eia")))
-        figures.append(_eia_figure(pictures, made, window, name, facts))
+        made = images.read("eia", f"{name}.png")
+        scores = part(data, "algorithms", name, "eia")
+        facts = [*metric_scores(scores, "eia"), ("Holes", score(scores, "hole_fraction"))]
+        figures.append(_eia_figure(images, made, window, name, ("To ground truth", facts)))
     intro = element("p", text(_INTRO), class_="lead")
     return intro + element("div", *figures, class_="eias")
 
 
-def _measured(scores: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """SSIM and PSNR, and the holes. No FLIP: nobody looks at an elemental image array."""
-    return [*triple(scores)[:2], ("Holes", score(scores, "hole_fraction"))]
-
-
 def _eia_figure(
-    pictures: Pictures,
+    images: Images,
     pixels: np.ndarray | None,
     window: _Window,
     name: str,
     facts: tuple[str, list[tuple[str, str]]],
 ) -> str:
     cut = None if pixels is None else window.of(pixels)
-    crop = pictures.magnify(cut, f"Magnified elemental images, {name}")
-    whole = pictures.embed(pixels, f"Whole elemental image array, {name}", _WHOLE_EIA_PX)
+    crop = images.magnify(cut, f"Magnified elemental images, {name}")
+    whole = images.embed(pixels, f"Whole elemental image array, {name}", _WHOLE_EIA_PX)
     marked = element("div", whole, _marker(pixels, window), class_="marked")
     return captioned(name, "", [crop, marked], [facts])
 
@@ -122,3 +119,6 @@ def _window_mean(
     below, above = table[tops + height], table[tops]
     total = below[:, lefts + width] - below[:, lefts] - above[:, lefts + width] + above[:, lefts]
     return np.asarray(total / (height * width))
+
+
+SECTIONS = (ReportSection(70, "eia", "Elemental images", elemental_images),)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from inim.report.images import Images, is_wide
 from inim.report.markup import element, figure, table, text
-from inim.report.pictures import Pictures, is_wide
+from inim.report.sections import ReportSection
 from inim.report.wording import (
+    MAIN,
     MISSING,
     best_algorithm,
     check_finding,
@@ -19,7 +21,7 @@ from inim.report.wording import (
     viewpoint_names,
 )
 
-__all__ = ["overview"]
+__all__ = ["SECTIONS", "overview"]
 
 _FAILURES_ON_TOP = 3
 _NOTE = (
@@ -28,11 +30,11 @@ _NOTE = (
 )
 
 
-def overview(data: Mapping[str, Any], pictures: Pictures) -> str:
-    """The table of scores above the pictures of the centre viewpoint."""
+def overview(data: Mapping[str, Any], images: Images) -> str:
+    """The table of scores above the images of the centre viewpoint."""
     link = element("a", "What the numbers mean", href="#meaning")
     note = element("p", text(_NOTE), link, class_="note")
-    return _failures(data) + _scores(data) + note + _hero(data, pictures)
+    return _failures(data) + _scores(data) + note + _hero(data, images)
 
 
 def _failures(data: Mapping[str, Any]) -> str:
@@ -52,7 +54,7 @@ def _failures(data: Mapping[str, Any]) -> str:
 
 def _scores(data: Mapping[str, Any]) -> str:
     names, best = viewpoint_names(data), best_algorithm(data)
-    heads = ["Algorithm", *names, "EIA SSIM", "Holes", "Seconds"]
+    heads = ["Algorithm", *names, f"EIA {MAIN.label}", "Holes", "Seconds"]
     several = len(part(data, "algorithms")) > 1
     rows = [
         _algorithm_row(data, name, names, several and name == best)
@@ -60,7 +62,9 @@ def _scores(data: Mapping[str, Any]) -> str:
     ]
     rows.append(_reference_row("Ceiling", "to scene", part(data, "ceiling"), names))
     rows.append(_reference_row("Noise floor", "to itself", part(data, "noise_floor"), names))
-    return table("SSIM to the ceiling, per viewpoint", [text(h) for h in heads], rows, "scores")
+    return table(
+        f"{MAIN.label} to the ceiling, per viewpoint", [text(h) for h in heads], rows, "scores"
+    )
 
 
 def _algorithm_row(
@@ -69,48 +73,51 @@ def _algorithm_row(
     run = part(data, "algorithms", name)
     views = [part(run, "views", viewpoint) for viewpoint in names]
     label = text(name) + (element("small", "best mean") if is_best else "")
-    cells = [_score_cell(score(v, "ssim_to_ceiling"), f"{score(v, 'ssim')} scene") for v in views]
+    cells = [
+        element("span", text(score(v, MAIN.to_ceiling_key)))
+        + element("small", text(f"{score(v, MAIN.key)} scene"))
+        for v in views
+    ]
     eia = part(run, "eia")
-    last = [score(eia, "ssim"), score(eia, "hole_fraction"), number(run.get("seconds"), 2)]
+    last = [score(eia, MAIN.key), score(eia, "hole_fraction"), number(run.get("seconds"), 2)]
     return [label, *cells, *map(text, last)]
-
-
-def _score_cell(main: str, small: str) -> str:
-    return element("span", text(main)) + element("small", text(small))
 
 
 def _reference_row(
     label: str, against: str, scores: Mapping[str, Any], names: Sequence[str]
 ) -> list[str]:
-    cells = [element("span", text(score(part(scores, "views", name), "ssim"))) for name in names]
-    eia = score(part(scores, "eia"), "ssim")
+    cells = [element("span", text(score(part(scores, "views", name), MAIN.key))) for name in names]
+    eia = score(part(scores, "eia"), MAIN.key)
     head = element("em", text(label)) + " " + element("span", text(against), class_="aside")
     return [head, *cells, text(eia), MISSING, MISSING]
 
 
-def _hero(data: Mapping[str, Any], pictures: Pictures) -> str:
+def _hero(data: Mapping[str, Any], images: Images) -> str:
     """One viewpoint as the scene shows it, as the display could, and as the best algorithm does."""
     names, best = viewpoint_names(data), best_algorithm(data)
     if not names:
         return ""
     view = "centre" if "centre" in names else names[0]
-    truth = pictures.read("truth", f"{view}.png")
-    shots = [_shot(pictures, truth, view, "Ground truth", f"from {view}: the scene itself")]
-    ceiling = f"SSIM {score(part(data, 'ceiling', 'views', view), 'ssim')} to the scene"
-    shown = pictures.read("views", "ceiling", f"{view}.png")
-    shots.append(_shot(pictures, shown, view, "Ceiling", ceiling))
+    truth = images.read("truth", f"{view}.png")
+    shots = [_shot(images, truth, view, "Ground truth", f"from {view}: the scene itself")]
+    ceiling = f"{MAIN.label} {score(part(data, 'ceiling', 'views', view), MAIN.key)} to the scene"
+    shown = images.read("views", "ceiling", f"{view}.png")
+    shots.append(_shot(images, shown, view, "Ceiling", ceiling))
     if best is not None:
-        made = pictures.read("views", best, f"{view}.png")
-        shots.append(_shot(pictures, made, view, best, _best_words(data, best, view)))
+        made = images.read("views", best, f"{view}.png")
+        shots.append(_shot(images, made, view, best, _best_words(data, best, view)))
     return element("div", *shots, class_="hero wide" if is_wide(truth) else "hero")
 
 
 def _best_words(data: Mapping[str, Any], best: str, view: str) -> str:
     scores = part(data, "algorithms", best, "views", view)
     several = len(part(data, "algorithms")) > 1
-    words = f"SSIM {score(scores, 'ssim_to_ceiling')} to the ceiling"
+    words = f"{MAIN.label} {score(scores, MAIN.to_ceiling_key)} to the ceiling"
     return f"{words}, best on average" if several else words
 
 
-def _shot(pictures: Pictures, pixels: Any, view: str, name: str, remark: str) -> str:
-    return figure(pictures.embed(pixels, f"{name}, viewpoint {view}"), name, remark)
+def _shot(images: Images, pixels: Any, view: str, name: str, remark: str) -> str:
+    return figure(images.embed(pixels, f"{name}, viewpoint {view}"), name, remark)
+
+
+SECTIONS = (ReportSection(10, "overview", "Scores", overview),)

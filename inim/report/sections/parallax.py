@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from inim.report.images import Images, is_wide
 from inim.report.markup import element, text
-from inim.report.pictures import Pictures, is_wide
+from inim.report.sections import ReportSection
 from inim.report.wording import best_algorithm, is_number, items, part
 
-__all__ = ["parallax"]
+__all__ = ["SECTIONS", "parallax"]
 
 _THUMBNAIL_PX = 320
 _WORDS = (
@@ -19,19 +20,19 @@ _WORDS = (
 )
 
 
-def parallax(data: Mapping[str, Any], pictures: Pictures) -> str:
+def parallax(data: Mapping[str, Any], images: Images) -> str:
     """The section on parallax; empty with fewer than two viewpoints in a line."""
     points = [v for v in items(data, "viewpoints") if _position(v) is not None]
     best = best_algorithm(data)
     sources = [("Ground truth", ("truth",))] + ([(best, ("views", best))] if best else [])
     strips = [
-        _strip(pictures, direction, [str(v["name"]) for v in line], sources)
+        _strip(images, direction, [str(v["name"]) for v in line], sources)
         for direction, line in _lines_of_sight(points)
         if len(line) > 1
     ]
     if not strips:
         return ""
-    wide = is_wide(pictures.read("truth", f"{points[0]['name']}.png")) or len(strips) == 1
+    wide = is_wide(images.read("truth", f"{points[0]['name']}.png")) or len(strips) == 1
     kind = "strips wide" if wide else "strips"
     return element("p", text(_WORDS), class_="lead") + element("div", *strips, class_=kind)
 
@@ -58,25 +59,25 @@ def _lines_of_sight(points: Sequence[Any]) -> list[tuple[str, list[Any]]]:
 
 
 def _strip(
-    pictures: Pictures,
+    images: Images,
     direction: str,
     views: Sequence[str],
     sources: Sequence[tuple[str, tuple[str, ...]]],
 ) -> str:
     rows = []
     for label, place in sources:
-        shots = [_strip_shot(pictures, direction, view, label, place) for view in views]
+        shots = [_strip_shot(images, direction, view, label, place) for view in views]
         title = element("h3", text(f"{label}, {direction}"))
         rows.append(title + element("div", *shots, class_="strip"))
     return element("div", *rows)
 
 
 def _strip_shot(
-    pictures: Pictures, direction: str, view: str, label: str, place: tuple[str, ...]
+    images: Images, direction: str, view: str, label: str, place: tuple[str, ...]
 ) -> str:
     """One small picture with a line through its centre, across the direction of movement."""
-    pixels = pictures.read(*place, f"{view}.png")
-    picture = pictures.embed(pixels, f"{label} from {view}", _THUMBNAIL_PX)
+    pixels = images.read(*place, f"{view}.png")
+    picture = images.embed(pixels, f"{label} from {view}", _THUMBNAIL_PX)
     kind = "upright" if direction == "left to right" else "level"
     line = element("i", class_=kind, aria_hidden="true")
     return element(
@@ -84,3 +85,6 @@ def _strip_shot(
         element("div", picture, line, class_="marked"),
         element("figcaption", text(view)),
     )
+
+
+SECTIONS = (ReportSection(50, "parallax", "Parallax", parallax),)

@@ -1,4 +1,4 @@
-"""The record of the run: its checks, where the time went, warnings, and how to run it again."""
+"""The record of the run: checks, timings, skipped work, warnings, how to reproduce it, glossary."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeGuard
 
-from inim.report.markup import element, mark, table, text
+from inim.metrics import all_metrics
+from inim.report.markup import bullets, element, mark, table, text
+from inim.report.page import how_to_reproduce
+from inim.report.sections import ReportSection
 from inim.report.wording import (
     MISSING,
     NBSP,
@@ -20,12 +23,59 @@ from inim.report.wording import (
     part,
     per_cent,
     relation,
-    short,
 )
 
-__all__ = ["check_list", "reproduce", "timings", "warnings"]
+__all__ = ["SECTIONS", "check_list"]
 
 _TOTAL, _RENDER = "total", "mitsuba_render"
+_EXACT = "No score on this page would be another, had everything been done."
+_SAMPLES = (
+    "Samples ended when every SSIM was known as well as was asked for: with all of them, some "
+    "would be another by no more than that. Nothing else that was skipped changes a score."
+)
+_SKIPPED = {"what": "What", "done": "Done", "skipped": "Skipped", "why": "Why"}
+_MEANINGS = (
+    (
+        "Ground truth",
+        "The scene itself, rendered from the viewpoint; and the elemental images "
+        "path traced through the centre of every lens.",
+    ),
+    (
+        "Ceiling",
+        "The view through this display's lenses of the ground-truth elemental images: "
+        "what a perfect algorithm would show on it. What lies between ceiling and scene is lost "
+        "by the display, not by an algorithm. It holds noise of its own, so that an algorithm can "
+        "come out slightly above it when both are compared with the scene.",
+    ),
+    (
+        "SSIM to ceiling",
+        "Likeness of a reconstructed view and the ceiling, from structure: 1 is "
+        "identical. It isolates what the algorithm lost, and is the main score.",
+    ),
+    (
+        "SSIM to scene",
+        "Likeness of a reconstructed view and the scene: what the viewer gets, "
+        "losses of the display included.",
+    ),
+    (
+        "Noise floor",
+        "The score of the ground truth against itself with another seed. Differences "
+        "between algorithms that are smaller than its distance from 1 mean nothing.",
+    ),
+    (
+        "SSIM on the relic",
+        "SSIM to the scene, averaged over the relic's pixels only: an empty "
+        "background is easy and flatters every algorithm.",
+    ),
+    ("PSNR", "Peak signal-to-noise ratio in dB, higher is better; ∞ for identical images."),
+    ("FLIP", "Difference an eye would notice when flipping between two images: 0 is none."),
+    ("Holes", "Share of the panel's pixels for which an algorithm found no colour."),
+    (
+        "Across scenes",
+        "Scores are never compared across scenes: a smooth relic scores higher "
+        "than a detailed one with the same algorithm. Compare algorithms within this page.",
+    ),
+)
 
 
 def check_list(data: Mapping[str, Any]) -> str:
@@ -48,7 +98,7 @@ def _check_row(check: Mapping[str, Any]) -> list[str]:
     return [name, text(value), text(relation(check)), text(limit), interval, badge]
 
 
-def timings(data: Mapping[str, Any]) -> str:
+def _timings(data: Mapping[str, Any]) -> str:
     """Where the time went, stage by stage, and how much of it the renderer took."""
     taken = part(data, "timings")
     stages = {k: v for k, v in taken.items() if k not in (_TOTAL, _RENDER)}
@@ -82,37 +132,50 @@ def _is_time(value: object) -> TypeGuard[float]:
     return is_number(value) and math.isfinite(value) and value >= 0
 
 
-def warnings(data: Mapping[str, Any]) -> str:
-    """What the run wants the reader to know."""
-    listed = [element("li", text(w)) for w in items(data, "warnings")]
-    return element("ul", *listed, class_="cautions") if listed else element("p", "None.")
-
-
-def reproduce(data: Mapping[str, Any]) -> str:
-    """The command, and everything that could make another run differ."""
-    command = element("pre", element("code", text(data.get("command", MISSING))), tabindex=0)
-    versions = {"inim": data.get("inim_version"), **part(data, "versions")}
-    scene = {**part(data, "scene"), **part(data, "scene", "fit")}
-    others = [
-        _facts("Scene", {k: v for k, v in scene.items() if k != "fit"}),
-        _facts("Versions", versions),
-        _facts("Backend", part(data, "backend")),
-    ]
-    settings = _facts("Settings", part(data, "settings"))
-    stack = element("div", *others, class_="stack")
-    return command + element("div", settings, stack, class_="columns")
-
-
-def _facts(caption: str, values: Mapping[str, Any]) -> str:
+def _skipped(data: Mapping[str, Any]) -> str:
+    """The section; empty for a report that does not say."""
     rows = [
-        [text(key), element("span", _lines(value), class_="value")] for key, value in values.items()
+        [text(MISSING if part(row).get(key) is None else part(row)[key]) for key in _SKIPPED]
+        for row in items(data, "skipped")
     ]
-    return table(caption, ["Key", "Value"], rows, "facts")
+    if not rows:
+        return ""
+    error = part(data, "settings").get("score_error")
+    words = _SAMPLES if is_number(error) and error > 0 else _EXACT
+    caption = "What this run did and skipped"
+    return element("p", text(words), class_="lead") + table(
+        caption, list(_SKIPPED.values()), rows, "skips"
+    )
 
 
-def _lines(value: object) -> str:
-    """A value in full, so that it can be given again; a matrix as one line per row."""
-    if isinstance(value, (list, tuple)):
-        rows = [v if isinstance(v, (list, tuple)) else [v] for v in value]
-        return "<br>".join(text("  ".join(short(v) for v in row)) for row in rows)
-    return text(MISSING if value is None else value)
+def _warnings(data: Mapping[str, Any]) -> str:
+    """What the run wants the reader to know."""
+    return bullets(items(data, "warnings"), "cautions") or element("p", "None.")
+
+
+def _reproduce(data: Mapping[str, Any]) -> str:
+    return how_to_reproduce(data).body
+
+
+def _meanings() -> str:
+    """The glossary, with a word on each metric of another package."""
+    others = [
+        (metric.label, f"{metric.better.capitalize()} is better. {metric.reference}")
+        for metric in all_metrics()
+        if not any(metric.label in term for term, _ in _MEANINGS)
+    ]
+    pairs = [*_MEANINGS, *others]
+    entries = [element("div", element("dt", text(k)), element("dd", text(v))) for k, v in pairs]
+    return element("dl", *entries, class_="meanings")
+
+
+SECTIONS = (
+    ReportSection(100, "checks", "Checks", lambda data, _: check_list(data)),
+    ReportSection(110, "timings", "Timings", lambda data, _: _timings(data)),
+    ReportSection(120, "skipped", "What was skipped", lambda data, _: _skipped(data)),
+    ReportSection(130, "warnings", "Warnings", lambda data, _: _warnings(data)),
+    ReportSection(
+        140, "reproduce", "How to reproduce", lambda data, _: how_to_reproduce(data).body
+    ),
+    ReportSection(150, "meaning", "What the numbers mean", lambda _, __: _meanings()),
+)

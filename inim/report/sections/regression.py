@@ -1,4 +1,4 @@
-"""What changed against the baseline: failures in words and pictures, and the drift of all else."""
+"""What changed against the baseline: failures in words and images, and the drift of all else."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from inim.metrics import all_metrics
+from inim.report.images import Images
 from inim.report.markup import element, figure, table, text
-from inim.report.pictures import Pictures
+from inim.report.sections import ReportSection
 from inim.report.wording import MISSING, check_passed, checks, is_number, items, part, short
 
-__all__ = ["regression"]
+__all__ = ["SECTIONS", "regression"]
 
 _FOLDER = "regression"
 # The rest is in report.json.
@@ -22,7 +24,7 @@ _WORDS = (
 )
 
 
-def regression(data: Mapping[str, Any], pictures: Pictures) -> str:
+def regression(data: Mapping[str, Any], images: Images) -> str:
     """The section on the baseline; empty for a run that was not compared with one."""
     found = part(data, "regression")
     if not found:
@@ -34,15 +36,15 @@ def regression(data: Mapping[str, Any], pictures: Pictures) -> str:
     if found.get("reason"):
         words += f"That baseline was accepted because: {found['reason']}. "
     lead = element("p", text(words + _WORDS), class_="lead")
-    return lead + _pictures(found, pictures) + _circumstances(found) + _drift(found)
+    return lead + _images(found, images) + _circumstances(found) + _drift(found)
 
 
-def _pictures(found: Mapping[str, Any], pictures: Pictures) -> str:
+def _images(found: Mapping[str, Any], images: Images) -> str:
     rows = []
     for name in items(found, "pictures")[:_MOST_PICTURES]:
         shots = [
             figure(
-                pictures.embed(pictures.read(_FOLDER, f"{name}-{kind}.png"), f"{name}, {kind}"),
+                images.embed(images.read(_FOLDER, f"{name}-{kind}.png"), f"{name}, {kind}"),
                 label,
                 remark,
             )
@@ -100,13 +102,19 @@ def _drift(found: Mapping[str, Any]) -> str:
 
 
 def _words(name: object) -> str:
-    said = str(name).removesuffix("_db").replace("_", " ")
-    for metric in ("ssim", "psnr", "flip", "eia"):
-        said = said.replace(metric, metric.upper())
-    return said
+    """A score's name with its metric's label and without its unit: "PSNR to ceiling"."""
+    said = str(name)
+    for metric in all_metrics():
+        if metric.unit:
+            said = said.removesuffix(f"_{metric.unit.lower()}")
+        said = said.replace(metric.name, metric.label)
+    return said.replace("eia", "EIA").replace("_", " ")
 
 
 def _signed(change: object) -> str:
     if not is_number(change):
         return MISSING
     return f"+{short(float(change))}" if change >= 0 else short(float(change))
+
+
+SECTIONS = (ReportSection(30, "regression", "Against the baseline", regression),)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import math
 import warnings
@@ -17,10 +16,12 @@ from inim.cache.digest import code_digest, value_digest
 from inim.cache.store import remembered
 from inim.report.bench.marks import LINES, MARKS, colour_of, plain_ticks, style
 from inim.report.bench.names import Name, across, set_apart
-from inim.report.markup import element, text, void
-from inim.report.wording import is_number, part, plain, viewpoint_names
+from inim.report.images import Images
+from inim.report.markup import element, plot, text
+from inim.report.sections import ReportSection
+from inim.report.wording import MAIN, is_number, part, plain, viewpoint_names
 
-__all__ = ["time_against_error"]
+__all__ = ["SECTIONS", "time_against_error"]
 
 _YARDSTICKS = "yardsticks"
 _WORDS = "Down and left is better; the line joins those that no other beats in both. "
@@ -43,7 +44,7 @@ class _Point:
     error: float
 
 
-def time_against_error(data: Mapping[str, Any]) -> str:
+def time_against_error(data: Mapping[str, Any], _images: Images) -> str:
     """The section; empty where no algorithm has a time and a score."""
     times, unit = _times(data)
     views, eias = _view_points(data, times), _eia_points(data, times)
@@ -51,19 +52,16 @@ def time_against_error(data: Mapping[str, Any]) -> str:
         return ""
     floor = part(data, "noise_floor", "eia").get("psnr_db")
     known_floor = float(floor) if is_number(floor) and math.isfinite(floor) else None
-    drawn = base64.b64encode(_remembered(tuple(views), tuple(eias), unit, known_floor)).decode(
-        "ascii"
-    )
+    drawn = _remembered(tuple(views), tuple(eias), unit, known_floor)
     words = "; ".join(
         f"{p.name} {p.time:.2g} {unit}, 1 − SSIM to the ceiling {p.error:.3f}" for p in views
     )
     alt = f"Time against error. {words}" if words else "Time against error"
-    plot = void("img", src=f"data:image/svg+xml;base64,{drawn}", alt=alt, width=760, height=330)
     if unit == _YARDSTICKS:
         how = text(_WORDS + _RATIOS)
     else:
         how = text(_WORDS + _SECONDS) + element("code", "python -m inim.bench") + "."
-    return element("p", how, class_="lead") + element("figure", plot, class_="plot")
+    return element("p", how, class_="lead") + plot(drawn, alt, width=760, height=330)
 
 
 def _times(data: Mapping[str, Any]) -> tuple[dict[str, float], str]:
@@ -86,7 +84,7 @@ def _view_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_P
     points = []
     for name, time in times.items():
         views = part(data, "algorithms", name, "views")
-        values = [part(views, view).get("ssim_to_ceiling") for view in names]
+        values = [part(views, view).get(MAIN.to_ceiling_key) for view in names]
         known = [v for v in values if is_number(v)]
         if names and len(known) == len(names):
             points.append(_Point(plain(name), time, 1 - math.fsum(known) / len(known)))
@@ -179,3 +177,6 @@ def _is_beaten(mine: _Point, points: Sequence[_Point]) -> bool:
         and (p.time, p.error) != (mine.time, mine.error)
         for p in points
     )
+
+
+SECTIONS = (ReportSection(80, "time", "Time against error", time_against_error),)

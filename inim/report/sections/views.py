@@ -7,19 +7,28 @@ from typing import Any
 
 import numpy as np
 
-from inim.report.markup import captioned, decibels, element, text, triple
-from inim.report.pictures import (
+from inim.report.images import (
     DIFFERENCE_GAIN,
-    Pictures,
+    Images,
     difference,
     is_wide,
     similarity,
     similarity_scale,
 )
+from inim.report.markup import captioned, element, text
+from inim.report.sections import ReportSection
 from inim.report.wipe import wipe
-from inim.report.wording import NBSP, best_algorithm, items, part, score, short, viewpoint_names
+from inim.report.wording import (
+    NBSP,
+    best_algorithm,
+    items,
+    metric_scores,
+    part,
+    short,
+    viewpoint_names,
+)
 
-__all__ = ["views"]
+__all__ = ["SECTIONS", "views"]
 
 _TRUTH, _CEILING = "Ground truth", "Ceiling"
 _INTRO = (
@@ -30,63 +39,63 @@ _INTRO = (
 )
 
 
-def views(data: Mapping[str, Any], pictures: Pictures) -> str:
-    """The section on the views, one row of pictures for each viewpoint."""
-    rows = [_viewpoint(data, pictures, v) for v in items(data, "viewpoints") if "name" in part(v)]
-    intro = element("p", text(_INTRO), class_="lead") + _scale(pictures)
-    return _wipe(data, pictures) + intro + "".join(rows)
+def views(data: Mapping[str, Any], images: Images) -> str:
+    """The section on the views, one row of images for each viewpoint."""
+    rows = [_viewpoint(data, images, v) for v in items(data, "viewpoints") if "name" in part(v)]
+    intro = element("p", text(_INTRO), class_="lead") + _scale(images)
+    return _wipe(data, images) + intro + "".join(rows)
 
 
-def _wipe(data: Mapping[str, Any], pictures: Pictures) -> str:
-    """Any two of the pictures below over each other: ground truth and best algorithm at first."""
+def _wipe(data: Mapping[str, Any], images: Images) -> str:
+    """Any two of the images below over each other: ground truth and best algorithm at first."""
     views, best = viewpoint_names(data), best_algorithm(data)
-    if not views or not pictures.encoding.longest_px:
+    if not views or not images.encoding.longest_px:
         return ""
     names = [_TRUTH, _CEILING, *part(data, "algorithms")]
-    return wipe(views, names, best or _CEILING, pictures.read("truth", f"{views[0]}.png"))
+    return wipe(views, names, best or _CEILING, images.read("truth", f"{views[0]}.png"))
 
 
-def _scale(pictures: Pictures) -> str:
+def _scale(images: Images) -> str:
     """What the colours of an SSIM map stand for."""
     bar = np.repeat(similarity_scale(), 12, axis=0)
     words = [element("span", text(word)) for word in ("1, alike", "SSIM", "0 or below, unlike")]
-    picture = pictures.embed(bar, "Colours of the SSIM maps, from black for 1 to pale yellow for 0")
+    picture = images.embed(bar, "Colours of the SSIM maps, from black for 1 to pale yellow for 0")
     return element("figure", picture, element("figcaption", *words), class_="ssim-scale")
 
 
-def _viewpoint(data: Mapping[str, Any], pictures: Pictures, viewpoint: Mapping[str, Any]) -> str:
+def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, Any]) -> str:
     view = str(viewpoint["name"])
-    truth = pictures.read("truth", f"{view}.png")
-    ceiling = pictures.read("views", "ceiling", f"{view}.png")
+    truth = images.read("truth", f"{view}.png")
+    ceiling = images.read("views", "ceiling", f"{view}.png")
     place = ", ".join(short(v) for v in items(viewpoint, "position_mm"))
     heading = element("h3", text(view), element("small", text(f"eye at ({place}) mm")))
     figures = [
-        _truth_figure(data, pictures, view, truth),
-        _ceiling_figure(data, pictures, view, truth, ceiling),
+        _truth_figure(data, images, view, truth),
+        _ceiling_figure(data, images, view, truth, ceiling),
     ]
     figures += [
-        _algorithm_figure(data, pictures, view, name, ceiling) for name in part(data, "algorithms")
+        _algorithm_figure(data, images, view, name, ceiling) for name in part(data, "algorithms")
     ]
     kind = "views wide" if is_wide(truth) else "views"
     return heading + element("div", *figures, class_=kind, style=f"--count:{len(figures)}")
 
 
 def _truth_figure(
-    data: Mapping[str, Any], pictures: Pictures, view: str, truth: np.ndarray | None
+    data: Mapping[str, Any], images: Images, view: str, truth: np.ndarray | None
 ) -> str:
-    facts = [("To itself", triple(part(data, "noise_floor", "views", view)))]
-    picture = _shown(pictures, truth, _TRUTH, view)
+    facts = [("To itself", metric_scores(part(data, "noise_floor", "views", view)))]
+    picture = _shown(images, truth, _TRUTH, view)
     return captioned(_TRUTH, "the scene itself", [picture], facts)
 
 
-def _shown(pictures: Pictures, pixels: np.ndarray | None, name: str, view: str) -> str:
+def _shown(images: Images, pixels: np.ndarray | None, name: str, view: str) -> str:
     """A view that `wipe` finds by what it shows and from where."""
     alt = f"{name} from {view}"
-    return pictures.embed(pixels, alt, data_shows=name, data_viewpoint=view)
+    return images.embed(pixels, alt, data_shows=name, data_viewpoint=view)
 
 
 def _compared(
-    pictures: Pictures,
+    images: Images,
     pixels: np.ndarray | None,
     reference: np.ndarray | None,
     name: str,
@@ -96,39 +105,40 @@ def _compared(
     """A view, its difference to a reference, and SSIM's map of the two."""
     pair = f"of {name} and {to} from {view}"
     return [
-        _shown(pictures, pixels, name, view),
-        pictures.embed(difference(pixels, reference), f"Difference {pair}"),
-        pictures.embed(similarity(pixels, reference), f"SSIM map {pair}"),
+        _shown(images, pixels, name, view),
+        images.embed(difference(pixels, reference), f"Difference {pair}"),
+        images.embed(similarity(pixels, reference), f"SSIM map {pair}"),
     ]
 
 
 def _ceiling_figure(
     data: Mapping[str, Any],
-    pictures: Pictures,
+    images: Images,
     view: str,
     truth: np.ndarray | None,
     ceiling: np.ndarray | None,
 ) -> str:
-    shown = _compared(pictures, ceiling, truth, _CEILING, "ground truth", view)
-    facts = [("To scene", triple(part(data, "ceiling", "views", view)))]
+    shown = _compared(images, ceiling, truth, _CEILING, "ground truth", view)
+    facts = [("To scene", metric_scores(part(data, "ceiling", "views", view)))]
     return captioned(_CEILING, "compared with ground truth", shown, facts)
 
 
 def _algorithm_figure(
     data: Mapping[str, Any],
-    pictures: Pictures,
+    images: Images,
     view: str,
     name: str,
     ceiling: np.ndarray | None,
 ) -> str:
     scores = part(data, "algorithms", name, "views", view)
-    made = pictures.read("views", name, f"{view}.png")
-    shown = _compared(pictures, made, ceiling, name, "ceiling", view)
-    to_ceiling = [
-        ("SSIM", score(scores, "ssim_to_ceiling")),
-        ("PSNR", decibels(scores, "psnr_to_ceiling_db")),
-        ("FLIP", score(scores, "flip_to_ceiling")),
+    made = images.read("views", name, f"{view}.png")
+    shown = _compared(images, made, ceiling, name, "ceiling", view)
+    facts = [
+        ("To ceiling", metric_scores(scores, "ceiling")),
+        ("To scene", metric_scores(scores)),
+        ("On the relic", metric_scores(scores, "relic")),
     ]
-    on_relic = [("SSIM", score(scores, "ssim_on_relic"))]
-    facts = [("To ceiling", to_ceiling), ("To scene", triple(scores)), ("On the relic", on_relic)]
     return captioned(name, "compared with ceiling", shown, facts)
+
+
+SECTIONS = (ReportSection(60, "views", "Views", views),)

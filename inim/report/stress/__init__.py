@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from inim.files.image import write_atomically
-from inim.report.strict_json import from_strict, to_strict
+from inim.report.files import list_files, write_forms
 
 __all__ = ["SCHEMA", "write_stress"]
 
@@ -27,21 +26,17 @@ def write_stress(data: Mapping[str, Any], folder: Path) -> None:
     folder : Path
         Empty; the figure is written first, for the page shows it.
     """
-    from inim.report.stress.page import render_page
+    from inim.report.stress.page import render_stress
     from inim.report.stress.plots import draw_plots
     from inim.report.stress.tables import render_markdown
 
-    plots = draw_plots(data, folder)
-    files = sorted([*plots, "stress.html", "stress.json", "stress.md"])
-    strict = to_strict(_short({**data, "files": files}))
-    data = from_strict(strict)
-    texts = {
-        "stress.md": render_markdown(data),
-        "stress.html": render_page(data, folder),
-        "stress.json": _as_text(strict),
+    draw_plots(data, folder)
+    forms = {
+        "stress.md": render_markdown,
+        "stress.html": lambda data: render_stress(data, folder),
     }
-    for name, text in texts.items():
-        _write(folder / name, text + "\n")
+    listed = _short(list_files(data, folder, "stress.json", *forms))
+    write_forms(listed, folder, "stress.json", forms, encode=_as_text)
 
 
 def _short(value: Any) -> Any:
@@ -67,11 +62,3 @@ def _as_text(strict: Mapping[str, Any]) -> str:
 
 def _compact(value: Any) -> str:
     return json.dumps(value, allow_nan=False, ensure_ascii=False)
-
-
-def _write(path: Path, text: str) -> None:
-    write_atomically(path, lambda p: _put(p, text))
-
-
-def _put(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", errors="backslashreplace")

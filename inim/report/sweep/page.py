@@ -1,24 +1,23 @@
-"""The page of a sweep: one HTML file in the report's dress, that needs nothing else."""
+"""The report of a sweep: one page over all rows of its table."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
-from importlib import resources
+from pathlib import Path
 from typing import Any
 
-from inim.report.markup import element, mark, section, text, void
+from inim.report.files import write_text
+from inim.report.markup import element, plot, text
+from inim.report.page import Section, badge, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.sweep.plots import draw_pareto, time_column
-from inim.report.sweep.summary import Contest, contests_of, names_of
+from inim.report.sweep.results import Contest, contests_of, names_of
 from inim.report.sweep.tables import best_displays, cost_table, failures, matrix
-from inim.report.wording import MISSING, plain
+from inim.report.wording import MISSING
 
-__all__ = ["render_page"]
+__all__ = ["PAGE", "render_sweep", "write_page"]
 
-_POLICY = (
-    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
-    "base-uri 'none'; form-action 'none'"
-)
+PAGE = "sweep.html"
+
 _STYLE = """
 .plot img { max-width: 1160px; }
 .scores { margin-bottom: 28px; }
@@ -55,71 +54,57 @@ FROM 'sweep.parquet' WHERE status = 'ok'
 GROUP BY ALL ORDER BY scene, display, kept DESC;"""
 
 
-def render_page(rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) -> str:
+def write_page(path: Path, rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) -> None:
+    """Write the page, whole or not at all; parameters as of `render_sweep`."""
+    write_text(path, render_sweep(rows, about))
+
+
+def render_sweep(rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) -> str:
     """The whole page.
 
     Parameters
     ----------
     rows : sequence of mapping
-        Of the table.
+        Of the table; see README, Sweeps.
     about : mapping of str to str
         `title`, `command`, `created`, `inim_version`.
     """
     contests = contests_of(rows)
-    parts = [
-        ("failures", "What failed", failures(rows)),
-        ("scores", "Scores", _matrices(contests)),
-        ("pareto", "Time against error", _pareto(contests)),
-        ("displays", "Best display for a relic", _best(contests)),
-        ("cost", "What it took", cost_table(contests)),
-        ("reproduce", "How to reproduce", _reproduce(about)),
-    ]
-    shown = [one for one in parts if one[2]]
-    links = [f'<a href="#{anchor}">{text(title)}</a>' for anchor, title, _ in shown]
-    header = element(
-        "header",
-        element("div", element("h1", text(about.get("title", "Sweep"))), _facts(contests, about)),
-        _badge(rows, contests),
-        element("nav", *links, aria_label="Sections"),
-    )
-    main = "\n".join(section(*one) for one in shown)
-    return (
-        f'<!doctype html>\n<html lang="en">\n{_head(about)}\n<body>\n{header}\n'
-        f"<main>\n{main}\n</main>\n{_footer(about)}\n</body>\n</html>\n"
+    title = about.get("title", "Sweep")
+    query = element("p", "All rows lie beside this page in sweep.parquet; for example:")
+    query += element("pre", element("code", text(_QUERY)), tabindex=0)
+    return render_page(
+        title,
+        _facts(contests, about),
+        [
+            Section("failures", "What failed", failures(rows)),
+            Section("scores", "Scores", _matrices(contests)),
+            Section("pareto", "Time against error", _pareto(contests)),
+            Section("displays", "Best display for a relic", _best(contests)),
+            Section("cost", "What it took", cost_table(contests)),
+            how_to_reproduce(about, query),
+        ],
+        window_title=f"{title} – inim sweep",
+        footer=data_note(about, "sweep.parquet"),
+        verdict=_badge(rows, contests),
+        style=_STYLE,
     )
 
 
-def _head(about: Mapping[str, str]) -> str:
-    style = resources.files("inim.report").joinpath("report.css").read_text("utf-8")
-    return (
-        '<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{text(_POLICY)}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        '<meta name="color-scheme" content="light dark">\n'
-        f"<title>{text(about.get('title', 'Sweep'))} – inim sweep</title>\n"
-        f"<style>\n{style}{_STYLE}</style>\n</head>"
-    )
-
-
-def _facts(contests: Sequence[Contest], about: Mapping[str, str]) -> str:
+def _facts(contests: Sequence[Contest], about: Mapping[str, str]) -> list[str]:
     counts = [
         f"{len(names_of(contests, field))} {field}{'s' * (len(names_of(contests, field)) != 1)}"
         for field in ("scene", "display", "algorithm")
     ]
-    created = plain(about.get("created", MISSING)).replace("T", " ").replace("+00:00", " UTC")
     words = [" × ".join(counts), f"inim {about.get('inim_version', MISSING)}"]
-    time = element("time", text(created))
-    return element("p", " · ".join([*map(text, words), time]), class_="facts")
+    return [*map(text, words), timestamp(about)]
 
 
 def _badge(rows: Sequence[Mapping[str, Any]], contests: Sequence[Contest]) -> str:
-    """The verdict in a word and a sign, and only then a colour."""
     good = all(row["status"] == "ok" and row.get("passed") for row in rows)
-    verdict = "passed" if good else "failed"
     done = sum(not contest.failed for contest in contests)
     words = f"{done} of {len(contests)} results, {len(rows)} rows"
-    word = element("strong", mark(verdict), text(verdict.capitalize()))
-    return element("p", word, element("span", text(words)), class_=f"verdict {verdict}")
+    return badge("passed" if good else "failed", text(words))
 
 
 def _matrices(contests: Sequence[Contest]) -> str:
@@ -136,23 +121,10 @@ def _pareto(contests: Sequence[Contest]) -> str:
     if svg is None:
         return ""
     words = element("p", text(_PARETO + _TIMES[time_column(contests)]), class_="lead")
-    source = f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"
-    picture = void("img", src=source, alt="Time against error")
-    return words + element("figure", picture, class_="plot")
+    return words + plot(svg.encode(), "Time against error")
 
 
 def _best(contests: Sequence[Contest]) -> str:
     if not any(not c.failed for c in contests):
         return ""
     return element("p", text(_BEST), class_="lead") + best_displays(contests)
-
-
-def _reproduce(about: Mapping[str, str]) -> str:
-    command = element("pre", element("code", text(about.get("command", MISSING))))
-    words = element("p", "All rows lie beside this page in sweep.parquet; for example:")
-    return command + words + element("pre", element("code", text(_QUERY)))
-
-
-def _footer(about: Mapping[str, str]) -> str:
-    words = f"inim {text(about.get('inim_version', MISSING))} · data in sweep.parquet"
-    return element("footer", element("p", words))

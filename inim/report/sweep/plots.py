@@ -8,7 +8,7 @@ from typing import Any
 
 from inim.report.bench.marks import BEATEN, LINES, MARKS, SOFT, colour_of, plain_ticks, style
 from inim.report.bench.names import Name, set_apart
-from inim.report.sweep.summary import Contest, mean, names_of, on_front
+from inim.report.sweep.results import Contest, mean, names_of, on_front
 
 __all__ = ["draw_pareto", "time_column"]
 

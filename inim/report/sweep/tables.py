@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from inim.report.markup import element, table, text
-from inim.report.sweep.summary import Contest, names_of, settings_of, varied_settings
+from inim.report.sweep.results import Contest, names_of, settings_of, varied_settings
 from inim.report.wording import MISSING, number
 
 __all__ = ["best_displays", "cost_table", "failures", "matrix"]

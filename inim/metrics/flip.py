@@ -1,0 +1,61 @@
+"""LDR-FLIP: the difference that an observer sees when flipping between two pictures."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from inim.metrics.base import Metric, mean_of
+from inim.metrics.maps import maps_of
+
+__all__ = ["FLIP_REACH", "flip", "flip_map", "metric"]
+
+# A view at about arm's length on an ordinary monitor (0.7 m, 0.7 m wide, 3840 pixels).
+_PIXELS_PER_DEGREE = 67.0
+#: How far its filters reach at that, in pixels: three sigma of the blue-yellow contrast
+#: sensitivity, the widest, `sqrt(0.04 / (2 pi^2))` degrees.
+FLIP_REACH = math.ceil(3 * math.sqrt(0.04 / 2) / math.pi * _PIXELS_PER_DEGREE)
+
+
+def _error(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+    import flip_evaluator
+
+    # Floats: 8-bit input silently scores 0.
+    local, _, _ = flip_evaluator.evaluate(
+        reference,
+        test,
+        "LDR",
+        inputsRGB=True,
+        applyMagma=False,
+        computeMeanError=False,
+        parameters={"ppd": _PIXELS_PER_DEGREE},
+    )
+    return np.asarray(local, np.float32).reshape(reference.shape[:2])
+
+
+metric = Metric(
+    "flip",
+    _error,
+    better="lower",
+    tolerance=0.005,  # as SSIM's
+    reference="Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström and Fairchild, HPG 2020",
+    reach=FLIP_REACH,
+)
+
+
+def flip_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+    """LDR-FLIP error of each pixel, (rows, columns) float32, 0 (equal) to 1.
+
+    Parameters
+    ----------
+    reference, test : (rows, columns, 3) float32, linear RGB
+
+    Source: Andersson et al., HPG 2020, at 67 pixels per degree.
+    """
+    return maps_of([metric], reference, test)[metric.key]
+
+
+def flip(reference: np.ndarray, test: np.ndarray) -> float:
+    """Mean of `flip_map`."""
+    return mean_of(flip_map(reference, test))

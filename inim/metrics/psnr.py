@@ -1,0 +1,61 @@
+"""PSNR: peak signal-to-noise ratio."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from inim.color import srgb_from_linear
+from inim.metrics.base import Metric
+from inim.metrics.maps import check_alike
+from inim.row_bands import row_bands
+
+__all__ = ["metric", "psnr_db"]
+
+
+def _squared_error(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+    squares = reference.astype(np.float64) - test
+    np.square(squares, out=squares)
+    # As `mean(axis=-1)`, which takes ten times as long over three.
+    mean: np.ndarray = (squares[..., 0] + squares[..., 1] + squares[..., 2]) / 3
+    return mean
+
+
+def _decibels(squared_error: float) -> tuple[float, float]:
+    """PSNR of a mean squared error, and its derivative; infinite, and 0, of equal pictures."""
+    if squared_error == 0:
+        return math.inf, 0.0
+    return -10 * math.log10(squared_error), -10 / math.log(10) / squared_error
+
+
+def psnr_db(reference: np.ndarray, test: np.ndarray) -> float:
+    """Peak signal-to-noise ratio of sRGB in 0..1, dB; infinite for equal pictures.
+
+    Parameters
+    ----------
+    reference, test : (rows, columns, 3) float32, linear RGB
+    """
+    check_alike(reference, test)
+    by_row: list[float] = []  # and these exactly: in bands of any height the same
+    for band in row_bands(*reference.shape[:2]):
+        first, second = (srgb_from_linear(image[band]) for image in (reference, test))
+        squares = np.square(first.astype(np.float64) - second)
+        by_row += squares.reshape(len(squares), -1).sum(axis=1).tolist()
+    return _decibels(math.fsum(by_row) / reference.size)[0]
+
+
+metric = Metric(
+    "psnr",
+    _squared_error,
+    better="higher",
+    range=(0.0, math.inf),
+    unit="dB",
+    digits=2,
+    tolerance=0.1,  # below a tenth of a decibel no one sees it
+    of_eia=True,
+    of_mean=_decibels,
+    whole=psnr_db,
+    reach=0,
+    dtype=np.float64,
+)

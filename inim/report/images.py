@@ -1,0 +1,185 @@
+"""The report's images: read from its folder, compared, and embedded in the page.
+
+Images are embedded so that the page needs no other file. An `Encoding` says how small; the page
+tries the `ENCODINGS` in turn, and what it shows smaller lies in full in the folder beside it.
+"""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim.cache.digest import code_digest, value_digest
+from inim.cache.store import remembered
+from inim.color import linear_from_srgb
+from inim.files.image import encoded
+from inim.metrics import SSIM_WINDOW, ssim_map
+from inim.report.markup import element, text, void
+
+__all__ = [
+    "DIFFERENCE_GAIN",
+    "ENCODINGS",
+    "Encoding",
+    "Images",
+    "difference",
+    "is_wide",
+    "similarity",
+    "similarity_scale",
+]
+
+#: Differences are shown this many times brighter: most are below what an eye notices.
+DIFFERENCE_GAIN = 4
+
+# Magnified pixels are a whole number of page pixels, and three such images stand side by side.
+_CROP_ON_PAGE_PX = 372
+_WIDE = 1.5  # images wider than this many times their height get a wider column
+_LEFT_OUT = "left out, the page would be too large"
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """How images are embedded: `longest_px` 0 leaves them out."""
+
+    form: str
+    quality: int
+    longest_px: int
+
+
+#: Tried in turn until the page is small enough. The last one always is.
+ENCODINGS = (
+    Encoding("PNG", 0, 640),
+    Encoding("JPEG", 92, 640),
+    Encoding("JPEG", 85, 320),
+    Encoding("JPEG", 75, 160),
+    Encoding("JPEG", 0, 0),
+)
+_EXACT = Encoding("PNG", 0, _CROP_ON_PAGE_PX)
+
+
+@dataclass(frozen=True)
+class Images:
+    """The PNG files of a report's folder, and how they are put on the page."""
+
+    folder: Path
+    encoding: Encoding
+
+    def read(self, *names: str) -> np.ndarray | None:
+        """(rows, columns, 3) uint8 sRGB, or None where there is no readable picture.
+
+        Names come from the report; one that leads out of its folder is not followed.
+        """
+        from PIL import Image
+
+        try:
+            path = self.folder.joinpath(*names).resolve()
+            if not path.is_relative_to(self.folder.resolve()):
+                return None
+            with Image.open(path) as picture:
+                return np.asarray(picture.convert("RGB"))
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+            return None
+
+    def embed(
+        self,
+        pixels: np.ndarray | None,
+        alt: str,
+        longest_px: int | None = None,
+        **attributes: object,
+    ) -> str:
+        """An img with the picture in it, or a visible box that says it is missing."""
+        if pixels is None or min(pixels.shape[:2]) < 1:
+            return _box("missing", alt)
+        limit = min(self.encoding.longest_px, longest_px or self.encoding.longest_px)
+        if not limit:
+            return _box(_LEFT_OUT, alt)
+        height, width = pixels.shape[:2]
+        source = _data_uri(_shrink(pixels, limit), self.encoding)
+        return _img(source, alt, width=width, height=height, **attributes)
+
+    def magnify(self, pixels: np.ndarray | None, alt: str) -> str:
+        """A small picture, each of its pixels a whole number of pixels on the page."""
+        if pixels is None or min(pixels.shape[:2]) < 1:
+            return _box("missing", alt)
+        if not self.encoding.longest_px:
+            return _box(_LEFT_OUT, alt)
+        times = max(1, _CROP_ON_PAGE_PX // max(pixels.shape[:2]))
+        height, width = (times * n for n in pixels.shape[:2])
+        size = {"width": width, "height": height, "style": f"width:{width}px"}
+        return _img(_data_uri(pixels, _EXACT), alt, class_="pixels", **size)
+
+
+def difference(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
+    """|a − b| of the sRGB values, amplified and clipped; None unless the two are alike in size."""
+    if a is None or b is None or a.shape != b.shape:
+        return None
+    change = np.abs(a.astype(np.int16) - b.astype(np.int16))
+    return np.asarray(np.minimum(change * DIFFERENCE_GAIN, 255), np.uint8)
+
+
+def similarity(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
+    """SSIM's map of two images in colours, (rows, columns, 3) uint8: black is 1.
+
+    None unless the two are alike in size, and no smaller than SSIM's window.
+    """
+    if a is None or b is None or a.shape != b.shape or min(a.shape[:2]) < SSIM_WINDOW:
+        return None
+
+    def make() -> np.ndarray:
+        first, second = (linear_from_srgb(codes.astype(np.float32) / 255) for codes in (a, b))
+        return _magma(1 - ssim_map(first, second))
+
+    code = code_digest("metrics", "color.py", "report/images.py")
+    return remembered(lambda: value_digest(["map of SSIM", a, b, code]), make)
+
+
+def similarity_scale() -> np.ndarray:
+    """The colours of `similarity` from 1, at the left, to 0: (1, 256, 3) uint8."""
+    # Found again, it needs no plotter loaded.
+    code = code_digest("report/images.py")
+    return remembered(
+        lambda: value_digest(["scale of SSIM", code]), lambda: _magma(np.linspace(0, 1, 256)[None])
+    )
+
+
+def _magma(share: np.ndarray) -> np.ndarray:
+    """Matplotlib's colours for shares of one, the ones FLIP's own maps are shown in."""
+    from matplotlib import colormaps
+
+    return np.asarray(colormaps["magma"](np.clip(share, 0, 1), bytes=True)[..., :3], np.uint8)
+
+
+def is_wide(pixels: np.ndarray | None) -> bool:
+    """Whether a picture is too wide for a narrow column."""
+    return pixels is not None and pixels.shape[1] > _WIDE * pixels.shape[0]
+
+
+def _box(reason: str, alt: str) -> str:
+    words = element("b", text(reason)) + element("span", text(alt))
+    return element("div", words, class_="missing")
+
+
+def _img(source: str, alt: str, **attributes: Any) -> str:
+    return void("img", src=source, alt=alt, **attributes)
+
+
+def _shrink(pixels: np.ndarray, longest_px: int) -> np.ndarray:
+    from PIL import Image
+
+    height, width = pixels.shape[:2]
+    scale = longest_px / max(height, width)
+    if scale >= 1:
+        return pixels
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX))
+
+
+def _data_uri(pixels: np.ndarray, encoding: Encoding) -> str:
+    # No "optimize": with it Pillow's JPEG writer runs out of buffer on noisy images.
+    lossy = encoding.form == "JPEG"
+    options = {"quality": encoding.quality, "subsampling": 0} if lossy else {}
+    coded = base64.b64encode(encoded(pixels, encoding.form, **options)).decode("ascii")
+    return f"data:image/{encoding.form.lower()};base64,{coded}"

@@ -1,0 +1,130 @@
+"""The virtual display: the report's EIAs through its lens array, live."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from inim.display import Display
+from inim.display.misalignment import mounted
+from inim.errors import InimError
+from inim.report.images import Images
+from inim.report.markup import element, text
+from inim.report.sections import ReportSection
+from inim.report.virtual_display.live import (
+    ANCHOR,
+    LIVE_LENS_MODELS,
+    TITLE,
+    Eye,
+    Still,
+    live_display,
+)
+from inim.report.virtual_display.panels import Panel
+from inim.report.wording import best_algorithm, is_number, items, part, viewpoint_names
+
+__all__ = ["REPORT_PANEL_BYTES", "SECTIONS", "report_display"]
+
+#: Room for a report's panels; the rest of the page has as much again.
+REPORT_PANEL_BYTES = 6_000_000
+_GROUND_TRUTH = "Ground truth"
+
+
+def report_display(
+    data: Mapping[str, Any], images: Images, *, most_bytes: int = REPORT_PANEL_BYTES
+) -> str:
+    """The section of a report; empty where the report says nothing of a display.
+
+    Parameters
+    ----------
+    data : mapping
+        Contents of report.json, schema ``inim.report/1``.
+    images : Images
+    most_bytes : int
+        Room for the panels.
+    """
+    given = part(data, "display", "given")
+    if not given:
+        return ""
+    try:
+        display = mounted(Display(**given), str(data.get("misalign") or ""))
+    except (InimError, TypeError) as error:
+        return _left_out(f"the display cannot be set up ({error})")
+    eyes = _eyes(data)
+    if not eyes:
+        return _left_out("no viewpoint has a position")
+    if not images.encoding.longest_px:
+        return _left_out("the page would be too large; `inim view` shows it alone")
+    panels, missing = _panels(data, images, display)
+    if not panels:
+        return _left_out(f"{', '.join(missing)} cannot be read, or not of the panel's size")
+    return live_display(
+        display,
+        panels,
+        eyes,
+        _stills(data, images, eyes[0].name),
+        images,
+        most_bytes=most_bytes,
+        lens_model=str(data.get("lens_model")),
+        remarks=[*_missing_words(missing), _lens_words(data)],
+    )
+
+
+def _eyes(data: Mapping[str, Any]) -> list[Eye]:
+    """The report's viewpoints, the one called centre first."""
+    eyes = []
+    for viewpoint in items(data, "viewpoints"):
+        position = items(viewpoint, "position_mm")
+        known = len(position) == 3 and all(map(is_number, position)) and position[2] > 0
+        if "name" in part(viewpoint) and known:
+            x, y, z = map(float, position)
+            eyes.append(Eye(str(viewpoint["name"]), (x, y, z)))
+    return sorted(eyes, key=lambda eye: eye.name != "centre")
+
+
+def _panels(
+    data: Mapping[str, Any], images: Images, display: Display
+) -> tuple[list[Panel], list[str]]:
+    """The report's EIAs, the most important first, and the names of those that are not there."""
+    best = best_algorithm(data)
+    names = sorted(part(data, "algorithms"), key=lambda name: name != best)
+    files = {_GROUND_TRUTH: ("truth", "eia.png")} | {n: ("eia", f"{n}.png") for n in names}
+    panels, missing = [], []
+    for name, place in files.items():
+        codes = images.read(*place)
+        if codes is None or codes.shape[:2] != display.eia_shape:
+            missing.append(name)
+        else:
+            panels.append(Panel(name, codes))
+    return panels, missing
+
+
+def _stills(data: Mapping[str, Any], images: Images, view: str) -> list[Still]:
+    """What stands in on paper and without scripts: one viewpoint, as the report's views show it."""
+    best = best_algorithm(data)
+    sources = [(_GROUND_TRUTH, "ceiling")] + ([(best, best)] if best else [])
+    model = data.get("lens_model", "")
+    return [
+        Still(name, f"from {view}, {model} lenses", images.read("views", place, f"{view}.png"))
+        for name, place in sources
+    ]
+
+
+def _left_out(reason: str) -> str:
+    return element("p", text(f"Left out: {reason}."), class_="note")
+
+
+def _missing_words(missing: Sequence[str]) -> list[str]:
+    if not missing:
+        return []
+    return [f"Not there, or not of the panel's size: {', '.join(missing)}."]
+
+
+def _lens_words(data: Mapping[str, Any]) -> str:
+    model = data.get("lens_model")
+    if model in LIVE_LENS_MODELS or not model:
+        return ""
+    views = "views" if viewpoint_names(data) else "pictures"
+    return f"The report's {views} and scores are those of {model} lenses; thin ones come nearest."
+
+
+SECTIONS = (ReportSection(20, ANCHOR, TITLE, report_display),)

@@ -1,0 +1,75 @@
+"""Pixels that are black for certain: skipping them changes no bit of any ground truth."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from inim.display import Viewpoint
+from inim.observer import Observer
+from tests.conftest import scene_text, small_display, sphere
+
+LAMP = """<shape type="rectangle"><transform name="to_world"><scale value="2"/>
+    <rotate y="1" angle="180"/><translate z="9"/></transform>
+    <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>"""
+GLASS = """<shape type="cube"><transform name="to_world"><rotate x="1" y="1" angle="40"/>
+    <translate x="-4" y="3"/></transform><bsdf type="thindielectric"/></shape>"""
+SPHERES = (sphere((-3, 0, 0), 1.5), sphere((2, 2, -3), 1.0), sphere((4, -3, 1), 0.3))
+ARRAYS = {
+    "square": {},
+    "stripes": {"subpixels": "rgb-stripe", "pixel_fill": 0.8},
+    "hexagonal": {"lattice": "hexagonal"},
+    "turned and tilted": {"rotation_deg": 3.0, "tilt_x_deg": 2.0, "tilt_y_deg": -1.0},
+}
+
+
+@pytest.mark.parametrize("array", ARRAYS)
+def test_the_eia_is_the_same_without_what_is_black(array, open_fitted):
+    from inim.render.ground_truth import pickup
+
+    display = small_display(**ARRAYS[array])
+    fitted = open_fitted(scene_text(*SPHERES, LAMP, GLASS), display)
+    observers = Observer(), Observer()
+    found = [
+        pickup(fitted, display, spp=16, seed=1, skip=skip, observer=observer)
+        for skip, observer in zip((True, False), observers, strict=True)
+    ]
+    assert found[0].image.max() > 0.1
+    assert np.array_equal(found[0].first, found[1].first)
+    assert np.array_equal(found[0].second, found[1].second)
+    assert observers[0].samples < 0.7 * observers[1].samples
+
+
+@pytest.mark.parametrize("pupil", [0.0, 6.0])
+def test_views_and_captures_are_the_same_without_what_is_black(pupil, open_fitted):
+    from inim.render.ground_truth import capture_halves, true_view
+
+    display = small_display()
+    fitted = open_fitted(scene_text(*SPHERES, LAMP, GLASS), display)
+    eye = Viewpoint("eye", 20, -15, 400, pupil_mm=pupil)
+    found, observers = [], (Observer(), Observer())
+    for skip, observer in zip((True, False), observers, strict=True):
+        view, relic = true_view(
+            fitted, display, eye, pixels_per_lens=6, spp=16, seed=1, skip=skip, observer=observer
+        )
+        pictures = capture_halves(
+            fitted, display, pixels_per_pitch=5, spp=16, seed=2, skip=skip, observer=observer
+        )
+        found.append([view.first, view.second, relic, *(p.color for p in pictures)])
+    assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
+    assert observers[0].samples < 0.8 * observers[1].samples
+
+
+def test_few_pixels_beside_a_relic_are_traced(open_fitted, tmp_path):
+    """The grid is fine: of a ball's EIA, hardly more pixels are traced than show it."""
+    from inim.render.ground_truth import pickup
+    from inim.render.rays import pickup_rays
+
+    display = small_display(6, 5, pixels=32)
+    trimesh.creation.icosphere(subdivisions=4).export(tmp_path / "ball.ply")
+    ball = """<shape type="ply"><string name="filename" value="ball.ply"/>
+        <bsdf type="diffuse"/></shape>"""
+    fitted = open_fitted(scene_text(ball), display)
+    seen = fitted.bounds.visible_pixels(pickup_rays(display, fitted.start_mm))
+    lit = pickup(fitted, display, spp=32, seed=1).image.max(axis=-1) > 0
+    assert not (lit & ~seen).any()
+    assert seen.sum() < 1.35 * lit.sum()

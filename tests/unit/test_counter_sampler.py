@@ -1,0 +1,85 @@
+"""The sampler: numbers that follow from seed, pixel and sample, uniform and well spread."""
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.usefixtures("renderer")
+
+
+def pairs(seed, pixels, samples, count=1):
+    """`count` pairs of every sample of every pixel, (pixels, samples, count, 2)."""
+    import mitsuba as mi
+
+    from inim.render.counter_sampler import PLUGIN
+
+    sampler = mi.load_dict({"type": PLUGIN})
+    pixel = np.repeat(np.asarray(pixels, np.uint32), len(samples))
+    sample = np.tile(np.asarray(samples, np.uint32), len(pixels))
+    sampler.start(seed, mi.UInt32(pixel), mi.UInt32(sample))
+    found = [np.array(sampler.next_2d()).T for _ in range(count)]
+    return np.stack(found, axis=1).reshape(len(pixels), len(samples), count, 2)
+
+
+def test_numbers_follow_from_seed_pixel_and_sample():
+    whole = pairs(3, range(50), range(16), 5)
+    part = pairs(3, [41, 7], [9, 2], 5)
+    assert np.array_equal(part, whole[[41, 7]][:, [9, 2]])
+    assert not np.array_equal(pairs(4, range(50), range(16), 5), whole)
+
+
+def test_second_axis_is_the_textbook_s():
+    """Against the loop over direction numbers of Sobol's second dimension."""
+    import mitsuba as mi
+
+    from inim.render.counter_sampler import _second_axis
+
+    def textbook(index):
+        result, direction = 0, 1 << 31
+        while index:
+            if index & 1:
+                result ^= direction
+            index >>= 1
+            direction ^= direction >> 1
+        return result
+
+    index = np.append(np.arange(300), 2 ** np.arange(32) - 1).astype(np.uint32)
+    expected = np.array([textbook(int(i)) for i in index], np.uint32)
+    assert np.array_equal(np.asarray(_second_axis(mi.UInt32(index))), expected)
+
+
+def test_samples_of_a_pixel_are_a_net():
+    """Of 16 samples, one lies in every box of area 1/16, whatever its shape: a (0, 4, 2)-net."""
+    found = pairs(11, range(200), range(16), 6).transpose(0, 2, 1, 3).reshape(-1, 16, 2)
+    for across in range(5):
+        boxes = np.floor(found * [2**across, 2 ** (4 - across)]).astype(int)
+        keys = boxes[..., 0] * 16 + boxes[..., 1]
+        assert all(len(set(k)) == 16 for k in keys.tolist())
+
+
+def test_every_sample_alone_is_uniform_and_shares_nothing_with_others():
+    """Chi-squared of values, and of pairs across pixels, dimensions and seeds."""
+    from scipy import stats
+
+    count, cells = 2**17, 16
+    # The third sample of every pixel, by two seeds: what is not one pixel's is independent.
+    one, other = (pairs(seed, range(count), [3], 3).reshape(count, 6) for seed in (20, 21))
+    columns = [*one.T, *other.T]
+    beside = [np.roll(column, 1) for column in one.T]
+    tests = []
+    for i, first in enumerate(columns):
+        histogram = np.bincount((first * 256).astype(int), minlength=256)
+        tests.append(stats.chisquare(histogram).pvalue)
+        for second in [*columns[i + 1 :], *beside]:
+            cell = (first * cells).astype(int) * cells + (second * cells).astype(int)
+            tests.append(stats.chisquare(np.bincount(cell, minlength=cells**2)).pvalue)
+    level = 1 - (1 - 0.01) ** (1 / len(tests))
+    assert min(tests) > level
+    assert one.min() >= 0
+    assert one.max() < 1
+
+
+def test_less_noise_than_independent_samples():
+    """The mean of a smooth function over 32 samples: at least ten times less variance."""
+    found = pairs(5, range(4000), range(32))[:, :, 0]
+    smooth = np.sin(3 * found[..., 0]) * np.exp(found[..., 1])
+    assert smooth.mean(axis=1).var() < smooth.var() / 32 / 10

@@ -1,0 +1,263 @@
+"""Metrics of other packages: announced like generators, scored like the project's own."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from inim import metrics
+from inim.color import srgb_from_linear
+from inim.errors import UsageError
+from inim.metrics import Metric
+from inim.plugins import stdout_to_stderr
+from inim.regression import ScoreEstimate, view_scores
+from inim.regression.scores import compare_scores
+
+Announce = Callable[..., None]
+
+
+@pytest.fixture
+def announce(monkeypatch: pytest.MonkeyPatch) -> Iterator[Announce]:
+    """Announce things as metrics of other packages, by the names of the keywords."""
+
+    def announced(**found: object) -> None:
+        monkeypatch.setattr("inim.metrics.announced", lambda group: sorted(found))
+        monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: found[name])
+        metrics._all_metrics.cache_clear()
+
+    yield announced
+    metrics._all_metrics.cache_clear()
+
+
+def absolute(reference: np.ndarray, test: np.ndarray) -> float:
+    return float(np.abs(reference - test).mean())
+
+
+def absolute_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+    return np.abs(reference - test).mean(axis=-1)
+
+
+def lower(name: str, function: Callable, **more: object) -> Metric:
+    return Metric(name, function, better="lower", tolerance=0.01, **more)
+
+
+def two(rng: np.random.Generator, rows: int = 60, columns: int = 48) -> tuple[np.ndarray, ...]:
+    return tuple(rng.random((rows, columns, 3)).astype(np.float32) for _ in range(2))
+
+
+def test_score_of_another_package_stands_beside_the_own_ones(announce: Announce) -> None:
+    a, b = two(np.random.default_rng(1))
+    before = metrics.score(a, b)
+    announce(mae=lower("mae", absolute), maemap=lower("maemap", absolute_map, on_relic=True))
+    found = metrics.score(a, b)
+    assert [*found] == ["ssim", "psnr_db", "flip", "mae", "maemap"]
+    assert {key: found[key] for key in before} == before
+    wanted = absolute(srgb_from_linear(a), srgb_from_linear(b))
+    assert found["mae"] == wanted
+    assert found["maemap"] == pytest.approx(wanted, rel=1e-6)
+    mask = np.zeros(a.shape[:2], bool)
+    mask[:9] = True
+    on_relic = absolute(srgb_from_linear(a[:9]), srgb_from_linear(b[:9]))
+    assert metrics.score(a, b, mask)["maemap_on_relic"] == pytest.approx(on_relic, rel=1e-6)
+    assert "mae_on_relic" not in metrics.score(a, b, mask)
+
+
+def test_map_in_parts_is_the_map_of_the_whole(announce: Announce) -> None:
+    a, b = two(np.random.default_rng(2))
+    b[:30] = a[:30]
+    seen = []
+
+    def local(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+        seen.append(reference.shape[0])
+        return absolute_map(reference, test)
+
+    announce(part=lower("part", local, reach=0), whole=lower("whole", absolute_map))
+    found = metrics.score_maps(a, b, ["part", "whole"])
+    assert np.array_equal(found["part"], found["whole"])
+    assert sum(seen) == 30
+
+
+def test_pictures_that_a_function_writes_into_are_its_own(announce: Announce) -> None:
+    def spoil(reference: np.ndarray, test: np.ndarray) -> float:
+        found = absolute(reference, test)
+        reference[...] = test[...] = 0
+        return found
+
+    a, b = two(np.random.default_rng(3))
+    kept = a.copy(), b.copy()
+    announce(spoil=lower("spoil", spoil), zlast=lower("zlast", absolute))
+    found = metrics.score(a, b)
+    assert found["spoil"] == found["zlast"] > 0
+    assert np.array_equal(a, kept[0])
+    assert np.array_equal(b, kept[1])
+
+
+def raise_lines(reference: np.ndarray, test: np.ndarray) -> float:
+    raise RuntimeError("no such\nweights")
+
+
+def leave(reference: np.ndarray, test: np.ndarray) -> float:
+    raise SystemExit(0)
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (raise_lines, "failed in scoring: RuntimeError: no such weights"),
+        (leave, "failed in scoring: SystemExit: 0"),
+        (lambda a, b: math.nan, "returned NaN"),
+        (lambda a, b: np.full(a.shape[:2], np.nan), "returned NaN"),
+        (lambda a, b: "0.5", "returned a str; it must return a number or an array of shape"),
+        (lambda a, b: None, "returned a NoneType"),
+        (lambda a, b: 1j * np.ones(a.shape[:2]), "returned complex128"),
+        (lambda a, b: np.zeros(a.shape), "returned an array of shape (60, 48, 3), not (60, 48)"),
+        (lambda a, b: 1.5, "returned 1.5, outside its range 0 to 1"),
+        (lambda a, b: -math.inf, "returned -inf, outside its range 0 to 1"),
+    ],
+)
+def test_whatever_a_function_does_wrong_is_one_line(
+    announce: Announce, function: Callable, words: str
+) -> None:
+    announce(bad=lower("bad", function))
+    with pytest.raises(UsageError) as raised:
+        metrics.score(*two(np.random.default_rng(4)))
+    assert str(raised.value).startswith("metric 'bad' ")
+    assert words in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_what_a_function_prints_is_no_result(
+    announce: Announce, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def loud(reference: np.ndarray, test: np.ndarray) -> float:
+        print("scoring")
+        return 0.5
+
+    announce(loud=lower("loud", loud))
+    metrics.score(*two(np.random.default_rng(5)))
+    assert capsys.readouterr() == ("", "scoring\n")
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        (absolute, "is a function; announce an inim.metrics.Metric"),
+        (lower("other", absolute), "calls itself 'other'"),
+    ],
+)
+def test_what_is_announced_must_be_a_metric_of_that_name(
+    announce: Announce, found: object, words: str
+) -> None:
+    announce(mine=found)
+    with pytest.raises(UsageError, match=f"^metric 'mine' {words}"):
+        metrics.all_metrics()
+
+
+def test_own_names_are_taken(announce: Announce) -> None:
+    announce(ssim=lower("ssim", absolute))
+    with pytest.raises(UsageError, match=r"^metric 'ssim' is one of inim's own"):
+        metrics.all_metrics()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"name": "my_score"}, "small letters and digits"),
+        ({"function": 3}, "its function"),
+        ({"tolerance": 0.0}, "its tolerance"),
+        ({"tolerance": math.nan}, "its tolerance"),
+        ({"better": "up"}, "'higher' or 'lower'"),
+        ({"range": (1.0, 0.0)}, "its range"),
+        ({"unit": "1/mm"}, "its unit"),
+    ],
+)
+def test_declaration_that_makes_no_sense_is_refused(wrong: dict, words: str) -> None:
+    with pytest.raises(UsageError, match=f"^metric .*{words}"):
+        Metric(**{"name": "mine", "function": absolute, "tolerance": 0.01, **wrong})
+
+
+def test_eia_has_scores_of_those_metrics_that_say_something_of_it(announce: Announce) -> None:
+    announce(mae=lower("mae", absolute, of_eia=True), other=lower("other", absolute))
+    a, b = two(np.random.default_rng(7))
+    found = metrics.eia_scores(a, b)
+    mae = absolute(srgb_from_linear(a), srgb_from_linear(b))
+    assert found == {"ssim": metrics.ssim(a, b), "psnr_db": metrics.psnr_db(a, b), "mae": mae}
+
+
+def test_keys_carry_the_unit() -> None:
+    angle = lower("hue", absolute, unit="deg", range=(0, 180))
+    names = angle.key, angle.to_ceiling_key, angle.on_relic_key, angle.label
+    assert names == ("hue_deg", "hue_to_ceiling_deg", "hue_on_relic_deg", "HUE")
+    own = [(m.key, m.to_ceiling_key) for m in metrics.all_metrics()]
+    assert own == [
+        ("ssim", "ssim_to_ceiling"),
+        ("psnr_db", "psnr_to_ceiling_db"),
+        ("flip", "flip_to_ceiling"),
+    ]
+    assert metrics.find("psnr_to_ceiling_db") is metrics.find("psnr")
+    assert metrics.find("lpips_to_ceiling") is None
+
+
+def halves(rng: np.random.Generator, image: np.ndarray, noise: float) -> tuple[np.ndarray, ...]:
+    first, second = (
+        (image + rng.normal(0, noise, image.shape)).astype(np.float32) for _ in range(2)
+    )
+    return (first + second) / np.float32(2), first, second
+
+
+def test_score_without_a_map_is_as_sure_as_the_same_with_one(announce: Announce) -> None:
+    announce(plain=lower("plain", absolute), local=lower("local", absolute_map))
+    rng = np.random.default_rng(6)
+    scene = rng.uniform(0.3, 0.6, (160, 192, 3)).astype(np.float32)
+    made = np.clip(scene + rng.normal(0, 0.05, scene.shape), 0, 1).astype(np.float32)
+    ratios = []
+    for _ in range(12):
+        pair = halves(rng, scene, 0.03), halves(rng, made, 0.03)
+        found = view_scores(*pair, ["plain", "local"])
+        assert found["plain"].value == pytest.approx(found["local"].value, rel=1e-6)
+        assert found["plain"].bias == pytest.approx(found["local"].bias, rel=0.5)
+        assert found["plain"].freedom == 8
+        ratios.append((found["plain"].error / found["local"].error) ** 2)
+    # Each is a chi-square of 8 degrees over its mean, whose relative error is 1/2: 0.14 of twelve.
+    assert np.mean(ratios) == pytest.approx(1, abs=0.45)
+
+
+def test_tolerance_is_the_metrics_own(announce: Announce) -> None:
+    def verdict(change: float) -> bool:
+        old, new = (ScoreEstimate(v, 0.0, 8.0, 0.0) for v in (0.5, 0.5 + change))
+        name = "hue_to_ceiling_deg"
+        (found,) = compare_scores({"a/left": {name: old}}, {"a/left": {name: new}})
+        assert (found.unit, found.name) == (
+            "deg",
+            "a/left: Hue angle to ceiling against the baseline",
+        )
+        return found.passed
+
+    announce(hue=Metric("hue", absolute, unit="deg", label="Hue angle", tolerance=0.25))
+    assert verdict(0.24)
+    assert not verdict(0.26)
+    assert not verdict(-0.26)
+
+
+def test_score_whose_metric_is_gone_fails() -> None:
+    known = {"a/left": {"lpips_to_ceiling": ScoreEstimate(0.5, 0.0, 8.0, 0.0)}}
+    (found,) = compare_scores(known, known)
+    assert not found.passed
+    assert found.detail == "its metric is not installed"
+
+
+def test_two_plugins_at_once_leave_stdout_as_it_was(capsys: pytest.CaptureFixture[str]) -> None:
+    """The first to begin is the first to end, as in two threads."""
+    before = sys.stdout
+    first, second = stdout_to_stderr(), stdout_to_stderr()
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    print("second")
+    second.__exit__(None, None, None)
+    assert sys.stdout is before
+    assert capsys.readouterr() == ("", "second\n")

@@ -1,0 +1,99 @@
+"""RunStatistics of a run: written and read back, and whether two can be compared."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from inim.errors import EXIT_BASELINE, BaselineError
+from inim.regression import (
+    BASELINE,
+    RunStatistics,
+    ScoreEstimate,
+    check_comparable,
+    compare,
+    fingerprint,
+    read_statistics,
+    reference_input,
+    tile_statistics,
+    write_statistics,
+)
+from inim.regression.comparison import differing_conditions
+from tests.conftest import small_display
+
+DISPLAY = small_display(12, 10, 8)
+CONDITIONS = {"display": {"pitch_mm": 1.0}, "viewpoints": {"left": [0.0, 0.0, 400.0]}}
+
+
+@pytest.fixture
+def statistics():
+    rng = np.random.default_rng(1)
+    halves = 0.3 + 0.01 * rng.normal(size=(2, 40, 48, 3))
+    rgbd = reference_input(DISPLAY, (50, 60), 0.2)
+    eia = rng.random((*DISPLAY.eia_shape, 3), np.float32)
+    return RunStatistics(
+        conditions=CONDITIONS,
+        circumstances={"seed": 0, "title": 'A "b" 鼎'},
+        pictures={"truth/left": tile_statistics(*halves, (8, 8))},
+        scores={"template/left": {"ssim_to_ceiling": ScoreEstimate(0.9, 0.001, 12.0, -0.01)}},
+        fingerprints={"template": fingerprint(rgbd, eia, DISPLAY, exact=True)},
+        times={"template": tuple(0.01 * n for n in range(31))},
+        reported={"template": {"eia ssim": 0.7, "eia psnr_db": None}},
+    )
+
+
+def test_what_is_written_is_read_back(statistics, tmp_path):
+    kept = statistics.accept("because", "2026-01-01")
+    assert write_statistics(tmp_path, BASELINE, kept) == ["baseline.json", "baseline.npz"]
+    found = read_statistics(tmp_path, BASELINE)
+    assert replace(found, pictures={}, fingerprints={}) == replace(
+        kept, pictures={}, fingerprints={}
+    )
+    for name, array in kept.pictures["truth/left"].arrays().items():
+        np.testing.assert_array_equal(found.pictures["truth/left"].arrays()[name], array)
+    np.testing.assert_array_equal(
+        found.fingerprints["template"].sample, kept.fingerprints["template"].sample
+    )
+
+
+def test_score_that_is_no_number_stays_none(statistics, tmp_path):
+    wrong = {"template/left": {"ssim_to_ceiling": ScoreEstimate(math.nan, 0.1, 1.0, 0.0)}}
+    write_statistics(tmp_path, BASELINE, replace(statistics, scores=wrong))
+    found = read_statistics(tmp_path, BASELINE)
+    assert math.isnan(found.scores["template/left"]["ssim_to_ceiling"].value)
+    assert not all(v.passed for v in compare(statistics, found, "here"))
+
+
+def test_run_compared_with_itself_passes_every_verdict(statistics):
+    verdicts = compare(statistics, statistics, "here")
+    assert {v.kind for v in verdicts} == {"picture", "noise", "score", "pixels", "time"}
+    assert all(v.passed for v in verdicts)
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        ({"display": {"pitch_mm": 1.1}}, "display is"),
+        ({"display": {"pitch_mm": 1.0, "gap_mm": 3.0}}, "display is"),
+        ({"viewpoints": {"right": [0.0, 0.0, 400.0]}}, "viewpoints is"),
+        ({"lens model": "thin"}, 'lens model is "thin", the baseline\'s not there'),
+    ],
+)
+def test_other_conditions_are_named(other, words):
+    [phrase] = differing_conditions(CONDITIONS, CONDITIONS | other)
+    assert words in phrase
+
+
+def test_last_bits_of_a_length_are_no_other_condition():
+    near = {"viewpoints": {"left": [0.0, 1e-12, 400.0 * (1 + 1e-15)]}}
+    assert differing_conditions(CONDITIONS, CONDITIONS | near) == []
+
+
+def test_nothing_to_compare_is_an_error_and_no_pass(statistics):
+    for empty in (replace(statistics, pictures={}), replace(statistics, scores={})):
+        with pytest.raises(BaselineError) as caught:
+            check_comparable(empty, CONDITIONS, "here")
+        assert caught.value.exit_code == EXIT_BASELINE
