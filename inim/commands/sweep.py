@@ -1,4 +1,4 @@
-"""The command line of a sweep."""
+"""`inim sweep`: a whole study validated, into one table."""
 
 from __future__ import annotations
 
@@ -48,11 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry out `inim sweep`; the exit code."""
     from inim.report.sweep.page import PAGE
-    from inim.sweep.run import SweepRequest, default_out, plan_sweep, run_sweep
+    from inim.sweep.run import SweepRequest, plan_sweep, run_sweep
+    from inim.worker.output import default_out
 
     request = SweepRequest(
         args.study,
-        args.out or default_out(args.study),
+        args.out or default_out(args.study, "sweep"),
         args.scheduler,
         args.workers,
         args.threads,

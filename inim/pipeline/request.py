@@ -5,15 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["SHORTHANDS", "Request", "default_out"]
+__all__ = ["SHORTHANDS", "Request"]
 
 #: Settings that a request can also name directly.
 SHORTHANDS = ("display", "algorithms", "viewpoints", "lens_model", "misalign")
-
-
-def default_out(scene: Path) -> Path:
-    """Where a report goes when nobody says: beside where the command is typed."""
-    return Path(f"{scene.stem}-report")
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from inim.pipeline.request import Request, default_out
+from inim.pipeline.request import Request
 from inim.report import Report
-from inim.worker.output import open_staging
+from inim.worker.output import default_out, open_staging
 from inim.worker.supervisor import run_in_worker
 
 __all__ = ["validate", "validate_in_worker"]
@@ -108,7 +108,7 @@ def validate(
     scene = Path(scene)
     request = Request(
         scene=scene,
-        out=default_out(scene) if out is None else Path(out),
+        out=default_out(scene, "report") if out is None else Path(out),
         definitions=tuple(f"{k}={v}" for k, v in (definitions or {}).items()),
         display=display,
         algorithms=algorithms,
