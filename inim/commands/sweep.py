@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("inim: interrupted; results are kept: run it again to go on", file=sys.stderr)
         return _INTERRUPTED
-    if args.quiet:  # else each was told when it happened
+    if args.quiet:  # else each was printed when it happened
         for label, error in outcome.failed.items():
             print(f"inim: failed: {label}: {error}", file=sys.stderr)
     else:

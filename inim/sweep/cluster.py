@@ -165,7 +165,7 @@ def check_answers(scheduler: str) -> None:
 def _client(scheduler: str) -> Iterator[Any]:
     from distributed import Client
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # every error is told by us
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # our own lines name every error
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of versions that differ; ours are in every key
         try:
