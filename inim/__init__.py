@@ -29,7 +29,7 @@ _HOME = {
     "Viewpoint": "inim.display",
     "generate": "inim.generators",
     "reconstruct": "inim.render.reconstruct",
-    "validate": "inim.pipeline.request",
+    "validate": "inim.pipeline.validation",
 }
 
 __all__ = [*_HOME, "__version__"]
