@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from inim.pipeline.request import Request
-from inim.report import Report
 from inim.worker.output import default_out, open_staging
 from inim.worker.supervisor import run_in_worker
+
+if TYPE_CHECKING:
+    from inim.report import Report
 
 __all__ = ["validate", "validate_in_worker"]
 
@@ -123,4 +125,6 @@ def validate(
         no_skip=no_skip,
     )
     validate_in_worker(request)
+    from inim.report import Report
+
     return Report.load(request.out)
