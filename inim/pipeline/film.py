@@ -15,8 +15,10 @@ from inim.display.eye_path import eye_path
 from inim.display.misalignment import mounted
 from inim.errors import FileError, UsageError
 from inim.files.film import check_film, write_film
-from inim.lens import check_lens_model, white_exposure
+from inim.lens import check_lens_model
 from inim.observer import Observer
+from inim.pipeline.reconstruct import Optics, ShownEIA
+from inim.pipeline.scene import Renderer
 from inim.worker.supervisor import run_in_worker
 
 __all__ = ["FilmRequest", "make_film", "work"]
@@ -145,9 +147,6 @@ def _panels(request: FilmRequest, display: Display) -> list[np.ndarray]:
 def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     """The worker's side: look from every place, write the film, put it where it belongs."""
     observer.stage("start")
-    from inim.render import variant
-
-    variant.use("auto")
     observer.stage("film")
     out = Path(request.out)
     film = staging / f"film{out.suffix.lower()}"
@@ -161,29 +160,15 @@ def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
 
 def _frames(request: FilmRequest, observer: Observer) -> list[np.ndarray]:
     """Every frame, panels side by side, (rows, columns, 3) uint8 sRGB."""
-    from inim.render.reconstruct import DisplayScene
-
     display, design = _display(request)
     eyes = eye_path(request.path, design, request.frames)
-    scenes = [DisplayScene(eia, display, request.lens_model) for eia in _panels(request, display)]
-    exposure = white_exposure(display, request.lens_model)
+    renderer = Renderer("auto", observer)
+    # A frame is one half of a view.
+    optics = Optics(display, request.lens_model, request.pixels_per_lens, 2 * request.spp, seed=0)
+    shown = [ShownEIA(eia, None, optics, renderer) for eia in _panels(request, display)]
     pixels = display.lens_rows * display.lens_columns * request.pixels_per_lens**2
-    observer.begin(pixels * request.spp * len(eyes) * len(scenes))
-    frames = []
-    for eye in eyes:
-        views = [
-            exposure
-            * scene.view(
-                eye,
-                pixels_per_lens=request.pixels_per_lens,
-                spp=request.spp,
-                seed=0,
-                observer=observer,
-            )
-            for scene in scenes
-        ]
-        frames.append(_frame(views))
-    return frames
+    observer.begin(pixels * request.spp * len(eyes) * len(shown))
+    return [_frame([one.view(eye, half=0) for one in shown]) for eye in eyes]
 
 
 def _frame(views: Sequence[np.ndarray]) -> np.ndarray:

@@ -6,7 +6,6 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from datetime import datetime, timezone
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +17,17 @@ from inim.errors import FileError
 from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.from_camera.picture import CameraPicture
-from inim.generators import SourceGenerator, check_algorithm, generate, prepare
+from inim.generators import SourceGenerator, check_algorithm, generate
 from inim.lens import check_lens_model
 from inim.observer import Observer
-from inim.pipeline.checks import BLACK
+from inim.pipeline.checks import BLACK, check, finite
+from inim.pipeline.generate import GeneratorHandle, hole_fraction
 from inim.pipeline.method import parse_methods
 from inim.pipeline.picture_oracle import ExactHits, exact_hits, why_no_oracle
-from inim.pipeline.plugin_guard import blamed, run_generator
+from inim.pipeline.plugin_guard import blamed
+from inim.pipeline.reconstruct import Optics, reconstruct_views
+from inim.pipeline.scene import Renderer
+from inim.pipeline.stage import Run
 from inim.pipeline.warp import warped
 from inim.provenance import backend_data, versions
 from inim.report.without_scene import SCHEMA, write_picture_report
@@ -43,8 +46,6 @@ __all__ = ["EXACT", "PictureRequest", "run_picture", "work"]
 #: Its EIA shows just what the picture says: all that can be asked for without a ground truth.
 EXACT = "template:samples=4"
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
-# Algorithms that show the exact first hits by definition.
-_EXACT_KINDS = ("template", "layered")
 _NOT_SCORED = (
     "Views against the scene, on the relic, to the ceiling: there is no scene, only its picture.",
     "The EIA against ground truth, and its noise floor: nobody knows what the camera did not see.",
@@ -149,7 +150,7 @@ def _chosen(request: PictureRequest) -> tuple[Display, Settings]:
 
 
 def _algorithms(text: str) -> list[str]:
-    names = [contender.name for contender in parse_methods(text, ())]
+    names = [method.name for method in parse_methods(text, ())]
     for name in names:
         check_algorithm(name)
     return names
@@ -181,16 +182,14 @@ def work(
     """The worker's side: make, look, score, write, publish."""
     request, warnings = requested
     observer.stage("start")
-    from inim.render import variant
-
-    backend = variant.use(request.backend)
+    renderer = Renderer(request.backend, observer)
     display, settings = _chosen(request)
     rgbd = read_rgbd(staging / "rgbd.exr")
-    scored = _scored(staging, rgbd, display, settings, observer)
+    scored = _scored(staging, rgbd, display, settings, renderer)
     observer.stage("write")
     write_png(staging / "picture.png", rgbd.color)
     data = _record(request, display, settings, rgbd)
-    data |= {"warnings": [*warnings], "backend": backend_data(backend)} | scored
+    data |= {"warnings": [*warnings], "backend": backend_data(renderer.backend)} | scored
     write_picture_report(data, staging)
     publish(staging, request.folder)
     return bool(data["verdict"]["passed"])
@@ -223,53 +222,50 @@ def _record(
 
 
 def _scored(
-    folder: Path, rgbd: RGBD, display: Display, settings: Settings, observer: Observer
+    folder: Path,
+    rgbd: RGBD,
+    display: Display,
+    settings: Settings,
+    renderer: Renderer,
 ) -> dict[str, Any]:
     """Scores, checks and pictures; `not_scored` says what is missing and why."""
-    from inim.render.reconstruct import exposed_views
+    s, viewpoints, run = settings, _viewpoints(display, settings), Run(observer=renderer.observer)
+    optics = Optics(display, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed)
 
-    viewpoints = _viewpoints(display, settings)
-    views_of = partial(
-        exposed_views,
-        display=display,
-        viewpoints=viewpoints,
-        lens_model=settings.lens_model,
-        pixels_per_lens=settings.view_pixels_per_lens,
-        spp=settings.reconstruction_spp,
-        seed=settings.seed,
-    )
-    observer.stage("exact oracle")
+    def views_of(name: str, eia: np.ndarray) -> dict[str, np.ndarray]:
+        seen = reconstruct_views(name, eia, None, viewpoints, optics, renderer, run=run)
+        for viewpoint, view in seen.items():
+            write_png(folder / "views" / name / f"{viewpoint}.png", view.image)
+        return {viewpoint: view.image for viewpoint, view in seen.items()}
+
+    run.observer.stage("exact oracle")
     why = why_no_oracle(rgbd, display)
     exact = exact_hits(rgbd, display) if why is None else None
-    observer.stage("views")
+    run.observer.stage("views")
     front = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-    direct = {v.name: warped(front, display, v, settings.view_pixels_per_lens) for v in viewpoints}
-    best = views_of(generate(front, display, EXACT))
-    for viewpoint, view in zip(viewpoints, best, strict=True):
-        write_png(folder / "views" / "picture" / f"{viewpoint.name}.png", direct[viewpoint.name][0])
-        write_png(folder / "views" / "exact" / f"{viewpoint.name}.png", view)
-    algorithms = {}
-    for name in _algorithms(settings.algorithms):
-        observer.stage(name)
-        made = _made(name, rgbd, display, exact, folder)
-        seen = views_of(made.pop("eia"))
-        made["views"] = {}
-        for viewpoint, view, reference in zip(viewpoints, seen, best, strict=True):
-            write_png(folder / "views" / name / f"{viewpoint.name}.png", view)
-            made["views"][viewpoint.name] = {
-                "to_picture": metrics.score(direct[viewpoint.name][0], view),
-                "to_exact": metrics.score(reference, view),
+    direct = {v.name: warped(front, display, v, s.view_pixels_per_lens) for v in viewpoints}
+    for viewpoint, (picture, _) in direct.items():
+        write_png(folder / "views" / "picture" / f"{viewpoint}.png", picture)
+    best = views_of("exact", generate(front, display, EXACT))
+    algorithms, checks = {}, []
+    for name in _algorithms(s.algorithms):
+        run.observer.stage(name)
+        generator = GeneratorHandle(name, display, rgbd.shape, rgbd.pixel_mm)
+        eia, made = _made(generator, rgbd, exact, folder)
+        made["views"] = {
+            viewpoint: {
+                "to_picture": metrics.score(direct[viewpoint][0], view),
+                "to_exact": metrics.score(best[viewpoint], view),
             }
+            for viewpoint, view in views_of(name, eia).items()
+        }
         algorithms[name] = made
-        observer.line(_line(name, made))
-    checks = _checks(algorithms)
+        checks += _checks(generator, made)
+        run.observer.line(_line(name, made))
     return {
         "viewpoints": [{"name": v.name, "position_mm": list(v.position_mm)} for v in viewpoints],
         "oracle_pixels": 0 if exact is None else len(exact.sources),
-        "exact": {
-            v.name: metrics.score(direct[v.name][0], view)
-            for v, view in zip(viewpoints, best, strict=True)
-        },
+        "exact": {name: metrics.score(direct[name][0], view) for name, view in best.items()},
         "met_fraction": {name: float(met.mean()) for name, (_, met) in direct.items()},
         "algorithms": algorithms,
         "not_scored": [*_NOT_SCORED, *([] if why is None else [f"Wrong sources: {why}."])],
@@ -278,45 +274,37 @@ def _scored(
 
 
 def _made(
-    name: str, rgbd: RGBD, display: Display, exact: ExactHits | None, folder: Path
-) -> dict[str, Any]:
-    """An algorithm's EIA, written, and what can be said of it by itself."""
-    with blamed(name, "prepare"):
-        generator = prepare(display, name, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
-    eia, seconds, empty = run_generator(name, generator, rgbd, display)
+    generator: GeneratorHandle, rgbd: RGBD, exact: ExactHits | None, folder: Path
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """A generator's EIA, finite and written, and what can be said of it by itself."""
+    display, algorithm = generator.display, generator.algorithm
+    eia, seconds, empty = generator.run(rgbd)
     wrong = None
-    if exact is not None and isinstance(generator, SourceGenerator):
-        with blamed(name, "sources"):
-            wrong = exact.wrong_share(generator.sources(rgbd))
-    lensed = display.lensed
-    finite = np.isfinite(eia).all(axis=-1)
-    eia = np.where(finite[..., None], eia, np.float32(0))
-    write_eia(folder / "eia" / f"{name}.png", eia, empty, display.pixel_pitch_mm)
-    return {
-        "eia": eia,
-        "seconds": seconds,
+    if exact is not None and isinstance(generator.generator, SourceGenerator):
+        with blamed(algorithm, "sources"):
+            wrong = exact.wrong_share(generator.generator.sources(rgbd))
+    bad = float((~np.isfinite(eia).all(axis=-1)).mean())
+    (eia,), _ = finite(algorithm, eia)
+    write_eia(folder / "eia" / f"{algorithm}.png", eia, empty, display.pixel_pitch_mm)
+    return eia, {
+        "seconds": generator.seconds + seconds,
         "wrong_source": wrong,
-        "hole_fraction": None if empty is None else float(empty[lensed].mean()),
-        "not_finite": float((~finite).mean()),
+        "hole_fraction": hole_fraction(empty, display, None),
+        "not_finite": bad,
         "brightest": float(eia.max()),
     }
 
 
-def _checks(algorithms: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """What must hold of any EIA, and of those that are exact by definition."""
-    checks = []
-    for name, made in algorithms.items():
-        rows = [
-            ("brightest value", made["brightest"], ">=", BLACK, "not black"),
-            ("values not finite", made["not_finite"], "<=", 0.0, "all are numbers"),
-        ]
-        if name.partition(":")[0] in _EXACT_KINDS and made["wrong_source"] is not None:
-            detail = "the exact first hits, by its definition"
-            rows.append(("wrong sources", made["wrong_source"], "<=", 0.0, detail))
-        for what, value, relation, limit, detail in rows:
-            passed = value >= limit if relation == ">=" else value <= limit
-            check = {"value": value, "relation": relation, "limit": limit, "detail": detail}
-            checks.append({"name": f"{name}: {what}", **check, "passed": passed})
+def _checks(generator: GeneratorHandle, made: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What must hold of any EIA, and of one that is exact by definition."""
+    name = generator.algorithm
+    checks = [
+        check(f"{name}: brightest value", made["brightest"], ">=", BLACK, "not black"),
+        check(f"{name}: values not finite", made["not_finite"], "<=", 0.0, "all are numbers"),
+    ]
+    if generator.properties.exact and made["wrong_source"] is not None:
+        detail = "the exact first hits, by its definition"
+        checks.append(check(f"{name}: wrong sources", made["wrong_source"], "<=", 0.0, detail))
     return checks
 
 

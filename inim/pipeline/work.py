@@ -65,7 +65,7 @@ def setup(
     """What a plan's stages run with."""
     request = plan.request
     cache = ResultCache(store, str(request.scene.resolve()))
-    renderer = Renderer(request.backend, plan.rays_in_flight, observer, not request.no_skip)
+    renderer = Renderer(request.backend, observer, plan.rays_in_flight, not request.no_skip)
     attributes = {"inim:scene_sha256": plan.file.sha256, "inim:seed": str(plan.settings.seed)}
     return Run(cache, observer), renderer, Images(folder, attributes, observer)
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import inim
 from inim.errors import InimError, UsageError
-from inim.generators import GENERATORS, PICKUP, parse_algorithm
+from inim.generators import PICKUP, is_own, parse_algorithm
 from inim.metrics import foreign_identities
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
@@ -174,7 +174,7 @@ def making_of(plan: Plan, algorithm: str) -> dict[str, Any]:
     """
     found: dict[str, Any] = {"min_ssim_to_ceiling": plan.ssim_limits.get(algorithm)}
     name = parse_algorithm(algorithm)[0]
-    if name in GENERATORS or name == PICKUP:
+    if is_own(name) or name == PICKUP:
         return found
     return found | identity("inim.generators", name)
 
