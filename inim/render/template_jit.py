@@ -1,19 +1,13 @@
 """First hits by Dr.Jit: the engine of `inim.generators.template_jit`.
 
-For GPUs, and, through LLVM, for checking on any machine. The definition and its two ways are those
-of `template`; what differs is who does the work:
-
-* Where one list of cells per direction serves all lenses, a lane is one lens seen in one direction,
-  *view-major*: neighbouring lanes are neighbouring lenses of the same direction. They read the same
-  list entry, and depths that lie side by side, because the picture is laid out by *phases*, as in
-  `inim.generators.raycast.polyphase`: a GPU fetches them for a whole warp at once.
-* Anywhere else a lane is one panel pixel and walks its own ray. Its arithmetic is that of
-  `raycast.traversal`: double precision, whole numbers, and one rounding per quotient.
+A lane is one panel pixel and walks its own ray. The arithmetic is that of `raycast.traversal`:
+double precision, whole numbers, and one rounding per quotient. Lists of cells shared by all lenses,
+as `template` has them, took longer here: 20 ms of processor time through LLVM, and this walk 15
+(1088 x 1088 pixels, two picture pixels per pitch).
 """
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,12 +19,6 @@ from inim.display import Display
 from inim.display.pixel_axis import PixelAxis
 from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.raycast.cells import CellRays, cell_rays
-from inim.generators.raycast.direction_lists import (
-    DirectionLists,
-    build_lists,
-    cells_per_pitch,
-    shares_directions,
-)
 from inim.generators.raycast.traversal import entered, leaves
 from inim.generators.sources import HOLE, Sources
 from inim.render import variant
@@ -46,143 +34,7 @@ def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGen
     """See `inim.generators.template_jit.prepare`, which checks the display."""
     if not (mi.variant() or "").startswith(("cuda", "llvm")):
         variant.use()
-    if shares_directions(display) and cells_per_pitch(display, pixel_mm):
-        return _Shared(display, shape, pixel_mm)
-    return _RayByRay(display, shape, pixel_mm)
-
-
-class _Compiled(SourceGenerator):
-    """What both forms share: pictures go to the device, panel words come back."""
-
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`."""
-        # A copy: the device's memory stays its own.
-        found = np.array(self._show(rgbd, None).numpy().view(np.int32))
-        return found.reshape(self.display.eia_shape)
-
-    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """See `Generator.generate`; RGBA goes to the panel without a source map between."""
-        if rgbd.color.dtype != np.uint8:
-            return super().generate(rgbd, out)
-        self.check(rgbd)
-        out = self.place(rgbd, out)
-        words = mi.UInt32(rgbd.color.view(np.uint32).reshape(-1))
-        out.view(np.uint32)[..., 0] = self._show(rgbd, words).numpy().reshape(out.shape[:2])
-        return out
-
-    @abstractmethod
-    def _show(self, rgbd: RGBD, words: Any) -> Any:
-        """Of the picture's `words`, (H * W,) UInt32, the one that each panel pixel shows, or 0.
-
-        Without words its source, or `_NOWHERE`: (rows * columns,) UInt32 on the device, either way.
-        """
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """A picture by phases: the cells of one row at the same place of every pitch side by side.
-
-    Attributes
-    ----------
-    per_pitch : int
-        Picture cells per lens pitch, and phases per row.
-    origin : (row, column) of int
-        Picture cell that comes first; negative where lists reach beyond the picture.
-    down, across : int
-        Rows, and slots per phase: all that any list can reach, so no lane has to look.
-    """
-
-    per_pitch: int
-    origin: tuple[int, int]
-    down: int
-    across: int
-
-    @classmethod
-    def of(cls, lists: DirectionLists, display: Display) -> _Layout:
-        """Room for the lists of all lenses."""
-        k = lists.per_pitch
-        first = (int(lists.row.min()), int(lists.column.min()))
-        reach = (int(lists.row.max()) - first[0], int(lists.column.max()) - first[1])
-        down = reach[0] + 1 + k * (display.lens_rows - 1)
-        return cls(k, first, down, reach[1] // k + display.lens_columns)
-
-    @property
-    def lens_row(self) -> int:
-        """From one row of lenses to the next; from one lens to its neighbour it is 1."""
-        return self.per_pitch * self.per_pitch * self.across
-
-    def place(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-        """Where a list's cells lie for the first lens."""
-        slot, phase = np.divmod(column - self.origin[1], self.per_pitch)
-        return ((row - self.origin[0]) * self.per_pitch + phase) * self.across + slot
-
-    def fill(self, rgbd: RGBD, words: Any) -> tuple[Any, Any]:
-        """Depths, -inf where nothing is covered, and words or cell numbers; small launches."""
-        lane = dr.arange(mi.UInt32, self.down * self.per_pitch * self.across)
-        slot, line = lane % self.across, lane // self.across
-        row = mi.Int32(line // self.per_pitch) + self.origin[0]
-        column = mi.Int32(slot * self.per_pitch + line % self.per_pitch) + self.origin[1]
-        (rows, columns), depth = rgbd.shape, _covered_depth(rgbd)
-        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-        cell = mi.UInt32(row * columns + column)
-        laid = dr.select(inside, dr.gather(mi.Float32, depth, cell, inside), -dr.inf)
-        payload = cell if words is None else dr.gather(mi.UInt32, words, cell, inside)
-        dr.eval(laid, payload)
-        return laid, payload
-
-
-class _Shared(_Compiled):
-    """One template per direction for all lenses."""
-
-    def __init__(self, display: Display, shape: PictureShape, pixel_mm: float) -> None:
-        super().__init__(display, shape, pixel_mm)
-        lists = build_lists(display, shape, pixel_mm)
-        self._layout = _Layout.of(lists, display)
-        self._pixels = lists.pixels
-        self._first = mi.UInt32(lists.first.astype(np.uint32))
-        # An entry's place and exit depth are read together, by one load of eight bytes.
-        place = self._layout.place(lists.row, lists.column).astype(np.uint32)
-        entries = np.stack([place, lists.exit_mm.view(np.uint32)], axis=-1)
-        self._entries = mi.UInt32(entries.reshape(-1))
-
-    def _show(self, rgbd: RGBD, words: Any) -> Any:
-        depth, payload = self._layout.fill(rgbd, words)
-        v, u, m, n = self._lanes()
-        found = self._first_hit(depth, v * self._pixels + u, m * self._layout.lens_row + n)
-        word = dr.gather(mi.UInt32, payload, found, found != _NOWHERE)
-        if words is None:
-            word = dr.select(found != _NOWHERE, word, _NOWHERE)
-        shown = dr.empty(mi.UInt32, dr.width(word))
-        at = ((m * self._pixels + v) * self.display.lens_columns + n) * self._pixels + u
-        dr.scatter(shown, word, at, mode=dr.ReduceMode.Permute)
-        return shown
-
-    def _lanes(self) -> tuple[Any, Any, Any, Any]:
-        """Direction (v, u) and lens (m, n) of each lane: panel rows, in each views, in each lenses.
-
-        Neighbouring lanes write words an elemental image apart. Row by row, the words between
-        follow soon and meet them in the cache; were a view's lanes ordered over all lens rows,
-        those words would come much later, or a second launch have to transpose.
-        """
-        lane = dr.arange(mi.UInt32, self.display.eia_shape[0] * self.display.eia_shape[1])
-        # Literals, not run-time values: dividing by a known number needs no division.
-        line, n = lane // self.display.lens_columns, lane % self.display.lens_columns
-        row, u = line // self._pixels, line % self._pixels
-        return row % self._pixels, u, row // self._pixels, n
-
-    def _first_hit(self, depth: Any, direction: Any, base: Any) -> Any:
-        """Place of the first cell on each lane's list that reaches its ray, or `_NOWHERE`."""
-        last = dr.gather(mi.UInt32, self._first, direction + 1)
-
-        def step(entry: Any, found: Any) -> tuple[Any, Any]:
-            offset, exit_bits = dr.gather(mi.Vector2u, self._entries, entry)
-            place, exit_mm = base + offset, dr.reinterpret_array(mi.Float32, exit_bits)
-            hit = dr.gather(mi.Float32, depth, place) >= exit_mm
-            return dr.select(hit, last, entry + 1), dr.select(hit, place, found)
-
-        begin = dr.gather(mi.UInt32, self._first, direction)
-        state = (begin, mi.UInt32(_NOWHERE))
-        return dr.while_loop(state, lambda entry, _: entry < last, step, mode="symbolic")[1]
+    return _TemplateJit(display, shape, pixel_mm)
 
 
 @dataclass(frozen=True)
@@ -237,8 +89,8 @@ class _Axis:
         return dr.select(crossing, onward, cell), dr.select(crossing, leaving, left)
 
 
-class _RayByRay(_Compiled):
-    """Every ray by itself."""
+class _TemplateJit(SourceGenerator):
+    """Pictures go to the device, where every ray is walked, and panel words come back."""
 
     def __init__(self, display: Display, shape: PictureShape, pixel_mm: float) -> None:
         super().__init__(display, shape, pixel_mm)
@@ -247,7 +99,27 @@ class _RayByRay(_Compiled):
         self._columns = _Axis.of(columns, display.columns, shape[1], z_max)
         self._rows = _Axis.of(rows, display.rows, shape[0], z_max)
 
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        # A copy: the device's memory stays its own.
+        found = np.array(self._show(rgbd, None).numpy().view(np.int32))
+        return found.reshape(self.display.eia_shape)
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`; RGBA goes to the panel without a source map between."""
+        if rgbd.color.dtype != np.uint8:
+            return super().generate(rgbd, out)
+        self.check(rgbd)
+        out = self.place(rgbd, out)
+        words = mi.UInt32(rgbd.color.view(np.uint32).reshape(-1))
+        out.view(np.uint32)[..., 0] = self._show(rgbd, words).numpy().reshape(out.shape[:2])
+        return out
+
     def _show(self, rgbd: RGBD, words: Any) -> Any:
+        """Of the picture's `words`, (H * W,) UInt32, the one that each panel pixel shows, or 0.
+
+        Without words its source, or `_NOWHERE`: (rows * columns,) UInt32 on the device, either way.
+        """
         depth = _covered_depth(rgbd)
         dr.eval(depth)
         rows, columns = self.display.eia_shape

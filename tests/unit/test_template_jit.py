@@ -1,4 +1,4 @@
-"""`template_jit` against `template`: the same bits in all forms, on whatever Dr.Jit runs on."""
+"""`template_jit` against `template`: the same bits, on whatever Dr.Jit runs on."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def assert_same(display: Display, rgbd: RGBD) -> np.ndarray:
         (5, (97, 2), 8, {}),
     ],
 )
-def test_shared_lists_show_the_same_bits(per_pitch, lenses, pixels, mode, rgba):
+def test_displays_that_share_directions_show_the_same_bits(per_pitch, lenses, pixels, mode, rgba):
     display = small_display(*lenses, pixels=pixels, **mode)
     assert (assert_same(display, picture(display, per_pitch, rgba=rgba)) >= 0).any()
 
@@ -65,12 +65,12 @@ def test_shared_lists_show_the_same_bits(per_pitch, lenses, pixels, mode, rgba):
     ],
     ids=["converging", "virtual", "wide panel", "phone"],
 )
-def test_rays_by_themselves_show_the_same_bits(display):
+def test_displays_that_share_none_show_the_same_bits(display):
     for rgba in (False, True):
         assert (assert_same(display, picture(display, 2, rgba=rgba)) >= 0).any()
 
 
-@pytest.mark.parametrize("changes", [{}, CONVERGING], ids=["shared", "by themselves"])
+@pytest.mark.parametrize("changes", [{}, CONVERGING], ids=["shared directions", "none shared"])
 def test_depths_at_which_rays_leave_cells_are_reached_to_the_last_bit(changes):
     """Exits themselves, as float32, and the floats next to them: ties, and the least misses."""
     display = small_display(15, 9, **changes)
@@ -104,7 +104,7 @@ def test_a_fractional_number_of_picture_pixels_per_pitch_shows_the_same_bits():
     assert_same(display, RGBD(whole.color, whole.depth_mm, whole.covered, 0.3))
 
 
-@pytest.mark.parametrize("changes", [{}, CONVERGING], ids=["shared", "by themselves"])
+@pytest.mark.parametrize("changes", [{}, CONVERGING], ids=["shared directions", "none shared"])
 def test_a_picture_smaller_than_the_array_shows_the_same_bits_and_holes_beyond_it(changes):
     display = small_display(60, 9, **STRADDLING, **changes)
     whole = picture(display, 2, rgba=True)
@@ -121,7 +121,7 @@ def test_sources_are_those_of_the_exact_oracle():
         assert np.array_equal(found, oracle.exact_sources(rgbd, display))
 
 
-@pytest.mark.parametrize("changes", [{}, CONVERGING], ids=["shared", "by themselves"])
+@pytest.mark.parametrize("changes", [{}, CONVERGING], ids=["shared directions", "none shared"])
 def test_a_prepared_generator_forgets_the_picture_before(changes):
     display = small_display(**changes)
     one, other = (picture(display, 4, rgba=True, seed=s) for s in (1, 2))

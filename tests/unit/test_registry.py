@@ -1,0 +1,90 @@
+"""What is known of an algorithm stands in its own file, and costs nothing to ask."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+from types import SimpleNamespace
+
+import pytest
+
+from inim.errors import UsageError
+from inim.generators import algorithm, algorithm_names, is_own, properties, registry
+
+OWN = ["template", "gu2020", "layered", "li2012", "template_jit", "wang2024"]
+
+
+def prepare_plain(display, shape, pixel_mm, *, brightness=1.0):
+    """Without properties."""
+
+
+@algorithm(exact=True, color="#123456", interpreted_with={"slow": "yes"})
+def prepare_stated(display, shape, pixel_mm, *, mask=None, slow="no"):
+    """With properties."""
+
+
+@pytest.fixture
+def announced(monkeypatch):
+    """Two algorithms of another package."""
+    points = [
+        EntryPoint(name, f"{__name__}:prepare_{name}", registry._ENTRY_POINTS)
+        for name in ("plain", "stated")
+    ]
+
+    def entry_points(*, group, name=None):
+        assert group == registry._ENTRY_POINTS
+        return [p for p in points if name in (None, p.name)]
+
+    monkeypatch.setattr(registry, "metadata", SimpleNamespace(entry_points=entry_points))
+
+
+def test_an_algorithm_of_our_own_is_found_by_its_file():
+    assert [n for n in algorithm_names() if is_own(n)] == OWN
+    assert not is_own("base") and not is_own("raycast")
+
+
+def test_properties_of_our_own_load_no_compiler_and_no_renderer():
+    code = (
+        "import sys; from inim.generators import algorithm_names, check_algorithm, is_own, "
+        "properties\n"
+        "for n in filter(is_own, algorithm_names()): properties(n); check_algorithm(n)\n"
+        "print([m for m in ('numba', 'mitsuba', 'scipy', 'skimage') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_what_our_own_state():
+    assert {n for n in OWN if properties(n).exact} == {"template", "layered"}
+    assert {n for n in OWN if properties(n).portable} == {"template"}
+    assert {n for n in OWN if properties(n).reads_layers} == {"layered"}
+    assert {n for n in OWN if properties(n).takes_mask} == {
+        "template", "layered", "gu2020", "wang2024",
+    }  # fmt: skip
+    colors = [properties(n).color for n in OWN if n != "template_jit"]
+    assert None not in colors and len(set(colors)) == len(colors)
+
+
+def test_options_say_whether_it_is_plain_python():
+    assert properties("gu2020:implementation=python:step_mm=1").interpreted
+    assert not properties("gu2020:implementation=compiled").interpreted
+    assert not properties("gu2020").interpreted and not properties("template:samples=4").interpreted
+
+
+@pytest.mark.usefixtures("announced")
+def test_another_package_states_its_properties_or_does_not():
+    assert algorithm_names() == [*OWN, "plain", "stated"]
+    plain, stated = properties("plain:brightness=2"), properties("stated:slow=yes")
+    assert not (plain.own or plain.exact or plain.reads_layers or plain.takes_mask)
+    assert plain.color is None and not plain.interpreted
+    assert stated.exact and stated.color == "#123456" and stated.takes_mask and stated.interpreted
+    assert not stated.own and not properties("stated").interpreted
+    assert registry.algorithm_summary("stated") == ("stated:slow=no", "With properties.")
+
+
+def test_properties_of_an_unknown_algorithm_are_refused():
+    with pytest.raises(UsageError, match="use template or gu2020 or"):
+        properties("nobody's")
