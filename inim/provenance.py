@@ -1,4 +1,4 @@
-"""What made a result: versions and backend, as reports tell them."""
+"""What made a result: versions and backend, as reports have them."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def install_llvm(
     prefix : Path, optional
         Unpack a private copy into this folder, even as root.
     report : callable
-        Told in a line each what is done.
+        Called with a line for each step.
     run : callable
         Runs a command; the tests give their own.
 

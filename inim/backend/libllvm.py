@@ -36,7 +36,7 @@ def is_libllvm(name: str) -> bool:
 
 
 def llvm_version(library: Path) -> tuple[int, ...] | None:
-    """The version told by a libLLVM's name or, failing that, its folder; else None."""
+    """The version in a libLLVM's name or, failing that, its folder; else None."""
     match = re.fullmatch(_LIBRARY, library.name)
     # "libLLVM.so.1" is an alias without the version: no usable LLVM is older than 3.
     for text in match.groups() if match else ():

@@ -1,4 +1,4 @@
-"""The command line of the bench."""
+"""`inim bench`: the algorithms timed against their error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line of the film."""
+"""`inim film`: a report's display, filmed with an eye that moves."""
 
 from __future__ import annotations
 

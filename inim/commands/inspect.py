@@ -1,4 +1,4 @@
-"""The command line of the inspection: `inim inspect`."""
+"""`inim inspect`: what a display can do, before anything is rendered."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ def new_scene(
     force : bool
         Replace existing files; numbered parts that only the replaced scene needs are removed.
     warn : callable
-        Told in a line each which pictures the mesh names and the scene goes without.
+        Called with a line for each picture that the mesh names and the scene goes without.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-# --- What was asked for -------------------------------------------------------------------------
+# --- Arguments ----------------------------------------------------------------------------------
 
 
 def _check_choices(

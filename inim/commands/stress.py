@@ -1,4 +1,4 @@
-"""The command line of the stress run."""
+"""`inim stress`: where the numbers stop being trustworthy."""
 
 from __future__ import annotations
 

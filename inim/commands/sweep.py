@@ -1,4 +1,4 @@
-"""The command line of a sweep."""
+"""`inim sweep`: a whole study validated, into one table."""
 
 from __future__ import annotations
 
@@ -48,11 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry out `inim sweep`; the exit code."""
     from inim.report.sweep.page import PAGE
-    from inim.sweep.run import SweepRequest, default_out, plan_sweep, run_sweep
+    from inim.sweep.run import SweepRequest, plan_sweep, run_sweep
+    from inim.worker.output import default_out
 
     request = SweepRequest(
         args.study,
-        args.out or default_out(args.study),
+        args.out or default_out(args.study, "sweep"),
         args.scheduler,
         args.workers,
         args.threads,
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("inim: interrupted; results are kept: run it again to go on", file=sys.stderr)
         return _INTERRUPTED
-    if args.quiet:  # else each was told when it happened
+    if args.quiet:  # else each was printed when it happened
         for label, error in outcome.failed.items():
             print(f"inim: failed: {label}: {error}", file=sys.stderr)
     else:

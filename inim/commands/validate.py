@@ -114,10 +114,12 @@ def _check_words(args: argparse.Namespace) -> None:
 
 
 def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
-    from inim.pipeline.request import Request, default_out, validate_in_worker
+    from inim.pipeline.request import Request
+    from inim.pipeline.validation import validate_in_worker
+    from inim.worker.output import default_out
 
     given = {f.name: getattr(args, f.name) for f in fields(Request)}
-    given |= {"out": args.out or default_out(args.scene)}
+    given |= {"out": args.out or default_out(args.scene, "report")}
     given |= {name: tuple(getattr(args, name)) for name in ("definitions", "eias")}
     request = Request(**given)
     return validate_in_worker(request, quiet=args.quiet, debug=args.debug), request.out

@@ -241,7 +241,7 @@ def write_hci(folder: Path, views: NDArray[np.uint8], display: Display | None = 
 
 
 def _is_of_display(folder: Path) -> bool:
-    """Whether `write_hci` was told a display; the file was read before, for the grid."""
+    """Whether `write_hci` had a display; the file was read before, for the grid."""
     parser = configparser.ConfigParser(interpolation=None)
     parser.read(folder / _PARAMETERS, encoding="utf-8")
     return parser.get("inim", "projection", fallback="") == "parallel"

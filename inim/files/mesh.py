@@ -1,6 +1,6 @@
 """Triangle meshes in and out: PLY, OBJ, STL and glTF read with suspicion, PLY written for Mitsuba.
 
-Two doors. `read_mesh` gives arrays to convert; `check_mesh_file` says whether a file that a scene
+`read_mesh` gives arrays to convert; `check_mesh_file` says whether a file that a scene
 names may go to Mitsuba as it is: its loaders trust counts and indices, and a PLY whose face index
 is out of range ends the process. Triangle PLY is read here; every other layout goes through
 trimesh, after the declared counts were held against the file's size.
@@ -42,7 +42,7 @@ _BEFORE_MITSUBA = {"ply": check_ply, "obj": check_obj, "serialized": check_seria
 
 
 def _silent(_: str) -> None:
-    """Tell nobody."""
+    """Ignore a warning."""
 
 
 def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]:
@@ -52,7 +52,7 @@ def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]
     ----------
     path : Path
     warn : callable
-        Told in a line each what the file names and the meshes go without: pictures, materials.
+        Called with a line for each thing that the file names and the meshes go without.
 
     Raises
     ------

@@ -30,9 +30,9 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
 class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
-    """The files that a mesh names, from its own folder; remembers those it could not give.
+    """The files that a mesh names, from its own folder; keeps the names of those that are lacking.
 
-    trimesh goes on without them and says so to nobody.
+    trimesh goes on without them, silently.
     """
 
     def __init__(self, path: Path) -> None:
@@ -66,7 +66,7 @@ def read_with_trimesh(path: Path, kind: str, warn: Callable[[str], object]) -> l
     kind : str
         What trimesh calls the format.
     warn : callable
-        Told in a line each which named files the surfaces go without.
+        Called with a line for each named file that the surfaces go without.
     """
     try:
         companions = _Companions(path)

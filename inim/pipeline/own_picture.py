@@ -34,7 +34,7 @@ from inim.report.without_scene import SCHEMA, write_picture_report
 from inim.rgbd import RGBD, LayeredRGBD
 from inim.scene.file import chosen_display
 from inim.version import __version__
-from inim.worker.output import open_staging, publish
+from inim.worker.output import default_out, open_staging, publish
 from inim.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class PictureRequest:
     @property
     def folder(self) -> Path:
         """Of the report."""
-        return self.out or Path(f"{self.named.stem}-report")
+        return self.out or default_out(self.named, "report")
 
     def command(self) -> list[str]:
         """The command line that repeats this request, after `inim validate`."""

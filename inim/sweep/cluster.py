@@ -24,7 +24,6 @@ from contextlib import contextmanager
 from typing import Any
 
 from inim.errors import UsageError
-from inim.observer import Observer
 from inim.sweep.progress import Progress
 from inim.sweep.task import Task, attempt
 
@@ -47,26 +46,18 @@ def check_dask() -> None:
         ) from None
 
 
-class _OnTopic(Observer):
-    """Sends the stages of a task on a cluster's worker to whoever subscribes to the topic."""
-
-    def __init__(self, task: Task, worker: Any) -> None:
-        super().__init__()
-        self._task, self._worker = task, worker
-
-    def stage(self, name: str) -> None:
-        """See `Observer`."""
-        where = str(self._worker.address)
-        self._worker.log_event(_TOPIC, {"unit": self._task.unit, "stage": name, "where": where})
-
-
 def on_worker(task: Task) -> str:
     """What a dask worker does: carry out one task, in a process of its own; the error, or ""."""
     from distributed import get_worker
 
     worker = get_worker()
+
+    def on_stage(name: str) -> None:
+        event = {"unit": task.unit, "stage": name, "where": str(worker.address)}
+        worker.log_event(_TOPIC, event)
+
     with _ONE_AT_A_TIME:
-        error = attempt(task, _OnTopic(task, worker))
+        error = attempt(task, on_stage=on_stage)
     return "" if error is None else str(error)
 
 
@@ -174,7 +165,7 @@ def check_answers(scheduler: str) -> None:
 def _client(scheduler: str) -> Iterator[Any]:
     from distributed import Client
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # every error is told by us
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # our own lines name every error
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of versions that differ; ours are in every key
         try:

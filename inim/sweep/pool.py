@@ -6,10 +6,10 @@ import subprocess
 import threading
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from functools import partial
 
 from inim import backend as backends
 from inim.errors import InimError, UsageError
-from inim.observer import Observer
 from inim.sweep.progress import Progress
 from inim.sweep.task import Task, attempt
 
@@ -65,18 +65,6 @@ class _Pool:
                 process.terminate()
 
 
-class _TaskObserver(Observer):
-    """Shows the stages of one task."""
-
-    def __init__(self, task: Task, progress: Progress) -> None:
-        super().__init__()
-        self._task, self._progress = task, progress
-
-    def stage(self, name: str) -> None:
-        """See `Observer`."""
-        self._progress.stage(self._task.unit, name)
-
-
 def run_pool(tasks: Sequence[Task], workers: int, progress: Progress) -> dict[str, str]:
     """Carry out tasks, so many at once, never more than memory holds.
 
@@ -102,8 +90,8 @@ def run_pool(tasks: Sequence[Task], workers: int, progress: Progress) -> dict[st
                     waiting.remove(task)
                     taken += task.memory_bytes
                     progress.began(task.unit, task.label)
-                    observer = _TaskObserver(task, progress)
-                    running[executor.submit(attempt, task, observer, pool.add)] = task
+                    on_stage = partial(progress.stage, task.unit)
+                    running[executor.submit(attempt, task, pool.add, on_stage)] = task
                 done, _ = wait(running, _TICK_S, FIRST_COMPLETED)
                 progress.draw()
                 for future in done:

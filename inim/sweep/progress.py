@@ -46,7 +46,7 @@ class Progress:
         self._drawn_at = 0.0
 
     def began(self, unit: str, label: str, where: str = "") -> None:
-        """A unit is in work; told again, it was begun anew if it is elsewhere."""
+        """A unit is in work; named again, it was begun anew if it is elsewhere."""
         with self._lock:
             if unit not in self._running or self._running[unit].where != where:
                 self._running[unit] = _Running(label, where=where)

@@ -23,7 +23,7 @@ from inim.sweep.task import FOLDER, Results, Task, make_task, report_folder
 from inim.sweep.unit import Unit, expand, making_of
 from inim.version import __version__
 
-__all__ = ["Outcome", "SweepPlan", "SweepRequest", "default_out", "plan_sweep", "run_sweep"]
+__all__ = ["Outcome", "SweepPlan", "SweepRequest", "plan_sweep", "run_sweep"]
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,6 @@ class SweepRequest:
             if getattr(self, name) is not None:
                 words += [f"--{name}", str(getattr(self, name))]
         return shlex.join(words)
-
-
-def default_out(study: Path) -> Path:
-    """Where a sweep goes when nobody says: beside where the command is typed."""
-    return Path(f"{study.stem}-sweep")
 
 
 @dataclass(frozen=True)

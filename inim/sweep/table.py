@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from inim.errors import UsageError
 from inim.files.image import write_atomically
 from inim.metrics import all_metrics
+from inim.settings import Settings
 from inim.sweep.rows import (
     DISPLAY_COLUMNS,
     SETTING_COLUMNS,
@@ -31,19 +33,9 @@ __all__ = [
 
 SCHEMA = "inim.sweep/1"
 TABLE = "sweep.parquet"
-# Texts and whole numbers; everything else that is counted or measured is a float64.
-_TEXT = ("lens_model", "misalign")
-_WHOLE = (
-    "lens_columns",
-    "lens_rows",
-    "view_pixels_per_lens",
-    "capture_pixels_per_pitch",
-    "capture_spp",
-    "eia_spp",
-    "view_spp",
-    "reconstruction_spp",
-    "seed",
-)
+# Of a setting, by its annotation; what is not among the settings is measured.
+_TYPES = {"str": "string", "int": "int64", "float": "float64"}
+_SETTINGS = {f.name: _TYPES[str(f.type).split(" ")[0]] for f in fields(Settings)}
 _MADE = (
     "unit",
     "scene_sha256",
@@ -106,10 +98,7 @@ def _of(kind: str, *names: str) -> dict[str, str]:
 
 
 def _parameters(*names: str) -> dict[str, str]:
-    return {
-        name: "string" if name in _TEXT else "int64" if name in _WHOLE else "float64"
-        for name in names
-    }
+    return {name: _SETTINGS.get(name, "float64") for name in names}
 
 
 def columns() -> dict[str, str]:

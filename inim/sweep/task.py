@@ -11,10 +11,9 @@ import json
 import os
 import socket
 import stat
-import subprocess
 import tempfile
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,7 @@ from inim.report.files import from_strict, to_strict
 from inim.sweep.rows import result_of
 from inim.sweep.unit import Unit, key_of, making_of
 from inim.worker.output import open_staging, publish
-from inim.worker.supervisor import run_in_worker
+from inim.worker.supervisor import OnStage, OnStart, run_in_worker
 
 __all__ = ["FOLDER", "SCHEMA", "Results", "Task", "attempt", "make_task", "report_folder", "work"]
 
@@ -92,8 +91,6 @@ class Results:
             temporary.unlink(missing_ok=True)
 
 
-#: Is given a worker's process.
-Started = Callable[["subprocess.Popen[bytes]"], object]
 _REPORTS = "reports"
 # With one thread the renderer's own file readers hang; see `inim.render.variant`.
 _FEWEST_RENDER_THREADS = 2
@@ -155,22 +152,20 @@ def make_task(
 
 
 def attempt(
-    task: Task, observer: Observer | None = None, started: Started | None = None
+    task: Task, on_start: OnStart | None = None, on_stage: OnStage | None = None
 ) -> InimError | None:
     """Carry out a task; the error that ended it, or None once its results are there.
 
     Parameters
     ----------
     task : Task
-    observer : Observer, optional
-        Sees its stages.
-    started : callable, optional
-        Is given its process, which it may end.
+    on_start, on_stage : callable, optional
+        See `inim.worker.supervisor.run_in_worker`.
     """
     error: InimError | None = None
     for _ in range(_ATTEMPTS):
         try:
-            _carry_out(task, observer, started)
+            _carry_out(task, on_start, on_stage)
         except (WorkerError, OutOfMemoryError) as death:
             error = death
         except InimError as its_own:
@@ -180,7 +175,7 @@ def attempt(
     return error
 
 
-def _carry_out(task: Task, observer: Observer | None, started: Started | None) -> None:
+def _carry_out(task: Task, on_start: OnStart | None, on_stage: OnStage | None) -> None:
     if not (task.request.out / FOLDER).is_dir():
         raise FileError(
             f"{task.request.out}: is not there on {socket.gethostname()}; choose a folder with -o "
@@ -194,8 +189,8 @@ def _carry_out(task: Task, observer: Observer | None, started: Started | None) -
         about=str(task.request.out),
         variables=_threads(task.threads),
         debug=task.debug,
-        observer=observer,
-        started=started,
+        on_start=on_start,
+        on_stage=on_stage,
     )
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from inim.errors import FileError
 
-__all__ = ["open_staging", "publish"]
+__all__ = ["default_out", "open_staging", "publish"]
 
 _MARKER = "report.json"
 # While files move: those of the run before and of this one, should it be killed meanwhile.
@@ -22,6 +22,11 @@ _PARTIAL = ".partial"
 # The staging folders of this process, each with a descriptor that locks it: a lock ends with its
 # process, however that ends.
 _locks: dict[Path, int] = {}
+
+
+def default_out(source: Path, kind: str) -> Path:
+    """Where a result goes when nobody says: into the current folder, named after its source."""
+    return Path(f"{source.stem}-{kind}")
 
 
 def open_staging(out: Path) -> Path:

@@ -26,10 +26,12 @@ from typing import Any
 from inim import backend as backends
 from inim import errors
 from inim.errors import InimError, OutOfMemoryError, WorkerError
-from inim.observer import Observer
 from inim.worker.serve import Job
 
-__all__ = ["outcome_of", "run_in_worker"]
+__all__ = ["OnStage", "OnStart", "outcome_of", "run_in_worker"]
+
+OnStart = Callable[["subprocess.Popen[bytes]"], object]
+OnStage = Callable[[str], object]
 
 # A worker that died while holding this share of the memory died of it.
 _MEMORY_SHARE = 0.8
@@ -52,8 +54,8 @@ def run_in_worker(
     variables: Mapping[str, str] | None = None,
     quiet: bool = True,
     debug: bool = False,
-    observer: Observer | None = None,
-    started: Callable[[subprocess.Popen[bytes]], object] | None = None,
+    on_start: OnStart | None = None,
+    on_stage: OnStage | None = None,
 ) -> bool:
     """Carry out a request in a worker process.
 
@@ -79,10 +81,10 @@ def run_in_worker(
         No result lines on stdout and no progress bar on stderr.
     debug : bool
         Let the worker print the traceback of an internal error.
-    observer : Observer, optional
-        Sees the job's stages.
-    started : callable, optional
+    on_start : callable, optional
         Is given the process, which it may end.
+    on_stage : callable, optional
+        Is given the name of each stage that the job comes to.
 
     Returns
     -------
@@ -103,10 +105,10 @@ def run_in_worker(
         try:
             if fill is not None:
                 fill(staging)
-            if started is not None:
-                started(worker.process)
+            if on_start is not None:
+                on_start(worker.process)
             job = Job(request, staging, chosen, quiet, debug)
-            return outcome_of(worker.carry_out(job, observer or Observer()))
+            return outcome_of(worker.carry_out(job, on_stage))
         finally:
             worker.end()  # before what it writes goes
             shutil.rmtree(staging, ignore_errors=True)
@@ -153,7 +155,7 @@ class _Worker:
         assert self.process.stdin is not None
         return self.process.stdin
 
-    def carry_out(self, job: Job, observer: Observer) -> dict[str, Any]:
+    def carry_out(self, job: Job, on_stage: OnStage | None) -> dict[str, Any]:
         """Have it carry out the one job of its life; what it said last.
 
         Raises
@@ -168,7 +170,8 @@ class _Worker:
         for line in self._messages:
             if line.endswith("\n"):
                 said.append(json.loads(line))
-                observer.stage(said[-1].get("stage", ""))
+                if on_stage is not None and "stage" in said[-1]:
+                    on_stage(said[-1]["stage"])
         code = self.process.wait()
         if said and ("error" in said[-1] or "passed" in said[-1]):
             outcome: dict[str, Any] = said[-1]

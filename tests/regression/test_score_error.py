@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from inim.pipeline.request import validate
+from inim.pipeline.validation import validate
 
 pytestmark = pytest.mark.slow
 

@@ -56,7 +56,7 @@ class Crowd:
         self.lock, self.now, self.most, self.bytes, self.most_bytes = threading.Lock(), 0, 0, 0, 0
         self.done: list[str] = []
 
-    def __call__(self, task, observer, started):
+    def __call__(self, task, on_start, on_stage):
         with self.lock:
             self.now, self.bytes = self.now + 1, self.bytes + task.memory_bytes
             self.most, self.most_bytes = max(self.most, self.now), max(self.most_bytes, self.bytes)
@@ -93,7 +93,7 @@ def test_a_unit_too_large_for_a_share_runs_alone(monkeypatch):
 
 
 def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
-    def fails(one, observer, started):
+    def fails(one, on_start, on_stage):
         return WorkerError("it broke") if one.unit == "1" else None
 
     monkeypatch.setattr(pool, "attempt", fails)
@@ -112,8 +112,8 @@ def test_an_interrupt_ends_what_runs(monkeypatch):
         def terminate(self):
             ended.set()
 
-    def works(one, observer, started):
-        started(Process())
+    def works(one, on_start, on_stage):
+        on_start(Process())
         begun.set()
         assert ended.wait(10)
 
@@ -132,7 +132,7 @@ def test_a_worker_s_death_is_tried_once_more_and_its_own_error_is_not(monkeypatc
     for error, times in ((WorkerError("died"), 2), (UsageError("wrong"), 1)):
         tries = []
 
-        def carry_out(one, observer, started, error=error, tries=tries):
+        def carry_out(one, on_start, on_stage, error=error, tries=tries):
             tries.append(one)
             raise error
 
