@@ -98,19 +98,19 @@ def _findings(args: argparse.Namespace, settings: Settings) -> Findings:
     from inim.display.misalignment import mounted
     from inim.display.viewpoint import default_distance_mm
     from inim.inspect.findings import DEFAULT_LENS_MODEL, inspect_display
-    from inim.lens import FULL
+    from inim.lens import lens_model as find_lens_model
 
     distance = settings.viewing_distance_mm if args.distance is None else args.distance
     if distance is not None and not (math.isfinite(distance) and distance > 0):
         raise UsageError(f"--distance {distance:g}: give a distance above 0, in millimetres")
     design = settings.make_display(args.display)
-    # The full model is the thick one as a mesh, for the renderer.
-    stated = None if settings.lens_model in (DEFAULT_LENS_MODEL, FULL) else settings.lens_model
+    model = find_lens_model(settings.lens_model)
+    stated = model.name if model.mesh is None else model.stand_in  # a mesh is for the renderer
     return inspect_display(
         design,
         default_distance_mm(design) if distance is None else distance,
         mounted=mounted(design, settings.misalign),
-        lens_model=args.lens_model or stated,
+        lens_model=args.lens_model or (None if stated == DEFAULT_LENS_MODEL else stated),
         source=args.display,
     )
 

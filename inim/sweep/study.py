@@ -21,7 +21,7 @@ from typing import Any
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import is_file_safe
 from inim.errors import FileError, InimError, UsageError
-from inim.lens import FULL, LENS_MODELS
+from inim.lens import lens_models
 from inim.pipeline.method import parse_methods
 from inim.settings import PREFIX, Settings
 
@@ -316,7 +316,7 @@ class _Reader:
         }
         models = self.table("study").get("lens_model", [])
         for model in models if isinstance(models, list) else [models]:
-            self.one_of("study.lens_model", model, (*LENS_MODELS, FULL))
+            self.one_of("study.lens_model", model, tuple(lens_models()))
             axes.setdefault("lens_model", []).append(model)
         for name, values in axes.items():
             if not values:

@@ -595,7 +595,8 @@ def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, r
     import mitsuba as mi
 
     from inim.display.panel import SUBPIXELS as PATTERNS
-    from inim.render.sensors import make_sensor, pickup_rays
+    from inim.render.rays import pickup_rays
+    from inim.render.sensors import make_sensor
 
     display = real_display(name, pixel_fill=0.8)
     rows, columns = display.eia_shape
