@@ -138,3 +138,6 @@ def test_bench_has_errors_by_its_metric(tmp_path: Path, installed: Mapping[str, 
     assert found["name"] == "example"
     assert "inim.lens_model=vignetted" in data["command"]
     assert 0 < found["view_mad_to_ceiling"] < 1
+    page = (tmp_path / "out" / "bench.html").read_text("utf-8")
+    assert "view MAD to ceiling" in page
+    assert f"{found['view_mad_to_ceiling']:.4f}" in page
