@@ -14,8 +14,7 @@ from inim.display import Display
 from inim.errors import FileError, SceneError
 from inim.files.image import read_exr_texture
 from inim.files.mesh import check_mesh_file
-from inim.files.picture import check_picture, is_exr
-from inim.files.volume import check_volume
+from inim.files.picture import check_picture, check_volume, is_exr
 from inim.observer import Observer
 from inim.render.bounds_culling import BoundsGrid, box_corners
 from inim.scene.file import SceneFile

@@ -14,6 +14,7 @@ import pytest
 
 from inim import metrics
 from inim.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
+from inim.observer import Observer
 from inim.pipeline import generate as generating
 from inim.pipeline import validate as validating
 from inim.pipeline.checks import check, missing_viewpoints
@@ -230,14 +231,14 @@ def test_whatever_a_worker_raises_becomes_one_line_and_a_code(
     import io
     import json
 
-    from inim.worker.serve import answer
+    from inim.worker.serve import Job, answer
     from inim.worker.supervisor import outcome_of
 
-    def carry_out(job: dict[str, Any], listener: Any) -> bool:
+    def work(request: object, staging: Path, observer: Observer) -> bool:
         raise error
 
     channel = io.StringIO()
-    answer({"quiet": True, "debug": False}, channel, carry_out)
+    answer(Job(None, Path()), channel, work)
     with pytest.raises(InimError, match=says) as raised:
         outcome_of(json.loads(channel.getvalue().splitlines()[-1]))
     assert raised.value.exit_code == code
