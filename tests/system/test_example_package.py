@@ -17,9 +17,9 @@ from typing import Any
 
 import pytest
 
-from inim.errors import EXIT_PASSED
+from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.sweep.table import TABLE, read_table
-from tests.system.conftest import TINY, definitions, write_scene
+from tests.system.conftest import TINY, assert_one_line, definitions, write_scene
 
 PACKAGE = Path(__file__).parents[1] / "example_package"
 SECTION = re.compile(r'\[project\.entry-points\."(inim\.\w+)"\]\n((?:.+\n)+)')
@@ -141,3 +141,35 @@ def test_bench_has_errors_by_its_metric(tmp_path: Path, installed: Mapping[str, 
     page = (tmp_path / "out" / "bench.html").read_text("utf-8")
     assert "view MAD to ceiling" in page
     assert f"{found['view_mad_to_ceiling']:.4f}" in page
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("raise ImportError('no such\\nweights')", ["cannot be loaded", "no such weights"]),
+        (
+            "from inim.metrics import Metric\n"
+            "metric = Metric('bad', lambda a, b: a.no_such, tolerance=0.01)",
+            ["failed in scoring: AttributeError", "bad_metric.py, line 2"],
+        ),
+    ],
+    ids=["loading", "scoring"],
+)
+def test_metric_with_a_fault_is_one_line_that_names_it(
+    tmp_path: Path, code: str, words: list[str]
+) -> None:
+    info = tmp_path / "bad_metric-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bad-metric\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[inim.metrics]\nbad = bad_metric:metric\n")
+    (tmp_path / "bad_metric.py").write_text(code)
+    scene = write_scene(tmp_path).name
+    given = ("inim.validate", scene, "-o", "out", "--viewpoints", "centre", *definitions(TINY))
+    paths = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    done = subprocess.run(
+        [*PYTHON, *given], cwd=tmp_path, env={**os.environ, "PYTHONPATH": paths},
+        stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", timeout=240,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (EXIT_USAGE, "")
+    assert_one_line(done.stderr, ["metric 'bad'", *words])
+    assert not (tmp_path / "out").exists()
