@@ -12,7 +12,7 @@ from inim.display.misalignment import mounted
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import OutOfMemoryError, SceneError
 from inim.lens import check_lens_model
-from inim.metrics import SSIM_WINDOW
+from inim.metrics import SSIM_WINDOW, all_metrics
 from inim.pipeline.memory import LEAST_BYTES, rays_in_flight
 from inim.pipeline.method import Method, parse_methods
 from inim.pipeline.reconstruct import Optics
@@ -130,6 +130,7 @@ def make_plan(request: Request) -> Plan:
     display = settings.make_display(source)
     real = mounted(display, settings.misalign)
     check_lens_model(settings.lens_model, real)
+    all_metrics()  # of which another package's may not be loadable
     viewpoints = parse_viewpoints(
         settings.viewpoints,
         display,

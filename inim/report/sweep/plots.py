@@ -9,6 +9,7 @@ from typing import Any
 from inim.report.bench.marks import BEATEN, LINES, SOFT, colour_of, marker_of, plain_ticks, style
 from inim.report.bench.names import Name, set_apart
 from inim.report.sweep.results import Contest, mean, names_of, on_front
+from inim.report.wording import MAIN
 
 __all__ = ["draw_pareto", "time_column"]
 
@@ -43,7 +44,7 @@ def _points(contests: Sequence[Contest], display: str) -> dict[str, tuple[float,
     for name in names_of(own, "algorithm"):
         runs = [c for c in own if c.algorithm == name and not c.failed]
         time = mean(c.scores[column] for c in runs)
-        score = mean(c.scores["ssim_to_ceiling"] for c in runs)
+        score = mean(c.scores[MAIN.to_ceiling_key] for c in runs)
         if time is not None and score is not None and time > 0:
             points[name] = (time, 1 - score)
     return points

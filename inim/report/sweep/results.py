@@ -12,7 +12,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from inim.report.wording import is_number
+from inim.metrics import all_metrics
+from inim.report.wording import MAIN, is_number
 
 __all__ = [
     "Contest",
@@ -65,21 +66,17 @@ class Contest:
     scores: dict[str, float | None]
 
 
-_MEANS = (
-    "ssim",
-    "ssim_to_ceiling",
-    "ceiling_ssim",
-    "noise_floor_ssim",
-    "flip",
-    "seconds",
-    "yardsticks",
-    "unit_seconds",
-)
+def _means() -> list[str]:
+    """Columns whose means over the viewpoints a page shows."""
+    scores = [metric.key for metric in all_metrics()]
+    main = [MAIN.to_ceiling_key, f"ceiling_{MAIN.key}", f"noise_floor_{MAIN.key}"]
+    return [*scores, *main, "seconds", "yardsticks", "unit_seconds"]
 
 
 def contests_of(rows: Sequence[Row]) -> list[Contest]:
     """The rows by contest, in the table's order."""
     varied = varied_settings(rows)
+    means = _means()
     groups: dict[tuple[str, str, str, str], list[Row]] = {}
     for row in rows:
         settings = settings_of(row, varied)
@@ -89,7 +86,7 @@ def contests_of(rows: Sequence[Row]) -> list[Contest]:
         Contest(
             *key,
             any(row["status"] != "ok" for row in group),
-            {name: mean(row.get(name) for row in group) for name in _MEANS},
+            {name: mean(row.get(name) for row in group) for name in means},
         )
         for key, group in groups.items()
     ]

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from inim.metrics import all_metrics
 from inim.report.markup import element, table, text
 from inim.report.sweep.results import Contest, names_of, settings_of, varied_settings
-from inim.report.wording import MISSING, number
+from inim.report.wording import MAIN, MISSING, number
 
 __all__ = ["best_displays", "cost_table", "failures", "matrix"]
+
+# Columns of the references' scores by the metric that ranks.
+_CEILING, _FLOOR = f"ceiling_{MAIN.key}", f"noise_floor_{MAIN.key}"
 
 
 def matrix(display: str, settings: str, contests: Sequence[Contest]) -> str:
@@ -19,7 +23,7 @@ def matrix(display: str, settings: str, contests: Sequence[Contest]) -> str:
     rows = []
     for scene in names_of(contests, "scene"):
         own = {c.algorithm: c for c in contests if c.scene == scene}
-        best = _best(own.values(), "ssim_to_ceiling")
+        best = _best(own.values(), MAIN.to_ceiling_key)
         cells = [_cell(own.get(name), best) for name in algorithms]
         rows.append([text(scene), *cells, *_reference(list(own.values()))])
     caption = f"Display {display}, {settings}" if settings else f"Display {display}"
@@ -36,9 +40,9 @@ def _cell(contest: Contest | None, best: float | None) -> str:
         return MISSING
     if contest.failed:
         return element("a", "failed", href="#failures")
-    value = contest.scores["ssim_to_ceiling"]
+    value = contest.scores[MAIN.to_ceiling_key]
     is_best = value is not None and value == best
-    small = f"{'best · ' if is_best else ''}{number(contest.scores['ssim'], 4)} scene"
+    small = f"{'best · ' if is_best else ''}{number(contest.scores[MAIN.key], 4)} scene"
     shown = element("span", text(number(value, 4)), class_="best" if is_best else None)
     return shown + element("small", text(small))
 
@@ -48,12 +52,13 @@ def _reference(contests: Sequence[Contest]) -> list[str]:
     done = [c for c in contests if not c.failed]
     if not done:
         return [MISSING, MISSING]
-    return [text(number(done[0].scores[k], 4)) for k in ("ceiling_ssim", "noise_floor_ssim")]
+    return [text(number(done[0].scores[k], 4)) for k in (_CEILING, _FLOOR)]
 
 
 def best_displays(contests: Sequence[Contest]) -> str:
     """For each relic, its displays by what a viewer gets from the best algorithm on each."""
     several = len(names_of(contests, "settings")) > 1
+    others = [metric for metric in all_metrics() if metric != MAIN]
     rows = []
     for scene in names_of(contests, "scene"):
         found = _ranking([c for c in contests if c.scene == scene and not c.failed])
@@ -64,23 +69,23 @@ def best_displays(contests: Sequence[Contest]) -> str:
                     text(scene) if place == 0 else "",
                     element("b", text(shown)) if place == 0 else text(shown),
                     text(contest.algorithm),
-                    *(text(number(contest.scores[k], 4)) for k in ("ssim", "ceiling_ssim", "flip")),
+                    *(text(number(contest.scores[key], 4)) for key in (MAIN.key, _CEILING)),
+                    *(text(number(contest.scores[m.key], m.digits)) for m in others),
                 ]
             )
-    heads = ["Relic", "Display", "Best algorithm on it", "SSIM to scene", "Its ceiling", "FLIP"]
+    heads = ["Relic", "Display", "Best algorithm on it", f"{MAIN.label} to scene", "Its ceiling"]
+    heads += [metric.label for metric in others]
     return table("Displays by relic, the best first", _texts(heads), rows, "sweep")
 
 
 def _ranking(contests: Sequence[Contest]) -> list[Contest]:
     """The best contest of each display, in falling order."""
+    known = [(c.scores[MAIN.key], c) for c in contests]
+    falling = sorted(((v, c) for v, c in known if v is not None), key=lambda pair: -pair[0])
     best: dict[tuple[str, str], Contest] = {}
-    for contest in contests:
-        if contest.scores["ssim"] is None:
-            continue
-        key = (contest.display, contest.settings)
-        if key not in best or contest.scores["ssim"] > (best[key].scores["ssim"] or 0):
-            best[key] = contest
-    return sorted(best.values(), key=lambda c: -(c.scores["ssim"] or 0))
+    for _, contest in falling:
+        best.setdefault((contest.display, contest.settings), contest)
+    return list(best.values())
 
 
 def cost_table(contests: Sequence[Contest]) -> str:
