@@ -86,7 +86,7 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) ->
         ],
         window_title=f"{title} – inim sweep",
         footer=data_note(about, "sweep.parquet"),
-        verdict=_badge(rows, contests),
+        verdict_badge=_badge(rows, contests),
         style=_STYLE,
     )
 
