@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from inim.display import Display as Display
     from inim.display.viewpoint import Viewpoint as Viewpoint
     from inim.generators import generate as generate
-    from inim.pipeline.validate import validate as validate
+    from inim.pipeline.request import validate as validate
     from inim.render.reconstruct import reconstruct as reconstruct
     from inim.report import Report as Report
     from inim.rgbd import RGBD as RGBD
@@ -29,7 +29,7 @@ _HOME = {
     "Viewpoint": "inim.display",
     "generate": "inim.generators",
     "reconstruct": "inim.render.reconstruct",
-    "validate": "inim.pipeline.validate",
+    "validate": "inim.pipeline.request",
 }
 
 __all__ = [*_HOME, "__version__"]

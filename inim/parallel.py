@@ -1,4 +1,4 @@
-"""Work beside the rest of a run, in threads: most of it is in libraries that let others run."""
+"""Calls in threads: most of the work is in libraries that let other threads run."""
 
 from __future__ import annotations
 
@@ -11,48 +11,48 @@ from typing import Any, TypeVar
 
 from inim.backend.machine import cpu_count
 
-__all__ = ["Begin", "beside"]
+__all__ = ["Submit", "threads"]
 
 _Found = TypeVar("_Found")
-#: Begins a call, `begin(function, *arguments)`; its result is that of the `Future` it returns.
-Begin = Callable[..., "Future[Any]"]
+#: Starts a call, `submit(function, *arguments)`; its result is that of the `Future` it returns.
+Submit = Callable[..., "Future[Any]"]
 
 
 @contextmanager
-def beside(most: int | None = None) -> Iterator[Begin]:
+def threads(most: int | None = None) -> Iterator[Submit]:
     """Threads, one per processor but no more than `most`; the block ends when all calls have.
 
-    Where that leaves one, there is none: calls are made as they are begun, and never two at once.
-    A call must not begin others: threads that wait for one another would wait for ever.
+    Where that leaves one, there is none: calls are made as they are submitted, never two at once.
+    A call must not submit others: threads that wait for one another would wait for ever.
     """
     count = cpu_count() if most is None else min(cpu_count(), most)
     if count < 2:
-        yield _at_once
+        yield _now
         return
-    threads = _threads(count)
-    begun: list[Future[Any]] = []
+    pool = _pool(count)
+    pending: list[Future[Any]] = []
 
-    def begin(function: Callable[..., _Found], *arguments: Any) -> Future[_Found]:
+    def submit(function: Callable[..., _Found], *arguments: Any, **named: Any) -> Future[_Found]:
         # With this thread's context, which knows the store in use.
-        one = threads.submit(copy_context().run, function, *arguments)
-        begun.append(one)
+        one = pool.submit(copy_context().run, function, *arguments, **named)
+        pending.append(one)
         return one
 
     try:
-        yield begin
+        yield submit
     finally:
-        for one in begun:
+        for one in pending:
             one.cancel()
-        wait(begun)
+        wait(pending)
 
 
 @cache
-def _threads(count: int) -> ThreadPoolExecutor:
-    """The same ones again and again: each new thread may keep memory of its own."""
-    return ThreadPoolExecutor(count, "beside")
+def _pool(count: int) -> ThreadPoolExecutor:
+    """The same threads again and again: each new one may keep memory of its own."""
+    return ThreadPoolExecutor(count, "inim")
 
 
-def _at_once(function: Callable[..., _Found], *arguments: Any) -> Future[_Found]:
+def _now(function: Callable[..., _Found], *arguments: Any, **named: Any) -> Future[_Found]:
     done: Future[_Found] = Future()
-    done.set_result(function(*arguments))
+    done.set_result(function(*arguments, **named))
     return done

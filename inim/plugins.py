@@ -10,14 +10,20 @@ import hashlib
 import sys
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager
 from importlib import metadata, util
 from pathlib import Path
-from typing import Any
+from threading import Lock
+from typing import Any, TextIO
 
 from inim.errors import InimError, OutOfMemoryError, UsageError
 
-__all__ = ["announced", "blame", "identity", "load"]
+__all__ = ["announced", "blame", "identity", "load", "stdout_to_stderr"]
+
+# Threads in which plugins run now, and what stdout is when there is none.
+_LOCK = Lock()
+_running = 0
+_stdout: TextIO | None = None
 
 
 def announced(group: str) -> list[str]:
@@ -72,6 +78,27 @@ def identity(group: str, name: str) -> dict[str, str]:
 
 
 @contextmanager
+def stdout_to_stderr() -> Iterator[None]:
+    """While a plugin runs, in one thread or several, what it prints goes to stderr.
+
+    The program's own stdout is for results. `contextlib.redirect_stdout` in two threads at once
+    would leave it redirected.
+    """
+    global _running, _stdout
+    with _LOCK:
+        if not _running:
+            _stdout, sys.stdout = sys.stdout, sys.stderr
+        _running += 1
+    try:
+        yield
+    finally:
+        with _LOCK:
+            _running -= 1
+            if not _running and _stdout is not None:
+                sys.stdout = _stdout
+
+
+@contextmanager
 def blame(what: str, doing: str) -> Iterator[None]:
     """Turn what a plugin raises into one line that names it; what it prints goes to stderr.
 
@@ -88,7 +115,7 @@ def blame(what: str, doing: str) -> Iterator[None]:
         In place of any exception but want of memory.
     """
     try:
-        with redirect_stdout(sys.stderr):  # stdout is for results
+        with stdout_to_stderr():
             yield
     except (MemoryError, OutOfMemoryError):
         raise

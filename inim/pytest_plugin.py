@@ -60,7 +60,7 @@ def inim_validate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..
     def validated(scene: str | Path, *, name: str | None = None, **options: Any) -> Report:
         from inim.errors import BaselineError
         from inim.pipeline.baseline import accept
-        from inim.pipeline.validate import validate
+        from inim.pipeline.request import validate
 
         label = re.sub(r"[^\w.+-]+", "-", name or request.node.name).strip("-.") or "test"
         baseline = _folder(config, request.path) / label

@@ -7,7 +7,7 @@ if __name__ == "__main__":
 
     sys.exit(main(["validate", *sys.argv[1:]]))
 
-from inim.pipeline.validate import validate
+from inim.pipeline.request import validate
 
 # `import inim.validate` binds what stands in sys.modules to `inim.validate`: keep the function.
 sys.modules[__name__] = validate  # type: ignore[assignment]

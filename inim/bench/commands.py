@@ -19,12 +19,12 @@ from typing import Any
 from inim.bench.masked import bench_masked
 from inim.bench.process import run_measured
 from inim.bench.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
-from inim.bench.timing import Rounds, Timing
 from inim.cache.store import FOLDER_VARIABLE
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.files.image import read_rgbd
 from inim.pipeline.plan import Plan
+from inim.pipeline.timing import Rounds, Timing
 
 __all__ = ["ALGORITHMS", "CHANGED", "bench_commands", "check_commands"]
 
@@ -90,7 +90,7 @@ def bench_commands(
     rounds : Rounds
         At most three; the warm-ups and threads are for the generation of part of an EIA, and
         commands have one warm-up.
-    listener : Listener
+    listener : Observer
     folder : Path
         For stores and reports; removed afterwards.
     variables : mapping of str to str

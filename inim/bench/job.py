@@ -11,14 +11,14 @@ from typing import Any
 
 from inim import backend as backends
 from inim.bench.commands import bench_commands
-from inim.bench.contenders import chosen
 from inim.bench.layers import bench_layers
-from inim.bench.machine import load_average, most_threads, warn_of_load
+from inim.bench.machine import load_average, warn_of_load
 from inim.bench.paper import bench_paper
 from inim.bench.request import BenchRequest, check_request, scene_plan
 from inim.bench.scaling import bench_scaling
-from inim.bench.scene import bench_scene
+from inim.bench.scene import bench_scene, choose_algorithms
 from inim.bench.views import bench_views
+from inim.pipeline.timing import most_threads
 from inim.provenance import backend_data, versions
 from inim.report.bench import SCHEMA, write_bench
 from inim.version import __version__
@@ -82,7 +82,7 @@ def _measured(request: BenchRequest, job: dict[str, Any], listener: Any) -> dict
     data |= dict.fromkeys(("scaling", "paper", "views", "layers", "commands"))
     data |= {"contenders": [], "notes": []}
     if request.scene is not None:
-        names, data["notes"] = chosen(request.algorithms)
+        names, data["notes"] = choose_algorithms(request.algorithms)
         plan = scene_plan(request, request.scene)
         data |= bench_scene(plan, names, request.rounds, listener)
         _print_contenders(listener, data)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from inim.bench.scene import bench_scene
-from inim.bench.timing import Rounds
 from inim.pipeline.plan import Plan
+from inim.pipeline.timing import Rounds
 
 __all__ = ["CONTENDERS", "bench_layers"]
 
@@ -29,7 +29,7 @@ def bench_layers(plans: Sequence[Plan], rounds: Rounds, listener: Any) -> list[d
     plans : sequence of Plan
         One for each scene.
     rounds : Rounds
-    listener : Listener
+    listener : Observer
 
     Returns
     -------

@@ -7,17 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from inim.bench.contenders import display_ready, prepared
-from inim.bench.machine import threads
-from inim.bench.scene import YARDSTICK
-from inim.bench.timing import Rounds, in_turn, ratios
 from inim.display import Display, Viewpoint
 from inim.errors import DisplayError
 from inim.generators import prepare
 from inim.lens import check_lens_model
 from inim.pipeline.plan import Plan
 from inim.pipeline.plugin_guard import run_generator
-from inim.pipeline.reconstruct import half_of, look_seeds
+from inim.pipeline.timing import (
+    YARDSTICK,
+    Rounds,
+    display_ready,
+    in_turn,
+    prepare_method,
+    ratios,
+    threads,
+)
 from inim.rgbd import RGBD
 
 __all__ = ["bench_masked"]
@@ -43,7 +47,7 @@ def bench_masked(
         Linear.
     viewpoints : sequence of Viewpoint
     rounds : Rounds
-    listener : Listener
+    listener : Observer
 
     Returns
     -------
@@ -54,7 +58,7 @@ def bench_masked(
         whole EIA's. The forms are display-ready, 8-bit into place, and linear as a validation has
         it, where a whole EIA is made by way of its sources.
     """
-    from inim.render.reference_kernel import Yardstick
+    from inim.render.reference_kernel import ReferenceKernel
 
     masks: dict[str, np.ndarray | None] = {_ALL: None, **_masks(plan, viewpoints)}
     forms = {"display-ready": _display_ready, "linear": _linear}
@@ -65,7 +69,7 @@ def bench_masked(
     }
     ready = display_ready(rgbd)
     calls: dict[str, Callable[[], Any]] = {
-        YARDSTICK: Yardstick(ready.color, plan.display, rgbd.pixel_mm).run
+        YARDSTICK: ReferenceKernel(ready.color, plan.display, rgbd.pixel_mm).run
     }
     calls |= {f"{form}: {name}": make for (form, name), make in makes.items()}
     with threads(rounds.threads):
@@ -100,11 +104,11 @@ def bench_masked(
 
 
 def _display_ready(display: Display, rgbd: RGBD, mask: np.ndarray | None) -> Make:
-    contender = prepared(_ALGORITHM, display_ready(rgbd), display, mask)
+    method = prepare_method(_ALGORITHM, display_ready(rgbd), display, mask)
 
     def make() -> np.ndarray:
-        contender.run()
-        return contender.out
+        method.run()
+        return method.out
 
     return make
 
@@ -132,8 +136,8 @@ def _masks(plan: Plan, viewpoints: Sequence[Viewpoint]) -> dict[str, np.ndarray]
             viewpoints,
             model,
             pixels_per_lens=s.view_pixels_per_lens,
-            spp=half_of(s.reconstruction_spp),
-            seeds=look_seeds(s.seed),
+            spp=plan.optics.half_spp,
+            seeds=plan.optics.half_seeds,
         )
         if found is not None:
             masks[model] = found

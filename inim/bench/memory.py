@@ -43,16 +43,16 @@ def measure(lenses: int, pixels_per_pitch: int = 2) -> dict[str, Any]:
     """
     import numpy as np
 
-    from inim.bench.contenders import prepared
     from inim.bench.scaling import picture_of, square_display
     from inim.generators import template  # noqa: F401
+    from inim.pipeline.timing import prepare_method
 
     imported = peak_bytes()
     display = square_display(lenses)
     rgbd = picture_of(display, pixels_per_pitch)
     pictured = peak_bytes()
-    contender = prepared("template", rgbd, display)
-    contender.run()
+    method = prepare_method("template", rgbd, display)
+    method.run()
     return {
         "lenses": lenses,
         "display_pixels": int(np.prod(display.eia_shape)),
@@ -61,7 +61,7 @@ def measure(lenses: int, pixels_per_pitch: int = 2) -> dict[str, Any]:
         "pictured_bytes": pictured,
         "peak_bytes": peak_bytes(),
         "above_import_bytes": peak_bytes() - imported,
-        "eia_bytes": contender.out.nbytes,
+        "eia_bytes": method.out.nbytes,
     }
 
 

@@ -13,15 +13,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from inim import metrics
-from inim.bench.contenders import available, is_interpreted, linear_picture, prepared
+from inim.bench.evaluate import evaluate, make_reference
 from inim.bench.paper_claims import claims
-from inim.bench.quality import Judge, Looks, make_judge
 from inim.bench.scaling import picture_of, square_display
-from inim.bench.scene import YARDSTICK, contender_data, timed
-from inim.bench.synthetic import two_spheres_eia, two_spheres_view
-from inim.bench.timing import Rounds
+from inim.bench.scene import available, method_data
 from inim.display import Display
 from inim.display.viewpoint import parse_viewpoints
+from inim.pipeline.timing import (
+    YARDSTICK,
+    Rounds,
+    linear_picture,
+    prepare_method,
+    time_methods,
+)
+from inim.scene.two_spheres import two_spheres_eia, two_spheres_view
 
 __all__ = ["FULL", "NAMES", "Sizes", "bench_paper"]
 
@@ -139,7 +144,7 @@ def _experiment(
     kept, displays = inputs
     for display, pixels_per_pitch in displays:
         rgbd = picture_of(display, pixels_per_pitch)
-        contenders = [prepared(one, rgbd, display) for one in names]
+        methods = [prepare_method(one, rgbd, display) for one in names]
         rows = display.eia_shape[0]
         sizes = {
             "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
@@ -147,8 +152,8 @@ def _experiment(
             "lenses": display.lens_rows * display.lens_columns,
         }
         listener.stage(f"{figure}: {sizes[size]} {name}")
-        times = timed(contenders, rgbd, display, rounds)
-        found = [contender_data(c, times, display) for c in contenders]
+        times = time_methods(methods, rgbd, display, rounds)
+        found = [method_data(m, times, display) for m in methods]
         points.append({**sizes, "yardstick": times[YARDSTICK].as_data(), "contenders": found})
         listener.line(f"{figure}  {sizes[size]:6} {name}: {_in_words(found)}")
     return {"name": name, "figure": figure, "kept": kept, "size": size, "points": points}
@@ -156,7 +161,7 @@ def _experiment(
 
 def _in_words(found: Sequence[dict[str, Any]]) -> str:
     """The times of plain Python and of the exact generator, the ends of the range."""
-    ends = [c for c in found if is_interpreted(c["name"]) or c["name"] == "template"]
+    ends = [c for c in found if _PYTHON in c["name"] or c["name"] == "template"]
     return ", ".join(f"{c['name'].partition(':')[0]} {c['median_ms']:.4g} ms" for c in ends)
 
 
@@ -167,20 +172,21 @@ def _same_input(
     display = square_display(sizes.same_lenses)
     listener.stage(f"{sizes.same_lenses} x {sizes.same_lenses} lenses, time and error")
     rgbd = picture_of(display, sizes.pixels_per_pitch)
-    contenders = [prepared(name, rgbd, display) for name in names]
-    times = timed(contenders, rgbd, display, rounds)
+    methods = [prepare_method(name, rgbd, display) for name in names]
+    times = time_methods(methods, rgbd, display, rounds)
     eye = parse_viewpoints("centre", display)
-    judge = make_judge(rgbd, two_spheres_eia(display), Looks(display, eye))
-    truth = two_spheres_view(display, eye[0], judge.looks.pixels_per_lens)
+    reference = make_reference(rgbd, two_spheres_eia(display), display, eye)
+    pixels_per_lens = len(reference.ceiling[0]) // display.lens_rows
+    truth = two_spheres_view(display, eye[0], pixels_per_lens)
     found = []
-    for contender in contenders:
-        view = judge.looks.at(linear_picture(contender.out))[0]
+    for method in methods:
+        view = reference.views_of(linear_picture(method.out))[0]
         found.append(
-            contender_data(contender, times, display)
-            | judge.errors(contender)
+            method_data(method, times, display)
+            | evaluate(method, reference)
             | {
                 "middle_view_ssim": metrics.ssim(truth, view),
-                "published_ssim": PUBLISHED_SSIM.get(_as_published(contender.name)),
+                "published_ssim": PUBLISHED_SSIM.get(_as_published(method.name)),
             }
         )
     return {
@@ -188,15 +194,14 @@ def _same_input(
         "display_pixels": display.eia_shape[0] * display.eia_shape[1],
         "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
         "yardstick": times[YARDSTICK].as_data(),
-        "ceiling_ssim": _ceiling_ssim(judge, truth),
+        "ceiling_ssim": metrics.ssim(truth, reference.ceiling[0]),
         "contenders": found,
     }
 
 
+_PYTHON = ":implementation=python"
+
+
 def _as_published(name: str) -> str:
     """The algorithm, if it runs as published, in whatever form."""
-    return name.removesuffix(":implementation=python")
-
-
-def _ceiling_ssim(judge: Judge, truth: Any) -> float:
-    return metrics.ssim(truth, judge.ceiling[0])
+    return name.removesuffix(_PYTHON)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from inim.bench.scaling import growth
+from inim.bench.scaling import PowerLaw, power_law
 
 __all__ = ["claims"]
 
@@ -71,16 +71,17 @@ _WHY_NOT_TWICE = (
 
 def _slow_growth(experiments: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     """By which powers time grows with the scene's pixels, in plain Python."""
-    powers: dict[str, float] = {}
+    laws: dict[str, PowerLaw] = {}
     for name in ("wang2024", *_RIVALS):
         series = _series(experiments, "scene_pixels", name + _PYTHON)
-        power = growth(series, "scene_pixels")
-        if power is not None:
-            powers[name] = power
-    if "wang2024" not in powers or len(powers) < 2:
+        law = power_law(series, "scene_pixels")
+        if law is not None:
+            laws[name] = law
+    if "wang2024" not in laws or len(laws) < 2:
         return None
-    holds = all(powers["wang2024"] < power for name, power in powers.items() if name != "wang2024")
-    shown = ", ".join(f"{name} {power:.2f}" for name, power in powers.items())
+    mine = laws["wang2024"]
+    holds = all(mine.is_below(law) for name, law in laws.items() if name != "wang2024")
+    shown = ", ".join(f"{name} {law.power:.2f}" for name, law in laws.items())
     return {
         "claim": "the time of wang2024 grows slowly with the scene's pixels, more slowly than that "
         "of its rivals",

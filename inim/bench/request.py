@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from inim.bench.timing import Rounds
 from inim.errors import UsageError
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
+from inim.pipeline.timing import Rounds, most_threads
 
 __all__ = ["BenchRequest", "check_request", "default_out", "scene_plan"]
 
@@ -95,8 +95,7 @@ def default_out(scene: Path | None) -> Path:
 def check_request(request: BenchRequest) -> None:
     """Raise the `InimError` that fits where a request cannot be carried out; costs no rendering."""
     from inim.bench.commands import check_commands
-    from inim.bench.contenders import chosen
-    from inim.bench.machine import most_threads
+    from inim.bench.scene import choose_algorithms
 
     scenes = [scene for scene in (request.scene, *request.layers, request.commands) if scene]
     if not (scenes or request.scaling or request.paper or request.views):
@@ -115,7 +114,7 @@ def check_request(request: BenchRequest) -> None:
         if scene == request.commands:
             check_commands(plan)
     if request.algorithms is not None:
-        chosen(request.algorithms)
+        choose_algorithms(request.algorithms)
 
 
 def scene_plan(request: BenchRequest, scene: Path) -> Plan:

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from inim.bench.contenders import prepared
-from inim.bench.scene import YARDSTICK, contender_data, timed
-from inim.bench.synthetic import two_spheres
-from inim.bench.timing import Rounds
+from inim.bench.scene import method_data
 from inim.display import Display
 from inim.errors import WorkerError
+from inim.pipeline.timing import YARDSTICK, Rounds, prepare_method, time_methods
 from inim.rgbd import RGBD
+from inim.scene.two_spheres import two_spheres
 
-__all__ = ["LENS_COUNTS", "PIXELS_PER_PITCH", "bench_scaling", "growth", "square_display"]
+__all__ = [
+    "LENS_COUNTS",
+    "PIXELS_PER_PITCH",
+    "bench_scaling",
+    "growth",
+    "power_law",
+    "square_display",
+]
 
 #: Lenses along a side, 17 pixels each: up to 4080 x 4080, the largest array measured in print.
 LENS_COUNTS = (16, 24, 32, 48, 64, 96, 128, 176, 240)
@@ -87,15 +93,15 @@ def bench_scaling(
 
 def _point(display: Display, pixels_per_pitch: int, rounds: Rounds) -> dict[str, Any]:
     rgbd = picture_of(display, pixels_per_pitch)
-    contender = prepared(_ALGORITHM, rgbd, display)
-    times = timed([contender], rgbd, display, rounds)
+    method = prepare_method(_ALGORITHM, rgbd, display)
+    times = time_methods([method], rgbd, display, rounds)
     return {
         "lenses": display.lens_columns,
         "pixels_per_pitch": pixels_per_pitch,
         "display_pixels": display.eia_shape[0] * display.eia_shape[1],
         "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
         "yardstick": times[YARDSTICK].as_data(),
-        **contender_data(contender, times, display),
+        **method_data(method, times, display),
     }
 
 
@@ -106,16 +112,60 @@ def _in_words(point: Mapping[str, Any]) -> str:
     )
 
 
-def growth(points: Sequence[Mapping[str, Any]], size: str) -> float | None:
-    """By which power time grows with a size, least squares: 1 is linear, 0 flat.
+@dataclass(frozen=True)
+class PowerLaw:
+    """By which power time grows with a size: 1 is linear, 0 flat.
+
+    Attributes
+    ----------
+    power : float
+    error : float
+        How far the power may be off: its standard error, from how the points scatter about the
+        line, and besides what rounding can do to it. Two points do not scatter.
+    """
+
+    power: float
+    error: float
+
+    def is_below(self, other: PowerLaw) -> bool:
+        """Whether this power is the smaller one by more than both errors; else they are equal."""
+        return self.power + self.error < other.power - other.error
+
+
+def power_law(points: Sequence[Mapping[str, Any]], size: str) -> PowerLaw | None:
+    """Fit a power law by least squares of logarithms; None for fewer than two sizes.
 
     By the fastest runs: sizes are not measured in turn, so the medians of two sizes need not have
     met the same load.
+
+    With ``x = log(size)`` and ``y = log(time)`` about their means, the power is
+    ``b = sum(x y) / sum(x x)`` and its standard error ``sqrt(sum((y - b x)^2) / (n - 2) / sum(x
+    x))``. A size, a time and the logarithm of either are within one unit in the last place, so
+    each x and y is within ``d = 2 eps (1 + the largest logarithm)``, its mean included; the sums
+    are exact (`math.fsum`). To first order b is then within
+    ``d (sum|x| + sum|y| + 2 |b| sum|x|) / sum(x x) + 4 eps |b|``.
     """
-    sizes = np.log([p[size] for p in points])
-    if len(points) < 2 or np.ptp(sizes) == 0:
+    sizes = [math.log(p[size]) for p in points]
+    if len(set(sizes)) < 2:
         return None
-    return float(np.polyfit(sizes, np.log([p["min_ms"] for p in points]), 1)[0])
+    times = [math.log(p["min_ms"]) for p in points]
+    x, y = ([v - math.fsum(all_) / len(all_) for v in all_] for all_ in (sizes, times))
+    squares = math.fsum(v * v for v in x)
+    power = math.fsum(a * b for a, b in zip(x, y, strict=True)) / squares
+    eps = sys.float_info.epsilon
+    each = 2 * eps * (1 + max(map(abs, sizes + times)))
+    wide, high = (math.fsum(map(abs, v)) for v in (x, y))
+    error = each * (wide + high + 2 * abs(power) * wide) / squares + 4 * eps * abs(power)
+    if len(points) > 2:
+        off = math.fsum((b - power * a) ** 2 for a, b in zip(x, y, strict=True))
+        error += math.sqrt(off / (len(points) - 2) / squares)
+    return PowerLaw(power, error)
+
+
+def growth(points: Sequence[Mapping[str, Any]], size: str) -> float | None:
+    """The power of `power_law`."""
+    law = power_law(points, size)
+    return None if law is None else law.power
 
 
 def peak_memory(lenses: int) -> dict[str, Any]:

@@ -2,36 +2,74 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from inim.bench.contenders import Contender, display_ready, is_interpreted, prepared
-from inim.bench.machine import threads
-from inim.bench.quality import Judge, Looks, make_judge
-from inim.bench.timing import Rounds, Timing, in_turn, pareto, ratios
+from inim.bench.evaluate import Reference, evaluate, make_reference, mark_fronts, noise_floor
 from inim.display import Display
-from inim.errors import SceneError
-from inim.pipeline.method import reads_layers
+from inim.errors import SceneError, UsageError
+from inim.generators import check_algorithm, prepare, properties
 from inim.pipeline.plan import Plan
+from inim.pipeline.timing import (
+    YARDSTICK,
+    Rounds,
+    TimedMethod,
+    Timing,
+    display_ready,
+    prepare_method,
+    ratios,
+    time_methods,
+)
 from inim.rgbd import RGBD, LayeredRGBD
 
-__all__ = ["ERRORS", "YARDSTICK", "bench_scene", "contender_data", "timed"]
+__all__ = ["DEFAULT", "available", "bench_scene", "choose_algorithms", "method_data"]
 
-YARDSTICK = "yardstick"
-#: The errors of the plots, each smaller the better, from a contender's data.
-ERRORS: dict[str, Callable[[Mapping[str, Any]], float]] = {
-    "wrong_source": lambda c: c["wrong_source"],
-    "eia_psnr_db": lambda c: -c["eia_psnr_db"],
-    "eia_ssim": lambda c: 1 - c["eia_ssim"],
-    "view_ssim_to_ceiling": lambda c: 1 - c["view_ssim_to_ceiling"],
-}
+#: What is measured where nothing is named: every algorithm, and the settings that cost time.
+DEFAULT = (
+    "template",
+    "template:samples=2",
+    "template:samples=4",
+    "wang2024",
+    "wang2024:matching=ray",
+    "gu2020",
+    "gu2020:step_mm=0.2",
+    "li2012",
+    "li2012:fill=nearest",
+)
+# What a name is tried on: as small as a display gets.
+_TRIAL = Display(1.0, 3.0, 3.3, 0.25, 1, 1)
+
+
+def available(names: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Those of `names` that exist here, and a note on each that does not."""
+    found, notes = [], []
+    for name in names:
+        try:
+            prepare(_TRIAL, name, shape=(4, 4), pixel_mm=0.25)
+        except (UsageError, ImportError) as error:
+            notes.append(f"left out: {error}")
+        else:
+            found.append(name)
+    return found, notes
+
+
+def choose_algorithms(text: str | None) -> tuple[Sequence[str], list[str]]:
+    """The algorithms of a ``--algorithms`` text, all of which must exist; else `DEFAULT`'s."""
+    if text is None:
+        return available(DEFAULT)
+    names = list(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+    if not names:
+        raise UsageError("--algorithms: none given; name at least one, such as 'template'")
+    for name in names:
+        check_algorithm(name)
+    return names, []
 
 
 def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any) -> dict[str, Any]:
-    """Render a scene, time all contenders on it, judge what they made.
+    """Render a scene, time all methods on it, and evaluate their EIAs.
 
     Parameters
     ----------
@@ -40,63 +78,66 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, listener: Any)
     names : sequence of str
         Algorithms with their options.
     rounds : Rounds
-    listener : Listener
+    listener : Observer
 
     Returns
     -------
     dict
         The keys of bench.json that a scene adds.
     """
-    rendered = _rendered(plan, names, listener)
-    judge = rendered.judge
+    inputs = _render(plan, names, listener)
     listener.stage("time")
-    contenders = [
-        prepared(name, rendered.layered if reads_layers(name) else judge.rgbd, plan.display)
+    methods = [
+        prepare_method(
+            name, inputs.layered if properties(name).reads_layers else inputs.rgbd, plan.display
+        )
         for name in names
     ]
-    times = timed(contenders, judge.rgbd, plan.display, rounds)
+    times = time_methods(methods, inputs.rgbd, plan.display, rounds)
     listener.stage("score")
-    data = [contender_data(c, times, plan.display) | judge.errors(c) for c in contenders]
+    data = [method_data(m, times, plan.display) | evaluate(m, inputs.reference) for m in methods]
     return {
         "scene": {"path": str(plan.request.scene), "sha256": plan.file.sha256},
         "display": {"given": plan.display.given(), "derived": plan.display.derived()},
         "viewpoints": [v.name for v in plan.viewpoints],
         "picture": {
-            "rows": judge.rgbd.shape[0],
-            "columns": judge.rgbd.shape[1],
-            "pixel_mm": judge.rgbd.pixel_mm,
+            "rows": inputs.rgbd.shape[0],
+            "columns": inputs.rgbd.shape[1],
+            "pixel_mm": inputs.rgbd.pixel_mm,
         },
         "yardstick": times[YARDSTICK].as_data(),
-        "contenders": marked(data),
-        "noise_floor": rendered.noise_floor,
-        "captured_layers": rendered.layers,
+        "contenders": mark_fronts(data),
+        "noise_floor": inputs.noise_floor,
+        "captured_layers": inputs.layers,
     }
 
 
 @dataclass(frozen=True)
-class _Rendered:
-    """Ground truth and input.
+class _Inputs:
+    """The picture that methods read, and what their EIAs are compared with.
 
     Attributes
     ----------
-    judge : Judge
-        With the input as one picture.
+    rgbd : RGBD
+        Display-ready, the front surface only.
     layered : RGBD
-        With its layers, where a contender reads them.
+        With its layers, where a method reads them.
+    reference : Reference
     noise_floor : dict
-        See `Judge.noise_floor`.
+        See `noise_floor`.
     layers : dict or None
         What the capture of layers found: `covered_shares`, nearest first, of the picture, and
         `hidden_share` of what lies behind the front, which was left out.
     """
 
-    judge: Judge
+    rgbd: RGBD
     layered: RGBD
+    reference: Reference
     noise_floor: dict[str, float]
     layers: dict[str, Any] | None
 
 
-def _rendered(plan: Plan, names: Sequence[str], listener: Any) -> _Rendered:
+def _render(plan: Plan, names: Sequence[str], listener: Any) -> _Inputs:
     """As in a validation, with its samples; no true views, none is scored."""
     from inim.render import ground_truth
     from inim.render.depth_peeling import peel
@@ -117,12 +158,12 @@ def _rendered(plan: Plan, names: Sequence[str], listener: Any) -> _Rendered:
         pixels_per_pitch=s.capture_pixels_per_pitch,
         spp=s.capture_spp,
         seed=2 * s.seed,
-        progress=listener.rays,
+        observer=listener,
     )
     if not rgbd.covered.any():
         raise SceneError(f"{plan.request.scene}: the depth camera sees nothing to time with")
     layered, layers = _finite(rgbd), None
-    if any(map(reads_layers, names)):
+    if any(properties(name).reads_layers for name in names):
         listener.stage("capture layers")
         peeled = peel(fitted, display, pixels_per_pitch=s.capture_pixels_per_pitch)
         layered = _finite(
@@ -134,14 +175,14 @@ def _rendered(plan: Plan, names: Sequence[str], listener: Any) -> _Rendered:
         }
     listener.stage("ground-truth EIA")
     truth = ground_truth.pickup(
-        fitted, display, spp=s.eia_spp, seed=2 * s.seed + 1, progress=listener.rays
+        fitted, display, spp=s.eia_spp, seed=2 * s.seed + 1, observer=listener
     )
     first, second = (np.nan_to_num(half, posinf=0.0) for half in (truth.first, truth.second))
     listener.stage("reconstruct views")
-    judge = make_judge(
-        display_ready(_finite(rgbd)), (first + second) / 2, Looks.of(display, plan.viewpoints, s)
-    )
-    return _Rendered(judge, display_ready(layered), judge.noise_floor(first, second), layers)
+    ready = display_ready(_finite(rgbd))
+    reference = make_reference(ready, (first + second) / 2, display, plan.viewpoints, s)
+    floor = noise_floor(first, second, reference.views_of)
+    return _Inputs(ready, display_ready(layered), reference, floor, layers)
 
 
 def _finite(rgbd: RGBD) -> RGBD:
@@ -154,44 +195,16 @@ def _finite(rgbd: RGBD) -> RGBD:
     return replace(rgbd, color=finite(rgbd.color), deeper=tuple(deeper))
 
 
-def timed(
-    contenders: Sequence[Contender], rgbd: RGBD, display: Display, rounds: Rounds
-) -> dict[str, Timing]:
-    """Times of all contenders and of the yardstick, by name, taken in turn."""
-    from inim.render.reference_kernel import Yardstick
-
-    calls = {YARDSTICK: Yardstick(rgbd.color, display, rgbd.pixel_mm).run}
-    calls |= {c.name: c.run for c in contenders}
-    interpreted = [c.name for c in contenders if is_interpreted(c.name)]
-    with threads(rounds.threads):
-        return in_turn(calls, rounds, interpreted)
-
-
-def contender_data(
-    contender: Contender, times: Mapping[str, Timing], display: Display
+def method_data(
+    method: TimedMethod, times: Mapping[str, Timing], display: Display
 ) -> dict[str, Any]:
-    """What timing says of a contender, under the names of bench.json."""
-    timing = times[contender.name]
+    """What timing says of a method, under the names of bench.json."""
+    timing = times[method.name]
     pixels = display.eia_shape[0] * display.eia_shape[1]
     return {
-        "name": contender.name,
-        "prepare_s": contender.prepare_s,
+        "name": method.name,
+        "prepare_s": method.prepare_s,
         **timing.as_data(),
         "mpx_per_s": pixels / 1e6 / timing.median_s,
         **ratios(timing, times[YARDSTICK]),
     }
-
-
-def marked(contenders: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The contenders with their place: `fronts` by error, and `pareto`, on any of them."""
-    fronts: list[list[str]] = [[] for _ in contenders]
-    for name, error in ERRORS.items():
-        points = [
-            (c["median_ms"], None if c[name] is None else float(error(c))) for c in contenders
-        ]
-        for front, is_on in zip(fronts, pareto(points), strict=True):
-            front += [name] * is_on
-    return [
-        {**c, "fronts": front, "pareto": bool(front)}
-        for c, front in zip(contenders, fronts, strict=True)
-    ]

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from inim.bench.machine import threads
 from inim.bench.scaling import square_display
-from inim.bench.synthetic import two_spheres_eia
-from inim.bench.timing import Rounds, Timing, in_turn, ratios
 from inim.display.viewpoint import parse_viewpoints
 from inim.lens import FULL
+from inim.pipeline.timing import Rounds, Timing, in_turn, ratios, threads
+from inim.scene.two_spheres import two_spheres_eia
 
 __all__ = ["RECTANGLE", "bench_views"]
 
@@ -39,7 +38,7 @@ def bench_views(
     Parameters
     ----------
     rounds : Rounds
-    listener : Listener
+    listener : Observer
     lenses : int
         Along a side, 17 pixels each.
     pixels_per_lens, spp : int

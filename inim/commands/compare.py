@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from inim.errors import UsageError
-from inim.pipeline.baseline import regression_data, verdict_lines
-from inim.pipeline.differences import FOLDER
-from inim.regression import CANDIDATE, Evidence, all_passed, compare, read_evidence
+from inim.pipeline.baseline import FOLDER, regression_data, verdict_lines
+from inim.regression import CANDIDATE, RunStatistics, all_passed, compare, read_statistics
 from inim.report import Report
 from inim.report.compare import SCHEMA, write_comparison
 from inim.worker.output import open_staging, publish
@@ -45,7 +44,7 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     reports = [Report.load(folder) for folder in (before, after)]
     if out.exists() and any(out.samefile(folder) for folder in (before, after)):
         raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
-    old, new = (read_evidence(report.folder / FOLDER, CANDIDATE) for report in reports)
+    old, new = (read_statistics(report.folder / FOLDER, CANDIDATE) for report in reports)
     verdicts = compare(old, new, str(before))
     staging = open_staging(out)
     try:
@@ -72,8 +71,8 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     return all_passed(verdicts), verdict_lines(verdicts)
 
 
-def _about(folder: Path, evidence: Evidence) -> dict[str, Any]:
-    return {"folder": str(folder), "circumstances": dict(evidence.circumstances)}
+def _about(folder: Path, statistics: RunStatistics) -> dict[str, Any]:
+    return {"folder": str(folder), "circumstances": dict(statistics.circumstances)}
 
 
 def _copy_pictures(reports: list[Report], name: str, staging: Path) -> bool:

@@ -75,6 +75,21 @@ _OPTIONAL = frozenset(
 )
 
 
+# What a lens does to rays that do not go through its centre.
+_LENS_ONLY = (
+    "refractive_index",
+    "lens_thickness_mm",
+    "curved_side",
+    "conic",
+    "asphere_a4",
+    "asphere_a6",
+    "abbe_number",
+    "aperture",
+    "fill_factor",
+    "between_lenses",
+)
+
+
 @dataclass(frozen=True)
 class Display:
     """An integral-imaging display.
@@ -615,6 +630,15 @@ class Display:
     def replace(self, **changes: Any) -> Display:
         """A copy with some parameters changed, checked anew."""
         return replace(self, **changes)
+
+    def through_pinholes(self) -> Display:
+        """The display whose lenses are points, without a name.
+
+        Ground truth is traced through lens centres: displays that differ in their lenses only have
+        one, that of this display. The lenses' own parameters have their defaults.
+        """
+        defaults = {field.name: field.default for field in fields(self)}
+        return self.replace(name="", **{name: defaults[name] for name in _LENS_ONLY})
 
 
 DISPLAYS = {

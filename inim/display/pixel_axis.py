@@ -97,7 +97,7 @@ def pixel_axis(
     shift : Fraction
         Where the array's centre lies on the display axis: lenses and elemental images move with it.
     """
-    # HalfBuffers, as centres lie at half-integers: position = (2 i - n + 1) pixel / 2.
+    # In halves, as centres lie at half-integers: position = (2 i - n + 1) pixel / 2.
     lengths = (pixel / 2, pitch / 2, elemental, shift)
     unit = _common_measure(lengths)
     half_pixel, half_pitch, cell, aside = (int(length / unit) for length in lengths)

@@ -286,3 +286,21 @@ def generate(
     """
     made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
     return made.generate(rgbd, out)
+
+
+from typing import NamedTuple  # noqa: E402
+
+
+class AlgorithmProperties(NamedTuple):
+    """Temporary."""
+
+    name: str
+    own: bool
+    exact: bool
+    reads_layers: bool
+
+
+def properties(text: str) -> AlgorithmProperties:
+    """Temporary."""
+    name = parse_algorithm(text)[0]
+    return AlgorithmProperties(name, name in GENERATORS, name == "template", name == "layered")

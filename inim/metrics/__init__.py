@@ -13,6 +13,7 @@ scenes.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -35,6 +36,7 @@ __all__ = [
     "SSIM_WINDOW",
     "Metric",
     "all_metrics",
+    "eia_scores",
     "find",
     "flip",
     "flip_map",
@@ -55,7 +57,6 @@ _ONE_AT_A_TIME = Lock()
 _ROUNDING = 1e-6
 
 
-@cache
 def all_metrics() -> tuple[Metric, ...]:
     """All metrics there are: the project's own, then those other packages announce, by name.
 
@@ -64,6 +65,12 @@ def all_metrics() -> tuple[Metric, ...]:
     UsageError
         An announced one cannot be loaded, is no `Metric`, or has another's name.
     """
+    return _all_metrics(tuple(sys.path))
+
+
+@cache
+def _all_metrics(path: tuple[str, ...]) -> tuple[Metric, ...]:  # noqa: ARG001
+    """Those of a search path, looked up once."""
     return (*_OWN, *(_foreign(name) for name in announced(_ENTRY_POINTS)))
 
 
@@ -169,3 +176,19 @@ def score(
         Where the relic is.
     """
     return scores_of(score_maps(reference, test), mask)
+
+
+def eia_scores(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
+    """Scores of panels' pixels, under the keys of the metrics that say something of them.
+
+    Parameters
+    ----------
+    reference, test : (rows, columns, 3) float32, linear RGB
+    """
+    found = {}
+    for metric in all_metrics():
+        if metric.whole is not None and metric.of_eia:
+            found[metric.key] = metric.whole(reference, test)
+        elif metric.of_eia:
+            found[metric.key] = metric.score(maps_of([metric], reference, test)[metric.key])
+    return found

@@ -49,6 +49,8 @@ class Metric:
     of_mean : callable, optional
         From a map's mean to the score and its derivative, where the score is not the mean itself;
         derivative 0 where it has none.
+    whole : callable, optional
+        Of reference and test in linear RGB: the score of pictures too large for a map.
     reach : int, optional
         Pixels beyond its own on which a map's value depends. If it is given, the function sees
         only parts of pictures, those in which they differ.
@@ -73,6 +75,7 @@ class Metric:
     of_eia: bool = False
     on_relic: bool = False
     of_mean: Callable[[float], tuple[float, float]] | None = None
+    whole: Callable[[np.ndarray, np.ndarray], float] | None = None
     reach: int | None = None
     where_equal: float = 0.0
     dtype: type = np.float32

@@ -29,21 +29,6 @@ def _decibels(squared_error: float) -> tuple[float, float]:
     return -10 * math.log10(squared_error), -10 / math.log(10) / squared_error
 
 
-metric = Metric(
-    "psnr",
-    _squared_error,
-    better="higher",
-    range=(0.0, math.inf),
-    unit="dB",
-    digits=2,
-    tolerance=0.1,  # below a tenth of a decibel no one sees it
-    of_eia=True,
-    of_mean=_decibels,
-    reach=0,
-    dtype=np.float64,
-)
-
-
 def psnr_db(reference: np.ndarray, test: np.ndarray) -> float:
     """Peak signal-to-noise ratio of sRGB in 0..1, dB; infinite for equal pictures.
 
@@ -58,3 +43,19 @@ def psnr_db(reference: np.ndarray, test: np.ndarray) -> float:
         squares = np.square(first.astype(np.float64) - second)
         by_row += squares.reshape(len(squares), -1).sum(axis=1).tolist()
     return _decibels(math.fsum(by_row) / reference.size)[0]
+
+
+metric = Metric(
+    "psnr",
+    _squared_error,
+    better="higher",
+    range=(0.0, math.inf),
+    unit="dB",
+    digits=2,
+    tolerance=0.1,  # below a tenth of a decibel no one sees it
+    of_eia=True,
+    of_mean=_decibels,
+    whole=psnr_db,
+    reach=0,
+    dtype=np.float64,
+)

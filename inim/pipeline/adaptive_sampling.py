@@ -1,4 +1,4 @@
-"""How many samples a run's scores need.
+"""Adaptive sampling: as many samples as a run's scores need.
 
 Noise does two things to a score: it scatters, and it is biased, as noisy pictures are less alike.
 A run that is told how well its scores are to be known (`inim.score_error`) goes by rounds. The
@@ -19,19 +19,74 @@ Scatter falls with the root of the number of samples, bias with the number.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from inim.pipeline.images import Images
+from inim.pipeline.measured import Measured
+from inim.pipeline.plan import Plan
+from inim.pipeline.scene import Renderer
+from inim.pipeline.stage import Run
 from inim.regression import ScoreEstimate, score_interval
 from inim.settings import Settings
 
-__all__ = ["FIRST_SHARE", "known_within", "next_share", "with_share"]
+__all__ = ["FIRST_SHARE", "known_within", "measure_until_known", "next_share", "with_share"]
 
 #: Of all samples, in the first round.
 FIRST_SHARE = 1 / 16
 _COUNTS = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp")
 # For forecasts: 1 / p was 1.1 to 1.6 where it was measured, and a round in vain costs the most.
 _USUAL_BEND = 2.0
+
+
+def measure_until_known(
+    measure: Callable[[Plan, Renderer, Images, Run], Measured],
+    plan: Plan,
+    renderer: Renderer,
+    images: Images,
+    run: Run,
+) -> Measured:
+    """Measure with as many samples as the scores need; with all of them where no error is given."""
+    asked, error = plan.settings, plan.settings.score_error if renderer.skip else 0.0
+    if not error:
+        return measure(plan, renderer, images, run)
+
+    def measure_with(share: float, eyes: int | None = None) -> Measured:
+        settings = with_share(asked, share)
+        fewer = replace(plan, settings=settings, viewpoints=plan.viewpoints[:eyes])
+        return measure(fewer, renderer, images, run.for_round())
+
+    share = FIRST_SHARE
+    before = measure_with(share, eyes=1).similarities
+    while True:
+        share = next_share(share, before, error)
+        measured = measure_with(share)
+        scores = measured.similarities
+        known = known_within(scores, before)
+        if known <= error or measured.plan.settings == asked:
+            return _with_samples_told(measured, asked, known)
+        before = scores
+
+
+def _with_samples_told(measured: Measured, asked: Settings, known: float) -> Measured:
+    """The measurement, and what the report says of its samples."""
+    taken, error = measured.plan.settings, asked.score_error
+    warnings = list(measured.more_warnings)
+    if not known <= error:
+        told = f"known to within {known:.2g}" if known < math.inf else "hardly known"
+        warnings.append(
+            f"with all samples, SSIM is {told}, {error:g} was asked for; raise inim.eia_spp and "
+            "inim.view_spp, or inim.score_error"
+        )
+    done = f"{taken.eia_spp} a pixel of the EIA, {taken.view_spp} of a view"
+    rest = (asked.eia_spp - taken.eia_spp, asked.view_spp - taken.view_spp)
+    skipped = measured.run.skipped
+    if any(rest):
+        why = f"every SSIM is known to within {known:.2g}; {error:g} was asked for"
+        skipped.add("samples", done, f"{rest[0]} and {rest[1]} more", why)
+    else:
+        skipped.add("samples", done, "none", f"fewer do not tell SSIM to within {error:g}")
+    return replace(measured, more_warnings=tuple(warnings))
 
 
 def with_share(settings: Settings, share: float) -> Settings:

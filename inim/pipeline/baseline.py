@@ -8,94 +8,137 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from inim.display import Display
 from inim.errors import BaselineError, UsageError
-from inim.pipeline.differences import FOLDER, write_difference
-from inim.pipeline.ledger import Ledger
+from inim.files.image import write_png
+from inim.pipeline.generate import Reference
 from inim.pipeline.plan import Plan
-from inim.pipeline.run_statistics import conditions_of
 from inim.regression import (
     BASELINE,
     CANDIDATE,
-    Evidence,
+    Fingerprint,
+    RunStatistics,
     Verdict,
     changed_circumstances,
-    check_comparable,
     compare,
     drift,
-    read_evidence,
-    write_evidence,
+    read_statistics,
+    write_statistics,
 )
+from inim.regression.comparison import changed_pixels, tile_pictures
 from inim.report import Report
 
 __all__ = [
+    "FOLDER",
+    "Comparison",
     "accept",
-    "check_conditions",
     "default_baseline",
     "judge",
-    "load_baseline",
     "regression_data",
     "verdict_lines",
+    "write_difference",
 ]
 
+#: Of a report: the candidate and, where it fails, images of the differences.
+FOLDER = "regression"
 #: Where baselines are kept, below where the command is typed.
 BASELINES = Path("reports/baselines")
 
 
-def load_baseline(folder: Path) -> Evidence:
-    """The baseline in a folder.
+@dataclass(frozen=True)
+class Comparison:
+    """A run beside its baseline.
 
-    Raises
-    ------
-    BaselineError
-        There is none, or one of another schema.
-    """
-    return read_evidence(folder, BASELINE)
-
-
-def check_conditions(plan: Plan, variant: str | None = None) -> None:
-    """Raise `BaselineError` where the plan's baseline was made under other conditions."""
-    baseline, where = plan.baseline, plan.request.baseline
-    if baseline is None:
-        return
-    conditions = conditions_of(plan, variant)
-    if variant is None:  # not known before a backend is chosen
-        conditions["variant"] = baseline.conditions.get("variant")
-    check_comparable(baseline, conditions, str(where))
-
-
-def judge(job: Ledger, candidate: Evidence) -> dict[str, Any] | None:
-    """Compare the run with its baseline: checks are added to the ledger, pictures written.
-
-    Returns
-    -------
-    dict or None
+    Attributes
+    ----------
+    data : dict or None
         The `regression` of report.json; None without a baseline.
+    checks : tuple of dict
+        Rows of the verdict.
     """
-    write_evidence(job.folder / FOLDER, CANDIDATE, candidate)
-    baseline = job.plan.baseline
+
+    data: dict[str, Any] | None = None
+    checks: tuple[dict[str, Any], ...] = ()
+
+
+def judge(
+    plan: Plan, folder: Path, candidate: RunStatistics, references: Mapping[str, Reference]
+) -> Comparison:
+    """Compare a run with its baseline; images of what changed are written.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+        Of the report.
+    candidate : RunStatistics
+        What the run leaves behind.
+    references : mapping of str to Reference
+        What the generators make of the reference input, by method.
+    """
+    write_statistics(folder / FOLDER, CANDIDATE, candidate)
+    baseline, where = plan.baseline, str(plan.request.baseline)
     if baseline is None:
-        return None
-    where = str(job.plan.request.baseline)
+        return Comparison()
+    for name, reference in references.items():
+        old = baseline.fingerprints.get(name)
+        _keep_changed(folder, name, reference, candidate.fingerprints[name], old, plan.display)
     verdicts = compare(baseline, candidate, where)
-    job.checks += [one.as_check() for one in verdicts]
     failed = [v for v in verdicts if v.kind == "picture" and not v.passed]
     pictures = [
         name
         for name in baseline.pictures
         if any(v.name.startswith(f"{name}: ") for v in failed)
-        and write_difference(job.folder, name, baseline, candidate)
+        and write_difference(folder, name, baseline, candidate)
     ]
-    return regression_data(where, baseline, candidate, pictures)
+    data = regression_data(where, baseline, candidate, pictures)
+    return Comparison(data, tuple(one.as_check() for one in verdicts))
+
+
+def _keep_changed(
+    folder: Path,
+    name: str,
+    reference: Reference,
+    new: Fingerprint,
+    old: Fingerprint | None,
+    display: Display,
+) -> None:
+    """The changed EIA of the reference input, if it has changed, and where."""
+    if old is None or old.eia_sha256 == new.eia_sha256 or old.sample.shape != new.sample.shape:
+        return
+    place = folder / FOLDER / "fixed"
+    write_png(place / f"{name}-candidate.png", np.nan_to_num(reference.eia()))
+    write_png(place / f"{name}-difference.png", changed_pixels(old, new, display))
+
+
+def write_difference(
+    folder: Path, name: str, baseline: RunStatistics, candidate: RunStatistics
+) -> bool:
+    """The candidate's picture beside the baseline's tiles and what changed; whether it could be."""
+    old, new = baseline.pictures[name], candidate.pictures.get(name)
+    if new is None or (new.shape, new.tile) != (old.shape, old.tile):
+        return False
+    before, change = tile_pictures(old, new)
+    target = folder / FOLDER / name
+    write_png(target.with_name(f"{target.name}-baseline.png"), before)
+    write_png(target.with_name(f"{target.name}-difference.png"), change)
+    source = folder / f"{name}.png"
+    if source.is_file():
+        shutil.copyfile(source, target.with_name(f"{target.name}-candidate.png"))
+    return True
 
 
 def regression_data(
-    where: str, baseline: Evidence, candidate: Evidence, pictures: list[str]
+    where: str, baseline: RunStatistics, candidate: RunStatistics, pictures: list[str]
 ) -> dict[str, Any]:
     """What a report says of a comparison besides its checks."""
     return {
@@ -140,17 +183,17 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
         raise UsageError(
             f"{out}: failed {len(own)} checks of its own ({own[0]['name']}); mend that first"
         )
-    candidate = read_evidence(out / FOLDER, CANDIDATE)
+    candidate = read_statistics(out / FOLDER, CANDIDATE)
     _check_whole(candidate, out)
     if folder is None:
         compared = report.data.get("regression")
         folder = Path(compared["baseline"]) if compared else default_baseline(report.data["title"])
     today = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    write_evidence(folder, BASELINE, candidate.accept(reason.strip(), today))
+    write_statistics(folder, BASELINE, candidate.accept(reason.strip(), today))
     return folder
 
 
-def _check_whole(candidate: Evidence, out: Path) -> None:
+def _check_whole(candidate: RunStatistics, out: Path) -> None:
     """A baseline with a hole in it would let everything pass, or nothing."""
     wrong = [
         f"{what} {name}"

@@ -177,7 +177,7 @@ def _frames(request: FilmRequest, listener: Any) -> list[np.ndarray]:
                 pixels_per_lens=request.pixels_per_lens,
                 spp=request.spp,
                 seed=0,
-                progress=listener.rays,
+                observer=listener,
             )
             for scene in scenes
         ]

@@ -1,12 +1,10 @@
-"""Times of a validation's generators, in yardsticks, as the bench takes them."""
+"""Times of a validation's generators, in multiples of the reference kernel."""
 
 from __future__ import annotations
 
-from typing import Any
-
-from inim.pipeline.ledger import Ledger
-from inim.pipeline.method import Generated, reads_layers
-from inim.pipeline.truth import GroundTruth
+from inim.pipeline.measured import Measured
+from inim.pipeline.stage import Run
+from inim.pipeline.timing import YARDSTICK, Rounds, display_ready, prepare_method, time_methods
 from inim.regression import is_steady, log_ratios
 
 __all__ = ["generator_times"]
@@ -19,28 +17,25 @@ _ROUNDS = 31
 _MOST_TURNS = 5
 
 
-def generator_times(job: Ledger, truth: GroundTruth) -> dict[str, tuple[float, ...]]:
+def generator_times(found: Measured, *, run: Run) -> dict[str, tuple[float, ...]]:
     """`inim.regression.log_ratios` of each generator, on the run's display-ready picture.
 
     Rounds are added until `inim.regression.is_steady` holds for all, or `_MOST_TURNS` are done.
     """
-    from inim.bench.contenders import display_ready, prepared
-    from inim.bench.scene import YARDSTICK, timed
-    from inim.bench.timing import Rounds
-
-    names = [c.name for c in job.plan.contenders if isinstance(c, Generated)]
-    found: dict[str, tuple[float, ...]] = dict.fromkeys(names, ())
-    with job.stage("time"):
-        display = job.plan.display
-        rgbd = display_ready(truth.rgbd)
-        layered = rgbd if truth.layered is None else display_ready(truth.layered)
-        contenders = [
-            prepared(name, layered if reads_layers(name) else rgbd, display) for name in names
+    plan, capture = found.plan, found.capture
+    wanted = [method for method in plan.methods if method.times]
+    times: dict[str, tuple[float, ...]] = {method.name: () for method in wanted}
+    with run.observer.timed("time"):
+        rgbd = display_ready(capture.rgbd)
+        layered = rgbd if capture.layered is None else display_ready(capture.layered)
+        prepared = [
+            prepare_method(m.name, layered if m.reads_layers else rgbd, plan.display)
+            for m in wanted
         ]
         for _ in range(_MOST_TURNS):
-            times: Any = timed(contenders, rgbd, display, Rounds(runs=_ROUNDS))
-            yardstick = times[YARDSTICK].times_s
-            found = {n: found[n] + log_ratios(times[n].times_s, yardstick) for n in names}
-            if all(map(is_steady, found.values())):
+            taken = time_methods(prepared, rgbd, plan.display, Rounds(runs=_ROUNDS))
+            kernel = taken[YARDSTICK].times_s
+            times = {n: times[n] + log_ratios(taken[n].times_s, kernel) for n in times}
+            if all(map(is_steady, times.values())):
                 break
-    return found
+    return times

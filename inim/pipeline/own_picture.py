@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,10 +23,10 @@ from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.files.true_size import write_eia
 from inim.generators import SourceGenerator, check_algorithm, generate, prepare
 from inim.lens import check_lens_model
-from inim.pipeline.method import parse_contenders
+from inim.pipeline.checks import BLACK
+from inim.pipeline.method import parse_methods
 from inim.pipeline.picture_oracle import ExactHits, exact_hits, why_no_oracle
 from inim.pipeline.plugin_guard import blamed, run_generator
-from inim.pipeline.truth import BLACK
 from inim.pipeline.warp import warped
 from inim.provenance import backend_data, versions
 from inim.report.without_scene import SCHEMA, write_picture_report
@@ -135,7 +136,7 @@ def _chosen(args: argparse.Namespace) -> tuple[Display, Settings]:
 
 
 def _algorithms(text: str) -> list[str]:
-    names = [contender.name for contender in parse_contenders(text, ())]
+    names = [contender.name for contender in parse_methods(text, ())]
     for name in names:
         check_algorithm(name)
     return names
@@ -210,18 +211,26 @@ def _scored(
     job: dict[str, Any], rgbd: RGBD, display: Display, settings: Settings, listener: Any
 ) -> dict[str, Any]:
     """Scores, checks and pictures; `not_scored` says what is missing and why."""
-    from inim.bench.quality import Looks
+    from inim.render.reconstruct import exposed_views
 
     folder = Path(job["staging"])
     viewpoints = _viewpoints(display, settings)
-    looks = Looks.of(display, viewpoints, settings)
+    views_of = partial(
+        exposed_views,
+        display=display,
+        viewpoints=viewpoints,
+        lens_model=settings.lens_model,
+        pixels_per_lens=settings.view_pixels_per_lens,
+        spp=settings.reconstruction_spp,
+        seed=settings.seed,
+    )
     listener.stage("exact oracle")
     why = why_no_oracle(rgbd, display)
     exact = exact_hits(rgbd, display) if why is None else None
     listener.stage("views")
     front = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-    direct = {v.name: warped(front, display, v, looks.pixels_per_lens) for v in viewpoints}
-    best = looks.at(generate(front, display, EXACT))
+    direct = {v.name: warped(front, display, v, settings.view_pixels_per_lens) for v in viewpoints}
+    best = views_of(generate(front, display, EXACT))
     for viewpoint, view in zip(viewpoints, best, strict=True):
         write_png(folder / "views" / "picture" / f"{viewpoint.name}.png", direct[viewpoint.name][0])
         write_png(folder / "views" / "exact" / f"{viewpoint.name}.png", view)
@@ -229,7 +238,7 @@ def _scored(
     for name in job["names"]:
         listener.stage(name)
         made = _made(name, rgbd, display, exact, folder)
-        seen = looks.at(made.pop("eia"))
+        seen = views_of(made.pop("eia"))
         made["views"] = {}
         for viewpoint, view, reference in zip(viewpoints, seen, best, strict=True):
             write_png(folder / "views" / name / f"{viewpoint.name}.png", view)

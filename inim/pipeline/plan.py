@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 from inim.display import Display
 from inim.display.misalignment import mounted
@@ -13,13 +14,14 @@ from inim.errors import OutOfMemoryError, SceneError
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW
 from inim.pipeline.memory import LEAST_BYTES, rays_in_flight
-from inim.pipeline.method import Contender, parse_contenders
+from inim.pipeline.method import Method, parse_methods
+from inim.pipeline.reconstruct import Optics
 from inim.pipeline.request import SHORTHANDS, Request
-from inim.regression import Evidence
+from inim.regression import BASELINE, RunStatistics, check_comparable, read_statistics
 from inim.scene.file import SceneFile, parse_definitions, read_scene_file
 from inim.settings import Settings
 
-__all__ = ["Plan", "make_plan"]
+__all__ = ["Plan", "check_baseline", "conditions_of", "make_plan"]
 
 # Bytes per pixel at the fullest moment. EIA: two float32 halves of the ground truth and their mean,
 # a generator's EIA, its noise and its sources, the scorer's bands; half as much again as a whole
@@ -48,15 +50,15 @@ class Plan:
     mounted : Display
         As its array really lies: what the viewer looks at, and the ground truth is made for.
     viewpoints : tuple of Viewpoint
-    contenders : tuple of Contender
+    methods : tuple of Method
         Whose EIAs are scored, in the report's order.
     ssim_limits : dict of str to float
-        Least SSIM to the ceiling, by contender.
+        Least SSIM to the ceiling, by method.
     pictures_bytes : int
         What the run's pictures take at their fullest moment.
     rays_in_flight : int
         That the memory beside them allows the renderer at once.
-    baseline : Evidence, optional
+    baseline : RunStatistics, optional
         To compare with.
     """
 
@@ -66,11 +68,39 @@ class Plan:
     display: Display
     mounted: Display
     viewpoints: tuple[Viewpoint, ...]
-    contenders: tuple[Contender, ...]
+    methods: tuple[Method, ...]
     ssim_limits: dict[str, float]
     pictures_bytes: int
     rays_in_flight: int
-    baseline: Evidence | None = None
+    baseline: RunStatistics | None = None
+
+    @property
+    def optics(self) -> Optics:
+        """How EIAs are looked at."""
+        s = self.settings
+        return Optics(
+            self.mounted, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed
+        )
+
+    @property
+    def rays(self) -> int:
+        """How many rays it will trace."""
+        s, d = self.settings, self.display
+        rows, columns = self.capture_shape
+        panel = d.eia_shape[0] * d.eia_shape[1]
+        capture = rows * columns * 2 * max(1, s.capture_spp // 2)
+        # Of the ground truth, and of each method that traces the scene, too.
+        traced = (m.spp or s.eia_spp for m in self.methods if m.spp is not None)
+        eias = sum(panel * 2 * max(1, spp // 2) for spp in (s.eia_spp, *traced))
+        view = d.lens_rows * d.lens_columns * s.view_pixels_per_lens**2
+        reconstructed = 3 * (len(self.methods) + 1) * self.optics.half_spp
+        per_view = 2 * max(1, s.view_spp // 2) + reconstructed
+        return capture + eias + view * per_view * len(self.viewpoints)
+
+    @property
+    def reads_layers(self) -> bool:
+        """Whether a method is given what lies behind the front surface, too."""
+        return any(method.reads_layers for method in self.methods)
 
     @property
     def capture_shape(self) -> tuple[int, int]:
@@ -107,23 +137,74 @@ def make_plan(request: Request) -> Plan:
         settings.pupil_mm,
         settings.focus_mm,
     )
-    contenders = parse_contenders(settings.algorithms, request.eias)
-    limits = settings.ssim_limits(tuple(c.name for c in contenders), source)
+    methods = parse_methods(settings.algorithms, request.eias)
+    limits = settings.ssim_limits(tuple(m.name for m in methods), source)
     _check_sizes(display, settings, source)
-    memory = _share_memory(display, settings, len(viewpoints), contenders)
-    for contender in contenders:
-        contender.check(display)
-    plan = Plan(request, file, settings, display, real, viewpoints, contenders, limits, *memory)
+    memory = _share_memory(display, settings, len(viewpoints), methods)
+    for method in methods:
+        method.check()
+    plan = Plan(request, file, settings, display, real, viewpoints, methods, limits, *memory)
     return plan if request.baseline is None else _with_baseline(plan, request.baseline)
 
 
 def _with_baseline(plan: Plan, folder: Path) -> Plan:
     """The plan with its baseline, once it is sure that they can be compared."""
-    from inim.pipeline.baseline import check_conditions, load_baseline
-
-    plan = replace(plan, baseline=load_baseline(folder))
-    check_conditions(plan)
+    plan = replace(plan, baseline=read_statistics(folder, BASELINE))
+    check_baseline(plan)
     return plan
+
+
+def check_baseline(plan: Plan, variant: str | None = None) -> None:
+    """Raise `BaselineError` where the plan's baseline was made under other conditions."""
+    baseline, where = plan.baseline, plan.request.baseline
+    if baseline is None:
+        return
+    conditions = conditions_of(plan, variant)
+    if variant is None:  # not known before a backend is chosen
+        conditions["variant"] = baseline.conditions.get("variant")
+    check_comparable(baseline, conditions, str(where))
+
+
+def conditions_of(plan: Plan, variant: str | None = None) -> dict[str, Any]:
+    """What two runs must share to be compared.
+
+    Parameters
+    ----------
+    plan : Plan
+    variant : str, optional
+        Of the renderer; left out while it is not known.
+    """
+    s, request = plan.settings, plan.request
+    conditions = {
+        "scene (SHA-256)": plan.file.sha256,
+        "scene parameters": _scene_parameters(request.definitions),
+        "display": _given(plan.display),
+        "display as derived": plan.display.derived(),
+        "array as mounted": s.misalign,
+        "share of the array filled": s.fit_share,
+        "lens model": s.lens_model,
+        "viewpoints": {v.name: [*v.position_mm, v.pupil_mm, v.focus_mm] for v in plan.viewpoints},
+        "view pixels per lens": s.view_pixels_per_lens,
+        "RGB-D pixels per pitch": s.capture_pixels_per_pitch,
+        "algorithms": sorted(method.name for method in plan.methods),
+        **({"panel pixels": "observed ones only"} if request.lazy else {}),
+    }
+    return conditions if variant is None else {**conditions, "variant": variant}
+
+
+def _scene_parameters(definitions: tuple[str, ...]) -> list[str]:
+    """`-D` of the scene's own parameters; those of `inim` are compared by what they lead to."""
+    return sorted(item for item in definitions if not item.strip().startswith("inim."))
+
+
+def _given(display: Display) -> dict[str, Any]:
+    """Parameters that are not their defaults: one that a later version adds changes nothing."""
+    defaults = {f.name: f.default for f in fields(display)}
+    return {
+        name: value
+        for name, value in display.given().items()
+        if defaults[name] is MISSING or value != defaults[name]
+    }
 
 
 def _check_sizes(display: Display, settings: Settings, source: str) -> None:
@@ -145,12 +226,12 @@ def _view_shape(display: Display, pixels_per_lens: int) -> tuple[int, int]:
 
 
 def _share_memory(
-    display: Display, settings: Settings, views: int, contenders: Sequence[Contender]
+    display: Display, settings: Settings, views: int, methods: Sequence[Method]
 ) -> tuple[int, int]:
     """Bytes of pictures and rays in flight beside them; refuses pictures that leave no room."""
     from inim.backend import memory_limit_bytes
 
-    layers = _LAYERS_BYTES if any(c.wants_layers for c in contenders) else 0
+    layers = _LAYERS_BYTES if any(m.reads_layers for m in methods) else 0
     pictures = {
         "use a display with fewer pixels": (display.eia_shape, _EIA_BYTES),
         "lower inim.capture_pixels_per_pitch": (
@@ -159,7 +240,7 @@ def _share_memory(
         ),
         "lower inim.view_pixels_per_lens": (
             _view_shape(display, settings.view_pixels_per_lens),
-            _VIEW_BYTES + views * (3 + len(contenders)) * _KEPT_BYTES,
+            _VIEW_BYTES + views * (3 + len(methods)) * _KEPT_BYTES,
         ),
     }
     needs = {key: shape[0] * shape[1] * each for key, (shape, each) in pictures.items()}

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 import time
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from inim.generators import (
     colour_of,
     parse_algorithm,
 )
+from inim.plugins import stdout_to_stderr
 from inim.rgbd import RGBD
 
 __all__ = ["blamed", "run_generator"]
@@ -40,7 +40,7 @@ def blamed(name: str, doing: str) -> Iterator[None]:
         yield
         return
     try:
-        with redirect_stdout(sys.stderr):  # stdout is for results
+        with stdout_to_stderr():
             yield
     except (MemoryError, OutOfMemoryError):
         raise

@@ -1,25 +1,70 @@
-"""What the viewer sees of an EIA, from every viewpoint of a run."""
+"""What a viewer sees of an EIA, and which panel pixels that depends on."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from inim.cache.digest import array_digest
-from inim.cache.store import Record
-from inim.display import Viewpoint
+from inim.display import Display, Viewpoint
 from inim.lens import white_exposure
-from inim.pipeline.deciding import look_parts
-from inim.pipeline.ledger import Ledger
+from inim.pipeline.scene import Renderer
+from inim.pipeline.stage import RENDERING, Run, stage
 
-__all__ = ["Seen", "observed_pixels", "reconstruct_views"]
+__all__ = [
+    "Optics",
+    "ReconstructedView",
+    "ShownEIA",
+    "observed_pixels",
+    "reconstruct",
+    "reconstruct_views",
+]
 
 
 @dataclass(frozen=True)
-class Seen:
+class Optics:
+    """How EIAs are looked at.
+
+    Attributes
+    ----------
+    mounted : Display
+        As its array really lies.
+    lens_model : str
+    view_pixels_per_lens : int
+    reconstruction_spp : int
+        Samples per view pixel, both halves.
+    seed : int
+        Of the run; the same for all EIAs, so equal EIAs look equal.
+    """
+
+    mounted: Display
+    lens_model: str
+    view_pixels_per_lens: int
+    reconstruction_spp: int
+    seed: int
+
+    def cache_key(self) -> dict[str, Any]:
+        """By the names of the settings."""
+        given = {f"display {k}": v for k, v in self.mounted.given().items() if k != "name"}
+        return given | {k: v for k, v in vars(self).items() if k != "mounted"}
+
+    @property
+    def half_spp(self) -> int:
+        """Samples of each half."""
+        return max(1, self.reconstruction_spp // 2)
+
+    @property
+    def half_seeds(self) -> tuple[int, int]:
+        """Seeds of the two halves."""
+        return 2 * self.seed, 2 * self.seed + 1
+
+
+@dataclass(frozen=True)
+class ReconstructedView:
     """A view, and by how much noise could have made it another.
 
     Attributes
@@ -28,7 +73,7 @@ class Seen:
         Depends on the EIA and the seed only: equal EIAs look equal.
     noise : (rows, columns, 3) float32
         Half of the difference of what two halves of the samples yield, those of the EIA and those
-        of the look at it.
+        of the view.
     """
 
     image: np.ndarray
@@ -47,128 +92,145 @@ class Seen:
         return half
 
 
-def reconstruct_views(
-    job: Ledger, eia: np.ndarray, noise: np.ndarray | None, name: str
-) -> dict[str, Seen]:
-    """Look at an EIA from every viewpoint, exposed so that the panel's white looks white.
+@dataclass(frozen=True)
+class ShownEIA:
+    """An EIA on the display: its scene in the renderer is made once for all viewpoints.
 
-    Two looks of half of the samples each make a view. A view is linear in its EIA; so what the
-    EIA's noise does to it is a third look, with the first one's random numbers, less the first.
-
-    Parameters
+    Attributes
     ----------
-    job : Ledger
     eia : (rows, columns, 3) float32, linear RGB
     noise : (rows, columns, 3) float32, or None
         Half of the difference of two halves of the EIA's samples; None where it has no noise.
-    name : str
-        The views are written to ``views/NAME/``.
-
-    Returns
-    -------
-    dict of str to Seen
-        By viewpoint.
+    optics : Optics
+    renderer : Renderer
     """
-    digest = array_digest(eia, noise)
-    looks = _Looks(job, eia, noise)
-    seen = {}
-    for viewpoint in job.plan.viewpoints:
-        parts = look_parts(job) | {
-            "EIA": digest,
-            "viewpoint": [*viewpoint.position_mm, viewpoint.pupil_mm, viewpoint.focus_mm],
-        }
-        with job.stage("reconstruct views"):
-            found = job.memo.recall(
-                f"view of {name}: {viewpoint.name}",
-                parts,
-                lambda viewpoint=viewpoint: looks.view(viewpoint),  # type: ignore[misc]
-                told=lambda: ("looked at", "nothing", "its EIA or its eye is new"),
-            )
-        seen[viewpoint.name] = Seen(found.arrays["image"], found.arrays["noise"])
-    with job.stage("write pictures"):
-        for view, picture in seen.items():
-            job.pictures.save(f"views/{name}/{view}", picture.image)
-    return seen
 
-
-class _Looks:
-    """An EIA on the display, looked at by halves of the samples; shown when first looked at."""
-
-    def __init__(self, job: Ledger, eia: np.ndarray, noise: np.ndarray | None) -> None:
-        self._job, self._eia, self._noise = job, eia, noise
-
-    def view(self, viewpoint: Viewpoint) -> Record:
-        """What is seen of it, and the noise of that."""
-        first, second = (self._look(self._shown, viewpoint, half) for half in (0, 1))
-        moved = first if self._noise is None else self._look(self._moved, viewpoint, 0)
-        image = np.float32(0.5) * (first + second)
-        noise = np.float32(0.5) * (first - second) + (moved - first)
-        return Record({"image": image, "noise": noise})
+    eia: np.ndarray
+    noise: np.ndarray | None
+    optics: Optics
+    renderer: Renderer
+    _scenes: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
-    def _shown(self) -> Any:
-        return self._display_scene(self._eia)
+    def digest(self) -> str:
+        """Of EIA and noise."""
+        return array_digest(self.eia, self.noise)
 
-    @cached_property
-    def _moved(self) -> Any:
-        assert self._noise is not None
-        moved: np.ndarray = self._eia + self._noise
-        return self._display_scene(moved)
+    def cache_key(self) -> dict[str, Any]:
+        """What decides a view of it."""
+        return {"EIA": self.digest, **self.optics.cache_key(), **self.renderer.cache_key()}
 
-    def _display_scene(self, eia: np.ndarray) -> Any:
-        self._job.use_renderer()
-        from inim.render.reconstruct import DisplayScene
+    def view(self, viewpoint: Viewpoint, half: int, *, moved: bool = False) -> np.ndarray:
+        """The view by a half of the samples, of the EIA or of the EIA moved by its noise."""
+        optics, key = self.optics, "moved" if moved else "eia"
+        if key not in self._scenes:
+            self.renderer.load()
+            from inim.render.reconstruct import DisplayScene
 
-        return DisplayScene(eia, self._job.plan.mounted, self._job.plan.settings.lens_model)
-
-    def _look(self, shown: Any, viewpoint: Viewpoint, half: int) -> np.ndarray:
-        """A view by half of the samples."""
-        job, s = self._job, self._job.plan.settings
-        seen: np.ndarray = shown.view(
+            eia = self.eia if not moved or self.noise is None else self.eia + self.noise
+            self._scenes[key] = DisplayScene(eia, optics.mounted, optics.lens_model)
+        seen: np.ndarray = self._scenes[key].view(
             viewpoint,
-            pixels_per_lens=s.view_pixels_per_lens,
-            spp=half_of(s.reconstruction_spp),
-            seed=look_seeds(s.seed)[half],
-            clock=job.clock,
-            progress=job.listener.rays,
+            pixels_per_lens=optics.view_pixels_per_lens,
+            spp=optics.half_spp,
+            seed=optics.half_seeds[half],
+            observer=self.renderer.observer,
         )
-        return np.float32(white_exposure(job.plan.mounted, s.lens_model)) * seen
+        return np.float32(white_exposure(optics.mounted, optics.lens_model)) * seen
 
 
-def half_of(spp: int) -> int:
-    """Samples of each of two looks."""
-    return max(1, spp // 2)
+def _looked_at(*_: Any, **__: Any) -> tuple[str, str, str]:
+    return "looked at", "nothing", "its EIA or its eye is new"
 
 
-def look_seeds(seed: int) -> tuple[int, int]:
-    """Of the two looks at any EIA: equal EIAs look equal."""
-    return 2 * seed, 2 * seed + 1
+@stage(
+    "view of {name}: {viewpoint.name}",
+    code=RENDERING,
+    makes=(ReconstructedView,),
+    timed="reconstruct views",
+    describe=_looked_at,
+    follows=("name",),
+)
+def reconstruct(name: str, shown: ShownEIA, viewpoint: Viewpoint) -> ReconstructedView:
+    """The view of an EIA from one eye, exposed so that the panel's white looks white.
+
+    Two views of half of the samples each make it. A view is linear in its EIA; so what the EIA's
+    noise does to it is a third view, with the first one's random numbers, less the first.
+
+    Parameters
+    ----------
+    name : str
+        Whose EIA it is.
+    shown : ShownEIA
+    viewpoint : Viewpoint
+    """
+    first, second = shown.view(viewpoint, 0), shown.view(viewpoint, 1)
+    moved = first if shown.noise is None else shown.view(viewpoint, 0, moved=True)
+    image = np.float32(0.5) * (first + second)
+    noise = np.float32(0.5) * (first - second) + (moved - first)
+    return ReconstructedView(image, noise)
 
 
-def observed_pixels(job: Ledger) -> np.ndarray | None:
-    """Panel pixels that the run's views have samples of, (rows, columns) bool; None: all may be."""
-    plan, s = job.plan, job.plan.settings
-    parts = look_parts(job) | {
-        "viewpoints": [[*v.position_mm, v.pupil_mm, v.focus_mm] for v in plan.viewpoints]
-    }
+def reconstruct_views(
+    name: str,
+    eia: np.ndarray,
+    noise: np.ndarray | None,
+    viewpoints: Sequence[Viewpoint],
+    optics: Optics,
+    renderer: Renderer,
+    *,
+    run: Run,
+) -> dict[str, ReconstructedView]:
+    """The views of an EIA, by viewpoint.
 
-    def make() -> Record:
-        job.use_renderer()
-        from inim.render import reconstruct
+    Parameters
+    ----------
+    name : str
+        Whose EIA it is.
+    eia : (rows, columns, 3) float32, linear RGB
+    noise : (rows, columns, 3) float32, or None
+        Half of the difference of two halves of the EIA's samples; None where it has no noise.
+    viewpoints : sequence of Viewpoint
+    optics : Optics
+    renderer : Renderer
+    run : Run
+    """
+    shown = ShownEIA(eia, noise, optics, renderer)
+    return {eye.name: reconstruct(name, shown, eye, run=run) for eye in viewpoints}
 
-        found = reconstruct.observed_pixels(
-            plan.mounted,
-            plan.viewpoints,
-            s.lens_model,
-            pixels_per_lens=s.view_pixels_per_lens,
-            spp=half_of(s.reconstruction_spp),
-            seeds=look_seeds(s.seed),
-            clock=job.clock,
-        )
-        return Record({} if found is None else {"pixels": np.packbits(found, axis=1)})
 
-    with job.stage("observed pixels"):
-        arrays = job.memo.recall("observed panel pixels", parts, make).arrays
-    if "pixels" not in arrays:
+def observed_pixels(
+    viewpoints: Sequence[Viewpoint], optics: Optics, renderer: Renderer, *, run: Run
+) -> np.ndarray | None:
+    """Panel pixels that the views have samples of, (rows, columns) bool; None: all may be."""
+    packed = _observed(tuple(viewpoints), optics, renderer, run=run)
+    if packed is None:
+        why = "the full lens model scatters rays between lenses: any pixel may be observed"
+        run.skipped.add("panel pixels", "all", "none", why)
         return None
-    return np.unpackbits(arrays["pixels"], axis=1, count=plan.display.eia_shape[1]).astype(bool)
+    count = optics.mounted.eia_shape[1]
+    observed = np.unpackbits(packed, axis=1, count=count).astype(bool)
+    done = f"{np.count_nonzero(observed)} of {observed.size} ({observed.mean():.1%})"
+    why = "no sample of any asked-for view comes from the others"
+    run.skipped.add("panel pixels", done, "the others, and scores of whole EIAs", why)
+    return observed
+
+
+@stage("observed panel pixels", code=RENDERING, timed="observed pixels")
+def _observed(
+    viewpoints: tuple[Viewpoint, ...], optics: Optics, renderer: Renderer
+) -> np.ndarray | None:
+    """The pixels packed eight to a byte, (rows, columns / 8) uint8."""
+    renderer.load()
+    from inim.render import reconstruct as display_scene
+
+    found = display_scene.observed_pixels(
+        optics.mounted,
+        viewpoints,
+        optics.lens_model,
+        pixels_per_lens=optics.view_pixels_per_lens,
+        spp=optics.half_spp,
+        seeds=optics.half_seeds,
+        observer=renderer.observer,
+    )
+    return None if found is None else np.packbits(found, axis=1)

@@ -1,4 +1,4 @@
-"""The content of `report.json`, schema `inim.report/1`, from what a run found."""
+"""The report of a run: the content of `report.json`, schema `inim.report/1`."""
 
 from __future__ import annotations
 
@@ -9,106 +9,96 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from inim.half_buffers import HalfBuffers
-from inim.pipeline.ledger import Ledger
-from inim.pipeline.score import ViewScores
-from inim.pipeline.truth import GroundTruth
+from inim.accuracy_limits import trust_warnings
+from inim.pipeline.baseline import Comparison
+from inim.pipeline.measured import Measured
+from inim.pipeline.plan import Plan
 from inim.provenance import backend_data, versions
-from inim.report import SCHEMA
+from inim.regression import yardsticks
+from inim.report import SCHEMA, Report
+from inim.rgbd import RGBD
 from inim.version import __version__
 
-__all__ = ["eia_scores", "report_data"]
+__all__ = ["report_of"]
 
 _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "OpenEXR", "scikit-image")
 
 
-def eia_scores(
-    job: Ledger, truth: HalfBuffers, eia: np.ndarray | None = None
-) -> dict[str, float | None]:
-    """SSIM and PSNR of an EIA; none where the run makes only what is observed of it.
-
-    Without an EIA, the noise floor's.
-    """
-    if job.observed is not None:
-        return {"ssim": None, "psnr_db": None}
-    if eia is None:
-        return dict(job.scorer.eia(truth.first, truth.second))
-    return dict(job.scorer.eia(truth.image, eia))
-
-
-def report_data(
-    job: Ledger,
-    truth: GroundTruth,
-    ceiling: Mapping[str, ViewScores],
-    algorithms: Mapping[str, Any],
-) -> dict[str, Any]:
-    """Everything a report holds, but the run's total time.
+def report_of(
+    found: Measured,
+    noise_floor: Mapping[str, Any],
+    times: Mapping[str, tuple[float, ...]],
+    comparison: Comparison,
+    folder: Path,
+) -> Report:
+    """The report, all but the run's total time; nothing is written yet.
 
     Parameters
     ----------
-    job : Ledger
-    truth : GroundTruth
-    ceiling : mapping of str to ViewScores
-        By viewpoint.
-    algorithms : mapping
-        Scores by name.
+    found : Measured
+    noise_floor : mapping
+        Scores of the ground truth against itself.
+    times : mapping of str to tuple of float
+        Log ratios to the reference kernel, by generator.
+    comparison : Comparison
+        With the baseline.
+    folder : Path
+        Where the images lie.
     """
-    plan = job.plan
-    with job.stage("score"):
-        noise_floor = _noise_floor(job, truth)
-    return {
+    plan, checks = found.plan, [*found.checks, *comparison.checks]
+    algorithms = found.algorithms
+    for name, ratios in times.items():
+        algorithms[name] = algorithms[name] | {"yardsticks": yardsticks(ratios)}
+    data = {
         "schema": SCHEMA,
         "title": plan.settings.title or plan.request.scene.stem,
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "inim_version": __version__,
         "versions": versions(_VERSIONS),
         "command": shlex.join(["python", "-m", "inim.validate", *plan.request.command()]),
-        "scene": _scene(job, truth),
+        "scene": {
+            "path": str(plan.request.scene),
+            "sha256": plan.file.sha256,
+            **found.scene,
+        },
         "settings": asdict(plan.settings),
         "display": {"given": plan.display.given(), "derived": plan.display.derived()},
         "misalign": plan.settings.misalign,
-        "backend": backend_data(job.backend),
+        "backend": backend_data(found.backend),
         "lens_model": plan.settings.lens_model,
         "viewpoints": [
             {"name": v.name, "position_mm": list(v.position_mm)} for v in plan.viewpoints
         ],
-        "rgbd": _rgbd(truth),
+        "rgbd": _rgbd(found.capture.rgbd),
         "noise_floor": noise_floor,
-        "ceiling": {"views": {name: scores.values for name, scores in ceiling.items()}},
+        "ceiling": {"views": {name: scores.values for name, scores in found.ceiling.items()}},
         "algorithms": algorithms,
-        "timings": job.timings,
-        "skipped": job.memo.rows,
-        "warnings": job.warnings,
-        "verdict": {"passed": all(c["passed"] for c in job.checks), "checks": job.checks},
-        "files": _listed_files(job.folder),
+        "timings": found.run.observer.timings,
+        "skipped": found.run.skipped.rows,
+        "warnings": [*_outside_limits(plan), *found.warnings],
+        "verdict": {"passed": all(c["passed"] for c in checks), "checks": checks},
+        "files": _listed_files(folder),
     }
+    return Report(folder, data | ({"regression": comparison.data} if comparison.data else {}))
 
 
-def _noise_floor(job: Ledger, truth: GroundTruth) -> dict[str, Any]:
-    with job.beside() as begin:
-        whole = begin(eia_scores, job, truth.eia)
-        begun = {n: begin(job.scorer.plain_view, t.first, t.second) for n, t in truth.views.items()}
-        views = {name: one.result() for name, one in begun.items()}
-        return {"eia": whole.result(), "views": views}
+def _outside_limits(plan: Plan) -> list[str]:
+    """What of the display lies outside the limits that the stress run measured."""
+    return trust_warnings(
+        plan.display,
+        plan.settings.lens_model,
+        viewpoints=plan.viewpoints,
+        pixel_mm=plan.capture_pixel_mm,
+    )
 
 
-def _scene(job: Ledger, truth: GroundTruth) -> dict[str, Any]:
+def _rgbd(rgbd: RGBD) -> dict[str, Any]:
+    covered = rgbd.depth_mm[rgbd.covered]
     return {
-        "path": str(job.plan.request.scene),
-        "sha256": job.plan.file.sha256,
-        **truth.scene,
-    }
-
-
-def _rgbd(truth: GroundTruth) -> dict[str, Any]:
-    covered = truth.rgbd.depth_mm[truth.rgbd.covered]
-    return {
-        "rows": truth.rgbd.shape[0],
-        "columns": truth.rgbd.shape[1],
-        "pixel_mm": truth.rgbd.pixel_mm,
-        "covered_fraction": float(truth.rgbd.covered.mean()),
+        "rows": rgbd.shape[0],
+        "columns": rgbd.shape[1],
+        "pixel_mm": rgbd.pixel_mm,
+        "covered_fraction": float(rgbd.covered.mean()),
         "depth_min_mm": float(covered.min()) if covered.size else None,
         "depth_max_mm": float(covered.max()) if covered.size else None,
     }

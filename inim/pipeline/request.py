@@ -1,12 +1,15 @@
-"""What a user asks a validation for, before anything of it is looked at."""
+"""What a user asks a validation for, and asking for it: a worker process carries it out."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["SHORTHANDS", "Request", "default_out"]
+from inim.report import Report
+
+__all__ = ["SHORTHANDS", "Request", "default_out", "validate"]
 
 #: Settings that a request can also name directly.
 SHORTHANDS = ("display", "algorithms", "viewpoints", "lens_model", "misalign")
@@ -86,3 +89,78 @@ class Request:
         paths = {name: None if path is None else Path(path) for name, path in given.items()}
         lists = {name: tuple(raw[name]) for name in ("definitions", "eias")}
         return cls(**{**raw, **paths, **lists})
+
+
+def validate(
+    scene: str | Path,
+    out: str | Path | None = None,
+    *,
+    definitions: Mapping[str, Any] | None = None,
+    display: str | None = None,
+    algorithms: str | None = None,
+    viewpoints: str | None = None,
+    lens_model: str | None = None,
+    misalign: str | None = None,
+    eias: Mapping[str, str | Path] | None = None,
+    backend: str = "auto",
+    baseline: str | Path | None = None,
+    time: bool = False,
+    lazy: bool = False,
+    no_skip: bool = False,
+) -> Report:
+    """Validate a scene in a worker process, as `python -m inim.validate` does.
+
+    Parameters
+    ----------
+    scene : path
+        Mitsuba XML with `inim.*` settings.
+    out : path, optional
+        Folder for the report; `<scene>-report` in the current folder otherwise.
+    definitions : mapping, optional
+        Settings and scene parameters to override, like ``{"inim.pitch_mm": 0.5}``.
+    display, algorithms, viewpoints, lens_model, misalign : str, optional
+        Shorthands for the settings of those names.
+    eias : mapping, optional
+        Finished EIAs to score beside the algorithms: ``{"mine": "mine.png"}``.
+    backend : {"auto", "llvm", "cuda"}
+    baseline : path, optional
+        Folder of a baseline that `inim baseline accept` made, to compare with.
+    time : bool
+        Time the generators in yardsticks, too, and compare times where the baseline has them.
+    lazy : bool
+        Make and render only the panel pixels that the viewpoints observe: the same views and
+        scores of views, and none of the EIA as a whole.
+    no_skip : bool
+        Do everything, also what changes no result, and use no store (`inim cache`).
+
+    Returns
+    -------
+    Report
+        With `passed` False where a check failed; that is a result, not an error.
+
+    Raises
+    ------
+    InimError
+        Of the kind that fits, with the line the command would print.
+    """
+    from inim.worker.supervisor import run_in_worker
+
+    scene = Path(scene)
+    request = Request(
+        scene=scene,
+        out=default_out(scene) if out is None else Path(out),
+        definitions=tuple(f"{k}={v}" for k, v in (definitions or {}).items()),
+        display=display,
+        algorithms=algorithms,
+        viewpoints=viewpoints,
+        lens_model=lens_model,
+        misalign=misalign,
+        eias=tuple(f"{name}={path}" for name, path in (eias or {}).items()),
+        backend=backend,
+        baseline=None if baseline is None else Path(baseline),
+        time=time,
+        lazy=lazy,
+        no_skip=no_skip,
+    )
+    run_in_worker(request)
+    return Report.load(request.out)

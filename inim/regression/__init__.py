@@ -16,19 +16,21 @@ missing or not finite fails; what was made under other conditions is not compare
 
 from inim.regression.comparison import (
     changed_circumstances,
+    changed_pixels,
     check_comparable,
     check_times,
     compare,
     drift,
+    tile_pictures,
 )
 from inim.regression.reference_eia import Fingerprint, fingerprint, reference_input
 from inim.regression.run_statistics import (
     BASELINE,
     CANDIDATE,
     SCHEMA,
-    Evidence,
-    read_evidence,
-    write_evidence,
+    RunStatistics,
+    read_statistics,
+    write_statistics,
 )
 from inim.regression.scores import ScoreEstimate, score_interval, view_scores
 from inim.regression.tiles import HalfBuffer, TileStatistics, eia_tile, tile_statistics, view_tile
@@ -39,14 +41,15 @@ __all__ = [
     "BASELINE",
     "CANDIDATE",
     "SCHEMA",
-    "Evidence",
     "Fingerprint",
     "HalfBuffer",
+    "RunStatistics",
     "ScoreEstimate",
     "TileStatistics",
     "Verdict",
     "all_passed",
     "changed_circumstances",
+    "changed_pixels",
     "check_comparable",
     "check_times",
     "compare",
@@ -55,12 +58,13 @@ __all__ = [
     "fingerprint",
     "is_steady",
     "log_ratios",
-    "read_evidence",
+    "read_statistics",
     "reference_input",
     "score_interval",
+    "tile_pictures",
     "tile_statistics",
     "view_scores",
     "view_tile",
-    "write_evidence",
+    "write_statistics",
     "yardsticks",
 ]

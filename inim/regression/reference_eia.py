@@ -1,10 +1,10 @@
-"""A picture that is the same on every machine, and what a generator makes of it.
+"""The reference input: an RGB-D that is the same on every machine, and its EIA's fingerprint.
 
 Rendering is not reproducible bit for bit across machines, so the EIA of a rendered scene cannot be
-compared by its bytes. This picture can: whole numbers and single divisions only, which IEEE 754
-rounds alike everywhere. It has what generators get wrong: steps in depth, thin things, a slope,
-holes, a margin without anything; and no two neighbours share a colour, so a pixel that shows
-another source shows another colour.
+compared by its bytes. That of this picture can: whole numbers and single divisions only, which
+IEEE 754 rounds alike everywhere. It has what generators get wrong: steps in depth, thin things, a
+slope, holes, an empty margin; and no two neighbours share a colour, so a pixel that shows another
+source shows another colour.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _SAMPLES = 8192
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """What is kept of the EIA that a generator makes of the fixed picture.
+    """What is kept of the EIA that a generator makes of the reference input.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Fingerprint:
 
 
 def reference_input(display: Display, shape: tuple[int, int], pixel_mm: float) -> RGBD:
-    """The picture for a display: (rows, columns), linear RGB in steps of 1/255.
+    """The RGB-D for a display: (rows, columns), linear RGB in steps of 1/255.
 
     A slope from the far end to the near end of the depth range under a block near the viewer, thin
     upright bars, and a grid of holes.
@@ -111,7 +111,7 @@ def picture_sha256(rgbd: RGBD) -> str:
 
 
 def fingerprint(rgbd: RGBD, eia: np.ndarray, display: Display, *, exact: bool) -> Fingerprint:
-    """What to keep of the EIA that a generator made of a fixed picture.
+    """What to keep of the EIA that a generator made of the reference input.
 
     Parameters
     ----------

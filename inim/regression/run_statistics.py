@@ -1,4 +1,4 @@
-"""What a run leaves behind for later runs to be compared with: conditions, statistics, scores.
+"""Run statistics: what later runs are compared with.
 
 Every report has one (`regression/candidate.json` and `.npz`); accepted, with a reason, it is a
 baseline (`baseline.json` and `.npz`). Both are of the schema `inim.baseline/1`.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -27,27 +26,22 @@ __all__ = [
     "BASELINE",
     "CANDIDATE",
     "SCHEMA",
-    "Evidence",
-    "differing_conditions",
-    "read_evidence",
-    "write_evidence",
+    "RunStatistics",
+    "read_statistics",
+    "write_statistics",
 ]
 
 SCHEMA = "inim.baseline/1"
 #: Names of the files, without what follows the dot.
 BASELINE, CANDIDATE = "baseline", "candidate"
 
-# Lengths that follow from others may differ in the last bits between machines.
-_SAME_LENGTH = 1e-9
-# A value of conditions longer than this is not printed in an error.
-_LONGEST_SHOWN = 60
 # More than any picture has tiles, or any file of ours bytes.
 _LARGEST_BYTES = 2**26
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """All that is kept of a run.
+class RunStatistics:
+    """Conditions, statistics of pictures, scores and times of a run.
 
     Attributes
     ----------
@@ -76,38 +70,12 @@ class Evidence:
     reason: str = ""
     accepted: str = ""
 
-    def accept(self, reason: str, accepted: str) -> Evidence:
+    def accept(self, reason: str, accepted: str) -> RunStatistics:
         """The same as a baseline."""
         return replace(self, reason=reason, accepted=accepted)
 
 
-def differing_conditions(baseline: Mapping[str, Any], candidate: Mapping[str, Any]) -> list[str]:
-    """What the two do not share, one phrase for each condition; empty if they can be compared."""
-    names = [*baseline, *(name for name in candidate if name not in baseline)]
-    return [
-        f"{name} is {_shown(candidate.get(name))}, the baseline's {_shown(baseline.get(name))}"
-        for name in names
-        if not _same(baseline.get(name), candidate.get(name))
-    ]
-
-
-def _same(a: Any, b: Any) -> bool:
-    if isinstance(a, Mapping) and isinstance(b, Mapping):
-        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
-    if isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)):
-        return len(a) == len(b) and all(map(_same, a, b))
-    if isinstance(a, float) or isinstance(b, float):
-        numbers = isinstance(a, (int, float)) and isinstance(b, (int, float))
-        return numbers and math.isclose(a, b, rel_tol=_SAME_LENGTH, abs_tol=_SAME_LENGTH)
-    return type(a) is type(b) and bool(a == b)
-
-
-def _shown(value: Any) -> str:
-    text = "not there" if value is None else json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 1]}…"
-
-
-def write_evidence(folder: Path, stem: str, evidence: Evidence) -> list[str]:
+def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list[str]:
     """Write `stem`.json and `stem`.npz into a folder; their names.
 
     Raises
@@ -117,27 +85,27 @@ def write_evidence(folder: Path, stem: str, evidence: Evidence) -> list[str]:
     """
     data = {
         "schema": SCHEMA,
-        "reason": evidence.reason,
-        "accepted": evidence.accepted,
-        "conditions": evidence.conditions,
-        "circumstances": evidence.circumstances,
+        "reason": statistics.reason,
+        "accepted": statistics.accepted,
+        "conditions": statistics.conditions,
+        "circumstances": statistics.circumstances,
         "pictures": {
             name: {"tile": list(found.tile), "shape": list(found.shape)}
-            for name, found in evidence.pictures.items()
+            for name, found in statistics.pictures.items()
         },
         "scores": {
             what: {name: one.as_data() for name, one in scores.items()}
-            for what, scores in evidence.scores.items()
+            for what, scores in statistics.scores.items()
         },
-        "fingerprints": {name: one.as_data() for name, one in evidence.fingerprints.items()},
-        "times": {name: list(ratios) for name, ratios in evidence.times.items()},
-        "reported": evidence.reported,
+        "fingerprints": {name: one.as_data() for name, one in statistics.fingerprints.items()},
+        "times": {name: list(ratios) for name, ratios in statistics.times.items()},
+        "reported": statistics.reported,
     }
     text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     # The JSON last: it marks a whole one.
     names = [f"{stem}.json", f"{stem}.npz"]
     packed = io.BytesIO()
-    np.savez_compressed(packed, **_arrays(evidence))  # type: ignore[arg-type]
+    np.savez_compressed(packed, **_arrays(statistics))  # type: ignore[arg-type]
     write_atomically(folder / names[1], lambda p: _put_bytes(p, packed.getvalue()))
     write_atomically(folder / names[0], lambda p: _put_text(p, text))
     return names
@@ -151,17 +119,17 @@ def _put_bytes(path: Path, content: bytes) -> None:
     path.write_bytes(content)
 
 
-def _arrays(evidence: Evidence) -> dict[str, np.ndarray]:
+def _arrays(statistics: RunStatistics) -> dict[str, np.ndarray]:
     arrays = {
         f"picture|{name}|{key}": array
-        for name, found in evidence.pictures.items()
+        for name, found in statistics.pictures.items()
         for key, array in found.arrays().items()
     }
-    return arrays | {f"sample|{n}": one.sample for n, one in evidence.fingerprints.items()}
+    return arrays | {f"sample|{n}": one.sample for n, one in statistics.fingerprints.items()}
 
 
-def read_evidence(folder: Path, stem: str) -> Evidence:
-    """Read what `write_evidence` wrote.
+def read_statistics(folder: Path, stem: str) -> RunStatistics:
+    """Read what `write_statistics` wrote.
 
     Raises
     ------
@@ -175,7 +143,7 @@ def read_evidence(folder: Path, stem: str) -> Evidence:
             said = data.get("schema") if isinstance(data, dict) else None
             raise BaselineError(f"{path}: schema is {said!r}, not {SCHEMA}; {_way_out(stem)}")
         arrays = _read_arrays(folder / f"{stem}.npz")
-        return _evidence(data, arrays)
+        return _statistics(data, arrays)
     except OSError as error:
         raise BaselineError(
             f"{error.filename or path}: cannot be read ({error.strerror}); {_way_out(stem)}"
@@ -206,7 +174,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
         raise ValueError(f"{path.name}: {error}") from None
 
 
-def _evidence(data: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Evidence:
+def _statistics(data: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> RunStatistics:
     pictures = {
         name: TileStatistics.of(
             _pair(about["tile"]),
@@ -215,7 +183,7 @@ def _evidence(data: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Evid
         )
         for name, about in data["pictures"].items()
     }
-    return Evidence(
+    return RunStatistics(
         conditions=dict(data["conditions"]),
         circumstances=dict(data["circumstances"]),
         pictures=pictures,

@@ -33,12 +33,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.clock import Clock
 from inim.display import Display
 from inim.generators.raycast.layers_in_view import in_view
+from inim.observer import Observer
 from inim.render.scene import FittedScene
 from inim.render.sensors import RayFamily, capture_rays, make_sensor
-from inim.render.trace import Progress, Tracer, mean_light
+from inim.render.trace import Tracer, mean_light
 
 __all__ = ["MOST_LAYERS", "Peeled", "layer_colours", "peel"]
 
@@ -100,7 +100,7 @@ def peel(
     *,
     pixels_per_pitch: int,
     hidden: bool = False,
-    clock: Clock | None = None,
+    observer: Observer | None = None,
 ) -> Peeled:
     """Find the layers of a scene along the rays of its RGB-D picture.
 
@@ -112,8 +112,8 @@ def peel(
         Of the picture.
     hidden : bool
         Keep also what no ray of the display can meet.
-    clock : Clock, optional
-        Adds the time spent here.
+    observer : Observer, optional
+        Counts the time spent here.
     """
     started = time.perf_counter()
     rows, columns = display.capture_shape(pixels_per_pitch)
@@ -142,8 +142,8 @@ def peel(
     )
     if not hidden:
         peeled = _without(peeled, ~in_view(front, back, display, pixel_mm) & peeled.covered)
-    if clock:
-        clock.seconds += time.perf_counter() - started
+    if observer:
+        observer.rendered(time.perf_counter() - started)
     return peeled
 
 
@@ -431,8 +431,7 @@ def layer_colours(
     *,
     spp: int,
     seed: int,
-    clock: Clock | None = None,
-    progress: Progress | None = None,
+    observer: Observer | None = None,
 ) -> np.ndarray:
     """Light of each layer towards the viewer, what lies in front taken away.
 
@@ -447,10 +446,8 @@ def layer_colours(
     spp : int
         Samples per pixel and layer.
     seed : int
-    clock : Clock, optional
-        Adds the time spent here.
-    progress : callable, optional
-        Called with the number of rays finished.
+    observer : Observer, optional
+        Counts time and samples.
 
     Returns
     -------
@@ -466,8 +463,8 @@ def layer_colours(
             _light(fitted, sensor, peeled, layer),
             _Row(int(np.count_nonzero(covered))),
             int(np.random.SeedSequence((seed, layer)).generate_state(1)[0]),
-            clock,
-            progress,
+            observer,
+            planned=False,  # how many layers there are is not known beforehand
         )
         colours[layer][covered] = mean_light(tracer, spp)[0]
     return colours

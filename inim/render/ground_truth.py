@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from inim.clock import Clock
 from inim.display import Display
 from inim.display.panel import SUBPIXELS
 from inim.display.viewpoint import Viewpoint, focus_distance_mm
 from inim.half_buffers import HalfBuffers
+from inim.observer import Observer
 from inim.render.depth_peeling import Peeled, layer_colours
 from inim.render.non_separable_bundles import FreeBundles
 from inim.render.scene import FittedScene
 from inim.render.sensors import RayFamily, capture_rays, eye_rays, make_sensor, pickup_rays
-from inim.render.trace import Progress, Tracer, mean_light, scene_light, surface
+from inim.render.trace import Tracer, mean_light, scene_light, surface
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 
 __all__ = ["capture", "capture_halves", "capture_layers", "pickup", "true_view"]
@@ -29,13 +29,12 @@ def capture(
     pixels_per_pitch: int,
     spp: int,
     seed: int,
-    clock: Clock | None = None,
-    progress: Progress | None = None,
+    observer: Observer | None = None,
 ) -> RGBD:
     """Colour by path tracing, depth and coverage by rays at pixel centres; depth never filtered."""
     camera = _Camera.of(fitted, display, pixels_per_pitch)
-    tracer = _tracer(fitted, camera.sensor, seed, clock, progress)
-    return camera.picture(fitted, mean_light(tracer, spp), clock)
+    tracer = _tracer(fitted, camera.sensor, seed, observer)
+    return camera.picture(fitted, mean_light(tracer, spp), observer)
 
 
 def capture_halves(
@@ -46,16 +45,15 @@ def capture_halves(
     spp: int,
     seed: int,
     skip: bool = True,
-    clock: Clock | None = None,
-    progress: Progress | None = None,
+    observer: Observer | None = None,
 ) -> tuple[RGBD, RGBD]:
     """As `capture`, by two independent halves of the samples; depth is the same in both.
 
     `skip`: see `pickup`.
     """
     camera = _Camera.of(fitted, display, pixels_per_pitch)
-    halves = _halves(fitted, camera.rays, camera.sensor, spp, seed, skip, clock, progress)
-    first = camera.picture(fitted, halves.first, clock)
+    halves = _halves(fitted, camera.rays, camera.sensor, spp, seed, skip, observer)
+    first = camera.picture(fitted, halves.first, observer)
     return first, replace(first, color=halves.second)
 
 
@@ -74,9 +72,9 @@ class _Camera:
         rays = capture_rays(columns, rows, pixel_mm, fitted.start_mm)
         return cls(rays, make_sensor(rays, fitted.fit.world_from_display), pixel_mm)
 
-    def picture(self, fitted: FittedScene, color: np.ndarray, clock: Clock | None) -> RGBD:
+    def picture(self, fitted: FittedScene, color: np.ndarray, observer: Observer | None) -> RGBD:
         """Colour with depth and coverage."""
-        found = surface(fitted.scene, self.sensor, clock)
+        found = surface(fitted.scene, self.sensor, observer)
         forward = fitted.fit.display_from_world
         with np.errstate(invalid="ignore"):  # rays that meet nothing end at infinity
             depth = found.point @ forward[2, :3] + forward[2, 3]
@@ -90,15 +88,14 @@ def capture_layers(
     *,
     spp: int,
     seed: int,
-    clock: Clock | None = None,
-    progress: Progress | None = None,
+    observer: Observer | None = None,
 ) -> LayeredRGBD:
     """All layers of a peeled scene (`inim.render.depth_peeling`), coloured at `spp` samples each.
 
     Depth and coverage of the front are those of `capture`; its colour is not mixed with what lies
     beside it.
     """
-    color = layer_colours(fitted, peeled, spp=spp, seed=seed, clock=clock, progress=progress)
+    color = layer_colours(fitted, peeled, spp=spp, seed=seed, observer=observer)
     covered = peeled.covered
     front = np.where(covered, peeled.front_mm, np.float32(0))
     back = np.where(covered, peeled.back_mm, np.float32(0))
@@ -114,8 +111,7 @@ def pickup(
     seed: int,
     skip: bool = True,
     asked: np.ndarray | None = None,
-    clock: Clock | None = None,
-    progress: Progress | None = None,
+    observer: Observer | None = None,
 ) -> HalfBuffers:
     """The ground-truth EIA: every panel pixel path traced through its lens centre (Eq. 1).
 
@@ -137,7 +133,7 @@ def pickup(
     for place in dict.fromkeys(places):
         rays = pickup_rays(display, fitted.start_mm, place)
         sensor = make_sensor(rays, fitted.fit.world_from_display)
-        seen[place] = _halves(fitted, rays, sensor, spp, seed, skip, clock, progress, asked=asked)
+        seen[place] = _halves(fitted, rays, sensor, spp, seed, skip, observer, asked=asked)
 
     def colours(half: str) -> np.ndarray:
         """Red of the first colour's pickup, green of the second's, blue of the third's."""
@@ -156,8 +152,7 @@ def true_view(
     spp: int,
     seed: int,
     skip: bool = True,
-    clock: Clock | None = None,
-    progress: Progress | None = None,
+    observer: Observer | None = None,
 ) -> tuple[HalfBuffers, np.ndarray]:
     """The scene itself from an eye, through the window of the array; and where the relic is.
 
@@ -172,15 +167,13 @@ def true_view(
         focus_distance_mm(viewpoint, display),
     )
     sensor = make_sensor(rays, fitted.fit.world_from_display)
-    truth = _halves(fitted, rays, sensor, spp, seed, skip, clock, progress)
-    return truth, surface(fitted.scene, sensor, clock).covered
+    truth = _halves(fitted, rays, sensor, spp, seed, skip, observer)
+    return truth, surface(fitted.scene, sensor, observer).covered
 
 
-def _tracer(
-    fitted: FittedScene, sensor: Any, seed: int, clock: Clock | None, progress: Progress | None
-) -> Tracer:
+def _tracer(fitted: FittedScene, sensor: Any, seed: int, observer: Observer | None) -> Tracer:
     light = scene_light(fitted.scene, fitted.integrator)
-    return Tracer(light, sensor, seed, clock, progress)
+    return Tracer(light, sensor, seed, observer)
 
 
 def _halves(
@@ -190,17 +183,14 @@ def _halves(
     spp: int,
     seed: int,
     skip: bool,
-    clock: Clock | None,
-    progress: Progress | None,
+    observer: Observer | None,
     asked: np.ndarray | None = None,
 ) -> HalfBuffers:
     if skip:
         seen = fitted.silhouette.seen_by(rays)
         asked = seen if asked is None else asked & seen
     halves = [
-        mean_light(
-            _tracer(fitted, sensor, 2 * seed + half, clock, progress), max(1, spp // 2), asked
-        )
+        mean_light(_tracer(fitted, sensor, 2 * seed + half, observer), max(1, spp // 2), asked)
         for half in (0, 1)
     ]
     return HalfBuffers(halves[0], halves[1])

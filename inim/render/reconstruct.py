@@ -9,18 +9,18 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from inim.clock import Clock
 from inim.display import Display
 from inim.display.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm
 from inim.errors import UsageError
-from inim.lens import FULL, check_lens_model
+from inim.lens import FULL, check_lens_model, white_exposure
+from inim.observer import Observer
 from inim.render import variant
 from inim.render.display_emitter import LensedPanel
 from inim.render.full_lens import FullLens
 from inim.render.sensors import eye_rays, make_sensor
 from inim.render.trace import Tracer, mean_light
 
-__all__ = ["DisplayScene", "observed_pixels", "reconstruct"]
+__all__ = ["DisplayScene", "exposed_views", "observed_pixels", "reconstruct"]
 
 
 def reconstruct(
@@ -66,6 +66,25 @@ def reconstruct(
     return scene.view(viewpoint, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed)
 
 
+def exposed_views(
+    eia: np.ndarray,
+    display: Display,
+    viewpoints: Sequence[Viewpoint],
+    lens_model: str = "thick",
+    *,
+    pixels_per_lens: int = 4,
+    spp: int = 64,
+    seed: int = 0,
+) -> list[np.ndarray]:
+    """Views of one EIA, exposed so that the panel's white looks white; see `reconstruct`."""
+    exposure = white_exposure(display, lens_model)
+    shown = DisplayScene(eia, display, lens_model)
+    return [
+        shown.view(eye, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed) * exposure
+        for eye in viewpoints
+    ]
+
+
 def observed_pixels(
     display: Display,
     viewpoints: Sequence[Viewpoint],
@@ -74,7 +93,7 @@ def observed_pixels(
     pixels_per_lens: int,
     spp: int,
     seeds: Sequence[int],
-    clock: Clock | None = None,
+    observer: Observer | None = None,
 ) -> np.ndarray | None:
     """Panel pixels that the views depend on: those that their very samples come from.
 
@@ -110,7 +129,7 @@ def observed_pixels(
     for viewpoint in viewpoints:
         sensor = _eye(display, viewpoint, pixels_per_lens, AnalyticLens.start_mm)
         for seed in seeds:
-            mean_light(Tracer(light, sensor, seed, clock), spp)
+            mean_light(Tracer(light, sensor, seed, observer, planned=False), spp)
     return np.asarray(marks).reshape(rows, columns) > 0
 
 
@@ -152,12 +171,11 @@ class DisplayScene:
         pixels_per_lens: int,
         spp: int,
         seed: int,
-        clock: Any = None,
-        progress: Any = None,
+        observer: Observer | None = None,
     ) -> np.ndarray:
         """One view, (rows, columns, 3) float32; see `reconstruct`."""
         sensor = _eye(self.display, viewpoint, pixels_per_lens, self._shown.start_mm)
-        return mean_light(Tracer(self._shown.light, sensor, seed, clock, progress), spp)
+        return mean_light(Tracer(self._shown.light, sensor, seed, observer), spp)
 
 
 class AnalyticLens:

@@ -1,9 +1,9 @@
-"""The yardstick of all timings: one gather of four bytes per panel pixel, compiled by Dr.Jit.
+"""The reference kernel of all timings: one gather of four bytes per panel pixel, by Dr.Jit.
 
 Milliseconds say as much about a machine as about an algorithm. So every time is also given as a
-multiple of the least work that could be called making an elemental image array: each panel pixel
-fetches one RGBA value of the picture, where its ray meets the central depth plane, and stores it.
-No depth is looked at. The address is worked out inside the kernel from the pixel's index, so the
+multiple, in yardsticks, of the least work that could be called making an elemental image array:
+each panel pixel fetches one RGBA value of the picture, where its ray meets the central depth plane,
+and stores it. No depth is read. The kernel computes the address from the pixel's index, so the
 gather is the only load.
 """
 
@@ -24,7 +24,7 @@ from inim.display.pixel_axis import stated
 from inim.generators.base import PictureShape
 from inim.render import variant
 
-__all__ = ["AxisAddress", "Yardstick", "axis_addresses", "drjit_threads", "plane_mm"]
+__all__ = ["AxisAddress", "ReferenceKernel", "axis_addresses", "drjit_threads", "plane_mm"]
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def axis_addresses(
     return rows, columns
 
 
-class Yardstick:
+class ReferenceKernel:
     """One gather per panel pixel, ready to be timed.
 
     Parameters

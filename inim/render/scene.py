@@ -10,13 +10,13 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from inim.clock import Clock
 from inim.display import Display
 from inim.errors import FileError, SceneError
 from inim.files.image import read_exr_texture
 from inim.files.mesh import check_mesh_file
 from inim.files.picture import check_picture, is_exr
 from inim.files.volume import check_volume
+from inim.observer import Observer
 from inim.render.bounds_culling import Silhouette, box_corners
 from inim.scene.file import SceneFile
 
@@ -79,7 +79,7 @@ class FittedScene:
 
 
 def open_scene(
-    file: SceneFile, display: Display, fit_share: float, clock: Clock | None = None
+    file: SceneFile, display: Display, fit_share: float, observer: Observer | None = None
 ) -> FittedScene:
     """Load a scanned scene, check its meshes, fit it.
 
@@ -98,8 +98,8 @@ def open_scene(
         check_volume(grid)
     started = time.perf_counter()
     scene = _load(file)
-    if clock:
-        clock.seconds += time.perf_counter() - started
+    if observer:
+        observer.rendered(time.perf_counter() - started)
     relic = [shape for shape in scene.shapes() if not shape.is_emitter()]
     if not relic:
         raise SceneError(f"{file.path}: nothing to show: the scene has no shape but lights")

@@ -17,12 +17,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from inim.clock import Clock
+from inim.observer import Observer
 from inim.render.counter_sampler import PLUGIN
 
 __all__ = [
     "Light",
-    "Progress",
     "Surface",
     "Tracer",
     "limit_rays",
@@ -36,7 +35,6 @@ _RAYS_PER_PASS = 2**22
 # Pixels whose float64 sums are held at once.
 _PIXELS_PER_BAND = 2**20
 
-Progress = Callable[[int], None]
 #: What a sensor's ray brings: (sensor, pixel, place within it, point of the pupil, sampler) to
 #: three channels.
 Light = Callable[[Any, Any, Any, Any, Any], Any]
@@ -69,17 +67,17 @@ class Tracer:
     sensor :
         One of `inim.render.sensors`.
     seed : int
-    clock : Clock, optional
-        Adds the time spent here, and the samples.
-    progress : callable, optional
-        Called with the number of rays finished.
+    observer : Observer, optional
+        Counts time and samples, and rays as they are done.
+    planned : bool
+        Whether the rays are of the total that the observer was given.
     """
 
     light: Light
     sensor: Any
     seed: int
-    clock: Clock | None = None
-    progress: Progress | None = None
+    observer: Observer | None = None
+    planned: bool = True
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -108,13 +106,16 @@ class Tracer:
             color = self._wavefront(pixels[part], first, some)
             # Summing outside the kernel keeps the count out of it: no compilation per setting.
             total[part] += np.stack([np.asarray(dr.block_sum(c, some)) for c in color], -1)
-            if self.progress:
-                self.progress((part.stop - part.start) * some)
-        if self.clock:
-            self.clock.seconds += time.perf_counter() - started
-            self.clock.samples += len(pixels) * samples
+            self.done((part.stop - part.start) * some)
+        if self.observer:
+            self.observer.rendered(time.perf_counter() - started, len(pixels) * samples)
         mean: np.ndarray = total / samples
         return mean
+
+    def done(self, rays: int) -> None:
+        """So many rays more need no work any more."""
+        if self.observer and self.planned:
+            self.observer.rays(rays)
 
     def _wavefront(self, pixels: np.ndarray, first: int, samples: int) -> Any:
         """What each sample of one pass brings; one compiled kernel for all passes."""
@@ -155,8 +156,8 @@ def mean_light(tracer: Tracer, spp: int, asked: np.ndarray | None = None) -> np.
     image = np.zeros((rows * columns, 3), np.float32)
     for pixels in _bands(rows * columns, asked):
         image[pixels] = tracer.means(pixels, spp)
-    if asked is not None and tracer.progress:  # what need not be traced is done, too
-        tracer.progress(spp * int(np.count_nonzero(~asked)))
+    if asked is not None:
+        tracer.done(spp * int(np.count_nonzero(~asked)))
     return image.reshape(rows, columns, 3)
 
 
@@ -207,7 +208,7 @@ class Surface:
         return points
 
 
-def surface(scene: Any, sensor: Any, clock: Clock | None = None) -> Surface:
+def surface(scene: Any, sensor: Any, observer: Observer | None = None) -> Surface:
     """First surface on the ray through each pixel's centre, past any light."""
     started = time.perf_counter()
     columns, rows = (int(n) for n in sensor.film().size())
@@ -223,8 +224,8 @@ def surface(scene: Any, sensor: Any, clock: Clock | None = None) -> Surface:
         origin=np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.o], -1),
         direction=np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.d], -1),
     )
-    if clock:
-        clock.seconds += time.perf_counter() - started
+    if observer:
+        observer.rendered(time.perf_counter() - started)
     return found
 
 

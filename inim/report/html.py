@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from inim.parallel import beside
+from inim.parallel import threads
 from inim.report import wipe
 from inim.report.images import ENCODINGS, Images
 from inim.report.markup import text
@@ -50,8 +50,8 @@ def render_html(data: Mapping[str, Any], folder: Path) -> str:
 
 
 def _page(data: Mapping[str, Any], images: Images) -> str:
-    with beside() as begin:  # packing and comparing images takes the longest
-        begun = [(s, begin(s.body, data, images)) for s in all_sections()]
+    with threads() as submit:  # packing and comparing images takes the longest
+        begun = [(s, submit(s.body, data, images)) for s in all_sections()]
         sections = [Section(s.anchor, s.title, one.result()) for s, one in begun]
     title = data.get("title") or "Untitled"
     return render_page(

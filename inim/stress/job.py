@@ -132,9 +132,9 @@ def _record(request: StressRequest, backend: Any) -> dict[str, Any]:
 
 def _picture(request: StressRequest, listener: Any) -> tuple[RGBD, Any, str]:
     """The picture whose depth is jittered: of the scene, or two spheres in closed form."""
-    from inim.bench.synthetic import two_spheres
     from inim.color import linear_from_srgb
     from inim.display import DISPLAYS
+    from inim.scene.two_spheres import two_spheres
 
     if request.scene is not None:
         return _captured(request, listener)
@@ -160,7 +160,7 @@ def _captured(request: StressRequest, listener: Any) -> tuple[RGBD, Any, str]:
         pixels_per_pitch=settings.capture_pixels_per_pitch,
         spp=settings.capture_spp,
         seed=2 * settings.seed,
-        progress=listener.rays,
+        observer=listener,
     )
     if not rgbd.covered.any():
         raise SceneError(f"{request.scene}: the depth camera sees nothing to jitter")

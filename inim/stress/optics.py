@@ -31,7 +31,7 @@ def run_optics(count: int, thin: int, listener: Any) -> list[dict[str, Any]]:
         Rays of a case.
     thin : int
         Every so manieth case of a family.
-    listener : Listener
+    listener : Observer
     """
     rows: list[dict[str, Any]] = []
     family_before = None

@@ -8,14 +8,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from inim.metrics import Metric, all_metrics
 from inim.report.wording import check_finding, check_passed, checks, part
 from inim.scene.file import parse_definitions
 from inim.settings import PREFIX, Settings
 from inim.sweep.unit import Unit
 
-__all__ = ["DISPLAY_COLUMNS", "SETTING_COLUMNS", "failed_rows", "finished_rows", "result_of"]
+__all__ = [
+    "DISPLAY_COLUMNS",
+    "REFERENCES",
+    "SETTING_COLUMNS",
+    "ceiling_columns",
+    "eia_columns",
+    "failed_rows",
+    "finished_rows",
+    "reference_columns",
+    "result_of",
+    "view_columns",
+]
 
-#: Of the display: what it is told by in papers.
+#: Of the display: what papers state of it.
 DISPLAY_COLUMNS = (
     "pitch_mm",
     "focal_length_mm",
@@ -24,7 +36,7 @@ DISPLAY_COLUMNS = (
     "lens_columns",
     "lens_rows",
 )
-#: Of the settings: what a study varies beside its display.
+#: Of the settings: what a study varies besides its display.
 SETTING_COLUMNS = (
     "lens_model",
     "misalign",
@@ -41,16 +53,30 @@ SETTING_COLUMNS = (
     "score_error",
     "seed",
 )
-_VIEW_SCORES = (
-    "ssim",
-    "psnr_db",
-    "flip",
-    "ssim_on_relic",
-    "ssim_to_ceiling",
-    "psnr_to_ceiling_db",
-    "flip_to_ceiling",
-)
-_SCORES = ("ssim", "psnr_db", "flip")
+#: Of which a row has the reference's scores, too, under these prefixes.
+REFERENCES = ("ceiling", "noise_floor")
+
+
+def view_columns() -> dict[str, Metric]:
+    """Columns of a view's scores against the scene, with their metrics, in the table's order."""
+    metrics = all_metrics()
+    on_relic = {metric.on_relic_key: metric for metric in metrics if metric.on_relic}
+    return {metric.key: metric for metric in metrics} | on_relic
+
+
+def ceiling_columns() -> dict[str, Metric]:
+    """Columns of a view's scores against the ceiling's view, likewise."""
+    return {metric.to_ceiling_key: metric for metric in all_metrics()}
+
+
+def reference_columns(reference: str) -> dict[str, Metric]:
+    """Columns of the scores of one of `REFERENCES`, likewise."""
+    return {f"{reference}_{metric.key}": metric for metric in all_metrics()}
+
+
+def eia_columns(start: str = "eia") -> dict[str, Metric]:
+    """Columns of an EIA's scores, likewise."""
+    return {f"{start}_{metric.key}": metric for metric in all_metrics() if metric.of_eia}
 
 
 def result_of(
@@ -71,16 +97,15 @@ def result_of(
     dict
         `made`, what it was made with, and `rows`, one for each viewpoint.
     """
-    contest, timings = part(data, "algorithms", algorithm), part(data, "timings")
+    found, timings = part(data, "algorithms", algorithm), part(data, "timings")
+    floor = data["noise_floor"]
     failed = _failed_checks(data, algorithm)
     ratios = times.get(algorithm, ())
     common = {
-        "eia_ssim": contest["eia"]["ssim"],
-        "eia_psnr_db": contest["eia"]["psnr_db"],
-        "hole_fraction": contest["eia"]["hole_fraction"],
-        "noise_floor_eia_ssim": data["noise_floor"]["eia"]["ssim"],
-        "noise_floor_eia_psnr_db": data["noise_floor"]["eia"]["psnr_db"],
-        "seconds": contest["seconds"],
+        **{name: found["eia"].get(m.key) for name, m in eia_columns().items()},
+        "hole_fraction": found["eia"]["hole_fraction"],
+        **{name: floor["eia"].get(m.key) for name, m in eia_columns("noise_floor_eia").items()},
+        "seconds": found["seconds"],
         "yardsticks": math.exp(statistics.median(ratios)) if ratios else None,
         "unit_seconds": timings["total"],
         "render_seconds": timings["mitsuba_render"],
@@ -92,22 +117,22 @@ def result_of(
         name = viewpoint["name"]
         x_mm, y_mm, z_mm = viewpoint["position_mm"]
         row = {"viewpoint": name, "x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm}
-        row |= {key: contest["views"][name][key] for key in _VIEW_SCORES}
-        for reference in ("ceiling", "noise_floor"):
-            found = data[reference]["views"][name]
-            row |= {f"{reference}_{key}": found[key] for key in _SCORES}
+        row |= {key: found["views"][name].get(key) for key in (*view_columns(), *ceiling_columns())}
+        for reference in REFERENCES:
+            scores = data[reference]["views"][name]
+            row |= {key: scores.get(m.key) for key, m in reference_columns(reference).items()}
         rows.append(row | common)
     made = {key: data[key] for key in ("created", "inim_version", "versions", "backend")}
     return {"made": made, "rows": rows}
 
 
 def _failed_checks(data: Mapping[str, Any], algorithm: str) -> list[str]:
-    """Failed checks of the ground truth and of this algorithm, not those of its rivals."""
-    rivals = [name for name in part(data, "algorithms") if name != algorithm]
+    """Failed checks of the ground truth and of this algorithm, not those of the others."""
+    others = [name for name in part(data, "algorithms") if name != algorithm]
     return [
         f"{check['name']}: {check_finding(check)}"
         for check in checks(data)
-        if not check_passed(check) and not any(_is_of(check["name"], r) for r in rivals)
+        if not check_passed(check) and not any(_is_of(check["name"], other) for other in others)
     ]
 
 
@@ -144,7 +169,7 @@ def _identity(unit: Unit, algorithm: str) -> dict[str, Any]:
     row: dict[str, Any] = {"scene": unit.scene, "display": unit.display, "algorithm": algorithm}
     row["unit"] = unit.hash or None
     if unit.plan is None:
-        return row | _asked(unit)
+        return row | _given(unit)
     settings, display = asdict(unit.plan.settings), unit.plan.display.given()
     row["scene_sha256"] = unit.plan.file.sha256
     row |= {key: display[key] for key in DISPLAY_COLUMNS}
@@ -152,7 +177,7 @@ def _identity(unit: Unit, algorithm: str) -> dict[str, Any]:
     return row | {key: settings[key] for key in SETTING_COLUMNS}
 
 
-def _asked(unit: Unit) -> dict[str, Any]:
+def _given(unit: Unit) -> dict[str, Any]:
     """Settings that the study itself names, where the scene's could not be had."""
     given = parse_definitions(list(unit.request.definitions))
     settings = asdict(Settings.parse(given, unit.label))
@@ -160,7 +185,12 @@ def _asked(unit: Unit) -> dict[str, Any]:
 
 
 def _infinite(row: Mapping[str, Any]) -> dict[str, Any]:
-    """The PSNR of identical pictures, which JSON has as null."""
+    """With scores of identical pictures infinite, which JSON has as null: PSNR."""
+    scores = view_columns() | ceiling_columns() | eia_columns() | eia_columns("noise_floor_eia")
+    for reference in REFERENCES:
+        scores |= reference_columns(reference)
+    ends = {name: max(metric.range) for name, metric in scores.items()}
     return {
-        key: math.inf if value is None and "psnr" in key else value for key, value in row.items()
+        key: math.inf if value is None and ends.get(key) == math.inf else value
+        for key, value in row.items()
     }

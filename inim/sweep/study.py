@@ -22,7 +22,7 @@ from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import is_file_safe
 from inim.errors import FileError, InimError, UsageError
 from inim.lens import FULL, LENS_MODELS
-from inim.pipeline.method import parse_contenders
+from inim.pipeline.method import parse_methods
 from inim.settings import PREFIX, Settings
 
 if sys.version_info >= (3, 11):
@@ -255,7 +255,7 @@ class _Reader:
             if "," in one:
                 raise self.wrong("study.algorithms", f"{one!r}: write one algorithm in each text")
         try:
-            return tuple(c.name for c in parse_contenders(",".join(written), ()))
+            return tuple(c.name for c in parse_methods(",".join(written), ()))
         except InimError as error:
             raise self.wrong("study.algorithms", str(error)) from None
 

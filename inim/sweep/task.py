@@ -199,7 +199,7 @@ def _check_same(task: Task, plan: Plan) -> None:
 
 
 def _validated(task: Task, plan: Plan, staging: Path, listener: Any) -> Any:
-    from inim.pipeline.validate import run
+    from inim.pipeline.work import run
     from inim.render import variant
 
     variant.use(task.request.backend)
@@ -212,7 +212,7 @@ def _validated(task: Task, plan: Plan, staging: Path, listener: Any) -> Any:
 
 
 def _times(staging: Path) -> Mapping[str, Sequence[float]]:
-    from inim.pipeline import differences
-    from inim.regression import CANDIDATE, read_evidence
+    from inim.pipeline.baseline import FOLDER as STATISTICS
+    from inim.regression import CANDIDATE, read_statistics
 
-    return read_evidence(staging / differences.FOLDER, CANDIDATE).times
+    return read_statistics(staging / STATISTICS, CANDIDATE).times

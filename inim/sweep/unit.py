@@ -12,15 +12,16 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from importlib import metadata, util
 from pathlib import Path
 from typing import Any
 
 import inim
 from inim.errors import InimError, UsageError
 from inim.generators import GENERATORS, PICKUP, parse_algorithm
+from inim.metrics import foreign_identities
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
+from inim.plugins import identity
 from inim.provenance import versions
 from inim.settings import PREFIX
 from inim.sweep.study import NamedDisplay, Study
@@ -149,6 +150,9 @@ def key_of(plan: Plan) -> dict[str, Any]:
         "versions": {"inim": __version__, **_versions()},
         "code": _own_code(),
     }
+    others = foreign_identities()
+    if others:
+        key["metrics"] = others
     found: dict[str, Any] = json.loads(json.dumps(key))
     return found
 
@@ -166,20 +170,13 @@ def unit_hash(key: Mapping[str, Any]) -> str:
 def making_of(plan: Plan, algorithm: str) -> dict[str, Any]:
     """What else a result of one algorithm depends on: its own criterion, another package's code.
 
-    Who writes an algorithm edits its file long before its version. Our own code is in every key.
+    Our own code is in every key.
     """
     found: dict[str, Any] = {"min_ssim_to_ceiling": plan.ssim_limits.get(algorithm)}
     name = parse_algorithm(algorithm)[0]
     if name in GENERATORS or name == PICKUP:
         return found
-    point = next(iter(metadata.entry_points(group="inim.generators", name=name)))
-    found["entry_point"] = point.value
-    if point.dist is not None:
-        found["version"] = point.dist.version
-    spec = util.find_spec(point.module)
-    if spec is not None and spec.origin is not None:
-        found["sha256"] = hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()
-    return found
+    return found | identity("inim.generators", name)
 
 
 @cache

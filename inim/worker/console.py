@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from inim.observer import Listener
+from inim.observer import Observer
 
 __all__ = ["ConsoleListener"]
 
 
-class ConsoleListener(Listener):
+class ConsoleListener(Observer):
     """Prints result lines and draws one bar over all rays; the bar only on a terminal.
 
     Parameters
@@ -22,6 +22,7 @@ class ConsoleListener(Listener):
     """
 
     def __init__(self, quiet: bool, on_stage: Callable[[str], None]) -> None:
+        super().__init__()
         self._quiet = quiet
         self._on_stage = on_stage
         self._bar: Any = None
@@ -34,7 +35,7 @@ class ConsoleListener(Listener):
             self._bar.close()
 
     def begin(self, total_rays: int) -> None:
-        """See `Listener`."""
+        """See `Observer`."""
         from tqdm import tqdm
 
         if self._bar is not None:  # of an earlier round of samples
@@ -51,18 +52,18 @@ class ConsoleListener(Listener):
         )
 
     def stage(self, name: str) -> None:
-        """See `Listener`."""
+        """See `Observer`."""
         self._on_stage(name)
         if self._bar is not None:
             self._bar.set_description(name)
 
     def rays(self, count: int) -> None:
-        """See `Listener`."""
+        """See `Observer`."""
         if self._bar is not None:
             self._bar.update(count)
 
     def line(self, text: str) -> None:
-        """See `Listener`."""
+        """See `Observer`."""
         if self._quiet:
             return
         if self._bar is not None:

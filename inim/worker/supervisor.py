@@ -60,7 +60,7 @@ def run_in_worker(request: Request, *, quiet: bool = True, debug: bool = False) 
         What the worker raised, or `WorkerError` / `OutOfMemoryError` where it could not say.
     """
     # It loads while the plan is made here, too: most mistakes are found before it has a job.
-    with Worker("inim.pipeline.validation:work", about=str(request.scene)) as worker:
+    with Worker("inim.pipeline.work:work", about=str(request.scene)) as worker:
         from inim.pipeline.plan import make_plan
 
         make_plan(request)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from inim.clock import Clock
 from inim.metrics import psnr_db, ssim
+from inim.observer import Observer
 from inim.scene.file import read_scene_file
 from inim.settings import Settings
 
@@ -61,10 +61,10 @@ def test_a_third_of_the_samples_reach_the_floor_of_uniform_sampling(name, indepe
     settings = replace(Settings.parse(file.settings, name), lens_columns=24, lens_rows=24)
     display = settings.make_display(name)
     fitted = open_scene(file, display, settings.fit_share)
-    ours, uniform = Clock(), Clock()
-    fewer = pickup(fitted, display, spp=FEWER, seed=1, clock=ours)
+    ours, uniform = Observer(), Observer()
+    fewer = pickup(fitted, display, spp=FEWER, seed=1, observer=ours)
     independent()
-    usual = pickup(fitted, display, spp=SPP, seed=2, skip=False, clock=uniform)
+    usual = pickup(fitted, display, spp=SPP, seed=2, skip=False, observer=uniform)
     floors = [
         (psnr_db(truth.first, truth.second), ssim(truth.first, truth.second))
         for truth in (fewer, usual)

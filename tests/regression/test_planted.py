@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from inim.observer import Listener
 from inim.pipeline.ledger import Ledger
+
+from inim.observer import Observer
 from inim.pipeline.method import Contender, Entry
 from inim.pipeline.plan import make_plan
 from inim.pipeline.reconstruct import reconstruct_views
@@ -31,7 +31,7 @@ from inim.pipeline.run_statistics import (
     truth_findings,
 )
 from inim.pipeline.truth import GroundTruth, render_truth
-from inim.regression import Evidence, Verdict, compare, fingerprint, reference_input
+from inim.regression import RunStatistics, Verdict, compare, fingerprint, reference_input
 from inim.rgbd import RGBD
 
 SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"
@@ -63,7 +63,7 @@ class Run:
         generate: Callable[[RGBD], np.ndarray] | None = None,
         seen: Callable[[dict[str, Any]], dict[str, Any]] = lambda views: views,
         times: dict[str, tuple[float, ...]] | None = None,
-    ) -> Evidence:
+    ) -> RunStatistics:
         """What it leaves, with another truth, another generator or other views planted."""
         truth, generate = truth or self.truth, generate or self.generate
         first, second = (generate(rgbd) for rgbd in truth.captures)
@@ -88,14 +88,13 @@ class Run:
 
 def run_of(folder: Path, **settings: Any) -> Run:
     """A run of the small scene, without a report."""
-    from inim.clock import Clock
     from inim.generators import prepare
     from inim.render import variant
 
     backend = variant.use()
     definitions = tuple(f"inim.{key}={value}" for key, value in (SMALL | settings).items())
     plan = make_plan(Request(SCENE, folder, definitions))
-    job = Ledger(plan, folder, Listener(), Clock())
+    job = Ledger(plan, folder, Observer())
     truth = render_truth(job)
     rgbd = truth.rgbd
     made = prepare(plan.display, "template", shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
@@ -105,7 +104,7 @@ def run_of(folder: Path, **settings: Any) -> Run:
 
 
 @pytest.fixture(scope="module")
-def baseline(tmp_path_factory: pytest.TempPathFactory) -> Evidence:
+def baseline(tmp_path_factory: pytest.TempPathFactory) -> RunStatistics:
     return run_of(tmp_path_factory.mktemp("baseline")).evidence()
 
 
@@ -115,7 +114,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run_of(tmp_path_factory.mktemp("run"), seed=1)
 
 
-def failed(baseline: Evidence, candidate: Evidence) -> dict[str, Verdict]:
+def failed(baseline: RunStatistics, candidate: RunStatistics) -> dict[str, Verdict]:
     return {v.name: v for v in compare(baseline, candidate, "here") if not v.passed}
 
 

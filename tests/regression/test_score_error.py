@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from inim.pipeline.validate import validate
+from inim.pipeline.request import validate
 
 pytestmark = pytest.mark.slow
 

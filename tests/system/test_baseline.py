@@ -348,9 +348,9 @@ def test_baseline_that_is_none_ends_with_4(
 
 def test_times_of_another_machine_end_with_4(timed: Bench) -> None:
     from inim.errors import BaselineError
-    from inim.regression import check_times, read_evidence
+    from inim.regression import check_times, read_statistics
 
-    base = read_evidence(timed.folder / "timed-base", "baseline")
+    base = read_statistics(timed.folder / "timed-base", "baseline")
     check_times(base, base.circumstances, "here")
     for name, value in (("threads", 99), ("processor", "abacus")):
         with pytest.raises(BaselineError, match=f"{name}.*{value}"):

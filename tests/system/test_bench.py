@@ -16,9 +16,9 @@ import pytest
 
 from inim.bench.paper import Sizes, bench_paper
 from inim.bench.scaling import bench_scaling
-from inim.bench.timing import Rounds
 from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.observer import Listener
+from inim.observer import Observer
+from inim.pipeline.timing import Rounds
 from inim.report.bench import write_bench
 from tests.system.conftest import TINY, assert_one_line, definitions, nothing_left, write_scene
 
@@ -123,7 +123,7 @@ def test_mistakes_cost_one_line_and_no_folder(tmp_path, words, says):
 
 
 def test_scaling_and_paper_at_small_sizes(tmp_path, renderer):
-    rounds, listener = Rounds(runs=2, warmups=1), Listener()
+    rounds, listener = Rounds(runs=2, warmups=1), Observer()
     scaling = bench_scaling(rounds, listener, (1, 4), (1, 3), 2)
     sizes = Sizes(2, (1, 2), (3, 5), (1, 2), 3, 2)
     paper = bench_paper(rounds, listener, sizes)

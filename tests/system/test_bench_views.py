@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.bench.timing import Rounds
 from inim.bench.views import RECTANGLE, bench_views
-from inim.observer import Listener
+from inim.observer import Observer
+from inim.pipeline.timing import Rounds
 from inim.report.bench import SCHEMA, write_bench
 from inim.report.bench.tables import tables_of
 from tests.conftest import small_display
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("renderer")
 
 @pytest.fixture(scope="module")
 def views(renderer):
-    return bench_views(Rounds(runs=3, warmups=1), Listener(), 4, 4, spp=16, full_spp=4)
+    return bench_views(Rounds(runs=3, warmups=1), Observer(), 4, 4, spp=16, full_spp=4)
 
 
 def test_every_lens_model_is_timed_beside_the_rectangle(views):

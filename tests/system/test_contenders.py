@@ -21,18 +21,17 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from inim.pipeline.ledger import Ledger
 from PIL import Image
 
 import inim
 from inim.cli import main
-from inim.clock import Clock
 from inim.color import linear_from_srgb
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, UsageError
 from inim.files.eia_file import read_eia
 from inim.files.image import read_exr, write_exr
 from inim.generators import SourceGenerator
-from inim.observer import Listener
-from inim.pipeline.ledger import Ledger
+from inim.observer import Observer
 from inim.pipeline.method import parse_contenders
 from inim.pipeline.plan import make_plan
 from inim.pipeline.plugin_guard import run_generator
@@ -223,7 +222,7 @@ def test_bad_file_is_found_before_anything_is_rendered(
     write_bad_files(folder, make_plan(request(tiny_scene)).display.eia_shape)
     with pytest.raises(FileError) as caught:
         plan = make_plan(request(tiny_scene, f"mine={folder / name}"))
-        plan.contenders[0].prepare(Ledger(plan, folder, Listener(), Clock()))
+        plan.contenders[0].prepare(Ledger(plan, folder, Observer()))
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from inim.pipeline.ledger import Ledger
 
 from inim import metrics
 from inim.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
-from inim.observer import Listener
+from inim.observer import Observer
 from inim.pipeline import validate as validating
-from inim.pipeline.ledger import Ledger
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.report import Report
@@ -93,11 +93,11 @@ def test_no_view_at_all_fails_a_check(
 
 def test_ledger_tells_missing_views(plan: Plan, tmp_path: Path) -> None:
     for views, count in ((["down", "right"], None), (["down"], 1), ([], 2)):
-        job = Ledger(plan, tmp_path, Listener(), None)
+        job = Ledger(plan, tmp_path, Observer())
         job.complete("mine", views)
         assert [check["value"] for check in job.checks] == ([] if count is None else [count])
         assert not any(check["passed"] for check in job.checks)
-    job = Ledger(replace(plan, viewpoints=()), tmp_path, Listener(), None)
+    job = Ledger(replace(plan, viewpoints=()), tmp_path, Observer())
     job.complete("mine", [])
     assert [check["passed"] for check in job.checks] == [False]
 
@@ -165,7 +165,7 @@ def test_radiance_that_is_not_finite_is_counted_and_fails_a_check(
 def test_value_that_is_no_number_passes_no_check(
     plan: Plan, tmp_path: Path, value: float | None, relation: str
 ) -> None:
-    job = Ledger(plan, tmp_path, Listener(), None)
+    job = Ledger(plan, tmp_path, Observer())
     job.check("any", value, relation, 0.5)
     assert job.checks[0]["passed"] is False
 

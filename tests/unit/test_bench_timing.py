@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from inim.bench.scaling import growth
-from inim.bench.scene import marked
-from inim.bench.timing import Rounds, Timing, in_turn, pareto, ratios
+from inim.bench.evaluate import mark_fronts, pareto
+from inim.bench.scaling import growth, power_law
 from inim.errors import UsageError
+from inim.pipeline.timing import Rounds, Timing, in_turn, ratios
 
 
 class Bench:
@@ -104,17 +106,15 @@ def test_equal_points_are_both_on_the_front():
     assert pareto([(1.0, 1.0), (1.0, 1.0), (1.0, 2.0)]) == [True, True, False]
 
 
-def test_a_contender_without_sources_can_still_be_on_another_front():
+def test_a_method_without_sources_can_still_be_on_another_front():
     def one(name, ms, wrong, psnr):
         return {
             "name": name, "median_ms": ms, "wrong_source": wrong, "eia_psnr_db": psnr,
             "eia_ssim": 0.5, "view_ssim_to_ceiling": 0.5,
         }  # fmt: skip
 
-    found = {
-        c["name"]: c
-        for c in marked([one("a", 1.0, 0.1, 20), one("b", 2.0, None, 30), one("c", 3.0, 0.1, 20)])
-    }
+    methods = [one("a", 1.0, 0.1, 20), one("b", 2.0, None, 30), one("c", 3.0, 0.1, 20)]
+    found = {m["name"]: m for m in mark_fronts(methods)}
     assert found["a"]["fronts"][0] == "wrong_source"
     assert found["b"]["fronts"] == ["eia_psnr_db"]
     assert (found["b"]["pareto"], found["c"]["pareto"], found["c"]["fronts"]) == (True, False, [])
@@ -124,3 +124,30 @@ def test_growth_is_the_power_of_the_size():
     points = [{"n": n, "min_ms": 0.5 * n**1.5} for n in (4, 1, 64, 16)]
     assert growth(points, "n") == pytest.approx(1.5)
     assert growth(points[:1], "n") is None
+
+
+@pytest.mark.parametrize("factor", [2.0, 3.0, 0.1, 1 / 3, 7e-5])
+@pytest.mark.parametrize("sizes", [(100, 400), (3, 5), (1, 2, 4, 6, 8, 10, 12)])
+def test_powers_that_differ_by_rounding_only_are_equal(factor, sizes):
+    """Times that are multiples of one another grow alike, however the logarithms are rounded."""
+    one, other = (
+        power_law([{"n": n, "min_ms": 0.9 * f * n**0.7} for n in sizes], "n") for f in (1.0, factor)
+    )
+    assert not one.is_below(other)
+    assert not other.is_below(one)
+    assert one.error < 1e-12
+    slower = power_law([{"n": n, "min_ms": n**0.701} for n in sizes], "n")
+    assert one.is_below(slower)
+
+
+def test_error_of_a_power_is_its_standard_error():
+    """Against scipy's, which takes n - 2 degrees of freedom too."""
+    from scipy.stats import linregress
+
+    points = [{"n": n, "min_ms": ms} for n, ms in ((1, 1.1), (2, 1.9), (4, 4.2), (8, 7.7))]
+    wanted = linregress(*([math.log(p[key]) for p in points] for key in ("n", "min_ms")))
+    law = power_law(points, "n")
+    assert law.power == pytest.approx(wanted.slope)
+    assert law.error == pytest.approx(wanted.stderr)
+    near = [{"n": p["n"], "min_ms": p["min_ms"] * p["n"] ** (0.5 * law.error)} for p in points]
+    assert not law.is_below(power_law(near, "n"))

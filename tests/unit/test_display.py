@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from inim.display import DISPLAYS, Display
+from inim.display.pixel_rays import pixel_rays
 from inim.errors import DisplayError
 from tests import oracle
 
@@ -348,3 +349,67 @@ def test_replace_checks_anew() -> None:
     assert NOMINAL.replace(gap_mm=3.5).gap_mm == 3.5
     with pytest.raises(DisplayError):
         NOMINAL.replace(gap_mm=0)
+
+
+# Every parameter of the lenses alone, and others that a ray through a lens's centre depends on.
+LENSES: dict[str, Any] = {
+    "refractive_index": 1.7,
+    "lens_thickness_mm": 1.4,
+    "curved_side": "panel",
+    "conic": -0.5,
+    "asphere_a4": 1e-3,
+    "asphere_a6": 1e-4,
+    "abbe_number": 57.0,
+    "aperture": "round",
+    "fill_factor": 0.8,
+    "between_lenses": "clear",
+    "name": "theirs",
+}
+RAYS: dict[str, Any] = {
+    "pitch_mm": 1.1,
+    "focal_length_mm": 3.1,
+    "gap_mm": 3.4,
+    "pixel_pitch_mm": 0.05,
+    "lens_columns": 60,
+    "lens_rows": 61,
+    "panel_columns": 1000,
+    "panel_rows": 1001,
+    "depth_min_mm": 20.0,
+    "depth_max_mm": 40.0,
+    "elemental_pitch_mm": 1.01,
+    "pitch_y_mm": 1.2,
+    "lattice": "hexagonal",
+    "shift_x_mm": 0.1,
+    "shift_y_mm": 0.2,
+    "rotation_deg": 1.0,
+    "tilt_x_deg": 0.5,
+    "tilt_y_deg": 0.4,
+    "subpixels": "rgb-stripe",
+    "pixel_fill": 0.9,
+}
+
+
+def test_displays_that_differ_in_their_lenses_are_one_through_pinholes() -> None:
+    assert {*LENSES, *RAYS} == NOMINAL.given().keys()
+    theirs = display(**LENSES)
+    assert theirs.through_pinholes() == NOMINAL.through_pinholes() == display(name="")
+
+
+@pytest.mark.parametrize("name", RAYS)
+def test_what_decides_rays_through_lens_centres_is_kept_through_pinholes(name: str) -> None:
+    given = {"depth_min_mm": 10.0, "depth_max_mm": 50.0} | {name: RAYS[name]}
+    kept = display(**LENSES, **given).through_pinholes()
+    assert kept.given() == NOMINAL.given() | given | {"name": ""}
+
+
+def test_rays_through_pinholes_are_those_of_the_display() -> None:
+    """The pickup of the true EIA, the depth camera and the viewing zone know no lens."""
+    for mounted in ({}, {"rotation_deg": 2.0, "tilt_x_deg": 1.0}):
+        theirs = display(**LENSES, **mounted)
+        point = theirs.through_pinholes()
+        ours, others = (pixel_rays(d, slice(0, d.eia_shape[0])) for d in (theirs, point))
+        for name in ("lens", "x0", "y0", "slope_x", "slope_y", "gap_mm"):
+            assert np.array_equal(getattr(ours, name), getattr(others, name))
+        assert theirs.capture_shape(5) == point.capture_shape(5)
+        assert theirs.depth_range_mm == point.depth_range_mm
+        assert theirs.flip_limit_mm(500) == point.flip_limit_mm(500)

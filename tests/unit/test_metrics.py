@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -12,6 +13,7 @@ from inim import metrics
 from inim.color import srgb_from_linear
 from inim.errors import UsageError
 from inim.metrics import Metric
+from inim.plugins import stdout_to_stderr
 from inim.regression import ScoreEstimate, view_scores
 from inim.regression.scores import compare_scores
 
@@ -25,10 +27,10 @@ def announce(monkeypatch: pytest.MonkeyPatch) -> Iterator[Announce]:
     def announced(**found: object) -> None:
         monkeypatch.setattr("inim.metrics.announced", lambda group: sorted(found))
         monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: found[name])
-        metrics.all_metrics.cache_clear()
+        metrics._all_metrics.cache_clear()
 
     yield announced
-    metrics.all_metrics.cache_clear()
+    metrics._all_metrics.cache_clear()
 
 
 def absolute(reference: np.ndarray, test: np.ndarray) -> float:
@@ -178,6 +180,14 @@ def test_declaration_that_makes_no_sense_is_refused(wrong: dict, words: str) -> 
         Metric(**{"name": "mine", "function": absolute, "tolerance": 0.01, **wrong})
 
 
+def test_eia_has_scores_of_those_metrics_that_say_something_of_it(announce: Announce) -> None:
+    announce(mae=lower("mae", absolute, of_eia=True), other=lower("other", absolute))
+    a, b = two(np.random.default_rng(7))
+    found = metrics.eia_scores(a, b)
+    mae = absolute(srgb_from_linear(a), srgb_from_linear(b))
+    assert found == {"ssim": metrics.ssim(a, b), "psnr_db": metrics.psnr_db(a, b), "mae": mae}
+
+
 def test_keys_carry_the_unit() -> None:
     angle = lower("hue", absolute, unit="deg", range=(0, 180))
     names = angle.key, angle.to_ceiling_key, angle.on_relic_key, angle.label
@@ -238,3 +248,16 @@ def test_score_whose_metric_is_gone_fails() -> None:
     (found,) = compare_scores(known, known)
     assert not found.passed
     assert found.detail == "its metric is not installed"
+
+
+def test_two_plugins_at_once_leave_stdout_as_it_was(capsys: pytest.CaptureFixture[str]) -> None:
+    """The first to begin is the first to end, as in two threads."""
+    before = sys.stdout
+    first, second = stdout_to_stderr(), stdout_to_stderr()
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    print("second")
+    second.__exit__(None, None, None)
+    assert sys.stdout is before
+    assert capsys.readouterr() == ("", "second\n")

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from inim.display import Viewpoint
+from inim.observer import Observer
 from tests.conftest import scene_text, small_display, sphere
 
 LAMP = """<shape type="rectangle"><transform name="to_world"><scale value="2"/>
@@ -23,41 +24,39 @@ ARRAYS = {
 
 @pytest.mark.parametrize("array", ARRAYS)
 def test_the_eia_is_the_same_without_what_is_black(array, open_fitted):
-    from inim.clock import Clock
     from inim.render.ground_truth import pickup
 
     display = small_display(**ARRAYS[array])
     fitted = open_fitted(scene_text(*SPHERES, LAMP, GLASS), display)
-    clocks = Clock(), Clock()
+    observers = Observer(), Observer()
     found = [
-        pickup(fitted, display, spp=16, seed=1, skip=skip, clock=clock)
-        for skip, clock in zip((True, False), clocks, strict=True)
+        pickup(fitted, display, spp=16, seed=1, skip=skip, observer=observer)
+        for skip, observer in zip((True, False), observers, strict=True)
     ]
     assert found[0].image.max() > 0.1
     assert np.array_equal(found[0].first, found[1].first)
     assert np.array_equal(found[0].second, found[1].second)
-    assert clocks[0].samples < 0.7 * clocks[1].samples
+    assert observers[0].samples < 0.7 * observers[1].samples
 
 
 @pytest.mark.parametrize("pupil", [0.0, 6.0])
 def test_views_and_captures_are_the_same_without_what_is_black(pupil, open_fitted):
-    from inim.clock import Clock
     from inim.render.ground_truth import capture_halves, true_view
 
     display = small_display()
     fitted = open_fitted(scene_text(*SPHERES, LAMP, GLASS), display)
     eye = Viewpoint("eye", 20, -15, 400, pupil_mm=pupil)
-    found, clocks = [], (Clock(), Clock())
-    for skip, clock in zip((True, False), clocks, strict=True):
+    found, observers = [], (Observer(), Observer())
+    for skip, observer in zip((True, False), observers, strict=True):
         view, relic = true_view(
-            fitted, display, eye, pixels_per_lens=6, spp=16, seed=1, skip=skip, clock=clock
+            fitted, display, eye, pixels_per_lens=6, spp=16, seed=1, skip=skip, observer=observer
         )
         pictures = capture_halves(
-            fitted, display, pixels_per_pitch=5, spp=16, seed=2, skip=skip, clock=clock
+            fitted, display, pixels_per_pitch=5, spp=16, seed=2, skip=skip, observer=observer
         )
         found.append([view.first, view.second, relic, *(p.color for p in pictures)])
     assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
-    assert clocks[0].samples < 0.8 * clocks[1].samples
+    assert observers[0].samples < 0.8 * observers[1].samples
 
 
 def test_few_pixels_beside_a_relic_are_traced(open_fitted, tmp_path):

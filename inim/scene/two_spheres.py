@@ -12,7 +12,6 @@ import numpy as np
 
 from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.display import Display, Viewpoint
-from inim.generators.base import PictureShape
 from inim.rgbd import RGBD
 
 __all__ = ["two_spheres", "two_spheres_eia", "two_spheres_view"]
@@ -40,7 +39,7 @@ class _Seen:
     covered: np.ndarray
 
 
-def two_spheres(display: Display, shape: PictureShape, pixel_mm: float) -> RGBD:
+def two_spheres(display: Display, shape: tuple[int, int], pixel_mm: float) -> RGBD:
     """The RGB-D picture, display-ready: (rows, columns, 4) uint8 sRGB with alpha."""
     y = _places(shape[0], pixel_mm, -1)
     x = _places(shape[1], pixel_mm, +1)

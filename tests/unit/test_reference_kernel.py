@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.bench.machine import threads
 from inim.bench.scaling import square_display
+from inim.pipeline.timing import threads
 from inim.rgbd import RGBD
 from tests.conftest import small_display
 
@@ -38,12 +38,12 @@ def where_rays_meet_the_plane(display, shape, pixel_mm):
 
 @pytest.mark.parametrize("name", DISPLAYS)
 def test_addresses_are_those_of_float64_rays(renderer, name):
-    from inim.render.reference_kernel import Yardstick
+    from inim.render.reference_kernel import ReferenceKernel
 
     display, pixel_mm = DISPLAYS[name]
     shape = display.capture_shape(round(1 / pixel_mm))
     color = np.zeros((*shape, 4), np.uint8)
-    found = Yardstick(color, display, pixel_mm).addresses()
+    found = ReferenceKernel(color, display, pixel_mm).addresses()
     row, column = where_rays_meet_the_plane(display, shape, pixel_mm)
     lensed = (display.rows.lens >= 0)[:, None] & (display.columns.lens >= 0)[None, :]
     r, c = (
@@ -60,12 +60,12 @@ def test_addresses_are_those_of_float64_rays(renderer, name):
 
 
 def test_it_gathers_the_picture_s_own_words(renderer):
-    from inim.render.reference_kernel import Yardstick
+    from inim.render.reference_kernel import ReferenceKernel
 
     display = square_display(4)
     shape = display.capture_shape(3)
     color = np.random.default_rng(0).integers(0, 256, (*shape, 4), np.uint8)
-    yardstick = Yardstick(color, display, 1 / 3)
+    yardstick = ReferenceKernel(color, display, 1 / 3)
     words = np.asarray(yardstick.run()).reshape(display.eia_shape)
     assert (words == color.view(np.uint32).ravel()[yardstick.addresses()]).all()
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.bench.contenders import linear_picture
 from inim.bench.scaling import picture_of, square_display
-from inim.bench.synthetic import two_spheres, two_spheres_eia, two_spheres_view
 from inim.display import Viewpoint
 from inim.generators import colour_of, find_sources
+from inim.pipeline.timing import linear_picture
+from inim.scene.two_spheres import two_spheres, two_spheres_eia, two_spheres_view
 from tests.conftest import small_display
 
 

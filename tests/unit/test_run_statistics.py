@@ -1,4 +1,4 @@
-"""Evidence of a run: written and read back, and whether two can be compared."""
+"""RunStatistics of a run: written and read back, and whether two can be compared."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import pytest
 from inim.errors import EXIT_BASELINE, BaselineError
 from inim.regression import (
     BASELINE,
-    Evidence,
+    RunStatistics,
     ScoreEstimate,
     check_comparable,
     compare,
     fingerprint,
-    read_evidence,
+    read_statistics,
     reference_input,
     tile_statistics,
-    write_evidence,
+    write_statistics,
 )
-from inim.regression.run_statistics import differing_conditions
+from inim.regression.comparison import differing_conditions
 from tests.conftest import small_display
 
 DISPLAY = small_display(12, 10, 8)
@@ -29,12 +29,12 @@ CONDITIONS = {"display": {"pitch_mm": 1.0}, "viewpoints": {"left": [0.0, 0.0, 40
 
 
 @pytest.fixture
-def evidence():
+def statistics():
     rng = np.random.default_rng(1)
     halves = 0.3 + 0.01 * rng.normal(size=(2, 40, 48, 3))
     rgbd = reference_input(DISPLAY, (50, 60), 0.2)
     eia = rng.random((*DISPLAY.eia_shape, 3), np.float32)
-    return Evidence(
+    return RunStatistics(
         conditions=CONDITIONS,
         circumstances={"seed": 0, "title": 'A "b" 鼎'},
         pictures={"truth/left": tile_statistics(*halves, (8, 8))},
@@ -45,10 +45,10 @@ def evidence():
     )
 
 
-def test_what_is_written_is_read_back(evidence, tmp_path):
-    kept = evidence.accept("because", "2026-01-01")
-    assert write_evidence(tmp_path, BASELINE, kept) == ["baseline.json", "baseline.npz"]
-    found = read_evidence(tmp_path, BASELINE)
+def test_what_is_written_is_read_back(statistics, tmp_path):
+    kept = statistics.accept("because", "2026-01-01")
+    assert write_statistics(tmp_path, BASELINE, kept) == ["baseline.json", "baseline.npz"]
+    found = read_statistics(tmp_path, BASELINE)
     assert replace(found, pictures={}, fingerprints={}) == replace(
         kept, pictures={}, fingerprints={}
     )
@@ -59,16 +59,16 @@ def test_what_is_written_is_read_back(evidence, tmp_path):
     )
 
 
-def test_score_that_is_no_number_stays_none(evidence, tmp_path):
+def test_score_that_is_no_number_stays_none(statistics, tmp_path):
     wrong = {"template/left": {"ssim_to_ceiling": ScoreEstimate(math.nan, 0.1, 1.0, 0.0)}}
-    write_evidence(tmp_path, BASELINE, replace(evidence, scores=wrong))
-    found = read_evidence(tmp_path, BASELINE)
+    write_statistics(tmp_path, BASELINE, replace(statistics, scores=wrong))
+    found = read_statistics(tmp_path, BASELINE)
     assert math.isnan(found.scores["template/left"]["ssim_to_ceiling"].value)
-    assert not all(v.passed for v in compare(evidence, found, "here"))
+    assert not all(v.passed for v in compare(statistics, found, "here"))
 
 
-def test_run_compared_with_itself_passes_every_verdict(evidence):
-    verdicts = compare(evidence, evidence, "here")
+def test_run_compared_with_itself_passes_every_verdict(statistics):
+    verdicts = compare(statistics, statistics, "here")
     assert {v.kind for v in verdicts} == {"picture", "noise", "score", "pixels", "time"}
     assert all(v.passed for v in verdicts)
 
@@ -92,8 +92,8 @@ def test_last_bits_of_a_length_are_no_other_condition():
     assert differing_conditions(CONDITIONS, CONDITIONS | near) == []
 
 
-def test_nothing_to_compare_is_an_error_and_no_pass(evidence):
-    for empty in (replace(evidence, pictures={}), replace(evidence, scores={})):
+def test_nothing_to_compare_is_an_error_and_no_pass(statistics):
+    for empty in (replace(statistics, pictures={}), replace(statistics, scores={})):
         with pytest.raises(BaselineError) as caught:
             check_comparable(empty, CONDITIONS, "here")
         assert caught.value.exit_code == EXIT_BASELINE

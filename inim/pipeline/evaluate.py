@@ -1,0 +1,304 @@
+"""Scores: of a method's EIA and views, of the ceiling, and of the ground truth against itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from inim import metrics
+from inim.half_buffers import HalfBuffers
+from inim.parallel import Submit, threads
+from inim.pipeline.checks import BLACK, CLIPPED_SHARE, check, missing_viewpoints, share_outside
+from inim.pipeline.generate import Reference
+from inim.pipeline.method import MadeEIA
+from inim.pipeline.plan import Plan
+from inim.pipeline.reconstruct import ReconstructedView
+from inim.pipeline.stage import SCORING, Run, stage
+from inim.pipeline.statistics import Half, Statistics, eia_statistics, view_statistics
+from inim.pipeline.truth import GroundTruth
+from inim.regression import HalfBuffer, ScoreEstimate, score_interval, view_scores
+
+__all__ = [
+    "MethodResult",
+    "ViewScores",
+    "ceiling_scores",
+    "evaluate",
+    "noise_floor",
+    "score_view",
+    "truth_statistics",
+]
+
+# A score takes some 100 bytes a pixel while it is made: 0.4 GB for all of them together.
+_PIXELS_AT_ONCE = 2**22
+# Estimates of a view against the scene are kept of this one only.
+_TO_SCENE = "ssim"
+
+
+class Sampled(Protocol):
+    """A view and the two halves of its samples, (rows, columns, 3) float32 each."""
+
+    @property
+    def image(self) -> np.ndarray:
+        """The mean of the halves."""
+
+    @property
+    def first(self) -> np.ndarray:
+        """By one half of the samples."""
+
+    @property
+    def second(self) -> np.ndarray:
+        """By the other."""
+
+
+@dataclass(frozen=True)
+class ViewScores:
+    """How like its reference a view is.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        As `inim.metrics.score` returns them.
+    estimates : dict of str to ScoreEstimate
+        The same values, of those asked for, and how sure they are.
+    """
+
+    values: dict[str, float]
+    estimates: dict[str, ScoreEstimate]
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """What a method is worth.
+
+    Attributes
+    ----------
+    scores : dict
+        As in report.json.
+    statistics : Statistics
+        That later runs can be compared with.
+    reference : Reference, optional
+        What it makes of the reference input, where it is a generator.
+    checks : tuple of dict
+    warnings : tuple of str
+    """
+
+    scores: dict[str, Any]
+    statistics: Statistics = field(default_factory=Statistics)
+    reference: Reference | None = None
+    checks: tuple[dict[str, Any], ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@stage("scores of a view", code=SCORING, makes=(ViewScores, ScoreEstimate))
+def score_view(
+    reference: Sampled, test: Sampled, mask: np.ndarray | None, estimated: tuple[str, ...]
+) -> ViewScores:
+    """Scores of a view.
+
+    Parameters
+    ----------
+    reference, test : Sampled
+    mask : (rows, columns) bool, optional
+        Where the relic is.
+    estimated : tuple of str
+        The scores whose errors are wanted; see `inim.regression.view_scores`.
+    """
+    truth, shown = ((one.image, one.first, one.second) for one in (reference, test))
+    maps = metrics.score_maps(truth[0], shown[0])
+    estimates = view_scores(truth, shown, estimated, maps)
+    return ViewScores(metrics.scores_of(maps, mask), estimates)
+
+
+@stage("scores of two halves", code=SCORING)
+def _score_halves(halves: HalfBuffers) -> dict[str, float]:
+    """One half of the samples against the other, by every metric."""
+    return metrics.score(halves.first, halves.second)
+
+
+@stage("scores of an EIA", code=SCORING)
+def _score_eia(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
+    """SSIM and PSNR of a panel.
+
+    No FLIP: an EIA is never looked at as a picture, so its visibility model says nothing.
+    """
+    return {"ssim": metrics.ssim(reference, test), "psnr_db": metrics.psnr_db(reference, test)}
+
+
+def evaluate(
+    name: str,
+    made: MadeEIA,
+    views: Mapping[str, ReconstructedView],
+    truth: GroundTruth,
+    plan: Plan,
+    *,
+    run: Run,
+) -> MethodResult:
+    """Score a method: its EIA against the true one, its views against the scene and the ceiling.
+
+    Parameters
+    ----------
+    name : str
+    made : MadeEIA
+    views : mapping of str to ReconstructedView
+        By viewpoint.
+    truth : GroundTruth
+    plan : Plan
+    run : Run
+    """
+    eia, noise = made.eia, made.noise
+    halves: tuple[Half, Half] = (eia, eia)
+    if noise is not None:
+        halves = HalfBuffer(eia, noise, 1), HalfBuffer(eia, noise, -1)
+    with run.observer.timed("score"), scoring_threads(plan) as submit:
+        # The longest first.
+        how = {"whole": truth.whole, "generated": True, "run": run}
+        statistics = submit(eia_statistics, f"eia/{name}", halves, plan.display, **how)
+        whole = submit(_eia_scores, truth, truth.eia.image, eia, run)
+        pending = {view: submit(_against, truth, view, one, run) for view, one in views.items()}
+        # In this thread: a generator of another package may count on its own.
+        reference = made.reference
+        prints = {} if reference is None else {name: reference.fingerprint()}
+        found = {view: one.result() for view, one in pending.items()}
+        scores = {
+            "eia": whole.result() | {"hole_fraction": made.hole_fraction},
+            "views": {view: one.values() for view, one in found.items()},
+            "seconds": made.seconds,
+        }
+        estimates = {f"{name}/{view}": one.estimates() for view, one in found.items()}
+        kept = Statistics(statistics.result(), estimates, prints)
+    eyes = [eye.name for eye in plan.viewpoints]
+    checks = [
+        *made.checks,
+        *missing_viewpoints(name, eyes, views),
+        _shows_something(name, made),
+        *_limits(name, plan, found),
+    ]
+    warnings = _too_bright(name, eia, truth)
+    return MethodResult(scores, kept, reference, tuple(checks), tuple(warnings))
+
+
+@dataclass(frozen=True)
+class _Against:
+    """Scores of a view against the rendered view, and against the ceiling's."""
+
+    scene: ViewScores
+    ceiling: ViewScores
+
+    def values(self) -> dict[str, float]:
+        """As in report.json."""
+        return self.scene.values | {
+            metric.to_ceiling_key: self.ceiling.values[metric.key]
+            for metric in metrics.all_metrics()
+        }
+
+    def estimates(self) -> dict[str, ScoreEstimate]:
+        """Those that later runs are compared with, and how sure they are."""
+        to_ceiling = {
+            metric.to_ceiling_key: self.ceiling.estimates[metric.key]
+            for metric in metrics.all_metrics()
+        }
+        return to_ceiling | {f"{_TO_SCENE}_to_scene": self.scene.estimates[_TO_SCENE]}
+
+
+def _against(truth: GroundTruth, name: str, view: ReconstructedView, run: Run) -> _Against:
+    scene, relic, ceiling = truth.views[name], truth.relic[name], truth.ceiling[name]
+    every = tuple(metric.key for metric in metrics.all_metrics())
+    return _Against(
+        score_view(scene, view, relic, (_TO_SCENE,), run=run),
+        score_view(ceiling, view, None, every, run=run),
+    )
+
+
+def _eia_scores(
+    truth: GroundTruth, reference: np.ndarray, eia: np.ndarray, run: Run
+) -> dict[str, float | None]:
+    """SSIM and PSNR of an EIA; none where the run makes only what is observed of it."""
+    if not truth.whole:
+        return {"ssim": None, "psnr_db": None}
+    return dict(_score_eia(reference, eia, run=run))
+
+
+def ceiling_scores(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, ViewScores]:
+    """What perfect elemental images show, against the rendered view, by viewpoint."""
+
+    def of(name: str) -> ViewScores:
+        shown = truth.views[name], truth.ceiling[name]
+        return score_view(*shown, None, (_TO_SCENE,), run=run)
+
+    with run.observer.timed("score"), scoring_threads(plan) as submit:
+        pending = {name: submit(of, name) for name in truth.views}
+        return {name: one.result() for name, one in pending.items()}
+
+
+def noise_floor(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Any]:
+    """The ground truth against itself, one half of its samples against the other."""
+    with run.observer.timed("score"), scoring_threads(plan) as submit:
+        whole = submit(_eia_scores, truth, truth.eia.first, truth.eia.second, run)
+        pending = {n: submit(_halves, view, run) for n, view in truth.views.items()}
+        views = {name: one.result() for name, one in pending.items()}
+        return {"eia": whole.result(), "views": views}
+
+
+def _halves(view: HalfBuffers, run: Run) -> dict[str, float]:
+    return _score_halves(view, run=run)
+
+
+def truth_statistics(
+    truth: GroundTruth, ceiling: Mapping[str, ViewScores], plan: Plan, *, run: Run
+) -> Statistics:
+    """Statistics of the ground truth, and scores of the ceiling, by viewpoint."""
+    with scoring_threads(plan) as submit:
+        halves = (truth.eia.first, truth.eia.second)
+        how = {"whole": truth.whole, "generated": False, "run": run}
+        whole = submit(eia_statistics, "truth/eia", halves, plan.display, **how)
+        pending = {n: submit(view_statistics, view, run) for n, view in truth.views.items()}
+        views = {f"truth/{name}": one.result() for name, one in pending.items()}
+        pictures = whole.result() | views
+    scores = {
+        f"ceiling/{name}": {f"{_TO_SCENE}_to_scene": found.estimates[_TO_SCENE]}
+        for name, found in ceiling.items()
+    }
+    return Statistics(pictures, scores)
+
+
+def scoring_threads(plan: Plan) -> AbstractContextManager[Submit]:
+    """Threads to score a run's images in, as many as their memory allows."""
+    display, per_lens = plan.display, plan.settings.view_pixels_per_lens
+    view = display.lens_rows * display.lens_columns * per_lens**2
+    return threads(_PIXELS_AT_ONCE // max(view, display.eia_shape[0] * display.eia_shape[1]))
+
+
+def _shows_something(name: str, made: MadeEIA) -> dict[str, Any]:
+    """An EIA that shows nothing is a failure to report."""
+    if made.hole_fraction is None:
+        return check(f"{name}: brightest value", float(made.eia.max()), ">=", BLACK, "not black")
+    shown = 1 - made.hole_fraction
+    return check(f"{name}: share of pixels shown", shown, ">=", 1e-6, "not all holes")
+
+
+def _too_bright(name: str, eia: np.ndarray, truth: GroundTruth) -> list[str]:
+    # What the scene's own light clips has its warning already.
+    outside = share_outside(eia)
+    if outside - truth.clipped <= CLIPPED_SHARE:
+        return []
+    return [
+        f"eia/{name}: {outside:.1%} of the pixels are below black or brighter than the panel's "
+        "white, which no panel shows; clip them, or check that they are linear"
+    ]
+
+
+def _limits(name: str, plan: Plan, found: Mapping[str, _Against]) -> list[dict[str, Any]]:
+    """Each view's SSIM to the ceiling against the least that was asked for."""
+    if name not in plan.ssim_limits:
+        return []
+    rows = []
+    for view, one in found.items():
+        estimate = one.estimates()["ssim_to_ceiling"]
+        value, known = one.values()["ssim_to_ceiling"], score_interval(estimate)
+        label = f"{name}/{view}: SSIM to ceiling"
+        rows.append(check(label, value, ">=", plan.ssim_limits[name], interval=known))
+    return rows

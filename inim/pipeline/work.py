@@ -1,0 +1,85 @@
+"""A validation in this process, from a plan to a written report; what its worker carries out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from inim.cache.result_cache import ResultCache
+from inim.cache.store import open_store, use_store
+from inim.observer import Observer
+from inim.pipeline.images import Images
+from inim.pipeline.plan import Plan, check_baseline, make_plan
+from inim.pipeline.request import Request
+from inim.pipeline.scene import Renderer
+from inim.pipeline.stage import Run
+from inim.pipeline.validate import validate
+from inim.report import Report
+from inim.worker.output import publish
+
+__all__ = ["run", "work"]
+
+
+def work(job: dict[str, Any], observer: Observer) -> bool:
+    """Carry out the request and publish its report; whether every check passed."""
+    os.environ.update(job["variables"])  # this process has begun before they were known
+    request = Request.from_json(job["request"])
+    report = run(make_plan(request), Path(job["staging"]), observer)
+    publish(Path(job["staging"]), request.out)
+    return report.passed
+
+
+def run(plan: Plan, staging: Path, observer: Observer | None = None) -> Report:
+    """Carry out a plan in this process and write its report into `staging`.
+
+    Parameters
+    ----------
+    plan : Plan
+    staging : Path
+        An empty folder; see `inim.worker.output`.
+    observer : Observer, optional
+
+    Returns
+    -------
+    Report
+    """
+    started, observer = perf_counter(), observer or Observer()
+    store = None if plan.request.no_skip else open_store()
+    with use_store(store):
+        with observer.timed("start"):
+            run, renderer, images = setup(plan, staging, observer, store)
+            check_baseline(plan, renderer.backend.variant)
+        report = validate(plan, renderer, images, run)
+        observer.timings |= {
+            "mitsuba_render": observer.render_seconds,
+            "total": perf_counter() - started,
+        }
+        _print_scores(observer, report.data)
+        report.write()
+    return report
+
+
+def setup(
+    plan: Plan, folder: Path, observer: Observer, store: Any = None
+) -> tuple[Run, Renderer, Images]:
+    """What a plan's stages run with."""
+    request = plan.request
+    cache = ResultCache(store, str(request.scene.resolve()))
+    renderer = Renderer(request.backend, plan.rays_in_flight, observer, not request.no_skip)
+    attributes = {"inim:scene_sha256": plan.file.sha256, "inim:seed": str(plan.settings.seed)}
+    return Run(cache, observer), renderer, Images(folder, attributes, observer)
+
+
+def _print_scores(observer: Observer, data: Mapping[str, Any]) -> None:
+    width = max(len(name) for name in data["algorithms"])
+    for name, result in data["algorithms"].items():
+        for view, score in result["views"].items():
+            ceiling = data["ceiling"]["views"][view]
+            observer.line(
+                f"{name:{width}}  {view:8}  SSIM {score['ssim']:.4f} (ceiling "
+                f"{ceiling['ssim']:.4f})  to ceiling {score['ssim_to_ceiling']:.4f}  "
+                f"PSNR {score['psnr_db']:.2f} dB  FLIP {score['flip']:.4f}"
+            )

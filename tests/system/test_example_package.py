@@ -1,0 +1,131 @@
+"""A package beside inim: one file each for an algorithm, a metric and a lens model.
+
+Expected: what it announces is in every result, and no file of inim names it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from inim.errors import EXIT_PASSED
+from inim.sweep.table import TABLE, read_table
+from tests.system.conftest import TINY, definitions, write_scene
+
+PACKAGE = Path(__file__).parents[1] / "example_package"
+SECTION = re.compile(r'\[project\.entry-points\."(inim\.\w+)"\]\n((?:.+\n)+)')
+PYTHON = [sys.executable, "-m"]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Variables of processes in which the package is installed, as pip leaves it behind."""
+    folder = tmp_path_factory.mktemp("site")
+    for file in PACKAGE.glob("*.py"):
+        shutil.copy(file, folder)
+    info = folder / "inim_example-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: inim-example\nVersion: 1.0\n")
+    points = SECTION.findall((PACKAGE / "pyproject.toml").read_text("utf-8"))
+    assert len(points) == len(list(PACKAGE.glob("*.py")))
+    said = "".join(f"[{group}]\n{names}" for group, names in points)
+    (info / "entry_points.txt").write_text(said.replace('"', ""))
+    paths = [str(folder), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+
+
+def run(*words: object, folder: Path, variables: Mapping[str, str]) -> None:
+    done = subprocess.run(
+        [*PYTHON, *map(str, words)], cwd=folder, env=dict(variables), stdin=subprocess.DEVNULL,
+        capture_output=True, encoding="utf-8", timeout=240,
+    )  # fmt: skip
+    assert done.returncode == EXIT_PASSED, done.stderr
+
+
+@pytest.fixture(scope="module")
+def validated(
+    tmp_path_factory: pytest.TempPathFactory, installed: Mapping[str, str]
+) -> tuple[Path, dict[str, Any]]:
+    """Its algorithm beside another, scored by its metric."""
+    folder = tmp_path_factory.mktemp("example")
+    words = ("-o", "out", "--algorithms", "template,example", "--viewpoints", "centre")
+    scene = write_scene(folder)
+    run("inim.validate", scene, *words, *definitions(TINY), folder=folder, variables=installed)
+    return folder / "out", json.loads((folder / "out" / "report.json").read_text("utf-8"))
+
+
+def test_report_has_its_algorithm_s_scores_by_its_metric(validated) -> None:
+    _, data = validated
+    assert [*data["algorithms"]] == ["template", "example"]
+    for result in data["algorithms"].values():
+        scores = result["views"]["centre"]
+        assert 0 < scores["mad"] < 1
+        assert 0 < scores["mad_to_ceiling"] < 1
+        assert {"ssim", "psnr_db", "flip"} < scores.keys()
+    for reference in ("ceiling", "noise_floor"):
+        assert 0 < data[reference]["views"]["centre"]["mad"] < 1
+    views = {name: result["views"]["centre"] for name, result in data["algorithms"].items()}
+    assert views["template"]["mad_to_ceiling"] < views["example"]["mad_to_ceiling"]
+
+
+def test_page_shows_them(validated) -> None:
+    out, data = validated
+    page = (out / "report.html").read_text("utf-8")
+    for name in ("mad", "mad_to_ceiling"):
+        shown = f"{data['algorithms']['example']['views']['centre'][name]:.4f}"
+        assert f"<dd>MAD <b>{shown}</b></dd>" in page
+
+
+def test_baseline_judges_its_metric_by_its_own_tolerance(
+    validated, installed: Mapping[str, str], tmp_path: Path
+) -> None:
+    out, _ = validated
+    run("inim", "compare", out, out, "-o", "same", folder=tmp_path, variables=installed)
+    data = json.loads((tmp_path / "same" / "compare.json").read_text("utf-8"))
+    label = "example/centre: MAD to ceiling"
+    (found,) = [c for c in data["verdict"]["checks"] if c["name"].startswith(label)]
+    assert found["passed"]
+    assert found["value"] == 0
+    assert found["limit"] >= 0.002
+
+
+def test_sweep_has_columns_of_its_metric(tmp_path: Path, installed: Mapping[str, str]) -> None:
+    scene = write_scene(tmp_path).name
+    lines = [f"{key.removeprefix('inim.')} = {value}\n" for key, value in TINY.items()]
+    settings = "".join(line for line in lines if "lens_" not in line)
+    (tmp_path / "study.toml").write_text(
+        f"[study]\nscenes = ['{scene}']\nalgorithms = ['example']\nviewpoints = 'centre'\n"
+        f"[settings]\n{settings}"
+        f"[[display]]\nname = 'small'\nlens_columns = 8\nlens_rows = 6\n"
+    )
+    words = ("inim", "sweep", "study.toml", "-o", "out", "--workers", "1")
+    run(*words, folder=tmp_path, variables=installed)
+    (row,) = read_table(tmp_path / "out" / TABLE)
+    assert (row["algorithm"], row["status"]) == ("example", "ok")
+    for name in ("mad", "mad_to_ceiling", "ceiling_mad", "noise_floor_mad"):
+        assert 0 < row[name] < 1, name
+
+
+def test_bench_has_errors_by_its_metric(tmp_path: Path, installed: Mapping[str, str]) -> None:
+    words = ("-o", "out", "--algorithms", "example", "--runs", "3", "--threads", "1")
+    scene = write_scene(tmp_path).name
+    run("inim.bench", scene, *words, *definitions(TINY), folder=tmp_path, variables=installed)
+    data = json.loads((tmp_path / "out" / "bench.json").read_text("utf-8"))
+    (found,) = data["contenders"]
+    assert found["name"] == "example"
+    assert 0 < found["view_mad_to_ceiling"] < 1
+
+
+def test_inim_does_not_know_it() -> None:
+    root = Path(__file__).parents[2] / "inim"
+    texts = {path: path.read_text("utf-8") for path in root.rglob("*.py")}
+    assert not [path for path, text in texts.items() if re.search(r"\bmad\b|inim_example", text)]
