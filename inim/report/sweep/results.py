@@ -12,19 +12,25 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from inim.report.wording import is_number
+from inim.metrics import all_metrics
+from inim.report.wording import MAIN, is_number
 
 __all__ = [
-    "Contest",
-    "contests_of",
+    "REFERENCES",
+    "Result",
     "mean",
     "names_of",
     "on_front",
+    "results_of",
     "settings_of",
     "varied_settings",
 ]
 
 Row = Mapping[str, Any]
+
+#: Columns of the main score of the ceiling, and of the truth against itself.
+REFERENCES = (f"ceiling_{MAIN.key}", f"noise_floor_{MAIN.key}")
+_COSTS = ("seconds", "yardsticks", "unit_seconds")
 
 # What tells rows of one scene, display, algorithm and viewpoint apart.
 _SETTINGS = (
@@ -46,7 +52,7 @@ _SETTINGS = (
 
 
 @dataclass(frozen=True)
-class Contest:
+class Result:
     """One algorithm on one scene, display and set of settings: means over its viewpoints.
 
     Attributes
@@ -65,31 +71,20 @@ class Contest:
     scores: dict[str, float | None]
 
 
-_MEANS = (
-    "ssim",
-    "ssim_to_ceiling",
-    "ceiling_ssim",
-    "noise_floor_ssim",
-    "flip",
-    "seconds",
-    "yardsticks",
-    "unit_seconds",
-)
-
-
-def contests_of(rows: Sequence[Row]) -> list[Contest]:
-    """The rows by contest, in the table's order."""
+def results_of(rows: Sequence[Row]) -> list[Result]:
+    """The rows by result, in the table's order."""
     varied = varied_settings(rows)
+    columns = [*(m.key for m in all_metrics()), MAIN.to_ceiling_key, *REFERENCES, *_COSTS]
     groups: dict[tuple[str, str, str, str], list[Row]] = {}
     for row in rows:
         settings = settings_of(row, varied)
         key = (str(row["scene"]), str(row["display"]), settings, str(row["algorithm"]))
         groups.setdefault(key, []).append(row)
     return [
-        Contest(
+        Result(
             *key,
             any(row["status"] != "ok" for row in group),
-            {name: mean(row.get(name) for row in group) for name in _MEANS},
+            {name: mean(row.get(name) for row in group) for name in columns},
         )
         for key, group in groups.items()
     ]
@@ -112,9 +107,9 @@ def settings_of(row: Row, varied: Iterable[str]) -> str:
     return ", ".join(f"{name} = {row.get(name)}" for name in varied)
 
 
-def names_of(contests: Sequence[Contest], field: str) -> list[str]:
+def names_of(results: Sequence[Result], field: str) -> list[str]:
     """The values of a field, each once, in order."""
-    return list(dict.fromkeys(getattr(contest, field) for contest in contests))
+    return list(dict.fromkeys(getattr(result, field) for result in results))
 
 
 def mean(values: Iterable[Any]) -> float | None:
