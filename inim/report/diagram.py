@@ -3,7 +3,7 @@
 Panel and lens array on the left, the viewer on the right; in between the depth range, the
 central depth plane and the zone in which an eye sees no flipped view. Distances from the array
 are to scale. Those across it are stretched by a whole factor where the drawing would
-otherwise be a thin strip, and the drawing says so.
+otherwise be a thin strip, which the drawing states.
 """
 
 from __future__ import annotations

@@ -110,7 +110,9 @@ def _page(data: Mapping[str, Any], folder: Path) -> str:
     heads, rows = _scores(data)
     scored = (
         element("p", text(_LEAD), class_="lead")
-        + table("Scores", [text(h) for h in heads], [[text(c) for c in row] for row in rows])
+        + table(
+            "Scores", [text(h) for h in heads], [[text(c) for c in row] for row in rows], "scores"
+        )
         + bullets(_remarks(data), "remarks")
     )
     title = data.get("title", "Picture")

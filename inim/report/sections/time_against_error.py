@@ -52,7 +52,7 @@ def time_against_error(data: Mapping[str, Any], _images: Images) -> str:
         return ""
     floor = part(data, "noise_floor", "eia").get("psnr_db")
     known_floor = float(floor) if is_number(floor) and math.isfinite(floor) else None
-    drawn = _remembered(tuple(views), tuple(eias), unit, known_floor)
+    drawn = _cached_drawing(tuple(views), tuple(eias), unit, known_floor)
     words = "; ".join(
         f"{p.name} {p.time:.2g} {unit}, 1 − SSIM to the ceiling {p.error:.3f}" for p in views
     )
@@ -102,8 +102,8 @@ def _eia_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_Po
 
 
 @lru_cache(maxsize=8)  # a page too large is put together again
-def _remembered(*drawn: Any) -> bytes:
-    """`_drawing`, found again where a store is in use: loading the plotter takes the longest."""
+def _cached_drawing(*drawn: Any) -> bytes:
+    """`_drawing`, from the result cache if there is one: loading matplotlib takes the longest."""
 
     def address() -> str:
         return value_digest(["time against error", drawn, code_digest("report")])

@@ -47,14 +47,14 @@ _PARETO = (
 )
 _TIMES = {
     "yardsticks": "Times are ratios to one gather per display pixel, taken in the same process.",
-    "seconds": "Seconds were taken once and cold, beside whatever else ran; put time = true into "
-    "the study for ratios that can be trusted.",
+    "seconds": "Seconds were taken once, cold, while other work ran; put time = true into "
+    "the study for ratios to the yardstick.",
 }
 _BEST = (
     "What a viewer gets of a relic from the best algorithm on each display: the mean SSIM to the "
-    "scene, beside the ceiling, which only noise takes an algorithm above. Each display's views "
+    "scene, next to the ceiling, which only noise takes an algorithm above. Each display's views "
     "have as many pixels as it has lenses to fill them, so a display is judged at its own "
-    "resolution: FLIP, which weighs differences as an eye does, stands beside."
+    "resolution; FLIP weighs differences as an eye does."
 )
 _QUERY = """SELECT scene, display, algorithm, avg(ssim_to_ceiling) AS kept
 FROM 'sweep.parquet' WHERE status = 'ok'
@@ -78,7 +78,7 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) ->
     """
     results = results_of(rows)
     title = about.get("title", "Sweep")
-    query = element("p", "All rows lie beside this page in sweep.parquet; for example:")
+    query = element("p", "All rows are in sweep.parquet, in this page's folder; for example:")
     query += element("pre", element("code", text(_QUERY)), tabindex=0)
     return render_page(
         title,
@@ -216,7 +216,7 @@ def cost_table(results: Sequence[Result]) -> str:
             known = [v for v in spent.values() if v is not None]
             cells.append(text(number(sum(known), 1) if known else MISSING))
         rows.append([text(scene), *cells])
-    caption = "Seconds of the validations the rows come from, beside whatever ran at the same time"
+    caption = "Seconds of the validations the rows come from, whatever else ran at the same time"
     return table(caption, ["Scene", *map(text, displays)], rows, "sweep")
 
 

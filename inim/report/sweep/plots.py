@@ -69,7 +69,7 @@ def _figure(panels: dict[str, dict[str, tuple[float, float]]], unit: str) -> Any
         axis.margins(0.24, 0.14)
     for axis, _ in drawn:
         plain_ticks(axis)
-    figure.canvas.draw()  # now all has its place, and names can be put beside one another
+    figure.canvas.draw()  # the layout is final, so names can be placed
     for axis, (_, points) in drawn:
         front = on_front(points)
         set_apart(axis, [_name(name, *place, name in front) for name, place in points.items()])

@@ -1,4 +1,4 @@
-"""What a page says of a table: means over viewpoints, grouped as they are compared.
+"""The results on a sweep's page: means over viewpoints, grouped as they are compared.
 
 Scores of different scenes are never averaged into one another's rank: a scene's row is compared
 with itself only, and where a figure stands for several scenes it is the mean of what each lost
