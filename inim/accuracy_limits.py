@@ -15,15 +15,14 @@ import numpy as np
 
 from inim.display import Display, Viewpoint
 from inim.generators.raycast.cells import cell_rays
+from inim.lens import lens_model as find_lens_model
 
 __all__ = [
     "CHANGED_BY_ROUNDING",
     "CHANGED_BY_TIES",
     "FEWEST_DEPTHS",
     "LANDING_PIXELS",
-    "LEAST_INDEX",
     "LEAST_TURN_DEG",
-    "STEEPEST_SLOPE",
     "WIDEST_PANEL_PIXELS",
     "steepest_slope",
     "trust_warnings",
@@ -31,12 +30,8 @@ __all__ = [
 
 #: Error of a landing point, in panel pixels, that counts as none: far below what a lens blurs.
 LANDING_PIXELS = 0.01
-#: Sideways travel per millimetre of the steepest ray that each lens model is safe for.
-STEEPEST_SLOPE = {"pinhole": 1000.0, "thin": 1000.0, "thick": 1.0}
 #: Panel pixels along one side: beyond, float32 places are too coarse.
 WIDEST_PANEL_PIXELS = 170_000
-#: Refractive index: nearer to 1, n - 1 loses the digits of float32.
-LEAST_INDEX = 1.01
 #: Largest share of a noise picture's pixels that lengths of too many digits changed.
 CHANGED_BY_ROUNDING = 0.43
 #: The same of hexagonal, turned and tilted arrays, whose rays are float64 and meet corners there.
@@ -136,7 +131,8 @@ def _meets_corners(display: Display) -> bool:
 
 def _of_lenses(display: Display, lens_model: str, slope: float) -> list[str]:
     found = []
-    limit = STEEPEST_SLOPE.get(lens_model, math.inf)
+    model = find_lens_model(lens_model)
+    limit = model.steepest_slope
     if slope > limit:
         found.append(
             f"rays travel {slope:.3g} mm sideways per millimetre, more than the {limit:g} that "
@@ -148,9 +144,9 @@ def _of_lenses(display: Display, lens_model: str, slope: float) -> list[str]:
             f"a panel {widest} pixels wide: in float32 its far pixels are placed with an error of "
             f"more than {LANDING_PIXELS:g} pixels beyond {WIDEST_PANEL_PIXELS}; split the display"
         )
-    if lens_model in ("thin", "thick") and display.refractive_index < LEAST_INDEX:
+    if display.refractive_index < model.least_index:
         found.append(
-            f"refractive_index = {display.refractive_index:.10g}: below {LEAST_INDEX:g} the "
+            f"refractive_index = {display.refractive_index:.10g}: below {model.least_index:g} the "
             "power of a lens loses its digits in float32; use an index of a real material"
         )
     return found

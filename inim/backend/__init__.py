@@ -7,9 +7,7 @@ the verdict is remembered. Call `activate` before Mitsuba is first imported.
 
 from __future__ import annotations
 
-from inim.backend.activation import Backend, activate, environment
-from inim.backend.choice import BACKENDS, choose_backend
-from inim.backend.description import describe, sys_info
+from inim.backend.choice import BACKENDS, Backend, activate, choose_backend, environment
 from inim.backend.libllvm import (
     LLVM_VARIABLE,
     PRIVATE_MARKER,
@@ -29,11 +27,9 @@ __all__ = [
     "Verdict",
     "activate",
     "choose_backend",
-    "describe",
     "environment",
     "known_bad",
     "memory_limit_bytes",
     "private_folders",
     "probe",
-    "sys_info",
 ]

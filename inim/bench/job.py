@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import shlex
-import shutil
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from inim import backend as backends
 from inim.bench.commands import bench_commands
 from inim.bench.layers import bench_layers
 from inim.bench.machine import load_average, warn_of_load
@@ -18,12 +17,13 @@ from inim.bench.request import BenchRequest, check_request, scene_plan
 from inim.bench.scaling import bench_scaling
 from inim.bench.scene import bench_scene, choose_algorithms
 from inim.bench.views import bench_views
+from inim.observer import Observer
 from inim.pipeline.timing import most_threads
 from inim.provenance import backend_data, versions
 from inim.report.bench import SCHEMA, write_bench
 from inim.version import __version__
 from inim.worker.output import open_staging, publish
-from inim.worker.supervisor import outcome_of, supervise
+from inim.worker.supervisor import run_in_worker
 
 __all__ = ["run_bench", "work"]
 
@@ -39,38 +39,40 @@ def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False)
     InimError
         What the worker raised, or `WorkerError` / `OutOfMemoryError` where it could not say.
     """
-    check_request(request)
-    backend = backends.choose_backend("llvm")
-    staging = open_staging(request.out)
-    job = {
-        "request": request.as_json(),
-        "staging": str(staging),
-        "quiet": quiet,
-        "debug": debug,
-        # Before the worker starts to load: what others do.
-        "load": load_average(),
-        # Commands run as the user's own would, without what a worker is told.
-        "told": [name for name in backends.environment(backend) if name not in os.environ],
-    }
-    try:
-        outcome_of(supervise("inim.bench.job:work", job, backend))
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+    # Before the worker starts to load: what others do. Commands run with the user's environment.
+    job = BenchJob(request, load_average(), dict(os.environ))
+    run_in_worker(
+        "inim.bench.job:work",
+        job,
+        lambda: open_staging(request.out),
+        check=lambda: check_request(request),
+        backend="llvm",
+        quiet=quiet,
+        debug=debug,
+    )
 
 
-def work(job: dict[str, Any], listener: Any) -> bool:
+@dataclass(frozen=True)
+class BenchJob:
+    """What the worker is given: the request, the load before it and the user's environment."""
+
+    request: BenchRequest
+    load: float | None
+    environment: dict[str, str]
+
+
+def work(job: BenchJob, staging: Path, observer: Observer) -> bool:
     """The worker's side: measure, write, publish."""
-    request, staging = BenchRequest.from_json(job["request"]), Path(job["staging"])
-    data = _measured(request, job, listener)
-    listener.stage("write")
+    data = _measured(job, staging, observer)
+    observer.stage("write")
     write_bench(data, staging)
-    publish(staging, request.out, _MARKER)
+    publish(staging, job.request.out, _MARKER)
     return True
 
 
-def _measured(request: BenchRequest, job: dict[str, Any], listener: Any) -> dict[str, Any]:
+def _measured(job: BenchJob, staging: Path, listener: Any) -> dict[str, Any]:
     """The content of bench.json."""
-    load: float | None = job["load"]
+    request, load = job.request, job.load
     listener.stage("start")
     from inim.render import variant
 
@@ -102,8 +104,8 @@ def _measured(request: BenchRequest, job: dict[str, Any], listener: Any) -> dict
             scene_plan(request, request.commands),
             request.rounds,
             listener,
-            folder=Path(job["staging"]) / "commands",
-            variables={k: v for k, v in os.environ.items() if k not in job["told"]},
+            folder=staging / "commands",
+            variables=job.environment,
         )
     data["load"]["end"] = load_average()
     return data

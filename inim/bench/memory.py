@@ -44,7 +44,7 @@ def measure(lenses: int, pixels_per_pitch: int = 2) -> dict[str, Any]:
     import numpy as np
 
     from inim.bench.scaling import picture_of, square_display
-    from inim.generators import template  # noqa: F401
+    from inim.generators.raycast import polyphase  # noqa: F401
     from inim.pipeline.timing import prepare_method
 
     imported = peak_bytes()

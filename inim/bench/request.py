@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from inim.errors import UsageError
 from inim.pipeline.plan import Plan, make_plan
@@ -72,19 +71,6 @@ class BenchRequest:
             if getattr(self, name) != getattr(defaults, name):
                 words += [f"--{name}", str(getattr(self, name))]
         return words
-
-    def as_json(self) -> dict[str, Any]:
-        """For the worker; `from_json` reads it."""
-        raw = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
-        return {**raw, "layers": [str(path) for path in self.layers]}
-
-    @classmethod
-    def from_json(cls, raw: dict[str, Any]) -> BenchRequest:
-        """The request that `as_json` wrote."""
-        given = {name: raw[name] for name in ("out", "scene", "commands")}
-        paths = {name: None if path is None else Path(path) for name, path in given.items()}
-        many = {"definitions": tuple(raw["definitions"]), "layers": tuple(map(Path, raw["layers"]))}
-        return cls(**{**raw, **paths, **many})
 
 
 def default_out(scene: Path | None) -> Path:

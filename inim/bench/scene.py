@@ -136,6 +136,10 @@ class _Inputs:
     noise_floor: dict[str, float]
     layers: dict[str, Any] | None
 
+    def of(self, name: str) -> RGBD:
+        """What a method reads."""
+        return self.layered if properties(name).reads_layers else self.rgbd
+
 
 def _render(plan: Plan, names: Sequence[str], listener: Any) -> _Inputs:
     """As in a validation, with its samples; no true views, none is scored."""

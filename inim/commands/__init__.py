@@ -1,1 +1,1 @@
-"""The commands, one a file."""
+"""The commands, one a file; see `inim.cli` for what makes a module one."""

@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import os
-import signal
-import sys
 from pathlib import Path
 
+from inim.commands.options import add_definitions, add_exit_codes, add_quiet, print_outcome
 from inim.errors import EXIT_PASSED
 
-__all__ = ["add_arguments", "run"]
+__all__ = ["SUMMARY", "add_arguments", "run"]
+
+SUMMARY = "time the algorithms against their error, in yardsticks"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `inim bench`."""
+    add_exit_codes(parser)
     parser.description = (
         "Time each algorithm on a scene's display-ready picture, all in turn with a yardstick of "
         "one gather per display pixel, and set the times against their errors."
     )
     parser.add_argument("scene", type=Path, nargs="?", help="Mitsuba scene (.xml)")
     parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-bench)")
-    parser.add_argument(
-        "-D",
-        dest="definitions",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override an inim.* setting or a scene parameter; may be repeated",
-    )
+    add_definitions(parser)
     parser.add_argument("--display", help="display preset: nominal or phone")
     parser.add_argument("--algorithms", help="generators with options, separated by commas")
     parser.add_argument("--runs", type=int, default=9, metavar="N", help="timed runs (9)")
@@ -57,8 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SCENE",
         help="whole commands on this scene: cold, unchanged, changed, --lazy; some minutes",
     )
-    parser.add_argument("--quiet", action="store_true", help="print errors only")
-    parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,8 +59,6 @@ def run(args: argparse.Namespace) -> int:
     from inim.bench.job import run_bench
     from inim.bench.request import BenchRequest, default_out
 
-    # An asked-for end takes the worker and its half-written files along, as Ctrl-C does.
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     request = BenchRequest(
         out=args.out or default_out(args.scene),
         scene=args.scene,
@@ -85,8 +76,5 @@ def run(args: argparse.Namespace) -> int:
     )
     run_bench(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:
-        try:
-            print(f"bench: {request.out / 'bench.html'}", flush=True)
-        except OSError:  # the reader left, or its disk is full
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print_outcome(f"bench: {request.out / 'bench.html'}")
     return EXIT_PASSED

@@ -10,7 +10,9 @@ from inim.errors import EXIT_PASSED
 if TYPE_CHECKING:
     from inim.cache.store import StoreInfo
 
-__all__ = ["add_arguments", "run"]
+__all__ = ["SUMMARY", "add_arguments", "run"]
+
+SUMMARY = "what the store of results holds; empty it"
 
 _NONE = "no store is used: INIM_CACHE is off, or there is no home folder; let it name a folder"
 

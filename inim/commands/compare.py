@@ -1,21 +1,44 @@
-"""Two reports compared: the verdicts of a baseline check, between any two runs."""
+"""`inim compare`: the verdicts of a baseline check, between any two reports."""
 
 from __future__ import annotations
 
+import argparse
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from inim.errors import UsageError
-from inim.pipeline.baseline import FOLDER, regression_data, verdict_lines
-from inim.regression import CANDIDATE, RunStatistics, all_passed, compare, read_statistics
-from inim.report import Report
-from inim.report.compare import SCHEMA, write_comparison
-from inim.worker.output import open_staging, publish
+from inim.commands.options import add_exit_codes
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 
-__all__ = ["compare_reports"]
+if TYPE_CHECKING:
+    from inim.regression import RunStatistics
+    from inim.report import Report
+
+__all__ = ["SUMMARY", "add_arguments", "compare_reports", "run"]
+
+SUMMARY = "compare two reports by statistics, as with a baseline"
 
 _MARKER = "compare.json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `inim compare`."""
+    add_exit_codes(parser)
+    add = parser.add_argument
+    add("baseline", type=Path, metavar="OUT_A", help="folder of the report before")
+    add("candidate", type=Path, metavar="OUT_B", help="folder of the report after")
+    add("-o", "--out", type=Path, help="folder (default: compare)")
+    add("--quiet", action="store_true", help="print errors only")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry out `inim compare`; the exit code."""
+    out = args.out or Path("compare")
+    passed, lines = compare_reports(args.baseline, args.candidate, out)
+    if not args.quiet:
+        print("\n".join(lines))
+        print(f"{'passed' if passed else 'FAILED'}; comparison: {out / 'compare.html'}")
+    return EXIT_PASSED if passed else EXIT_CHECK_FAILED
 
 
 def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[str]]:
@@ -41,6 +64,12 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     FileError
         No report there, or `out` cannot be written.
     """
+    from inim.pipeline.baseline import FOLDER, regression_data, verdict_lines
+    from inim.regression import CANDIDATE, all_passed, compare, read_statistics
+    from inim.report import Report
+    from inim.report.compare import SCHEMA, write_comparison
+    from inim.worker.output import open_staging, publish
+
     reports = [Report.load(folder) for folder in (before, after)]
     if out.exists() and any(out.samefile(folder) for folder in (before, after)):
         raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
@@ -77,14 +106,15 @@ def _about(folder: Path, statistics: RunStatistics) -> dict[str, Any]:
 
 def _copy_pictures(reports: list[Report], name: str, staging: Path) -> bool:
     """The two pictures of a name, and their difference; whether both are there."""
+    from PIL import Image
+
+    from inim.pipeline.baseline import FOLDER
     from inim.report.images import ENCODINGS, Images, difference
 
     found = [Images(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in reports]
     change = difference(found[0], found[1])
     if found[0] is None or found[1] is None or change is None:
         return False
-    from PIL import Image
-
     target = staging / FOLDER / name
     target.parent.mkdir(parents=True, exist_ok=True)
     for pixels, kind in ((found[0], "baseline"), (found[1], "candidate"), (change, "difference")):

@@ -15,6 +15,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from inim.commands.options import add_debug
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
 
 if TYPE_CHECKING:
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-__all__ = ["add_arguments", "relative_distance", "run", "says_distance"]
+__all__ = ["SUMMARY", "add_arguments", "relative_distance", "run", "says_distance"]
+
+SUMMARY = "estimate the depth of a photograph"
 
 _DEFAULT_MODEL = "depth-anything/Depth-Anything-V2-Small-hf"
 _KINDS = ("auto", "inverse", "metres")
@@ -50,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=_DEFAULT_RATIO,
         help="of the farthest distance to the nearest, where the model says inverse depth (4)",
     )
-    add("--debug", action="store_true", help="show tracebacks of internal errors")
+    add_debug(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -140,7 +143,7 @@ def _predicted(estimator: Any, photo: Path, model: str) -> np.ndarray:
     from PIL import Image
 
     from inim.color import srgb_from_linear, srgb_to_uint8
-    from inim.from_camera.color_file import read_color
+    from inim.from_camera.picture_files import read_color
 
     color = read_color(photo)
     codes = color if color.dtype == np.uint8 else srgb_to_uint8(srgb_from_linear(color))
@@ -184,7 +187,7 @@ def _write(path: Path, depth: np.ndarray, meaning: str) -> None:
     import numpy as np
 
     from inim.files.image import write_atomically
-    from inim.from_camera.depth_file import write_depth
+    from inim.from_camera.picture_files import write_depth
 
     if path.suffix.lower() == ".exr":
         write_depth(path, depth, meaning)

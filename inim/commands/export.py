@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.display_choice import add_display_arguments, chosen_display
+from inim.commands.options import add_debug, add_display
 from inim.errors import EXIT_PASSED, FileError, UsageError
 
 if TYPE_CHECKING:
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
     from inim.display import Display
 
-__all__ = ["add_arguments", "run"]
+__all__ = ["SUMMARY", "add_arguments", "run"]
+
+SUMMARY = "write an EIA's views: pictures, HCI, quilt"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add = parser.add_argument
     add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
-    add_display_arguments(parser)
+    add_display(parser)
     add("--name", help="of a report's EIAs, which one (the first algorithm's)")
     add("--views", type=Path, metavar="DIR", help="folder for view_ROW_COLUMN.png")
     add(
@@ -35,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--quilt", type=Path, metavar="FILE", help=".png; _qsCOLSxROWSaASPECT is added to its name")
     add("--grid", metavar="COLSxROWS", help="of the views, or of the quilt's tiles")
-    add("--debug", action="store_true", help="show tracebacks of internal errors")
+    add_debug(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -70,6 +72,7 @@ def _eia(args: argparse.Namespace) -> tuple[np.ndarray, Display]:
     """The EIA as 8-bit sRGB, and its display."""
     from inim.color import srgb_codes
     from inim.files.eia_file import read_eia
+    from inim.scene.file import chosen_display
 
     if args.what.is_dir():
         if args.display or args.definitions:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from inim.commands.options import add_quiet
 from inim.errors import EXIT_PASSED
 
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["add_arguments", "run"]
+__all__ = ["SUMMARY", "add_arguments", "run"]
+
+SUMMARY = "film a report's display with an eye that moves"
 
 _TRUTH = "truth"
 _FILM = "film.webp"
@@ -41,8 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--frames", type=int, default=48, metavar="N", help="frames (48)")
     add("--rate", type=float, default=16.0, metavar="FPS", help="frames per second (16)")
     add("--spp", type=int, default=32, metavar="N", help="samples per pixel (32)")
-    add("--quiet", action="store_true", help="print errors only")
-    add("--debug", action="store_true", help="show tracebacks of internal errors")
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:

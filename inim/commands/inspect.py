@@ -9,32 +9,29 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from inim.commands.options import add_debug, add_definitions, add_exit_codes
 from inim.errors import EXIT_PASSED, FileError, UsageError
 
 if TYPE_CHECKING:
     from inim.inspect.findings import Findings
     from inim.settings import Settings
 
-__all__ = ["add_arguments", "run"]
+__all__ = ["SUMMARY", "add_arguments", "run"]
+
+SUMMARY = "say what a display can do, before anything is rendered"
 
 _NAME = "inspect"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `inim inspect`."""
+    add_exit_codes(parser)
     parser.description = (
         "Say what a display can do, before anything is rendered: depth, viewing zone, voxel size, "
         "spots, crosstalk, and what its pixels per lens cost and give."
     )
     parser.add_argument("display", metavar="SCENE|PRESET", help="scene (.xml), nominal or phone")
-    parser.add_argument(
-        "-D",
-        dest="definitions",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override an inim.* setting or a scene parameter; may be repeated",
-    )
+    add_definitions(parser)
     parser.add_argument(
         "--distance",
         type=float,
@@ -46,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--out", type=Path, help="folder for inspect.json, .svg and .png")
     parser.add_argument("--json", action="store_true", help="JSON instead of text")
-    parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
+    add_debug(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -98,19 +95,19 @@ def _findings(args: argparse.Namespace, settings: Settings) -> Findings:
     from inim.display.misalignment import mounted
     from inim.display.viewpoint import default_distance_mm
     from inim.inspect.findings import DEFAULT_LENS_MODEL, inspect_display
-    from inim.lens import FULL
+    from inim.lens import lens_model as find_lens_model
 
     distance = settings.viewing_distance_mm if args.distance is None else args.distance
     if distance is not None and not (math.isfinite(distance) and distance > 0):
         raise UsageError(f"--distance {distance:g}: give a distance above 0, in millimetres")
     design = settings.make_display(args.display)
-    # The full model is the thick one as a mesh, for the renderer.
-    stated = None if settings.lens_model in (DEFAULT_LENS_MODEL, FULL) else settings.lens_model
+    model = find_lens_model(settings.lens_model)
+    stated = model.name if model.mesh is None else model.stand_in  # a mesh is for the renderer
     return inspect_display(
         design,
         default_distance_mm(design) if distance is None else distance,
         mounted=mounted(design, settings.misalign),
-        lens_model=args.lens_model or stated,
+        lens_model=args.lens_model or (None if stated == DEFAULT_LENS_MODEL else stated),
         source=args.display,
     )
 

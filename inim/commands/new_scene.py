@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inim.errors import FileError, UsageError
-from inim.scene.scene_xml import attribute, scene_xml, xml_text
 
 if TYPE_CHECKING:
     import argparse
@@ -23,7 +22,9 @@ if TYPE_CHECKING:
 
     from inim.files.mesh import Mesh
 
-__all__ = ["add_arguments", "new_scene", "run"]
+__all__ = ["SUMMARY", "add_arguments", "new_scene", "run"]
+
+SUMMARY = "write a lit, fitted scene for a mesh"
 
 _UNITS = ("mm", "cm", "m", "in")
 _AXES = {
@@ -88,13 +89,13 @@ def new_scene(
         Unit or axis missing or impossible, unknown display, or a file in the way.
     """
     from inim.files.mesh import UNIT_MM, read_mesh
-    from inim.files.smoothing import smoothed
-    from inim.scene.placement import bounds, merged, placed
+    from inim.files.triangle_mesh import smoothed
+    from inim.scene.relic_scene import bounds, merged, placed, scene_xml
 
     source, out = Path(source), Path(out)
     _check_choices(out, unit, up, front, display)
     meshes = read_mesh(source, warn)
-    unit, up = _settled(source, meshes, unit, up)
+    unit, up = _unit_and_up(source, meshes, unit, up)
     turn = _turn(up, front or _USUAL_FRONT[up])
     parts = placed(merged([smoothed(m) for m in meshes]), turn, UNIT_MM[unit])
     files = _part_files(out, parts)
@@ -157,7 +158,7 @@ def _check_choices(
         raise UsageError(f"{out}: the parts take that name; name the scene {out.stem}.xml")
 
 
-def _settled(
+def _unit_and_up(
     source: Path, meshes: Sequence[Mesh], unit: str | None, up: str | None
 ) -> tuple[str, str]:
     """Unit and up axis, from the format's standard where it has one."""
@@ -169,7 +170,7 @@ def _settled(
     if up is None:
         missing.append("up axis, give --up (x, y, z, -x, -y, -z)")
     if unit is None or up is None:
-        from inim.scene.placement import bounds
+        from inim.scene.relic_scene import bounds
 
         low, high = bounds(meshes)
         size = " x ".join(f"{length:.4g}" for length in high - low)
@@ -215,6 +216,8 @@ def _part_files(out: Path, parts: Sequence[Mesh]) -> dict[Path, Mesh]:
 
 def _stem(out: Path) -> str:
     """The scene's name as its parts bear it: nothing that XML or Mitsuba reads otherwise."""
+    from inim.scene.relic_scene import xml_text
+
     return xml_text(out.stem).replace("\\", "_").replace("$", "_") or "relic"
 
 
@@ -223,6 +226,8 @@ def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
 
     Named after the scene and named by it, so that no bystander is taken for one.
     """
+    from inim.scene.relic_scene import attribute
+
     if not out.is_file():
         return []
     text = out.read_text("utf-8", errors="replace")

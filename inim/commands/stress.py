@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import os
-import signal
-import sys
 from pathlib import Path
 
+from inim.commands.options import add_definitions, add_exit_codes, add_quiet, print_outcome
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
-__all__ = ["add_arguments", "run"]
+__all__ = ["SUMMARY", "add_arguments", "run"]
+
+SUMMARY = "find where the numbers stop being trustworthy"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `inim stress`."""
+    add_exit_codes(parser)
     parser.description = (
         "Set every generator and lens model, in float32 and float64, against oracles of their own "
         "definitions where numbers are worst; say where results can be trusted."
@@ -26,17 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="Mitsuba scene (.xml) whose depth is jittered; two synthetic spheres otherwise",
     )
     parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-stress)")
-    parser.add_argument(
-        "-D",
-        dest="definitions",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override an inim.* setting or a scene parameter; may be repeated",
-    )
+    add_definitions(parser)
     parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
-    parser.add_argument("--quiet", action="store_true", help="print errors only")
-    parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -44,8 +37,6 @@ def run(args: argparse.Namespace) -> int:
     from inim.stress.job import run_stress
     from inim.stress.request import StressRequest, default_out
 
-    # An asked-for end takes the worker and its half-written files along, as Ctrl-C does.
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     request = StressRequest(
         out=args.out or default_out(args.scene),
         scene=args.scene,
@@ -54,8 +45,5 @@ def run(args: argparse.Namespace) -> int:
     )
     passed = run_stress(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:
-        try:
-            print(f"{'passed' if passed else 'FAILED'}; {request.out / 'stress.html'}", flush=True)
-        except OSError:  # the reader left, or its disk is full; the verdict stands
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print_outcome(f"{'passed' if passed else 'FAILED'}; {request.out / 'stress.html'}")
     return EXIT_PASSED if passed else EXIT_CHECK_FAILED

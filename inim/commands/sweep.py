@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import sys
 from pathlib import Path
 
+from inim.commands.options import add_exit_codes, add_quiet, print_outcome
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
-__all__ = ["add_arguments", "run"]
+__all__ = ["SUMMARY", "add_arguments", "run"]
+
+SUMMARY = "validate a whole study: scenes x displays x algorithms x viewpoints x settings"
 
 # As shells have it: 128 and the signal's number.
 _INTERRUPTED = 128 + signal.SIGINT
@@ -18,6 +20,7 @@ _INTERRUPTED = 128 + signal.SIGINT
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `inim sweep`."""
+    add_exit_codes(parser)
     parser.description = (
         "Validate all combinations of a study's scenes, displays, settings and algorithms, into "
         "one table. What is there already is not computed again: run it again after a kill, or "
@@ -39,18 +42,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dry-run", action="store_true", help="say what is there and what would be run, and stop"
     )
-    parser.add_argument("--quiet", action="store_true", help="print errors only")
-    parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry out `inim sweep`; the exit code."""
     from inim.report.sweep.page import PAGE
-    from inim.sweep.plan import SweepRequest, default_out, plan_sweep
-    from inim.sweep.run import run_sweep
+    from inim.sweep.run import SweepRequest, default_out, plan_sweep, run_sweep
 
-    # An asked-for end takes the workers along, as Ctrl-C does.
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     request = SweepRequest(
         args.study,
         args.out or default_out(args.study),
@@ -72,8 +71,5 @@ def run(args: argparse.Namespace) -> int:
     else:
         words = f"{outcome.computed} of {outcome.units} validations run, {len(outcome.rows)} rows"
         verdict = "passed" if outcome.passed else "FAILED"
-        try:
-            print(f"{verdict}; {words}; sweep: {request.out / PAGE}", flush=True)
-        except OSError:  # the reader left, or its disk is full
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print_outcome(f"{verdict}; {words}; sweep: {request.out / PAGE}")
     return EXIT_PASSED if outcome.passed else EXIT_CHECK_FAILED

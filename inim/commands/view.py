@@ -6,20 +6,21 @@ views that stand in for the live display come from the lens models in NumPy.
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.errors import EXIT_PASSED, FileError, SceneError, UsageError
+from inim.commands.options import add_definitions
+from inim.errors import EXIT_PASSED, FileError, UsageError
 from inim.version import __version__
 
 if TYPE_CHECKING:
     import argparse
 
     from inim.display import Display
-    from inim.settings import Settings
 
-__all__ = ["add_arguments", "run", "view_eia", "view_report"]
+__all__ = ["SUMMARY", "add_arguments", "run", "view_eia", "view_report"]
+
+SUMMARY = "see a report's panels, or any EIA, through the lens array in a browser"
 
 #: A page alone may be larger than a report: it is not sent by mail with each run.
 _MOST_BYTES = 60_000_000
@@ -35,14 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
     add("--display", help="of the EIA: a preset, nominal or phone, or an .xml with inim.* settings")
-    add(
-        "-D",
-        dest="definitions",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override an inim.* setting of the display; may be repeated",
-    )
+    add_definitions(parser, " of the display")
     add(
         "-o", "--out", type=Path, metavar="HTML", help=f"file to write (OUT/{_PAGE}, EIA-view.html)"
     )
@@ -62,6 +56,8 @@ def run(args: argparse.Namespace) -> int:
         path = view_eia(args.what, args.display, args.definitions, args.out)
     print(path)
     if args.open:
+        import webbrowser
+
         webbrowser.open(path.resolve().as_uri())
     return EXIT_PASSED
 
@@ -139,9 +135,9 @@ def view_eia(
     from inim.report.virtual_display.live import LIVE, Eye, Still, live_display
     from inim.report.virtual_display.panels import Panel
     from inim.report.virtual_display.still import still_view
+    from inim.scene.file import chosen_display
 
-    settings, source = _settings(display, definitions)
-    design = settings.make_display(source)
+    design, settings = chosen_display(display, definitions, "inim view")
     viewpoints = parse_viewpoints(settings.viewpoints, design, settings.viewing_distance_mm)
     eyes = [Eye(v.name, v.position_mm) for v in viewpoints]
     real = mounted(design, settings.misalign)
@@ -166,22 +162,6 @@ def view_eia(
         )
     page = _page(eia.name, f"Display {_words(real)}", content)
     return _written(Path(f"{eia.stem}-view.html") if out is None else out, page)
-
-
-def _settings(display: str | None, definitions: list[str]) -> tuple[Settings, str]:
-    """What a preset's name or a settings file says, the definitions over it; and its source."""
-    from inim.scene.file import parse_definitions, read_scene_file
-    from inim.settings import PREFIX, Settings
-
-    given = parse_definitions(definitions)
-    if display is not None and display.lower().endswith(".xml"):
-        return Settings.parse(read_scene_file(Path(display), given).settings, display), display
-    for key in given:
-        if not key.startswith(PREFIX):
-            raise SceneError(f"-D {key}: a display has inim.* settings only; see `inim settings`")
-    if display is not None:
-        given = {f"{PREFIX}display": display} | given
-    return Settings.parse(given, "inim view"), "inim view"
 
 
 def _words(display: Display) -> str:

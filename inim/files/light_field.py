@@ -29,7 +29,7 @@ from inim.display import Display
 from inim.display.pixel_axis import PixelAxis
 from inim.errors import FileError, UsageError
 from inim.files.image import write_atomically
-from inim.files.pfm import read_pfm
+from inim.files.picture import read_pfm
 
 __all__ = [
     "LightField",
@@ -237,7 +237,7 @@ def write_hci(folder: Path, views: NDArray[np.uint8], display: Display | None = 
             f"slope_step = {display.elemental_image_pitch_mm / across / display.gap_mm!r}\n"
             f"view_pixel_mm = {display.width_mm / width!r}\ndepth_of_one_disparity_mm = {step!r}\n"
         )
-    write_atomically(folder / _PARAMETERS, lambda p: _put(p, text))
+    write_atomically(folder / _PARAMETERS, lambda p: p.write_text(text, encoding="utf-8"))
 
 
 def _is_of_display(folder: Path) -> bool:
@@ -245,10 +245,6 @@ def _is_of_display(folder: Path) -> bool:
     parser = configparser.ConfigParser(interpolation=None)
     parser.read(folder / _PARAMETERS, encoding="utf-8")
     return parser.get("inim", "projection", fallback="") == "parallel"
-
-
-def _put(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def _grid(folder: Path, count: int) -> tuple[int, int]:

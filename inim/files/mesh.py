@@ -12,14 +12,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 from inim.errors import FileError
-from inim.files.gltf import check_gltf
-from inim.files.mesh_guard import check_area, check_indices, has_area, read_bytes
-from inim.files.obj import check_obj, scan_obj
-from inim.files.ply import check_ply, read_ply, write_ply
-from inim.files.ply_header import is_ply
-from inim.files.serialized import check_serialized, is_serialized
-from inim.files.stl import check_stl, stl_fits
-from inim.files.triangle_mesh import Mesh
+from inim.files.mesh_formats import (
+    check_gltf,
+    check_obj,
+    check_serialized,
+    check_stl,
+    is_serialized,
+    scan_obj,
+    stl_fits,
+)
+from inim.files.ply import check_ply, is_ply, read_ply, write_ply
+from inim.files.triangle_mesh import Mesh, check_area, check_indices, has_area, read_bytes
 
 __all__ = ["SUFFIXES", "UNIT_MM", "Mesh", "check_mesh_file", "mesh_kind", "read_mesh", "write_ply"]
 

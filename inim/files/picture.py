@@ -1,19 +1,37 @@
-"""Pictures that a scene names, checked before the renderer's own readers trust them.
+"""Pictures and grids that a scene names, checked before the renderer's own readers trust them.
 
-Mitsuba goes by the content, whatever a file is called, and allocates what a header declares.
+Mitsuba goes by the content, whatever a file is called, and allocates what a header declares. Its
+reader of Radiance HDR writes past its buffer when a scan line in the middle of a file is not
+run-length coded; so every line of one is checked.
 """
 
 from __future__ import annotations
 
+import re
+import struct
 import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
 
 from inim.errors import FileError
 from inim.files.image import check_exr, check_unfolding
-from inim.files.png import check_png
-from inim.files.radiance import check_pfm, check_radiance, is_pfm, is_radiance
 
-__all__ = ["check_picture", "is_exr"]
+__all__ = [
+    "check_pfm",
+    "check_picture",
+    "check_png",
+    "check_radiance",
+    "check_volume",
+    "is_exr",
+    "is_pfm",
+    "is_radiance",
+    "open_picture",
+    "read_pfm",
+]
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HEAD_BYTES = 16
@@ -21,6 +39,7 @@ _HEAD_BYTES = 16
 _FORMATS = ("PNG", "JPEG")
 # A texture becomes floats.
 _SAMPLE_BYTES = 4
+_UNKNOWN = "not a picture that inim reads (EXR, PNG, JPEG, HDR, PFM); save it as PNG or EXR"
 
 
 def check_picture(path: Path) -> None:
@@ -48,7 +67,8 @@ def check_picture(path: Path) -> None:
     if head.startswith(_EXR_MAGIC):
         check_exr(path)
     elif not is_pfm(head) and not is_radiance(head):
-        _decode(path)
+        with open_picture(path, _FORMATS, _SAMPLE_BYTES, _UNKNOWN) as picture:
+            picture.load()
 
 
 def is_exr(path: Path) -> bool:
@@ -57,24 +77,217 @@ def is_exr(path: Path) -> bool:
         return file.read(len(_EXR_MAGIC)) == _EXR_MAGIC
 
 
-def _decode(path: Path) -> None:
+@contextmanager
+def open_picture(
+    path: Path, formats: Sequence[str], sample_bytes: int, unknown: str = ""
+) -> Iterator[Any]:
+    """A picture that Pillow has opened, checked; whatever is wrong with it is a `FileError`.
+
+    Parameters
+    ----------
+    path : Path
+    formats : sequence of str
+        Pillow's names of those that are read.
+    sample_bytes : int
+        That a sample takes once decoded.
+    unknown : str
+        What to say of a picture in no such format.
+
+    Raises
+    ------
+    FileError
+        Damaged, cut short, of another kind, or unfolding to far more than its size.
+    """
     from PIL import Image
 
     check_png(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # on sizes, which are checked below
-            with Image.open(path, formats=_FORMATS) as picture:
+            with Image.open(path, formats=formats) as picture:
                 samples = picture.width * picture.height * len(picture.getbands())
-                check_unfolding(path, _SAMPLE_BYTES * samples)
-                picture.load()
+                check_unfolding(path, sample_bytes * samples)
+                yield picture
     except FileError:
         raise
-    except Image.UnidentifiedImageError as error:
-        raise FileError(
-            f"{path}: not a picture that inim reads (EXR, PNG, JPEG, HDR, PFM); save it as PNG or "
-            "EXR"
-        ) from error
     except Exception as error:
+        if unknown and isinstance(error, Image.UnidentifiedImageError):
+            raise FileError(f"{path}: {unknown}") from error
         cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
         raise FileError(f"{path}: not a readable picture ({cause}); save it anew") from error
+
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+# Length and name before a chunk's data, a checksum after it.
+_CHUNK_HEAD_BYTES, _CHUNK_SUM_BYTES = 8, 4
+
+
+def check_png(path: Path) -> None:
+    """Raise `FileError` where a PNG's chunk is longer than its file; other files pass.
+
+    Raises
+    ------
+    FileError
+        Cut short or damaged, or it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            if file.read(len(_PNG_SIGNATURE)) == _PNG_SIGNATURE:
+                _check_chunks(path, file, path.stat().st_size)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def _check_chunks(path: Path, file: BinaryIO, size: int) -> None:
+    while len(head := file.read(_CHUNK_HEAD_BYTES)) == _CHUNK_HEAD_BYTES:
+        length, name = struct.unpack(">I4s", head)
+        after = file.tell() + length + _CHUNK_SUM_BYTES
+        if after > size:
+            raise FileError(
+                f"{path}: not a readable PNG (a chunk declares {length} bytes, more than there "
+                "are); it is cut short or damaged"
+            )
+        if name == b"IEND":
+            return
+        file.seek(after)
+
+
+# No line of the header may be mistaken for the one that states the size.
+_HEADER = re.compile(
+    rb"#\?(?:RADIANCE|RGBE)\n(?:(?!-Y|\+Y)[\x20-\x7e\t]*\n)*?\n-Y (\d{1,5}) \+X (\d{1,5})\n"
+)
+_FORMAT = re.compile(rb"^FORMAT=32-bit_rle_(?:rgbe|xyze)$", re.M)
+_PFM_OF_SCENE = re.compile(rb"(P[Ff])\n(\d{1,5}) (\d{1,5})\n[-+]?\d{1,9}(?:\.\d{0,9})?\n")
+# By the format's own rule, lines of other lengths are not run-length coded.
+_SHORTEST_CODED, _LONGEST_CODED = 8, 0x7FFF
+# Going through a file costs about a second for each 10 MiB at worst.
+_MOST_RADIANCE_BYTES = 48 * 2**20
+
+
+def is_radiance(data: bytes) -> bool:
+    """Whether Mitsuba takes the file for Radiance HDR."""
+    return data[:2] == b"#?"
+
+
+def is_pfm(data: bytes) -> bool:
+    """Whether Mitsuba takes the file for a portable float map."""
+    return data[:2] in (b"PF", b"Pf")
+
+
+def check_pfm(path: Path, data: bytes) -> None:
+    """Raise `FileError` unless a PFM is exactly as long as its header says."""
+    header = _PFM_OF_SCENE.match(data)
+    if not header:
+        raise FileError(f"{path}: its PFM header makes no sense; save it as EXR")
+    columns, rows = int(header[2]), int(header[3])
+    size = header.end() + 4 * columns * rows * (3 if header[1] == b"PF" else 1)
+    if not columns * rows or len(data) != size:
+        raise FileError(
+            f"{path}: a PFM of {columns} x {rows} pixels is {size} bytes long, this one is "
+            f"{len(data)}; it is cut short or damaged"
+        )
+
+
+def check_radiance(path: Path, data: bytes) -> None:
+    """Raise `FileError` unless every scan line of a Radiance HDR is whole."""
+    if len(data) > _MOST_RADIANCE_BYTES:
+        raise FileError(f"{path}: Radiance HDR of {len(data)} bytes; save it as EXR")
+    header = _HEADER.match(data)
+    if not header or not _FORMAT.search(data, 0, header.end()):
+        raise FileError(f"{path}: its Radiance header makes no sense; save it as EXR")
+    rows, columns, at = int(header[1]), int(header[2]), header.end()
+    if not rows * columns:
+        raise FileError(f"{path}: declares {columns} x {rows} pixels; refused as damaged")
+    coded = _SHORTEST_CODED <= columns <= _LONGEST_CODED and _is_coded(data, at)
+    if not coded and len(data) != at + 4 * columns * rows:
+        raise FileError(f"{path}: is not as long as its {columns} x {rows} pixels; damaged")
+    for row in range(rows if coded else 0):
+        after = _line_end(data, at, columns)
+        if after is None:
+            raise FileError(f"{path}: scan line {row} is damaged or cut short; save it anew")
+        at = after
+
+
+def _is_coded(data: bytes, at: int) -> bool:
+    return data[at : at + 2] == b"\2\2" and data[at + 2 : at + 3] < b"\x80"
+
+
+def _line_end(data: bytes, at: int, columns: int) -> int | None:
+    """Where a run-length coded scan line ends; None where it is none or not whole."""
+    if data[at : at + 4] != b"\2\2" + columns.to_bytes(2, "big"):
+        return None
+    at += 4
+    for _ in range(4):
+        left = columns
+        while left:
+            if at + 2 > len(data):
+                return None
+            count = data[at]
+            if count > 128:
+                count -= 128
+                at += 2
+            else:
+                at += 1 + count
+            if not 0 < count <= left:
+                return None
+            left -= count
+    return at if at <= len(data) else None
+
+
+_PFM = re.compile(rb"(P[Ff])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.eE+-]{1,30})[ \t\r]*\n")
+
+
+def read_pfm(path: Path) -> np.ndarray:
+    """A grey portable float map, (H, W) float32 with row 0 on top (the file has it below).
+
+    Raises
+    ------
+    FileError
+        Damaged, of another length than its header says, or in colour.
+    """
+    data = path.read_bytes()
+    header = _PFM.match(data)
+    if not header:
+        raise FileError(f"{path}: its PFM header makes no sense; save it as EXR or .npy")
+    if header[1] == b"PF":
+        raise FileError(f"{path}: is a PFM in colour; depth is a grey one, 'Pf'")
+    columns, rows = int(header[2]), int(header[3])
+    size = header.end() + 4 * columns * rows
+    if not columns * rows or len(data) != size:
+        raise FileError(
+            f"{path}: a PFM of {columns} x {rows} pixels is {size} bytes long, this one is "
+            f"{len(data)}; it is cut short or damaged"
+        )
+    kind = "<f4" if header[4].startswith(b"-") else ">f4"
+    stored = np.frombuffer(data, kind, columns * rows, header.end()).reshape(rows, columns)
+    return stored[::-1].astype(np.float32)
+
+
+_VOLUME_HEAD = struct.Struct("<3sBiiiii6f")
+
+
+def check_volume(path: Path) -> None:
+    """Refuse a grid whose header does not fit its file: the renderer allocates what it says.
+
+    Raises
+    ------
+    FileError
+        Missing, of another kind, or not as long as it declares.
+    """
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            head = file.read(_VOLUME_HEAD.size)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror})") from None
+    if len(head) < _VOLUME_HEAD.size:
+        raise FileError(f"{path}: not a grid of Mitsuba's .vol format; it is cut short")
+    magic, version, kind, x, y, z, channels, *_ = _VOLUME_HEAD.unpack(head)
+    if (magic, version, kind) != (b"VOL", 3, 1) or min(x, y, z, channels) < 1:
+        raise FileError(f"{path}: not a grid of Mitsuba's .vol format, version 3, of float32")
+    wanted = _VOLUME_HEAD.size + 4 * x * y * z * channels
+    if size < wanted:
+        raise FileError(
+            f"{path}: a grid of {x} x {y} x {z} x {channels} is {wanted} bytes long, this one is "
+            f"{size}; it is cut short or damaged"
+        )

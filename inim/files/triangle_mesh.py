@@ -1,12 +1,32 @@
-"""A triangle mesh as it stands in its file: the value that readers make and writers take."""
+"""A triangle mesh as it stands in its file: its value, what every mesh must satisfy, its normals.
+
+`Mesh` is what readers make and writers take; the checks hold for every format.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-__all__ = ["Mesh", "usable_normals"]
+from inim.errors import FileError
+
+__all__ = [
+    "MOST_BYTES",
+    "Mesh",
+    "check_area",
+    "check_indices",
+    "check_points",
+    "first_line",
+    "has_area",
+    "numbers_in",
+    "read_bytes",
+    "smoothed",
+    "usable_normals",
+]
 
 
 @dataclass(frozen=True)
@@ -43,3 +63,177 @@ def usable_normals(normals: np.ndarray | None) -> np.ndarray | None:
         return None
     unit: np.ndarray = (normals / length).astype(np.float32)
     return unit
+
+
+# Scans of a hundred million triangles are decimated before they are rendered.
+MOST_BYTES = 2**31
+# Squares of coordinates must stay finite in float32 (largest 3.4e38).
+_MOST_EXTENT = 1e15
+# Area of a face against the square of the extent: below it, rounding of float64 products.
+_LEAST_AREA = 1e-14
+_FACES_AT_ONCE = 65536
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a mesh file that is there, of a sane size and not blank, or a FileError."""
+    try:
+        if not path.is_file():
+            raise FileError(f"{path}: no such file")
+        size = path.stat().st_size
+        if size > MOST_BYTES:
+            raise FileError(f"{path}: {size / 2**30:.1f} GiB; decimate the mesh below 2 GiB first")
+        data = path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if not data.strip(b" \t\r\n\0"):
+        raise FileError(f"{path}: the file is empty; export the mesh again")
+    return data
+
+
+def check_points(path: Path, vertices: np.ndarray, face_count: int) -> None:
+    """Some faces, and finite, sane coordinates (n, 3), or a FileError."""
+    if face_count == 0:
+        what = "points or lines but no faces" if len(vertices) else "no vertices and no faces"
+        raise FileError(f"{path}: holds {what}; inim needs a triangle mesh")
+    bad = ~np.isfinite(vertices).all(axis=1)
+    if bad.any():
+        raise FileError(
+            f"{path}: vertex {int(bad.argmax())} is not finite; clean the mesh and export it again"
+        )
+    reach = np.abs(vertices).max(initial=0)
+    if reach > _MOST_EXTENT:
+        raise FileError(
+            f"{path}: coordinates reach {reach:.3g}; the file is damaged, or scale it down first"
+        )
+
+
+def check_indices(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
+    """What `check_points` asks, and faces (m, 3) with 0 <= index < n, or a FileError."""
+    check_points(path, vertices, len(faces))
+    low, high = int(faces.min()), int(faces.max())
+    if low < 0 or high >= len(vertices):
+        raise FileError(
+            f"{path}: a face refers to vertex {low if low < 0 else high}, but there are "
+            f"{len(vertices)} (0 to {len(vertices) - 1}); the file is damaged, export it again"
+        )
+
+
+def check_area(path: Path, surfaces: Iterable[tuple[np.ndarray, np.ndarray]]) -> None:
+    """At least one of the surfaces (vertices, faces) has a face that is more than a line."""
+    if not any(has_area(vertices, faces) for vertices, faces in surfaces):
+        raise FileError(f"{path}: all faces have zero area; export the surface again")
+
+
+def has_area(vertices: np.ndarray, faces: np.ndarray) -> bool:
+    """Whether any face is more than a line; stops at the first block that has one."""
+    extent = float(np.ptp(vertices.astype(np.float64), axis=0).max())
+    for start in range(0, len(faces), _FACES_AT_ONCE):
+        block = faces[start : start + _FACES_AT_ONCE]
+        a, b, c = (vertices[block[:, k]].astype(np.float64) for k in range(3))
+        doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        if bool((doubled > _LEAST_AREA * extent**2).any()):
+            return True
+    return False
+
+
+def first_line(error: BaseException) -> str:
+    """The first line of a foreign message, printable and short."""
+    text = next(iter(str(error).splitlines()), "") or type(error).__name__
+    return "".join(c if c.isprintable() else "?" for c in text)[:120]
+
+
+def numbers_in(text: bytes) -> np.ndarray | None:
+    """All whitespace-separated numbers of a text as float64; None if anything else is there."""
+    try:
+        with warnings.catch_warnings():
+            # Older NumPy warns at the first token that is no number, newer NumPy raises.
+            warnings.simplefilter("error", DeprecationWarning)
+            numbers: np.ndarray = np.fromstring(text.decode("ascii"), np.float64, sep=" ")
+            return numbers
+    except (ValueError, DeprecationWarning):
+        return None
+
+
+# Edges that turn by more stay sharp: drapery and hair stay crisp, scan facets vanish.
+_CREASE_DEG = 50.0
+
+
+def smoothed(mesh: Mesh, crease_deg: float = _CREASE_DEG) -> Mesh:
+    """The mesh with vertex normals, made where it has none: smooth, but hard edges stay hard.
+
+    Corners that meet at a vertex share a normal when a fan of faces, each turning by less than
+    `crease_deg` from the next, joins them; each such group becomes one vertex. Normals are means
+    weighted by area. Vertices at one place are one for this purpose, so STL and texture seams
+    come out smooth; faces without area are dropped.
+    """
+    if mesh.normals is not None:
+        return mesh
+    faces, area = _with_area(mesh)
+    place = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].reshape(-1)
+    group = _fans(place[faces], area, np.cos(np.radians(crease_deg)))
+    corner = faces.reshape(-1)
+    key = group * len(mesh.vertices) + corner
+    _, first, index = np.unique(key, return_index=True, return_inverse=True)
+    taken = corner[first]
+    return replace(
+        mesh,
+        vertices=mesh.vertices[taken],
+        faces=index.reshape(-1, 3).astype(np.uint32),
+        normals=_mean_normals(group, first, area),
+        uv=None if mesh.uv is None else mesh.uv[taken],
+        color=None if mesh.color is None else mesh.color[taken],
+    )
+
+
+def _with_area(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Faces (m, 3) int64 that have an area, and twice their area vectors (m, 3) float64."""
+    points, faces = mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    area = np.cross(b - a, c - a)
+    kept = np.linalg.norm(area, axis=1) > 0
+    return faces[kept], area[kept]
+
+
+def _mean_normals(group: np.ndarray, first: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """Unit normals (k, 3) of the groups that the corners `first` (k,) belong to."""
+    weights = np.repeat(area, 3, axis=0)
+    total = np.stack([np.bincount(group, weights[:, k], len(group)) for k in range(3)], axis=1)
+    normals = total[group[first]]
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    # A fan folded onto itself may cancel: its first face speaks for it.
+    normals = np.where(length > 1e-12 * np.abs(area).max(), normals, weights[first])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    unit: np.ndarray = normals.astype(np.float32)
+    return unit
+
+
+def _fans(places: np.ndarray, area: np.ndarray, least_cosine: float) -> np.ndarray:
+    """Group number of each corner (3 m,), given the places (m, 3) and face vectors (m, 3)."""
+    unit = area / np.linalg.norm(area, axis=1, keepdims=True)
+    start, end = places.reshape(-1), np.roll(places, -1, axis=1).reshape(-1)
+    key = np.minimum(start, end) * (int(places.max()) + 1) + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    one, two = order[:-1], order[1:]
+    smooth = (key[one] == key[two]) & (
+        np.einsum("ij,ij->i", unit[one // 3], unit[two // 3]) >= least_cosine
+    )
+    one, two = one[smooth], two[smooth]
+    after = np.roll(np.arange(start.size).reshape(-1, 3), -1, axis=1).reshape(-1)
+    along = start[one] == start[two]
+    left = np.concatenate([one, after[one]])
+    right = np.concatenate([np.where(along, two, after[two]), np.where(along, after[two], two)])
+    return _joined(start.size, left, right)
+
+
+def _joined(count: int, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Smallest member of each node's component under the edges left-right, by pointer jumping."""
+    label = np.arange(count)
+    while True:
+        low = np.minimum(label[left], label[right])
+        joined = label.copy()
+        for ends in (left, right, label[left], label[right]):
+            np.minimum.at(joined, ends, low)
+        joined = joined[joined]
+        if np.array_equal(joined, label):
+            return label
+        label = joined

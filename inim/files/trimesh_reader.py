@@ -15,8 +15,7 @@ from PIL import Image
 
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.errors import FileError
-from inim.files.mesh_guard import check_indices, first_line
-from inim.files.triangle_mesh import Mesh, usable_normals
+from inim.files.triangle_mesh import Mesh, check_indices, first_line, usable_normals
 
 __all__ = ["read_with_trimesh"]
 

@@ -1,16 +1,15 @@
 """The user's own pictures: colour and depth of a real camera, brought into the display frame.
 
-| module         | what it does                                                                   |
-| -------------- | ------------------------------------------------------------------------------ |
-| `color_file`   | reads the colour picture                                                       |
-| `depth_file`   | reads the depth picture: numbers as stored, byte order looked at               |
-| `depth_values` | what the numbers mean: unit, direction, what is missing; sanity checks         |
-| `missing`      | fill rules for missing depth                                                   |
-| `registration` | whether colour and depth belong together: sizes, shift                         |
-| `camera`       | pinhole intrinsics                                                             |
-| `depth_map`    | from distances to depths of the display, linear or reciprocal                  |
-| `fit`          | place and size of the picture in the display frame                             |
-| `tiles`        | its samples as tiles drawn into the orthographic cells of the display's picture |
+| module          | what it does                                                                  |
+| --------------- | ----------------------------------------------------------------------------- |
+| `picture`       | all of it: two files and what is said of them become an RGB-D picture          |
+| `picture_files` | reads the colour and the depth picture: numbers as stored, byte order checked |
+| `depth_values`  | what the numbers mean: unit, direction, what is missing and how it is filled  |
+| `registration`  | whether colour and depth belong together: sizes, shift                        |
+| `depth_map`     | from distances to depths of the display, linear or reciprocal                 |
+| `fit`           | place and size of the picture in the display frame; the camera as a pinhole   |
+| `tiles`         | its samples as tiles, drawn into the cells of the display's picture           |
+| `light_field`   | EIAs of a 4D light field: of its centre view, or of all its views             |
 
 All of it is NumPy and numba; nothing imports the renderer.
 """

@@ -1,8 +1,8 @@
 """What the numbers of a depth picture mean: unit, direction, and which of them are none.
 
-What is stated is taken, and looked at; what is not stated is detected, and said in a warning.
+What is stated is taken, and checked; what is not stated is detected, with a warning.
 
-Direction is told from two habits of pictures: what is at the bottom is nearer than what is at the
+Direction is seen by two habits of pictures: what is at the bottom is nearer than what is at the
 top (floors, tables), and what is in the middle is nearer than what is along the rim (relics before
 a background). Where the two do not agree, nothing is decided.
 """
@@ -16,9 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.errors import FileError, UsageError
-from inim.from_camera.depth_file import DepthFile
+from inim.from_camera.picture_files import DepthFile
 
-__all__ = ["DepthValues", "Meaning", "parse_unit", "read_meaning", "sample"]
+__all__ = [
+    "FILL_RULES",
+    "DepthValues",
+    "Meaning",
+    "fill_missing",
+    "parse_unit",
+    "read_meaning",
+    "sample",
+]
+
+FILL_RULES = ("none", "nearest", "behind", "far")
 
 _UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 # A macro lens and the far end of a street: no camera that measures depth goes beyond either.
@@ -36,7 +46,7 @@ _TELLING = 0.1
 
 @dataclass(frozen=True)
 class Meaning:
-    """What was said of a depth picture; None: nothing.
+    """What is stated of a depth picture; None: nothing.
 
     Attributes
     ----------
@@ -57,7 +67,7 @@ class Meaning:
 
 @dataclass(frozen=True)
 class DepthValues:
-    """Depth whose meaning is settled.
+    """Depth whose meaning is known.
 
     Attributes
     ----------
@@ -100,13 +110,13 @@ def parse_unit(text: str) -> float:
     return 1000.0 / per_metre
 
 
-def read_meaning(file: DepthFile, said: Meaning, name: str) -> DepthValues:
-    """Settle what the numbers of a depth picture mean.
+def read_meaning(file: DepthFile, stated: Meaning, name: str) -> DepthValues:
+    """What the numbers of a depth picture mean.
 
     Parameters
     ----------
     file : DepthFile
-    said : Meaning
+    stated : Meaning
     name : str
         Of the file, for messages.
 
@@ -118,16 +128,16 @@ def read_meaning(file: DepthFile, said: Meaning, name: str) -> DepthValues:
         The direction is neither stated nor to be seen.
     """
     warnings: list[str] = []
-    unit = said.unit_mm
+    unit = stated.unit_mm
     if unit is None:
         unit, reason = _detected_unit(file)
         warnings.append(f"{name}: unit of depth not stated; {reason}; say --depth-unit")
-    distances = unit > 0 and not said.near_is_large
+    distances = unit > 0 and not stated.near_is_large
     depth = file.values.copy()
     none = ~np.isfinite(depth)
     if distances:
         none |= depth <= 0
-    for number in said.missing:
+    for number in stated.missing:
         none |= file.values == np.float32(number)
     depth[none] = np.nan
     if none.all():
@@ -137,21 +147,21 @@ def read_meaning(file: DepthFile, said: Meaning, name: str) -> DepthValues:
         )
     scale = unit if unit > 0 else 1.0
     depth *= np.float32(scale)
-    if not said.missing:
+    if not stated.missing:
         warnings += _saturated(file, name)
-    if distances and not said.range_stated:
+    if distances and not stated.range_stated:
         _check_distances(depth, file, name, unit)
     seen = _seen_direction(depth)
-    if said.near_is_large is None:
+    if stated.near_is_large is None:
         near_is_large, words = _detected_direction(seen, unit, name)
         warnings += words
     else:
-        near_is_large = said.near_is_large
-    if seen is not None and seen != near_is_large and said.near_is_large is not None:
-        stated, other = _direction_words(near_is_large)
+        near_is_large = stated.near_is_large
+    if seen is not None and seen != near_is_large and stated.near_is_large is not None:
+        word, other = _direction_words(near_is_large)
         warnings.append(
             f"{name}: the depth looks inverted: the middle and the bottom would lie behind the rim "
-            f"and the top with {stated}; if the result is inside out, say {other}"
+            f"and the top with {word}; if the result is inside out, say {other}"
         )
     step = scale if file.largest is not None else 0.0
     return DepthValues(depth, near_is_large, unit > 0, step, tuple(warnings))
@@ -262,3 +272,47 @@ def _detected_direction(seen: bool | None, unit: float, name: str) -> tuple[bool
 def _direction_words(near_is_large: bool) -> tuple[str, str]:
     words = ("--near-is-large", "--far-is-large")
     return words if near_is_large else (words[1], words[0])
+
+
+def fill_missing(
+    depth: NDArray[np.float32], rule: str, *, near_is_large: bool = False
+) -> NDArray[np.float32]:
+    """Depth with its missing pixels, NaN, filled.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+    rule : str
+        One of `FILL_RULES`.
+    near_is_large : bool
+        Whether numbers grow towards the viewer.
+
+    Returns
+    -------
+    (H, W) float32
+        NaN where the rule found nothing; the input itself where there is nothing to do.
+    """
+    empty = np.isnan(depth)
+    if rule == "none" or not empty.any() or empty.all():
+        return depth
+    if rule == "nearest":
+        from scipy.ndimage import distance_transform_edt
+
+        rows, columns = distance_transform_edt(empty, return_distances=False, return_indices=True)
+        nearest: NDArray[np.float32] = depth[rows, columns]
+        return nearest
+    farther = np.fmin if near_is_large else np.fmax
+    if rule == "far":
+        farthest = np.float32(farther.reduce(depth[~empty]))
+        return np.where(empty, farthest, depth)
+    filled = depth.copy()
+    for row in filled:  # a row at a time: no array of the picture's size per step
+        known = np.flatnonzero(~np.isnan(row))
+        gaps = np.flatnonzero(np.isnan(row))
+        if known.size and gaps.size:
+            after = np.searchsorted(known, gaps)
+            left = np.where(after > 0, row[known[after - 1]], np.float32(np.nan))
+            right = row[known[np.minimum(after, known.size - 1)]]
+            right = np.where(after < known.size, right, np.float32(np.nan))
+            row[gaps] = farther(left, right)
+    return filled

@@ -1,3 +1,5 @@
+# Kernels have no types of their own.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """`gu2020`: reverse search along each ray in equal steps of depth, "one search one".
 
 The method of Gu et al. (2020) as Wang et al. describe and rival it, Heritage Science 2024, doi
@@ -25,24 +27,17 @@ What the description leaves open:
 from __future__ import annotations
 
 import math
-from fractions import Fraction
 
-import numba
 import numpy as np
-from numba.extending import register_jitable
 
 from inim.display import Display
-from inim.display.panel import SubPixel
 from inim.display.pixel_axis import stated
 from inim.errors import UsageError
-from inim.generators.base import AskedPixels, PictureShape, SourceGenerator
-from inim.generators.options import one_of, positive_mm
-from inim.generators.plain import IMPLEMENTATIONS, run
+from inim.generators.base import PictureShape, PixelList, SourceGenerator
+from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.raycast.cells import Aside, cell_rays
-from inim.generators.raycast.non_separable import free_rays
-from inim.generators.raycast.pixel_mask import OnPanel, asked_pixels
-from inim.generators.raycast.subpixels import by_subpixel
-from inim.generators.raycast.working_type import DTYPES
+from inim.generators.raycast.pixel_mask import OnPanel, masked_pixels
+from inim.generators.registry import algorithm, one_of, positive_mm
 from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
@@ -52,13 +47,13 @@ __all__ = ["prepare"]
 _MOST_STEPS = 1_000_000
 
 
+@algorithm(color="#009e73", marker="^", interpreted_with={"implementation": "python"})
 def prepare(
     display: Display,
     shape: PictureShape,
     pixel_mm: float,
     step_mm: float | str | None = None,
     implementation: str = "compiled",
-    dtype: str = "float64",
     *,
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
@@ -72,8 +67,6 @@ def prepare(
         Depth between two samples of a ray; by default P_I.
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one.
-    dtype : {"float64", "float32"}
-        What is computed in; see `inim.generators.raycast.working_type`.
 
     Raises
     ------
@@ -85,16 +78,16 @@ def prepare(
         step_mm = pixel_mm if focused else display.scene_pixel_mm
     depths = _sampled_depths(display, positive_mm("step_mm", step_mm))
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
-    typed = one_of("dtype", dtype, DTYPES)
 
-    asked = None if mask is None else asked_pixels(mask, display)
+    from inim.generators.raycast.supersampling import averaged
 
-    def seen_from(subpixel: SubPixel) -> SourceGenerator:
-        aside = (Fraction(0), subpixel.right)
-        return _Gu2020(display, shape, pixel_mm, depths, chosen, typed, aside, asked)
-
-    made = by_subpixel(display.subpixels, seen_from)
-    return made if asked is None else OnPanel(made)
+    pixels = masked_pixels(mask, display)
+    made = averaged(
+        display,
+        1,
+        lambda aside: _Gu2020(display, shape, pixel_mm, depths, chosen, aside, pixels),
+    )
+    return made if pixels is None else OnPanel(made)
 
 
 class _Gu2020(SourceGenerator):
@@ -105,15 +98,13 @@ class _Gu2020(SourceGenerator):
         pixel_mm: float,
         depths: np.ndarray,
         implementation: str,
-        dtype: str,
         aside: Aside,
-        asked: AskedPixels | None,
+        pixels: PixelList | None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, asked)
+        super().__init__(display, shape, pixel_mm, pixels)
         self._aside = aside
         self._depths = depths
         self._implementation = implementation
-        self._dtype = dtype
 
     def find(self, rgbd: RGBD) -> Sources:
         # An uncovered cell is a column without height: it never reaches a ray.
@@ -127,11 +118,11 @@ class _Gu2020(SourceGenerator):
             row_rays.start / row_rays.scale,
             row_rays.slope / row_rays.scale,
         ]
-        if self.asked is not None:
-            columns, rows = self.asked.columns, self.asked.rows
+        if self.pixels is not None:
+            columns, rows = self.pixels.columns, self.pixels.rows
             rays = [r[at] for r, at in zip(rays, (columns, columns, rows, rows), strict=True)]
         return run(
-            _search_all if self.asked is None else _search_each,
+            _search_all if self.pixels is None else _search_each,
             self._implementation,
             self.made_shape,
             HOLE,
@@ -139,13 +130,14 @@ class _Gu2020(SourceGenerator):
             *self.shape,
             *rays,
             self._depths,
-            dtype=self._dtype,
         )
 
     def _find_each(self, depth: np.ndarray) -> Sources:
         """Where no two pixels share a coordinate, a block of panel rows at a time."""
+        from inim.generators.raycast.non_separable import ray_blocks
+
         found = np.empty(self.made_shape, np.int32)
-        for lensed, cells, at in free_rays(self, (float(self._aside[0]), float(self._aside[1]))):
+        for lensed, cells, at in ray_blocks(self, (float(self._aside[0]), float(self._aside[1]))):
             found[at] = run(
                 _search_each,
                 self._implementation,
@@ -155,7 +147,6 @@ class _Gu2020(SourceGenerator):
                 *self.shape,
                 *(coordinate.ravel() for coordinate in cells),
                 self._depths,
-                dtype=self._dtype,
             )
         return found
 
@@ -176,25 +167,22 @@ def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:
     return np.array([*((top - k * down) / parts for k in range(steps)), float(low)])
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
-def _search_all(depth, rows, columns, u0, du, v0, dv, depths, found):  # type: ignore[no-untyped-def]
+def _search_all(depth, rows, columns, u0, du, v0, dv, depths, found):
     """Search the ray of every panel pixel; u and v are columns and rows of the picture."""
-    for i in numba.prange(len(v0)):
+    for i in prange(len(v0)):
         for j in range(len(u0)):
             found[i * len(u0) + j] = _first_crossing(
                 depth, rows, columns, u0[j], du[j], v0[i], dv[i], depths
             )
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
-def _search_each(depth, rows, columns, u0, du, v0, dv, depths, found):  # type: ignore[no-untyped-def]
+def _search_each(depth, rows, columns, u0, du, v0, dv, depths, found):
     """Search rays that are one per pixel in both coordinates."""
-    for i in numba.prange(len(u0)):
+    for i in prange(len(u0)):
         found[i] = _first_crossing(depth, rows, columns, u0[i], du[i], v0[i], dv[i], depths)
 
 
-@register_jitable
-def _first_crossing(depth, rows, columns, u0, du, v0, dv, depths):  # type: ignore[no-untyped-def]
+def _first_crossing(depth, rows, columns, u0, du, v0, dv, depths):
     """The pixel under the first sample that is not in front of the picture's surface."""
     for k in range(len(depths)):
         z = depths[k]

@@ -1,3 +1,5 @@
+# Kernels have no types of their own.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """`li2012`: forward mapping of every picture pixel through every lens, "one to many".
 
 The method of Li et al. (2012) as Wang et al. describe and rival it, Heritage Science 2024, doi
@@ -32,31 +34,33 @@ What the description leaves open:
 from __future__ import annotations
 
 import math
+from fractions import Fraction
+from typing import Any, NamedTuple
 
-import numba
 import numpy as np
-from numba.extending import register_jitable
 
 from inim.display import Display
+from inim.display.pixel_axis import PixelAxis, stated
 from inim.generators.base import PictureShape, SourceGenerator, require_separable
 from inim.generators.fill import FILLS, filled
-from inim.generators.forward import ForwardAxis, forward_axes
-from inim.generators.options import one_of
-from inim.generators.plain import IMPLEMENTATIONS, run
-from inim.generators.raycast.working_type import DTYPES
+from inim.generators.plain import IMPLEMENTATIONS, prange, run
+from inim.generators.registry import algorithm, one_of
 from inim.generators.sources import HOLE, Sources, colour_of
 from inim.rgbd import RGBD
 
-__all__ = ["prepare"]
+__all__ = ["ForwardAxis", "forward_axes", "prepare"]
+
+# Whole numbers up to here are floats, and the quotient of two is rounded once.
+_EXACT = 2**53
 
 
+@algorithm(color="#cc79a7", marker="D", interpreted_with={"implementation": "python"})
 def prepare(
     display: Display,
     shape: PictureShape,
     pixel_mm: float,
     fill: str = "none",
     implementation: str = "compiled",
-    dtype: str = "float64",
 ) -> SourceGenerator:
     """A generator by forward mapping; see the module's text.
 
@@ -70,8 +74,6 @@ def prepare(
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one; the painting is not
         part of the method and the same for both.
-    dtype : {"float64", "float32"}
-        What is computed in; see `inim.generators.raycast.working_type`.
 
     Raises
     ------
@@ -80,9 +82,112 @@ def prepare(
     """
     how = one_of("fill", fill, FILLS)
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
-    typed = one_of("dtype", dtype, DTYPES)
     require_separable(display, "li2012")
-    return _Li2012(display, shape, pixel_mm, how, chosen, typed)
+    return _Li2012(display, shape, pixel_mm, how, chosen)
+
+
+class ForwardAxis(NamedTuple):
+    """One axis of the mapping, to the right for columns and downwards for rows.
+
+    Through lens `n`, picture pixel `c` at depth z lands at the panel position, in panel pixels from
+    the panel's middle,
+
+        ``(lens_z[n] z + lens_g[n] - pixel_g[c]) / (unit z)``
+
+    which is x = x0 + (x0 - X) g / z, Eq. 1 of Wang et al. 2024 solved for the panel. All are whole
+    numbers wherever the display's lengths are short decimals or fractions: a position that is on a
+    border between panel pixels is then known to be.
+
+    Attributes
+    ----------
+    cells, pixels : int
+        Pixels of the picture and of the panel.
+    unit : float
+    lens_z, lens_g : (lenses,) float64
+    pixel_g : (cells,) float64
+    first, end : (lenses,) int64
+        Panel pixels of each elemental image, `end` excluded.
+    low, high : (lenses,) int64
+        Picture pixels that may land in each elemental image, at the depths of the picture; `high`
+        excluded, one more on either side.
+    """
+
+    cells: int
+    pixels: int
+    unit: float
+    lens_z: np.ndarray
+    lens_g: np.ndarray
+    pixel_g: np.ndarray
+    first: np.ndarray
+    end: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+def forward_axes(
+    display: Display, shape: tuple[int, int], pixel_mm: float, depths_mm: tuple[float, float]
+) -> tuple[ForwardAxis, ForwardAxis]:
+    """Columns and rows of the mapping of a picture with the lowest and highest depth given."""
+    rows, columns = shape
+    across = _lens_centres(display.lens_columns, display.pitch_mm, display.shift_x_mm)
+    down = _lens_centres(display.lens_rows, display.row_pitch_mm, -display.shift_y_mm)
+    return (
+        _axis(display, display.columns, across, columns, pixel_mm, depths_mm),
+        _axis(display, display.rows, down, rows, pixel_mm, depths_mm),
+    )
+
+
+def _lens_centres(lenses: int, pitch_mm: float, shift_mm: float) -> list[Fraction]:
+    """Centres of the lenses of one axis, in its order."""
+    pitch, shift = stated(pitch_mm), stated(shift_mm)
+    return [Fraction(2 * n - lenses + 1, 2) * pitch + shift for n in range(lenses)]
+
+
+def _axis(
+    display: Display,
+    panel: PixelAxis,
+    centres: list[Fraction],
+    cells: int,
+    cell_mm: float,
+    depths_mm: tuple[float, float],
+) -> ForwardAxis:
+    gap, pixel = stated(display.gap_mm), stated(display.pixel_pitch_mm)
+    places = [Fraction(2 * c - cells + 1, 2) * stated(cell_mm) for c in range(cells)]
+    lens_z, lens_g, pixel_g, unit = _whole(
+        centres, [x0 * gap for x0 in centres], [x * gap for x in places], [pixel]
+    )
+    first, end = _elemental_images(panel, len(centres))
+    middle = len(panel.lens) / 2
+    edges_mm = np.stack([first - middle, end - middle]) * display.pixel_pitch_mm
+    x0 = np.array(centres, np.float64)
+    # X = x0 + (x0 - x) z / g is linear in x and in z: its extremes are at the corners.
+    reach = [x0 + (x0 - edges_mm) * (z / display.gap_mm) for z in depths_mm]
+    reach_cells = np.concatenate(reach) / cell_mm + cells / 2
+    low = np.clip(np.floor(reach_cells.min(axis=0)) - 1, 0, cells).astype(np.int64)
+    high = np.clip(np.ceil(reach_cells.max(axis=0)) + 1, 0, cells).astype(np.int64)
+    return ForwardAxis(
+        cells, len(panel.lens), float(unit[0]), lens_z, lens_g, pixel_g, first, end, low, high
+    )
+
+
+def _whole(*lengths: list[Fraction]) -> list[np.ndarray]:
+    """The same lengths in a common unit that makes whole numbers of them, if floats hold those."""
+    everything = [length for group in lengths for length in group]
+    factor = Fraction(math.lcm(*(length.denominator for length in everything)))
+    if max(abs(length) for length in everything) * factor >= _EXACT:
+        factor = Fraction(1)
+    return [np.array([float(length * factor) for length in group]) for group in lengths]
+
+
+def _elemental_images(panel: PixelAxis, lenses: int) -> tuple[np.ndarray, np.ndarray]:
+    """First panel pixel of each lens, and the one after its last; equal where it has none."""
+    # Lenses ascend along the panel; those beside it are -1.
+    covered = np.flatnonzero(panel.lens >= 0)
+    start = covered[0] if len(covered) else 0
+    order = panel.lens[covered]
+    first = np.searchsorted(order, np.arange(lenses), side="left") + start
+    end = np.searchsorted(order, np.arange(lenses), side="right") + start
+    return first.astype(np.int64), end.astype(np.int64)
 
 
 class _Li2012(SourceGenerator):
@@ -93,12 +198,10 @@ class _Li2012(SourceGenerator):
         pixel_mm: float,
         fill: str,
         implementation: str,
-        dtype: str,
     ) -> None:
         super().__init__(display, shape, pixel_mm)
         self._fill = fill
         self._implementation = implementation
-        self._dtype = dtype
 
     def find(self, rgbd: RGBD) -> Sources:
         depth, x, y = self._mapping(rgbd)
@@ -106,7 +209,7 @@ class _Li2012(SourceGenerator):
         miss = np.full(x.pixels * y.pixels, np.inf)
         shape = self.display.eia_shape
         mapping = (depth, x, y, nearest, miss)
-        return run(_map_all, self._implementation, shape, HOLE, *mapping, dtype=self._dtype)
+        return run(_map_all, self._implementation, shape, HOLE, *mapping)
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         out = self.place(rgbd, out)
@@ -120,7 +223,7 @@ class _Li2012(SourceGenerator):
         """Panel pixels between the images of picture pixels that touch, see `_sheet_of_lens`."""
         shape = self.display.eia_shape
         mapping = self._mapping(rgbd)
-        marked = run(_sheet_all, self._implementation, shape, HOLE, *mapping, dtype=self._dtype)
+        marked = run(_sheet_all, self._implementation, shape, HOLE, *mapping)
         return np.not_equal(marked, HOLE)
 
     def _mapping(self, rgbd: RGBD) -> tuple[np.ndarray, ForwardAxis, ForwardAxis]:
@@ -131,16 +234,14 @@ class _Li2012(SourceGenerator):
         return depth.ravel(), *forward_axes(self.display, self.shape, self.pixel_mm, depths)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
-def _map_all(depth, x, y, nearest, miss, found):  # type: ignore[no-untyped-def]
+def _map_all(depth, x, y, nearest, miss, found):
     """Gather the picture for every lens; no two lenses share a panel pixel."""
-    for m in numba.prange(len(y.first)):
+    for m in prange(len(y.first)):
         for n in range(len(x.first)):
             _map_through_lens(depth, x, y, m, n, nearest, miss, found)
 
 
-@register_jitable
-def _map_through_lens(depth, x, y, m, n, nearest, miss, found):  # type: ignore[no-untyped-def]
+def _map_through_lens(depth, x, y, m, n, nearest, miss, found):
     """Send all picture pixels in a lens's reach through it, nearest to the viewer on top."""
     for r in range(y.low[m], y.high[m]):
         for c in range(x.low[n], x.high[n]):
@@ -161,14 +262,12 @@ def _map_through_lens(depth, x, y, m, n, nearest, miss, found):  # type: ignore[
                 nearest[at], miss[at], found[at] = z, off, r * x.cells + c
 
 
-@register_jitable
-def _position(axis, lens, cell, z):  # type: ignore[no-untyped-def]
+def _position(axis: Any, lens: Any, cell: Any, z: Any) -> Any:
     """Where a picture pixel lands, in panel pixels from the panel's middle: see `ForwardAxis`."""
     return (axis.lens_z[lens] * z + (axis.lens_g[lens] - axis.pixel_g[cell])) / (axis.unit * z)
 
 
-@register_jitable
-def _panel_pixel(position, pixels):  # type: ignore[no-untyped-def]
+def _panel_pixel(position, pixels):
     """The panel pixel that contains a position; outside 0..pixels-1 if none does.
 
     Counted outwards from the axis, so that the two halves of the panel mirror each other.
@@ -180,8 +279,7 @@ def _panel_pixel(position, pixels):  # type: ignore[no-untyped-def]
     return place if position >= 0.0 else pixels - 1 - place
 
 
-@register_jitable
-def _nearer_axis(x, y, row, column, rival):  # type: ignore[no-untyped-def]
+def _nearer_axis(x, y, row, column, rival):
     """Whether a picture pixel is nearer to the vertical axis than another, then the horizontal."""
     mine = abs(2 * column + 1 - x.cells)
     other = abs(2 * (rival % x.cells) + 1 - x.cells)
@@ -190,16 +288,14 @@ def _nearer_axis(x, y, row, column, rival):  # type: ignore[no-untyped-def]
     return abs(2 * row + 1 - y.cells) < abs(2 * (rival // x.cells) + 1 - y.cells)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
-def _sheet_all(depth, x, y, marked):  # type: ignore[no-untyped-def]
+def _sheet_all(depth, x, y, marked):
     """Lay the sheet over every elemental image."""
-    for m in numba.prange(len(y.first)):
+    for m in prange(len(y.first)):
         for n in range(len(x.first)):
             _sheet_of_lens(depth, x, y, m, n, marked)
 
 
-@register_jitable
-def _sheet_of_lens(depth, x, y, m, n, marked):  # type: ignore[no-untyped-def]
+def _sheet_of_lens(depth, x, y, m, n, marked):
     """Mark the panel pixels between the images of each two by two picture pixels that touch.
 
     As if the picture were a rubber sheet, pinned to the panel points of its pixels and torn
@@ -220,8 +316,7 @@ def _sheet_of_lens(depth, x, y, m, n, marked):  # type: ignore[no-untyped-def]
                     marked[j * x.pixels + i] = 0
 
 
-@register_jitable
-def _extent(axis, lens, cell, z0, z1, z2, z3):  # type: ignore[no-untyped-def]
+def _extent(axis, lens, cell, z0, z1, z2, z3):
     """Panel pixels of the four: two with index `cell`, two with the next."""
     p0 = _panel_pixel(_position(axis, lens, cell, z0), axis.pixels)
     p1 = _panel_pixel(_position(axis, lens, cell, z1), axis.pixels)

@@ -2,40 +2,35 @@
 
 Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4, time algorithms written as plain
 Python loops. To time that too, and to tell what an algorithm costs from what its language costs,
-the kernels of the paper's algorithms are written in the part of Python that both interpreter and
-numba run: loops, floats, flat sequences, `math`. Outer loops are compiled by ``numba.njit``, the
-functions they call are marked ``register_jitable``, which leaves them plain; so the compiled
-kernel's ``py_func`` is plain Python all the way down, with the same arithmetic to the bit.
+the kernels of the paper's algorithms are plain functions, in the part of Python that both
+interpreter and numba run: loops over `prange`, floats, flat sequences, `math`. `run` calls them as
+they are, or compiles them first, with the functions that they call: the same arithmetic to the bit.
 """
 
 from __future__ import annotations
 
+from functools import cache
+from types import FunctionType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.errors import UsageError
-from inim.generators.raycast.working_type import in_type
-
-__all__ = ["IMPLEMENTATIONS", "run"]
+__all__ = ["IMPLEMENTATIONS", "compiled", "prange", "run"]
 
 IMPLEMENTATIONS = ("compiled", "python")
+#: Of a kernel's outer loop; compiled, its turns are shared among the threads.
+prange = range
 
 
 def run(
-    kernel: Any,
-    implementation: str,
-    shape: tuple[int, int],
-    start: int,
-    *arguments: Any,
-    dtype: str = "float64",
+    kernel: Any, implementation: str, shape: tuple[int, int], start: int, *arguments: Any
 ) -> NDArray[np.int32]:
     """Fill a map of panel pixels by a kernel.
 
     Parameters
     ----------
-    kernel : numba dispatcher
+    kernel : function
         Called with the arguments and, last, the map as a flat sequence to write into.
     implementation : {"compiled", "python"}
     shape : (rows, columns)
@@ -45,27 +40,36 @@ def run(
     *arguments
         Numbers, flat arrays and named tuples of them. Plain Python sees lists: indexing an array
         would box a NumPy number each time. What a kernel writes to them is lost.
-    dtype : {"float64", "float32"}
-        What compiled kernels compute in.
 
     Returns
     -------
     (rows, columns) int32
-
-    Raises
-    ------
-    UsageError
-        Plain Python asked for float32, which it has not; or a number that float32 cannot hold.
     """
     if implementation == "compiled":
         found = np.full(shape, start, np.int32)
-        kernel(*(in_type(dtype, value) for value in arguments), found.ravel())
+        compiled(kernel)(*arguments, found.ravel())
         return found
-    if dtype != "float64":
-        raise UsageError(f"dtype = {dtype!r}: plain Python has float64 only; use the compiled form")
     flat = [start] * (shape[0] * shape[1])
-    kernel.py_func(*map(_as_plain, arguments), flat)
+    kernel(*map(_as_plain, arguments), flat)
     return np.array(flat, np.int32).reshape(shape)
+
+
+@cache
+def compiled(kernel: FunctionType) -> Any:
+    """A plain function compiled by numba, and with it the functions of this package it calls."""
+    import numba
+
+    names = dict(kernel.__globals__)
+    called = {name: names[name] for name in kernel.__code__.co_names if name in names}
+    parallel = called.get("prange") is prange
+    for name, value in called.items():
+        if value is prange:
+            names[name] = numba.prange
+        elif isinstance(value, FunctionType):
+            names[name] = compiled(value)
+    copy = FunctionType(kernel.__code__, names, kernel.__name__)
+    copy.__qualname__ = kernel.__qualname__
+    return numba.njit(parallel=parallel, cache=True, nogil=True)(copy)
 
 
 def _as_plain(value: Any) -> Any:

@@ -9,14 +9,14 @@ from inim.errors import UsageError
 from inim.rgbd import RGBD
 from inim.row_bands import row_bands
 
-__all__ = ["HOLE", "NOT_ASKED", "NO_LENS", "Sources", "colour_of", "hole_fraction"]
+__all__ = ["HOLE", "MASKED", "NO_LENS", "Sources", "colour_of", "hole_fraction"]
 
 #: A panel pixel whose ray meets no surface.
 HOLE = -1
 #: A panel pixel outside the lens array: dark by construction, not a hole.
 NO_LENS = -2
-#: A panel pixel that was not asked for.
-NOT_ASKED = -3
+#: A panel pixel outside the pixel mask.
+MASKED = -3
 
 # Indices and colours of so many pixels stay in a processor's cache.
 _PIXELS_AT_ONCE = 2**15
@@ -51,6 +51,6 @@ def colour_of(sources: Sources, rgbd: RGBD, out: np.ndarray | None = None) -> np
 
 
 def hole_fraction(sources: Sources) -> float:
-    """Share of the lensed panel pixels asked for that show nothing."""
+    """Share of the lensed panel pixels, of those in the mask, that show nothing."""
     lensed = np.count_nonzero(sources > NO_LENS)
     return np.count_nonzero(sources == HOLE) / lensed if lensed else 0.0

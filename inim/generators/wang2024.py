@@ -1,3 +1,5 @@
+# Kernels have no types of their own.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """`wang2024`: local depth template matching as the paper prints it.
 
 Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4, Eq. 5 to 10. For the pixels of
@@ -33,18 +35,15 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
-from numba.extending import register_jitable
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import AskedPixels, PictureShape, SourceGenerator, require_separable
-from inim.generators.options import one_of
-from inim.generators.plain import IMPLEMENTATIONS, run
+from inim.generators.base import PictureShape, PixelList, SourceGenerator, require_separable
+from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.raycast.cells import cell_rays
-from inim.generators.raycast.pixel_mask import OnPanel, asked_pixels
-from inim.generators.raycast.working_type import DTYPES, as_type_of
+from inim.generators.raycast.pixel_mask import OnPanel, masked_pixels
+from inim.generators.registry import algorithm, one_of
 from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
@@ -55,13 +54,13 @@ _MATCHINGS = ("matrix", "ray")
 _MOST_ENTRIES = 1_000_000
 
 
+@algorithm(color="#d55e00", marker="s", interpreted_with={"implementation": "python"})
 def prepare(
     display: Display,
     shape: PictureShape,
     pixel_mm: float,
     matching: str = "matrix",
     implementation: str = "compiled",
-    dtype: str = "float64",
     *,
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
@@ -75,8 +74,6 @@ def prepare(
         Search the whole matrix, as printed, or only the entries on the ray.
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one.
-    dtype : {"float64", "float32"}
-        What is computed in; see `inim.generators.raycast.working_type`.
 
     Raises
     ------
@@ -86,13 +83,11 @@ def prepare(
     """
     along_ray = one_of("matching", matching, _MATCHINGS) == "ray"
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
-    typed = one_of("dtype", dtype, DTYPES)
     require_separable(display, "wang2024")
     _check_length(display, shape, pixel_mm, along_ray)
-    if mask is None:
-        return _Wang2024(display, shape, pixel_mm, along_ray, chosen, typed)
-    asked = asked_pixels(mask, display)
-    return OnPanel(_Wang2024(display, shape, pixel_mm, along_ray, chosen, typed, asked))
+    pixels = masked_pixels(mask, display)
+    made = _Wang2024(display, shape, pixel_mm, along_ray, chosen, pixels)
+    return made if pixels is None else OnPanel(made)
 
 
 def _check_length(display: Display, shape: PictureShape, pixel_mm: float, along_ray: bool) -> None:
@@ -116,13 +111,11 @@ class _Wang2024(SourceGenerator):
         pixel_mm: float,
         along_ray: bool,
         implementation: str,
-        dtype: str,
-        asked: AskedPixels | None = None,
+        pixels: PixelList | None = None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, asked)
+        super().__init__(display, shape, pixel_mm, pixels)
         self._along_ray = along_ray
         self._implementation = implementation
-        self._dtype = dtype
 
     def find(self, rgbd: RGBD) -> Sources:
         column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display)
@@ -131,7 +124,7 @@ class _Wang2024(SourceGenerator):
         if not z_min <= single <= z_max:
             single = (z_min + z_max) / 2
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), np.inf)
-        listed = () if self.asked is None else (self.asked.rows, self.asked.columns)
+        listed = () if self.pixels is None else (self.pixels.rows, self.pixels.columns)
         return run(
             _match_listed if listed else _match_all,
             self._implementation,
@@ -148,16 +141,12 @@ class _Wang2024(SourceGenerator):
             single,
             self._along_ray,
             *listed,
-            dtype=self._dtype,
         )
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
-def _match_all(  # type: ignore[no-untyped-def]
-    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, along_ray, found
-):
+def _match_all(depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, along_ray, found):
     """Match every panel pixel; u and v are column and row coordinates in picture pixels."""
-    for i in numba.prange(len(v0)):
+    for i in prange(len(v0)):
         for j in range(len(u0)):
             step, z_len = _steps(du[j], dv[i], z_min, z_max)
             start = single if z_len == 1 else z_min
@@ -166,12 +155,11 @@ def _match_all(  # type: ignore[no-untyped-def]
             )
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
-def _match_listed(  # type: ignore[no-untyped-def]
+def _match_listed(
     depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, along_ray, at_row, at_column, found
 ):
     """Match the panel pixels in some rows and columns."""
-    for n in numba.prange(len(at_row)):
+    for n in prange(len(at_row)):
         i, j = at_row[n], at_column[n]
         step, z_len = _steps(du[j], dv[i], z_min, z_max)
         start = single if z_len == 1 else z_min
@@ -180,30 +168,26 @@ def _match_listed(  # type: ignore[no-untyped-def]
         )
 
 
-@register_jitable
-def _steps(du, dv, z_min, z_max):  # type: ignore[no-untyped-def]
+def _steps(du, dv, z_min, z_max):
     """Depth step of Eq. 5, one picture pixel of sideways travel, and z_len of Eq. 6."""
     travel = max(abs(du), abs(dv))
     if travel * (z_max - z_min) < 1.0:
         return z_max - z_min, 1
-    step = as_type_of(travel, 1.0) / travel
+    step = 1.0 / travel
     return step, math.ceil((z_max - z_min) / step) + 1
 
 
-@register_jitable
-def _match(  # type: ignore[no-untyped-def]
-    depth, rows, columns, u0, du, v0, dv, start, step, z_len, along_ray
-):
+def _match(depth, rows, columns, u0, du, v0, dv, start, step, z_len, along_ray):
     """Eq. 7 to 10: the entry of the z_len x z_len matrix nearest to its template depth."""
     best, source = step, HOLE
     for i in range(z_len):
-        z = start + as_type_of(step, i) * step
+        z = start + i * step
         v = math.floor(v0 + dv * z)
         if v < 0 or v >= rows:
             continue
         first, end = (i, i + 1) if along_ray else (0, z_len)
         for j in range(first, end):
-            u = math.floor(u0 + du * (start + as_type_of(step, j) * step))
+            u = math.floor(u0 + du * (start + j * step))
             if u < 0 or u >= columns:
                 continue
             mismatch = abs(depth[v * columns + u] - z)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from inim.display import Display
-from inim.inspect.findings import Findings
+from inim.inspect.findings import DEFAULT_LENS_MODEL, Findings
 from inim.inspect.geometry import has_whole_pixels
+from inim.lens import lens_model
 
 __all__ = ["cautions", "misalignments"]
 
@@ -85,9 +86,10 @@ def _way_out(findings: Findings) -> str:
 def _on_lenses(findings: Findings) -> Iterator[str]:
     if findings.model_reason is not None:
         yield (
-            f"The thick lens cannot be ground, so thin lenses are used: {findings.model_reason}."
+            f"The {DEFAULT_LENS_MODEL} lens cannot be ground, so {findings.lens_model} lenses are "
+            f"used: {findings.model_reason}."
         )
-    if findings.lens_model == "pinhole":  # has no lens whose spot could be too large
+    if not lens_model(findings.lens_model).refracts:  # has no lens whose spot could be too large
         return
     pixel_um = 1e3 * findings.design.pixel_pitch_mm
     large = [s for s in findings.spots if 2 * s.rms_radius_um > pixel_um]

@@ -150,7 +150,7 @@ def light_shares(
     mounted : Display
         The same with its array as it really lies.
     model : str
-        A key of `inim.lens.LENS_MODELS`.
+        One of `inim.lens.lens_models` that is no mesh.
     eye_mm : (x, y, z)
     samples : Samples, optional
         `array_samples(mounted)`, to make them once for many eyes.

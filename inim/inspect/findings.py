@@ -18,11 +18,13 @@ from inim.inspect.geometry import PixelChoice, ViewingZone, pixel_choice, viewin
 from inim.inspect.spots import Spot, spots
 from inim.inspect.voxel import VoxelCurve, voxel_curve
 from inim.lens import check_lens_model
+from inim.lens import lens_model as find_lens_model
+from inim.settings import Settings
 
 __all__ = ["DEFAULT_LENS_MODEL", "PIXEL_STEPS", "Findings", "inspect_display", "usable_model"]
 
 #: Tried first where no model is asked for.
-DEFAULT_LENS_MODEL = "thick"
+DEFAULT_LENS_MODEL = Settings.lens_model
 #: Pixels per lens to compare: half as many, these, twice as many.
 PIXEL_STEPS = (0.5, 1.0, 2.0)
 
@@ -39,7 +41,7 @@ class Findings:
         As designed, and with its array as it really lies; mostly the same.
     lens_model : str
     model_reason : str or None
-        Why this model and not the thick one.
+        Why this model and not `DEFAULT_LENS_MODEL`.
     choices : tuple of PixelChoice
         For `PIXEL_STEPS`.
     zone : ViewingZone
@@ -65,7 +67,7 @@ class Findings:
 
 
 def usable_model(asked: str | None, display: Display) -> tuple[str, str | None]:
-    """The lens model to use, and why it is not the thick one where nobody chose another.
+    """The lens model to use, and why it is not `DEFAULT_LENS_MODEL` where nobody chose another.
 
     Raises
     ------
@@ -78,7 +80,7 @@ def usable_model(asked: str | None, display: Display) -> tuple[str, str | None]:
     try:
         check_lens_model(DEFAULT_LENS_MODEL, display)
     except DisplayError as error:
-        return "thin", str(error)
+        return find_lens_model(DEFAULT_LENS_MODEL).stand_in, str(error)
     return DEFAULT_LENS_MODEL, None
 
 
@@ -100,7 +102,7 @@ def inspect_display(
     mounted : Display, optional
         With its array as it really lies, if that is not as designed.
     lens_model : str, optional
-        ``"thick"`` unless given, or ``"thin"`` where the thick lens cannot be ground.
+        `DEFAULT_LENS_MODEL` unless given, or its stand-in where such lenses cannot be ground.
     source : str
         What the display was read from.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.lens import LENS_MODELS, lens_array, lens_traits, trace_to_panel
+from inim.lens import lens_array, lens_model, lens_traits, trace_to_panel
 from inim.lens.array import NUMPY_OPS, in_aperture, lens_centre
 from inim.lens.ray import to_array, to_panel
 
@@ -63,7 +63,7 @@ def land(
     ----------
     display : Display
     model : str
-        A key of `inim.lens.LENS_MODELS`.
+        One of `inim.lens.lens_models` that is no mesh.
     x_mm, y_mm, slope_x, slope_y : (n,) arrays
         As `inim.lens.trace_to_panel` takes them.
     index : float, optional
@@ -104,9 +104,10 @@ def _through_one_lens(
     room = _ROOM * max(array.pitch_x, array.pitch_y)
     single = array._replace(pitch_x=room, pitch_y=room, half_columns=0.5, half_rows=0.5)
     kind = traits._replace(hexagonal=False, round_aperture=False, full_aperture=True)
+    trace = lens_model(model).function
     n = display.refractive_index if index is None else index
     with np.errstate(invalid="ignore", divide="ignore"):  # rays that miss this lens
-        ray = LENS_MODELS[model](single, kind, NUMPY_OPS, x - centre_x, y - centre_y, sx, sy, n)
+        ray = trace(single, kind, NUMPY_OPS, x - centre_x, y - centre_y, sx, sy, n)
         moved = ray._replace(x=ray.x + centre_x, y=ray.y + centre_y)
         panel_x, panel_y, _ = to_panel(array, traits, moved)
     return panel_x, panel_y

@@ -92,7 +92,7 @@ def spot(
     display : Display
         As its array lies.
     model : str
-        A key of `inim.lens.LENS_MODELS`.
+        One of `inim.lens.lens_models` that is no mesh.
     depth_mm : float
         z of the point; may be behind the array, or infinite.
     field_angle_deg : float

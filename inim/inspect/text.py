@@ -10,6 +10,7 @@ from inim.inspect.cautions import cautions, misalignments
 from inim.inspect.findings import PIXEL_STEPS, Findings
 from inim.inspect.geometry import mode
 from inim.inspect.voxel import aperture_blur_mm, pixel_footprint_mm, voxel_mm
+from inim.lens import lens_model
 
 __all__ = ["as_text"]
 
@@ -189,7 +190,7 @@ def _spots(findings: Findings) -> list[str]:
                 f"RMS radius {spot.rms_radius_um:6.2f} µm = {spot.rms_radius_px:.3f} pixels{lost}",
             )
         )
-    if findings.lens_model == "pinhole":
+    if not lens_model(findings.lens_model).refracts:
         lines.append(
             "  A pinhole bends nothing: the width of a cell's directions is what spreads here."
         )

@@ -1,6 +1,6 @@
 """Lens models: where a viewer's ray that meets the lens array lands on the panel.
 
-A lens model is one pure function, one file and one line in `LENS_MODELS`::
+A lens model is one file with one value, a `LensModel`, most of which is a pure function::
 
     trace(array, traits, ops, x, y, sx, sy, index) -> PanelRay
 
@@ -11,65 +11,190 @@ lens, and the share of light that gets through: 0 where nothing does. A ray may 
 neighbour's elemental image; that is crosstalk, and stays. The arithmetic comes in as `ops`, so the
 same code runs in float64 NumPy and in a Dr.Jit kernel.
 
-One model is no function: `FULL` is the array as a mesh (`inim.lens.sheet_mesh`) that the renderer
-traces rays through, the independent check of `thick`.
+A model may also be a body, the array as a mesh, that the renderer traces rays through.
+
+Other packages announce theirs through the entry-point group ``inim.lens_models``, under the model's
+name, and need nothing but this package's public names::
+
+    [project.entry-points."inim.lens_models"]
+    mine = "my_package.lens:model"
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from inim.display import Display
-from inim.errors import UsageError
-from inim.lens import pinhole, sheet_mesh, thick, thin
-from inim.lens.array import NUMPY_OPS, LensArray, LensTraits, Ops, lens_array, lens_traits
+from inim.errors import DisplayError, UsageError
+from inim.lens import full, pinhole, thick, thin
+from inim.lens.array import (
+    NUMPY_OPS,
+    LensArray,
+    LensTraits,
+    Ops,
+    in_aperture,
+    lens_array,
+    lens_centre,
+    lens_traits,
+)
 from inim.lens.dispersion import channel_indices
-from inim.lens.ray import PanelRay, to_array, to_panel
+from inim.lens.model import LensModel, SheetMesh, Trace
+from inim.lens.ray import PanelRay, pass_straight, to_array, to_panel
+from inim.plugins import announced, blame, identity, load
 
 __all__ = [
     "FULL",
-    "LENS_MODELS",
     "LensArray",
+    "LensModel",
     "LensTraits",
+    "Ops",
+    "PanelRay",
+    "SheetMesh",
     "channel_indices",
     "check_lens_model",
+    "drawn_as",
+    "drawn_live",
+    "foreign_identity",
+    "in_aperture",
     "lens_array",
+    "lens_centre",
+    "lens_model",
+    "lens_models",
     "lens_traits",
+    "pass_straight",
     "through_array",
     "trace_to_panel",
     "white_exposure",
 ]
 
-LensModel = Callable[[LensArray, LensTraits, Ops, Any, Any, Any, Any, Any], PanelRay]
-
-LENS_MODELS: dict[str, LensModel] = {
-    "pinhole": pinhole.trace,
-    "thin": thin.trace,
-    "thick": thick.trace,
-}
+_OWN = {model.name: model for model in (pinhole.MODEL, thin.MODEL, thick.MODEL, full.MODEL)}
+_ENTRY_POINTS = "inim.lens_models"
+#: The model that is a mesh.
+FULL = full.MODEL.name
 
 
-#: The model that is a mesh; there is no tracing it here.
-FULL = "full"
+def lens_models() -> list[str]:
+    """Names of all models there are: the project's own, then those other packages announce."""
+    return [*_OWN, *(name for name in announced(_ENTRY_POINTS) if name not in _OWN)]
 
 
-def through_array(
-    model: str,
-    array: LensArray,
-    traits: LensTraits,
-    ops: Ops,
-    x: Any,
-    y: Any,
-    sx: Any,
-    sy: Any,
-    index: Any,
-) -> tuple[Any, Any, Any]:
-    """Panel point and weight of a display-frame ray that crosses z = 0 at (x, y)."""
-    ray = LENS_MODELS[model](array, traits, ops, *to_array(array, traits, x, y, sx, sy), index)
-    return to_panel(array, traits, ray)
+@cache
+def lens_model(name: str) -> LensModel:
+    """The model of a name.
+
+    Raises
+    ------
+    UsageError
+        Unknown, or another package's that cannot be loaded or is no `LensModel`.
+    """
+    if name in _OWN:
+        return _OWN[name]
+    if name not in lens_models():
+        raise UsageError(f"lens model {name!r}: use {' or '.join(lens_models())}")
+    what, found = f"lens model {name!r}", load(_ENTRY_POINTS, name, "lens model")
+    if not isinstance(found, LensModel):
+        raise UsageError(f"{what} is a {type(found).__name__}; announce an inim.lens.LensModel")
+    if found.name != name:
+        raise UsageError(f"{what} calls itself {found.name!r}; give both one name")
+    if found.stand_in not in _OWN:
+        raise UsageError(f"{what}: its stand_in is {found.stand_in!r}; use {' or '.join(_OWN)}")
+    return replace(
+        found,
+        trace=found.trace and _guarded_trace(what, found.trace),
+        mesh=found.mesh and _guarded_mesh(what, found.mesh),
+        check=_guarded_check(what, found.check),
+        transmittance=_guarded_transmittance(what, found.transmittance),
+    )
+
+
+def _guarded_trace(what: str, trace: Trace) -> Trace:
+    """Another package's function: whatever it does, there is a ray for each or one clear line."""
+
+    def guarded(
+        array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, sx: Any, sy: Any, index: Any
+    ) -> PanelRay:
+        with blame(what, "trace"):
+            ray = trace(array, traits, ops, x, y, sx, sy, index)
+            if not (isinstance(ray, tuple) and len(ray) == len(PanelRay._fields)):
+                made = type(ray).__name__
+                raise UsageError(f"{what} traced a ray to a {made}; return an inim.lens.PanelRay")
+            # A constant weight, say, becomes one for each ray.
+            full_sized = PanelRay(*(value + 0.0 * x for value in ray))
+            shapes = {np.shape(value) for value in full_sized} - {np.shape(x)}
+            if shapes:
+                raise UsageError(
+                    f"{what} traced {np.shape(x)} rays to {', '.join(map(str, shapes))}"
+                )
+            return full_sized
+
+    return guarded
+
+
+def _guarded_mesh(
+    what: str, mesh: Callable[[Display], SheetMesh]
+) -> Callable[[Display], SheetMesh]:
+    def guarded(display: Display) -> SheetMesh:
+        with blame(what, "mesh"):
+            made = mesh(display)
+        if not isinstance(made, SheetMesh):
+            raise UsageError(f"{what} made a {type(made).__name__}, not an inim.lens.SheetMesh")
+        return made
+
+    return guarded
+
+
+def _guarded_check(what: str, check: Callable[[Display], None]) -> Callable[[Display], None]:
+    def guarded(display: Display) -> None:
+        refusal = None
+        with blame(what, "check"):
+            try:
+                check(display)
+            except DisplayError as error:
+                refusal = error
+        if refusal is not None:
+            raise DisplayError(f"{what}: {refusal}") from refusal
+
+    return guarded
+
+
+def _guarded_transmittance(
+    what: str, transmittance: Callable[[Display], float]
+) -> Callable[[Display], float]:
+    def guarded(display: Display) -> float:
+        with blame(what, "transmittance"):
+            share = float(transmittance(display))
+        if not (math.isfinite(share) and share > 0):
+            raise UsageError(f"{what} lets through {share:g} of the light; make it a share above 0")
+        return share
+
+    return guarded
+
+
+def foreign_identity(name: str) -> dict[str, str]:
+    """`inim.plugins.identity` of another package's model, for what decides a view; else empty."""
+    return {} if name in _OWN else identity(_ENTRY_POINTS, name)
+
+
+def drawn_live() -> list[str]:
+    """The models that the virtual display's shader draws: they stand in for themselves."""
+    return [name for name, model in _OWN.items() if model.stand_in == name]
+
+
+def drawn_as(name: str) -> str:
+    """The model, one of `drawn_live`, that stands in for another, which need not be known here."""
+    try:
+        model = lens_model(name)
+    except UsageError:
+        return drawn_live()[-1]
+    while model.stand_in != model.name:
+        model = lens_model(model.stand_in)
+    return model.name
 
 
 def check_lens_model(name: str, display: Display) -> None:
@@ -82,26 +207,37 @@ def check_lens_model(name: str, display: Display) -> None:
     DisplayError
         A prescription that cannot be ground or does not fit the gap.
     """
-    if name not in (*LENS_MODELS, FULL):
-        raise UsageError(f"lens model {name!r}: use {' or '.join((*LENS_MODELS, FULL))}")
-    if name == "thick":
-        thick.check(display)
-    if name == FULL:
-        sheet_mesh.check(display)
+    lens_model(name).check(display)
 
 
-def white_exposure(display: Display, model: str) -> np.float32:
+def white_exposure(display: Display, name: str) -> np.float32:
     """What a view is multiplied by so that the panel's white looks white on the axis.
 
     No viewer compares a display with its scene side by side: the loss at a lens's two faces is set
     right with the panel's brightness.
     """
-    return np.float32(1 / thick.on_axis_transmittance(display) if model in ("thick", FULL) else 1.0)
+    return np.float32(1 / lens_model(name).transmittance(display))
+
+
+def through_array(
+    trace: Trace,
+    array: LensArray,
+    traits: LensTraits,
+    ops: Ops,
+    x: Any,
+    y: Any,
+    sx: Any,
+    sy: Any,
+    index: Any,
+) -> tuple[Any, Any, Any]:
+    """Panel point and weight of a display-frame ray that crosses z = 0 at (x, y)."""
+    ray = trace(array, traits, ops, *to_array(array, traits, x, y, sx, sy), index)
+    return to_panel(array, traits, ray)
 
 
 def trace_to_panel(
     display: Display,
-    model: str,
+    name: str,
     x_mm: Any,
     y_mm: Any,
     slope_x: Any,
@@ -115,8 +251,8 @@ def trace_to_panel(
     Parameters
     ----------
     display : Display
-    model : str
-        A key of `LENS_MODELS`.
+    name : str
+        One of `lens_models`, but no mesh.
     x_mm, y_mm : (...) array
         Where the rays cross the array plane z = 0, display frame.
     slope_x, slope_y : (...) array
@@ -129,10 +265,15 @@ def trace_to_panel(
     Returns
     -------
     panel_x_mm, panel_y_mm, weight : (...) arrays of `dtype`
+
+    Raises
+    ------
+    UsageError, DisplayError
+        As `check_lens_model`; or the model is a mesh.
     """
-    if model == FULL:
-        raise UsageError(f"lens model {FULL!r} is traced by the renderer only; use 'thick' here")
-    check_lens_model(model, display)
+    model = lens_model(name)
+    trace = model.function
+    model.check(display)
     x, y, sx, sy = np.broadcast_arrays(
         *(np.asarray(value, dtype) for value in (x_mm, y_mm, slope_x, slope_y))
     )
@@ -140,6 +281,6 @@ def trace_to_panel(
     n = dtype(display.refractive_index if index is None else index)
     with np.errstate(invalid="ignore"):  # lanes of total reflection carry weight 0
         panel_x, panel_y, weight = through_array(
-            model, array, lens_traits(display), NUMPY_OPS, x, y, sx, sy, n
+            trace, array, lens_traits(display), NUMPY_OPS, x, y, sx, sy, n
         )
     return panel_x, panel_y, np.asarray(weight, dtype)

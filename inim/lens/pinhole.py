@@ -8,9 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 from inim.lens.array import LensArray, LensTraits, Ops, in_aperture, lens_centre
+from inim.lens.model import LensModel
 from inim.lens.ray import PanelRay, pass_straight
 
-__all__ = ["trace"]
+__all__ = ["MODEL", "trace"]
 
 
 def trace(
@@ -28,3 +29,13 @@ def trace(
     )
     within = in_aperture(array, traits, x - centre_x, y - centre_y)
     return pass_straight(array, traits, ops, ray, within, inside, (x, y, sx, sy), 1.0)
+
+
+MODEL = LensModel(
+    "pinhole",
+    summary="straight through the lens's centre (Eq. 1 of Wang et al. 2024)",
+    trace=trace,
+    refracts=False,
+    stand_in="pinhole",
+    steepest_slope=1000.0,
+)

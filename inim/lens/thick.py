@@ -40,10 +40,11 @@ from inim.lens.array import (
     lens_centre,
     lens_traits,
 )
+from inim.lens.model import LensModel
 from inim.lens.ray import PanelRay, pass_straight
 from inim.lens.surface import Face, carry, meet, normal, refract, sag, steepness
 
-__all__ = ["check", "on_axis_transmittance", "trace"]
+__all__ = ["MODEL", "check", "on_axis_transmittance", "trace"]
 
 _AGAINST_THE_LIGHT = (0.0, 0.0, -1.0)  # a flat face's normal
 # Below this a ray runs along the array and never reaches the panel.
@@ -239,3 +240,15 @@ def _on_panel(
         d[1] / d[2],
         ops.where(passes, transmittance, 0.0),
     )
+
+
+MODEL = LensModel(
+    "thick",
+    summary="plano-convex lens, refracted exactly at both faces",
+    trace=trace,
+    check=check,
+    transmittance=on_axis_transmittance,
+    stand_in="thin",
+    steepest_slope=1.0,
+    least_index=1.01,
+)

@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 from inim.lens.array import LensArray, LensTraits, Ops, in_aperture, lens_centre
+from inim.lens.model import LensModel
 from inim.lens.ray import PanelRay, pass_straight
 
-__all__ = ["trace"]
+__all__ = ["MODEL", "trace"]
 
 
 def trace(
@@ -29,3 +30,13 @@ def trace(
     ray = PanelRay(x + array.gap * qx, y + array.gap * qy, qx, qy, ops.where(inside, 1.0, 0.0))
     within = in_aperture(array, traits, dx, dy)
     return pass_straight(array, traits, ops, ray, within, inside, (x, y, sx, sy), 1.0)
+
+
+MODEL = LensModel(
+    "thin",
+    summary="paraxial: a slope s at height h goes on as s - h / f",
+    trace=trace,
+    stand_in="thin",
+    steepest_slope=1000.0,
+    least_index=1.01,  # nearer to 1, n - 1 has few digits
+)

@@ -121,11 +121,8 @@ def _score_halves(halves: HalfBuffers) -> dict[str, float]:
 
 @stage("scores of an EIA", code=SCORING)
 def _score_eia(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
-    """SSIM and PSNR of a panel.
-
-    No FLIP: an EIA is never looked at as a picture, so its visibility model says nothing.
-    """
-    return {"ssim": metrics.ssim(reference, test), "psnr_db": metrics.psnr_db(reference, test)}
+    """Scores of a panel by the metrics that apply to one."""
+    return metrics.eia_scores(reference, test)
 
 
 def evaluate(

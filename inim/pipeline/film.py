@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +15,11 @@ from inim.display.eye_path import eye_path
 from inim.display.misalignment import mounted
 from inim.errors import FileError, UsageError
 from inim.files.film import check_film, write_film
-from inim.lens import check_lens_model, white_exposure
+from inim.lens import check_lens_model
+from inim.observer import Observer
+from inim.pipeline.reconstruct import Optics, ShownEIA
+from inim.pipeline.scene import Renderer
+from inim.worker.supervisor import run_in_worker
 
 __all__ = ["FilmRequest", "make_film", "work"]
 
@@ -69,29 +71,27 @@ def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) 
     InimError
         Of the kind that fits; mistakes are found out before anything is rendered.
     """
-    from inim import backend as backends
-    from inim.worker.supervisor import outcome_of, supervise
+    run_in_worker(
+        "inim.pipeline.film:work",
+        request,
+        lambda: _open_folder(Path(request.out)),
+        check=lambda: _check(request),
+        about=request.out,
+        quiet=quiet,
+        debug=debug,
+    )
 
-    out = Path(request.out)
-    _check(request)
-    backend = backends.choose_backend("auto")
+
+def _open_folder(out: Path) -> Path:
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=".film.", suffix=".partial", dir=out.parent))
+        return Path(tempfile.mkdtemp(prefix=".film.", suffix=".partial", dir=out.parent))
     except OSError as error:
-        raise FileError(f"{out}: cannot be written ({error.strerror}); choose another -o") from None
-    job = {"request": asdict(request), "staging": str(staging), "quiet": quiet, "debug": debug}
-    try:
-        outcome_of(supervise("inim.pipeline.film:work", job, backend))
-        _part(staging, out).replace(out)
-    except OSError as error:
-        raise FileError(f"{out}: cannot be written ({error.strerror}); choose another -o") from None
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        raise _unwritable(out, error) from None
 
 
-def _part(staging: Path, out: Path) -> Path:
-    return staging / f"film{out.suffix.lower()}"
+def _unwritable(out: Path, error: OSError) -> FileError:
+    return FileError(f"{out}: cannot be written ({error.strerror}); choose another -o")
 
 
 def _check(request: FilmRequest) -> None:
@@ -144,45 +144,31 @@ def _panels(request: FilmRequest, display: Display) -> list[np.ndarray]:
     return panels
 
 
-def work(job: dict[str, Any], listener: Any) -> bool:
-    """The worker's side: look from every place, write the film into the staging folder."""
-    raw = job["request"]
-    request = FilmRequest(**{**raw, "show": tuple(raw["show"])})
-    listener.stage("start")
-    from inim.render import variant
-
-    variant.use("auto")
-    listener.stage("film")
-    out = _part(Path(job["staging"]), Path(request.out))
-    write_film(out, _frames(request, listener), request.frames_per_second)
+def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
+    """The worker's side: look from every place, write the film, put it where it belongs."""
+    observer.stage("start")
+    observer.stage("film")
+    out = Path(request.out)
+    film = staging / f"film{out.suffix.lower()}"
+    write_film(film, _frames(request, observer), request.frames_per_second)
+    try:
+        film.replace(out)
+    except OSError as error:
+        raise _unwritable(out, error) from None
     return True
 
 
-def _frames(request: FilmRequest, listener: Any) -> list[np.ndarray]:
+def _frames(request: FilmRequest, observer: Observer) -> list[np.ndarray]:
     """Every frame, panels side by side, (rows, columns, 3) uint8 sRGB."""
-    from inim.render.reconstruct import DisplayScene
-
     display, design = _display(request)
     eyes = eye_path(request.path, design, request.frames)
-    scenes = [DisplayScene(eia, display, request.lens_model) for eia in _panels(request, display)]
-    exposure = white_exposure(display, request.lens_model)
+    renderer = Renderer("auto", observer)
+    # A frame is one half of a view.
+    optics = Optics(display, request.lens_model, request.pixels_per_lens, 2 * request.spp, seed=0)
+    shown = [ShownEIA(eia, None, optics, renderer) for eia in _panels(request, display)]
     pixels = display.lens_rows * display.lens_columns * request.pixels_per_lens**2
-    listener.begin(pixels * request.spp * len(eyes) * len(scenes))
-    frames = []
-    for eye in eyes:
-        views = [
-            exposure
-            * scene.view(
-                eye,
-                pixels_per_lens=request.pixels_per_lens,
-                spp=request.spp,
-                seed=0,
-                observer=listener,
-            )
-            for scene in scenes
-        ]
-        frames.append(_frame(views))
-    return frames
+    observer.begin(pixels * request.spp * len(eyes) * len(shown))
+    return [_frame([one.view(eye, half=0) for one in shown]) for eye in eyes]
 
 
 def _frame(views: Sequence[np.ndarray]) -> np.ndarray:

@@ -160,7 +160,7 @@ def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
 @stage("EIA of {generator.algorithm}, reference input", code=GENERATING, makes=(Fingerprint,))
 def _fingerprint(generator: GeneratorHandle) -> Fingerprint:
     """The mark of what a generator makes of the reference input."""
-    rgbd, exact = generator.reference_input(), generator.properties.exact
+    rgbd, exact = generator.reference_input(), generator.properties.portable
     return fingerprint(rgbd, generator.again(rgbd), generator.display, exact=exact)
 
 

@@ -131,7 +131,7 @@ def pick_up(
     from inim.render.ground_truth import pickup
 
     fitted, started = scene.fitted, perf_counter()
-    eia = pickup(fitted, mounted, spp=eia_spp, seed=seed, asked=mask, **scene.effort)
+    eia = pickup(fitted, mounted, spp=eia_spp, seed=seed, mask=mask, **scene.effort)
     return PickedUp(eia, perf_counter() - started)
 
 
@@ -156,7 +156,8 @@ def pick_up_truth(
 def covered_pixels(scene: Scene) -> np.ndarray:
     """Panel pixels whose centre ray meets something of the scene, (rows, columns) bool."""
     fitted = scene.fitted
-    from inim.render.sensors import make_sensor, pickup_rays
+    from inim.render.rays import pickup_rays
+    from inim.render.sensors import make_sensor
     from inim.render.trace import surface
 
     rays = pickup_rays(scene.display, fitted.start_mm)

@@ -2,141 +2,155 @@
 
 from __future__ import annotations
 
-import argparse
 import shlex
-import shutil
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime, timezone
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inim import backend as backends
 from inim import metrics
-from inim.commands.display_choice import chosen_display
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.errors import FileError, UsageError
+from inim.errors import FileError
+from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
-from inim.files.true_size import write_eia
-from inim.generators import SourceGenerator, check_algorithm, generate, prepare
+from inim.from_camera.picture import CameraPicture
+from inim.generators import SourceGenerator, check_algorithm, generate
 from inim.lens import check_lens_model
-from inim.pipeline.checks import BLACK
+from inim.observer import Observer
+from inim.pipeline.checks import BLACK, check, finite
+from inim.pipeline.generate import GeneratorHandle, hole_fraction
 from inim.pipeline.method import parse_methods
 from inim.pipeline.picture_oracle import ExactHits, exact_hits, why_no_oracle
-from inim.pipeline.plugin_guard import blamed, run_generator
+from inim.pipeline.plugin_guard import blamed
+from inim.pipeline.reconstruct import Optics, reconstruct_views
+from inim.pipeline.scene import Renderer
+from inim.pipeline.stage import Run
 from inim.pipeline.warp import warped
 from inim.provenance import backend_data, versions
 from inim.report.without_scene import SCHEMA, write_picture_report
 from inim.rgbd import RGBD, LayeredRGBD
+from inim.scene.file import chosen_display
 from inim.version import __version__
 from inim.worker.output import open_staging, publish
-from inim.worker.supervisor import outcome_of, supervise
+from inim.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
     from inim.display import Display
     from inim.settings import Settings
 
-__all__ = ["EXACT", "run_picture", "work"]
+__all__ = ["EXACT", "PictureRequest", "run_picture", "work"]
 
 #: Its EIA shows just what the picture says: all that can be asked for without a ground truth.
 EXACT = "template:samples=4"
-# What the worker needs of the arguments.
-_SETTINGS = ("display", "definitions", "algorithms", "viewpoints", "lens_model", "backend")
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
-# Algorithms that show the exact first hits by definition.
-_EXACT_KINDS = ("template", "layered")
 _NOT_SCORED = (
     "Views against the scene, on the relic, to the ceiling: there is no scene, only its picture.",
     "The EIA against ground truth, and its noise floor: nobody knows what the camera did not see.",
 )
 
 
-def run_picture(args: argparse.Namespace) -> tuple[bool, Path]:
-    """Carry out `inim validate` on a picture; whether every check passed, and the folder.
+@dataclass(frozen=True)
+class PictureRequest:
+    """What the user asked for; None: the display's settings.
+
+    Attributes
+    ----------
+    picture : CameraPicture
+        Colour and depth to fit to the display.
+    rgbd : Path, optional
+        A fitted picture in its place.
+    out : Path, optional
+        `PICTURE-report` otherwise.
+    display : str, optional
+        A preset, or an XML file with `inim.*` settings.
+    definitions : tuple of str
+        `key=value` overrides, as after -D.
+    algorithms, viewpoints, lens_model : str, optional
+        Shorthands for the `inim.*` settings of those names.
+    backend : {"auto", "llvm", "cuda"}
+    """
+
+    picture: CameraPicture
+    rgbd: Path | None = None
+    out: Path | None = None
+    display: str | None = None
+    definitions: tuple[str, ...] = ()
+    algorithms: str | None = None
+    viewpoints: str | None = None
+    lens_model: str | None = None
+    backend: str = "auto"
+
+    @property
+    def named(self) -> Path:
+        """The file that it is called after."""
+        named = self.rgbd or self.picture.color
+        assert named is not None
+        return named
+
+    @property
+    def folder(self) -> Path:
+        """Of the report."""
+        return self.out or Path(f"{self.named.stem}-report")
+
+    def command(self) -> list[str]:
+        """The command line that repeats this request, after `inim validate`."""
+        words = ["-o", str(self.folder)]
+        for item in self.definitions:
+            words += ["-D", item]
+        given = {f.name: (getattr(self.picture, f.name), f.default) for f in fields(self.picture)}
+        for name in ("rgbd", "display", "algorithms", "viewpoints", "lens_model"):
+            given[name] = (getattr(self, name), None)
+        for name, (value, default) in given.items():
+            if value != default:
+                words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
+        return words
+
+
+def run_picture(
+    request: PictureRequest, *, quiet: bool = True, debug: bool = False
+) -> tuple[bool, Path]:
+    """Validate a picture in a worker process; whether every check passed, and the folder.
 
     Raises
     ------
     InimError
         Every mistake in the arguments and pictures is found out before a worker is started.
     """
-    from inim.commands.generate import fitted_picture
-
-    _check(args)
-    display, settings = _chosen(args)
-    names = _algorithms(settings.algorithms)
+    display, settings = _chosen(request)
+    _algorithms(settings.algorithms)
     _viewpoints(display, settings)
     warnings: tuple[str, ...] = ()
-    if args.rgbd is not None:
-        rgbd = read_rgbd(args.rgbd)
+    if request.rgbd is not None:
+        rgbd = read_rgbd(request.rgbd)
     else:
-        rgbd, warnings = fitted_picture(args, display, settings)
-    named = args.rgbd or args.color
-    _check_picture(rgbd, display, str(named))
-    out = args.out or Path(f"{named.stem}-report")
-    backend = backends.choose_backend(args.backend)
-    staging = open_staging(out)
-    try:
-        write_rgbd(staging / "rgbd.exr", rgbd)
-        job = {
-            "args": {name: getattr(args, name) for name in _SETTINGS},
-            "names": names,
-            "warnings": warnings,
-            "title": named.stem,
-            "command": shlex.join(["inim", "validate", *_command(args, out)]),
-            "out": str(out),
-            "staging": str(staging),
-            "quiet": args.quiet,
-            "debug": args.debug,
-        }
-        return outcome_of(supervise("inim.pipeline.own_picture:work", job, backend)), out
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        rgbd, warnings = request.picture.fitted(display, settings.capture_pixels_per_pitch)
+    _check_picture(rgbd, display, str(request.named))
+    passed = run_in_worker(
+        "inim.pipeline.own_picture:work",
+        (request, warnings),
+        lambda: open_staging(request.folder),
+        fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
+        backend=request.backend,
+        quiet=quiet,
+        debug=debug,
+    )
+    return passed, request.folder
 
 
-def _check(args: argparse.Namespace) -> None:
-    """What belongs to a scene, or to the other kind of picture."""
-    if args.scene is not None:
-        raise UsageError(f"{args.scene}: a scene and a picture; validate one of them")
-    if args.rgbd is not None and (args.color is not None or args.depth is not None):
-        raise UsageError("--rgbd: is a fitted picture; leave --color and --depth out, or --rgbd")
-    for option in ("eias", "misalign", "baseline", "time", "lazy"):
-        if getattr(args, option, None):
-            shown = f"--{option.removesuffix('s')}"
-            raise UsageError(f"{shown}: needs the ground truth of a scene; leave it out")
-
-
-def _command(args: argparse.Namespace, out: Path) -> list[str]:
-    """The command line that repeats this, after `inim validate`."""
-    from inim.commands.generate import add_picture_arguments
-
-    parser = argparse.ArgumentParser()
-    add_picture_arguments(parser)
-    unsaid = vars(parser.parse_args([]))
-    unsaid |= dict.fromkeys(("rgbd", "display", "algorithms", "viewpoints", "lens_model"))
-    words = ["-o", str(out)]
-    for item in args.definitions:
-        words += ["-D", item]
-    for name, default in unsaid.items():
-        value = getattr(args, name)
-        if value != default:
-            words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
-    return words
-
-
-def _chosen(args: argparse.Namespace) -> tuple[Display, Settings]:
-    """The display, and the settings with what the command line says of them."""
-    display, settings = chosen_display(args.display, args.definitions, "inim validate")
-    said = {name: getattr(args, name) for name in ("algorithms", "viewpoints", "lens_model")}
+def _chosen(request: PictureRequest) -> tuple[Display, Settings]:
+    """The display, and the settings with what the request says of them."""
+    display, settings = chosen_display(request.display, list(request.definitions), "inim validate")
+    said = {name: getattr(request, name) for name in ("algorithms", "viewpoints", "lens_model")}
     settings = replace(settings, **{k: v for k, v in said.items() if v is not None})
     check_lens_model(settings.lens_model, display)
     return display, settings
 
 
 def _algorithms(text: str) -> list[str]:
-    names = [contender.name for contender in parse_methods(text, ())]
+    names = [method.name for method in parse_methods(text, ())]
     for name in names:
         check_algorithm(name)
     return names
@@ -162,36 +176,37 @@ def _check_picture(rgbd: RGBD, display: Display, named: str) -> None:
         raise FileError(f"{named}: has colours that are not finite; mend them")
 
 
-def work(job: dict[str, Any], listener: Any) -> bool:
+def work(
+    requested: tuple[PictureRequest, tuple[str, ...]], staging: Path, observer: Observer
+) -> bool:
     """The worker's side: make, look, score, write, publish."""
-    staging = Path(job["staging"])
-    listener.stage("start")
-    from inim.render import variant
-
-    backend = variant.use(job["args"]["backend"])
-    display, settings = _chosen(argparse.Namespace(**job["args"]))
+    request, warnings = requested
+    observer.stage("start")
+    renderer = Renderer(request.backend, observer)
+    display, settings = _chosen(request)
     rgbd = read_rgbd(staging / "rgbd.exr")
-    scored = _scored(job, rgbd, display, settings, listener)
-    listener.stage("write")
+    scored = _scored(staging, rgbd, display, settings, renderer)
+    observer.stage("write")
     write_png(staging / "picture.png", rgbd.color)
-    data = _record(job, display, settings, rgbd) | {"backend": backend_data(backend)} | scored
+    data = _record(request, display, settings, rgbd)
+    data |= {"warnings": [*warnings], "backend": backend_data(renderer.backend)} | scored
     write_picture_report(data, staging)
-    publish(staging, Path(job["out"]))
+    publish(staging, request.folder)
     return bool(data["verdict"]["passed"])
 
 
 def _record(
-    job: dict[str, Any], display: Display, settings: Settings, rgbd: RGBD
+    request: PictureRequest, display: Display, settings: Settings, rgbd: RGBD
 ) -> dict[str, Any]:
     """What made it and how to make it again."""
     depth = rgbd.depth_mm[rgbd.covered]
     return {
         "schema": SCHEMA,
-        "title": job["title"],
+        "title": request.named.stem,
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "inim_version": __version__,
         "versions": versions(_VERSIONS),
-        "command": job["command"],
+        "command": shlex.join(["inim", "validate", *request.command()]),
         "display": {"given": display.given(), "derived": display.derived()},
         "lens_model": settings.lens_model,
         "picture": {
@@ -203,59 +218,54 @@ def _record(
             "depth_min_mm": float(depth.min()),
             "depth_max_mm": float(depth.max()),
         },
-        "warnings": job["warnings"],
     }
 
 
 def _scored(
-    job: dict[str, Any], rgbd: RGBD, display: Display, settings: Settings, listener: Any
+    folder: Path,
+    rgbd: RGBD,
+    display: Display,
+    settings: Settings,
+    renderer: Renderer,
 ) -> dict[str, Any]:
     """Scores, checks and pictures; `not_scored` says what is missing and why."""
-    from inim.render.reconstruct import exposed_views
+    s, viewpoints, run = settings, _viewpoints(display, settings), Run(observer=renderer.observer)
+    optics = Optics(display, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed)
 
-    folder = Path(job["staging"])
-    viewpoints = _viewpoints(display, settings)
-    views_of = partial(
-        exposed_views,
-        display=display,
-        viewpoints=viewpoints,
-        lens_model=settings.lens_model,
-        pixels_per_lens=settings.view_pixels_per_lens,
-        spp=settings.reconstruction_spp,
-        seed=settings.seed,
-    )
-    listener.stage("exact oracle")
+    def views_of(name: str, eia: np.ndarray) -> dict[str, np.ndarray]:
+        seen = reconstruct_views(name, eia, None, viewpoints, optics, renderer, run=run)
+        for viewpoint, view in seen.items():
+            write_png(folder / "views" / name / f"{viewpoint}.png", view.image)
+        return {viewpoint: view.image for viewpoint, view in seen.items()}
+
+    run.observer.stage("exact oracle")
     why = why_no_oracle(rgbd, display)
     exact = exact_hits(rgbd, display) if why is None else None
-    listener.stage("views")
+    run.observer.stage("views")
     front = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-    direct = {v.name: warped(front, display, v, settings.view_pixels_per_lens) for v in viewpoints}
-    best = views_of(generate(front, display, EXACT))
-    for viewpoint, view in zip(viewpoints, best, strict=True):
-        write_png(folder / "views" / "picture" / f"{viewpoint.name}.png", direct[viewpoint.name][0])
-        write_png(folder / "views" / "exact" / f"{viewpoint.name}.png", view)
-    algorithms = {}
-    for name in job["names"]:
-        listener.stage(name)
-        made = _made(name, rgbd, display, exact, folder)
-        seen = views_of(made.pop("eia"))
-        made["views"] = {}
-        for viewpoint, view, reference in zip(viewpoints, seen, best, strict=True):
-            write_png(folder / "views" / name / f"{viewpoint.name}.png", view)
-            made["views"][viewpoint.name] = {
-                "to_picture": metrics.score(direct[viewpoint.name][0], view),
-                "to_exact": metrics.score(reference, view),
+    direct = {v.name: warped(front, display, v, s.view_pixels_per_lens) for v in viewpoints}
+    for viewpoint, (picture, _) in direct.items():
+        write_png(folder / "views" / "picture" / f"{viewpoint}.png", picture)
+    best = views_of("exact", generate(front, display, EXACT))
+    algorithms, checks = {}, []
+    for name in _algorithms(s.algorithms):
+        run.observer.stage(name)
+        generator = GeneratorHandle(name, display, rgbd.shape, rgbd.pixel_mm)
+        eia, made = _made(generator, rgbd, exact, folder)
+        made["views"] = {
+            viewpoint: {
+                "to_picture": metrics.score(direct[viewpoint][0], view),
+                "to_exact": metrics.score(best[viewpoint], view),
             }
+            for viewpoint, view in views_of(name, eia).items()
+        }
         algorithms[name] = made
-        listener.line(_line(name, made))
-    checks = _checks(algorithms)
+        checks += _checks(generator, made)
+        run.observer.line(_line(name, made))
     return {
         "viewpoints": [{"name": v.name, "position_mm": list(v.position_mm)} for v in viewpoints],
         "oracle_pixels": 0 if exact is None else len(exact.sources),
-        "exact": {
-            v.name: metrics.score(direct[v.name][0], view)
-            for v, view in zip(viewpoints, best, strict=True)
-        },
+        "exact": {name: metrics.score(direct[name][0], view) for name, view in best.items()},
         "met_fraction": {name: float(met.mean()) for name, (_, met) in direct.items()},
         "algorithms": algorithms,
         "not_scored": [*_NOT_SCORED, *([] if why is None else [f"Wrong sources: {why}."])],
@@ -264,45 +274,37 @@ def _scored(
 
 
 def _made(
-    name: str, rgbd: RGBD, display: Display, exact: ExactHits | None, folder: Path
-) -> dict[str, Any]:
-    """An algorithm's EIA, written, and what can be said of it by itself."""
-    with blamed(name, "prepare"):
-        generator = prepare(display, name, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
-    eia, seconds, empty = run_generator(name, generator, rgbd, display)
+    generator: GeneratorHandle, rgbd: RGBD, exact: ExactHits | None, folder: Path
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """A generator's EIA, finite and written, and what can be said of it by itself."""
+    display, algorithm = generator.display, generator.algorithm
+    eia, seconds, empty = generator.run(rgbd)
     wrong = None
-    if exact is not None and isinstance(generator, SourceGenerator):
-        with blamed(name, "sources"):
-            wrong = exact.wrong_share(generator.sources(rgbd))
-    lensed = display.lensed
-    finite = np.isfinite(eia).all(axis=-1)
-    eia = np.where(finite[..., None], eia, np.float32(0))
-    write_eia(folder / "eia" / f"{name}.png", eia, empty, display.pixel_pitch_mm)
-    return {
-        "eia": eia,
-        "seconds": seconds,
+    if exact is not None and isinstance(generator.generator, SourceGenerator):
+        with blamed(algorithm, "sources"):
+            wrong = exact.wrong_share(generator.generator.sources(rgbd))
+    bad = float((~np.isfinite(eia).all(axis=-1)).mean())
+    (eia,), _ = finite(algorithm, eia)
+    write_eia(folder / "eia" / f"{algorithm}.png", eia, empty, display.pixel_pitch_mm)
+    return eia, {
+        "seconds": generator.seconds + seconds,
         "wrong_source": wrong,
-        "hole_fraction": None if empty is None else float(empty[lensed].mean()),
-        "not_finite": float((~finite).mean()),
+        "hole_fraction": hole_fraction(empty, display, None),
+        "not_finite": bad,
         "brightest": float(eia.max()),
     }
 
 
-def _checks(algorithms: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """What must hold of any EIA, and of those that are exact by definition."""
-    checks = []
-    for name, made in algorithms.items():
-        rows = [
-            ("brightest value", made["brightest"], ">=", BLACK, "not black"),
-            ("values not finite", made["not_finite"], "<=", 0.0, "all are numbers"),
-        ]
-        if name.partition(":")[0] in _EXACT_KINDS and made["wrong_source"] is not None:
-            detail = "the exact first hits, by its definition"
-            rows.append(("wrong sources", made["wrong_source"], "<=", 0.0, detail))
-        for what, value, relation, limit, detail in rows:
-            passed = value >= limit if relation == ">=" else value <= limit
-            check = {"value": value, "relation": relation, "limit": limit, "detail": detail}
-            checks.append({"name": f"{name}: {what}", **check, "passed": passed})
+def _checks(generator: GeneratorHandle, made: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What must hold of any EIA, and of one that is exact by definition."""
+    name = generator.algorithm
+    checks = [
+        check(f"{name}: brightest value", made["brightest"], ">=", BLACK, "not black"),
+        check(f"{name}: values not finite", made["not_finite"], "<=", 0.0, "all are numbers"),
+    ]
+    if generator.properties.exact and made["wrong_source"] is not None:
+        detail = "the exact first hits, by its definition"
+        checks.append(check(f"{name}: wrong sources", made["wrong_source"], "<=", 0.0, detail))
     return checks
 
 

@@ -13,11 +13,11 @@ import numpy as np
 from inim.display import Display
 from inim.errors import InimError, OutOfMemoryError, UsageError
 from inim.generators import (
-    GENERATORS,
     NO_LENS,
     Generator,
     SourceGenerator,
     colour_of,
+    is_own,
     parse_algorithm,
 )
 from inim.plugins import stdout_to_stderr
@@ -36,7 +36,7 @@ def blamed(name: str, doing: str) -> Iterator[None]:
         In place of any exception but want of memory.
     """
     bare = parse_algorithm(name)[0]
-    if bare in GENERATORS:
+    if is_own(bare):
         yield
         return
     try:

@@ -11,7 +11,7 @@ import numpy as np
 
 from inim.cache.digest import array_digest
 from inim.display import Display, Viewpoint
-from inim.lens import white_exposure
+from inim.lens import foreign_identity, white_exposure
 from inim.pipeline.scene import Renderer
 from inim.pipeline.stage import RENDERING, Run, stage
 
@@ -50,7 +50,9 @@ class Optics:
     def cache_key(self) -> dict[str, Any]:
         """By the names of the settings."""
         given = {f"display {k}": v for k, v in self.mounted.given().items() if k != "name"}
-        return given | {k: v for k, v in vars(self).items() if k != "mounted"}
+        package = foreign_identity(self.lens_model)
+        own = {name: value for name, value in vars(self).items() if name != "mounted"}
+        return given | own | {"lens_model's package": package}
 
     @property
     def half_spp(self) -> int:
@@ -205,7 +207,8 @@ def observed_pixels(
     """Panel pixels that the views have samples of, (rows, columns) bool; None: all may be."""
     packed = _observed(tuple(viewpoints), optics, renderer, run=run)
     if packed is None:
-        why = "the full lens model scatters rays between lenses: any pixel may be observed"
+        model = optics.lens_model
+        why = f"the {model} lens model scatters rays between lenses: any pixel may be observed"
         run.skipped.add("panel pixels", "all", "none", why)
         return None
     count = optics.mounted.eia_shape[1]

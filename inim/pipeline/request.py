@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from inim.report import Report
+from inim.worker.output import open_staging
+from inim.worker.supervisor import run_in_worker
 
-__all__ = ["SHORTHANDS", "Request", "default_out", "validate"]
+if TYPE_CHECKING:
+    from inim.report import Report
+
+__all__ = ["SHORTHANDS", "Request", "default_out", "validate", "validate_in_worker"]
 
 #: Settings that a request can also name directly.
 SHORTHANDS = ("display", "algorithms", "viewpoints", "lens_model", "misalign")
@@ -78,17 +82,44 @@ class Request:
         words += [flag for flag, given in flags.items() if given]
         return words
 
-    def as_json(self) -> dict[str, Any]:
-        """For the worker; `from_json` reads it."""
-        return {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
 
-    @classmethod
-    def from_json(cls, raw: dict[str, Any]) -> Request:
-        """The request that `as_json` wrote."""
-        given = {name: raw[name] for name in ("scene", "out", "baseline")}
-        paths = {name: None if path is None else Path(path) for name, path in given.items()}
-        lists = {name: tuple(raw[name]) for name in ("definitions", "eias")}
-        return cls(**{**raw, **paths, **lists})
+def validate_in_worker(request: Request, *, quiet: bool = True, debug: bool = False) -> bool:
+    """Validate in a worker process; the report is in `request.out` afterwards.
+
+    Parameters
+    ----------
+    request : Request
+    quiet : bool
+        No result lines on stdout and no progress bar on stderr.
+    debug : bool
+        Let the worker print the traceback of an internal error.
+
+    Returns
+    -------
+    bool
+        Whether every check passed.
+
+    Raises
+    ------
+    InimError
+        What is wrong with the request or the scene; see `run_in_worker`.
+    """
+
+    def check() -> None:
+        from inim.pipeline.plan import make_plan  # loaded while the worker loads
+
+        make_plan(request)
+
+    return run_in_worker(
+        "inim.pipeline.work:work",
+        request,
+        lambda: open_staging(request.out),
+        check=check,
+        backend=request.backend,
+        about=str(request.scene),
+        quiet=quiet,
+        debug=debug,
+    )
 
 
 def validate(
@@ -143,7 +174,7 @@ def validate(
     InimError
         Of the kind that fits, with the line the command would print.
     """
-    from inim.worker.supervisor import run_in_worker
+    from inim.report import Report
 
     scene = Path(scene)
     request = Request(
@@ -162,5 +193,5 @@ def validate(
         lazy=lazy,
         no_skip=no_skip,
     )
-    run_in_worker(request)
+    validate_in_worker(request)
     return Report.load(request.out)

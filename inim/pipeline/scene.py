@@ -38,17 +38,17 @@ class Renderer:
     Attributes
     ----------
     wanted : {"auto", "llvm", "cuda"}
-    rays_in_flight : int
-        That memory allows at once.
     observer : Observer
         Hears of rays, seconds and samples.
+    rays_in_flight : int, optional
+        That memory allows at once.
     skip : bool
         Leave out rays that change no result.
     """
 
     wanted: str
-    rays_in_flight: int
     observer: Observer
+    rays_in_flight: int | None = None
     skip: bool = True
 
     @cached_property
@@ -66,7 +66,8 @@ class Renderer:
         from inim.render import trace, variant
 
         variant.use(self.wanted)
-        trace.limit_rays(self.rays_in_flight)
+        if self.rays_in_flight is not None:
+            trace.limit_rays(self.rays_in_flight)
 
 
 @dataclass(frozen=True)

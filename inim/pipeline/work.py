@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from time import perf_counter
@@ -23,12 +22,10 @@ from inim.worker.output import publish
 __all__ = ["run", "work"]
 
 
-def work(job: dict[str, Any], observer: Observer) -> bool:
+def work(request: Request, staging: Path, observer: Observer) -> bool:
     """Carry out the request and publish its report; whether every check passed."""
-    os.environ.update(job["variables"])  # this process has begun before they were known
-    request = Request.from_json(job["request"])
-    report = run(make_plan(request), Path(job["staging"]), observer)
-    publish(Path(job["staging"]), request.out)
+    report = run(make_plan(request), staging, observer)
+    publish(staging, request.out)
     return report.passed
 
 
@@ -68,7 +65,7 @@ def setup(
     """What a plan's stages run with."""
     request = plan.request
     cache = ResultCache(store, str(request.scene.resolve()))
-    renderer = Renderer(request.backend, plan.rays_in_flight, observer, not request.no_skip)
+    renderer = Renderer(request.backend, observer, plan.rays_in_flight, not request.no_skip)
     attributes = {"inim:scene_sha256": plan.file.sha256, "inim:seed": str(plan.settings.seed)}
     return Run(cache, observer), renderer, Images(folder, attributes, observer)
 

@@ -15,10 +15,9 @@ import mitsuba as mi
 import numba
 import numpy as np
 
-from inim.render.non_separable_bundles import FreeBundles
-from inim.render.sensors import AxisRays, RayFamily
+from inim.render.rays import AxisRays, NonSeparableRays, SeparableRays
 
-__all__ = ["Silhouette", "box_corners"]
+__all__ = ["BoundsGrid", "box_corners"]
 
 # Cells across, down and in depth: finer than what a panel pixel sees gains little.
 _CELLS = (192, 192, 24)
@@ -30,7 +29,7 @@ Interval = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Silhouette:
+class BoundsGrid:
     """Where a scene's shapes are, coarsely.
 
     Attributes
@@ -49,8 +48,8 @@ class Silhouette:
     start_mm: float
 
     @classmethod
-    def of(cls, scene: Any, display_from_world: np.ndarray, start_mm: float) -> Silhouette:
-        """The silhouette of all shapes that are no lights."""
+    def of(cls, scene: Any, display_from_world: np.ndarray, start_mm: float) -> BoundsGrid:
+        """The bounds of all shapes that are no lights."""
         shapes = [shape for shape in scene.shapes() if not shape.is_emitter()]
         boxes = [_boxes(shape, display_from_world) for shape in shapes]
         lows, highs = (np.concatenate([pair[end] for pair in boxes]) for end in (0, 1))
@@ -65,27 +64,29 @@ class Silhouette:
         counts[:, 1:, 1:] = sums
         return cls(low, cell, counts, start_mm)
 
-    def seen_by(self, rays: RayFamily | FreeBundles) -> np.ndarray:
+    def visible_pixels(self, rays: SeparableRays | NonSeparableRays) -> np.ndarray:
         """Pixels that may show anything, (rows, columns) bool."""
         slabs = np.arange(len(self.counts) + 1)
         # Depth below the start plane, of the borders of the slabs from the farthest on.
         ends = self.start_mm - (self.low_mm[2] + slabs * self.cell_mm[2])
         seen = np.zeros((rays.rows, rays.columns), bool)
-        if isinstance(rays, FreeBundles):
+        if isinstance(rays, NonSeparableRays):
             for k in range(len(self.counts)):
                 pair = ends[k : k + 2]
                 across = self._cells(
-                    _free(rays.x0_mm, rays.aside_x_mm, rays.step_x_mm, rays, pair), 0
+                    _non_separable(rays.x0_mm, rays.aside_x_mm, rays.step_x_mm, rays, pair), 0
                 )
-                up = self._cells(_free(rays.y0_mm, rays.aside_y_mm, rays.step_y_mm, rays, pair), 1)
-                _look_up_each(self.counts[k], *across, *up, seen)
+                up = self._cells(
+                    _non_separable(rays.y0_mm, rays.aside_y_mm, rays.step_y_mm, rays, pair), 1
+                )
+                _mark_each(self.counts[k], *across, *up, seen)
             return seen
         pupil = rays.pupil_place_mm, rays.pupil_slope
         for k in range(len(self.counts)):
             pair = ends[k : k + 2]
             across = self._cells(_separable(rays.x, pupil, pair), 0)
             up = self._cells(_separable(rays.y, pupil, pair), 1)
-            _look_up(self.counts[k], *across, *up, seen)
+            _mark(self.counts[k], *across, *up, seen)
         return seen
 
     def _cells(self, interval: Interval, axis: int) -> tuple[np.ndarray, np.ndarray]:
@@ -150,8 +151,8 @@ def _separable(axis: AxisRays, pupil: tuple[float, float], ends: np.ndarray) -> 
     return np.minimum(*lows), np.maximum(*highs)
 
 
-def _free(
-    centre: np.ndarray, aside: np.ndarray, step: float, rays: FreeBundles, ends: np.ndarray
+def _non_separable(
+    centre: np.ndarray, aside: np.ndarray, step: float, rays: NonSeparableRays, ends: np.ndarray
 ) -> Interval:
     """As `_separable`, of bundles with a lens and a gap of their own."""
     tilt = (abs(rays.tilt_x * rays.step_x_mm) + abs(rays.tilt_y * rays.step_y_mm)) / 2
@@ -166,7 +167,7 @@ def _free(
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _look_up(counts, left, right, low, high, seen):  # type: ignore[no-untyped-def]
+def _mark(counts, left, right, low, high, seen):  # type: ignore[no-untyped-def]
     """Mark pixels whose rectangle of cells, per column and per row, holds an occupied one."""
     for i in numba.prange(seen.shape[0]):
         below, above = counts[low[i]], counts[high[i]]
@@ -176,8 +177,8 @@ def _look_up(counts, left, right, low, high, seen):  # type: ignore[no-untyped-d
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _look_up_each(counts, left, right, low, high, seen):  # type: ignore[no-untyped-def]
-    """As `_look_up`, of rectangles that every pixel has for its own."""
+def _mark_each(counts, left, right, low, high, seen):  # type: ignore[no-untyped-def]
+    """As `_mark`, of rectangles that every pixel has for its own."""
     for i in numba.prange(seen.shape[0]):
         for j in range(seen.shape[1]):
             below, above = counts[low[i, j]], counts[high[i, j]]

@@ -1,4 +1,4 @@
-"""Sampler plugin `inim_addressed`: random numbers by address, not by turn, and well spread.
+"""Sampler plugin `inim_counter`: counter-based random numbers, well spread.
 
 The numbers of a sample follow from (seed, pixel, sample) and nothing else: which other pixels are
 traced with it, in what order and in how many passes changes none of them. So whatever is skipped
@@ -20,7 +20,7 @@ import mitsuba as mi
 
 __all__ = ["PLUGIN", "announce"]
 
-PLUGIN = "inim_addressed"
+PLUGIN = "inim_counter"
 
 # Multipliers of the Laine-Karras permutation, as improved by Vegdahl (2021).
 _PERMUTATION = (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6)
@@ -70,8 +70,8 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
     if mi.variant() is None or mi.variant().startswith("scalar"):
         return
 
-    class AddressedSampler(mi.Sampler):  # type: ignore[misc]
-        """Addresses in, a stream of numbers out for each."""
+    class CounterSampler(mi.Sampler):  # type: ignore[misc]
+        """A stream of numbers for each pixel and sample."""
 
         def __init__(self, props: Any) -> None:
             super().__init__(props)
@@ -79,7 +79,7 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
             self._stream: Any = None
 
         def start(self, seed: int, pixel: Any, sample: Any) -> None:
-            """Begin the streams of the addresses: `pixel` and `sample` are (n,) UInt32."""
+            """Begin the streams of samples: `pixel` and `sample` are (n,) UInt32."""
             self._sample = mi.UInt32(sample)
             self._stream = _hashed(_hashed(pixel) + _hashed(dr.opaque(mi.UInt32, seed)))
 
@@ -104,4 +104,4 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
         def to_string(self) -> str:
             return PLUGIN
 
-    mi.register_sampler(PLUGIN, AddressedSampler)
+    mi.register_sampler(PLUGIN, CounterSampler)

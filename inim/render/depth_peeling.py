@@ -36,8 +36,9 @@ from numpy.typing import NDArray
 from inim.display import Display
 from inim.generators.raycast.layers_in_view import in_view
 from inim.observer import Observer
+from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
-from inim.render.sensors import RayFamily, capture_rays, make_sensor
+from inim.render.sensors import make_sensor
 from inim.render.trace import Tracer, mean_light
 
 __all__ = ["MOST_LAYERS", "Peeled", "layer_colours", "peel"]
@@ -59,7 +60,7 @@ class Peeled:
 
     Attributes
     ----------
-    rays : RayFamily
+    rays : SeparableRays
         Of the camera.
     pixel_mm : float
     front_mm, back_mm : float32
@@ -77,7 +78,7 @@ class Peeled:
         it. Zero where nothing lies behind.
     """
 
-    rays: RayFamily
+    rays: SeparableRays
     pixel_mm: float
     front_mm: NDArray[np.float32]
     back_mm: NDArray[np.float32]

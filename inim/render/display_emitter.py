@@ -21,12 +21,13 @@ from inim.display.panel import SUBPIXELS, shining
 from inim.lens import (
     LensArray,
     LensTraits,
+    Ops,
     channel_indices,
     lens_array,
     lens_traits,
     through_array,
 )
-from inim.lens.array import Ops
+from inim.lens import lens_model as find_lens_model
 
 __all__ = ["LensedPanel", "announce", "display_shape"]
 
@@ -40,7 +41,7 @@ def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[st
         Linear RGB, row 0 on top.
     display : Display
     lens_model : str
-        A key of `inim.lens.LENS_MODELS`.
+        One of `inim.lens.lens_models` that is no mesh.
     """
     half_x, half_y = _half_extent_mm(display)
     return {
@@ -58,7 +59,7 @@ def _parameters(display: Display, lens_model: str) -> dict[str, Any]:
     """What the plugin is told of a display: numbers, words and flags, as scene files have them."""
     indices = channel_indices(display)
     # What a display does not have is not compiled: one index for all colours means one ray.
-    colored = len(set(indices)) > 1 and lens_model != "pinhole"
+    colored = len(set(indices)) > 1 and find_lens_model(lens_model).refracts
     patterned = display.subpixels != "none" or display.pixel_fill < 1
     return {
         "pixel_mm": display.pixel_pitch_mm,
@@ -105,7 +106,7 @@ class LensedPanel:
         self.pixel_mm = dr.opaque(mi.Float, parameters["pixel_mm"])
         self.fill = dr.opaque(mi.Float, parameters["pixel_fill"])
         self.subpixels = SUBPIXELS[parameters["subpixels"]] if parameters["subpixels"] else None
-        self.lens_model = parameters["lens_model"]
+        self.trace = find_lens_model(parameters["lens_model"]).function
         # Run-time values: a literal would compile the kernel anew for every display.
         self.indices = [dr.opaque(mi.Float, parameters[f"index_{name}"]) for name in "rgb"]
         if not parameters["colored"]:
@@ -147,7 +148,7 @@ class LensedPanel:
         """Where rays come from on the panel, as of `pixel`: once, or for red, green and blue."""
         # Red stands for all colours where nothing tells them apart.
         rays = [
-            through_array(self.lens_model, self.array, self.traits, _OPS, x, y, sx, sy, index)
+            through_array(self.trace, self.array, self.traits, _OPS, x, y, sx, sy, index)
             for index in self.indices
         ]
         if len(rays) == 1 and self.subpixels is None:

@@ -9,13 +9,19 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.panel import SUBPIXELS
-from inim.display.viewpoint import Viewpoint, focus_distance_mm
+from inim.display.viewpoint import Viewpoint
 from inim.half_buffers import HalfBuffers
 from inim.observer import Observer
 from inim.render.depth_peeling import Peeled, layer_colours
-from inim.render.non_separable_bundles import FreeBundles
+from inim.render.rays import (
+    NonSeparableRays,
+    SeparableRays,
+    capture_rays,
+    eye_rays,
+    pickup_rays,
+)
 from inim.render.scene import FittedScene
-from inim.render.sensors import RayFamily, capture_rays, eye_rays, make_sensor, pickup_rays
+from inim.render.sensors import make_sensor
 from inim.render.trace import Tracer, mean_light, scene_light, surface
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 
@@ -52,7 +58,7 @@ def capture_halves(
     `skip`: see `pickup`.
     """
     camera = _Camera.of(fitted, display, pixels_per_pitch)
-    halves = _halves(fitted, camera.rays, camera.sensor, spp, seed, skip, observer)
+    halves = _half_buffers(fitted, camera.rays, camera.sensor, spp, seed, skip, observer)
     first = camera.picture(fitted, halves.first, observer)
     return first, replace(first, color=halves.second)
 
@@ -61,7 +67,7 @@ def capture_halves(
 class _Camera:
     """The depth camera: parallel rays straight back."""
 
-    rays: RayFamily
+    rays: SeparableRays
     sensor: Any
     pixel_mm: float
 
@@ -110,7 +116,7 @@ def pickup(
     spp: int,
     seed: int,
     skip: bool = True,
-    asked: np.ndarray | None = None,
+    mask: np.ndarray | None = None,
     observer: Observer | None = None,
 ) -> HalfBuffers:
     """The ground-truth EIA: every panel pixel path traced through its lens centre (Eq. 1).
@@ -123,17 +129,17 @@ def pickup(
     ----------
     skip : bool
         Trace only pixels that may show anything (`inim.render.bounds_culling`): the same bits.
-    asked : (rows, columns) bool, optional
-        Panel pixels wanted; the others stay black. It changes no bit of those that are.
+    mask : (rows, columns) bool, optional
+        Panel pixels to trace; the others stay black. It changes no bit of those that are traced.
     """
-    asked = display.lensed if asked is None else asked & display.lensed
+    mask = display.lensed if mask is None else mask & display.lensed
     # Also where a pixel lacks a colour: what is not shown is left out by the panel.
     places = [replace(subpixel, turn=None) for subpixel in SUBPIXELS[display.subpixels]]
     seen = {}
     for place in dict.fromkeys(places):
         rays = pickup_rays(display, fitted.start_mm, place)
         sensor = make_sensor(rays, fitted.fit.world_from_display)
-        seen[place] = _halves(fitted, rays, sensor, spp, seed, skip, observer, asked=asked)
+        seen[place] = _half_buffers(fitted, rays, sensor, spp, seed, skip, observer, mask=mask)
 
     def colours(half: str) -> np.ndarray:
         """Red of the first colour's pickup, green of the second's, blue of the third's."""
@@ -158,16 +164,9 @@ def true_view(
 
     `skip`: see `pickup`.
     """
-    rays = eye_rays(
-        display,
-        viewpoint.position_mm,
-        pixels_per_lens,
-        fitted.start_mm,
-        viewpoint.pupil_mm,
-        focus_distance_mm(viewpoint, display),
-    )
+    rays = eye_rays(display, viewpoint, pixels_per_lens, fitted.start_mm)
     sensor = make_sensor(rays, fitted.fit.world_from_display)
-    truth = _halves(fitted, rays, sensor, spp, seed, skip, observer)
+    truth = _half_buffers(fitted, rays, sensor, spp, seed, skip, observer)
     return truth, surface(fitted.scene, sensor, observer).covered
 
 
@@ -176,21 +175,21 @@ def _tracer(fitted: FittedScene, sensor: Any, seed: int, observer: Observer | No
     return Tracer(light, sensor, seed, observer)
 
 
-def _halves(
+def _half_buffers(
     fitted: FittedScene,
-    rays: RayFamily | FreeBundles,
+    rays: SeparableRays | NonSeparableRays,
     sensor: Any,
     spp: int,
     seed: int,
     skip: bool,
     observer: Observer | None,
-    asked: np.ndarray | None = None,
+    mask: np.ndarray | None = None,
 ) -> HalfBuffers:
     if skip:
-        seen = fitted.silhouette.seen_by(rays)
-        asked = seen if asked is None else asked & seen
+        visible = fitted.bounds.visible_pixels(rays)
+        mask = visible if mask is None else mask & visible
     halves = [
-        mean_light(_tracer(fitted, sensor, 2 * seed + half, observer), max(1, spp // 2), asked)
+        mean_light(_tracer(fitted, sensor, 2 * seed + half, observer), max(1, spp // 2), mask)
         for half in (0, 1)
     ]
     return HalfBuffers(halves[0], halves[1])

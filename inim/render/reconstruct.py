@@ -10,14 +10,16 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.display.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm
+from inim.display.viewpoint import Viewpoint, check_viewpoint
 from inim.errors import UsageError
-from inim.lens import FULL, check_lens_model, white_exposure
+from inim.lens import lens_model as find_lens_model
+from inim.lens import white_exposure
 from inim.observer import Observer
 from inim.render import variant
 from inim.render.display_emitter import LensedPanel
-from inim.render.full_lens import FullLens
-from inim.render.sensors import eye_rays, make_sensor
+from inim.render.lens_mesh import LensMesh
+from inim.render.rays import eye_rays
+from inim.render.sensors import make_sensor
 from inim.render.trace import Tracer, mean_light
 
 __all__ = ["DisplayScene", "exposed_views", "observed_pixels", "reconstruct"]
@@ -43,8 +45,8 @@ def reconstruct(
     display : Display
     viewpoint : Viewpoint
         Must lie inside the viewing zone, with its pupil.
-    lens_model : {"thick", "pinhole", "thin", "full"}
-        `full` path traces the lenses as a mesh: the check of `thick`, and far slower.
+    lens_model : str
+        One of `inim.lens.lens_models`.
     pixels_per_lens : int
         Resolution of the view; it shows exactly the lens array.
     spp : int
@@ -104,15 +106,16 @@ def observed_pixels(
     display, viewpoints, lens_model, pixels_per_lens, spp :
         As of the views; see `reconstruct`.
     seeds : ints
-        Of all looks that will be taken.
+        Of all views that will be made.
 
     Returns
     -------
     (rows, columns) bool, or None
-        None for ``full``, whose rays scatter between the lenses.
+        None for a mesh, whose rays scatter between the lenses.
     """
-    check_lens_model(lens_model, display)
-    if lens_model == FULL:
+    model = find_lens_model(lens_model)
+    model.check(display)
+    if model.trace is None:
         return None
     panel = LensedPanel.dark(display, lens_model)
     rows, columns = display.eia_shape
@@ -127,27 +130,19 @@ def observed_pixels(
         return mi.Color3f(*(shares * 3)[:3])
 
     for viewpoint in viewpoints:
-        sensor = _eye(display, viewpoint, pixels_per_lens, AnalyticLens.start_mm)
+        sensor = _sensor(display, viewpoint, pixels_per_lens, AnalyticLens.start_mm)
         for seed in seeds:
             mean_light(Tracer(light, sensor, seed, observer, planned=False), spp)
     return np.asarray(marks).reshape(rows, columns) > 0
 
 
-def _eye(display: Display, viewpoint: Viewpoint, pixels_per_lens: int, start_mm: float) -> Any:
+def _sensor(display: Display, viewpoint: Viewpoint, pixels_per_lens: int, start_mm: float) -> Any:
     """The sensor of an eye before a display."""
-    rays = eye_rays(
-        display,
-        viewpoint.position_mm,
-        pixels_per_lens,
-        start_mm,
-        viewpoint.pupil_mm,
-        focus_distance_mm(viewpoint, display),
-    )
-    return make_sensor(rays, np.eye(4))
+    return make_sensor(eye_rays(display, viewpoint, pixels_per_lens, start_mm), np.eye(4))
 
 
 class DisplayScene:
-    """A display showing one EIA, ready to be looked at from many viewpoints.
+    """A display showing one EIA, ready for views from many viewpoints.
 
     Parameters are those of `reconstruct`.
     """
@@ -157,10 +152,11 @@ class DisplayScene:
             raise UsageError(
                 f"EIA of shape {eia.shape}; display {display.name} needs {(*display.eia_shape, 3)}"
             )
-        check_lens_model(lens_model, display)
+        model = find_lens_model(lens_model)
+        model.check(display)
         self.display = display
-        if lens_model == FULL:
-            self._shown: FullLens | AnalyticLens = FullLens(eia, display)
+        if model.mesh is not None:
+            self._shown: LensMesh | AnalyticLens = LensMesh(eia, display, model.mesh(display))
         else:
             self._shown = AnalyticLens(eia, display, lens_model)
 
@@ -174,7 +170,7 @@ class DisplayScene:
         observer: Observer | None = None,
     ) -> np.ndarray:
         """One view, (rows, columns, 3) float32; see `reconstruct`."""
-        sensor = _eye(self.display, viewpoint, pixels_per_lens, self._shown.start_mm)
+        sensor = _sensor(self.display, viewpoint, pixels_per_lens, self._shown.start_mm)
         return mean_light(Tracer(self._shown.light, sensor, seed, observer), spp)
 
 

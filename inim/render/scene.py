@@ -14,10 +14,9 @@ from inim.display import Display
 from inim.errors import FileError, SceneError
 from inim.files.image import read_exr_texture
 from inim.files.mesh import check_mesh_file
-from inim.files.picture import check_picture, is_exr
-from inim.files.volume import check_volume
+from inim.files.picture import check_picture, check_volume, is_exr
 from inim.observer import Observer
-from inim.render.bounds_culling import Silhouette, box_corners
+from inim.render.bounds_culling import BoundsGrid, box_corners
 from inim.scene.file import SceneFile
 
 __all__ = ["Fit", "FittedScene", "fit_to_display", "open_scene"]
@@ -73,9 +72,9 @@ class FittedScene:
     shapes: int
 
     @cached_property
-    def silhouette(self) -> Silhouette:
-        """Which pixels may show anything of it."""
-        return Silhouette.of(self.scene, self.fit.display_from_world, self.start_mm)
+    def bounds(self) -> BoundsGrid:
+        """Where its shapes are, coarsely."""
+        return BoundsGrid.of(self.scene, self.fit.display_from_world, self.start_mm)
 
 
 def open_scene(

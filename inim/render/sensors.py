@@ -1,23 +1,8 @@
-"""Sensor plugins: the rays of a depth camera, of a display's pixels, and of an eye.
+"""Sensor plugins `inim_capture`, `inim_pickup` and `inim_eye`: the rays of `inim.render.rays`.
 
-| plugin         | film plane        | ray of a film point q                                    |
-| -------------- | ----------------- | -------------------------------------------------------- |
-| `inim_capture` | any plane         | through q, straight back: what the RGB-D camera sees     |
-| `inim_pickup`  | panel, z = -gap   | through q and the centre of the pixel's lens (Eq. 1)     |
-| `inim_eye`     | lens array, z = 0 | from the eye through q: an off-axis frustum on the array |
-
-An eye may have a pupil, a disc about its centre e in the plane z = V, focused on the plane a
-distance F in front of it. The ray of q from the pupil's point e + u meets the ray from e in the
-plane of focus: with s the slope of that chief ray, it runs at s - u / F, and crosses z = `start_mm`
-at u (1 - (V - start) / F) beside it. Both changes are linear in u and the same for every pixel.
-
-All three are one family: separable in x and y and linear inside a pixel. In the display frame a
-ray starts on the plane z = `start_mm`, just in front of the picture, at a place that depends on
-the film column (row), and runs back at a slope that does too. Both come as float64 tables, so the
-float32 rays carry one rounding and no cancellation; and as the tables are run-time values, the
-three sensors share one kernel, and the path tracer is compiled once instead of three times. Only
-the pickup of an array that is hexagonal, turned or tilted is not separable: there each pixel has a
-bundle of its own (`inim.render.non_separable_bundles`), and a kernel of its own traces them.
+The rays come as float64 tables, so the float32 rays carry one rounding and no cancellation; and as
+the tables are run-time values, the three sensors share one kernel, and the path tracer is compiled
+once instead of three times. Non-separable rays are traced by a kernel of their own.
 
 `to_world` is the display-to-world map, any invertible affine: it keeps lines and their order, so a
 picture squeezed into the display's depth range is exact geometry, lit in its own world.
@@ -25,181 +10,18 @@ picture squeezed into the display's depth range is exact geometry, lit in its ow
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from inim.display import Display
-from inim.display.panel import SUBPIXELS, SubPixel
-from inim.display.pixel_axis import PixelAxis
-from inim.render.non_separable_bundles import FreeBundles, free_bundles
+from inim.render.rays import NonSeparableRays, SeparableRays
 
-__all__ = [
-    "WHOLE_PIXEL",
-    "AxisRays",
-    "RayFamily",
-    "announce",
-    "capture_rays",
-    "eye_rays",
-    "make_sensor",
-    "pickup_rays",
-]
+__all__ = ["announce", "make_sensor"]
 
 
-#: All of a pixel shines.
-WHOLE_PIXEL = SUBPIXELS["none"][0]
-
-
-@dataclass(frozen=True)
-class AxisRays:
-    """One axis of a ray family: the rays of the pixel centres, and how they change inside a pixel.
-
-    Attributes
-    ----------
-    place_mm : (n,) float64
-        Where the ray of each column (row) crosses the start plane.
-    slope : (n,) float64
-        Its sideways travel per millimetre away from the viewer.
-    place_step_mm, slope_step : float
-        Change of both from one side of a pixel to the other, in film order.
-    """
-
-    place_mm: np.ndarray
-    slope: np.ndarray
-    place_step_mm: float
-    slope_step: float = 0.0
-
-
-@dataclass(frozen=True)
-class RayFamily:
-    """The rays of one sensor, display frame, millimetres; see the module's text.
-
-    `pupil_place_mm` and `pupil_slope` are what place and slope change by from the middle of an
-    eye's pupil to its edge; both 0 where there is no pupil.
-    """
-
-    plugin: str
-    start_mm: float
-    x: AxisRays
-    y: AxisRays
-    pupil_place_mm: float = 0.0
-    pupil_slope: float = 0.0
-
-    @property
-    def has_pupil(self) -> bool:
-        """Whether a pixel's rays come from all over a disc."""
-        return self.pupil_slope != 0
-
-    @property
-    def columns(self) -> int:
-        """Film width."""
-        return len(self.x.place_mm)
-
-    @property
-    def rows(self) -> int:
-        """Film height."""
-        return len(self.y.place_mm)
-
-
-def capture_rays(columns: int, rows: int, pixel_mm: float, start_mm: float) -> RayFamily:
-    """Parallel rays straight back: the orthographic RGB-D camera."""
-
-    def axis(count: int, sign: int) -> AxisRays:
-        return AxisRays(_centres(count, sign * pixel_mm), np.zeros(count), sign * pixel_mm)
-
-    return RayFamily("inim_capture", start_mm, axis(columns, +1), axis(rows, -1))
-
-
-def pickup_rays(
-    display: Display, start_mm: float, subpixel: SubPixel = WHOLE_PIXEL
-) -> RayFamily | FreeBundles:
-    """One bundle per panel pixel, over what shines of it, through its lens centre (Eq. 1).
-
-    Parameters
-    ----------
-    display : Display
-    start_mm : float
-    subpixel : SubPixel
-        The part of each pixel that shines in the colour to be picked up, whatever its `turn`.
-    """
-    right = float(subpixel.right)
-    width, height = float(subpixel.width) * display.pixel_fill, display.pixel_fill
-    if not display.is_separable:
-        return free_bundles(display, start_mm, right, width, height)
-
-    def axis(pixels: PixelAxis, sign: int, aside: float, share: float) -> AxisRays:
-        # A step across the pixel moves the panel end of the ray; the lens centre stays.
-        step = sign * display.pixel_pitch_mm / display.gap_mm
-        slope = pixels.slope - aside * step
-        return AxisRays(
-            pixels.centre_mm + slope * start_mm, -slope, -step * start_mm * share, step * share
-        )
-
-    return RayFamily(
-        "inim_pickup",
-        start_mm,
-        axis(display.columns, +1, right, width),
-        axis(display.rows, -1, 0.0, height),
-    )
-
-
-def eye_rays(
-    display: Display,
-    eye_mm: tuple[float, float, float],
-    pixels_per_lens: int,
-    start_mm: float,
-    pupil_mm: float = 0.0,
-    focus_mm: float | None = None,
-) -> RayFamily:
-    """From an eye through the lens array, which fills the film: an off-axis frustum.
-
-    Parameters
-    ----------
-    display : Display
-    eye_mm : (x, y, z)
-        The pupil's centre.
-    pixels_per_lens : int
-    start_mm : float
-    pupil_mm, focus_mm : float
-        The pupil's diameter and the distance it is focused at, that of the array if None.
-    """
-    distance = eye_mm[2]
-    focus = distance if focus_mm is None else focus_mm
-    # Staggered rows make the array half a pitch wider than its lenses.
-    cell_x = display.pitch_mm
-    if display.lattice == "hexagonal":
-        cell_x = display.width_mm / display.lens_columns
-
-    def axis(lenses: int, cell: float, eye: float, sign: int) -> AxisRays:
-        step = cell / pixels_per_lens
-        on_array = _centres(lenses * pixels_per_lens, sign * step)
-        slope = (on_array - eye) / distance
-        return AxisRays(
-            on_array - slope * start_mm,
-            slope,
-            sign * step * (1 - start_mm / distance),
-            sign * step / distance,
-        )
-
-    return RayFamily(
-        "inim_eye",
-        start_mm,
-        axis(display.lens_columns, cell_x, eye_mm[0], +1),
-        axis(display.lens_rows, display.row_pitch_mm, eye_mm[1], -1),
-        pupil_mm / 2 * (1 - (distance - start_mm) / focus),
-        -pupil_mm / 2 / focus,
-    )
-
-
-def _centres(count: int, step: float) -> np.ndarray:
-    """Centres of `count` pixels about the axis; a negative step runs downwards."""
-    return (np.arange(count) - (count - 1) / 2) * step
-
-
-def make_sensor(rays: RayFamily | FreeBundles, world_from_display: np.ndarray) -> Any:
+def make_sensor(rays: SeparableRays | NonSeparableRays, world_from_display: np.ndarray) -> Any:
     """The Mitsuba sensor of a ray family, with a float32 box-filtered film of its size."""
     film = {
         "type": "hdrfilm",
@@ -232,14 +54,14 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
         return
 
     class LensFrameSensor(mi.Sensor):  # type: ignore[misc]
-        """Common part of the three sensors; they differ in their `RayFamily` alone."""
+        """Common part of the three sensors; they differ in their `SeparableRays` alone."""
 
         def __init__(self, props: Any) -> None:
             super().__init__(props)
             self.m_needs_sample_2 = True
             self.m_needs_sample_3 = False
 
-        def set_rays(self, rays: RayFamily | FreeBundles) -> None:
+        def set_rays(self, rays: SeparableRays | NonSeparableRays) -> None:
             """Take the rays as run-time values, not as literals of the kernel."""
 
             def value(number: float) -> Any:
@@ -254,8 +76,8 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
             self.start = value(rays.start_mm)
             self.has_pupil = rays.has_pupil
             self.m_needs_sample_3 = rays.has_pupil
-            self.free = isinstance(rays, FreeBundles)
-            if isinstance(rays, FreeBundles):
+            self.separable = isinstance(rays, SeparableRays)
+            if isinstance(rays, NonSeparableRays):
                 self.centres = [table(rays.x0_mm), table(rays.y0_mm)]
                 self.asides = [table(rays.aside_x_mm), table(rays.aside_y_mm)]
                 self.gaps = table(rays.gap_mm)
@@ -287,8 +109,8 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
             pupil : (n,) Point2f, optional
                 Point of the pupil, in the unit disc; its middle if None.
             """
-            if self.free:
-                return self.free_lines_through(pixel, within, active)
+            if not self.separable:
+                return self.non_separable_lines(pixel, within, active)
             start, run = [], []
             for axis in (0, 1):
                 aside = within[axis] - 0.5
@@ -303,7 +125,7 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
                 run.append(slope)
             return start, run
 
-        def free_lines_through(
+        def non_separable_lines(
             self, pixel: Any, within: Any, active: Any
         ) -> tuple[list[Any], list[Any]]:
             """`lines_through` where each pixel has a lens, a place and a gap of its own."""

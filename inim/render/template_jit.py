@@ -1,4 +1,4 @@
-"""`template_jit`: the first hits of `inim.generators.template`, bit for bit, compiled by Dr.Jit.
+"""First hits by Dr.Jit: the engine of `inim.generators.template_jit`.
 
 For GPUs, and, through LLVM, for checking on any machine. The definition and its two ways are those
 of `template`; what differs is who does the work:
@@ -23,12 +23,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.pixel_axis import PixelAxis
-from inim.errors import UsageError
-from inim.generators.base import (
-    PictureShape,
-    SourceGenerator,
-    require_separable,
-)
+from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.direction_lists import (
     DirectionLists,
@@ -48,28 +43,7 @@ _NOWHERE = HOLE % 2**32
 
 
 def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
-    """Exact first hits, compiled by Dr.Jit: on the GPU where there is one.
-
-    Runs on the variant that is active; if none is, on CUDA where it works, else on LLVM.
-
-    Parameters
-    ----------
-    display, shape, pixel_mm :
-        See `inim.generators.prepare`.
-
-    Raises
-    ------
-    BackendError
-        Dr.Jit has no backend that works on this machine.
-    UsageError
-        A display whose pixels are not separable, or have sub-pixels.
-    """
-    require_separable(display, "template_jit")
-    if display.subpixels != "none":
-        raise UsageError(
-            f"template_jit: shows whole pixels, and this display has subpixels = "
-            f"{display.subpixels!r}; use template"
-        )
+    """See `inim.generators.template_jit.prepare`, which checks the display."""
     if not (mi.variant() or "").startswith(("cuda", "llvm")):
         variant.use()
     if shares_directions(display) and cells_per_pitch(display, pixel_mm):

@@ -2,8 +2,8 @@
 
 Mitsuba's own pass splitting raises memory and fails when the sample count does not divide, so the
 passes are planned here: each traces a wavefront of samples, adds up those of a pixel on the device
-in float32 (at most a few dozen values) and goes into float64 sums. A sample's random numbers follow
-from its address (`inim.render.counter_sampler`), so passes may hold any pixels in any order.
+in float32 (at most a few dozen values) and goes into float64 sums. Random numbers are counter-based
+(`inim.render.counter_sampler`), so passes may hold any pixels in any order.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ class Tracer:
         return color
 
 
-def mean_light(tracer: Tracer, spp: int, asked: np.ndarray | None = None) -> np.ndarray:
+def mean_light(tracer: Tracer, spp: int, mask: np.ndarray | None = None) -> np.ndarray:
     """Mean of what a sensor's rays bring to each film pixel, a box filter over its area.
 
     Parameters
@@ -145,29 +145,29 @@ def mean_light(tracer: Tracer, spp: int, asked: np.ndarray | None = None) -> np.
     tracer : Tracer
     spp : int
         Samples per pixel.
-    asked : (rows, columns) bool, optional
+    mask : (rows, columns) bool, optional
         Pixels to be traced; the others stay black and cost nothing.
 
     Returns
     -------
-    (rows, columns, 3) float32, linear RGB. Equal seeds give equal pixels, whatever is asked.
+    (rows, columns, 3) float32, linear RGB. Equal seeds give equal pixels, whatever the mask.
     """
     rows, columns = tracer.shape
     image = np.zeros((rows * columns, 3), np.float32)
-    for pixels in _bands(rows * columns, asked):
+    for pixels in _bands(rows * columns, mask):
         image[pixels] = tracer.means(pixels, spp)
-    if asked is not None:
-        tracer.done(spp * int(np.count_nonzero(~asked)))
+    if mask is not None:
+        tracer.done(spp * int(np.count_nonzero(~mask)))
     return image.reshape(rows, columns, 3)
 
 
-def _bands(count: int, asked: np.ndarray | None = None) -> Iterator[np.ndarray]:
-    """Flat indices of the pixels asked for, so many at a time that their float64 sums are small."""
+def _bands(count: int, mask: np.ndarray | None = None) -> Iterator[np.ndarray]:
+    """Flat indices of the mask's pixels, so many at a time that their float64 sums are small."""
     for first in range(0, count, _PIXELS_PER_BAND):
         last = min(first + _PIXELS_PER_BAND, count)
-        if asked is None:
+        if mask is None:
             yield np.arange(first, last)
-        elif len(pixels := first + np.flatnonzero(asked.reshape(-1)[first:last])):
+        elif len(pixels := first + np.flatnonzero(mask.reshape(-1)[first:last])):
             yield pixels
 
 

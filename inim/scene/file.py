@@ -11,14 +11,18 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 from inim.errors import FileError, SceneError, UsageError
 from inim.scene.folder import SceneFolder
 from inim.scene.parameters import SceneParameters
-from inim.settings import PREFIX
+from inim.settings import PREFIX, Settings
 
-__all__ = ["SceneFile", "parse_definitions", "read_scene_file"]
+if TYPE_CHECKING:
+    from inim.display import Display
+
+__all__ = ["SceneFile", "chosen_display", "parse_definitions", "read_scene_file"]
 
 # Generous for scenes written by people or exporters, small against what harms: Mitsuba overflows
 # its stack near 20,000 levels, and include fan-out grows as a power.
@@ -137,6 +141,44 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
         scan.hash.hexdigest(),
         scan.look(wanted),
     )
+
+
+def chosen_display(
+    display: str | None, definitions: list[str], command: str
+) -> tuple[Display, Settings]:
+    """The display that `--display` and `-D` name for a command without a scene.
+
+    Parameters
+    ----------
+    display : str or None
+        A preset, or the path of an XML file with `inim.*` settings; None: the settings' default.
+    definitions : list of str
+        `KEY=VALUE` overrides.
+    command : str
+        What to name in an error where there is no file.
+
+    Returns
+    -------
+    display : Display
+        As designed.
+    settings : Settings
+
+    Raises
+    ------
+    InimError
+        Unknown settings, or values that describe no possible display.
+    """
+    given = parse_definitions(definitions)
+    if display is not None and display.lower().endswith(".xml"):
+        settings = Settings.parse(read_scene_file(Path(display), given).settings, display)
+        return settings.make_display(display), settings
+    for key in given:
+        if not key.startswith(PREFIX):
+            raise SceneError(f"-D {key}: a display has inim.* settings only; see `inim settings`")
+    if display is not None:
+        given = {f"{PREFIX}display": display} | given
+    settings = Settings.parse(given, command)
+    return settings.make_display(command), settings
 
 
 class _Scan:

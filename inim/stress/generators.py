@@ -69,13 +69,11 @@ CONTENDERS = [
     Contender("template", "template", np.float64, exact=True, alone=True),
     # What users get: exits as float32 tables where the picture allows.
     Contender("template", "template", np.float32, exact=True),
-    Contender("template:dtype=float32", "template", np.float32),
     Contender("layered:samples=1", "layered", np.float32, exact=True),
     Contender("template:samples=2", "template", np.float32, exact=True, samples=2),
     Contender("template:samples=4", "template", np.float32, exact=True, samples=4),
     Contender("layered:samples=4", "layered", np.float32, exact=True, samples=4),
     *(Contender(name, name, np.float64) for name in _ROUNDED),
-    *(Contender(f"{name}:dtype=float32", name, np.float32) for name in _ROUNDED),
 ]
 # Panel pixels of a case that each oracle is asked for: some take long.
 _MOST_PIXELS = {"template": 1000, "layered": 400, "gu2020": 200, "wang2024": 60, "li2012": 120}
@@ -95,7 +93,7 @@ def form_of(contender: Contender, display: Display, rgbd: RGBD) -> str:
         return ""
     if not display.is_separable:
         return "free rays"
-    if contender.alone or "dtype" in contender.algorithm:
+    if contender.alone:
         return "ray by ray"
     if not cells_per_pitch(display, rgbd.pixel_mm):
         return "ray by ray"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import shutil
 import time
 from dataclasses import replace
 from datetime import datetime, timezone
@@ -12,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from inim import backend as backends
 from inim.errors import SceneError
 from inim.provenance import backend_data, versions
 from inim.report.stress import SCHEMA, write_stress
@@ -20,7 +18,7 @@ from inim.rgbd import RGBD
 from inim.stress.request import StressRequest, check_request, scene_plan
 from inim.version import __version__
 from inim.worker.output import open_staging, publish
-from inim.worker.supervisor import outcome_of, supervise
+from inim.worker.supervisor import run_in_worker
 
 __all__ = ["run_stress", "work"]
 
@@ -44,24 +42,19 @@ def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = Fals
     InimError
         What the worker raised, or `WorkerError` / `OutOfMemoryError` where it could not say.
     """
-    check_request(request)
-    backend = backends.choose_backend("llvm")
-    staging = open_staging(request.out)
-    job = {
-        "request": request.as_json(),
-        "staging": str(staging),
-        "quiet": quiet,
-        "debug": debug,
-    }
-    try:
-        return outcome_of(supervise("inim.stress.job:work", job, backend))
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+    return run_in_worker(
+        "inim.stress.job:work",
+        request,
+        lambda: open_staging(request.out),
+        check=lambda: check_request(request),
+        backend="llvm",
+        quiet=quiet,
+        debug=debug,
+    )
 
 
-def work(job: dict[str, Any], listener: Any) -> bool:
+def work(request: StressRequest, staging: Path, listener: Any) -> bool:
     """The worker's side: measure, write, publish; whether every check holds."""
-    request, staging = StressRequest.from_json(job["request"]), Path(job["staging"])
     data = _measured(request, listener)
     listener.stage("write")
     write_stress(data, staging)

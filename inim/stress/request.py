@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from inim.errors import UsageError
 from inim.pipeline.plan import Plan, make_plan
@@ -40,17 +39,6 @@ class StressRequest:
         for item in self.definitions:
             words += ["-D", item]
         return [*words, "--quick"] if self.quick else words
-
-    def as_json(self) -> dict[str, Any]:
-        """For the worker; `from_json` reads it."""
-        return {k: str(v) if isinstance(v, Path) else v for k, v in asdict(self).items()}
-
-    @classmethod
-    def from_json(cls, raw: dict[str, Any]) -> StressRequest:
-        """The request that `as_json` wrote."""
-        scene = raw["scene"]
-        paths = {"out": Path(raw["out"]), "scene": None if scene is None else Path(scene)}
-        return cls(**{**raw, **paths, "definitions": tuple(raw["definitions"])})
 
 
 def default_out(scene: Path | None) -> Path:

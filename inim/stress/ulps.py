@@ -17,8 +17,7 @@ import numpy as np
 from inim.display import Display
 from inim.display.pixel_axis import stated
 from inim.display.pixel_rays import pixel_rays
-from inim.generators.forward import forward_axes
-from inim.generators.li2012 import _position
+from inim.generators.li2012 import _position, forward_axes
 from inim.generators.raycast.cells import CellRays, cell_rays, free_cell_rays
 from inim.generators.raycast.direction_lists import rounded_up
 from inim.generators.raycast.traversal import leaves
@@ -41,7 +40,7 @@ def deciding_ulps(algorithm: str, dtype: type, display: Display, rgbd: RGBD) -> 
     elif kind == "li2012":
         found = list(_landing(display, rgbd, dtype))
     elif kind in ("template", "layered"):
-        rounded = dtype is np.float32 and "dtype" not in algorithm
+        rounded = dtype is np.float32
         found = list(_exits(display, rgbd, dtype, rounded))
     else:
         found = list(_coordinates(display, rgbd, dtype))

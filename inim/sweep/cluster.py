@@ -24,9 +24,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from inim.errors import UsageError
-from inim.sweep.progress import Board
+from inim.observer import Observer
+from inim.sweep.progress import Progress
 from inim.sweep.task import Task, attempt
-from inim.worker.supervisor import Watcher
 
 __all__ = ["check_answers", "check_dask", "on_worker", "run_cluster"]
 
@@ -47,29 +47,30 @@ def check_dask() -> None:
         ) from None
 
 
-class _Told(Watcher):
-    """Progress on a cluster's worker, told to whoever listens to the topic."""
+class _OnTopic(Observer):
+    """Sends the stages of a task on a cluster's worker to whoever subscribes to the topic."""
 
     def __init__(self, task: Task, worker: Any) -> None:
+        super().__init__()
         self._task, self._worker = task, worker
 
     def stage(self, name: str) -> None:
-        """See `Watcher`."""
+        """See `Observer`."""
         where = str(self._worker.address)
         self._worker.log_event(_TOPIC, {"unit": self._task.unit, "stage": name, "where": where})
 
 
-def on_worker(raw: dict[str, Any]) -> str:
+def on_worker(task: Task) -> str:
     """What a dask worker does: carry out one task, in a process of its own; the error, or ""."""
     from distributed import get_worker
 
-    task, worker = Task.from_json(raw), get_worker()
+    worker = get_worker()
     with _ONE_AT_A_TIME:
-        error = attempt(task, _Told(task, worker))
+        error = attempt(task, _OnTopic(task, worker))
     return "" if error is None else str(error)
 
 
-def run_cluster(tasks: Sequence[Task], scheduler: str, board: Board) -> dict[str, str]:
+def run_cluster(tasks: Sequence[Task], scheduler: str, progress: Progress) -> dict[str, str]:
     """Carry out tasks on the workers of a scheduler.
 
     Parameters
@@ -77,7 +78,7 @@ def run_cluster(tasks: Sequence[Task], scheduler: str, board: Board) -> dict[str
     tasks : sequence of Task
     scheduler : str
         Its address, `tcp://HOST:PORT`.
-    board : Board
+    progress : Progress
 
     Returns
     -------
@@ -92,33 +93,33 @@ def run_cluster(tasks: Sequence[Task], scheduler: str, board: Board) -> dict[str
     by_unit = {task.unit: task for task in tasks}
     with _client(scheduler) as client:
         if not client.nthreads():
-            board.say(f"no worker yet; start some: dask worker {scheduler} --nthreads 1")
+            progress.say(f"no worker yet; start some: dask worker {scheduler} --nthreads 1")
 
         def hear(event: Any) -> None:
             said = event[1]
             task = by_unit.get(said["unit"])
             if task is not None:
-                board.began(task.unit, task.label, said["where"])
-                board.stage(task.unit, said["stage"])
+                progress.began(task.unit, task.label, said["where"])
+                progress.stage(task.unit, said["stage"])
 
         client.subscribe_topic(_TOPIC, hear)
         ended: queue.Queue[Any] = queue.Queue()
         futures = {}
         for task in tasks:
-            future = client.submit(on_worker, task.as_json(), key=_key(task), pure=False)
+            future = client.submit(on_worker, task, key=_key(task), pure=False)
             futures[future.key] = task
             future.add_done_callback(ended.put)
-        return _collect(client, futures, ended, board)
+        return _collect(client, futures, ended, progress)
 
 
 def _collect(
-    client: Any, futures: dict[str, Task], ended: queue.Queue[Any], board: Board
+    client: Any, futures: dict[str, Task], ended: queue.Queue[Any], progress: Progress
 ) -> dict[str, str]:
     """Wait for every task, in whatever order they end."""
     errors: dict[str, str] = {}
     left = dict(futures)
     while left:
-        board.draw()
+        progress.draw()
         try:
             future = ended.get(timeout=_TICK_S)
         except queue.Empty:
@@ -131,7 +132,7 @@ def _collect(
         error = _error_of(future)
         if error:
             errors[task.unit] = error
-        board.ended(task.unit, task.label, error)
+        progress.ended(task.unit, task.label, error)
     return errors
 
 

@@ -9,13 +9,13 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 
 from inim import backend as backends
 from inim.errors import InimError, UsageError
-from inim.sweep.progress import Board
+from inim.observer import Observer
+from inim.sweep.progress import Progress
 from inim.sweep.task import Task, attempt
-from inim.worker.supervisor import Watcher
 
 __all__ = ["choose_slots", "run_pool"]
 
-# How often the board's clocks move on.
+# How often the progress's clocks move on.
 _TICK_S = 0.5
 
 
@@ -65,29 +65,26 @@ class _Pool:
                 process.terminate()
 
 
-class _OnBoard(Watcher):
-    """One task's progress, told to the board."""
+class _TaskObserver(Observer):
+    """Shows the stages of one task."""
 
-    def __init__(self, task: Task, pool: _Pool, board: Board) -> None:
-        self._task, self._pool, self._board = task, pool, board
-
-    def started(self, process: subprocess.Popen[bytes]) -> None:
-        """See `Watcher`."""
-        self._pool.add(process)
+    def __init__(self, task: Task, progress: Progress) -> None:
+        super().__init__()
+        self._task, self._progress = task, progress
 
     def stage(self, name: str) -> None:
-        """See `Watcher`."""
-        self._board.stage(self._task.unit, name)
+        """See `Observer`."""
+        self._progress.stage(self._task.unit, name)
 
 
-def run_pool(tasks: Sequence[Task], workers: int, board: Board) -> dict[str, str]:
+def run_pool(tasks: Sequence[Task], workers: int, progress: Progress) -> dict[str, str]:
     """Carry out tasks, so many at once, never more than memory holds.
 
     Parameters
     ----------
     tasks : sequence of Task
     workers : int
-    board : Board
+    progress : Progress
 
     Returns
     -------
@@ -104,17 +101,17 @@ def run_pool(tasks: Sequence[Task], workers: int, board: Board) -> dict[str, str
                 while len(running) < workers and (task := _next(waiting, taken, limit, running)):
                     waiting.remove(task)
                     taken += task.memory_bytes
-                    board.began(task.unit, task.label)
-                    watcher = _OnBoard(task, pool, board)
-                    running[executor.submit(attempt, task, watcher)] = task
+                    progress.began(task.unit, task.label)
+                    observer = _TaskObserver(task, progress)
+                    running[executor.submit(attempt, task, observer, pool.add)] = task
                 done, _ = wait(running, _TICK_S, FIRST_COMPLETED)
-                board.draw()
+                progress.draw()
                 for future in done:
                     task = running.pop(future)
                     error = future.result()
                     if error is not None:
                         errors[task.unit] = str(error)
-                    board.ended(task.unit, task.label, errors.get(task.unit, ""))
+                    progress.ended(task.unit, task.label, errors.get(task.unit, ""))
         except BaseException:  # an interrupt: workers end with the pool, what they had is lost
             pool.end()
             raise

@@ -1,4 +1,4 @@
-"""The board of a sweep: which unit is where, drawn live on a terminal, a line each elsewhere."""
+"""The progress of a sweep: which unit is where, drawn live on a terminal, a line each elsewhere."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import threading
 import time
 from dataclasses import dataclass, field
 
-__all__ = ["Board", "clock_words"]
+__all__ = ["Progress", "clock_words"]
 
 _REDRAW_S = 0.2
 _NARROWEST = 40
@@ -22,7 +22,7 @@ class _Running:
     since: float = field(default_factory=time.monotonic)
 
 
-class Board:
+class Progress:
     """Who is at work on what, how much is done, and how long the rest will take.
 
     Its methods may be called from any thread.

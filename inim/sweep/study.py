@@ -21,7 +21,7 @@ from typing import Any
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import is_file_safe
 from inim.errors import FileError, InimError, UsageError
-from inim.lens import FULL, LENS_MODELS
+from inim.lens import lens_models
 from inim.pipeline.method import parse_methods
 from inim.settings import PREFIX, Settings
 
@@ -32,7 +32,7 @@ else:
 
 __all__ = ["AS_SCENE", "NamedDisplay", "Study", "read_study"]
 
-#: The display a scene itself asks for.
+#: The display that a scene itself names.
 AS_SCENE = "scene"
 
 _PARAMETERS = tuple(f.name for f in fields(Display) if f.name != "name")
@@ -249,7 +249,7 @@ class _Reader:
         return found
 
     def algorithms(self) -> tuple[str, ...]:
-        """The names contenders have in reports."""
+        """The names that methods have in reports."""
         written = self.texts("study.algorithms", self.required("algorithms"))
         for one in written:
             if "," in one:
@@ -267,16 +267,16 @@ class _Reader:
         return ", ".join(self.texts("study.viewpoints", value))
 
     def displays(self) -> tuple[NamedDisplay, ...]:
-        """Those asked for by name; all of the study's own if none is; else each scene's."""
+        """Those that are named; all of the study's own if none is; else each scene's."""
         own = self._own_displays()
-        asked = self.table("study").get("displays")
-        if asked is None:
+        named = self.table("study").get("displays")
+        if named is None:
             return tuple(own.values()) or (NamedDisplay(AS_SCENE),)
         known = {AS_SCENE: NamedDisplay(AS_SCENE)}
         for name, preset in DISPLAYS.items():
             known[name] = NamedDisplay(name, (f"{PREFIX}display={name}",), preset)
         known |= own
-        names = self.texts("study.displays", asked)
+        names = self.texts("study.displays", named)
         for name in names:
             if name not in known:
                 raise self.wrong(
@@ -316,7 +316,7 @@ class _Reader:
         }
         models = self.table("study").get("lens_model", [])
         for model in models if isinstance(models, list) else [models]:
-            self.one_of("study.lens_model", model, (*LENS_MODELS, FULL))
+            self.one_of("study.lens_model", model, tuple(lens_models()))
             axes.setdefault("lens_model", []).append(model)
         for name, values in axes.items():
             if not values:

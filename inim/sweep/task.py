@@ -1,34 +1,99 @@
-"""A task: the algorithms of one unit that are not there yet, carried out by a supervised worker.
+"""A task: what is left to compute of a unit, and where its results are put.
 
-Whoever hands out tasks, a pool or a cluster, gets back nothing but an error: what was found lies in
-the sweep's folder by then, put there by the worker itself.
+Results lie in ``OUT/units/HASH/ALGORITHM.json``: one small file for each algorithm of each unit,
+whole or not there. The table is made of them alone, so whatever is killed loses what it had in
+work and nothing else, and whoever does the same work twice writes the same file.
 """
 
 from __future__ import annotations
 
+import json
 import os
-import shutil
 import socket
 import stat
+import subprocess
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inim import backend as backends
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
+from inim.observer import Observer
 from inim.pipeline.memory import LEAST_BYTES
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
-from inim.sweep.results import FOLDER, Results
+from inim.report import Report
+from inim.report.files import from_strict, to_strict
 from inim.sweep.rows import result_of
 from inim.sweep.unit import Unit, key_of, making_of
 from inim.worker.output import open_staging, publish
-from inim.worker.supervisor import Watcher, outcome_of, supervise
+from inim.worker.supervisor import run_in_worker
 
-__all__ = ["Task", "attempt", "make_task", "report_folder", "work"]
+__all__ = ["FOLDER", "SCHEMA", "Results", "Task", "attempt", "make_task", "report_folder", "work"]
 
+SCHEMA = "inim.unit/1"
+FOLDER = "units"
+
+
+@dataclass(frozen=True)
+class Results:
+    """The results in the folder of a sweep.
+
+    Attributes
+    ----------
+    out : Path
+        Of the sweep; on a cluster, a folder that all its machines share.
+    """
+
+    out: Path
+
+    def path(self, unit: str, algorithm: str) -> Path:
+        """Where a result lies, or will."""
+        return self.out / FOLDER / unit / f"{algorithm}.json"
+
+    def read(self, unit: str, algorithm: str, making: Mapping[str, Any]) -> dict[str, Any] | None:
+        """A result; None where there is none of this making that can be read."""
+        try:
+            found = json.loads(self.path(unit, algorithm).read_text(encoding="utf-8"))
+            key = {"schema": SCHEMA, "unit": unit, "algorithm": algorithm, "making": dict(making)}
+            if any(found[name] != value for name, value in key.items()) or not found["rows"]:
+                return None
+            return from_strict(found)
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            return None
+
+    def write(self, unit: str, algorithm: str, content: Mapping[str, Any]) -> None:
+        """Put a result there, whole: a reader sees it or does not.
+
+        Raises
+        ------
+        FileError
+            The folder cannot be written.
+        """
+        path = self.path(unit, algorithm)
+        strict = to_strict({"schema": SCHEMA, "unit": unit, "algorithm": algorithm, **content})
+        # A process's number is its own on one machine only, and the folder may be shared.
+        temporary = path.with_name(f".{uuid.uuid4().hex}.tmp")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with temporary.open("w", encoding="utf-8") as file:
+                json.dump(strict, file, indent=1, allow_nan=False, ensure_ascii=False)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        except OSError as error:
+            raise FileError(
+                f"{path}: cannot be written ({error.strerror}); free some space or choose another "
+                "folder with -o"
+            ) from None
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+#: Is given a worker's process.
+Started = Callable[["subprocess.Popen[bytes]"], object]
 _REPORTS = "reports"
 # With one thread the renderer's own file readers hang; see `inim.render.variant`.
 _FEWEST_RENDER_THREADS = 2
@@ -71,16 +136,6 @@ class Task:
     memory_bytes: int = 0
     debug: bool = False
 
-    def as_json(self) -> dict[str, Any]:
-        """For the worker; `from_json` reads it."""
-        return {**asdict(self), "request": self.request.as_json()}
-
-    @classmethod
-    def from_json(cls, raw: Mapping[str, Any]) -> Task:
-        """The task that `as_json` wrote."""
-        request = Request.from_json(raw["request"])
-        return cls(**{**raw, "request": request, "algorithms": tuple(raw["algorithms"])})
-
 
 def make_task(
     unit: Unit, algorithms: Sequence[str], *, keep_report: bool, threads: int | None
@@ -99,12 +154,23 @@ def make_task(
     )
 
 
-def attempt(task: Task, watcher: Watcher | None = None) -> InimError | None:
-    """Carry out a task; the error that ended it, or None once its results are there."""
+def attempt(
+    task: Task, observer: Observer | None = None, started: Started | None = None
+) -> InimError | None:
+    """Carry out a task; the error that ended it, or None once its results are there.
+
+    Parameters
+    ----------
+    task : Task
+    observer : Observer, optional
+        Sees its stages.
+    started : callable, optional
+        Is given its process, which it may end.
+    """
     error: InimError | None = None
     for _ in range(_ATTEMPTS):
         try:
-            _carry_out(task, watcher)
+            _carry_out(task, observer, started)
         except (WorkerError, OutOfMemoryError) as death:
             error = death
         except InimError as its_own:
@@ -114,22 +180,23 @@ def attempt(task: Task, watcher: Watcher | None = None) -> InimError | None:
     return error
 
 
-def _carry_out(task: Task, watcher: Watcher | None) -> None:
+def _carry_out(task: Task, observer: Observer | None, started: Started | None) -> None:
     if not (task.request.out / FOLDER).is_dir():
         raise FileError(
             f"{task.request.out}: is not there on {socket.gethostname()}; choose a folder with -o "
             "that all machines share"
         )
-    backend = backends.choose_backend(task.request.backend)
-    staging = _open_staging(task)
-    job = {"task": task.as_json(), "staging": str(staging), "quiet": True, "debug": task.debug}
-    try:
-        about = str(task.request.out)
-        outcome_of(
-            supervise("inim.sweep.task:work", job, backend, watcher, about, _threads(task.threads))
-        )
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+    run_in_worker(
+        "inim.sweep.task:work",
+        task,
+        lambda: _open_staging(task),
+        backend=task.request.backend,
+        about=str(task.request.out),
+        variables=_threads(task.threads),
+        debug=task.debug,
+        observer=observer,
+        started=started,
+    )
 
 
 def _threads(count: int | None) -> dict[str, str]:
@@ -170,12 +237,11 @@ def report_folder(out: Path, unit: str) -> Path:
     return out / _REPORTS / unit
 
 
-def work(job: dict[str, Any], listener: Any) -> bool:
+def work(task: Task, staging: Path, observer: Observer) -> bool:
     """The worker's side: validate, and put the results where the sweep looks for them."""
-    task, staging = Task.from_json(job["task"]), Path(job["staging"])
     plan = make_plan(task.request)
     _check_same(task, plan)
-    report = _validated(task, plan, staging, listener)
+    report = _validated(task, plan, staging, observer)
     times = _times(staging)
     if task.keep_report:  # before the results: they say that nothing is left to do
         publish(staging, _report_folder(task))
@@ -198,17 +264,17 @@ def _check_same(task: Task, plan: Plan) -> None:
         )
 
 
-def _validated(task: Task, plan: Plan, staging: Path, listener: Any) -> Any:
+def _validated(task: Task, plan: Plan, staging: Path, observer: Observer) -> Report:
     from inim.pipeline.work import run
     from inim.render import variant
 
     variant.use(task.request.backend)
     if task.threads is None:
-        return run(plan, staging, listener)
+        return run(plan, staging, observer)
     from inim.render.reference_kernel import drjit_threads
 
     with drjit_threads(max(_FEWEST_RENDER_THREADS, task.threads)):
-        return run(plan, staging, listener)
+        return run(plan, staging, observer)
 
 
 def _times(staging: Path) -> Mapping[str, Sequence[float]]:

@@ -17,7 +17,7 @@ from typing import Any
 
 import inim
 from inim.errors import InimError, UsageError
-from inim.generators import GENERATORS, PICKUP, parse_algorithm
+from inim.generators import PICKUP, is_own, parse_algorithm
 from inim.metrics import foreign_identities
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
@@ -33,7 +33,7 @@ _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "scikit-ima
 # Of the settings: what is no part of a result, or is in the key under another name.
 _NOT_DECIDING = ("title", "algorithms", "viewpoints", "min_ssim_to_ceiling")
 # Code of ours that no score passes through.
-_NOT_SCORING = ("cli.py", "report", "jobs/bench", "jobs/film", "jobs/stress", "jobs/sweep")
+_NOT_SCORING = ("cli.py", "commands/", "report/", "bench/", "stress/", "sweep/", "pipeline/film.py")
 _HASH_DIGITS = 16
 
 
@@ -124,8 +124,8 @@ def _requests(study: Study, out: Path) -> Iterator[tuple[tuple[str, str], Reques
 def _planned(request: Request, display: NamedDisplay) -> Plan:
     plan = make_plan(request)
     if display.display is not None:
-        asked, found = display.display.given(), plan.display.given()
-        changed = [key for key in asked if key != "name" and asked[key] != found[key]]
+        wanted, found = display.display.given(), plan.display.given()
+        changed = [key for key in wanted if key != "name" and wanted[key] != found[key]]
         if changed:
             raise UsageError(
                 f"{request.scene}: its own {', '.join(PREFIX + key for key in changed)} would "
@@ -174,7 +174,7 @@ def making_of(plan: Plan, algorithm: str) -> dict[str, Any]:
     """
     found: dict[str, Any] = {"min_ssim_to_ceiling": plan.ssim_limits.get(algorithm)}
     name = parse_algorithm(algorithm)[0]
-    if name in GENERATORS or name == PICKUP:
+    if is_own(name) or name == PICKUP:
         return found
     return found | identity("inim.generators", name)
 

@@ -7,10 +7,10 @@ from typing import Any
 
 from inim.observer import Observer
 
-__all__ = ["ConsoleListener"]
+__all__ = ["ConsoleObserver"]
 
 
-class ConsoleListener(Observer):
+class ConsoleObserver(Observer):
     """Prints result lines and draws one bar over all rays; the bar only on a terminal.
 
     Parameters
@@ -27,7 +27,7 @@ class ConsoleListener(Observer):
         self._on_stage = on_stage
         self._bar: Any = None
 
-    def __enter__(self) -> ConsoleListener:
+    def __enter__(self) -> ConsoleObserver:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,4 +1,4 @@
-"""A worker's side of its life: one job under a listener, in silence but for results.
+"""A worker's side of its life: one job under an observer, in silence but for results.
 
 See `inim.worker.supervisor`, whose process it is.
 """
@@ -10,6 +10,7 @@ import io
 import json
 import logging
 import os
+import pickle
 import resource
 import shutil
 import signal
@@ -17,39 +18,75 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
 from inim.backend.numba_cache import go_without_cache, is_cache_fault
 from inim.errors import InimError
+from inim.observer import Observer
+from inim.worker.console import ConsoleObserver
 
-__all__ = ["answer", "read_job", "serve"]
+__all__ = ["Job", "Work", "answer", "read_job", "serve"]
 
-#: What a worker does with its job and a listener: publish, and say whether every check passed.
-CarryOut = Callable[[dict[str, Any], Any], bool]
+# Of the job's length, before the job.
+_LENGTH_BYTES = 8
+#: What a worker does: from a request, its staging folder and an observer to a published result,
+#: and whether every check passed.
+Work = Callable[[Any, Path, Observer], bool]
 
 
-def answer(job: dict[str, Any], channel: Any, carry_out: CarryOut) -> None:
+@dataclass(frozen=True)
+class Job:
+    """What a worker is given.
+
+    Attributes
+    ----------
+    request : object
+        Anything that can be pickled.
+    staging : Path
+        Folder to build the result in; it is removed afterwards.
+    variables : dict of str to str
+        Of the environment: the backend's.
+    quiet : bool
+        No result lines on stdout and no progress bar on stderr.
+    debug : bool
+        Print the traceback of an internal error.
+    """
+
+    request: Any
+    staging: Path
+    variables: Mapping[str, str] = field(default_factory=dict)
+    quiet: bool = True
+    debug: bool = False
+
+    def packed(self) -> bytes:
+        """As `read_job` reads it."""
+        content = pickle.dumps(self)
+        return len(content).to_bytes(_LENGTH_BYTES, "big") + content
+
+
+def answer(job: Job, channel: Any, work: Work) -> None:
     """Carry out a job, saying stages and the outcome on the channel."""
-    from inim.worker.console import ConsoleListener
 
     def say(message: dict[str, Any]) -> None:
         channel.write(json.dumps(message) + "\n")
         channel.flush()
 
     try:
-        with ConsoleListener(job["quiet"], lambda stage: say({"stage": stage})) as listener:
-            passed = _carried_out(job, listener, carry_out)
+        with ConsoleObserver(job.quiet, lambda stage: say({"stage": stage})) as observer:
+            passed = _carried_out(job, observer, work)
         say({"passed": passed})
     except InimError as error:
-        if job["debug"] and error.__cause__:
+        if job.debug and error.__cause__:
             traceback.print_exception(error.__cause__)
         say({"error": type(error).__name__, "message": str(error)})
     except MemoryError:
         say({"error": "OutOfMemoryError", "message": _out_of_memory()})
     except Exception as error:
-        if job["debug"]:
+        if job.debug:
             raise
         text = " ".join(str(error).split())[:400]
         say(
@@ -70,17 +107,17 @@ def _out_of_memory() -> str:
     )
 
 
-def _carried_out(job: dict[str, Any], listener: Any, carry_out: CarryOut) -> bool:
+def _carried_out(job: Job, observer: Observer, work: Work) -> bool:
     """Carry out a job; once more where nothing but numba's cache of kernels was at fault."""
     try:
-        return carry_out(job, listener)
+        return work(job.request, job.staging, observer)
     except InimError:
         raise
     except Exception as error:
         if not is_cache_fault(error):
             raise
         go_without_cache(error)
-    return carry_out(job, listener)
+    return work(job.request, job.staging, observer)
 
 
 class _Patient(io.StringIO):
@@ -115,7 +152,7 @@ class _OwnWords:
         return getattr(self._stream, name)
 
 
-def _end_with_parent(staging: str) -> None:
+def _end_with_parent(staging: Path) -> None:
     """Wait for the parent's end of stdin to close: it died, and nobody else would clear away."""
     while os.read(0, 1):
         pass
@@ -123,12 +160,13 @@ def _end_with_parent(staging: str) -> None:
     os._exit(1)
 
 
-def serve(job: dict[str, Any], channel: int, carry_out: CarryOut) -> None:
-    """A worker's whole life: `carry_out` the job under a listener, in silence but for results."""
+def serve(job: Job, channel: int, work: Work) -> None:
+    """A worker's whole life: carry out the job under an observer, in silence but for results."""
+    os.environ.update(job.variables)  # this process has begun before they were known
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to both; the parent acts
-    threading.Thread(target=_end_with_parent, args=(job["staging"],), daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(job.staging,), daemon=True).start()
     sys.stdout = _Patient(sys.stdout)
-    if not job["debug"]:
+    if not job.debug:
         # What libraries mutter would break the one-line promise; our own stderr stays.
         warnings.simplefilter("ignore")
         logging.getLogger().addHandler(logging.NullHandler())
@@ -138,16 +176,22 @@ def serve(job: dict[str, Any], channel: int, carry_out: CarryOut) -> None:
         os.dup2(silence, 2)
         os.close(silence)
     with os.fdopen(channel, "w", encoding="utf-8") as outcome_channel:
-        answer(job, outcome_channel, carry_out)
+        answer(job, outcome_channel, work)
 
 
-def read_job() -> dict[str, Any]:
+def read_job() -> Job:
     """The worker's job, from its stdin; without one it ends, as its supervisor has."""
-    line = b""
-    while not line.endswith(b"\n"):  # nothing follows it
-        more = os.read(0, 2**16)
+    length = int.from_bytes(_read(_LENGTH_BYTES), "big")
+    job: Job = pickle.loads(_read(length))
+    return job
+
+
+def _read(count: int) -> bytes:
+    """So many bytes from stdin and no more: its end is waited for later."""
+    content = bytearray()
+    while len(content) < count:
+        more = os.read(0, count - len(content))
         if not more:
             os._exit(1)
-        line += more
-    job: dict[str, Any] = json.loads(line)
-    return job
+        content += more
+    return bytes(content)

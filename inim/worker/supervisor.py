@@ -4,8 +4,9 @@ A damaged mesh, a kernel that will not compile or memory running out kill the pr
 exception. So the heavy part runs in one worker process, and its supervisor turns any death into an
 exit code and a sentence, and clears away what was half written.
 
-A job goes to the worker's stdin as one line of JSON; what it says goes through a pipe of its own, a
-line each: its stages, and at last its outcome. It ends when its stdin does: with its supervisor.
+A job goes to the worker's stdin, pickled; what the worker says goes through a pipe of its own, a
+line of JSON each: its stages, and at last its outcome. It ends when its stdin does: with its
+supervisor.
 """
 
 from __future__ import annotations
@@ -18,16 +19,17 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
 from inim import errors
 from inim.errors import InimError, OutOfMemoryError, WorkerError
-from inim.pipeline.request import Request
-from inim.worker.output import open_staging
+from inim.observer import Observer
+from inim.worker.serve import Job
 
-__all__ = ["Watcher", "Worker", "outcome_of", "run_in_worker", "supervise"]
+__all__ = ["outcome_of", "run_in_worker"]
 
 # A worker that died while holding this share of the memory died of it.
 _MEMORY_SHARE = 0.8
@@ -38,16 +40,49 @@ _ERRORS = {
 }
 
 
-def run_in_worker(request: Request, *, quiet: bool = True, debug: bool = False) -> bool:
-    """Validate in a worker process; the report is in `request.out` afterwards.
+def run_in_worker(
+    target: str,
+    request: object,
+    open_folder: Callable[[], Path],
+    *,
+    check: Callable[[], object] | None = None,
+    fill: Callable[[Path], object] | None = None,
+    backend: str = "auto",
+    about: str = "",
+    variables: Mapping[str, str] | None = None,
+    quiet: bool = True,
+    debug: bool = False,
+    observer: Observer | None = None,
+    started: Callable[[subprocess.Popen[bytes]], object] | None = None,
+) -> bool:
+    """Carry out a request in a worker process.
 
     Parameters
     ----------
-    request : Request
+    target : str
+        What carries it out, as ``module:function``; see `inim.worker.serve.Work`.
+    request : object
+        Anything that can be pickled.
+    open_folder : callable
+        Opens the folder to build the result in, such as `inim.worker.output.open_staging`; it is
+        removed afterwards, whatever happens.
+    check : callable, optional
+        Raises what is wrong with the request; called while the worker loads.
+    fill : callable, optional
+        Puts into the folder what the worker reads there.
+    backend : {"auto", "llvm", "cuda"}
+    about : str
+        What `ps` shows of the job.
+    variables : mapping, optional
+        Of the worker's environment from its start on, beside this process's own.
     quiet : bool
         No result lines on stdout and no progress bar on stderr.
     debug : bool
         Let the worker print the traceback of an internal error.
+    observer : Observer, optional
+        Sees the job's stages.
+    started : callable, optional
+        Is given the process, which it may end.
 
     Returns
     -------
@@ -57,25 +92,23 @@ def run_in_worker(request: Request, *, quiet: bool = True, debug: bool = False) 
     Raises
     ------
     InimError
-        What the worker raised, or `WorkerError` / `OutOfMemoryError` where it could not say.
+        What `check` or the worker raised, or `WorkerError` / `OutOfMemoryError` where the worker
+        could not say.
     """
-    # It loads while the plan is made here, too: most mistakes are found before it has a job.
-    with Worker("inim.pipeline.work:work", about=str(request.scene)) as worker:
-        from inim.pipeline.plan import make_plan
-
-        make_plan(request)
-        backend = backends.choose_backend(request.backend)
-        staging = open_staging(request.out)
-        job = {
-            "request": request.as_json(),
-            "variables": backends.environment(backend),
-            "staging": str(staging),
-            "quiet": quiet,
-            "debug": debug,
-        }
+    with _Worker(target, variables or {}, about) as worker:
+        if check is not None:
+            check()
+        chosen = backends.environment(backends.choose_backend(backend))
+        staging = open_folder()
         try:
-            return outcome_of(worker.carry_out(job))
+            if fill is not None:
+                fill(staging)
+            if started is not None:
+                started(worker.process)
+            job = Job(request, staging, chosen, quiet, debug)
+            return outcome_of(worker.carry_out(job, observer or Observer()))
         finally:
+            worker.end()  # before what it writes goes
             shutil.rmtree(staging, ignore_errors=True)
 
 
@@ -86,62 +119,41 @@ def outcome_of(said: dict[str, Any]) -> bool:
     return bool(said["passed"])
 
 
-class Watcher:
-    """Hears of a worker while it is at work; this one does not listen."""
+class _Worker:
+    """A worker process, which loads what it needs from its start on."""
 
-    def started(self, process: subprocess.Popen[bytes]) -> None:
-        """It has a process, which whoever waits for it may end."""
-
-    def stage(self, name: str) -> None:
-        """It begins with a stage of its job."""
-
-
-class Worker:
-    """A worker process, which loads what it needs from its start on.
-
-    Parameters
-    ----------
-    target : str
-        What carries out its job, as ``module:function``; see `inim.worker.serve`.
-    variables : mapping, optional
-        Of its environment, beside this process's own.
-    about : str
-        What `ps` shows of its job.
-    """
-
-    def __init__(
-        self, target: str, variables: Mapping[str, str] | None = None, about: str = ""
-    ) -> None:
+    def __init__(self, target: str, variables: Mapping[str, str], about: str) -> None:
         read_end, write_end = os.pipe()
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             [sys.executable, "-m", "inim.worker", target, str(write_end), about],
-            env={**os.environ, **(variables or {})},
+            env={**os.environ, **variables},
             stdin=subprocess.PIPE,
             pass_fds=(write_end,),
         )
         os.close(write_end)
         self._messages = os.fdopen(read_end, encoding="utf-8")
 
-    def __enter__(self) -> Worker:
+    def __enter__(self) -> _Worker:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._end()
+        self.end()
         with contextlib.suppress(OSError):  # of a job that was never read
             self._stdin.close()
         self._messages.close()
 
-    def _end(self) -> None:
-        if self._process.poll() is None:
-            self._process.terminate()
-        self._process.wait()
+    def end(self) -> None:
+        """End the process where it still runs."""
+        if self.process.poll() is None:
+            self.process.terminate()
+        self.process.wait()
 
     @property
     def _stdin(self) -> Any:
-        assert self._process.stdin is not None
-        return self._process.stdin
+        assert self.process.stdin is not None
+        return self.process.stdin
 
-    def carry_out(self, job: dict[str, Any], watcher: Watcher | None = None) -> dict[str, Any]:
+    def carry_out(self, job: Job, observer: Observer) -> dict[str, Any]:
         """Have it carry out the one job of its life; what it said last.
 
         Raises
@@ -149,40 +161,20 @@ class Worker:
         InimError
             Made from how it died, where it could not say.
         """
-        watcher = watcher or Watcher()
         said: list[dict[str, Any]] = []
-        try:
-            watcher.started(self._process)
-            with contextlib.suppress(OSError):  # it has died already
-                self._stdin.write(json.dumps(job).encode() + b"\n")
-                self._stdin.flush()
-            for line in self._messages:
-                if line.endswith("\n"):
-                    said.append(json.loads(line))
-                    watcher.stage(said[-1].get("stage", ""))
-            code = self._process.wait()
-        except BaseException:  # an interrupt here is one of the job, and what it wrote can go
-            self._end()
-            raise
+        with contextlib.suppress(OSError):  # it has died already
+            self._stdin.write(job.packed())
+            self._stdin.flush()
+        for line in self._messages:
+            if line.endswith("\n"):
+                said.append(json.loads(line))
+                observer.stage(said[-1].get("stage", ""))
+        code = self.process.wait()
         if said and ("error" in said[-1] or "passed" in said[-1]):
             outcome: dict[str, Any] = said[-1]
             return outcome
         stage = said[-1]["stage"] if said else "start"
         raise _death(code, stage, backends.memory_limit_bytes())
-
-
-def supervise(
-    target: str,
-    job: dict[str, Any],
-    backend: Any,
-    watcher: Watcher | None = None,
-    about: str = "",
-    variables: Mapping[str, str] | None = None,
-) -> dict[str, Any]:
-    """Have a new worker carry out a job with a backend; see `Worker`."""
-    told = {**backends.environment(backend), **(variables or {})}
-    with Worker(target, told, about) as worker:
-        return worker.carry_out(job, watcher)
 
 
 def _death(code: int, stage: str, memory_limit: int) -> InimError:

@@ -84,13 +84,13 @@ def _rgbd(path: Path) -> None:
 
 
 def _depth(path: Path) -> None:
-    from inim.from_camera.depth_file import read_depth
+    from inim.from_camera.picture_files import read_depth
 
     read_depth(path)
 
 
 def _color(path: Path) -> None:
-    from inim.from_camera.color_file import read_color
+    from inim.from_camera.picture_files import read_color
 
     read_color(path)
 

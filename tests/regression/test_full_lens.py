@@ -66,13 +66,14 @@ def traced(eia, display, finer=4, spp=SPP):
     Sobol' points leave so little noise that a validation's own facets, which depart from the curve
     by hundredths of a panel pixel, would be seen; their error falls with the square of their size.
     """
-    from inim.lens.sheet_mesh import facets_per_lens
-    from inim.render.full_lens import FullLens
-    from inim.render.sensors import eye_rays, make_sensor
+    from inim.lens.full import facets_per_lens, sheet_mesh
+    from inim.render.lens_mesh import LensMesh
+    from inim.render.rays import eye_rays
+    from inim.render.sensors import make_sensor
     from inim.render.trace import Tracer, mean_light
 
-    mesh = FullLens(eia, display, finer * facets_per_lens(display))
-    rays = eye_rays(display, EYE.position_mm, PER_LENS, mesh.start_mm)
+    mesh = LensMesh(eia, display, sheet_mesh(display, finer * facets_per_lens(display)))
+    rays = eye_rays(display, EYE, PER_LENS, mesh.start_mm)
     sensor = make_sensor(rays, np.eye(4))
     looks = [mean_light(Tracer(mesh.light, sensor, seed), spp) for seed in SEEDS]
     return np.stack([by_lens(look) for look in looks])

@@ -15,22 +15,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from inim.pipeline.ledger import Ledger
 
 from inim.observer import Observer
-from inim.pipeline.method import Contender, Entry
+from inim.pipeline.evaluate import ceiling_scores, evaluate, truth_statistics
+from inim.pipeline.generate import Reference
+from inim.pipeline.measured import Measured
+from inim.pipeline.method import MadeEIA
 from inim.pipeline.plan import make_plan
 from inim.pipeline.reconstruct import reconstruct_views
 from inim.pipeline.request import Request
-from inim.pipeline.run_statistics import (
-    Findings,
-    against,
-    ceiling_scores,
-    eia_statistics,
-    evidence_of,
-    truth_findings,
-)
-from inim.pipeline.truth import GroundTruth, render_truth
+from inim.pipeline.run_statistics import run_statistics
+from inim.pipeline.scene import Renderer
+from inim.pipeline.truth import GroundTruth
+from inim.pipeline.validate import measure
+from inim.pipeline.work import setup
 from inim.regression import RunStatistics, Verdict, compare, fingerprint, reference_input
 from inim.rgbd import RGBD
 
@@ -51,11 +49,13 @@ SMALL = {
 class Run:
     """One run, taken apart: what can be planted into it, and what it leaves."""
 
-    job: Ledger
-    truth: GroundTruth
-    entry: Entry
-    backend: Any
+    found: Measured
+    renderer: Renderer
     generate: Callable[[RGBD], np.ndarray]
+
+    @property
+    def truth(self) -> GroundTruth:
+        return self.found.truth
 
     def evidence(
         self,
@@ -66,41 +66,31 @@ class Run:
     ) -> RunStatistics:
         """What it leaves, with another truth, another generator or other views planted."""
         truth, generate = truth or self.truth, generate or self.generate
-        first, second = (generate(rgbd) for rgbd in truth.captures)
-        plan = self.job.plan
-        display = plan.display
-        rgbd = reference_input(display, truth.rgbd.shape, truth.rgbd.pixel_mm)
+        plan, run, capture = self.found.plan, self.found.run, self.found.capture
+        first, second = (generate(rgbd) for rgbd in capture.halves)
+        rgbd = reference_input(plan.display, capture.rgbd.shape, capture.rgbd.pixel_mm)
+        mark = fingerprint(rgbd, generate(rgbd), plan.display, exact=True)
         eia, noise = (first + second) / 2, (first - second) / 2
-        views = seen(reconstruct_views(self.job, eia, noise, "template"))
-        findings = [
-            truth_findings(self.job, truth, ceiling_scores(self.job, truth)),
-            Findings(
-                eia_statistics(self.job, "template", (first, second)),
-                {
-                    f"template/{name}": against(self.job, truth, name, view).estimates()
-                    for name, view in views.items()
-                },
-                {"template": fingerprint(rgbd, generate(rgbd), display, exact=True)},
-            ),
-        ]
-        return evidence_of(plan, self.backend, findings, {}, times or {})
+        optics = plan.optics, self.renderer
+        views = seen(reconstruct_views("template", eia, noise, plan.viewpoints, *optics, run=run))
+        made = MadeEIA(eia, noise, 0.0, 0.0, Reference(lambda: mark, lambda: generate(rgbd)))
+        result = evaluate("template", made, views, truth, plan, run=run)
+        found = dataclasses.replace(self.found, truth=truth, results={"template": result})
+        ceiling = ceiling_scores(truth, plan, run=run)
+        return run_statistics(found, truth_statistics(truth, ceiling, plan, run=run), times or {})
 
 
 def run_of(folder: Path, **settings: Any) -> Run:
     """A run of the small scene, without a report."""
     from inim.generators import prepare
-    from inim.render import variant
 
-    backend = variant.use()
     definitions = tuple(f"inim.{key}={value}" for key, value in (SMALL | settings).items())
     plan = make_plan(Request(SCENE, folder, definitions))
-    job = Ledger(plan, folder, Observer())
-    truth = render_truth(job)
-    rgbd = truth.rgbd
+    run, renderer, images = setup(plan, folder, Observer())
+    found = measure(plan, renderer, images, run)
+    rgbd = found.capture.rgbd
     made = prepare(plan.display, "template", shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
-    contender: Contender = plan.contenders[0]
-    entry = contender.prepare(job)(job, truth)
-    return Run(job, truth, entry, backend, lambda picture: made.generate(picture))
+    return Run(found, renderer, lambda picture: made.generate(picture))
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +145,7 @@ def test_thirty_fresh_seeds_raise_no_false_alarm(baseline, tmp_path):
 
 def pseudoscopic(run: Run) -> Callable[[RGBD], np.ndarray]:
     """Far is near: depth mirrored in the depth range."""
-    low, high = run.job.plan.display.depth_range_mm
+    low, high = run.found.plan.display.depth_range_mm
 
     def generate(rgbd: RGBD) -> np.ndarray:
         depth = np.where(rgbd.covered, low + high - rgbd.depth_mm, 0).astype(np.float32)

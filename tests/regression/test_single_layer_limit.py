@@ -23,7 +23,8 @@ PER_PITCH = 20
 @pytest.mark.slow
 def test_four_samples_reach_the_single_layer_limit(open_fitted):
     from inim.render.ground_truth import capture, pickup
-    from inim.render.sensors import make_sensor, pickup_rays
+    from inim.render.rays import pickup_rays
+    from inim.render.sensors import make_sensor
     from inim.render.trace import surface
 
     near, far = sphere((5, 2, 8), 3.5, "0.2,0.5,0.8"), sphere((-4, -1, 0), 6, "0.8,0.3,0.2")

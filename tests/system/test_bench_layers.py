@@ -10,7 +10,7 @@ from inim.errors import EXIT_PASSED, EXIT_USAGE
 from tests.conftest import sphere
 from tests.system.conftest import TINY, assert_one_line, definitions, write_scene
 from tests.system.test_bench import run_bench
-from tests.unit.test_peel import cube
+from tests.unit.test_depth_peeling import cube
 
 NAMES = ["template", "layered:samples=1", "template:samples=4", "layered:samples=4"]
 

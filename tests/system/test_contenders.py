@@ -21,7 +21,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from inim.pipeline.ledger import Ledger
 from PIL import Image
 
 import inim
@@ -32,10 +31,14 @@ from inim.files.eia_file import read_eia
 from inim.files.image import read_exr, write_exr
 from inim.generators import SourceGenerator
 from inim.observer import Observer
-from inim.pipeline.method import parse_contenders
-from inim.pipeline.plan import make_plan
+from inim.pipeline.capture import DepthCamera
+from inim.pipeline.method import Task, parse_methods
+from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.plugin_guard import run_generator
 from inim.pipeline.request import Request
+from inim.pipeline.scene import Scene
+from inim.pipeline.stage import Run as StageRun
+from inim.pipeline.work import setup
 from tests.conftest import small_display, square
 from tests.system.conftest import TINY, Ended, assert_one_line, nothing_left, write_scene
 
@@ -198,6 +201,13 @@ def request(scene: Path, *eias: str, algorithms: str = "none") -> Request:
     return Request(scene, scene.parent / "out", definitions, algorithms=asked, eias=eias)
 
 
+def task_of(plan: Plan, folder: Path) -> Task:
+    """What methods of a plan are given."""
+    _, renderer, _ = setup(plan, folder, Observer())
+    scene = Scene(plan.file, plan.display, plan.settings.fit_share, renderer)
+    return Task(DepthCamera(scene, 5, 2, 0), 2)
+
+
 @pytest.mark.parametrize(
     ("name", "says"),
     [
@@ -222,7 +232,7 @@ def test_bad_file_is_found_before_anything_is_rendered(
     write_bad_files(folder, make_plan(request(tiny_scene)).display.eia_shape)
     with pytest.raises(FileError) as caught:
         plan = make_plan(request(tiny_scene, f"mine={folder / name}"))
-        plan.contenders[0].prepare(Ledger(plan, folder, Observer()))
+        plan.methods[0].prepare(task_of(plan, folder), StageRun())
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -333,7 +343,7 @@ def test_bad_contender_is_named_with_the_way_out(
     algorithms: str, eias: tuple[str, ...], says: str
 ) -> None:
     with pytest.raises(UsageError) as caught:
-        parse_contenders(algorithms, eias)
+        parse_methods(algorithms, eias)
     assert says in str(caught.value)
 
 

@@ -18,7 +18,7 @@ from PIL import Image
 from inim.cli import main
 from inim.commands.depth import relative_distance, says_distance
 from inim.errors import EXIT_PASSED, EXIT_USAGE, UsageError
-from inim.from_camera.depth_file import read_depth
+from inim.from_camera.picture_files import read_depth
 
 
 @pytest.fixture

@@ -451,7 +451,7 @@ def test_infinite_pixel_size_names_the_file(tmp_path: Path) -> None:
 
 
 def test_surface_without_area_beside_a_sound_one_is_left_out(tmp_path: Path) -> None:
-    from inim.files.smoothing import smoothed
+    from inim.files.triangle_mesh import smoothed
 
     path = tmp_path / "a.obj"
     points = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\n"

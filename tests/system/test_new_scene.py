@@ -14,7 +14,7 @@ import pytest
 from inim.commands.new_scene import add_arguments, new_scene, run
 from inim.errors import FileError, UsageError
 from inim.files.mesh import Mesh, check_mesh_file, read_mesh, write_ply
-from inim.files.smoothing import smoothed
+from inim.files.triangle_mesh import smoothed
 
 
 @pytest.fixture(scope="module")

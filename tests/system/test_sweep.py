@@ -15,8 +15,7 @@ import pytest
 
 import inim
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
-from inim.sweep.plan import SweepRequest
-from inim.sweep.run import run_sweep
+from inim.sweep.run import SweepRequest, run_sweep
 from inim.sweep.table import TABLE, columns, columns_as_markdown
 from tests.conftest import scene_text
 from tests.system.conftest import assert_one_line, nothing_left

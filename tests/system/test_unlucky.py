@@ -23,6 +23,7 @@ import pytest
 from inim.backend import numba_cache
 from inim.errors import EXIT_BACKEND, EXIT_PASSED, FileError
 from inim.files.image import check_exr
+from inim.observer import Observer
 from inim.worker.output import open_staging, publish
 from tests.system.conftest import (
     TINY,
@@ -134,12 +135,12 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import twice
 if sys.argv[2:]:
-    from inim.worker.serve import _carried_out
+    from inim.worker.serve import Job, _carried_out
     tries = []
-    def carry_out(job, listener):
+    def work(request, staging, observer):
         tries.append(1)
         return twice.twice(21) == 42
-    assert _carried_out({}, None, carry_out)
+    assert _carried_out(Job(None, Path()), None, work)
     print("tries", len(tries))
 else:
     twice.twice(21)
@@ -167,16 +168,16 @@ def test_broken_kernel_cache_costs_a_compilation_and_no_more(
 
 
 def test_fault_of_the_job_is_not_tried_again() -> None:
-    from inim.worker.serve import _carried_out
+    from inim.worker.serve import Job, _carried_out
 
     tries = []
 
-    def carry_out(job: object, listener: object) -> bool:
+    def work(request: object, staging: Path, observer: Observer) -> bool:
         tries.append(1)
         raise EOFError("of the job itself")
 
     with pytest.raises(EOFError):
-        _carried_out({}, None, carry_out)
+        _carried_out(Job(None, Path()), Observer(), work)
     assert len(tries) == 1
 
 

@@ -6,20 +6,21 @@ Expected: a failed check and exit code 1, or an error that says what happened; n
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from inim.pipeline.ledger import Ledger
 
 from inim import metrics
 from inim.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
 from inim.observer import Observer
+from inim.pipeline import generate as generating
 from inim.pipeline import validate as validating
+from inim.pipeline.checks import check, missing_viewpoints
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
+from inim.pipeline.work import run as run_plan
 from inim.report import Report
 from tests.conftest import scene_text, square
 from tests.system.conftest import TINY, write_scene
@@ -45,7 +46,7 @@ def run(renderer: object, plan: Plan, tmp_path: Path) -> Callable[[], Report]:
     def once() -> Report:
         folder = tmp_path / "staging"
         folder.mkdir()
-        return validating.run(plan, folder)
+        return run_plan(plan, folder)
 
     return once
 
@@ -58,11 +59,12 @@ def failed(report: Report) -> set[str]:
 def with_views(
     monkeypatch: pytest.MonkeyPatch, change: Callable[[dict[str, Any]], dict[str, Any]]
 ) -> None:
-    """Let something happen to what is seen of a contender, not to the ceiling."""
+    """Let something happen to a method's views, not to the ceiling."""
     real = validating.reconstruct_views
 
-    def changed(*words: Any) -> dict[str, Any]:
-        return change(real(*words))
+    def changed(name: str, *words: Any, **named: Any) -> dict[str, Any]:
+        views = real(name, *words, **named)
+        return views if name == "ceiling" else change(views)
 
     monkeypatch.setattr(validating, "reconstruct_views", changed)
 
@@ -91,15 +93,12 @@ def test_no_view_at_all_fails_a_check(
         assert "down" in str(error)
 
 
-def test_ledger_tells_missing_views(plan: Plan, tmp_path: Path) -> None:
+def test_missing_views_are_a_failed_check() -> None:
     for views, count in ((["down", "right"], None), (["down"], 1), ([], 2)):
-        job = Ledger(plan, tmp_path, Observer())
-        job.complete("mine", views)
-        assert [check["value"] for check in job.checks] == ([] if count is None else [count])
-        assert not any(check["passed"] for check in job.checks)
-    job = Ledger(replace(plan, viewpoints=()), tmp_path, Observer())
-    job.complete("mine", [])
-    assert [check["passed"] for check in job.checks] == [False]
+        checks = missing_viewpoints("mine", ["right", "down"], views)
+        assert [row["value"] for row in checks] == ([] if count is None else [count])
+        assert not any(row["passed"] for row in checks)
+    assert [row["passed"] for row in missing_viewpoints("mine", [], [])] == [False]
 
 
 def test_swapped_views_fail_their_limit(
@@ -126,15 +125,13 @@ def test_view_that_is_not_a_number_is_never_scored(
 def test_eia_in_another_range_fails_its_limit(
     run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch, factor: float
 ) -> None:
-    from inim.pipeline import method as contenders
-
-    real = contenders.run_generator
+    real = generating.run_generator
 
     def scaled(*words: Any) -> Any:
         eia, *rest = real(*words)
         return (np.float32(factor) * eia, *rest)
 
-    monkeypatch.setattr(contenders, "run_generator", scaled)
+    monkeypatch.setattr(generating, "run_generator", scaled)
     assert any("SSIM to ceiling" in name for name in failed(run()))
 
 
@@ -162,12 +159,8 @@ def test_radiance_that_is_not_finite_is_counted_and_fails_a_check(
 
 @pytest.mark.parametrize("value", [None, float("nan"), float("inf"), -float("inf")])
 @pytest.mark.parametrize("relation", [">=", "<="])
-def test_value_that_is_no_number_passes_no_check(
-    plan: Plan, tmp_path: Path, value: float | None, relation: str
-) -> None:
-    job = Ledger(plan, tmp_path, Observer())
-    job.check("any", value, relation, 0.5)
-    assert job.checks[0]["passed"] is False
+def test_value_that_is_no_number_passes_no_check(value: float | None, relation: str) -> None:
+    assert check("any", value, relation, 0.5)["passed"] is False
 
 
 # --- Scores -------------------------------------------------------------------------------------
@@ -238,14 +231,14 @@ def test_whatever_a_worker_raises_becomes_one_line_and_a_code(
     import io
     import json
 
-    from inim.worker.serve import answer
+    from inim.worker.serve import Job, answer
     from inim.worker.supervisor import outcome_of
 
-    def carry_out(job: dict[str, Any], listener: Any) -> bool:
+    def work(request: object, staging: Path, observer: Observer) -> bool:
         raise error
 
     channel = io.StringIO()
-    answer({"quiet": True, "debug": False}, channel, carry_out)
+    answer(Job(None, Path()), channel, work)
     with pytest.raises(InimError, match=says) as raised:
         outcome_of(json.loads(channel.getvalue().splitlines()[-1]))
     assert raised.value.exit_code == code

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from inim import backend
-from inim.backend import Backend, Verdict, activation, libllvm, machine, trial, verdicts
+from inim.backend import Backend, Verdict, choice, libllvm, machine, trial
+from inim.commands import sys_info
 from inim.errors import BackendError, UsageError
 
 GOOD = Verdict(True, version="19.1.7", device="2 threads", stage="done")
@@ -40,7 +41,7 @@ def tried(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         names.append(Path(variables.get("DRJIT_LIBLLVM_PATH", variant)).name)
         return GOOD
 
-    monkeypatch.setattr(verdicts, "probe", answer)
+    monkeypatch.setattr(trial, "probe", answer)
     return names
 
 
@@ -55,7 +56,7 @@ def libraries(folder: Path, *names: str) -> Path:
 def refuse(monkeypatch: pytest.MonkeyPatch, **answers: Verdict) -> None:
     """Probes refuse, or answer with the verdict given for the backend's first letters."""
     no = Verdict(False, "it computes wrong numbers")
-    monkeypatch.setattr(verdicts, "probe", lambda variant, env: answers.get(variant[:4], no))
+    monkeypatch.setattr(trial, "probe", lambda variant, env: answers.get(variant[:4], no))
 
 
 # --- Names and order ----------------------------------------------------------------------
@@ -173,7 +174,7 @@ def test_next_is_tried_when_the_newest_is_refused(
     def answer(variant: str, variables: dict[str, str]) -> Verdict:
         return Verdict(False, "bad") if "19" in variables["DRJIT_LIBLLVM_PATH"] else GOOD
 
-    monkeypatch.setattr(verdicts, "probe", answer)
+    monkeypatch.setattr(trial, "probe", answer)
     assert backend.choose_backend("llvm", [folder]).libllvm == folder / "libLLVM-18.so.1"
 
 
@@ -323,7 +324,7 @@ def test_changed_library_is_tried_again(tmp_path: Path, tried: list[str]) -> Non
     assert len(tried) == 2
 
 
-@pytest.mark.parametrize(("module", "function"), [(verdicts, "_renderer"), (machine, "cpu_text")])
+@pytest.mark.parametrize(("module", "function"), [(trial, "_renderer"), (machine, "cpu_text")])
 def test_other_renderer_or_processor_is_tried_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str], module: object, function: str
 ) -> None:
@@ -391,7 +392,7 @@ def test_missing_home_does_no_harm(
     monkeypatch.setattr(Path, "home", homeless)
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     assert backend.choose_backend("llvm", [folder]).name == "llvm"
-    assert verdicts.cache_file() is None
+    assert trial.cache_file() is None
     assert len(backend.private_folders()) == 1
 
 
@@ -406,10 +407,10 @@ def test_curable_refusal_is_not_remembered(monkeypatch: pytest.MonkeyPatch, tmp_
 
 def test_memory_does_not_grow_without_end(tmp_path: Path, tried: list[str]) -> None:
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
-    verdicts._write_cache({str(number): {} for number in range(5 * verdicts.REMEMBERED)})
+    trial._write_cache({str(number): {} for number in range(5 * trial.REMEMBERED)})
     backend.choose_backend("llvm", [folder])
     (path,) = (tmp_path / "cache/inim").iterdir()
-    assert len(json.loads(path.read_text())) == verdicts.REMEMBERED
+    assert len(json.loads(path.read_text())) == trial.REMEMBERED
 
 
 # --- Use ----------------------------------------------------------------------------------
@@ -463,7 +464,7 @@ def test_preloading_goes_on_past_what_cannot_be_loaded(
         loaded.append(name)
 
     monkeypatch.setattr(ctypes, "CDLL", load)
-    activation._preload([folder])
+    choice._preload([folder])
     assert loaded == ["libb.so.1", "liba.so.1"]
 
 
@@ -515,7 +516,7 @@ def test_description_is_json_and_gives_each_library_its_reason(
 ) -> None:
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(folder))
-    facts = json.loads(json.dumps(backend.describe()))
+    facts = json.loads(json.dumps(sys_info.describe()))
     assert [found["usable"] for found in facts["libllvm"]] == [True, False]
     assert facts["libllvm"][1]["reason"] == "LLVM 14 is too old for Dr.Jit"
     assert facts["chosen"]["libllvm"] == str(folder / "libLLVM.so.19.1")
@@ -526,9 +527,9 @@ def test_text_form_works_with_and_without_a_backend(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
 ) -> None:
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(tmp_path / "nothing"))
-    assert "no usable libLLVM: found none" in backend.sys_info()
+    assert "no usable libLLVM: found none" in sys_info.sys_info()
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(folder))
-    text = backend.sys_info()
+    text = sys_info.sys_info()
     assert "libLLVM.so.19.1  usable" in text
     assert "libLLVM-14.so.1  refused: LLVM 14 is too old" in text

@@ -22,12 +22,9 @@ DISTANCE = 200.0
 
 
 def family(display, viewpoint, per_lens=4, start_mm=1.0):
-    from inim.render.sensors import eye_rays
+    from inim.render.rays import eye_rays
 
-    return eye_rays(
-        display, viewpoint.position_mm, per_lens, start_mm, viewpoint.pupil_mm,
-        focus_distance_mm(viewpoint, display),
-    )  # fmt: skip
+    return eye_rays(display, viewpoint, per_lens, start_mm)
 
 
 def crossing(rays, axis, point, z):

@@ -11,7 +11,11 @@ import pytest
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
-from inim.generators.layered import _FreeRays, _RayByRay, _Shared
+from inim.generators.raycast.solids import (
+    NonSeparableSolids,
+    SharedSolids,
+    SolidsRayByRay,
+)
 from inim.generators.sources import NO_LENS
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 from inim.stress.case import FULL, noise
@@ -152,8 +156,8 @@ def test_rays_and_tables_without_end_are_refused_or_walked():
 def test_lists_shared_by_all_lenses_and_single_rays_agree(per_pitch, lenses, layers):
     display = small_display(*lenses, pixels=7)
     rgbd = picture(display, per_pitch, layers, seed=per_pitch)
-    shared = _Shared(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
-    alone = _RayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
+    shared = SharedSolids(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
+    alone = SolidsRayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
     assert np.array_equal(shared.sources(rgbd), alone.sources(rgbd))
 
 
@@ -161,8 +165,8 @@ def test_rays_that_share_nothing_agree_but_for_ties():
     display = small_display(9, 7, pixels=7)
     # Of an odd size: rays along diagonals meet no corners of cells.
     rgbd = replace(picture(display, 3, 3), pixel_mm=0.2717)
-    free = _FreeRays(display, rgbd.shape, rgbd.pixel_mm, CENTRE).sources(rgbd)
-    exact_rays = _RayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE).sources(rgbd)
+    free = NonSeparableSolids(display, rgbd.shape, rgbd.pixel_mm, CENTRE).sources(rgbd)
+    exact_rays = SolidsRayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE).sources(rgbd)
     assert (free != exact_rays).mean() < 0.02
 
 
@@ -173,7 +177,7 @@ def test_a_prepared_generator_takes_pictures_with_more_and_fewer_layers():
         display, "layered:samples=1", shape=pictures[0].shape, pixel_mm=pictures[0].pixel_mm
     )
     for rgbd in pictures:
-        alone = _RayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
+        alone = SolidsRayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
         assert np.array_equal(made.sources(rgbd), alone.sources(rgbd))
 
 

@@ -11,18 +11,19 @@ from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import (
     HOLE,
+    MASKED,
     NO_LENS,
-    NOT_ASKED,
+    Algorithm,
     algorithm_summary,
     find_sources,
     generate,
     hole_fraction,
     prepare,
 )
-from inim.generators.raycast.axis_runs import axis_runs, first_hits_in_runs
+from inim.generators.base import PixelList
+from inim.generators.raycast.axis_runs import RayByRay
 from inim.generators.raycast.cells import cell_rays
-from inim.generators.raycast.lens_runs import LensRuns
-from inim.generators.raycast.pixel_mask import asked_pixels
+from inim.generators.raycast.traversal import first_hit
 from inim.generators.template import ray_by_ray
 from inim.pipeline.plugin_guard import run_generator
 from inim.rgbd import RGBD, Layer, LayeredRGBD
@@ -31,12 +32,11 @@ from tests.conftest import small_display
 ALGORITHMS = [
     "template",
     "template:samples=4",
-    "template:dtype=float32",
     "layered:samples=1",
     "layered:samples=2",
     "gu2020",
     "wang2024",
-    "wang2024:matching=ray:dtype=float32",
+    "wang2024:matching=ray",
     "li2012:fill=nearest",
 ]
 SEPARABLE = [
@@ -120,7 +120,7 @@ def test_pixels_asked_for_are_those_of_the_whole_panel(case):
     sources, asked = find_sources(rgbd, display, algorithm), made.sources(rgbd)
     assert np.array_equal(asked[mask], sources[mask])
     assert np.array_equal(asked[~display.lensed], sources[~display.lensed])
-    assert (asked[~mask & display.lensed] == NOT_ASKED).all()
+    assert (asked[~mask & display.lensed] == MASKED).all()
 
 
 @pytest.mark.parametrize("name", ["nominal", "phone"])
@@ -145,23 +145,6 @@ def _seen(axis, eye_mm: float, display: Display, distance_mm: float = 400.0) -> 
     return np.flatnonzero((off <= display.pixel_pitch_mm / 2) & (axis.lens >= 0))
 
 
-def test_runs_of_neighbouring_lenses_are_one_vector():
-    """Sixteen lenses a run, from the first asked for; each pixel stands in one run, once."""
-    display = small_display(40, 2, 5)
-    mask = np.zeros(display.eia_shape, bool)
-    mask[3, 2 : 5 * 20 : 5] = True  # u = 2 of 20 lenses
-    mask[8, 4] = mask[8, 199] = True  # u = 4 of the first lens and of the last
-    asked = asked_pixels(mask, display)
-    runs = LensRuns.of(asked, 5, (2, 40))
-    assert runs.first.tolist() == [0, 2, 4]
-    assert runs.direction.tolist() == [17, 17, 19, 19]
-    assert runs.lens.tolist() == [0, 16, 0, 24]  # the last vector ends with its slots
-    assert [bin(bits).count("1") for bits in runs.asked] == [16, 4, 1, 1]
-    assert runs.pixel_first.tolist() == [0, 20, 22]
-    # In each row of lenses counted anew: runs, and the sixteen of each.
-    assert runs.shown_by.tolist() == [*range(20), 0, 16 + 15]
-
-
 @pytest.mark.parametrize("masked", [False, True])
 def test_a_picture_leaves_nothing_for_the_next(masked):
     """What a generator holds of one picture, or form of it, does not show in another's EIA."""
@@ -182,15 +165,28 @@ def test_a_surface_that_all_rays_start_behind_is_hit_by_all():
     """Runs above the nearest surface are passed over, but never a ray's last one."""
     display = small_display(6, 5, 7)
     far = np.full(display.capture_shape(3), display.depth_range_mm[0], np.float32)
-    column_rays, row_rays = cell_rays(far.shape, 1 / 3, display)
-    columns, rows = (axis_runs(r, display.depth_range_mm) for r in (column_rays, row_rays))
-    asked = asked_pixels(np.ones(display.eia_shape, bool), display)
-    found = np.empty(len(asked.rows), np.int32)
-    first_hits_in_runs(rows, columns, asked, far, found)
-    rgbd = RGBD(np.ones((*far.shape, 3), np.float32), far, np.ones(far.shape, bool), 1 / 3)
-    assert np.array_equal(found, find_sources(rgbd, display).ravel())
-    first_hits_in_runs(rows, columns, asked, np.full_like(far, -np.inf), found)
-    assert (found == HOLE).all()
+    covered = np.ones(far.shape, bool)
+    rgbd = RGBD(np.ones((*far.shape, 3), np.float32), far, covered, 1 / 3)
+    listed = RayByRay(display, far.shape, 1 / 3, pixels=PixelList.of(display.lensed))
+    assert np.array_equal(listed.sources(rgbd)[0], find_sources(rgbd, display).ravel())
+    nothing = RGBD(rgbd.color, far, ~covered, 1 / 3)
+    assert (listed.sources(nothing) == HOLE).all()
+
+
+@pytest.mark.parametrize("name", ["nominal", "phone"])
+def test_rays_over_the_runs_of_their_axes_hit_what_they_hit_walked_alone(name):
+    """`first_hit` computes every border afresh, for each ray."""
+    display = DISPLAYS[name]
+    rgbd = noise(display, 2, 4, coded=False)
+    found = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
+    across, down = cell_rays(rgbd.shape, rgbd.pixel_mm, display)
+    depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
+    random = np.random.default_rng(1)
+    lensed = np.flatnonzero(display.lensed)
+    for i, j in zip(*np.divmod(random.choice(lensed, 2000), found.shape[1]), strict=True):
+        ray = (across.start[j], across.slope[j], across.scale)
+        ray += (down.start[i], down.slope[i], down.scale)
+        assert found[i, j] == first_hit(depth, *ray, *display.depth_range_mm)
 
 
 def test_a_hole_counts_among_the_pixels_asked_for_only():
@@ -218,8 +214,11 @@ class Bright:
 
 
 def test_a_generator_that_knows_no_mask_is_run_in_full(monkeypatch):
+    def prepare_bright(display, shape, pixel_mm):
+        return Bright(display)
+
     monkeypatch.setattr(
-        "inim.generators._find", lambda name: lambda display, shape, pixel_mm: Bright(display)
+        "inim.generators.find_algorithm", lambda name: Algorithm(name, prepare_bright, own=False)
     )
     display = small_display(5, 4, 3)
     mask = np.random.default_rng(1).random(display.eia_shape) < 0.4

@@ -11,14 +11,11 @@ from PIL import Image
 
 from inim.display import DISPLAYS
 from inim.errors import FileError, UsageError
-from inim.files.eia_file import read_eia
+from inim.files.eia_file import read_eia, write_eia, write_true_size_pdf
 from inim.files.image import exr_size, write_exr
-from inim.files.true_size import write_eia, write_true_size_pdf
-from inim.from_camera.camera import Pinhole, check_pinhole, parse_intrinsics
-from inim.from_camera.color_file import read_color
-from inim.from_camera.depth_file import DepthFile, read_depth, write_depth
-from inim.from_camera.depth_values import Meaning, parse_unit, read_meaning
-from inim.from_camera.missing import fill_missing
+from inim.from_camera.depth_values import Meaning, fill_missing, parse_unit, read_meaning
+from inim.from_camera.fit import Pinhole, check_pinhole, parse_intrinsics
+from inim.from_camera.picture_files import DepthFile, read_color, read_depth, write_depth
 from inim.from_camera.registration import check_same_view, edge_shift, resampled
 from tests.conftest import small_display
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+from types import FunctionType
+
 import numba
 import numpy as np
 import pytest
@@ -17,6 +20,7 @@ from inim.generators import (
     generate,
     prepare,
 )
+from inim.generators.plain import compiled
 from inim.rgbd import RGBD
 from tests.conftest import small_display
 
@@ -63,14 +67,29 @@ def test_plain_python_and_compiled_code_agree_to_the_bit(algorithm: str, name: s
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_plain_python_calls_nothing_compiled(algorithm: str) -> None:
-    import importlib
-
     module = importlib.import_module(f"inim.generators.{algorithm.split(':')[0]}")
-    kernels = [v for v in vars(module).values() if isinstance(v, numba.core.dispatcher.Dispatcher)]
+    functions = [v for v in vars(module).values() if isinstance(v, FunctionType)]
+    kernels = [f for f in functions if "prange" in f.__code__.co_names]
     assert kernels
-    for kernel in kernels:
-        called = [getattr(module, n, None) for n in kernel.py_func.__code__.co_names]
+    reached = set(kernels)
+    while True:
+        called = {f.__globals__.get(n) for f in reached for n in f.__code__.co_names}
         assert not any(isinstance(c, numba.core.dispatcher.Dispatcher) for c in called)
+        found = reached | {c for c in called if isinstance(c, FunctionType)}
+        if found == reached:
+            break
+        reached = found
+    assert len(reached) > len(kernels)
+
+
+def test_a_kernel_is_compiled_once_with_the_functions_it_calls() -> None:
+    from inim.generators import gu2020
+
+    assert compiled(gu2020._search_all) is compiled(gu2020._search_all)
+    assert compiled(gu2020._search_all).py_func is not gu2020._search_all
+    within = compiled(gu2020._search_all).py_func.__globals__
+    assert within["_first_crossing"] is compiled(gu2020._first_crossing)
+    assert within["prange"] is numba.prange
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)

@@ -17,9 +17,9 @@ from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.display import Display, Viewpoint
 from inim.display.pixel_rays import pixel_rays
 from inim.errors import DisplayError, UsageError
-from inim.generators import HOLE, NO_LENS, find_sources, generate
-from inim.generators.sources import NOT_ASKED
-from inim.generators.template import _RayByRay, _Strips
+from inim.generators import HOLE, MASKED, NO_LENS, find_sources, generate
+from inim.generators.raycast.axis_runs import RayByRay
+from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
 from inim.lens import trace_to_panel
 from inim.rgbd import RGBD
 from tests import oracle
@@ -313,8 +313,8 @@ def test_sources_of_separable_arrays_are_exact(changes, per_pitch, monkeypatch):
 def test_lenses_beside_the_panel_change_nothing_for_the_others(shift):
     display = small_display(12, 10, shift_x_mm=shift, shift_y_mm=-shift / 2)
     rgbd = flat_picture(display, display.central_depth_mm, 4)
-    strips = _Strips(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
-    assert np.array_equal(strips, _RayByRay(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd))
+    strips = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
+    assert np.array_equal(strips, RayByRay(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd))
     assert (strips == NO_LENS).any() and (strips >= 0).any()
 
 
@@ -342,7 +342,7 @@ def test_masks_samples_and_codes_serve_real_arrays_too(name):
     mask = np.random.default_rng(3).random(display.eia_shape) < 0.1
     whole, asked = generate(rgbd, display), generate(rgbd, display, mask=mask)
     assert np.array_equal(asked[mask], whole[mask]) and not asked[~mask].any()
-    assert set(np.unique(find_sources(rgbd, display, mask=mask)[~mask])) <= {NOT_ASKED, NO_LENS}
+    assert set(np.unique(find_sources(rgbd, display, mask=mask)[~mask])) <= {MASKED, NO_LENS}
     smooth = generate(rgbd, display, samples=4)
     # Four rays average what one samples: the same but for what lies between cells.
     assert 0 < np.abs(smooth - whole).max() < STEEPEST * (rgbd.pixel_mm + 0.5)
@@ -595,7 +595,8 @@ def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, r
     import mitsuba as mi
 
     from inim.display.panel import SUBPIXELS as PATTERNS
-    from inim.render.sensors import make_sensor, pickup_rays
+    from inim.render.rays import pickup_rays
+    from inim.render.sensors import make_sensor
 
     display = real_display(name, pixel_fill=0.8)
     rows, columns = display.eia_shape

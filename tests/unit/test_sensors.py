@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.display import DISPLAYS
+from inim.display import DISPLAYS, Viewpoint
 from tests.conftest import scene_text, small_display, sphere
 
 pytestmark = pytest.mark.usefixtures("renderer")
@@ -35,7 +35,7 @@ def at_depth(origin, direction, z):
 
 @pytest.mark.parametrize("name", ["nominal", "phone"])
 def test_pickup_rays_join_the_panel_pixel_and_its_lens_centre(name):
-    from inim.render.sensors import pickup_rays
+    from inim.render.rays import pickup_rays
 
     display = DISPLAYS[name]
     origin, direction = rays_at_centres(pickup_rays(display, 53.0))
@@ -54,11 +54,12 @@ def test_pickup_rays_join_the_panel_pixel_and_its_lens_centre(name):
 
 
 def test_eye_rays_pass_through_the_eye_and_the_array():
-    from inim.render.sensors import eye_rays
+    from inim.render.rays import eye_rays
 
     display = small_display()
     eye = (7.0, -3.0, 150.0)
-    origin, direction = rays_at_centres(eye_rays(display, eye, 2, start_mm=20.0))
+    rays = eye_rays(display, Viewpoint("eye", *eye), 2, start_mm=20.0)
+    origin, direction = rays_at_centres(rays)
     assert np.abs(at_depth(origin, direction, eye[2]) - np.array(eye[:2])).max() < 1e-3
     at_array = at_depth(origin, direction, 0.0)
     assert np.allclose(at_array[0, 0], (-5.75, 4.75), atol=1e-4), "row 0 is the top, left first"
@@ -66,7 +67,7 @@ def test_eye_rays_pass_through_the_eye_and_the_array():
 
 
 def test_capture_rays_are_parallel_and_on_pixel_centres():
-    from inim.render.sensors import capture_rays
+    from inim.render.rays import capture_rays
 
     origin, direction = rays_at_centres(capture_rays(6, 4, 0.5, start_mm=10.0))
     assert np.allclose(direction, (0, 0, -1))
@@ -75,7 +76,7 @@ def test_capture_rays_are_parallel_and_on_pixel_centres():
 
 
 def test_an_affine_map_moves_rays_and_keeps_them_lines():
-    from inim.render.sensors import pickup_rays
+    from inim.render.rays import pickup_rays
 
     display = small_display()
     world = np.array([[2.0, 0, 0, 5], [0, 0, -3.0, 1], [0, 2.0, 0, -7], [0, 0, 0, 1]])
@@ -110,7 +111,8 @@ def test_the_pickup_plugin_renders_with_the_stock_renderer(open_fitted):
     """The own pass planner and `mi.render` see the same picture through the same plugin."""
     import mitsuba as mi
 
-    from inim.render.sensors import make_sensor, pickup_rays
+    from inim.render.rays import pickup_rays
+    from inim.render.sensors import make_sensor
     from inim.render.trace import Tracer, mean_light, scene_light
 
     display = small_display()
@@ -127,22 +129,23 @@ def test_the_pickup_plugin_renders_with_the_stock_renderer(open_fitted):
 
 
 def test_passes_of_any_size_give_the_same_pixels(open_fitted, monkeypatch):
-    """A sample's numbers follow from its address: passes, bands and masks only sort the work."""
+    """A sample's numbers are counter-based: passes, bands and masks only sort the work."""
     from inim.render import trace
-    from inim.render.sensors import make_sensor, pickup_rays
+    from inim.render.rays import pickup_rays
+    from inim.render.sensors import make_sensor
 
     display = small_display()
     fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
     sensor = make_sensor(pickup_rays(display, fitted.start_mm), fitted.fit.world_from_display)
     tracer = trace.Tracer(trace.scene_light(fitted.scene, fitted.integrator), sensor, 1)
     whole = trace.mean_light(tracer, 48)
-    asked = np.random.default_rng(1).random(whole.shape[:2]) < 0.1
-    assert np.array_equal(trace.mean_light(tracer, 48, asked), whole * asked[..., None])
+    mask = np.random.default_rng(1).random(whole.shape[:2]) < 0.1
+    assert np.array_equal(trace.mean_light(tracer, 48, mask), whole * mask[..., None])
     monkeypatch.setattr(trace, "_RAYS_PER_PASS", 48 * 1777)
     monkeypatch.setattr(trace, "_PIXELS_PER_BAND", 4321)
     assert np.array_equal(trace.mean_light(tracer, 48), whole)
     monkeypatch.setattr(trace, "_RAYS_PER_PASS", 20)  # pixels whose samples take three passes
-    few = np.flatnonzero(asked)[:50]
+    few = np.flatnonzero(mask)[:50]
     apart = tracer.means(few, 48)
     assert np.abs(apart - whole.reshape(-1, 3)[few]).max() < 1e-6, "only sums are rounded elsewhere"
 

@@ -1,7 +1,8 @@
-"""The pool: how many at once, by cores and by memory; what the board says."""
+"""The pool: how many at once, by cores and by memory; what the progress says."""
 
 from __future__ import annotations
 
+import pickle
 import threading
 import time
 from pathlib import Path
@@ -12,7 +13,7 @@ from inim.errors import UsageError, WorkerError
 from inim.pipeline.request import Request
 from inim.sweep import pool, task
 from inim.sweep.pool import choose_slots, run_pool
-from inim.sweep.progress import Board, clock_words
+from inim.sweep.progress import Progress, clock_words
 from inim.sweep.task import Task, attempt
 
 GIB = 2**30
@@ -55,7 +56,7 @@ class Crowd:
         self.lock, self.now, self.most, self.bytes, self.most_bytes = threading.Lock(), 0, 0, 0, 0
         self.done: list[str] = []
 
-    def __call__(self, task, watcher):
+    def __call__(self, task, observer, started):
         with self.lock:
             self.now, self.bytes = self.now + 1, self.bytes + task.memory_bytes
             self.most, self.most_bytes = max(self.most, self.now), max(self.most_bytes, self.bytes)
@@ -69,7 +70,7 @@ def crowd_of(monkeypatch, tasks, workers, limit):
     crowd = Crowd()
     monkeypatch.setattr(pool, "attempt", crowd)
     monkeypatch.setattr(pool.backends, "memory_limit_bytes", lambda: limit)
-    assert run_pool(tasks, workers, Board(len(tasks), quiet=True)) == {}
+    assert run_pool(tasks, workers, Progress(len(tasks), quiet=True)) == {}
     assert sorted(crowd.done) == sorted(t.unit for t in tasks)
     return crowd
 
@@ -92,11 +93,11 @@ def test_a_unit_too_large_for_a_share_runs_alone(monkeypatch):
 
 
 def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
-    def fails(one, watcher):
+    def fails(one, observer, started):
         return WorkerError("it broke") if one.unit == "1" else None
 
     monkeypatch.setattr(pool, "attempt", fails)
-    assert run_pool([make(str(i)) for i in range(3)], 1, Board(3)) == {"1": "it broke"}
+    assert run_pool([make(str(i)) for i in range(3)], 1, Progress(3)) == {"1": "it broke"}
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 3
     assert sum("label 1" in line and line.endswith("FAILED: it broke") for line in lines) == 1
@@ -111,8 +112,8 @@ def test_an_interrupt_ends_what_runs(monkeypatch):
         def terminate(self):
             ended.set()
 
-    def works(one, watcher):
-        watcher.started(Process())
+    def works(one, observer, started):
+        started(Process())
         begun.set()
         assert ended.wait(10)
 
@@ -123,7 +124,7 @@ def test_an_interrupt_ends_what_runs(monkeypatch):
     monkeypatch.setattr(pool, "attempt", works)
     monkeypatch.setattr(pool, "wait", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        run_pool([make("1")], 1, Board(1, quiet=True))
+        run_pool([make("1")], 1, Progress(1, quiet=True))
     assert ended.is_set()
 
 
@@ -131,7 +132,7 @@ def test_a_worker_s_death_is_tried_once_more_and_its_own_error_is_not(monkeypatc
     for error, times in ((WorkerError("died"), 2), (UsageError("wrong"), 1)):
         tries = []
 
-        def carry_out(one, watcher, error=error, tries=tries):
+        def carry_out(one, observer, started, error=error, tries=tries):
             tries.append(one)
             raise error
 
@@ -142,7 +143,7 @@ def test_a_worker_s_death_is_tried_once_more_and_its_own_error_is_not(monkeypatc
 
 def test_a_task_survives_its_way_to_another_process():
     one = make("1")
-    assert Task.from_json(one.as_json()) == one
+    assert pickle.loads(pickle.dumps(one)) == one
 
 
 def test_a_folder_that_a_machine_does_not_see_is_named(tmp_path):
@@ -152,25 +153,25 @@ def test_a_folder_that_a_machine_does_not_see_is_named(tmp_path):
 
 
 def test_the_board_tells_who_is_at_work_and_what_is_left():
-    board = Board(4, quiet=True)
-    board.began("a", "jade · wide", "tcp://h:1")
-    board.began("b", "tripod · wide")
-    board.stage("a", "ground-truth EIA")
-    board.ended("b", "tripod · wide", "broke")
-    first, last = board.lines(time.monotonic())
+    progress = Progress(4, quiet=True)
+    progress.began("a", "jade · wide", "tcp://h:1")
+    progress.began("b", "tripod · wide")
+    progress.stage("a", "ground-truth EIA")
+    progress.ended("b", "tripod · wide", "broke")
+    first, last = progress.lines(time.monotonic())
     assert re_words(first) == "jade · wide ground-truth EIA 0 s tcp://h:1"
     assert last.startswith("1 of 4 done, 1 in work, 2 waiting, 1 FAILED; about ")
 
 
 def test_a_unit_told_of_again_keeps_its_clock_unless_it_moved():
-    board = Board(1, quiet=True)
-    board.began("a", "jade", "tcp://h:1")
-    board.stage("a", "score")
-    first = board.lines(0.0)[0]
-    board.began("a", "jade", "tcp://h:1")
-    assert board.lines(0.0)[0] == first
-    board.began("a", "jade", "tcp://h:2")
-    assert re_words(board.lines(time.monotonic())[0]).startswith("jade start 0 s")
+    progress = Progress(1, quiet=True)
+    progress.began("a", "jade", "tcp://h:1")
+    progress.stage("a", "score")
+    first = progress.lines(0.0)[0]
+    progress.began("a", "jade", "tcp://h:1")
+    assert progress.lines(0.0)[0] == first
+    progress.began("a", "jade", "tcp://h:2")
+    assert re_words(progress.lines(time.monotonic())[0]).startswith("jade start 0 s")
 
 
 def re_words(line: str) -> str:

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from inim.generators.base import AskedPixels
-from inim.generators.raycast.cells import CellRays
+from inim.display import Display
+from inim.generators.base import PictureShape, PixelList, SourceGenerator
+from inim.generators.raycast.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.raycast.direction_lists import rounded_up
 from inim.generators.raycast.traversal import entered, leaves
-from inim.generators.sources import HOLE
+from inim.generators.sources import HOLE, Sources
+from inim.rgbd import RGBD
 
-__all__ = ["AxisRuns", "axis_runs", "doubtful_pixels", "first_hits_in_runs"]
+__all__ = ["AxisRuns", "RayByRay", "axis_runs", "doubtful_pixels"]
 
 
 @dataclass(frozen=True)
@@ -77,35 +79,50 @@ def _walk_axis(start, slope, scale, z_min, z_max, cells, exits, counts):  # type
         counts[i] = n
 
 
-def first_hits_in_runs(
-    rows: AxisRuns,
-    columns: AxisRuns,
-    pixels: AskedPixels,
-    depth: np.ndarray,
-    found: np.ndarray,
-) -> None:
-    """First hits of some panel pixels, as `inim.generators.raycast.traversal.first_hit` finds them.
+class RayByRay(SourceGenerator):
+    """Every ray by itself, over the runs of its row and its column.
 
-    Its borders' depths, in float64, are those of the runs: each is computed once for its row or
-    column, not for every ray. Runs left above the nearest surface of all cannot hit, and are passed
-    over; nothing of the kind holds below the farthest one, as a column is solid from there back:
-    a ray under all surfaces hits the next covered cell.
+    Hits are those of `inim.generators.raycast.traversal.first_hit`: the depths of its borders, in
+    float64, are those of the runs, each computed once for its row or column and not for every ray.
+    Runs left above the nearest surface of all cannot hit, and are passed over; nothing of the kind
+    holds below the farthest one, as a column is solid from there back: a ray under all surfaces
+    hits the next covered cell.
 
     Parameters
     ----------
-    rows, columns : AxisRuns
-        Of the panel's rows and columns.
-    pixels : AskedPixels
-    depth : (H, W) float32
-        -inf where nothing is covered.
-    found : (n,) int32
-        For ``row * W + column`` of the hits, or `HOLE`.
+    display, shape, pixel_mm, pixels :
+        As for `SourceGenerator`; of a display that is separable.
+    aside : Aside
+        Where in its pixel each ray starts.
     """
-    nearest, z_min = float(depth.max()), rows.exit_mm[-1]  # where all rays end
-    _first_hits(
-        pixels.rows, pixels.columns, _below(rows, nearest), rows.cell, rows.exit_mm,
-        _below(columns, nearest), columns.cell, columns.exit_mm, depth, z_min, found,
-    )  # fmt: skip
+
+    def __init__(
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        aside: Aside = CENTRE,
+        pixels: PixelList | None = None,
+    ) -> None:
+        super().__init__(display, shape, pixel_mm, pixels)
+        columns, rows = cell_rays(shape, pixel_mm, display, aside)
+        self._columns = axis_runs(columns, display.depth_range_mm)
+        self._rows = axis_runs(rows, display.depth_range_mm)
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        # An uncovered cell is a column without height: it never reaches a ray.
+        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
+        nearest, z_min = float(depth.max()), self._rows.exit_mm[-1]  # where all rays end
+        runs = [
+            (_below(axis, nearest), axis.cell, axis.exit_mm) for axis in (self._rows, self._columns)
+        ]
+        found = np.empty(self.made_shape, np.int32)
+        if self.pixels is None:
+            _first_hits(*runs, depth, z_min, found)
+        else:
+            _first_hits_at(*runs, self.pixels.rows, self.pixels.columns, depth, z_min, found[0])
+        return found
 
 
 def _below(runs: AxisRuns, nearest_mm: float) -> np.ndarray:
@@ -117,30 +134,41 @@ def _below(runs: AxisRuns, nearest_mm: float) -> np.ndarray:
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _first_hits(  # type: ignore[no-untyped-def]
-    rows, columns, row_begin, row_cell, row_exit, column_begin, column_cell, column_exit, depth,
-    z_min, found,
-):  # fmt: skip
+def _first_hits(rows, columns, depth, z_min, found):  # type: ignore[no-untyped-def]
+    """First hits of all panel pixels."""
+    for i in numba.prange(found.shape[0]):
+        for j in range(found.shape[1]):
+            found[i, j] = _first_hit(rows, i, columns, j, depth, z_min)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _first_hits_at(rows, columns, at_row, at_column, depth, z_min, found):  # type: ignore[no-untyped-def]
+    """First hits of the panel pixels in some rows and columns, (n,) each."""
+    for n in numba.prange(len(at_row)):
+        found[n] = _first_hit(rows, at_row[n], columns, at_column[n], depth, z_min)
+
+
+@numba.njit(cache=True, nogil=True)
+def _first_hit(rows, i, columns, j, depth, z_min):  # type: ignore[no-untyped-def]
+    """``row * W + column`` of the first hit of panel pixel (i, j), or `HOLE`."""
+    row_begin, row_cell, row_exit = rows
+    column_begin, column_cell, column_exit = columns
     high, wide = depth.shape
-    for i in numba.prange(len(rows)):
-        r, c = row_begin[rows[i]], column_begin[columns[i]]
-        hit = HOLE
-        while True:
-            row_left, column_left = row_exit[r], column_exit[c]
-            left = max(row_left, column_left)
-            row, column = row_cell[r], column_cell[c]
-            if 0 <= row < high and 0 <= column < wide and depth[row, column] >= left:
-                hit = row * wide + column
-                break
-            if left <= z_min:
-                break
-            r += row_left >= left
-            c += column_left >= left
-        found[i] = hit
+    r, c = row_begin[i], column_begin[j]
+    while True:
+        row_left, column_left = row_exit[r], column_exit[c]
+        left = max(row_left, column_left)
+        row, column = row_cell[r], column_cell[c]
+        if 0 <= row < high and 0 <= column < wide and depth[row, column] >= left:
+            return row * wide + column
+        if left <= z_min:
+            return HOLE
+        r += row_left >= left
+        c += column_left >= left
 
 
 def doubtful_pixels(rows: AxisRuns, columns: AxisRuns) -> np.ndarray:
-    """Panel pixels whose order of cells float32 exits cannot tell; flat indices, few.
+    """Panel pixels whose order of cells float32 exits cannot tell, (rows, columns) bool; few.
 
     Exits of a row and of a column that differ but round to one float32. Equal ones are corners,
     and no doubt: a cell left as it is entered is not visited.
@@ -150,7 +178,7 @@ def doubtful_pixels(rows: AxisRuns, columns: AxisRuns) -> np.ndarray:
         rows.first, rows.exit_mm, rows.exit32(), columns.first, columns.exit_mm, columns.exit32(),
         found,
     )  # fmt: skip
-    return np.flatnonzero(found)
+    return found
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)

@@ -11,11 +11,14 @@ import numpy as np
 from inim.display import Display
 from inim.display.pixel_axis import PixelAxis, stated
 from inim.display.pixel_rays import PixelRays
+from inim.errors import UsageError
 
-__all__ = ["CENTRE", "Aside", "CellRays", "cell_rays", "free_cell_rays"]
+__all__ = ["CENTRE", "Aside", "CellRays", "cell_rays", "check_ray_length", "free_cell_rays"]
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53
+# Picture pixels on one ray: ten thousand times those of usual displays.
+_MOST_CELLS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,7 @@ class CellRays:
         return math.ceil(float(np.abs(self.slope).max()) / self.scale * (z_max - z_min)) + 3
 
 
+#: Down and right from a pixel's centre, in pixels.
 Aside = tuple[Fraction, Fraction]
 CENTRE: Aside = (Fraction(0), Fraction(0))
 
@@ -99,6 +103,22 @@ def free_cell_rays(
         rows / 2 - rays.y0 / pixel_mm,
         -rays.slope_y / pixel_mm,
     )
+
+
+def check_ray_length(name: str, display: Display, shape: tuple[int, int], pixel_mm: float) -> None:
+    """Raise `UsageError` for rays that the generator `name` would walk for ever."""
+    depths = display.depth_range_mm
+    if display.is_separable:
+        rays = cell_rays(shape, pixel_mm, display)
+        longest = float(max(axis.most_cells(depths) for axis in rays))
+    else:
+        longest = max(display.steepest_slopes) * (depths[1] - depths[0]) / pixel_mm
+    if longest > _MOST_CELLS:
+        raise UsageError(
+            f"{name}: a ray crosses {longest:.3g} picture pixels within the depth range; at most "
+            f"{_MOST_CELLS} make sense; state a shorter depth_min_mm to depth_max_mm, or "
+            "larger picture pixels"
+        )
 
 
 def _axis(

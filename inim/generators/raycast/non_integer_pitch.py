@@ -19,8 +19,17 @@ import numba
 import numpy as np
 
 from inim.display import Display
-from inim.generators.raycast.axis_runs import AxisRuns
-from inim.generators.raycast.polyphase import Phases, nearest_surface, write_strip
+from inim.display.pixel_axis import PixelAxis
+from inim.generators.base import PictureShape, PixelList
+from inim.generators.raycast.axis_runs import AxisRuns, RayByRay, axis_runs, doubtful_pixels
+from inim.generators.raycast.cells import CENTRE, Aside, cell_rays
+from inim.generators.raycast.direction_lists import cells_per_pitch
+from inim.generators.raycast.polyphase import (
+    PhaseGenerator,
+    Phases,
+    nearest_surface,
+    write_strip,
+)
 from inim.generators.raycast.simd import (
     LANES,
     any_lane,
@@ -34,16 +43,9 @@ from inim.generators.raycast.simd import (
     same,
     store,
 )
+from inim.rgbd import RGBD
 
-__all__ = [
-    "CellPairs",
-    "RowRuns",
-    "StripColumns",
-    "cell_pairs",
-    "row_runs",
-    "run_strips",
-    "strip_columns",
-]
+__all__ = ["NonIntegerPitch"]
 
 _LANES = np.uintp(LANES)
 
@@ -127,6 +129,45 @@ class CellPairs:
     row: np.ndarray
     column: np.ndarray
     lanes: np.ndarray
+
+
+class NonIntegerPitch(PhaseGenerator):
+    """Directions differ from lens to lens: exit depths are vectors along a strip of lenses."""
+
+    def __init__(
+        self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside = CENTRE
+    ) -> None:
+        super().__init__(display, shape, pixel_mm)
+        per_pitch = cells_per_pitch(display, pixel_mm)
+        assert per_pitch is not None
+        rays = cell_rays(shape, pixel_mm, display, aside)
+        columns, rows = (axis_runs(axis, display.depth_range_mm) for axis in rays)
+        self._phases = Phases.make(
+            per_pitch,
+            _relative(rows, display.rows, per_pitch),
+            _relative(columns, display.columns, per_pitch),
+            (display.lens_rows, display.lens_columns),
+        )
+        self._rows = row_runs(display, rows, per_pitch, self._phases)
+        self._columns = strip_columns(display, columns, per_pitch, self._phases)
+        self._pairs = cell_pairs(self._rows, self._columns)
+        doubtful = doubtful_pixels(rows, columns) & display.lensed
+        self._doubtful = RayByRay(display, shape, pixel_mm, aside, PixelList.of(doubtful))
+
+    def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
+        self._fill(rgbd, payload)
+        run_strips(self._rows, self._columns, self._pairs, self._phases, empty, out)
+        at = self._doubtful.pixels
+        if at is not None and len(at.rows):
+            known = np.append(payload.reshape(-1), np.uint32(empty))
+            out[at.rows, at.columns] = known[self._doubtful.sources(rgbd)[0]]
+
+
+def _relative(runs: AxisRuns, pixels: PixelAxis, per_pitch: int) -> np.ndarray:
+    """Cells of all lensed runs, as if under the lens 0."""
+    owner = np.repeat(pixels.lens, np.diff(runs.first))
+    cells: np.ndarray = (runs.cell - per_pitch * owner)[owner >= 0]
+    return cells
 
 
 def row_runs(display: Display, runs: AxisRuns, per_pitch: int, phases: Phases) -> RowRuns:

@@ -14,17 +14,17 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.pixel_rays import pixel_rays, row_blocks
-from inim.generators.base import AskedPixels, PictureShape, SourceGenerator
+from inim.generators.base import PictureShape, PixelList, SourceGenerator
 from inim.generators.raycast.cells import CENTRE, Aside, free_cell_rays
 from inim.generators.raycast.traversal import first_hit
 from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
-__all__ = ["FreeRays", "free_rays"]
+__all__ = ["NonSeparable", "ray_blocks"]
 
 
-class FreeRays(SourceGenerator):
-    """Every ray, or those asked for, by itself; in blocks of panel rows, so that memory is small.
+class NonSeparable(SourceGenerator):
+    """Every ray, or those of a list, by itself; in blocks of panel rows, so that memory is small.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class FreeRays(SourceGenerator):
         See `inim.generators.prepare`.
     aside : (down, right)
         Where in its pixel each ray starts, in pixels from the centre.
-    asked : AskedPixels, optional
+    pixels : PixelList, optional
         As for `SourceGenerator`.
     """
 
@@ -42,9 +42,9 @@ class FreeRays(SourceGenerator):
         shape: PictureShape,
         pixel_mm: float,
         aside: Aside = CENTRE,
-        asked: AskedPixels | None = None,
+        pixels: PixelList | None = None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, asked)
+        super().__init__(display, shape, pixel_mm, pixels)
         self._aside = float(aside[0]), float(aside[1])
 
     def find(self, rgbd: RGBD) -> Sources:
@@ -57,12 +57,12 @@ class FreeRays(SourceGenerator):
         found = np.full(self.made_shape, HOLE, np.int32)
         if z_max <= z_min:
             return found
-        for lensed, cells, at in free_rays(self, self._aside):
+        for lensed, cells, at in ray_blocks(self, self._aside):
             _first_hits(lensed, depth, cells, z_min, z_max, found[at])
         return found
 
 
-def free_rays(
+def ray_blocks(
     made: SourceGenerator, aside: tuple[float, float]
 ) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, ...], tuple[slice, slice]]]:
     """Rays of all that a generator makes, a block of panel rows at a time.
@@ -74,19 +74,19 @@ def free_rays(
     cells : four (block rows, columns) float64
         See `free_cell_rays`.
     at : (rows, columns) slices
-        Where in what is made they lie; of pixels asked for, a block is one row of those it has.
+        Where in what is made they lie; of a list of pixels, a block is one row of those it has.
     """
     for rows in row_blocks(made.display):
         at = (rows, slice(None))
-        if made.asked is None:
+        if made.pixels is None:
             rays = pixel_rays(made.display, rows, aside)
             yield rays.lens >= 0, free_cell_rays(made.shape, made.pixel_mm, rays), at
             continue
-        first, end = np.searchsorted(made.asked.rows, (rows.start, rows.stop))
+        first, end = np.searchsorted(made.pixels.rows, (rows.start, rows.stop))
         if first == end:
             continue
         rays = pixel_rays(made.display, rows, aside)
-        few = made.asked.rows[first:end] - rows.start, made.asked.columns[first:end]
+        few = made.pixels.rows[first:end] - rows.start, made.pixels.columns[first:end]
         cells = free_cell_rays(made.shape, made.pixel_mm, rays)
         picked = tuple(coordinate[few][None] for coordinate in cells)
         yield np.ones((1, end - first), bool), picked, (slice(None), slice(first, end))

@@ -17,13 +17,16 @@ out of a strip, yet hardly a search would end sooner, for the rays of others bes
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numba
 import numpy as np
 
-from inim.generators.base import PictureShape
-from inim.generators.raycast.direction_lists import DirectionLists
+from inim.display import Display
+from inim.generators.base import PictureShape, SourceGenerator
+from inim.generators.raycast.cells import CENTRE, Aside, cell_rays
+from inim.generators.raycast.direction_lists import DirectionLists, build_lists, cells_per_pitch
 from inim.generators.raycast.simd import (
     BLOCK,
     LANES,
@@ -38,8 +41,18 @@ from inim.generators.raycast.simd import (
     store,
     transpose,
 )
+from inim.generators.sources import HOLE, Sources
+from inim.rgbd import RGBD
 
-__all__ = ["Phases", "index_payload", "nearest_surface", "run_templates", "write_strip"]
+__all__ = [
+    "PhaseGenerator",
+    "Phases",
+    "SharedDirections",
+    "fits_tables",
+    "index_payload",
+    "nearest_surface",
+    "write_strip",
+]
 
 # Of the compiler's own type: a Python integer would make addresses signed, and checked.
 _LANES = np.uintp(LANES)
@@ -49,6 +62,8 @@ _NO_PAYLOAD = np.empty((0, 0), np.uint32)
 # Cells from which on waking the other threads pays off: filling takes about 2 ns a cell, waking
 # them about 0.1 ms.
 _WORTH_SHARING = 50_000
+# Slots for depths and payloads, 8 bytes each, below which nobody asks how many are needed.
+_MOST_SLOTS = 2**25
 
 
 @dataclass(frozen=True)
@@ -67,8 +82,6 @@ class Phases:
         Slots that the rays of one lens can reach.
     nearest : (slots down, strips) float32
         Greatest depth, in a row of slots, of what a strip of lenses can reach.
-    peaks : (slots down, slots across) float32
-        Greatest depth of a slot's cells.
     """
 
     depth: np.ndarray
@@ -76,7 +89,6 @@ class Phases:
     origin: tuple[int, int]
     window: tuple[int, int]
     nearest: np.ndarray
-    peaks: np.ndarray
 
     @classmethod
     def make(
@@ -109,7 +121,6 @@ class Phases:
             (first[0] * per_pitch, first[1] * per_pitch),
             window,
             np.empty((down, strips), np.float32),
-            np.empty((down, across), np.float32),
         )
 
     def row_offset(self, rows: np.ndarray) -> np.ndarray:
@@ -124,6 +135,11 @@ class Phases:
         _, k, _, across = self.depth.shape
         slot, phase = np.divmod(np.asarray(columns, np.int64) - self.origin[1], k)
         offset: np.ndarray = phase * across + slot
+        return offset
+
+    def offset(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Flat distance of picture cells of lens (0, 0) from slot (0, 0)."""
+        offset: np.ndarray = self.row_offset(rows) + self.column_offset(columns)
         return offset
 
     def slots(self, shape: PictureShape) -> np.ndarray:
@@ -156,19 +172,80 @@ class Phases:
         ends = [extreme.reduceat(slots, first) for extreme in (np.minimum, np.maximum)]
         return np.stack(ends, axis=1)
 
-    def column_reach(self, columns: np.ndarray) -> tuple[int, int]:
-        """First and last slot across, from a lens's own, of picture columns of lens column 0."""
-        slots = (columns - self.origin[1]) // self.depth.shape[1]
-        return int(slots.min()), int(slots.max())
-
     def fill(self, depth_mm: np.ndarray, covered: np.ndarray, payload: np.ndarray | None) -> None:
         """Take in a picture: (H, W) float32, bool, uint32; without a payload, the last one's."""
         fill = _fill if self.depth.size < _WORTH_SHARING else _fill_shared
         anew = payload is not None
         fill(
             depth_mm, covered, payload if payload is not None else _NO_PAYLOAD, anew, *self.origin,
-            self.depth, self.payload, self.window[1], self.nearest, self.peaks,
+            self.depth, self.payload, self.window[1], self.nearest,
         )  # fmt: skip
+
+
+class PhaseGenerator(SourceGenerator):
+    """First hits in a picture laid out by phases: whole cells per lens pitch."""
+
+    def __init__(self, display: Display, shape: PictureShape, pixel_mm: float) -> None:
+        super().__init__(display, shape, pixel_mm)
+        self._index = index_payload(shape)
+        self._holds_index = False
+        self._phases: Phases  # made by each in its way
+
+    def _fill(self, rgbd: RGBD, payload: np.ndarray) -> None:
+        """Take in a picture; the index, which is that of every picture, only once."""
+        of_index = payload is self._index
+        known, self._holds_index = of_index and self._holds_index, False
+        self._phases.fill(rgbd.depth_mm, rgbd.covered, None if known else payload)
+        self._holds_index = of_index
+
+    @abstractmethod
+    def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
+        """Show each panel pixel the payload of its first hit, all uint32."""
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        found = np.empty(self.made_shape, np.int32)
+        self._run(rgbd, self._index, HOLE % 2**32, found.view(np.uint32))
+        return found
+
+    def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
+        """See `SourceGenerator.shows_sources`."""
+        return True
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`; RGBA goes to the panel without a source map between."""
+        if rgbd.color.dtype != np.uint8:
+            return super().generate(rgbd, out)
+        self.check(rgbd)
+        out = self.place(rgbd, out)
+        self._run(rgbd, rgbd.color.view(np.uint32)[..., 0], 0, out.view(np.uint32)[..., 0])
+        return out
+
+
+class SharedDirections(PhaseGenerator):
+    """One list of cells per direction for all lenses.
+
+    Parameters
+    ----------
+    display, shape, pixel_mm :
+        See `inim.generators.prepare`.
+    aside : Aside
+        Where in its pixel each ray starts.
+    """
+
+    def __init__(
+        self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside = CENTRE
+    ) -> None:
+        super().__init__(display, shape, pixel_mm)
+        lists = self._lists = build_lists(display, shape, pixel_mm, aside)
+        lenses = (display.lens_rows, display.lens_columns)
+        self._phases = Phases.make(lists.per_pitch, lists.row, lists.column, lenses)
+        self._offset = self._phases.offset(lists.row, lists.column)
+        self._reach = self._phases.row_reach(lists.row, lists.first[: -1 : lists.pixels])
+
+    def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
+        self._fill(rgbd, payload)
+        run_templates(self._lists, self._offset, self._reach, self._phases, empty, out)
 
 
 def run_templates(
@@ -210,26 +287,26 @@ def index_payload(shape: PictureShape) -> np.ndarray:
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _fill_shared(  # type: ignore[no-untyped-def]
-    depth, covered, payload, anew, row0, column0, phase_depth, phase_payload, reach, nearest, peaks
+    depth, covered, payload, anew, row0, column0, phase_depth, phase_payload, reach, nearest
 ):
     """`_fill`, shared among the threads."""
     for i in numba.prange(phase_depth.shape[0]):
         row = np.int64(i)
         _fill_row(row, depth, covered, payload, anew, row0, column0, phase_depth, phase_payload)
-        _bound_row(row, phase_depth, reach, nearest, peaks)
+        _bound_row(row, phase_depth, reach, nearest)
 
 
 @numba.njit(cache=True, nogil=True)
 def _fill(  # type: ignore[no-untyped-def]
-    depth, covered, payload, anew, row0, column0, phase_depth, phase_payload, reach, nearest, peaks
+    depth, covered, payload, anew, row0, column0, phase_depth, phase_payload, reach, nearest
 ):
-    """Copy a picture into phases, and find the nearest surface of each slot and strip.
+    """Copy a picture into phases, and find the nearest surface of each strip.
 
     Cells beyond the picture were set once and stay.
     """
     for i in range(phase_depth.shape[0]):
         _fill_row(i, depth, covered, payload, anew, row0, column0, phase_depth, phase_payload)
-        _bound_row(i, phase_depth, reach, nearest, peaks)
+        _bound_row(i, phase_depth, reach, nearest)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -255,20 +332,21 @@ def _fill_row(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _bound_row(i, depth, reach, nearest, peaks):  # type: ignore[no-untyped-def]
+def _bound_row(i, depth, reach, nearest):  # type: ignore[no-untyped-def]
     _, k, _, across = depth.shape
+    peaks = np.empty(across, np.float32)  # of each slot
     for j in range(across):
-        peaks[i, j] = -np.inf
+        peaks[j] = -np.inf
     for p in range(k):
         for q in range(k):
             for j in range(across):
-                z, most = depth[i, p, q, j], peaks[i, j]
-                peaks[i, j] = z if z > most else most
+                z, most = depth[i, p, q, j], peaks[j]
+                peaks[j] = z if z > most else most
     for s in range(nearest.shape[1]):
         start = min(s * LANES, across - LANES - reach + 1)
         most = np.float32(-np.inf)
         for j in range(start, start + LANES + reach - 1):
-            most = max(most, peaks[i, j])
+            most = max(most, peaks[j])
         nearest[i, s] = most
 
 
@@ -360,3 +438,21 @@ def write_strip(strip, columns, widths, start, shared, row):  # type: ignore[no-
         written = 0 if n >= blocked else shared if again else whole
         for u in range(written, widths[start + n]):
             row[columns[start + n] + u] = strip[u * LANES + n]
+
+
+def fits_tables(display: Display, shape: PictureShape, pixel_mm: float, layers: int = 1) -> bool:
+    """Whether pictures laid out by phases, with all that rays reach around, take little memory.
+
+    Where they do not, rays are walked one by one: the same bits.
+    """
+    per_pitch = cells_per_pitch(display, pixel_mm)
+    if not per_pitch:
+        return False
+    columns, rows = (
+        2 + axis.most_cells(display.depth_range_mm) // per_pitch
+        for axis in cell_rays(shape, pixel_mm, display)
+    )
+    across = max(display.lens_columns, LANES) + columns
+    cells = (display.lens_rows + rows) * across * per_pitch * per_pitch * layers
+    panel = display.eia_shape[0] * display.eia_shape[1]
+    return cells <= max(_MOST_SLOTS, 4 * (panel + shape[0] * shape[1]))

@@ -31,9 +31,7 @@ __all__ = [
     "greatest",
     "lanes_of",
     "load",
-    "load_for",
     "same",
-    "same_for",
     "store",
     "transpose",
 ]
@@ -88,25 +86,13 @@ def _data(context: Any, builder: Any, kind: Any, array: Any) -> Any:
 def load(typing, array, index):  # type: ignore[no-untyped-def]
     """The elements of a flat array from an index on, one for each of `LANES`."""
     lanes = Lanes(str(array.dtype), LANES)
-    return lanes(array, types.uintp), _loading(lanes, 0)
-
-
-@intrinsic
-def load_for(typing, beside, array, index):  # type: ignore[no-untyped-def]
-    """`load`, for as many lanes as another value has."""
-    lanes = Lanes(str(array.dtype), beside.count)
-    return lanes(beside, array, types.uintp), _loading(lanes, 1)
-
-
-def _loading(lanes: Lanes, first: int) -> Callable[..., Any]:
-    """Code that loads from an array and an index, the arguments from `first` on."""
 
     def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        data = _data(context, builder, signature.args[first], arguments[first])
-        place = builder.gep(data, [arguments[first + 1]])
+        data = _data(context, builder, signature.args[0], arguments[0])
+        place = builder.gep(data, [arguments[1]])
         return builder.load(builder.bitcast(place, lanes.vector.as_pointer()), align=4)
 
-    return build
+    return lanes(array, types.uintp), build
 
 
 @intrinsic
@@ -125,21 +111,14 @@ def store(typing, array, index, lanes):  # type: ignore[no-untyped-def]
 @intrinsic
 def same(typing, number):  # type: ignore[no-untyped-def]
     """A float32 or uint32 in each of `LANES`."""
-    build = _simple(lambda builder, value: _filled(builder, value, LANES))
+    build = _simple(lambda builder, value: _filled(builder, value))
     return Lanes(str(number), LANES)(number), build
 
 
-@intrinsic
-def same_for(typing, beside, number):  # type: ignore[no-untyped-def]
-    """`same`, for as many lanes as another value has."""
-    build = _simple(lambda builder, _, value: _filled(builder, value, beside.count))
-    return Lanes(str(number), beside.count)(beside, number), build
-
-
-def _filled(builder: Any, value: Any, count: int) -> Any:
-    undefined = ir.Constant(ir.VectorType(value.type, count), ir.Undefined)
+def _filled(builder: Any, value: Any) -> Any:
+    undefined = ir.Constant(ir.VectorType(value.type, LANES), ir.Undefined)
     one = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
-    return _shuffle(builder, one, undefined, [0] * count)
+    return _shuffle(builder, one, undefined, [0] * LANES)
 
 
 @intrinsic

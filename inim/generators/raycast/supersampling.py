@@ -1,7 +1,10 @@
-"""Several rays per panel pixel, averaged in linear light.
+"""Several rays per panel pixel, averaged in linear light, and a ray per sub-pixel.
 
 One ray per pixel aliases: an elemental image is a small, sharp picture of the scene, and textures
 and silhouettes finer than its pixels flicker.
+
+A red stripe at the left of its pixel sends its rays through the lens from there, a third of a pixel
+beside the green one's: each colour channel is a picture of its own, seen through points of its own.
 
 Only where a pixel's rays meet different things is there something to average. Elsewhere, and that
 is most of a panel, the mean of equal colours is that colour, bit for bit: shares are powers of two.
@@ -17,15 +20,17 @@ import numba
 import numpy as np
 
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
-from inim.display.panel import SubPixel
+from inim.display import Display
+from inim.display.panel import SUBPIXELS, SubPixel
 from inim.display.pixel_axis import stated
 from inim.generators.base import SourceGenerator
 from inim.generators.raycast.cells import CENTRE, Aside
 from inim.generators.sources import Sources
 from inim.rgbd import RGBD
 
-__all__ = ["Supersampled", "sampled_places"]
+__all__ = ["Subpixelled", "Supersampled", "averaged"]
 
+_WHOLE = SUBPIXELS["none"][0]
 _A = Fraction(1, 4)
 _PLACES: dict[int, tuple[Aside, ...]] = {
     2: ((-_A, -_A), (_A, _A)),
@@ -36,7 +41,33 @@ _PLACES: dict[int, tuple[Aside, ...]] = {
 _STEPS = 4096
 
 
-def sampled_places(samples: int, subpixel: SubPixel, pixel_fill: float) -> tuple[Aside, ...]:
+def averaged(
+    display: Display, samples: int, make: Callable[[Aside], SourceGenerator]
+) -> SourceGenerator:
+    """A generator of one or several rays per panel pixel, or per sub-pixel where it has some.
+
+    Parameters
+    ----------
+    display : Display
+    samples : {1, 2, 4}
+        Rays through the centre; through two points on the diagonal; through the centres of the
+        quarters of what shines (`Display.pixel_fill`). Colours are averaged in linear light, a hole
+        counting as black.
+    make : callable
+        Makes the generator of the rays through one place of every pixel.
+    """
+
+    def of_subpixel(subpixel: SubPixel) -> SourceGenerator:
+        if samples == 1:
+            return make((Fraction(0), subpixel.right))
+        return Supersampled(make, _sampled_places(samples, subpixel, display.pixel_fill))
+
+    if display.subpixels == "none":
+        return of_subpixel(_WHOLE)
+    return Subpixelled(display.subpixels, of_subpixel)
+
+
+def _sampled_places(samples: int, subpixel: SubPixel, pixel_fill: float) -> tuple[Aside, ...]:
     """Centres of the quarters of what shines of a pixel, that each sample count looks through.
 
     Parameters
@@ -71,7 +102,7 @@ class Supersampled(SourceGenerator):
         self._make = make
         self._each = [make(place) for place in places]
         one = self._each[0]
-        super().__init__(one.display, one.shape, one.pixel_mm, one.asked)
+        super().__init__(one.display, one.shape, one.pixel_mm, one.pixels)
 
     @cached_property
     def _centre(self) -> SourceGenerator:
@@ -103,6 +134,55 @@ class Supersampled(SourceGenerator):
             one.generate(rgbd, shown)
         words = self._shown.view(np.uint32)[..., 0]
         _mean_words(words, *_transfer(), out.view(np.uint32)[..., 0])
+        return out
+
+
+class Subpixelled(SourceGenerator):
+    """A generator that takes each colour channel from a generator of its sub-pixels.
+
+    Its sources are those of the pixel centres. Pixels that lack a colour (`SubPixel.turn`) are
+    given what their neighbours' place of it would show: panels are driven by whole pixels, and
+    leave out what they cannot show. In RGBA, alpha is the mean of the three.
+
+    Parameters
+    ----------
+    pattern : str
+        `Display.subpixels`.
+    make : callable
+        Makes the generator of what one sub-pixel of every pixel shows.
+    """
+
+    def __init__(self, pattern: str, make: Callable[[SubPixel], SourceGenerator]) -> None:
+        self._make = make
+        channels: dict[SubPixel, list[int]] = {}
+        for channel, subpixel in enumerate(SUBPIXELS[pattern]):
+            place = SubPixel(subpixel.right, subpixel.width)  # wherever it shines
+            channels.setdefault(place, []).append(channel)
+        self._each = [(make(place), shown) for place, shown in channels.items()]
+        one = self._each[0][0]
+        super().__init__(one.display, one.shape, one.pixel_mm, one.pixels)
+
+    @cached_property
+    def _centre(self) -> SourceGenerator:
+        """Made when sources are asked for: pictures do without."""
+        return self._make(_WHOLE)
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        return self._centre.find(rgbd)
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`."""
+        out = self.place(rgbd, out)
+        alpha = np.full(out.shape[:2], 1, np.uint16)  # to round the mean to the nearest
+        for one, channels in self._each:
+            shown = one.generate(rgbd)
+            for channel in channels:
+                out[..., channel] = shown[..., channel]
+            if out.dtype == np.uint8:
+                alpha += shown[..., 3] * np.uint16(len(channels))
+        if out.dtype == np.uint8:
+            out[..., 3] = alpha // 3
         return out
 
 

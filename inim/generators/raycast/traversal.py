@@ -10,10 +10,9 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from inim.generators.raycast.working_type import as_type_of
 from inim.generators.sources import HOLE
 
-__all__ = ["first_hit", "first_hits", "first_hits_at", "starts", "walk"]
+__all__ = ["entered", "first_hit", "leaves", "walk"]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -21,7 +20,7 @@ def leaves(cell, start, slope, scale):  # type: ignore[no-untyped-def]
     """Depth at which a ray leaves a cell in one axis; never, if it does not move in it."""
     if slope == 0.0:
         return -np.inf
-    return (as_type_of(start, cell if slope > 0 else cell + 1) * scale - start) / slope
+    return ((cell if slope > 0 else cell + 1) * scale - start) / slope
 
 
 @numba.njit(cache=True, nogil=True)
@@ -65,61 +64,6 @@ def first_hit(depth, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-u
         if z_v >= z_exit:
             v += step_v
             z_v = leaves(v, v0, dv, v1)
-
-
-@numba.njit(parallel=True, cache=True, nogil=True)
-def first_hits(depth, rays, lens_u, lens_v, start, z_min, found):  # type: ignore[no-untyped-def]
-    """`first_hit` of every panel pixel, into `found` (rows, columns) int32.
-
-    `rays` are ``(u0, du, u1, v0, dv, v1)``, one u per panel column and one v per row; `lens_u` and
-    `lens_v` name the lens over them, and `start` (lens rows, lens columns) the depth from which its
-    rays need following: see `starts`.
-    """
-    u0, du, u1, v0, dv, v1 = rays
-    for row in numba.prange(found.shape[0]):
-        for column in range(found.shape[1]):
-            z_max = start[lens_v[row], lens_u[column]]
-            if z_max > z_min:
-                found[row, column] = first_hit(
-                    depth, u0[column], du[column], u1, v0[row], dv[row], v1, z_min, z_max
-                )
-            else:
-                found[row, column] = HOLE
-
-
-@numba.njit(parallel=True, cache=True, nogil=True)
-def first_hits_at(rows, columns, depth, rays, z_min, z_max, found):  # type: ignore[no-untyped-def]
-    """`first_hit` of the panel pixels in some rows and columns, (n,) each, into `found` (n,)."""
-    u0, du, u1, v0, dv, v1 = rays
-    for i in numba.prange(len(rows)):
-        row, column = rows[i], columns[i]
-        found[i] = first_hit(depth, u0[column], du[column], u1, v0[row], dv[row], v1, z_min, z_max)
-
-
-@numba.njit(parallel=True, cache=True, nogil=True)
-def starts(depth, left, right, top, bottom, z_max):  # type: ignore[no-untyped-def]
-    """Depth from which the rays of each lens need following, (lens rows, lens columns) float64.
-
-    A cell can be hit only if its ray leaves it no nearer than the nearest surface within the
-    lens's reach, cells ``[left, right) x [top, bottom)``; where nothing is covered there, -inf.
-    """
-    rows, columns = depth.shape
-    highest = np.empty((rows, len(left)), np.float32)
-    for row in numba.prange(rows):
-        for n in range(len(left)):
-            most = np.float32(-np.inf)
-            for column in range(max(left[n], 0), min(right[n], columns)):
-                most = max(most, depth[row, column])
-            highest[row, n] = most
-    start = np.empty((len(top), len(left)))
-    for m in numba.prange(len(top)):
-        for n in range(len(left)):
-            most = np.float32(-np.inf)
-            for row in range(max(top[m], 0), min(bottom[m], rows)):
-                most = max(most, highest[row, n])
-            # Just above it: a cell left at exactly that depth still counts.
-            start[m, n] = min(z_max, np.nextafter(np.float64(most), np.inf))
-    return start
 
 
 @numba.njit(cache=True, nogil=True)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["BEATEN", "LINES", "MARKS", "SOFT", "colour_of", "plain_ticks", "style"]
+from inim.errors import UsageError
+from inim.generators import properties
+
+__all__ = ["BEATEN", "LINES", "SOFT", "colour_of", "marker_of", "plain_ticks", "style"]
 
 _INK = "#1e2022"
 #: Of labels and whatever else stands back.
@@ -12,25 +15,10 @@ SOFT = "#5a5f63"
 #: Of points that another beats in time and error.
 BEATEN = "#b5b5b0"
 _LINE = "#dedbd3"
-# Okabe and Ito's colours, told apart with any colour vision.
-_COLOURS = {
-    "template": "#0072b2",
-    "wang2024": "#d55e00",
-    "gu2020": "#009e73",
-    "li2012": "#cc79a7",
-    "layered": "#6a51a3",
-    "yardstick": "#5a5f63",
-}
+_YARDSTICK = "yardstick"
+# Of algorithms that state none. With our own algorithms' they are Okabe and Ito's colours, told
+# apart with any colour vision.
 _OTHERS = ("#56b4e9", "#e69f00", "#8c6d31")
-#: Mark of each algorithm.
-MARKS = {
-    "template": "o",
-    "wang2024": "s",
-    "gu2020": "^",
-    "li2012": "D",
-    "layered": "P",
-    "yardstick": "x",
-}
 #: Lines across a panel.
 LINES: dict[str, dict[str, Any]] = {
     "front": {"color": _INK, "linewidth": 0.8, "alpha": 0.35, "zorder": 1},
@@ -40,9 +28,26 @@ LINES: dict[str, dict[str, Any]] = {
 
 
 def colour_of(name: str) -> str:
-    """The colour of an algorithm, whatever its options."""
+    """The colour of an algorithm, whatever its options: what it states itself, or one of three."""
     algorithm = name.partition(":")[0]
-    return _COLOURS.get(algorithm, _OTHERS[sum(algorithm.encode()) % len(_OTHERS)])
+    if algorithm == _YARDSTICK:
+        return SOFT
+    return _stated(algorithm, "color") or _OTHERS[sum(algorithm.encode()) % len(_OTHERS)]
+
+
+def marker_of(name: str) -> str:
+    """The mark of an algorithm, whatever its options: what it states itself, or a circle."""
+    algorithm = name.partition(":")[0]
+    return "x" if algorithm == _YARDSTICK else _stated(algorithm, "marker") or "o"
+
+
+def _stated(algorithm: str, what: str) -> str | None:
+    """A property of an algorithm; None of what is none here: a finished EIA, another machine's."""
+    try:
+        found: str | None = getattr(properties(algorithm), what)
+    except UsageError:
+        return None
+    return found
 
 
 def style(axis: Any, title: str, x_label: str, y_label: str) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.files.image import write_atomically
-from inim.report.bench.marks import BEATEN, LINES, MARKS, SOFT, colour_of, plain_ticks, style
+from inim.report.bench.marks import BEATEN, LINES, SOFT, colour_of, marker_of, plain_ticks, style
 from inim.report.bench.names import Name, across, set_apart
 from inim.report.wording import is_number, part
 
@@ -127,7 +127,7 @@ def _point(axis: Any, contender: Mapping[str, Any], value: float, on_front: bool
     colour = colour_of(contender["name"]) if on_front else BEATEN
     time, fastest = contender["median_ms"], contender["min_ms"]
     axis.plot([fastest, time], [value, value], color=colour, linewidth=1.2, zorder=2)
-    mark = MARKS.get(contender["name"].partition(":")[0], "o")
+    mark = marker_of(contender["name"])
     axis.plot(time, value, mark, color=colour, markersize=7, zorder=3, clip_on=False)
 
 
@@ -186,7 +186,7 @@ def _line(axis: Any, sizes: Sequence[float], points: Sequence[Any], name: str) -
     axis.plot(
         sizes,
         medians,
-        MARKS.get(algorithm, "o"),
+        marker_of(algorithm),
         color=colour,
         label=f"{algorithm}, plain Python" if interpreted else name,
         markersize=4.5,
@@ -237,7 +237,7 @@ def _mark(axis: Any, value: float, row: int, name: str) -> None:
     """An algorithm's mark on a scene's row; hollow with one sample a pixel."""
     colour = colour_of(name)
     fill = colour if name.endswith("samples=4") else "white"
-    mark = MARKS.get(name.partition(":")[0], "o")
+    mark = marker_of(name)
     axis.plot(value, row, mark, color=colour, markerfacecolor=fill, label=name, zorder=3)
 
 

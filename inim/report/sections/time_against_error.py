@@ -15,7 +15,7 @@ import numpy as np
 from inim.cache.digest import code_digest, value_digest
 from inim.cache.store import remembered
 from inim.metrics.psnr import metric as PSNR  # noqa: N812
-from inim.report.bench.marks import LINES, MARKS, colour_of, plain_ticks, style
+from inim.report.bench.marks import LINES, colour_of, marker_of, plain_ticks, style
 from inim.report.bench.names import Name, across, set_apart
 from inim.report.images import Images
 from inim.report.markup import element, plot, text
@@ -157,7 +157,7 @@ def _drawing(
 def _panel(axis: Any, points: Sequence[_Point], sign: float) -> list[Name]:
     """Draw one panel; the names that go into it."""
     for p in points:
-        mark = MARKS.get(p.name.partition(":")[0], "o")
+        mark = marker_of(p.name)
         colour = colour_of(p.name)
         axis.plot(p.time, sign * p.error, mark, color=colour, markersize=7, zorder=3)
     front = sorted((p.time, sign * p.error) for p in points if not _is_beaten(p, points))

@@ -89,14 +89,13 @@ def _generator_panel(
 
 
 def _typed(name: str) -> list[tuple[str, str]]:
-    both = [(f"{name}:dtype=float32", "float32"), (name, "float64")]
-    return [*both, (name, "float32")] if name == "template" else both
+    return [(name, "float64"), *([(name, "float32")] if name == "template" else [])]
 
 
 def _said(algorithm: str, dtype: str) -> str:
     if algorithm == "template":
         return "float32 tables (as run)" if dtype == "float32" else "float64 rays"
-    return "float32 walk" if algorithm.startswith("template") else dtype
+    return dtype
 
 
 def _is(row: Mapping[str, Any], family: str, dtype: str) -> bool:

@@ -83,16 +83,12 @@ def _regions(data: Mapping[str, Any]) -> Table:
     """Alike ranges of one family share a row."""
     alike: dict[tuple[str, str, str], list[str]] = {}
     for r in items(data, "regions"):
-        name = f"{_plain_name(r['name'])}, {_dress(r['name'], r['dtype'])}"
+        name = f"{r['name']}, {_dress(r['name'], r['dtype'])}"
         ranges = (_range(r["low"], r["high"]), _range(*r["tried"]))
         alike.setdefault((f"{r['family']}: {r['parameter']}", *ranges), []).append(name)
     rows = [[what, "; ".join(names), safe, tried] for (what, safe, tried), names in alike.items()]
     heads = ["parameter", "what", "safe", "tried"]
     return Table("trust", "Trust regions: measured safe between", heads, rows)
-
-
-def _plain_name(algorithm: str) -> str:
-    return algorithm.replace(":dtype=float32", "")
 
 
 def _range(low: object, high: object) -> str:
@@ -147,19 +143,14 @@ def _families(rows: Rows) -> Table:
                 _ulp(_most(mine, lambda m: m["worst_ulp"])),
                 _ulp(_mean(mine, lambda m: m["mean_ulp"])),
             ]
-        single = [m for m in members if m["algorithm"] == "template:dtype=float32"]
-        single = [m for m in single if m["outcome"] == "ran"]
         cells += [
             per_cent(_most(ran, _share("uncertain")), 0),
             _small(_most(ran, _loss)),
-            per_cent(_most(single, _share("changed")), 1),
-            _small(_most(single, _loss)),
         ]
         found.append(cells)
     heads = [
         "family", "cases", "refused", "float32: changed", "worst ulp", "mean ulp",
         "float64: changed", "worst ulp", "mean ulp", "uncertain", "SSIM loss",
-        "walk in float32: changed", "SSIM loss",
     ]  # fmt: skip
     return Table("generators", "template, worst case of each family", heads, found)
 
@@ -173,7 +164,7 @@ def _contenders(rows: Rows) -> Table:
         pixels = sum(m["pixels"] for m in ran)
         found.append(
             [
-                f"{_plain_name(algorithm)}, {_dress(algorithm, dtype)}",
+                f"{algorithm}, {_dress(algorithm, dtype)}",
                 str(len(ran)),
                 str(len(members) - len(ran)),
                 per_cent(sum(m["changed"] for m in ran) / pixels, 3),
@@ -196,8 +187,7 @@ def _dress(algorithm: str, dtype: str) -> str:
     if ":samples" in algorithm:
         return "as run" if algorithm.endswith("=1") else "mean colours"
     if algorithm.startswith("template"):
-        walked = "float32 walk" if "dtype" in algorithm else "float32 tables"
-        return walked if dtype == "float32" else "float64 rays"
+        return "float32 tables" if dtype == "float32" else "float64 rays"
     return dtype
 
 

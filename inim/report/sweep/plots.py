@@ -6,7 +6,7 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
-from inim.report.bench.marks import BEATEN, LINES, MARKS, SOFT, colour_of, plain_ticks, style
+from inim.report.bench.marks import BEATEN, LINES, SOFT, colour_of, marker_of, plain_ticks, style
 from inim.report.bench.names import Name, set_apart
 from inim.report.sweep.results import Result, mean, names_of, on_front
 from inim.report.wording import MAIN
@@ -80,7 +80,7 @@ def _panel(axis: Any, points: dict[str, tuple[float, float]]) -> None:
     front = on_front(points)
     for name, (time, error) in points.items():
         colour = colour_of(name) if name in front else BEATEN
-        mark = MARKS.get(name.partition(":")[0], "o")
+        mark = marker_of(name)
         axis.plot(time, error, mark, color=colour, markersize=7, zorder=3, clip_on=False)
     line = sorted(points[name] for name in front)
     axis.step(*zip(*line, strict=True), where="post", **LINES["front"])

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.lens import channel_indices, lens_array, lens_traits
+from inim.lens import channel_indices, drawn_as, drawn_live, lens_array, lens_traits
 from inim.report.images import Images, is_wide
 from inim.report.markup import element, figure, text, void
 from inim.report.page import Widget, package_text
@@ -24,7 +24,7 @@ __all__ = ["ANCHOR", "LIVE", "LIVE_LENS_MODELS", "TITLE", "Eye", "Still", "live_
 
 ANCHOR, TITLE = "virtual-display", "Virtual display"
 #: The lens models that the shader knows.
-LIVE_LENS_MODELS = ("pinhole", "thin")
+LIVE_LENS_MODELS = drawn_live()
 
 _FOLDER = "virtual_display"
 LIVE = Widget(
@@ -149,7 +149,7 @@ def _controls(eyes: Sequence[Eye], several: bool, lens_model: str) -> str:
         for i, eye in enumerate(eyes)
     ]
     # A thick lens focuses as a thin one does; a pinhole shows one pixel all over.
-    first = lens_model if lens_model in LIVE_LENS_MODELS else "thin"
+    first = drawn_as(lens_model)
     radios = [_radio(model, model == first) for model in LIVE_LENS_MODELS]
     parts = [_choices("Look from", buttons), _choices("Lens model", radios)]
     if several:

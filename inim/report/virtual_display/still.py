@@ -29,7 +29,7 @@ def still_view(
     display : Display
     eye_mm : (x, y, z)
     lens_model : str
-        A key of `inim.lens.LENS_MODELS`.
+        One of `inim.lens.lens_models`.
     pixels_per_lens : int
         Of the view, which shows exactly the lens array.
     grid : int

@@ -10,58 +10,18 @@ pixel, with that of the true views.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from inim.color import linear_from_srgb
 from inim.display import Display
-from inim.errors import FileError, UsageError
-from inim.files.light_field import LightField, disparity_step_mm, eia_from_views, read_hci
+from inim.errors import FileError
+from inim.files.light_field import LightField, disparity_step_mm, eia_from_views
 from inim.from_camera.depth_map import depth_range, map_depth
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import fit_picture
+from inim.rgbd import RGBD
 
-if TYPE_CHECKING:
-    import argparse
-
-    from inim.rgbd import RGBD
-    from inim.settings import Settings
-
-__all__ = ["centre_view_picture", "generate_light_field", "true_eia"]
-
-
-def generate_light_field(
-    args: argparse.Namespace, display: Display, settings: Settings
-) -> tuple[list[str], list[str]]:
-    """Make and write the EIA of `args.hci`; the report's lines, and warnings."""
-    from inim.commands.generate import generated, write_outputs
-
-    field = read_hci(args.hci)
-    if args.true_views:
-        if args.rgbd is not None:
-            raise UsageError("--rgbd: the true views have no depth; leave it or --true-views out")
-        rgbd, clipped = None, None
-        eia, shown = true_eia(field, display)
-        empty: np.ndarray | None = ~shown
-    else:
-        rgbd, clipped = centre_view_picture(
-            field, display, settings.capture_pixels_per_pitch, str(args.hci)
-        )
-        eia, empty = generated(args.algorithm, rgbd, display)
-    down, across, height, width = field.views.shape[:4]
-    step = _step_mm(field, display)
-    written = write_outputs(args, rgbd, eia, empty, display)
-    report = [
-        f"display    {display.name}: {display.lens_columns} x {display.lens_rows} lenses of "
-        f"{display.pitch_mm:g} mm",
-        f"views      {across} x {down} of {width} x {height} pixels",
-        f"disparity  1 pixel is {step:.4g} mm of depth; {_shift(field, display):+.4g} pixels added",
-    ]
-    if clipped is not None:
-        report.append(f"clipped    {clipped:.1%} of the samples lay beyond the depth range")
-    report.append(f"written    {', '.join(map(str, written))}")
-    return report, []
+__all__ = ["centre_view_picture", "shift_px", "step_mm", "true_eia"]
 
 
 def centre_view_picture(
@@ -85,8 +45,8 @@ def centre_view_picture(
         )
     if not np.isfinite(field.disparity).any():
         raise FileError(f"{name}: no pixel of the disparity is finite; it is damaged")
-    step = _step_mm(field, display)
-    shift = _shift(field, display)
+    step = step_mm(field, display)
+    shift = shift_px(field, display)
     disparity = np.where(np.isfinite(field.disparity), field.disparity, np.float32(np.nan))
     values = DepthValues(disparity, True, False, 0.0, ())
     low, high = display.depth_range_mm
@@ -108,7 +68,7 @@ def true_eia(field: LightField, display: Display) -> tuple[np.ndarray, np.ndarra
     codes = eia_from_views(
         _squared(np.concatenate([field.views, opaque], axis=-1)),
         display,
-        _shift(field, display),
+        shift_px(field, display),
         _pixel_mm(field, display),
     )
     return linear_from_srgb(np.arange(256) / 255)[codes[..., :3]], codes[..., 3] > 0
@@ -134,20 +94,21 @@ def _pixel_mm(field: LightField, display: Display) -> float:
     return min(display.width_mm / int(width), display.height_mm / int(height))
 
 
-def _step_mm(field: LightField, display: Display) -> float:
+def step_mm(field: LightField, display: Display) -> float:
+    """Depth [mm] of one pixel of disparity."""
     down, across = field.views.shape[:2]
     even = (down - across) % 2  # one row or column is left out
     return disparity_step_mm(display, max(down, across) - even, _pixel_mm(field, display))
 
 
-def _shift(field: LightField, display: Display) -> float:
+def shift_px(field: LightField, display: Display) -> float:
     """Disparity to add so that the middle comes to the central depth plane; none to an EIA's."""
     if field.of_display:
         return 0.0
     low, high = display.depth_range_mm
     centre = display.central_depth_mm
     target = centre if low <= centre <= high else (low + high) / 2
-    step = _step_mm(field, display)
+    step = step_mm(field, display)
     if field.disparity is None or not np.isfinite(field.disparity).any():
         return target / step
     near, far = depth_range(DepthValues(field.disparity, True, False, 0.0, ()))

@@ -1,4 +1,4 @@
-"""The sampler: numbers that follow from their address, uniform alone and well spread together."""
+"""The sampler: numbers that follow from seed, pixel and sample, uniform and well spread."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def pairs(seed, pixels, samples, count=1):
     return np.stack(found, axis=1).reshape(len(pixels), len(samples), count, 2)
 
 
-def test_numbers_follow_from_their_address():
+def test_numbers_follow_from_seed_pixel_and_sample():
     whole = pairs(3, range(50), range(16), 5)
     part = pairs(3, [41, 7], [9, 2], 5)
     assert np.array_equal(part, whole[[41, 7]][:, [9, 2]])

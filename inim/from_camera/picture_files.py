@@ -1,4 +1,4 @@
-"""The depth picture of a camera: its numbers as they are stored, and whether they can be that.
+"""The colour and the depth picture of a camera, as they are stored.
 
 Sixteen-bit depth is the usual, and its byte order the usual accident: a reader that takes the two
 bytes the other way round turns 2047 into 65287. Surfaces are smooth, so in the right order most
@@ -7,7 +7,6 @@ neighbours differ by little, and in the wrong one by multiples of 256.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,13 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.errors import FileError
-from inim.files.image import check_unfolding, read_exr_channels, write_atomically
-from inim.files.pfm import read_pfm
-from inim.files.png import check_png
+from inim.files.image import (
+    read_exr_channels,
+    read_exr_texture,
+    write_atomically,
+)
+from inim.files.picture import is_exr, open_picture, read_pfm
 from inim.version import __version__
 
-__all__ = ["DepthFile", "read_depth", "write_depth"]
+__all__ = ["DepthFile", "read_color", "read_depth", "write_depth"]
 
+_COLOR_FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM")
+_NO_COLOR = "not a colour picture that inim reads; save it as PNG, JPEG or EXR"
+_OPAQUE = 255
+_CODES_OF_16_BITS = 65535 / 255
 _PICTURES = {
     ".png": ("PNG",),
     ".pgm": ("PPM",),
@@ -40,6 +46,51 @@ _SMOOTHER = 4.0
 _ROWS_LOOKED_AT = 512
 # No depth in any unit lies outside; swapped bytes of a float do.
 _PLAUSIBLE_FLOATS = (1e-12, 1e15)
+
+
+def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
+    """A colour picture, upright as its camera says (EXIF).
+
+    Parameters
+    ----------
+    path : Path
+        PNG, JPEG, TIFF, BMP, WebP or PPM, taken as sRGB, over black where transparent; or a
+        linear EXR.
+
+    Returns
+    -------
+    (H, W, 3) uint8 sRGB, or (H, W, 3) float32 linear RGB of an EXR
+        Row 0 on top.
+
+    Raises
+    ------
+    FileError
+        Missing, damaged or of another kind.
+    """
+    if not path.is_file():
+        raise FileError(f"{path}: no such file")
+    if is_exr(path):
+        linear = read_exr_texture(path)
+        if not np.isfinite(linear).all():
+            raise FileError(f"{path}: holds colours that are not finite; save it anew")
+        return np.broadcast_to(linear, (*linear.shape[:2], 3)) if linear.shape[2] == 1 else linear
+    return _decoded_color(path)
+
+
+def _decoded_color(path: Path) -> NDArray[np.uint8]:
+    from PIL import Image, ImageOps
+
+    with open_picture(path, _COLOR_FORMATS, 1, _NO_COLOR) as picture:
+        upright = ImageOps.exif_transpose(picture)
+        if upright.mode.startswith("I"):  # Pillow would cut 16 bits off at 255
+            grey = np.asarray(upright, np.float32) / _CODES_OF_16_BITS
+            codes = np.rint(np.clip(grey, 0, 255)).astype(np.uint8)
+            return np.repeat(codes[..., None], 3, axis=-1)
+        if "A" not in upright.getbands() and "transparency" not in upright.info:
+            return np.asarray(upright.convert("RGB"))
+        rgba = upright.convert("RGBA")
+        black = Image.new("RGBA", rgba.size, (0, 0, 0, _OPAQUE))
+        return np.asarray(Image.alpha_composite(black, rgba).convert("RGB"))
 
 
 @dataclass(frozen=True)
@@ -82,7 +133,7 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
         )
     if not path.is_file():
         raise FileError(f"{path}: no such file")
-    stored = readers[suffix](path) if suffix in readers else _read_picture(path)
+    stored = readers[suffix](path) if suffix in readers else _decoded_depth(path)
     if stored.ndim == 3 and stored.shape[2] == 1:
         stored = stored[..., 0]
     if stored.ndim != 2 or stored.size == 0:
@@ -104,26 +155,11 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
         return DepthFile(np.ascontiguousarray(stored, np.float32), largest)
 
 
-def _read_picture(path: Path) -> np.ndarray:
-    from PIL import Image
-
-    check_png(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # on sizes, which are checked below
-            with Image.open(path, formats=_PICTURES[path.suffix.lower()]) as picture:
-                samples = picture.width * picture.height * len(picture.getbands())
-                check_unfolding(path, 4 * samples)
-                if picture.mode == "P":
-                    raise FileError(
-                        f"{path}: holds numbers of a palette, not depths; save it as grey"
-                    )
-                pixels = np.asarray(picture)
-    except FileError:
-        raise
-    except Exception as error:
-        cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-        raise FileError(f"{path}: not a readable picture ({cause}); save it anew") from error
+def _decoded_depth(path: Path) -> np.ndarray:
+    with open_picture(path, _PICTURES[path.suffix.lower()], 4) as picture:
+        if picture.mode == "P":
+            raise FileError(f"{path}: holds numbers of a palette, not depths; save it as grey")
+        pixels = np.asarray(picture)
     if pixels.ndim == 3:
         pixels = _grey(path, pixels)
     if pixels.dtype == np.int32 and path.suffix.lower() in (".png", ".pgm"):

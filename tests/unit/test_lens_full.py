@@ -8,7 +8,7 @@ import pytest
 from inim.display import DISPLAYS
 from inim.errors import DisplayError
 from inim.lens import check_lens_model, trace_to_panel
-from inim.lens.sheet_mesh import facet_error_mm, facets_per_lens, sheet_mesh
+from inim.lens.full import facet_error_mm, facets_per_lens, sheet_mesh
 from tests.conftest import small_display
 
 NOMINAL = DISPLAYS["nominal"]

@@ -1,4 +1,6 @@
-r"""The lens array as a body: a plano-convex sheet of triangles, for rays that are really traced.
+r"""`full`: the lens array as a body, a plano-convex sheet of triangles, path traced.
+
+The independent check of `thick`, whose lenses it has; `inim.render.lens_mesh` traces the rays.
 
 The sheet lies as `inim.lens.thick` says. Its curved face is one patch of flat facets for each lens,
 with the exact surface's normals at their corners; neighbours meet in an edge, so corners there
@@ -24,9 +26,10 @@ from inim.errors import DisplayError
 from inim.lens import thick
 from inim.lens.array import NUMPY_OPS, LensArray, lens_array
 from inim.lens.dispersion import channel_indices
+from inim.lens.model import LensModel, SheetMesh
 from inim.lens.surface import Face, sag, steepness
 
-__all__ = ["SheetMesh", "check", "facet_error_mm", "facets_per_lens", "sheet_mesh"]
+__all__ = ["MODEL", "check", "facet_error_mm", "facets_per_lens", "sheet_mesh"]
 
 # Facets may depart from the surface by this many panel pixels. A ray then meets the facet aside of
 # the surface's point by the error times the tangent of its angle to the normal; the interpolated
@@ -37,35 +40,6 @@ _WANTED_ERROR_PIXELS = 0.01
 _WORST_ERROR_PIXELS = 0.1
 # Some 100 bytes each with the acceleration structure.
 _MOST_TRIANGLES = 4_000_000
-
-
-@dataclass(frozen=True)
-class SheetMesh:
-    """A closed body, display frame, millimetres; faces run counter-clockwise seen from outside.
-
-    Attributes
-    ----------
-    vertices, normals : (n, 3) float64
-        Normals point outwards and are those of the exact surface.
-    faces : (m, 3) uint32
-    is_glass : (m,) bool
-        Which faces refract; the others are the black mount.
-    front_mm : float
-        Largest z.
-    flat_mm, rear_principal_mm : float
-        z of the flat face, and of the rear principal plane.
-    facet_error_mm : float
-        How far, along z, facets depart from the curved face at most.
-    """
-
-    vertices: np.ndarray
-    normals: np.ndarray
-    faces: np.ndarray
-    is_glass: np.ndarray
-    front_mm: float
-    flat_mm: float
-    rear_principal_mm: float
-    facet_error_mm: float
 
 
 def check(display: Display) -> None:
@@ -302,3 +276,13 @@ def _border(array: LensArray, counts: tuple[int, int], facets: int, side: int) -
     border[:, 2] = -_sag(array, local, np.asarray(pitches[across] / 2))
     border[:, across] = half if side < 2 else -half
     return border if side in (0, 3) else border[::-1]
+
+
+MODEL = LensModel(
+    "full",
+    summary="the thick lenses as a mesh, path traced by the renderer; far slower",
+    mesh=sheet_mesh,
+    check=check,
+    transmittance=thick.on_axis_transmittance,
+    stand_in="thick",
+)

@@ -1,25 +1,43 @@
-"""The machine and its backends in words, for reports and for whoever has to help."""
+"""`inim sys-info`: the machine and its backends in words, for whoever has to help."""
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from inim.backend.choice import choose_backend, cuda_verdict, llvm_verdicts
-from inim.backend.libllvm import llvm_version
-from inim.backend.machine import cpu_count, cpu_model, memory_limit_bytes
-from inim.backend.trial import Verdict
-from inim.backend.verdicts import cache_file
-from inim.errors import BackendError
+from inim.errors import EXIT_PASSED, BackendError
 
-__all__ = ["describe", "sys_info"]
+if TYPE_CHECKING:
+    from inim.backend import Verdict
+
+__all__ = ["SUMMARY", "add_arguments", "describe", "run", "sys_info"]
+
+SUMMARY = "what the renderer can run on here"
 
 _DISTRIBUTIONS = ("inim", "mitsuba", "drjit", "numpy", "OpenEXR", "trimesh", "flip-evaluator")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `inim sys-info`."""
+    parser.add_argument("--json", action="store_true", help="as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print it; the exit code."""
+    import json
+
+    print(json.dumps(describe(), indent=1) if args.json else sys_info())
+    return EXIT_PASSED
 
 
 def describe() -> dict[str, Any]:
     """All that a report about this machine needs, ready for JSON."""
     import platform
+
+    from inim.backend.choice import choose_backend, cuda_verdict, llvm_verdicts
+    from inim.backend.machine import cpu_count, cpu_model, memory_limit_bytes
+    from inim.backend.trial import cache_file
 
     cuda = cuda_verdict()
     chosen: dict[str, Any] | str
@@ -52,6 +70,8 @@ def _installed_version(name: str) -> str | None:
 
 
 def _candidate(library: Path, verdict: Verdict) -> dict[str, Any]:
+    from inim.backend.libllvm import llvm_version
+
     named = ".".join(map(str, llvm_version(library) or ()))
     version = verdict.version or named or None
     reason = verdict.reason

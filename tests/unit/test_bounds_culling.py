@@ -62,14 +62,14 @@ def test_views_and_captures_are_the_same_without_what_is_black(pupil, open_fitte
 def test_few_pixels_beside_a_relic_are_traced(open_fitted, tmp_path):
     """The grid is fine: of a ball's EIA, hardly more pixels are traced than show it."""
     from inim.render.ground_truth import pickup
-    from inim.render.sensors import pickup_rays
+    from inim.render.rays import pickup_rays
 
     display = small_display(6, 5, pixels=32)
     trimesh.creation.icosphere(subdivisions=4).export(tmp_path / "ball.ply")
     ball = """<shape type="ply"><string name="filename" value="ball.ply"/>
         <bsdf type="diffuse"/></shape>"""
     fitted = open_fitted(scene_text(ball), display)
-    seen = fitted.silhouette.seen_by(pickup_rays(display, fitted.start_mm))
+    seen = fitted.bounds.visible_pixels(pickup_rays(display, fitted.start_mm))
     lit = pickup(fitted, display, spp=32, seed=1).image.max(axis=-1) > 0
     assert not (lit & ~seen).any()
     assert seen.sum() < 1.35 * lit.sum()

@@ -1,17 +1,17 @@
-"""`full`: the lens array as a refracting mesh, and a panel behind it, path traced by Mitsuba.
+"""The lens array as a refracting mesh, and a panel behind it, path traced by Mitsuba.
 
 Nothing here knows a formula of optics: Snell's and Fresnel's laws are the renderer's `dielectric`,
-the lens is `inim.lens.sheet_mesh`. It is the independent check of `thick`, and some thirty times
-slower for as many samples, hundreds of times for as little noise: each ray is reflected or
-refracted by chance, at two faces, among millions of facets.
+the lenses are those of `inim.lens.full`. It is the independent check of the analytic models, and
+some thirty times slower for as many samples, hundreds of times for as little noise: each ray is
+reflected or refracted by chance, at two faces, among millions of facets.
 
 A path is followed for two changes of direction, in and out of the glass, and then only the panel
 counts: light on detours through the sheet is no part of the analytic models either.
 
-How exact it is: facets depart from the surface by a hundredth of a panel pixel (`sheet_mesh`), and
-the renderer starts each refracted ray 8.94e-5 (1 + max |p|) beside the surface it left: 3e-3 mm at
-the edge of an array 64 mm wide, of which the sine of the ray's angle to the normal (a half at
-most) lands sideways, 3 per cent of a nominal panel pixel.
+How exact it is: facets depart from the surface by a hundredth of a panel pixel, and the renderer
+starts each refracted ray 8.94e-5 (1 + max |p|) beside the surface it left: 3e-3 mm at the edge of
+an array 64 mm wide, of which the sine of the ray's angle to the normal (a half at most) lands
+sideways, 3 per cent of a nominal panel pixel.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.lens import channel_indices, lens_array
-from inim.lens.sheet_mesh import SheetMesh, sheet_mesh
+from inim.lens import SheetMesh, channel_indices, lens_array
 
-__all__ = ["FullLens"]
+__all__ = ["LensMesh"]
 
 # Into the glass, out of it, and the panel is seen.
 _MAX_DEPTH = 3
@@ -33,7 +32,7 @@ _NEVER = 100
 _BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 
 
-class FullLens:
+class LensMesh:
     """An EIA seen through a mesh of lenses.
 
     Parameters
@@ -41,9 +40,8 @@ class FullLens:
     eia : (rows, columns, 3) float32
         Linear RGB, row 0 on top.
     display : Display
-        Accepted by `inim.lens.sheet_mesh.check`.
-    facets : int, optional
-        Along a lens's side.
+    sheet : SheetMesh
+        Of its lens array.
 
     Attributes
     ----------
@@ -51,8 +49,7 @@ class FullLens:
         Rays start here, clear of the glass and near it: coordinates stay small.
     """
 
-    def __init__(self, eia: np.ndarray, display: Display, facets: int | None = None) -> None:
-        sheet = sheet_mesh(display, facets)
+    def __init__(self, eia: np.ndarray, display: Display, sheet: SheetMesh) -> None:
         indices = channel_indices(display)
         self.start_mm = sheet.front_mm + display.pitch_mm
         # A colour whose index is its own has its own glass, and so its own scene.

@@ -1,0 +1,107 @@
+"""Options that several commands have, and the last line that they print."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from inim.from_camera.picture import CameraPicture
+
+__all__ = [
+    "add_debug",
+    "add_definitions",
+    "add_display",
+    "add_exit_codes",
+    "add_picture",
+    "add_quiet",
+    "picture_of",
+    "print_outcome",
+]
+
+_EXIT_CODES = """exit codes:
+  0 passed    1 a check failed    2 usage, scene or file error
+  3 no usable backend, or out of memory    4 baseline missing or incomparable    5 internal error
+"""
+# A parser, or a group of one.
+_Options = Any
+
+
+def add_exit_codes(parser: argparse.ArgumentParser) -> None:
+    """The exit codes below a command's help."""
+    parser.epilog = _EXIT_CODES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+
+
+def add_definitions(parser: _Options, of: str = " or a scene parameter") -> None:
+    """`-D KEY=VALUE`, into `definitions`."""
+    parser.add_argument(
+        "-D",
+        dest="definitions",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help=f"override an inim.* setting{of}; may be repeated",
+    )
+
+
+def add_display(parser: _Options) -> None:
+    """The display of a command without a scene: `inim.scene.file.chosen_display` reads it."""
+    parser.add_argument(
+        "--display", help="a preset, nominal or phone, or an .xml with inim.* settings"
+    )
+    add_definitions(parser, " of the display")
+
+
+def add_quiet(parser: _Options) -> None:
+    """`--quiet` and `--debug`."""
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+    add_debug(parser)
+
+
+def add_debug(parser: _Options) -> None:
+    """`--debug`."""
+    parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
+
+
+def add_picture(parser: _Options) -> None:
+    """A camera's two pictures, and what they mean; `picture_of` gathers them."""
+    add = parser.add_argument
+    add("--color", type=Path, metavar="FILE", help="PNG, JPEG, ... (sRGB) or EXR (linear)")
+    add("--depth", type=Path, metavar="FILE", help=".png, .pgm, .tif, .exr, .pfm or .npy")
+    add("--depth-unit", metavar="UNIT", help="mm, cm, m, units per metre (5000), or none")
+    add("--intrinsics", metavar="FX,FY,CX,CY", help="of the camera, pixels of the colour picture")
+    add("--orthographic", action="store_true", help="take the picture as orthographic")
+    add("--depth-map", default="linear", help="linear, or reciprocal (Li 2012)")
+    direction = parser.add_mutually_exclusive_group()
+    direction.add_argument("--near-is-large", action="store_true", help="white is near")
+    direction.add_argument("--far-is-large", action="store_true", help="as distances are")
+    add("--near", type=float, metavar="D", help="nearest depth mapped: mm, or without a unit plain")
+    add("--far", type=float, metavar="D", help="farthest (defaults: the 0.5 and 99.5 %% quantiles)")
+    add("--outside", default="clip", help="what lies beyond: clip takes it to the end, drop omits")
+    add("--missing", default="", metavar="N,...", help="numbers of the file that mean no depth")
+    add("--fill", default="none", help="missing depth: none, nearest, behind or far")
+    add("--fit", default="contain", help="contain: all of the picture; cover: all of the array")
+    add("--frame-at", type=float, metavar="D", help="distance at which it fits (the median)")
+    add("--steepest", type=float, default=10.0, help="slope up to which samples are one surface")
+    add("--swap-bytes", action="store_true", help="16-bit depth in the other byte order")
+
+
+def picture_of(args: argparse.Namespace) -> CameraPicture:
+    """What the options of `add_picture` say."""
+    from dataclasses import fields
+
+    from inim.from_camera.picture import CameraPicture
+
+    return CameraPicture(**{f.name: getattr(args, f.name) for f in fields(CameraPicture)})
+
+
+def print_outcome(text: str) -> None:
+    """Print a command's last line; a reader that left, or a full disk, changes no exit code."""
+    try:
+        print(text, flush=True)
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,148 @@
+"""`inim validate`: a scene, or a picture of the user's own, becomes a scored report."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import fields
+from pathlib import Path
+
+from inim.commands.options import (
+    add_definitions,
+    add_exit_codes,
+    add_picture,
+    add_quiet,
+    picture_of,
+    print_outcome,
+)
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
+
+__all__ = ["SUMMARY", "add_arguments", "run"]
+
+SUMMARY = "render a scene, generate its EIA with each algorithm, score every view"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `inim validate`."""
+    parser.description = (
+        "Render a scene, generate its elemental image array with each algorithm, "
+        "look at it through the lens array, and score every view against the scene."
+    )
+    add_exit_codes(parser)
+    add = parser.add_argument
+    add("scene", type=Path, nargs="?", help="Mitsuba scene (.xml) with inim.* settings")
+    add("-o", "--out", type=Path, help="folder for the report (default: SCENE-report)")
+    add_definitions(parser)
+    add("--display", help="display preset: nominal or phone")
+    add(
+        "--algorithms",
+        help="algorithms with options, separated by commas; see `inim algorithms`; "
+        "'none' to score finished EIAs only",
+    )
+    add(
+        "--eia",
+        dest="eias",
+        action="append",
+        default=[],
+        metavar="NAME=FILE",
+        help="score a finished EIA, .png (sRGB) or .exr (linear), too; may be repeated",
+    )
+    add("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
+    add("--lens-model", help="lens model: pinhole, thin, thick or full")
+    add(
+        "--misalign",
+        metavar="KEY=NUMBER,...",
+        help="how far the array lies off what generators know, such as 'rotation_deg=0.5'",
+    )
+    add("--backend", default="auto", choices=("auto", "llvm", "cuda"))
+    add(
+        "--baseline",
+        type=Path,
+        metavar="DIR",
+        help="compare with this baseline, made by `inim baseline accept`; a change fails",
+    )
+    add(
+        "--time",
+        action="store_true",
+        help="time the generators in yardsticks, too; with --baseline, 15 %% slower fails",
+    )
+    add(
+        "--lazy",
+        action="store_true",
+        help="make and render only the panel pixels that the viewpoints observe: the same scores "
+        "of views, none of whole EIAs",
+    )
+    add(
+        "--no-skip",
+        action="store_true",
+        help="do everything, also what changes no result, and use no store",
+    )
+    add_quiet(parser)
+    picture = parser.add_argument_group(
+        "in place of a scene",
+        "A picture of your own: what can be scored without ground truth is, the rest says why not. "
+        "Colour and depth as for `inim generate`, or what its --rgbd wrote; --display may be an "
+        ".xml with inim.* settings.",
+    )
+    picture.add_argument("--rgbd", type=Path, metavar="FILE", help="fitted colour and depth, .exr")
+    add_picture(picture)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry out `inim validate`; the exit code."""
+    _check_words(args)
+    if args.rgbd or args.color or args.depth:
+        passed, out = _validate_picture(args)
+    elif args.scene is None:
+        raise UsageError("validate: name a scene, or a picture with --rgbd, or --color and --depth")
+    else:
+        passed, out = _validate_scene(args)
+    if not args.quiet:
+        print_outcome(f"{'passed' if passed else 'FAILED'}; report: {out / 'report.html'}")
+    return EXIT_PASSED if passed else EXIT_CHECK_FAILED
+
+
+def _check_words(args: argparse.Namespace) -> None:
+    """Bytes that are no text in this locale cannot go into a report."""
+    texts = (args.scene, args.out, *args.definitions, args.algorithms, *args.eias, args.viewpoints)
+    for word in map(str, texts):
+        if not word.isascii() and any("\ud800" <= c <= "\udfff" for c in word):
+            raise UsageError(
+                f"{word!a}: is no text in this locale ({sys.getfilesystemencoding()}); "
+                "rename it, or set PYTHONUTF8=1"
+            )
+
+
+def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
+    from inim.pipeline.request import Request, default_out, validate_in_worker
+
+    given = {f.name: getattr(args, f.name) for f in fields(Request)}
+    given |= {"out": args.out or default_out(args.scene)}
+    given |= {name: tuple(getattr(args, name)) for name in ("definitions", "eias")}
+    request = Request(**given)
+    return validate_in_worker(request, quiet=args.quiet, debug=args.debug), request.out
+
+
+def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
+    from inim.pipeline.own_picture import PictureRequest, run_picture
+
+    if args.scene is not None:
+        raise UsageError(f"{args.scene}: a scene and a picture; validate one of them")
+    if args.rgbd is not None and (args.color is not None or args.depth is not None):
+        raise UsageError("--rgbd: is a fitted picture; leave --color and --depth out, or --rgbd")
+    for option in ("eias", "misalign", "baseline", "time", "lazy"):
+        if getattr(args, option):
+            shown = f"--{option.removesuffix('s')}"
+            raise UsageError(f"{shown}: needs the ground truth of a scene; leave it out")
+    request = PictureRequest(
+        picture_of(args),
+        rgbd=args.rgbd,
+        out=args.out,
+        display=args.display,
+        definitions=tuple(args.definitions),
+        algorithms=args.algorithms,
+        viewpoints=args.viewpoints,
+        lens_model=args.lens_model,
+        backend=args.backend,
+    )
+    return run_picture(request, quiet=args.quiet, debug=args.debug)

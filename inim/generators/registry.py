@@ -1,0 +1,339 @@
+"""What algorithms there are, and what is known of each.
+
+An algorithm is one file with one function, ``prepare(display, shape, pixel_mm, **options)``, which
+returns a `Generator`. Its properties stand with it::
+
+    @algorithm(exact=True, color="#0072b2")
+    def prepare(display, shape, pixel_mm, *, samples=1):
+        \"""A generator of exact first hits.\"""
+
+Those in this folder are found by their files. Other packages announce theirs through the
+entry-point group ``inim.generators``, by the same function, with or without properties::
+
+    [project.entry-points."inim.generators"]
+    mine = "my_package.eia:prepare"
+
+The files of this folder import no compiler and no renderer before `prepare` is called, so that
+looking up a property costs nothing.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import pkgutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module, metadata
+from pathlib import Path
+from typing import Any, TypeVar
+
+from inim.errors import UsageError
+from inim.generators.base import Generator
+
+__all__ = [
+    "DEFAULT",
+    "MASK",
+    "PICKUP",
+    "Algorithm",
+    "AlgorithmProperties",
+    "algorithm",
+    "algorithm_names",
+    "algorithm_summary",
+    "check_algorithm",
+    "find_algorithm",
+    "is_own",
+    "one_of",
+    "parse_algorithm",
+    "positive_mm",
+    "properties",
+]
+
+#: The algorithm of whoever names none; listed first.
+DEFAULT = "template"
+#: Ray tracing the scene itself, which a validation can score beside the generators.
+PICKUP = "pickup"
+#: The parameter of a `prepare` that takes a pixel mask; not an option of the algorithm.
+MASK = "mask"
+
+_ENTRY_POINTS = "inim.generators"
+# Where `algorithm` leaves the properties of a `prepare`.
+_STATED = "__inim_algorithm__"
+
+Prepare = Callable[..., Generator]
+_AnyPrepare = TypeVar("_AnyPrepare", bound=Prepare)
+
+
+@dataclass(frozen=True)
+class _Stated:
+    """What `algorithm` is given."""
+
+    exact: bool = False
+    portable: bool = False
+    reads_layers: bool = False
+    color: str | None = None
+    marker: str | None = None
+    interpreted_with: Mapping[str, str] = field(default_factory=dict)
+
+
+def algorithm(
+    *,
+    exact: bool = False,
+    portable: bool = False,
+    reads_layers: bool = False,
+    color: str | None = None,
+    marker: str | None = None,
+    interpreted_with: Mapping[str, str] | None = None,
+) -> Callable[[_AnyPrepare], _AnyPrepare]:
+    """State the properties of an algorithm; decorates its `prepare`.
+
+    Parameters
+    ----------
+    exact : bool
+        By its definition it shows the first hit of every panel pixel's ray in the picture.
+    portable : bool
+        Its EIA depends on comparisons of stored numbers only: the same bits on every machine.
+    reads_layers : bool
+        It makes use of `inim.rgbd.LayeredRGBD`.
+    color, marker : str, optional
+        Of its points in plots, as matplotlib names them.
+    interpreted_with : {option: value}, optional
+        The options with which it runs as plain Python.
+    """
+    stated = _Stated(exact, portable, reads_layers, color, marker, interpreted_with or {})
+
+    def state(prepare: _AnyPrepare) -> _AnyPrepare:
+        setattr(prepare, _STATED, stated)
+        return prepare
+
+    return state
+
+
+@dataclass(frozen=True)
+class AlgorithmProperties:
+    """Properties of an algorithm with some options.
+
+    Attributes
+    ----------
+    name : str
+        Without the options.
+    own : bool
+        It ships with inim.
+    exact, portable, reads_layers, color, marker :
+        See `algorithm`.
+    takes_mask : bool
+        It makes the pixels of a mask only; others are run in full and blackened.
+    interpreted : bool
+        It runs as plain Python with these options.
+    """
+
+    name: str
+    own: bool
+    exact: bool
+    portable: bool
+    reads_layers: bool
+    color: str | None
+    marker: str | None
+    takes_mask: bool
+    interpreted: bool
+
+
+@dataclass(frozen=True)
+class Algorithm:
+    """An algorithm by its name.
+
+    Attributes
+    ----------
+    name : str
+    prepare : callable
+        ``prepare(display, shape, pixel_mm, **options)`` makes a `Generator`.
+    own : bool
+        It ships with inim.
+    """
+
+    name: str
+    prepare: Prepare
+    own: bool
+
+    @property
+    def options(self) -> tuple[inspect.Parameter, ...]:
+        """What can be written after its name: `prepare`'s parameters from the fourth on."""
+        parameters = list(inspect.signature(self.prepare).parameters.values())[3:]
+        return tuple(p for p in parameters if p.name != MASK)
+
+    @property
+    def takes_mask(self) -> bool:
+        """Whether its `prepare` takes a pixel mask."""
+        return MASK in inspect.signature(self.prepare).parameters
+
+    @property
+    def summary(self) -> str:
+        """The first line of `prepare`'s docstring."""
+        return (inspect.getdoc(self.prepare) or "").partition("\n")[0]
+
+    def check_options(self, options: Mapping[str, Any]) -> None:
+        """Raise `UsageError` for an option that it does not have."""
+        if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in self.options):
+            return
+        names = [p.name for p in self.options]
+        for key in options:
+            if key not in names:
+                has = f"its options are {', '.join(names)}" if names else "it has none"
+                raise UsageError(f"algorithm {self.name!r} has no option {key!r}; {has}")
+
+    def properties(self, options: Mapping[str, Any]) -> AlgorithmProperties:
+        """Its properties with some options."""
+        stated = getattr(self.prepare, _STATED, None)
+        stated = stated if isinstance(stated, _Stated) else _Stated()
+        plain = stated.interpreted_with.items()
+        return AlgorithmProperties(
+            self.name,
+            self.own,
+            stated.exact,
+            stated.portable,
+            stated.reads_layers,
+            stated.color,
+            stated.marker,
+            self.takes_mask,
+            bool(plain) and all(options.get(key) == value for key, value in plain),
+        )
+
+
+@cache
+def _own() -> dict[str, Algorithm]:
+    """The algorithms of this folder, the default one first."""
+    package = __name__.rpartition(".")[0]
+    found = {}
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        if not module.ispkg:
+            prepare = getattr(import_module(f"{package}.{module.name}"), "prepare", None)
+            if prepare is not None and hasattr(prepare, _STATED):
+                found[module.name] = Algorithm(module.name, prepare, own=True)
+    return {name: found[name] for name in sorted(found, key=lambda name: (name != DEFAULT, name))}
+
+
+def is_own(name: str) -> bool:
+    """Whether an algorithm, named without options, ships with inim; nothing else is loaded."""
+    return name in _own()
+
+
+def algorithm_names() -> list[str]:
+    """All algorithms there are: the project's own, then those that other packages announce."""
+    others = sorted({point.name for point in metadata.entry_points(group=_ENTRY_POINTS)})
+    return [*_own(), *(n for n in others if n not in _own() and n != PICKUP)]
+
+
+def find_algorithm(name: str) -> Algorithm:
+    """The algorithm of a name without options.
+
+    Raises
+    ------
+    UsageError
+        Unknown, announced twice, or an announced one that cannot be loaded.
+    """
+    if name in _own():
+        return _own()[name]
+    if name == PICKUP:
+        raise UsageError(f"algorithm {name!r} needs the scene, not a picture: use `inim validate`")
+    points = list(metadata.entry_points(group=_ENTRY_POINTS, name=name))
+    if not points:
+        raise UsageError(f"algorithm {name!r}: use {' or '.join(algorithm_names())}")
+    if len({point.value for point in points}) > 1:
+        raise UsageError(
+            f"algorithm {name!r} is announced by several packages "
+            f"({', '.join(sorted(point.value for point in points))}); uninstall all but one"
+        )
+    try:
+        announced = Algorithm(name, points[0].load(), own=False)
+        _ = announced.options
+    except (Exception, SystemExit) as error:
+        raise UsageError(
+            f"algorithm {name!r} ({points[0].value}) cannot be loaded: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    return announced
+
+
+def properties(text: str) -> AlgorithmProperties:
+    """What is known of an algorithm, ``name`` or ``name:key=value``.
+
+    Those of inim's own algorithms load neither numba nor the renderer.
+
+    Raises
+    ------
+    UsageError
+        As `find_algorithm` and `parse_algorithm`.
+    """
+    name, options = parse_algorithm(text)
+    return find_algorithm(name).properties(options)
+
+
+def algorithm_summary(name: str) -> tuple[str, str]:
+    """How to write an algorithm with all its options' defaults, and its docstring's first line.
+
+    Raises
+    ------
+    UsageError
+        Unknown, or cannot be loaded.
+    """
+    found = find_algorithm(name)
+    unsaid = (inspect.Parameter.empty, None)
+    defaults = ((p.name, "..." if p.default in unsaid else p.default) for p in found.options)
+    return ":".join([name, *(f"{key}={value}" for key, value in defaults)]), found.summary
+
+
+def parse_algorithm(text: str) -> tuple[str, dict[str, str]]:
+    """An algorithm with options, ``name`` or ``name:key=value:key=value``.
+
+    Raises
+    ------
+    UsageError
+        An option without a value, or given twice.
+    """
+    name, *items = (part.strip() for part in text.split(":"))
+    options: dict[str, str] = {}
+    for item in items:
+        key, equals, value = item.partition("=")
+        if not (equals and key.strip() and value.strip()):
+            raise UsageError(f"algorithm {text!r}: write options as name:key=value")
+        if key.strip() in options:
+            raise UsageError(f"algorithm {text!r}: option {key.strip()!r} is given twice; drop one")
+        options[key.strip()] = value.strip()
+    return name, options
+
+
+def check_algorithm(text: str) -> None:
+    """Raise `UsageError` unless an algorithm of that name exists and has those options."""
+    name, options = parse_algorithm(text)
+    find_algorithm(name).check_options(options)
+
+
+def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
+    """The value of an option that is one of a few words.
+
+    Raises
+    ------
+    UsageError
+        Any other value.
+    """
+    if value not in choices:
+        raise UsageError(f"{name} = {value!r}: use {' or '.join(choices)}")
+    return str(value)
+
+
+def positive_mm(name: str, value: Any) -> float:
+    """The value of an option that is a length, given as a number or as text.
+
+    Raises
+    ------
+    UsageError
+        Not a positive finite length.
+    """
+    try:
+        length = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        length = math.nan
+    if not 0 < length < math.inf:
+        raise UsageError(f"{name} = {value!r}: it must be a positive length in mm")
+    return length

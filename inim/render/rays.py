@@ -1,0 +1,271 @@
+"""The rays of a depth camera, of a display's pixels, and of an eye, as tables.
+
+| rays    | film plane        | ray of a film point q                                   |
+| ------- | ----------------- | ------------------------------------------------------- |
+| capture | any plane         | through q, straight back: what the RGB-D camera sees    |
+| pickup  | panel, z = -gap   | through q and the centre of the pixel's lens (Eq. 1)    |
+| eye     | lens array, z = 0 | from the eye through q: an off-axis frustum on the array |
+
+An eye may have a pupil, a disc about its centre e in the plane z = V, focused on the plane a
+distance F in front of it. The ray of q from the pupil's point e + u meets the ray from e in the
+plane of focus: with s the slope of that chief ray, it runs at s - u / F, and crosses z = `start_mm`
+at u (1 - (V - start) / F) beside it. Both changes are linear in u and the same for every pixel.
+
+All three are separable in x and y and linear inside a pixel. In the display frame a ray starts on
+the plane z = `start_mm`, just in front of the picture, at a place that depends on the film column
+(row), and runs back at a slope that does too. Only the pickup of an array that is hexagonal, turned
+or tilted is not separable: there each pixel has a lens, a place and a gap of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from inim.display import Display
+from inim.display.panel import SUBPIXELS, SubPixel
+from inim.display.pixel_axis import PixelAxis
+from inim.display.pixel_rays import PixelRays, pixel_rays, row_blocks
+from inim.display.viewpoint import Viewpoint, focus_distance_mm
+
+__all__ = [
+    "WHOLE_PIXEL",
+    "AxisRays",
+    "NonSeparableRays",
+    "SeparableRays",
+    "capture_rays",
+    "eye_rays",
+    "pickup_rays",
+]
+
+#: All of a pixel shines.
+WHOLE_PIXEL = SUBPIXELS["none"][0]
+
+
+@dataclass(frozen=True)
+class AxisRays:
+    """One axis of a ray family: the rays of the pixel centres, and how they change inside a pixel.
+
+    Attributes
+    ----------
+    place_mm : (n,) float64
+        Where the ray of each column (row) crosses the start plane.
+    slope : (n,) float64
+        Its sideways travel per millimetre away from the viewer.
+    place_step_mm, slope_step : float
+        Change of both from one side of a pixel to the other, in film order.
+    """
+
+    place_mm: np.ndarray
+    slope: np.ndarray
+    place_step_mm: float
+    slope_step: float = 0.0
+
+
+@dataclass(frozen=True)
+class SeparableRays:
+    """The rays of one sensor, display frame, millimetres; see the module's text.
+
+    `pupil_place_mm` and `pupil_slope` are what place and slope change by from the middle of an
+    eye's pupil to its edge; both 0 where there is no pupil.
+    """
+
+    plugin: str
+    start_mm: float
+    x: AxisRays
+    y: AxisRays
+    pupil_place_mm: float = 0.0
+    pupil_slope: float = 0.0
+
+    @property
+    def has_pupil(self) -> bool:
+        """Whether a pixel's rays come from all over a disc."""
+        return self.pupil_slope != 0
+
+    @property
+    def columns(self) -> int:
+        """Film width."""
+        return len(self.x.place_mm)
+
+    @property
+    def rows(self) -> int:
+        """Film height."""
+        return len(self.y.place_mm)
+
+
+@dataclass(frozen=True)
+class NonSeparableRays:
+    """Rays of a panel whose array lies freely: a lens, a place and a gap for every pixel.
+
+    The pickup of displays that are not separable. A ray joins a point of its pixel and the centre
+    of the pixel's lens; display frame, millimetres. Tables are (rows, columns) float32: differences
+    are taken in float64 before, so nothing cancels.
+
+    Attributes
+    ----------
+    plugin : str
+    start_mm : float
+        Plane that the rays start from.
+    x0_mm, y0_mm :
+        The lens's centre.
+    aside_x_mm, aside_y_mm :
+        From the middle of the pixel's bundle to there.
+    gap_mm :
+        Under the middle of the bundle.
+    step_x_mm, step_y_mm : float
+        Across the bundle's base on the panel, in film order.
+    tilt_x, tilt_y : float
+        Growth of the gap per millimetre.
+    """
+
+    plugin: str
+    start_mm: float
+    x0_mm: np.ndarray
+    y0_mm: np.ndarray
+    aside_x_mm: np.ndarray
+    aside_y_mm: np.ndarray
+    gap_mm: np.ndarray
+    step_x_mm: float
+    step_y_mm: float
+    tilt_x: float
+    tilt_y: float
+
+    @property
+    def has_pupil(self) -> bool:
+        """Whether a pixel's rays come from all over a disc: they never do."""
+        return False
+
+    @property
+    def columns(self) -> int:
+        """Film width."""
+        return int(self.x0_mm.shape[1])
+
+    @property
+    def rows(self) -> int:
+        """Film height."""
+        return int(self.x0_mm.shape[0])
+
+
+def capture_rays(columns: int, rows: int, pixel_mm: float, start_mm: float) -> SeparableRays:
+    """Parallel rays straight back: the orthographic RGB-D camera."""
+
+    def axis(count: int, sign: int) -> AxisRays:
+        return AxisRays(_centres(count, sign * pixel_mm), np.zeros(count), sign * pixel_mm)
+
+    return SeparableRays("inim_capture", start_mm, axis(columns, +1), axis(rows, -1))
+
+
+def pickup_rays(
+    display: Display, start_mm: float, subpixel: SubPixel = WHOLE_PIXEL
+) -> SeparableRays | NonSeparableRays:
+    """One bundle per panel pixel, over what shines of it, through its lens centre (Eq. 1).
+
+    Parameters
+    ----------
+    display : Display
+    start_mm : float
+    subpixel : SubPixel
+        The part of each pixel that shines in the colour to be picked up, whatever its `turn`.
+    """
+    right = float(subpixel.right)
+    width, height = float(subpixel.width) * display.pixel_fill, display.pixel_fill
+    if not display.is_separable:
+        return _non_separable(display, start_mm, right, width, height)
+
+    def axis(pixels: PixelAxis, sign: int, aside: float, share: float) -> AxisRays:
+        # A step across the pixel moves the panel end of the ray; the lens centre stays.
+        step = sign * display.pixel_pitch_mm / display.gap_mm
+        slope = pixels.slope - aside * step
+        return AxisRays(
+            pixels.centre_mm + slope * start_mm, -slope, -step * start_mm * share, step * share
+        )
+
+    return SeparableRays(
+        "inim_pickup",
+        start_mm,
+        axis(display.columns, +1, right, width),
+        axis(display.rows, -1, 0.0, height),
+    )
+
+
+def _non_separable(
+    display: Display, start_mm: float, right: float, width: float, height: float
+) -> NonSeparableRays:
+    """The bundles of a display, from what shines of its pixels.
+
+    Parameters
+    ----------
+    display : Display
+    start_mm : float
+        Plane that the rays start from.
+    right, width, height : float
+        Of what shines: its centre, to the right of the pixel's, and its size, in pixels.
+    """
+    pixel = display.pixel_pitch_mm
+    blocks = [pixel_rays(display, rows, (0.0, right)) for rows in row_blocks(display)]
+
+    def table(of: Callable[[PixelRays], np.ndarray]) -> np.ndarray:
+        return np.concatenate([of(rays).astype(np.float32) for rays in blocks])
+
+    return NonSeparableRays(
+        "inim_pickup",
+        start_mm,
+        table(lambda rays: rays.x0),
+        table(lambda rays: rays.y0),
+        table(lambda rays: rays.slope_x * rays.gap_mm),
+        table(lambda rays: rays.slope_y * rays.gap_mm),
+        table(lambda rays: rays.gap_mm),
+        width * pixel,
+        -height * pixel,
+        math.tan(math.radians(display.tilt_x_deg)),
+        math.tan(math.radians(display.tilt_y_deg)),
+    )
+
+
+def eye_rays(
+    display: Display, viewpoint: Viewpoint, pixels_per_lens: int, start_mm: float
+) -> SeparableRays:
+    """From an eye through the lens array, which fills the film: an off-axis frustum.
+
+    Parameters
+    ----------
+    display : Display
+    viewpoint : Viewpoint
+        The pupil's centre and diameter, and the distance it is focused at.
+    pixels_per_lens : int
+    start_mm : float
+    """
+    x, y, distance = viewpoint.position_mm
+    focus, pupil_mm = focus_distance_mm(viewpoint, display), viewpoint.pupil_mm
+    # Staggered rows make the array half a pitch wider than its lenses.
+    cell_x = display.pitch_mm
+    if display.lattice == "hexagonal":
+        cell_x = display.width_mm / display.lens_columns
+
+    def axis(lenses: int, cell: float, eye: float, sign: int) -> AxisRays:
+        step = cell / pixels_per_lens
+        on_array = _centres(lenses * pixels_per_lens, sign * step)
+        slope = (on_array - eye) / distance
+        return AxisRays(
+            on_array - slope * start_mm,
+            slope,
+            sign * step * (1 - start_mm / distance),
+            sign * step / distance,
+        )
+
+    return SeparableRays(
+        "inim_eye",
+        start_mm,
+        axis(display.lens_columns, cell_x, x, +1),
+        axis(display.lens_rows, display.row_pitch_mm, y, -1),
+        pupil_mm / 2 * (1 - (distance - start_mm) / focus),
+        -pupil_mm / 2 / focus,
+    )
+
+
+def _centres(count: int, step: float) -> np.ndarray:
+    """Centres of `count` pixels about the axis; a negative step runs downwards."""
+    return (np.arange(count) - (count - 1) / 2) * step

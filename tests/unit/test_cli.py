@@ -1,0 +1,59 @@
+"""A command is a module of `inim.commands`: all are listed, and only the named one is imported."""
+
+from __future__ import annotations
+
+import pkgutil
+import subprocess
+import sys
+
+import pytest
+
+import inim.commands
+from inim.cli import COMMANDS, main
+from inim.errors import EXIT_USAGE
+
+HEAVY = ("numpy", "numba", "mitsuba", "drjit", "matplotlib", "PIL", "scipy")
+
+
+def loaded_by(*words: str) -> set[str]:
+    """Modules that a fresh process has imported once its command line is parsed."""
+    code = (
+        "import sys; from inim.cli import main\n"
+        "try:\n    main(sys.argv[1:])\nexcept SystemExit:\n    pass\n"
+        "print(*sorted(sys.modules), file=sys.stderr)"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, check=True
+    )
+    return set(ended.stderr.split())
+
+
+def test_every_module_of_the_commands_but_the_shared_options_is_a_command():
+    found = {m.name for m in pkgutil.iter_modules(inim.commands.__path__)}
+    assert found - {"options"} == {name.replace("-", "_") for name in COMMANDS}
+
+
+def test_help_lists_every_command_with_a_line(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    words = capsys.readouterr().out.split()
+    assert [name for name in COMMANDS if name not in words] == []
+
+
+@pytest.mark.parametrize("words", [("--help",), ("validate", "--help"), ("generate", "--help")])
+def test_help_loads_nothing_heavy(words):
+    assert loaded_by(*words).isdisjoint(HEAVY)
+
+
+def test_only_the_named_command_is_imported():
+    loaded = {m for m in loaded_by("cache", "--help") if m.startswith("inim.commands.")}
+    assert loaded == {"inim.commands.cache", "inim.commands.options"}
+
+
+def test_unknown_command_is_one_line_that_names_those_there_are(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["validat"])
+    assert ended.value.code == EXIT_USAGE
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("inim: error: ")
+    assert "new-scene" in line

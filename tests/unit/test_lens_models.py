@@ -1,0 +1,194 @@
+"""Lens models are found by name, other packages' too, which give a view or one clear line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inim.display import Viewpoint
+from inim.errors import DisplayError, InimError, UsageError
+from inim.lens import (
+    check_lens_model,
+    drawn_as,
+    drawn_live,
+    foreign_identity,
+    lens_model,
+    lens_models,
+    trace_to_panel,
+    white_exposure,
+)
+from tests.conftest import small_display
+
+OWN = ["pinhole", "thin", "thick", "full"]
+DISPLAY = small_display(4, 4)
+# A pinhole that loses half of the light: like the project's own, but for its exposure.
+THEIRS = """
+from inim.errors import DisplayError
+from inim.lens import LensModel, PanelRay, lens_centre
+
+
+def trace(array, traits, ops, x, y, sx, sy, index):
+    centre_x, centre_y, inside = lens_centre(array, traits, ops, x, y)
+    weight = ops.where(inside, 0.5, 0.0)
+    return PanelRay(centre_x + array.gap * sx, centre_y + array.gap * sy, sx, sy, weight)
+
+
+def check(display):
+    if display.gap_mm > 5:
+        raise DisplayError(f"gap_mm = {display.gap_mm:g}: too far")
+
+
+model = LensModel("theirs", summary="a grey pinhole", trace=trace, check=check,
+                  transmittance=lambda display: 0.5, refracts=False, stand_in="pinhole")
+"""
+
+
+@pytest.fixture
+def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Install a package that announces a lens model called `theirs`."""
+    count = 0
+
+    def planted(source: str, *, value: str = "model") -> None:
+        nonlocal count
+        count += 1
+        module = f"planted_lens_{tmp_path.name}_{count}".replace("-", "_")
+        (tmp_path / f"{module}.py").write_text(source, encoding="utf-8")
+        info = tmp_path / f"{module}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(
+            f"[inim.lens_models]\ntheirs = {module}:{value}\n", encoding="utf-8"
+        )
+        lens_model.cache_clear()
+
+    monkeypatch.syspath_prepend(tmp_path)
+    yield planted
+    lens_model.cache_clear()
+
+
+def refusal(model: str = "theirs") -> str:
+    """What is said of a model that cannot trace a ray."""
+    with pytest.raises(InimError) as caught:
+        trace_to_panel(DISPLAY, model, np.zeros(3), 0.1, 0.2, 0.0)
+    text = str(caught.value)
+    assert "\n" not in text and f"lens model {model!r}" in text
+    return text
+
+
+def test_the_project_s_own_models_say_what_they_are():
+    assert lens_models() == OWN
+    for name in OWN:
+        model = lens_model(name)
+        assert model.name == name and model.summary
+        assert (model.trace is None) == (name == "full") == (model.mesh is not None)
+        assert foreign_identity(name) == {}
+
+
+def test_each_model_is_drawn_live_as_the_nearest_simpler_one():
+    assert drawn_live() == ["pinhole", "thin"]
+    drawn = {name: drawn_as(name) for name in (*OWN, "of a package that is not here")}
+    assert list(drawn.values()) == ["pinhole", "thin", "thin", "thin", "thin"]
+
+
+def test_an_unknown_model_is_refused_with_the_names_there_are():
+    with pytest.raises(UsageError, match="lens model 'magic': use pinhole or thin or thick or fu"):
+        check_lens_model("magic", DISPLAY)
+
+
+def test_a_mesh_traces_no_ray_here():
+    assert refusal("full").endswith("use 'thick' here")
+
+
+def test_another_package_s_model_is_one_of_them(plant):
+    plant(THEIRS)
+    assert lens_models() == [*OWN, "theirs"]
+    rays = np.linspace(-1.9, 1.9, 50), np.linspace(-1.5, 1.8, 50), 0.1, np.linspace(-0.2, 0.2, 50)
+    x, y, weight = trace_to_panel(DISPLAY, "theirs", *rays)
+    own_x, own_y, own_weight = trace_to_panel(DISPLAY, "pinhole", *rays)
+    assert np.array_equal(x, own_x) and np.array_equal(y, own_y)
+    assert np.array_equal(weight, own_weight / 2) and weight.max() == 0.5
+    assert white_exposure(DISPLAY, "theirs") == 2
+    assert drawn_as("theirs") == "pinhole"
+    assert foreign_identity("theirs")["version"] == "1.0"
+    assert len(foreign_identity("theirs")["sha256"]) == 64
+    with pytest.raises(DisplayError, match=r"lens model 'theirs': gap_mm = 6: too far"):
+        check_lens_model("theirs", DISPLAY.replace(gap_mm=6))
+
+
+def test_the_renderer_shows_a_display_through_another_package_s_model(plant, renderer):
+    """Bit for bit as through the own pinhole at half the light, and with the same panel pixels."""
+    from inim.render.reconstruct import DisplayScene, observed_pixels
+
+    plant(THEIRS)
+    eia = np.random.default_rng(1).uniform(0, 1, (*DISPLAY.eia_shape, 3)).astype(np.float32)
+    eye = Viewpoint("eye", 3, -2, 300)
+    sampling = {"pixels_per_lens": 4, "spp": 8}
+    theirs, own = (
+        DisplayScene(eia, DISPLAY, model).view(eye, **sampling, seed=1)
+        for model in ("theirs", "pinhole")
+    )
+    assert own.max() > 0.5
+    assert np.array_equal(theirs * white_exposure(DISPLAY, "theirs"), own)
+    observed = [
+        observed_pixels(DISPLAY, [eye], model, **sampling, seeds=[1])
+        for model in ("theirs", "pinhole")
+    ]
+    assert 0 < observed[0].mean() < 1
+    assert np.array_equal(*observed)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (THEIRS.replace("    centre_x, c", "    1 / 0\n    c, c"), "trace: ZeroDivisionError"),
+        (THEIRS.replace("return PanelRay", "return list"), "failed in trace: TypeError"),
+        (THEIRS.replace("return PanelRay(", "return list(("), "cannot be loaded: SyntaxError"),
+        (THEIRS.replace("sy, weight)", "sy, weight)[0]"), "ray to a ndarray"),
+        (THEIRS.replace("sy, weight)", "sy, weight[:2])"), "failed in trace: ValueError"),
+        (THEIRS.replace("sy, weight)", "sy, weight[:, None])"), "traced (3,) rays to"),
+        (THEIRS.replace('"theirs"', '"others"'), "calls itself 'others'; give both one name"),
+        (THEIRS.replace('"pinhole"', '"magic"'), "its stand_in is 'magic'; use pinhole or"),
+        (THEIRS.replace("trace=trace, ", ""), "give it a function, trace, or a mesh"),
+        (THEIRS.replace("    if display", "    1 / 0\n    if display"), "check: ZeroDivisionErr"),
+        ("model = 3", "is a int; announce an inim.lens.LensModel"),
+        ("import no_such_package", "cannot be loaded: ModuleNotFoundError"),
+        ("raise SystemExit(0)", "cannot be loaded: SystemExit"),
+    ],
+)
+def test_a_model_that_fails_is_named_in_one_line(plant, wrong, said):
+    plant(wrong)
+    assert said in refusal()
+    check_lens_model("thin", DISPLAY)  # others are served as ever
+
+
+@pytest.mark.parametrize("share", ["0.0", "float('nan')", "-1"])
+def test_a_transmittance_that_no_exposure_makes_up_for_is_refused(plant, share):
+    plant(THEIRS.replace("display: 0.5", f"display: {share}"))
+    with pytest.raises(UsageError, match="lens model 'theirs' lets through"):
+        white_exposure(DISPLAY, "theirs")
+
+
+def test_a_model_announced_by_two_packages_is_refused(plant):
+    plant(THEIRS)
+    plant(THEIRS)
+    assert "is announced by several packages" in refusal()
+
+
+def test_another_package_s_mesh_is_traced_by_the_renderer(plant, renderer):
+    """The own mesh under another name gives the own view."""
+    from inim.render.reconstruct import DisplayScene, observed_pixels
+
+    plant(
+        "from dataclasses import replace\nfrom inim.lens import lens_model\n"
+        "model = replace(lens_model('full'), name='theirs')\n"
+    )
+    eia = np.random.default_rng(1).uniform(0, 1, (*DISPLAY.eia_shape, 3)).astype(np.float32)
+    eye, sampling = Viewpoint("eye", 3, -2, 300), {"pixels_per_lens": 2, "spp": 4}
+    views = [
+        DisplayScene(eia, DISPLAY, model).view(eye, **sampling, seed=1)
+        for model in ("theirs", "full")
+    ]
+    assert views[0].max() > 0.1 and np.array_equal(*views)
+    assert observed_pixels(DISPLAY, [eye], "theirs", **sampling, seeds=[1]) is None
