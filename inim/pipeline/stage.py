@@ -65,7 +65,7 @@ RENDERING = Code(
     ("drjit", "mitsuba", "numpy", "OpenEXR", "trimesh"),
 )
 GENERATING = Code(
-    (*RENDERING.places, "generators", "regression/reference_eia.py"),
+    (*RENDERING.places, "generators", "regression/fingerprints.py"),
     (*RENDERING.packages, "llvmlite", "numba"),
 )
 SCORING = Code(

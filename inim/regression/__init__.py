@@ -23,7 +23,7 @@ from inim.regression.comparison import (
     drift,
     tile_pictures,
 )
-from inim.regression.reference_eia import Fingerprint, fingerprint, reference_input
+from inim.regression.fingerprints import Fingerprint, fingerprint, reference_input
 from inim.regression.run_statistics import (
     BASELINE,
     CANDIDATE,

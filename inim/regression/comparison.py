@@ -11,11 +11,11 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import BaselineError
+from inim.regression.fingerprints import Fingerprint, compare_fingerprints, sampled_pixels
 from inim.regression.inference import FALSE_ALARM_RATE, sidak
-from inim.regression.pictures import compare_noise, compare_pictures, tile_change
-from inim.regression.reference_eia import Fingerprint, compare_fingerprints, sampled_pixels
 from inim.regression.run_statistics import RunStatistics
 from inim.regression.scores import compare_scores
+from inim.regression.tile_changes import compare_noise, compare_pictures, tile_change
 from inim.regression.tiles import TileStatistics
 from inim.regression.times import compare_times
 from inim.regression.verdict import Verdict

@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 #: Chance that one family of tests (all tiles, all scores, all times) of an unchanged program fails
-#: by noise alone: a daily check would cry wolf once in three years.
+#: by noise alone: in a daily check, once in three years.
 FALSE_ALARM_RATE = 1e-3
 
 

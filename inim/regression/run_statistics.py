@@ -18,7 +18,7 @@ import numpy as np
 
 from inim.errors import BaselineError
 from inim.files.image import write_atomically
-from inim.regression.reference_eia import Fingerprint
+from inim.regression.fingerprints import Fingerprint
 from inim.regression.scores import ScoreEstimate
 from inim.regression.tiles import TileStatistics
 

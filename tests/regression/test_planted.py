@@ -16,9 +16,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inim.generators import prepare
+from inim.half_buffers import HalfBuffers
 from inim.observer import Observer
 from inim.pipeline.evaluate import ceiling_scores, evaluate, truth_statistics
 from inim.pipeline.generate import Reference
+from inim.pipeline.images import Images
 from inim.pipeline.measured import Measured
 from inim.pipeline.method import MadeEIA
 from inim.pipeline.plan import make_plan
@@ -26,9 +29,9 @@ from inim.pipeline.reconstruct import reconstruct_views
 from inim.pipeline.request import Request
 from inim.pipeline.run_statistics import run_statistics
 from inim.pipeline.scene import Renderer
+from inim.pipeline.stage import Run
 from inim.pipeline.truth import GroundTruth
 from inim.pipeline.validate import measure
-from inim.pipeline.work import setup
 from inim.regression import RunStatistics, Verdict, compare, fingerprint, reference_input
 from inim.rgbd import RGBD
 
@@ -46,18 +49,14 @@ SMALL = {
 
 
 @dataclass
-class Run:
-    """One run, taken apart: what can be planted into it, and what it leaves."""
+class Finished:
+    """A finished run: what can be planted into it, and what it leaves."""
 
     found: Measured
     renderer: Renderer
     generate: Callable[[RGBD], np.ndarray]
 
-    @property
-    def truth(self) -> GroundTruth:
-        return self.found.truth
-
-    def evidence(
+    def statistics(
         self,
         truth: GroundTruth | None = None,
         generate: Callable[[RGBD], np.ndarray] | None = None,
@@ -65,41 +64,43 @@ class Run:
         times: dict[str, tuple[float, ...]] | None = None,
     ) -> RunStatistics:
         """What it leaves, with another truth, another generator or other views planted."""
-        truth, generate = truth or self.truth, generate or self.generate
-        plan, run, capture = self.found.plan, self.found.run, self.found.capture
+        truth, generate = truth or self.found.truth, generate or self.generate
+        plan, capture, run = self.found.plan, self.found.capture, Run()
         first, second = (generate(rgbd) for rgbd in capture.halves)
-        rgbd = reference_input(plan.display, capture.rgbd.shape, capture.rgbd.pixel_mm)
-        mark = fingerprint(rgbd, generate(rgbd), plan.display, exact=True)
         eia, noise = (first + second) / 2, (first - second) / 2
-        optics = plan.optics, self.renderer
-        views = seen(reconstruct_views("template", eia, noise, plan.viewpoints, *optics, run=run))
-        made = MadeEIA(eia, noise, 0.0, 0.0, Reference(lambda: mark, lambda: generate(rgbd)))
-        result = evaluate("template", made, views, truth, plan, run=run)
-        found = dataclasses.replace(self.found, truth=truth, results={"template": result})
+        made = MadeEIA(eia, noise, None, None, self._reference(generate))
+        how = (plan.viewpoints, plan.optics, self.renderer)
+        views = seen(reconstruct_views("template", eia, noise, *how, run=run))
+        results = {"template": evaluate("template", made, views, truth, plan, run=run)}
         ceiling = ceiling_scores(truth, plan, run=run)
+        found = dataclasses.replace(self.found, truth=truth, ceiling=ceiling, results=results)
         return run_statistics(found, truth_statistics(truth, ceiling, plan, run=run), times or {})
 
+    def _reference(self, generate: Callable[[RGBD], np.ndarray]) -> Reference:
+        camera, display = self.found.capture.camera, self.found.plan.display
+        rgbd = reference_input(display, camera.shape, camera.pixel_mm)
+        eia = generate(rgbd)
+        return Reference(lambda: fingerprint(rgbd, eia, display, exact=True), lambda: eia)
 
-def run_of(folder: Path, **settings: Any) -> Run:
+
+def run_of(folder: Path, **settings: Any) -> Finished:
     """A run of the small scene, without a report."""
-    from inim.generators import prepare
-
     definitions = tuple(f"inim.{key}={value}" for key, value in (SMALL | settings).items())
     plan = make_plan(Request(SCENE, folder, definitions))
-    run, renderer, images = setup(plan, folder, Observer())
-    found = measure(plan, renderer, images, run)
-    rgbd = found.capture.rgbd
-    made = prepare(plan.display, "template", shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
-    return Run(found, renderer, lambda picture: made.generate(picture))
+    renderer = Renderer(plan.request.backend, plan.rays_in_flight, Observer())
+    found = measure(plan, renderer, Images(folder, {}, Observer()), Run())
+    camera = found.capture.camera
+    made = prepare(plan.display, "template", shape=camera.shape, pixel_mm=camera.pixel_mm)
+    return Finished(found, renderer, lambda picture: made.generate(picture))
 
 
 @pytest.fixture(scope="module")
 def baseline(tmp_path_factory: pytest.TempPathFactory) -> RunStatistics:
-    return run_of(tmp_path_factory.mktemp("baseline")).evidence()
+    return run_of(tmp_path_factory.mktemp("baseline")).statistics()
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(tmp_path_factory: pytest.TempPathFactory) -> Finished:
     """With a seed of its own: what is planted must stand out from fresh noise."""
     return run_of(tmp_path_factory.mktemp("run"), seed=1)
 
@@ -109,7 +110,7 @@ def failed(baseline: RunStatistics, candidate: RunStatistics) -> dict[str, Verdi
 
 
 EIA = "eia/template: tiles against the baseline"
-FIXED = "template: changed pixels of the fixed picture"
+PIXELS = "template: changed pixels of the fixed picture"
 
 
 def score(view: str, name: str = "SSIM to ceiling") -> str:
@@ -124,26 +125,26 @@ def tiles(view: str) -> str:
 
 
 def test_fresh_seed_is_no_regression(baseline, run):
-    assert failed(baseline, run.evidence()) == {}
+    assert failed(baseline, run.statistics()) == {}
 
 
 def test_five_percent_fewer_samples_are_no_regression(baseline, tmp_path):
     fewer = {"eia_spp": 19, "view_spp": 76, "reconstruction_spp": 19, "capture_spp": 15}
-    assert failed(baseline, run_of(tmp_path, seed=2, **fewer).evidence()) == {}
+    assert failed(baseline, run_of(tmp_path, seed=2, **fewer).statistics()) == {}
 
 
 @pytest.mark.slow
 def test_thirty_fresh_seeds_raise_no_false_alarm(baseline, tmp_path):
     alarms = {}
     for seed in range(3, 33):
-        alarms |= failed(baseline, run_of(tmp_path, seed=seed).evidence())
+        alarms |= failed(baseline, run_of(tmp_path, seed=seed).statistics())
     assert alarms == {}
 
 
 # --- Generators that went wrong -----------------------------------------------------------------
 
 
-def pseudoscopic(run: Run) -> Callable[[RGBD], np.ndarray]:
+def pseudoscopic(run: Finished) -> Callable[[RGBD], np.ndarray]:
     """Far is near: depth mirrored in the depth range."""
     low, high = run.found.plan.display.depth_range_mm
 
@@ -154,7 +155,7 @@ def pseudoscopic(run: Run) -> Callable[[RGBD], np.ndarray]:
     return generate
 
 
-def edited(run: Run, edit: Callable[[np.ndarray], np.ndarray]) -> Callable[[RGBD], np.ndarray]:
+def edited(run: Finished, edit: Callable[[np.ndarray], np.ndarray]) -> Callable[[RGBD], np.ndarray]:
     return lambda rgbd: np.ascontiguousarray(edit(run.generate(rgbd)), np.float32)
 
 
@@ -177,23 +178,26 @@ def one_noisy_lens(eia: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("plant", "rows"),
     [
-        (pseudoscopic, {EIA, FIXED, score("left"), score("right")}),
-        # Against the noise of 16 samples it hides on a smooth relic; the fixed picture has none.
-        (lambda run: edited(run, half_a_pixel), {FIXED}),
-        (lambda run: edited(run, gamma_twice), {EIA, FIXED, score("centre", "PSNR to ceiling")}),
-        (lambda run: edited(run, one_noisy_lens), {EIA, FIXED}),
+        (pseudoscopic, {EIA, PIXELS, score("left"), score("right")}),
+        # Against the noise of 16 samples it hides on a smooth relic; the reference input has none.
+        (lambda run: edited(run, half_a_pixel), {PIXELS}),
+        (
+            lambda run: edited(run, gamma_twice),
+            {EIA, PIXELS, score("centre", "PSNR to ceiling")},
+        ),
+        (lambda run: edited(run, one_noisy_lens), {EIA, PIXELS}),
     ],
     ids=["pseudoscopic depth", "half-pixel shift", "gamma twice", "one noisy lens"],
 )
 def test_generator_that_went_wrong_is_found(baseline, run, plant, rows):
-    found = failed(baseline, run.evidence(generate=plant(run)))
+    found = failed(baseline, run.statistics(generate=plant(run)))
     assert rows <= found.keys()
     # The scene itself is as it was.
     assert not [name for name in found if name.startswith(("truth/", "ceiling/", "ground"))]
 
 
 def test_noisy_lens_is_named_by_its_place(baseline, run):
-    found = failed(baseline, run.evidence(generate=edited(run, one_noisy_lens)))
+    found = failed(baseline, run.statistics(generate=edited(run, one_noisy_lens)))
     assert "1 of 576 tiles changed" in found[EIA].detail
     assert "rows 102 to 118, columns 272 to 288" in found[EIA].detail
 
@@ -205,8 +209,8 @@ def test_generator_slower_by_30_percent_is_found(baseline, run):
         return {"template": tuple(math.log(1.5 * slowdown) + 0.05 * rng.normal(size=31))}
 
     timed = dataclasses.replace(baseline, times=times(1.0))
-    assert failed(timed, run.evidence(times=times(1.0))) == {}
-    assert list(failed(timed, run.evidence(times=times(1.3)))) == [
+    assert failed(timed, run.statistics(times=times(1.0))) == {}
+    assert list(failed(timed, run.statistics(times=times(1.3)))) == [
         "template: time against the baseline"
     ]
 
@@ -219,37 +223,30 @@ def swapped(views: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_swapped_views_of_an_algorithm_are_found_by_name(baseline, run):
-    found = failed(baseline, run.evidence(seen=swapped))
+    found = failed(baseline, run.statistics(seen=swapped))
     assert {score("left"), score("right")} <= found.keys()
     assert not [name for name in found if "centre" in name or name.startswith("truth")]
 
 
 def test_swapped_views_of_the_scene_are_found_by_name(baseline, run):
-    truth = dataclasses.replace(run.truth, views=swapped(run.truth.views))
-    found = failed(baseline, run.evidence(truth=truth))
+    truth = dataclasses.replace(run.found.truth, views=swapped(run.found.truth.views))
+    found = failed(baseline, run.statistics(truth=truth))
     assert {tiles("left"), tiles("right")} <= found.keys()
     assert tiles("centre") not in found
 
 
 @pytest.mark.parametrize("edit", [half_a_pixel, gamma_twice], ids=["half a pixel", "gamma twice"])
 def test_renderer_that_went_wrong_is_found(baseline, run, edit):
-    from inim.half_buffers import HalfBuffers
-
-    wrong = HalfBuffers(
-        *(edit(half).astype(np.float32) for half in _halves(run.truth.views["centre"]))
-    )
-    truth = dataclasses.replace(run.truth, views=run.truth.views | {"centre": wrong})
-    found = failed(baseline, run.evidence(truth=truth))
+    view = run.found.truth.views["centre"]
+    wrong = HalfBuffers(*(edit(half).astype(np.float32) for half in (view.first, view.second)))
+    truth = dataclasses.replace(run.found.truth, views=run.found.truth.views | {"centre": wrong})
+    found = failed(baseline, run.statistics(truth=truth))
     assert tiles("centre") in found
     assert tiles("left") not in found
 
 
-def _halves(view: Any) -> tuple[np.ndarray, np.ndarray]:
-    return view.first, view.second
-
-
 def test_missing_view_is_found(baseline, run):
-    candidate = run.evidence()
+    candidate = run.statistics()
     pictures = {name: p for name, p in candidate.pictures.items() if name != "truth/left"}
     scores = {what: s for what, s in candidate.scores.items() if what != "template/left"}
     holed = dataclasses.replace(candidate, pictures=pictures, scores=scores)
@@ -258,5 +255,5 @@ def test_missing_view_is_found(baseline, run):
 
 def test_truth_with_a_quarter_of_the_samples_is_found(baseline, tmp_path):
     fewer = {"eia_spp": 4, "view_spp": 20}
-    found = failed(baseline, run_of(tmp_path, seed=2, **fewer).evidence())
+    found = failed(baseline, run_of(tmp_path, seed=2, **fewer).statistics())
     assert "ground truth: noise against the baseline" in found

@@ -9,6 +9,13 @@ import pytest
 from scipy import stats
 
 from inim.regression import log_ratios, score_interval, tile_statistics, view_scores, view_tile
+from inim.regression.fingerprints import (
+    compare_fingerprints,
+    fingerprint,
+    picture_sha256,
+    reference_input,
+    sampled_pixels,
+)
 from inim.regression.inference import (
     FALSE_ALARM_RATE,
     binomial_interval,
@@ -18,21 +25,14 @@ from inim.regression.inference import (
     welch_half_width,
     welch_p_value,
 )
-from inim.regression.pictures import codes_from_linear, compare_noise, compare_pictures
-from inim.regression.reference_eia import (
-    compare_fingerprints,
-    fingerprint,
-    picture_sha256,
-    reference_input,
-    sampled_pixels,
-)
 from inim.regression.scores import ScoreEstimate, compare_scores
+from inim.regression.tile_changes import codes_from_linear, compare_noise, compare_pictures
 from inim.regression.tiles import eia_tile
 from inim.regression.times import MOST_SLOWDOWN, compare_times, is_steady, yardsticks
 from inim.regression.verdict import Verdict, all_passed, within
 from tests.conftest import small_display
 
-# Of the fixed picture on a display of 12 x 10 lenses: whole numbers and single divisions only.
+# Of the reference input on a display of 12 x 10 lenses: whole numbers and single divisions only.
 SHA256 = "f2f0938f306bcae96356de2e46dec045be511a7a0ff289a43ca3e930eac147d5"
 
 # --- Inference, against SciPy -------------------------------------------------------------------
@@ -182,7 +182,7 @@ def test_fresh_noise_is_no_change(scene):
 
 
 def test_p_values_of_fresh_noise_are_as_frequent_as_they_say(scene):
-    from inim.regression.pictures import tile_change
+    from inim.regression.tile_changes import tile_change
 
     rng = np.random.default_rng(8)
     old, p = statistics(rng, scene)["truth/a"], []
@@ -288,7 +288,7 @@ def test_score_s_bias_is_what_noise_adds_to_it(scene):
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.05])
-def test_bias_foretells_what_fewer_samples_do_to_flip(scene, noise):
+def test_bias_predicts_what_fewer_samples_do_to_flip(scene, noise):
     """A fifth fewer samples: a root of small errors makes FLIP answer to noise most unevenly."""
     rng = np.random.default_rng(15)
     made = np.roll(scene, 1, axis=0)
@@ -423,10 +423,10 @@ def test_too_few_rounds_are_no_measurement():
     assert not compare_times({"a": (0.0,) * 15}, {})[0].passed
 
 
-# --- The fixed picture --------------------------------------------------------------------------
+# --- The reference input ------------------------------------------------------------------------
 
 
-def test_looked_at_pixels_lie_in_every_lens_and_none_is_looked_at_twice():
+def test_sampled_pixels_lie_in_every_lens_and_none_is_sampled_twice():
     for display in (small_display(24, 24, 17), small_display(16, 12, 17), small_display(9, 7, 20)):
         at = sampled_pixels(display)
         assert len(set(at.tolist())) == len(at) == min(8192, display.lensed.sum())
@@ -436,7 +436,7 @@ def test_looked_at_pixels_lie_in_every_lens_and_none_is_looked_at_twice():
         assert counts.min() > 0.4 * counts.mean()
 
 
-def test_fixed_picture_is_the_same_everywhere_and_covers_the_depth_range():
+def test_reference_input_is_the_same_everywhere_and_covers_the_depth_range():
     display = small_display(12, 10, 17)
     rgbd = reference_input(display, (80, 96), 0.2)
     assert picture_sha256(rgbd) == SHA256

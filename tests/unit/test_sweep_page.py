@@ -17,7 +17,7 @@ ABOUT = {"title": "T <b>&", "command": "inim sweep s.toml", "created": "2026", "
 def row(scene="jade", display="wide", algorithm="template", viewpoint="centre", **values):
     given = {
         "status": "ok", "error": None, "ssim": 0.5, "ssim_to_ceiling": 0.8, "ceiling_ssim": 0.7,
-        "noise_floor_ssim": 0.99, "flip": 0.1, "seconds": 1.0, "yardsticks": None,
+        "noise_floor_ssim": 0.99, "psnr_db": 30.0, "flip": 0.1, "seconds": 1.0, "yardsticks": None,
         "unit_seconds": 9.0, "passed": True, "failed_checks": None, "lens_model": "thick",
     }  # fmt: skip
     names = {"scene": scene, "display": display, "algorithm": algorithm, "viewpoint": viewpoint}
@@ -61,23 +61,24 @@ def test_displays_are_ranked_for_each_relic_by_their_best_algorithm():
         row("tripod", "bad", status="failed", error="why", ssim=None),
     ]  # fmt: skip
     cells = re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", best_displays(results_of(rows)))
-    texts = [re.sub("<[^>]*>", "", cell) for cell in cells][7:]
-    found = [(texts[i], texts[i + 1], texts[i + 2], texts[i + 3]) for i in range(0, 28, 7)]
+    texts = [re.sub("<[^>]*>", "", cell) for cell in cells]
+    assert texts[:7] == [
+        "Relic", "Display", "Best algorithm on it", "SSIM to scene", "Its ceiling", "PSNR", "FLIP",
+    ]  # fmt: skip
+    found = [tuple(texts[i : i + 4]) for i in range(7, len(texts), 7)]
     assert found == [
         ("jade", "fine", "template", "0.7000"),
         ("", "wide", "gu2020", "0.6000"),
         ("tripod", "wide", "template", "0.9000"),
         ("", "fine", "template", "0.8000"),
     ]
-    assert len(texts) == 28  # what failed is not ranked
+    assert len(texts) == 35  # what failed is not ranked
 
 
 def test_times_are_yardsticks_only_where_all_have_them():
     timed = row(yardsticks=2.0)
     assert time_column(results_of([timed, row(algorithm="gu2020")])) == "seconds"
-    assert (
-        time_column(results_of([timed, row(algorithm="gu2020", yardsticks=3.0)])) == "yardsticks"
-    )
+    assert time_column(results_of([timed, row(algorithm="gu2020", yardsticks=3.0)])) == "yardsticks"
 
 
 def test_the_page_needs_nothing_else_and_shows_what_is_in_the_table(tmp_path):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from inim.metrics import Metric, all_metrics
 from inim.report.bench.cells import Table, milliseconds, times
 from inim.report.bench.command_tables import command_remarks, command_tables
 from inim.report.wording import MISSING, items, number, part, per_cent, plain, score
@@ -34,6 +35,8 @@ def tables_of(data: Mapping[str, Any]) -> list[Table]:
 
 # -- scene --------------------------------------------------------------------------------------
 
+# A score's name in bench.json, and its metric.
+_Score = tuple[str, Metric]
 _TIME_HEADS = ("ms per EIA", "fastest", "spread", "runs", "Mpx/s", "yardsticks", "by fastest")
 
 
@@ -50,37 +53,43 @@ def _time_cells(c: Mapping[str, Any]) -> list[str]:
 
 
 def _contenders(data: Mapping[str, Any]) -> Table:
-    heads = [
-        "algorithm", *_TIME_HEADS, "prepare s", "cold s",
-        "wrong source", "holes", "EIA SSIM", "EIA PSNR dB", "view SSIM to ceiling", "front",
-    ]  # fmt: skip
-    rows = [[c["name"], *_time_cells(c), *_error_cells(c)] for c in items(data, "contenders")]
-    rows.append(_yardstick_row(part(data, "yardstick"), len(heads)))
     floor = part(data, "noise_floor")
-    errors = _likeness_cells(floor)
+    found = items(data, "contenders")
+    scores = _scores({**part(found[0]), **floor})
+    heads = [
+        "algorithm", *_TIME_HEADS, "prepare s", "cold s", "wrong source", "holes", *scores, "front",
+    ]  # fmt: skip
+    rows = [[c["name"], *_time_cells(c), *_error_cells(c, scores.values())] for c in found]
+    rows.append(_yardstick_row(part(data, "yardstick"), len(heads)))
+    errors = _score_cells(floor, scores.values())
     blank = [MISSING] * (len(heads) - 2 - len(errors))
     rows.append(["noise floor", *blank, *errors, MISSING])
     return Table("scene", "Time against error, medians", heads, rows)
 
 
-def _error_cells(c: Mapping[str, Any]) -> list[str]:
+def _error_cells(c: Mapping[str, Any], scores: Iterable[_Score]) -> list[str]:
     return [
         number(c.get("prepare_s"), 3),
         number(c.get("cold_s"), 2),
         per_cent(c.get("wrong_source"), 3),
         per_cent(c.get("hole_fraction"), 2),
-        *_likeness_cells(c),
+        *_score_cells(c, scores),
         "yes" if c.get("pareto") else "no",
     ]
 
 
-def _likeness_cells(c: Mapping[str, Any]) -> list[str]:
-    """A PSNR that is null is that of equal pictures."""
-    return [
-        number(c.get("eia_ssim"), 4),
-        score({"psnr_db": c["eia_psnr_db"]}, "psnr_db"),
-        number(c.get("view_ssim_to_ceiling"), 4),
-    ]
+def _scores(data: Mapping[str, Any]) -> dict[str, _Score]:
+    """Scores that a bench has of EIAs and of views, by the heads of their columns."""
+    known = {
+        f"EIA {m.label} {m.unit}".strip(): (f"eia_{m.key}", m) for m in all_metrics() if m.of_eia
+    }
+    for m in all_metrics():
+        known[f"view {m.label} to ceiling {m.unit}".strip()] = (f"view_{m.to_ceiling_key}", m)
+    return {head: one for head, one in known.items() if one[0] in data}
+
+
+def _score_cells(c: Mapping[str, Any], scores: Iterable[_Score]) -> list[str]:
+    return [score({m.key: c[name]}, m.key) if name in c else MISSING for name, m in scores]
 
 
 def _yardstick_row(yardstick: Mapping[str, Any], cells: int) -> list[str]:
@@ -190,7 +199,8 @@ def _same_input(same: Mapping[str, Any]) -> Table:
             str(c["runs"]),
             times(ratio(ms, c["name"], "template")),
             per_cent(c["wrong_source"], 2),
-            *_likeness_cells(c)[1:],
+            score({"psnr_db": c["eia_psnr_db"]}, "psnr_db"),
+            number(c["view_ssim_to_ceiling"], 4),
             number(c["middle_view_ssim"], 3),
             number(c["published_ssim"], 2),
         ]
