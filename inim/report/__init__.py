@@ -92,15 +92,15 @@ class Report:
     def _repr_html_(self) -> str | None:
         """The page in a frame of its own: its styles must not reach the notebook around it.
 
-        Scripts run in it, so that the virtual display is live, but as those of a stranger: the
-        frame is no part of the notebook's origin, cannot reach its page, cookies or kernel, nor
-        open windows, and the page's own policy lets run no script but the report's.
+        Scripts run in it, so that the virtual display is live, but in an origin of its own: they
+        cannot reach the notebook's page, cookies or kernel, nor open windows, and the page's
+        policy allows no script but the report's.
         """
         try:
             page = self.html_path.read_text(encoding="utf-8")
         except OSError:
             return None
-        # A framed page takes its links to be relative to the notebook unless told otherwise.
+        # Without a base of its own, a framed page's links are relative to the notebook.
         page = page.replace("<head>", '<head><base href="about:srcdoc">', 1)
         return (
             f'<iframe srcdoc="{escape(page)}" title="inim report" sandbox="allow-scripts" '

@@ -10,11 +10,11 @@ from inim.report.files import list_files, write_forms
 from inim.report.images import ENCODINGS, Images
 from inim.report.junit import render_junit
 from inim.report.markup import table, text
-from inim.report.page import Section, badge, data_note, render_page, timestamp
+from inim.report.page import Section, check_badge, data_note, render_page, timestamp
 from inim.report.sections.record import check_list
 from inim.report.sections.regression import regression
 from inim.report.summary import render_checks
-from inim.report.wording import MISSING, check_passed, checks, part, verdict
+from inim.report.wording import MISSING, part, verdict
 
 __all__ = ["SCHEMA", "write_comparison"]
 
@@ -43,7 +43,6 @@ def write_comparison(data: Mapping[str, Any], folder: Path) -> None:
 
 def _page(data: Mapping[str, Any], folder: Path) -> str:
     before, after = (part(data, side).get("folder", MISSING) for side in _SIDES)
-    passed, total = sum(map(check_passed, checks(data))), len(checks(data))
     return render_page(
         data.get("title"),
         [text(f"{after} against {before}"), timestamp(data)],
@@ -54,7 +53,7 @@ def _page(data: Mapping[str, Any], folder: Path) -> str:
         ],
         window_title=f"{data.get('title', MISSING)}: {verdict(data)} – inim comparison",
         footer=data_note(data, "compare.json"),
-        verdict=badge(verdict(data), f'<a href="#checks">{passed} of {total} checks passed</a>'),
+        verdict_badge=check_badge(data),
     )
 
 

@@ -3,20 +3,20 @@
 Panel and lens array on the left, the viewer on the right; in between the depth range, the
 central depth plane and the zone in which an eye sees no flipped view. Distances from the array
 are to scale. Those across it are stretched by a whole factor where the drawing would
-otherwise be a thin strip, and the drawing says so.
+otherwise be a thin strip, which the drawing states.
 """
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from inim.report.markup import element, text
 from inim.report.wording import is_number, items, part, plain
 
-__all__ = ["plan_view"]
+__all__ = ["label", "plan_view", "svg"]
 
 _WIDTH, _HEIGHT = 900.0, 250.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 24.0, 128.0, 34.0, 46.0
@@ -69,11 +69,18 @@ def plan_view(display: Mapping[str, Any], viewpoints: Sequence[Mapping[str, Any]
         *_eye_marks(frame, eyes),
         _scale_bar(frame),
     ]
-    label = html.escape(_description(given, derived, eyes), quote=True)
-    return (
-        f'<svg class="plan" role="img" aria-label="{label}" '
-        f'viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}">{"".join(drawn)}</svg>'
-    )
+    return svg(_description(given, derived, eyes), "plan", (_WIDTH, _HEIGHT), drawn)
+
+
+def svg(description: str, class_: str, size: tuple[float, float], drawn: Iterable[str]) -> str:
+    """A drawing coloured by the style sheet's classes, with its own description."""
+    whole = {"role": "img", "aria_label": description, "viewBox": f"0 0 {size[0]:g} {size[1]:g}"}
+    return element("svg", *drawn, class_=class_, **whole)
+
+
+def label(x: float, y: float, words: str, anchor: str) -> str:
+    """Words in a drawing; `anchor` is start, middle or end."""
+    return element("text", text(words), x=f"{x:.1f}", y=f"{y:.1f}", text_anchor=anchor)
 
 
 def _is_complete(given: Mapping[str, Any], derived: Mapping[str, Any]) -> bool:
@@ -139,7 +146,7 @@ def _depth_range(frame: _Frame, derived: Mapping[str, Any]) -> str:
     if is_number(centre) and low <= centre <= high:
         plane = _line(frame, (-half, centre), (half, centre), "cdp")
     words = f"depth range {_mm(low)} to {_mm(high)} mm"
-    return box + plane + _label(x, _HEIGHT - 26, words, "start")
+    return box + plane + label(x, _HEIGHT - 26, words, "start")
 
 
 def _hardware(frame: _Frame, given: Mapping[str, Any], derived: Mapping[str, Any]) -> str:
@@ -154,7 +161,7 @@ def _hardware(frame: _Frame, given: Mapping[str, Any], derived: Mapping[str, Any
     return (
         body
         + _lenses(array, top, bottom, given)
-        + _label(panel - 4, 20, "panel and lens array", "start")
+        + label(panel - 4, 20, "panel and lens array", "start")
     )
 
 
@@ -176,7 +183,7 @@ def _eye_marks(frame: _Frame, eyes: Mapping[tuple[float, float], str]) -> Iterab
         if all(abs(right - r) > _LABEL_PX[0] or abs(down - d) > _LABEL_PX[1] for r, d in labelled):
             labelled.append((right, down))
             short = names if len(names) <= 22 else names[:21] + "…"
-            yield _label(right + 11, down + 4, short, "start")
+            yield label(right + 11, down + 4, short, "start")
 
 
 def _scale_bar(frame: _Frame) -> str:
@@ -187,7 +194,7 @@ def _scale_bar(frame: _Frame) -> str:
     end = _WIDTH - _RIGHT
     start, y = end - length * frame.px_per_mm, _HEIGHT - 30
     across = "to scale" if frame.stretch == 1 else f"widths drawn × {frame.stretch}"
-    return f'<path class="scale" d="M{start:.1f},{y - 4}v8m0,-4H{end:.1f}m0,-4v8"/>' + _label(
+    return f'<path class="scale" d="M{start:.1f},{y - 4}v8m0,-4H{end:.1f}m0,-4v8"/>' + label(
         end, _HEIGHT - 10, f"{_mm(length)} mm, {across}", "end"
     )
 
@@ -210,11 +217,6 @@ def _line(frame: _Frame, start: tuple[float, float], end: tuple[float, float], k
         f'<line class="{kind}" x1="{frame.z(z1):.1f}" y1="{frame.x(x1):.1f}" '
         f'x2="{frame.z(z2):.1f}" y2="{frame.x(x2):.1f}"/>'
     )
-
-
-def _label(x: float, y: float, words: str, anchor: str) -> str:
-    words = html.escape(words, quote=True)
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{words}</text>'
 
 
 def _mm(length: float) -> str:

@@ -15,10 +15,10 @@ from inim.parallel import threads
 from inim.report import wipe
 from inim.report.images import ENCODINGS, Images
 from inim.report.markup import text
-from inim.report.page import Section, badge, data_note, render_page, timestamp
+from inim.report.page import Section, check_badge, data_note, render_page, timestamp
 from inim.report.sections import all_sections
 from inim.report.virtual_display.live import LIVE
-from inim.report.wording import MISSING, check_passed, checks, items, part, verdict
+from inim.report.wording import MISSING, part, verdict
 
 __all__ = ["LARGEST_PAGE_BYTES", "render_html"]
 
@@ -60,7 +60,7 @@ def _page(data: Mapping[str, Any], images: Images) -> str:
         sections,
         window_title=f"{title}: {verdict(data)} – inim report",
         footer=data_note(data, "report.json"),
-        verdict=_badge(data),
+        verdict_badge=check_badge(data),
         widgets=[LIVE, wipe.WIPE],
     )
 
@@ -74,12 +74,3 @@ def _facts(data: Mapping[str, Any]) -> list[str]:
         f"inim {text(data.get('inim_version', MISSING))}",
         timestamp(data),
     ]
-
-
-def _badge(data: Mapping[str, Any]) -> str:
-    passed, total = sum(map(check_passed, checks(data))), len(checks(data))
-    lines = [f'<a href="#checks">{passed} of {total} checks passed</a>']
-    warnings = len(items(data, "warnings"))
-    if warnings:
-        lines.append(f'<a href="#warnings">{warnings} warning{"s" * (warnings > 1)}</a>')
-    return badge(verdict(data), *lines)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -98,7 +97,7 @@ class Images:
             return _box(_LEFT_OUT, alt)
         height, width = pixels.shape[:2]
         source = _data_uri(_shrink(pixels, limit), self.encoding)
-        return _img(source, alt, width=width, height=height, **attributes)
+        return void("img", src=source, alt=alt, width=width, height=height, **attributes)
 
     def magnify(self, pixels: np.ndarray | None, alt: str) -> str:
         """A small picture, each of its pixels a whole number of pixels on the page."""
@@ -109,7 +108,7 @@ class Images:
         times = max(1, _CROP_ON_PAGE_PX // max(pixels.shape[:2]))
         height, width = (times * n for n in pixels.shape[:2])
         size = {"width": width, "height": height, "style": f"width:{width}px"}
-        return _img(_data_uri(pixels, _EXACT), alt, class_="pixels", **size)
+        return void("img", src=_data_uri(pixels, _EXACT), alt=alt, class_="pixels", **size)
 
 
 def difference(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
@@ -160,10 +159,6 @@ def is_wide(pixels: np.ndarray | None) -> bool:
 def _box(reason: str, alt: str) -> str:
     words = element("b", text(reason)) + element("span", text(alt))
     return element("div", words, class_="missing")
-
-
-def _img(source: str, alt: str, **attributes: Any) -> str:
-    return void("img", src=source, alt=alt, **attributes)
 
 
 def _shrink(pixels: np.ndarray, longest_px: int) -> np.ndarray:

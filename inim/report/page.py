@@ -16,12 +16,13 @@ from importlib import resources
 from typing import Any
 
 from inim.report.markup import element, mark, table, text
-from inim.report.wording import MISSING, part, plain, short
+from inim.report.wording import MISSING, check_passed, checks, items, part, plain, short, verdict
 
 __all__ = [
     "Section",
     "Widget",
     "badge",
+    "check_badge",
     "data_note",
     "how_to_reproduce",
     "package_text",
@@ -88,7 +89,7 @@ def render_page(
     *,
     window_title: str,
     footer: str,
-    verdict: str = "",
+    verdict_badge: str = "",
     style: str = "",
     widgets: Sequence[Widget] = (),
 ) -> str:
@@ -106,8 +107,8 @@ def render_page(
         Plain text for the browser's window.
     footer : str
         Plain text; see `data_note`.
-    verdict : str
-        HTML, from `badge`.
+    verdict_badge : str
+        HTML, from `badge` or `check_badge`.
     style : str
         CSS that only this kind of page needs.
     widgets : sequence of Widget
@@ -125,7 +126,7 @@ def render_page(
     main = "\n".join(map(_section, shown))
     parts = [
         *([_skip_link(shown[0])] if len(shown) > 1 else []),
-        _header(heading, facts, verdict, shown if len(shown) > 1 else []),
+        _header(heading, facts, verdict_badge, shown if len(shown) > 1 else []),
         f"<main>\n{main}\n</main>",
         element("footer", element("p", text(footer))),
         *(f"<script>{script}</script>" for script in scripts),
@@ -157,13 +158,13 @@ def _skip_link(first: Section) -> str:
 
 
 def _header(
-    heading: object, facts: Iterable[str], verdict: str, contents: Sequence[Section]
+    heading: object, facts: Iterable[str], verdict_badge: str, contents: Sequence[Section]
 ) -> str:
     line = element("p", " · ".join(facts), class_="facts")
     links = [element("a", text(one.title), href=f"#{one.anchor}") for one in contents]
     navigation = element("nav", *links, aria_label="Sections") if links else ""
     title = element("div", element("h1", text(heading)), line)
-    return element("header", title, verdict, navigation)
+    return element("header", title, verdict_badge, navigation)
 
 
 def _section(section: Section) -> str:
@@ -172,11 +173,20 @@ def _section(section: Section) -> str:
     return element("section", heading, section.body, id=section.anchor, aria_labelledby=label)
 
 
-def badge(verdict: str, *lines: str) -> str:
+def badge(word: str, *lines: str) -> str:
     """A verdict in a word and a sign, and only then a colour; below it `lines` of HTML."""
-    word = element("strong", mark(verdict), text(verdict.capitalize()))
-    kind = verdict.replace(" ", "-")
+    kind = word.replace(" ", "-")
+    word = element("strong", mark(word), text(word.capitalize()))
     return element("p", word, element("span", " · ".join(lines)), class_=f"verdict {kind}")
+
+
+def check_badge(data: Mapping[str, Any]) -> str:
+    """The verdict on a report's checks, with links to its sections `checks` and `warnings`."""
+    passed, total = sum(map(check_passed, checks(data))), len(checks(data))
+    lines = [f'<a href="#checks">{passed} of {total} checks passed</a>']
+    if warnings := len(items(data, "warnings")):
+        lines.append(f'<a href="#warnings">{warnings} warning{"s" * (warnings > 1)}</a>')
+    return badge(verdict(data), *lines)
 
 
 def timestamp(data: Mapping[str, Any]) -> str:
@@ -187,8 +197,9 @@ def timestamp(data: Mapping[str, Any]) -> str:
 
 def data_note(data: Mapping[str, Any], file: str) -> str:
     """The footer's words: what wrote the page, and which file has its data."""
+    version = f"inim {plain(data['inim_version'])} · " if data.get("inim_version") else ""
     schema = f" ({plain(data['schema'])})" if data.get("schema") else ""
-    return f"inim {plain(data.get('inim_version', MISSING))} · data in {file}{schema}"
+    return f"{version}data in {file}{schema}"
 
 
 def how_to_reproduce(data: Mapping[str, Any], more: str = "") -> Section:

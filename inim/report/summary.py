@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from inim.report.wording import (
@@ -24,7 +24,7 @@ from inim.report.wording import (
     viewpoint_names,
 )
 
-__all__ = ["render_checks", "render_summary"]
+__all__ = ["markdown_table", "markdown_text", "render_checks", "render_summary"]
 
 # Long names and long lists stay in report.json: a summary is read in a comment box.
 _LONGEST_NAME = 80
@@ -41,7 +41,7 @@ def render_summary(data: Mapping[str, Any]) -> str:
         The contents of report.json, schema ``inim.report/1``.
     """
     blocks = [
-        f"## {_markdown(data.get('title', 'Untitled'))}: {verdict(data)}",
+        f"## {markdown_text(data.get('title', 'Untitled'))}: {verdict(data)}",
         _verdict_line(data),
         _scores_table(data),
         "SSIM to the ceiling, in brackets SSIM to the scene. The ceiling is what perfect "
@@ -62,7 +62,7 @@ def render_checks(data: Mapping[str, Any]) -> str:
         The contents of compare.json, schema ``inim.compare/1``.
     """
     passed = sum(map(check_passed, checks(data)))
-    head = f"## {_markdown(data.get('title', 'Untitled'))}: {verdict(data)}"
+    head = f"## {markdown_text(data.get('title', 'Untitled'))}: {verdict(data)}"
     line = f"{_sign(data)} {passed} of {len(checks(data))} comparisons passed."
     return "\n\n".join([head, line, *_regression(data), *_failures(data)]) + "\n"
 
@@ -84,18 +84,16 @@ def _regression(data: Mapping[str, Any]) -> list[str]:
     found = part(data, "regression")
     if not found:
         return []
-    words = f"**Against {_markdown(found.get('baseline', MISSING))}**"
+    title = f"**Against {markdown_text(found.get('baseline', MISSING))}**"
     if found.get("reason"):
-        words += f" ({_markdown(found['reason'], _LONGEST_SENTENCE)})"
-    rows = [
-        ["comparison", "changed", "nearest to its limit", "value", "limit"],
-        [":--", "--:", ":--", "--:", "--:"],
-    ]
+        title += f" ({markdown_text(found['reason'], _LONGEST_SENTENCE)})"
+    heads = ["comparison", "changed", "nearest to its limit", "value", "limit"]
+    rows = []
     for kind, label in _KINDS.items():
         of_kind = [check for check in checks(data) if check.get("kind") == kind]
         if of_kind:
             rows.append([label, *_kind_row(of_kind)])
-    return [words, "\n".join(f"| {' | '.join(row)} |" for row in rows)]
+    return [title, markdown_table(heads, rows, words=(0, 2))]
 
 
 def _kind_row(of_kind: list[Mapping[str, Any]]) -> list[str]:
@@ -103,8 +101,8 @@ def _kind_row(of_kind: list[Mapping[str, Any]]) -> list[str]:
     worst = max(of_kind, key=_strain)
     limit = f"{relation(worst)} {check_value(worst, 'limit')}"
     counted = f"{changed} of {len(of_kind)}"
-    name = _markdown(str(worst.get("name", MISSING)).replace(" against the baseline", ""))
-    return [counted, name, _markdown(check_value(worst)), _markdown(limit)]
+    name = markdown_text(str(worst.get("name", MISSING)).replace(" against the baseline", ""))
+    return [counted, name, markdown_text(check_value(worst)), markdown_text(limit)]
 
 
 def _strain(check: Mapping[str, Any]) -> float:
@@ -116,25 +114,16 @@ def _strain(check: Mapping[str, Any]) -> float:
     return strain + (0.0 if check_passed(check) else 1e9)
 
 
-def _markdown(value: object, longest: int = _LONGEST_NAME) -> str:
-    """`value` as one line of Markdown text that cannot format, link or break a table."""
-    line = " ".join(plain(value).split())
-    if len(line) > longest:
-        line = line[: longest - 1] + "…"
-    line = line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    return re.sub(r"([\\`*_{}\[\]()#|~!])", r"\\\1", line)
-
-
 def _verdict_line(data: Mapping[str, Any]) -> str:
     passed = sum(map(check_passed, checks(data)))
-    mark = _sign(data)
-    backend = part(data, "backend").get("variant", MISSING)
-    display = part(data, "display", "given").get("name", MISSING)
-    return (
-        f"{mark} **{verdict(data).capitalize()}**: {passed} of {len(checks(data))} checks passed. "
-        f"Display {_markdown(display)}, lens model {_markdown(data.get('lens_model', MISSING))}, "
-        f"{_markdown(backend)}, inim {_markdown(data.get('inim_version', MISSING))}."
-    )
+    parts = [
+        f"Display {markdown_text(part(data, 'display', 'given').get('name', MISSING))}",
+        f"lens model {markdown_text(data.get('lens_model', MISSING))}",
+        markdown_text(part(data, "backend").get("variant", MISSING)),
+        f"inim {markdown_text(data.get('inim_version', MISSING))}",
+    ]
+    counted = f"{passed} of {len(checks(data))} checks passed."
+    return f"{_sign(data)} **{verdict(data).capitalize()}**: {counted} {', '.join(parts)}."
 
 
 def _sign(data: Mapping[str, Any]) -> str:
@@ -143,12 +132,11 @@ def _sign(data: Mapping[str, Any]) -> str:
 
 def _scores_table(data: Mapping[str, Any]) -> str:
     names = viewpoint_names(data)
-    heads = ["algorithm", *map(_markdown, names), f"EIA {MAIN.label}", "holes", "seconds"]
-    rows = [heads, [":--", *["--:"] * (len(heads) - 1)]]
-    rows += [_algorithm_row(data, name, names) for name in part(data, "algorithms")]
+    heads = ["algorithm", *map(markdown_text, names), f"EIA {MAIN.label}", "holes", "seconds"]
+    rows = [_algorithm_row(data, name, names) for name in part(data, "algorithms")]
     rows.append(_reference_row("*ceiling*", part(data, "ceiling"), names))
     rows.append(_reference_row("*noise floor*", part(data, "noise_floor"), names))
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return markdown_table(heads, rows)
 
 
 def _algorithm_row(data: Mapping[str, Any], name: str, names: list[str]) -> list[str]:
@@ -157,7 +145,7 @@ def _algorithm_row(data: Mapping[str, Any], name: str, names: list[str]) -> list
     cells = [f"{score(v, MAIN.to_ceiling_key)} ({score(v, MAIN.key)})" for v in views]
     eia = part(run, "eia")
     last = [score(eia, MAIN.key), score(eia, "hole_fraction"), number(run.get("seconds"), 2)]
-    return [_markdown(name), *cells, *last]
+    return [markdown_text(name), *cells, *last]
 
 
 def _reference_row(label: str, scores: Mapping[str, Any], names: list[str]) -> list[str]:
@@ -174,10 +162,27 @@ def _failures(data: Mapping[str, Any]) -> list[str]:
 
 
 def _failure_line(check: Mapping[str, Any]) -> str:
-    sentence = _markdown(check_sentence(check), _LONGEST_SENTENCE)
-    return f"* {_markdown(check.get('name', MISSING))}: {sentence}"
+    sentence = markdown_text(check_sentence(check), _LONGEST_SENTENCE)
+    return f"* {markdown_text(check.get('name', MISSING))}: {sentence}"
 
 
 def _warnings(data: Mapping[str, Any]) -> list[str]:
     count = len(items(data, "warnings"))
     return [f"{count} warning{'s' if count > 1 else ''}: see the report."] if count else []
+
+
+def markdown_table(
+    heads: Sequence[str], rows: Sequence[Sequence[str]], words: Sequence[int] = (0,)
+) -> str:
+    """A table of Markdown cells: columns of `words` to the left, the others to the right."""
+    rule = [":--" if column in words else "--:" for column in range(len(heads))]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, rule, *rows))
+
+
+def markdown_text(value: object, longest: int = _LONGEST_NAME) -> str:
+    """`value` as one line of Markdown text that cannot format, link or break a table."""
+    line = " ".join(plain(value).split())
+    if len(line) > longest:
+        line = line[: longest - 1] + "…"
+    line = line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return re.sub(r"([\\`*_{}\[\]()#|~!])", r"\\\1", line)

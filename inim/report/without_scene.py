@@ -2,22 +2,39 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from inim.metrics import all_metrics
 from inim.report.files import list_files, write_forms
-from inim.report.markup import bullets, element, figure, table, text, void
-from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
-from inim.report.wording import MISSING, items, number, part, per_cent, plain, score
+from inim.report.images import ENCODINGS, Images
+from inim.report.markup import bullets, element, figure, table, text
+from inim.report.page import (
+    Section,
+    check_badge,
+    data_note,
+    how_to_reproduce,
+    render_page,
+    timestamp,
+)
+from inim.report.sections.record import check_list
+from inim.report.summary import markdown_table, markdown_text
+from inim.report.wording import (
+    MISSING,
+    items,
+    number,
+    part,
+    per_cent,
+    score,
+    verdict,
+    viewpoint_names,
+)
 
 __all__ = ["SCHEMA", "write_picture_report"]
 
 SCHEMA = "inim.picture/1"
 _STYLE = """
-.seen { display: grid; grid-template-columns: repeat(auto-fill, minmax(220px, 1fr)); gap: 12px; }
-.seen figure { margin: 0; } .seen img { width: 100%; image-rendering: pixelated; }
 .remarks { max-width: 90ch; padding-left: 1.2em; }
 """
 _REFERENCES = {"to_picture": "the picture, warped", "to_exact": "the exact EIA's view"}
@@ -43,39 +60,25 @@ def write_picture_report(data: Mapping[str, Any], folder: Path) -> None:
     write_forms(list_files(data, folder, "report.json", *forms), folder, "report.json", forms)
 
 
-# -- tables -------------------------------------------------------------------------------------
-
-
 def _scores(data: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """Heads and rows: an algorithm and a viewpoint each, and the exact EIA's own."""
+    metrics = [" ".join(filter(None, (m.label, m.unit))) for m in all_metrics()]
     heads = ["algorithm", "viewpoint", "wrong source", "holes"]
-    heads += [f"{metric} to {to}" for to in _REFERENCES.values() for metric in ("SSIM", "PSNR dB")]
+    heads += [f"{metric} to {to}" for to in _REFERENCES.values() for metric in metrics]
     rows = [
-        ["exact first hits", name, MISSING, MISSING, *_pair(own), MISSING, MISSING]
+        ["exact first hits", name, MISSING, MISSING, *_cells(own), *_cells({})]
         for name, own in part(data, "exact").items()
     ]
     for algorithm, made in part(data, "algorithms").items():
         for name, view in part(made, "views").items():
             known = [per_cent(made.get("wrong_source"), 2), per_cent(made.get("hole_fraction"), 1)]
-            cells = [cell for to in _REFERENCES for cell in _pair(part(view, to))]
+            cells = [cell for to in _REFERENCES for cell in _cells(part(view, to))]
             rows.append([algorithm, name, *known, *cells])
     return heads, rows
 
 
-def _pair(scores: Mapping[str, Any]) -> list[str]:
-    return [score(scores, "ssim"), score(scores, "psnr_db")]
-
-
-def _checks(data: Mapping[str, Any]) -> list[list[str]]:
-    return [
-        [
-            plain(check["name"]),
-            number(check["value"], 4),
-            f"{check['relation']} {check['limit']:g}",
-            "passed" if check["passed"] is True else "FAILED",
-        ]
-        for check in items(part(data, "verdict"), "checks")
-    ]
+def _cells(scores: Mapping[str, Any]) -> list[str]:
+    return [score(scores, metric.key) for metric in all_metrics()]
 
 
 def _remarks(data: Mapping[str, Any]) -> list[str]:
@@ -94,80 +97,58 @@ def _remarks(data: Mapping[str, Any]) -> list[str]:
 
 
 def _markdown(data: Mapping[str, Any]) -> str:
-    heads, rows = _scores(data)
-    passed = "passed" if part(data, "verdict").get("passed") is True else "FAILED"
-    head = [heads, [":--", *["--:"] * (len(heads) - 1)]]
-    lines = [f"| {' | '.join(map(_cell, row))} |" for row in [*head, *rows]]
-    listed = [*map(str, items(data, "warnings")), *_remarks(data)]
-    return "\n\n".join(
-        [
-            f"## {_cell(data.get('title'))}: {passed}",
-            "\n".join(lines),
-            "\n".join(f"* {_cell(line)}" for line in listed),
-        ]
-    )
-
-
-def _cell(value: object) -> str:
-    """One line that cannot break a table."""
-    line = " ".join(plain(value).split())
-    return line.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|")
-
-
-# -- page ---------------------------------------------------------------------------------------
+    lines = [*map(str, items(data, "warnings")), *_remarks(data)]
+    blocks = [
+        f"## {markdown_text(data.get('title'))}: {verdict(data)}",
+        markdown_table(*_scores(data)),
+        "\n".join(f"* {markdown_text(line, len(line))}" for line in lines),
+    ]
+    return "\n\n".join(blocks)
 
 
 def _page(data: Mapping[str, Any], folder: Path) -> str:
     heads, rows = _scores(data)
     scored = (
         element("p", text(_LEAD), class_="lead")
-        + table("Scores", [text(h) for h in heads], [[text(c) for c in row] for row in rows])
-        + bullets(items(data, "warnings"), "cautions")
+        + table(
+            "Scores", [text(h) for h in heads], [[text(c) for c in row] for row in rows], "scores"
+        )
         + bullets(_remarks(data), "remarks")
     )
-    checked = [[text(cell) for cell in row] for row in _checks(data)]
-    heads = ["Check", "Value", "Limit", "Verdict"]
     title = data.get("title", "Picture")
     return render_page(
         title,
-        _facts(data),
+        [
+            "Without a scene",
+            f"display {text(part(data, 'display', 'given').get('name', MISSING))}",
+            f"{text(data.get('lens_model', MISSING))} lenses",
+            timestamp(data),
+        ],
         [
             Section("scores", "Scores", scored),
-            Section("views", "Views", "".join(_views(data, folder))),
-            Section("checks", "Checks", table("Checks", heads, checked)),
+            Section("views", "Views", _views(data, Images(folder, ENCODINGS[0]))),
+            Section("checks", "Checks", check_list(data)),
+            Section("warnings", "Warnings", bullets(items(data, "warnings"), "cautions")),
             how_to_reproduce(data),
         ],
-        window_title=f"{title} – inim",
+        window_title=f"{title}: {verdict(data)} – inim",
         footer=data_note(data, "report.json"),
+        verdict_badge=check_badge(data),
         style=_STYLE,
     )
 
 
-def _facts(data: Mapping[str, Any]) -> list[str]:
-    return [
-        "passed" if part(data, "verdict").get("passed") is True else "FAILED",
-        "without a scene",
-        f"display {text(part(data, 'display', 'given').get('name', MISSING))}",
-        f"{text(data.get('lens_model', MISSING))} lenses",
-        timestamp(data),
-    ]
-
-
-def _views(data: Mapping[str, Any], folder: Path) -> list[str]:
+def _views(data: Mapping[str, Any], images: Images) -> str:
     """A row of images for each viewpoint: warped, exact, then each algorithm's."""
+    shown = {"picture": "the picture, warped", "exact": "exact first hits"}
+    shown |= {algorithm: algorithm for algorithm in part(data, "algorithms")}
     rows = []
-    for viewpoint in items(data, "viewpoints"):
-        name = viewpoint["name"]
-        shown = {"picture": "the picture, warped", "exact": "exact first hits"}
-        shown |= {algorithm: algorithm for algorithm in part(data, "algorithms")}
-        images = [_picture(folder / "views" / k / f"{name}.png", v) for k, v in shown.items()]
-        rows.append(element("h3", text(name)) + element("div", *images, class_="seen"))
-    return rows
-
-
-def _picture(path: Path, words: str) -> str:
-    try:
-        code = base64.b64encode(path.read_bytes()).decode()
-    except OSError:
-        return ""
-    return figure(void("img", src=f"data:image/png;base64,{code}", alt=words), words)
+    for name in viewpoint_names(data):
+        figures = [
+            figure(images.embed(images.read("views", place, f"{name}.png"), words), words)
+            for place, words in shown.items()
+        ]
+        heading = element("h3", text(name))
+        count = f"--count:{len(figures)}"
+        rows.append(heading + element("div", *figures, class_="views", style=count))
+    return "".join(rows)

@@ -192,7 +192,7 @@ def _misleads(check: Mapping[str, Any], key: str, digits: int) -> bool:
 
 
 def check_finding(check: Mapping[str, Any]) -> str:
-    """What was found and what was asked."""
+    """A check's value and its limit."""
     return f"{check_value(check)}, required {relation(check)} {check_value(check, 'limit')}"
 
 
@@ -207,14 +207,14 @@ def check_interval(check: Mapping[str, Any]) -> str:
 
 
 def check_sentence(check: Mapping[str, Any]) -> str:
-    """What was found and what was asked, in one line, with interval and the check's own detail."""
+    """A check's value and limit in one line, with its interval and its own detail."""
     interval, detail = check_interval(check), str(check.get("detail") or "")
     finding = check_finding(check) + (f" (interval {interval})" if interval else "")
     return f"{finding}. {detail}" if detail else finding
 
 
 def check_passed(check: Mapping[str, Any]) -> bool:
-    """Whether a check counts as passed: said so, and two numbers were really compared."""
+    """Whether a check counts as passed: it is marked so, and it compared two numbers."""
     value_is_known = is_number(check.get("value")) or _is_infinite(check)
     return check.get("passed") is True and value_is_known and is_number(check.get("limit"))
 

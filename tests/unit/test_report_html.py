@@ -21,6 +21,7 @@ from inim.files.image import write_rgbd
 from inim.report import html as report_html
 from inim.report.diagram import plan_view
 from inim.report.html import render_html
+from inim.report.sections import all_sections
 from inim.report.sections.rgbd import depth_profile
 from inim.report.wipe import WIPE
 from inim.rgbd import RGBD
@@ -153,6 +154,15 @@ def test_page_is_well_formed_html_with_every_section(folder):
     assert {"overview", "display", "views", "eia", "rgbd", "checks", "timings", "warnings"} < titles
     assert {"reproduce", "meaning"} < titles
     assert page.all("html") == [{"lang": "en"}]
+
+
+def test_sections_stand_in_the_order_of_their_places_whatever_file_registers_them(folder):
+    found = all_sections()
+    assert len({one.place for one in found}) == len({one.anchor for one in found}) == len(found)
+    page = Page(render_html(report(ALGORITHMS), folder))
+    anchors = [section["id"] for section in page.all("section")]
+    assert anchors == [one.anchor for one in found if one.anchor in anchors]
+    assert (anchors[0], anchors[-1]) == ("overview", "meaning")
 
 
 def test_every_link_leads_to_a_place_on_the_page(folder):

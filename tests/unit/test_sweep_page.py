@@ -7,10 +7,9 @@ import re
 
 import pytest
 
-from inim.report.sweep.page import render_sweep, write_page
+from inim.report.sweep.page import best_displays, render_sweep, write_page
 from inim.report.sweep.plots import time_column
-from inim.report.sweep.results import contests_of, mean, on_front
-from inim.report.sweep.tables import best_displays
+from inim.report.sweep.results import mean, on_front, results_of
 
 ABOUT = {"title": "T <b>&", "command": "inim sweep s.toml", "created": "2026", "inim_version": "1"}
 
@@ -25,9 +24,9 @@ def row(scene="jade", display="wide", algorithm="template", viewpoint="centre", 
     return names | given | values
 
 
-def test_a_contest_is_the_mean_over_its_viewpoints():
+def test_a_result_is_the_mean_over_its_viewpoints():
     rows = [row(ssim=0.4), row(viewpoint="left", ssim=0.8), row(algorithm="gu2020", ssim=0.1)]
-    first, second = contests_of(rows)
+    first, second = results_of(rows)
     assert first.scores["ssim"] == pytest.approx(0.6)
     assert second.scores["ssim"] == pytest.approx(0.1)
     assert not first.failed
@@ -40,12 +39,12 @@ def test_a_mean_of_what_is_not_all_there_is_none():
     assert mean([0.5, 0.7]) == pytest.approx(0.6)
 
 
-def test_settings_tell_contests_apart_only_where_they_vary():
+def test_settings_tell_results_apart_only_where_they_vary():
     rows = [row(lens_model="thin"), row(lens_model="thick"), row(display="fine")]
-    assert [c.settings for c in contests_of(rows)] == [
+    assert [c.settings for c in results_of(rows)] == [
         "lens_model = thin", "lens_model = thick", "lens_model = thick",
     ]  # fmt: skip
-    assert [c.settings for c in contests_of(rows[1:])] == ["", ""]
+    assert [c.settings for c in results_of(rows[1:])] == ["", ""]
 
 
 def test_the_front_is_what_nothing_beats():
@@ -61,7 +60,7 @@ def test_displays_are_ranked_for_each_relic_by_their_best_algorithm():
         row("tripod", "wide", ssim=0.9), row("tripod", "fine", ssim=0.8),
         row("tripod", "bad", status="failed", error="why", ssim=None),
     ]  # fmt: skip
-    cells = re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", best_displays(contests_of(rows)))
+    cells = re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", best_displays(results_of(rows)))
     texts = [re.sub("<[^>]*>", "", cell) for cell in cells]
     assert texts[:7] == [
         "Relic", "Display", "Best algorithm on it", "SSIM to scene", "Its ceiling", "PSNR", "FLIP",
@@ -78,10 +77,8 @@ def test_displays_are_ranked_for_each_relic_by_their_best_algorithm():
 
 def test_times_are_yardsticks_only_where_all_have_them():
     timed = row(yardsticks=2.0)
-    assert time_column(contests_of([timed, row(algorithm="gu2020")])) == "seconds"
-    assert (
-        time_column(contests_of([timed, row(algorithm="gu2020", yardsticks=3.0)])) == "yardsticks"
-    )
+    assert time_column(results_of([timed, row(algorithm="gu2020")])) == "seconds"
+    assert time_column(results_of([timed, row(algorithm="gu2020", yardsticks=3.0)])) == "yardsticks"
 
 
 def test_the_page_needs_nothing_else_and_shows_what_is_in_the_table(tmp_path):

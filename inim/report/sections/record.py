@@ -28,10 +28,11 @@ from inim.report.wording import (
 __all__ = ["SECTIONS", "check_list"]
 
 _TOTAL, _RENDER = "total", "mitsuba_render"
-_EXACT = "No score on this page would be another, had everything been done."
+_EXACT = "Every score on this page is what it would be, had nothing been skipped."
 _SAMPLES = (
-    "Samples ended when every SSIM was known as well as was asked for: with all of them, some "
-    "would be another by no more than that. Nothing else that was skipped changes a score."
+    "Samples ended when every SSIM had the precision that inim.score_error requires: with all "
+    "of them, some would differ by no more than that. Nothing else that was skipped changes a "
+    "score."
 )
 _SKIPPED = {"what": "What", "done": "Done", "skipped": "Skipped", "why": "Why"}
 _MEANINGS = (

@@ -31,8 +31,8 @@ def regression(data: Mapping[str, Any], images: Images) -> str:
         return ""
     judged = [check for check in checks(data) if "kind" in check]
     failed = sum(not check_passed(check) for check in judged)
-    said = "nothing changed" if not failed else f"{failed} changed"
-    words = f"Of {len(judged)} comparisons with {found.get('baseline', MISSING)}, {said}. "
+    changed = f"{failed} changed" if failed else "nothing changed"
+    words = f"Of {len(judged)} comparisons with {found.get('baseline', MISSING)}, {changed}. "
     if found.get("reason"):
         words += f"That baseline was accepted because: {found['reason']}. "
     lead = element("p", text(words + _WORDS), class_="lead")
@@ -103,12 +103,12 @@ def _drift(found: Mapping[str, Any]) -> str:
 
 def _words(name: object) -> str:
     """A score's name with its metric's label and without its unit: "PSNR to ceiling"."""
-    said = str(name)
+    label = str(name)
     for metric in all_metrics():
         if metric.unit:
-            said = said.removesuffix(f"_{metric.unit.lower()}")
-        said = said.replace(metric.name, metric.label)
-    return said.replace("eia", "EIA").replace("_", " ")
+            label = label.removesuffix(f"_{metric.unit.lower()}")
+        label = label.replace(metric.name, metric.label)
+    return label.replace("eia", "EIA").replace("_", " ")
 
 
 def _signed(change: object) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from inim.errors import InimError
 from inim.files.image import read_rgbd
+from inim.report.diagram import label, svg
 from inim.report.images import Images
 from inim.report.markup import element, figure, text
 from inim.report.sections import ReportSection
@@ -128,10 +129,7 @@ def _drawing(rgbd: RGBD, derived: Mapping[str, Any]) -> str:
         drawn.append(_level(frame, half, centre, "cdp"))
     drawn += _labels(frame, low, high)
     words = f"Captured surface from {mm(ends[0])} to {mm(ends[1])}, from above"
-    return (
-        f'<svg class="plan profile" role="img" aria-label="{text(words)}" '
-        f'viewBox="0 0 {_SIDE:g} {_SIDE:g}">{"".join(drawn)}</svg>'
-    )
+    return svg(words, "plan profile", (_SIDE, _SIDE), drawn)
 
 
 def _range(frame: _Frame, half: float, low: float, high: float) -> str:
@@ -182,14 +180,10 @@ def _labels(frame: _Frame, low: float, high: float) -> list[str]:
             placed.append((y, words))
     scale = "to scale" if frame.stretch == 1 else f"depths drawn × {frame.stretch}"
     return [
-        _label(_SIDE / 2, 16, "towards the viewer ↑", "middle"),
-        *(_label(_LEFT, y, words, "start") for y, words in placed),
-        _label(_SIDE - _RIGHT, _SIDE - 8, scale, "end"),
+        label(_SIDE / 2, 16, "towards the viewer ↑", "middle"),
+        *(label(_LEFT, y, words, "start") for y, words in placed),
+        label(_SIDE - _RIGHT, _SIDE - 8, scale, "end"),
     ]
-
-
-def _label(x: float, y: float, words: str, anchor: str) -> str:
-    return f'<text x="{x:g}" y="{y:.1f}" text-anchor="{anchor}">{text(words)}</text>'
 
 
 SECTIONS = (ReportSection(90, "rgbd", "RGB-D input", rgbd),)

@@ -14,6 +14,7 @@ import numpy as np
 
 from inim.cache.digest import code_digest, value_digest
 from inim.cache.store import remembered
+from inim.metrics.psnr import metric as PSNR  # noqa: N812
 from inim.report.bench.marks import LINES, colour_of, marker_of, plain_ticks, style
 from inim.report.bench.names import Name, across, set_apart
 from inim.report.images import Images
@@ -50,11 +51,12 @@ def time_against_error(data: Mapping[str, Any], _images: Images) -> str:
     views, eias = _view_points(data, times), _eia_points(data, times)
     if not (views or eias):
         return ""
-    floor = part(data, "noise_floor", "eia").get("psnr_db")
+    floor = part(data, "noise_floor", "eia").get(PSNR.key)
     known_floor = float(floor) if is_number(floor) and math.isfinite(floor) else None
-    drawn = _remembered(tuple(views), tuple(eias), unit, known_floor)
+    drawn = _cached_drawing(tuple(views), tuple(eias), unit, known_floor)
     words = "; ".join(
-        f"{p.name} {p.time:.2g} {unit}, 1 − SSIM to the ceiling {p.error:.3f}" for p in views
+        f"{p.name} {p.time:.2g} {unit}, 1 − {MAIN.label} to the ceiling {p.error:.3f}"
+        for p in views
     )
     alt = f"Time against error. {words}" if words else "Time against error"
     if unit == _YARDSTICKS:
@@ -79,7 +81,7 @@ def _times(data: Mapping[str, Any]) -> tuple[dict[str, float], str]:
 
 
 def _view_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_Point]:
-    """1 − mean SSIM to the ceiling, of those that have all of them."""
+    """1 − mean main score to the ceiling, of those that have all of them."""
     names = viewpoint_names(data)
     points = []
     for name, time in times.items():
@@ -95,15 +97,15 @@ def _eia_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_Po
     """PSNR of the EIA to ground truth, negative."""
     points = []
     for name, time in times.items():
-        psnr = part(data, "algorithms", name, "eia").get("psnr_db")
+        psnr = part(data, "algorithms", name, "eia").get(PSNR.key)
         if is_number(psnr) and math.isfinite(psnr):
             points.append(_Point(plain(name), time, -psnr))
     return points
 
 
 @lru_cache(maxsize=8)  # a page too large is put together again
-def _remembered(*drawn: Any) -> bytes:
-    """`_drawing`, found again where a store is in use: loading the plotter takes the longest."""
+def _cached_drawing(*drawn: Any) -> bytes:
+    """`_drawing`, from the result cache if there is one: loading matplotlib takes the longest."""
 
     def address() -> str:
         return value_digest(["time against error", drawn, code_digest("report")])
@@ -125,8 +127,8 @@ def _drawing(
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2, sharex=True)
     panels = (
-        ("Views", views, 1.0, "1 − SSIM to the ceiling, mean", None),
-        ("Elemental images", eias, -1.0, "EIA PSNR to ground truth, dB", floor),
+        ("Views", views, 1.0, f"1 − {MAIN.label} to the ceiling, mean", None),
+        ("Elemental images", eias, -1.0, f"EIA {PSNR.label} to ground truth, {PSNR.unit}", floor),
     )
     written = []
     for axis, (title, points, sign, label, line) in zip(axes, panels, strict=True):

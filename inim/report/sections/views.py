@@ -69,76 +69,47 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
     ceiling = images.read("views", "ceiling", f"{view}.png")
     place = ", ".join(short(v) for v in items(viewpoint, "position_mm"))
     heading = element("h3", text(view), element("small", text(f"eye at ({place}) mm")))
+
+    def shown(name: str, pixels: np.ndarray | None) -> str:
+        # `wipe` finds a view by what it shows and from where.
+        return images.embed(pixels, f"{name} from {view}", data_shows=name, data_viewpoint=view)
+
+    def compared(name: str, pixels: np.ndarray | None, to: str, reference: Any) -> list[str]:
+        """A view, its difference to a reference, and SSIM's map of the two."""
+        pair = f"of {name} and {to} from {view}"
+        return [
+            shown(name, pixels),
+            images.embed(difference(pixels, reference), f"Difference {pair}"),
+            images.embed(similarity(pixels, reference), f"SSIM map {pair}"),
+        ]
+
+    floor, own = (part(data, key, "views", view) for key in ("noise_floor", "ceiling"))
+    against_truth = compared(_CEILING, ceiling, "ground truth", truth)
     figures = [
-        _truth_figure(data, images, view, truth),
-        _ceiling_figure(data, images, view, truth, ceiling),
+        captioned(
+            _TRUTH,
+            "the scene itself",
+            [shown(_TRUTH, truth)],
+            [("To itself", metric_scores(floor))],
+        ),
+        captioned(
+            _CEILING,
+            "compared with ground truth",
+            against_truth,
+            [("To scene", metric_scores(own))],
+        ),
     ]
-    figures += [
-        _algorithm_figure(data, images, view, name, ceiling) for name in part(data, "algorithms")
-    ]
+    for name in part(data, "algorithms"):
+        scores = part(data, "algorithms", name, "views", view)
+        facts = [
+            ("To ceiling", metric_scores(scores, "ceiling")),
+            ("To scene", metric_scores(scores)),
+            ("On the relic", metric_scores(scores, "relic")),
+        ]
+        made = compared(name, images.read("views", name, f"{view}.png"), "ceiling", ceiling)
+        figures.append(captioned(name, "compared with ceiling", made, facts))
     kind = "views wide" if is_wide(truth) else "views"
     return heading + element("div", *figures, class_=kind, style=f"--count:{len(figures)}")
-
-
-def _truth_figure(
-    data: Mapping[str, Any], images: Images, view: str, truth: np.ndarray | None
-) -> str:
-    facts = [("To itself", metric_scores(part(data, "noise_floor", "views", view)))]
-    picture = _shown(images, truth, _TRUTH, view)
-    return captioned(_TRUTH, "the scene itself", [picture], facts)
-
-
-def _shown(images: Images, pixels: np.ndarray | None, name: str, view: str) -> str:
-    """A view that `wipe` finds by what it shows and from where."""
-    alt = f"{name} from {view}"
-    return images.embed(pixels, alt, data_shows=name, data_viewpoint=view)
-
-
-def _compared(
-    images: Images,
-    pixels: np.ndarray | None,
-    reference: np.ndarray | None,
-    name: str,
-    to: str,
-    view: str,
-) -> list[str]:
-    """A view, its difference to a reference, and SSIM's map of the two."""
-    pair = f"of {name} and {to} from {view}"
-    return [
-        _shown(images, pixels, name, view),
-        images.embed(difference(pixels, reference), f"Difference {pair}"),
-        images.embed(similarity(pixels, reference), f"SSIM map {pair}"),
-    ]
-
-
-def _ceiling_figure(
-    data: Mapping[str, Any],
-    images: Images,
-    view: str,
-    truth: np.ndarray | None,
-    ceiling: np.ndarray | None,
-) -> str:
-    shown = _compared(images, ceiling, truth, _CEILING, "ground truth", view)
-    facts = [("To scene", metric_scores(part(data, "ceiling", "views", view)))]
-    return captioned(_CEILING, "compared with ground truth", shown, facts)
-
-
-def _algorithm_figure(
-    data: Mapping[str, Any],
-    images: Images,
-    view: str,
-    name: str,
-    ceiling: np.ndarray | None,
-) -> str:
-    scores = part(data, "algorithms", name, "views", view)
-    made = images.read("views", name, f"{view}.png")
-    shown = _compared(images, made, ceiling, name, "ceiling", view)
-    facts = [
-        ("To ceiling", metric_scores(scores, "ceiling")),
-        ("To scene", metric_scores(scores)),
-        ("On the relic", metric_scores(scores, "relic")),
-    ]
-    return captioned(name, "compared with ceiling", shown, facts)
 
 
 SECTIONS = (ReportSection(60, "views", "Views", views),)

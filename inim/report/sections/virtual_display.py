@@ -32,7 +32,7 @@ _GROUND_TRUTH = "Ground truth"
 def report_display(
     data: Mapping[str, Any], images: Images, *, most_bytes: int = REPORT_PANEL_BYTES
 ) -> str:
-    """The section of a report; empty where the report says nothing of a display.
+    """The section of a report; empty for a report without a display.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from typing import Any
 
 from inim.report.bench.marks import BEATEN, LINES, SOFT, colour_of, marker_of, plain_ticks, style
 from inim.report.bench.names import Name, set_apart
-from inim.report.sweep.results import Contest, mean, names_of, on_front
+from inim.report.sweep.results import Result, mean, names_of, on_front
 from inim.report.wording import MAIN
 
 __all__ = ["draw_pareto", "time_column"]
@@ -17,29 +17,29 @@ _MOST_ACROSS = 3
 _WIDTH, _HEIGHT = 4.2, 4.0
 
 
-def time_column(contests: Sequence[Contest]) -> str:
-    """Yardsticks where every contest was timed in them; else seconds, taken once, cold."""
-    done = [c for c in contests if not c.failed]
+def time_column(results: Sequence[Result]) -> str:
+    """Yardsticks where every result was timed in them; else seconds, taken once, cold."""
+    done = [c for c in results if not c.failed]
     timed = bool(done) and all(c.scores["yardsticks"] is not None for c in done)
     return "yardsticks" if timed else "seconds"
 
 
-def draw_pareto(contests: Sequence[Contest]) -> str | None:
+def draw_pareto(results: Sequence[Result]) -> str | None:
     """The plot as SVG; None where no algorithm has a time and a score.
 
     A point is the mean over scenes, of the algorithms that have them all.
     """
-    panels = {display: _points(contests, display) for display in names_of(contests, "display")}
+    panels = {display: _points(results, display) for display in names_of(results, "display")}
     panels = {display: points for display, points in panels.items() if points}
     if not panels:
         return None
-    return _svg(_figure(panels, time_column(contests)))
+    return _svg(_figure(panels, time_column(results)))
 
 
-def _points(contests: Sequence[Contest], display: str) -> dict[str, tuple[float, float]]:
+def _points(results: Sequence[Result], display: str) -> dict[str, tuple[float, float]]:
     """By algorithm, mean time and mean of 1 − SSIM to the ceiling."""
-    column = time_column(contests)
-    own = [c for c in contests if c.display == display]
+    column = time_column(results)
+    own = [c for c in results if c.display == display]
     points = {}
     for name in names_of(own, "algorithm"):
         runs = [c for c in own if c.algorithm == name and not c.failed]
@@ -64,12 +64,12 @@ def _figure(panels: dict[str, dict[str, tuple[float, float]]], unit: str) -> Any
     drawn = list(zip(axes, panels.items(), strict=False))
     for axis, (display, points) in drawn:
         _panel(axis, points)
-        style(axis, display, f"{unit} per EIA (↙ better)", "1 − SSIM to the ceiling")
+        style(axis, display, f"{unit} per EIA (↙ better)", f"1 − {MAIN.label} to the ceiling")
         axis.set_xscale("log")
         axis.margins(0.24, 0.14)
     for axis, _ in drawn:
         plain_ticks(axis)
-    figure.canvas.draw()  # now all has its place, and names can be put beside one another
+    figure.canvas.draw()  # the layout is final, so names can be placed
     for axis, (_, points) in drawn:
         front = on_front(points)
         set_apart(axis, [_name(name, *place, name in front) for name, place in points.items()])

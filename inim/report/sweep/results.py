@@ -1,4 +1,4 @@
-"""What a page says of a table: means over viewpoints, grouped as they are compared.
+"""The results on a sweep's page: means over viewpoints, grouped as they are compared.
 
 Scores of different scenes are never averaged into one another's rank: a scene's row is compared
 with itself only, and where a figure stands for several scenes it is the mean of what each lost
@@ -16,16 +16,21 @@ from inim.metrics import all_metrics
 from inim.report.wording import MAIN, is_number
 
 __all__ = [
-    "Contest",
-    "contests_of",
+    "REFERENCES",
+    "Result",
     "mean",
     "names_of",
     "on_front",
+    "results_of",
     "settings_of",
     "varied_settings",
 ]
 
 Row = Mapping[str, Any]
+
+#: Columns of the main score of the ceiling, and of the truth against itself.
+REFERENCES = (f"ceiling_{MAIN.key}", f"noise_floor_{MAIN.key}")
+_COSTS = ("seconds", "yardsticks", "unit_seconds")
 
 # What tells rows of one scene, display, algorithm and viewpoint apart.
 _SETTINGS = (
@@ -47,7 +52,7 @@ _SETTINGS = (
 
 
 @dataclass(frozen=True)
-class Contest:
+class Result:
     """One algorithm on one scene, display and set of settings: means over its viewpoints.
 
     Attributes
@@ -66,27 +71,20 @@ class Contest:
     scores: dict[str, float | None]
 
 
-def _means() -> list[str]:
-    """Columns whose means over the viewpoints a page shows."""
-    scores = [metric.key for metric in all_metrics()]
-    main = [MAIN.to_ceiling_key, f"ceiling_{MAIN.key}", f"noise_floor_{MAIN.key}"]
-    return [*scores, *main, "seconds", "yardsticks", "unit_seconds"]
-
-
-def contests_of(rows: Sequence[Row]) -> list[Contest]:
-    """The rows by contest, in the table's order."""
+def results_of(rows: Sequence[Row]) -> list[Result]:
+    """The rows by result, in the table's order."""
     varied = varied_settings(rows)
-    means = _means()
+    columns = [*(m.key for m in all_metrics()), MAIN.to_ceiling_key, *REFERENCES, *_COSTS]
     groups: dict[tuple[str, str, str, str], list[Row]] = {}
     for row in rows:
         settings = settings_of(row, varied)
         key = (str(row["scene"]), str(row["display"]), settings, str(row["algorithm"]))
         groups.setdefault(key, []).append(row)
     return [
-        Contest(
+        Result(
             *key,
             any(row["status"] != "ok" for row in group),
-            {name: mean(row.get(name) for row in group) for name in means},
+            {name: mean(row.get(name) for row in group) for name in columns},
         )
         for key, group in groups.items()
     ]
@@ -109,9 +107,9 @@ def settings_of(row: Row, varied: Iterable[str]) -> str:
     return ", ".join(f"{name} = {row.get(name)}" for name in varied)
 
 
-def names_of(contests: Sequence[Contest], field: str) -> list[str]:
+def names_of(results: Sequence[Result], field: str) -> list[str]:
     """The values of a field, each once, in order."""
-    return list(dict.fromkeys(getattr(contest, field) for contest in contests))
+    return list(dict.fromkeys(getattr(result, field) for result in results))
 
 
 def mean(values: Iterable[Any]) -> float | None:

@@ -43,7 +43,7 @@ _HELP = (
 
 @dataclass(frozen=True)
 class Eye:
-    """A named place to look from, in the display frame."""
+    """A named eye position, in the display frame."""
 
     name: str
     position_mm: tuple[float, float, float]
@@ -87,7 +87,7 @@ def live_display(
     lens_model : str
         What the display starts with, or the one nearest to it that is drawn live.
     remarks : sequence of str
-        Said below the display.
+        Sentences below the display.
     """
     embedded, left_out = embed_panels(panels, most_bytes)
     words = [*_embedding_words(embedded, left_out), *remarks, *_display_words(display)]
@@ -178,7 +178,7 @@ def _screen(display: Display, names: Sequence[str], side: int, index: int) -> st
         ]
         head = element("label", word, element("select", *options))
     else:
-        # One panel: nothing to choose, but the script wants to be told what is shown.
+        # One panel: nothing to choose, but the script reads what is shown here.
         only = element("option", text(names[0]), value=0, selected="selected")
         head = element("b", text(names[0])) + element("select", only, hidden="hidden")
     canvas = element(

@@ -19,7 +19,7 @@ _FORMS = (("PNG", 0), ("JPEG", 95), ("JPEG", 85))
 
 @dataclass(frozen=True)
 class Panel:
-    """An EIA to look at.
+    """An EIA to show.
 
     Attributes
     ----------
