@@ -188,7 +188,7 @@ def parse_viewpoints(
         Viewing distance where none is given; `default_distance_mm` otherwise.
     pupil_mm, focus_mm : float
         Of every eye; see `Viewpoint`. Eyes with a pupil come back with their focus stated: what
-        they look at later may be a display that is not quite `display`.
+        they see later may be a display that is not quite `display`.
 
     Raises
     ------

@@ -39,7 +39,7 @@ __all__ = [
     "usable_model",
 ]
 
-#: Tried first where no model is asked for.
+#: Tried first where none is chosen.
 DEFAULT_LENS_MODEL = Settings.lens_model
 #: Pixels per lens to compare: half as many, these, twice as many.
 PIXEL_STEPS = (0.5, 1.0, 2.0)
@@ -62,7 +62,7 @@ class Findings:
     Attributes
     ----------
     source : str
-        The scene file or preset asked for.
+        The scene file or preset.
     design, mounted : Display
         As designed, and with its array as it really lies; mostly the same.
     lens_model : str
@@ -92,17 +92,17 @@ class Findings:
     crosstalk: CrosstalkMap
 
 
-def usable_model(asked: str | None, display: Display) -> tuple[str, str | None]:
+def usable_model(chosen: str | None, display: Display) -> tuple[str, str | None]:
     """The lens model to use, and why it is not `DEFAULT_LENS_MODEL` where nobody chose another.
 
     Raises
     ------
     InimError
-        A model that was asked for and does not exist or cannot be made.
+        A chosen model that does not exist or cannot be made.
     """
-    if asked is not None:
-        check_lens_model(asked, display)
-        return asked, None
+    if chosen is not None:
+        check_lens_model(chosen, display)
+        return chosen, None
     try:
         check_lens_model(DEFAULT_LENS_MODEL, display)
     except DisplayError as error:

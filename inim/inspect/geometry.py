@@ -80,7 +80,7 @@ class ViewingZone:
     nearest_mm : float or None
         Distance from which the axis sees no flips; None if there is none.
     distance_mm : float
-        The distance looked at.
+        The viewing distance.
     limit_x_mm, limit_y_mm, limit_x_deg, limit_y_deg : float
         How far aside an eye may be there; negative: nowhere.
     viewpoints : tuple of Viewpoint
