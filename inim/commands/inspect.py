@@ -48,8 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry out `inim inspect`; the exit code."""
-    from inim.inspect.data import as_data
-    from inim.inspect.text import as_text
+    from inim.inspect.output import as_data, as_text
 
     settings = _settings(args.display, args.definitions)
     findings = _findings(args, settings)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.inspect.rays import aperture_of, array_to_display, cell_of, land
+from inim.inspect.rays import array_to_display, cell_of, land, lens_at
 
 __all__ = [
     "CrosstalkMap",
@@ -116,7 +116,7 @@ def array_samples(display: Display) -> Samples:
     y = corner_y + (up + (0.5 + cell * _R2[1]) % 1) / _POINTS_ACROSS * row
     area = np.repeat(np.outer(down, across), right.size)
     x, y = array_to_display(display, x.ravel(), y.ravel())
-    inside, _ = aperture_of(display, x, y)
+    inside = lens_at(display, x, y).exists
     return Samples(x[inside], y[inside], area[inside] / area[inside].sum())
 
 
@@ -161,7 +161,7 @@ def light_shares(
     light = landed.weight
     passes = light > 0
     cell_x, cell_y, is_lit = cell_of(design, landed.x_mm, landed.y_mm)
-    _, within = aperture_of(mounted, x, y)
+    within = lens_at(mounted, x, y).in_aperture
     bent = passes & is_lit & ~np.isnan(landed.lens_x_mm)
     off = np.hypot(cell_x - landed.lens_x_mm, cell_y - landed.lens_y_mm)
     own = bent & (off < mounted.pitch_mm / 8)

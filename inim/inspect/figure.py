@@ -18,6 +18,7 @@ __all__ = ["draw_figure"]
 _PNG_DPI = 130
 _SIZE_INCHES = (13.0, 8.6)
 _INK, _SOFT, _LINE = "#1e2022", "#5a5f63", "#dedbd3"
+_LEGEND = {"fontsize": 8, "frameon": False, "labelcolor": _INK}
 # Okabe and Ito's colours, told apart with any colour vision.
 _BLUE, _VERMILION, _GREEN, _ORANGE, _SKY = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9"
 _SPOT_MARKS = {"all": (_BLUE, "o"), "red": (_VERMILION, "s"), "green": (_GREEN, "^")} | {
@@ -76,14 +77,7 @@ def _style(axis: Any, title: str, x_label: str, y_label: str) -> None:
 def _grid_and_legend(axis: Any, columns: int) -> None:
     axis.grid(True, color=_LINE, linewidth=0.6)
     axis.set_axisbelow(True)
-    axis.legend(
-        loc="upper left",
-        bbox_to_anchor=(0, -0.14),
-        ncols=columns,
-        fontsize=8,
-        frameon=False,
-        labelcolor=_INK,
-    )
+    axis.legend(loc="upper left", bbox_to_anchor=(0, -0.14), ncols=columns, **_LEGEND)
 
 
 def _plan_view(axis: Any, findings: Findings) -> None:
@@ -100,14 +94,9 @@ def _plan_view(axis: Any, findings: Findings) -> None:
         [-half, half], low, high, color=_ORANGE, alpha=0.45, linewidth=0, label="depth range"
     )
     if low <= display.central_depth_mm <= high:
-        axis.plot(
-            [display.central_depth_mm] * 2,
-            [-half, half],
-            color=_VERMILION,
-            linewidth=1.2,
-            linestyle="--",
-            label="central depth plane",
-        )
+        dashed = {"color": _VERMILION, "linewidth": 1.2, "linestyle": "--"}
+        at = [display.central_depth_mm] * 2
+        axis.plot(at, [-half, half], **dashed, label="central depth plane")
     axis.plot([0, 0], [-half, half], color=_INK, linewidth=2.2, label="lens array")
     wide = display.eia_shape[1] * display.pixel_pitch_mm / 2
     axis.plot([-display.gap_mm] * 2, [-wide, wide], color=_GREEN, linewidth=1.6, label="panel")
@@ -116,24 +105,11 @@ def _plan_view(axis: Any, findings: Findings) -> None:
             zone.nearest_mm, color=_SOFT, linewidth=0.9, linestyle=":", label="nearest, no flips"
         )
     if not zone.is_empty:
-        axis.plot(
-            [zone.distance_mm] * 2,
-            [-zone.limit_x_mm, zone.limit_x_mm],
-            "_-",
-            color=_BLUE,
-            linewidth=1,
-            label="flip limit",
-        )
-    eyes = [(v.z_mm, v.x_mm) for v in zone.viewpoints]
-    axis.plot(
-        *zip(*eyes, strict=True),
-        "o",
-        color=_BLUE,
-        markersize=6,
-        markerfacecolor="white",
-        linestyle="none",
-        label="default eyes",
-    )
+        at, aside = [zone.distance_mm] * 2, zone.limit_x_mm
+        axis.plot(at, [-aside, aside], "_-", color=_BLUE, linewidth=1, label="flip limit")
+    eyes = [v.z_mm for v in zone.viewpoints], [v.x_mm for v in zone.viewpoints]
+    ring = {"color": _BLUE, "markersize": 6, "markerfacecolor": "white", "linestyle": "none"}
+    axis.plot(*eyes, "o", **ring, label="default eyes")
     axis.set_xlim(min(-display.gap_mm, low, -0.03 * far) * 1.2, far)
     _style(
         axis,
@@ -149,36 +125,16 @@ def _voxels(axis: Any, findings: Findings) -> None:
     display, curve = findings.design, findings.voxels
     low, high = display.depth_range_mm
     axis.axvspan(low, high, color=_ORANGE, alpha=0.25, linewidth=0, label="depth range")
-    axis.plot(
-        curve.depth_mm, curve.width_mm, color=_BLUE, linewidth=2, label="voxel: both together"
-    )
-    axis.plot(
-        curve.depth_mm,
-        curve.footprint_mm,
-        color=_GREEN,
-        linestyle="--",
-        label="pixel footprint",
-    )
-    axis.plot(
-        curve.depth_mm,
-        curve.blur_mm,
-        color=_VERMILION,
-        linestyle=":",
-        linewidth=1.8,
-        label="blur of the lens aperture",
-    )
-    if curve.depth_mm[0] <= display.central_depth_mm <= curve.depth_mm[-1]:
-        axis.plot(
-            display.central_depth_mm,
-            display.scene_pixel_mm,
-            "D",
-            color=_INK,
-            markersize=5,
-            linestyle="none",
-            label="P_I at the central depth plane",
-        )
+    z, dotted = curve.depth_mm, {"color": _VERMILION, "linestyle": ":", "linewidth": 1.8}
+    axis.plot(z, curve.width_mm, color=_BLUE, linewidth=2, label="voxel: both together")
+    axis.plot(z, curve.footprint_mm, color=_GREEN, linestyle="--", label="pixel footprint")
+    axis.plot(z, curve.blur_mm, **dotted, label="blur of the lens aperture")
+    if z[0] <= display.central_depth_mm <= z[-1]:
+        point = display.central_depth_mm, display.scene_pixel_mm
+        diamond = {"color": _INK, "markersize": 5, "linestyle": "none"}
+        axis.plot(*point, "D", **diamond, label="P_I at the central depth plane")
     axis.set_ylim(bottom=0)
-    axis.set_xlim(curve.depth_mm[0], curve.depth_mm[-1])
+    axis.set_xlim(z[0], z[-1])
     _style(axis, "Voxel size", "depth z, mm", "width, mm")
     _grid_and_legend(axis, 2)
 
@@ -193,18 +149,12 @@ def _all_spots(axes: list[Any], findings: Findings) -> None:
     angles = sorted({s.field_angle_deg for s in findings.spots})
     for n, (axis, angle) in enumerate(zip(axes, angles, strict=True)):
         found = [s for s in findings.spots if s.field_angle_deg == angle]
-        outline = Rectangle(
-            (-pixel / 2, -pixel / 2),
-            pixel,
-            pixel,
-            fill=False,
-            edgecolor=_INK,
-            linestyle="--",
-            zorder=4,
-        )
-        axis.add_patch(outline)
+        frame = {"fill": False, "edgecolor": _INK, "linestyle": "--", "zorder": 4}
+        axis.add_patch(Rectangle((-pixel / 2, -pixel / 2), pixel, pixel, **frame))
+        dots = {"markersize": 2, "markeredgewidth": 0, "alpha": 0.7, "linestyle": "none"}
         for spot in found:
-            _one_spot(axis, spot)
+            colour, mark = _SPOT_MARKS[spot.colour]
+            axis.plot(spot.x_um, spot.y_um, mark, color=colour, **dots, label=spot.colour)
         radius = ", ".join(map(_radius, found))
         axis.set_xlim(-reach, reach)
         axis.set_ylim(-reach, reach)
@@ -216,31 +166,8 @@ def _all_spots(axes: list[Any], findings: Findings) -> None:
             "y on the panel, µm" if n == 0 else "",
         )
     if len(findings.spots) > len(angles):
-        axes[1].legend(
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.14),
-            ncols=3,
-            fontsize=8,
-            frameon=False,
-            labelcolor=_INK,
-            markerscale=3,
-            handletextpad=0.1,
-        )
-
-
-def _one_spot(axis: Any, spot: Spot) -> None:
-    colour, mark = _SPOT_MARKS[spot.colour]
-    axis.plot(
-        spot.x_um,
-        spot.y_um,
-        mark,
-        color=colour,
-        markersize=2,
-        markeredgewidth=0,
-        alpha=0.7,
-        linestyle="none",
-        label=spot.colour,
-    )
+        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": 3}
+        axes[1].legend(**below, markerscale=3, handletextpad=0.1, **_LEGEND)
 
 
 def _radius(spot: Spot) -> str:
@@ -278,15 +205,8 @@ def _crosstalk(figure: Any, axis: Any, findings: Findings) -> None:
         axis.add_patch(
             Rectangle((-limit_x, -limit_y), 2 * limit_x, 2 * limit_y, fill=False, edgecolor="white")
         )
-    eyes = [(v.x_mm, v.y_mm) for v in zone.viewpoints]
-    axis.plot(
-        *zip(*eyes, strict=True),
-        "o",
-        color="white",
-        markersize=4,
-        markerfacecolor="none",
-        linestyle="none",
-    )
+    x, y = [v.x_mm for v in zone.viewpoints], [v.y_mm for v in zone.viewpoints]
+    axis.plot(x, y, "o", color="white", markersize=4, markerfacecolor="none", linestyle="none")
     frame = "no eye is free of flips" if zone.is_empty else "frame: flip limit"
     _style(
         axis,

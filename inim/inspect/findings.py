@@ -1,7 +1,8 @@
-"""Everything `inim inspect` has to say about a display, as one value."""
+"""Everything `inim inspect` has to say about a display: one value, and warnings in words."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from inim.display import Display
@@ -14,19 +15,44 @@ from inim.inspect.crosstalk import (
     crosstalk_map,
     light_shares,
 )
-from inim.inspect.geometry import PixelChoice, ViewingZone, pixel_choice, viewing_zone
+from inim.inspect.geometry import (
+    PixelChoice,
+    ViewingZone,
+    VoxelCurve,
+    has_whole_pixels,
+    pixel_choice,
+    viewing_zone,
+    voxel_curve,
+)
 from inim.inspect.spots import Spot, spots
-from inim.inspect.voxel import VoxelCurve, voxel_curve
 from inim.lens import check_lens_model
 from inim.lens import lens_model as find_lens_model
 from inim.settings import Settings
 
-__all__ = ["DEFAULT_LENS_MODEL", "PIXEL_STEPS", "Findings", "inspect_display", "usable_model"]
+__all__ = [
+    "DEFAULT_LENS_MODEL",
+    "PIXEL_STEPS",
+    "Findings",
+    "cautions",
+    "inspect_display",
+    "misalignments",
+    "usable_model",
+]
 
-#: Tried first where no model is asked for.
+#: Tried first where none is chosen.
 DEFAULT_LENS_MODEL = Settings.lens_model
 #: Pixels per lens to compare: half as many, these, twice as many.
 PIXEL_STEPS = (0.5, 1.0, 2.0)
+_MOST_CROSSTALK = 0.01
+# Fields in which a mounted array may differ from its design, and the words for a positive and a
+# negative number.
+_LIES = {
+    "rotation_deg": ("turned by {}° counter-clockwise", "turned by {}° clockwise"),
+    "shift_x_mm": ("moved {} mm to the right", "moved {} mm to the left"),
+    "shift_y_mm": ("moved {} mm up", "moved {} mm down"),
+    "tilt_x_deg": ("tilted by {}°: gap grows to the right", "tilted by {}°: gap grows to the left"),
+    "tilt_y_deg": ("tilted by {}°: gap grows upwards", "tilted by {}°: gap grows downwards"),
+}
 
 
 @dataclass(frozen=True)
@@ -36,7 +62,7 @@ class Findings:
     Attributes
     ----------
     source : str
-        The scene file or preset asked for.
+        The scene file or preset.
     design, mounted : Display
         As designed, and with its array as it really lies; mostly the same.
     lens_model : str
@@ -66,17 +92,17 @@ class Findings:
     crosstalk: CrosstalkMap
 
 
-def usable_model(asked: str | None, display: Display) -> tuple[str, str | None]:
+def usable_model(chosen: str | None, display: Display) -> tuple[str, str | None]:
     """The lens model to use, and why it is not `DEFAULT_LENS_MODEL` where nobody chose another.
 
     Raises
     ------
     InimError
-        A model that was asked for and does not exist or cannot be made.
+        A chosen model that does not exist or cannot be made.
     """
-    if asked is not None:
-        check_lens_model(asked, display)
-        return asked, None
+    if chosen is not None:
+        check_lens_model(chosen, display)
+        return chosen, None
     try:
         check_lens_model(DEFAULT_LENS_MODEL, display)
     except DisplayError as error:
@@ -132,3 +158,105 @@ def inspect_display(
         },
         crosstalk=crosstalk_map(design, real, model, distance_mm),
     )
+
+
+def cautions(findings: Findings) -> list[str]:
+    """Warnings and, last, what is no fault but good to know; one sentence or two each."""
+    return [
+        *_on_depth(findings.design),
+        *_on_viewing(findings),
+        *_on_lenses(findings),
+        *_on_crosstalk(findings),
+        *_on_pixels(findings.design),
+    ]
+
+
+def misalignments(design: Display, mounted: Display) -> list[str]:
+    """How the array lies over the panel, and what of that the panel's picture does not know."""
+    said = []
+    for name, words in _LIES.items():
+        known = getattr(design, name)
+        unknown = getattr(mounted, name) - known
+        for value, knows in ((known, "knows"), (unknown, "does not know")):
+            if value:
+                how = words[0 if value > 0 else 1].format(f"{abs(value):.4g}")
+                said.append(f"array {how} (the design {knows})")
+    off = mounted.gap_mm - design.gap_mm
+    if off:
+        side = "far from" if off > 0 else "close to"
+        said.append(f"array {abs(off):.4g} mm too {side} the panel (the design does not know)")
+    return said
+
+
+def _on_depth(display: Display) -> Iterator[str]:
+    low, high = display.depth_range_mm
+    if display.depth_range_is_cut:
+        yield (
+            f"Depth range cut: the formula's {display.depth_span_mm:.4g} mm about the central "
+            f"depth plane cross the lens array, so it is cut to {low:.4g} to {high:.4g} mm. "
+            "More pixels per lens would make it proper."
+        )
+
+
+def _on_viewing(findings: Findings) -> Iterator[str]:
+    zone = findings.zone
+    at = f"at {zone.distance_mm:.4g} mm"
+    if zone.is_empty:
+        yield f"Viewing zone empty {at}: every eye sees flipped views; {_way_out(findings)}."
+    nearest_point = findings.design.depth_range_mm[1]
+    if zone.distance_mm <= nearest_point:
+        yield f"Eye inside the picture {at}: the depth range reaches {nearest_point:.4g} mm."
+
+
+def _way_out(findings: Findings) -> str:
+    """Where the viewing zone is, if not here."""
+    zone, display = findings.zone, findings.design
+    if zone.nearest_mm is None:
+        return "no distance is free of them: elemental_pitch_mm and pitch_mm are too far apart"
+    if zone.nearest_mm > zone.distance_mm:
+        return f"move back to {zone.nearest_mm:.4g} mm at least"
+    # All lenses show an eye their middles at V = g / (Q / P - 1).
+    aim = display.gap_mm / (display.elemental_image_pitch_mm / display.pitch_mm - 1)
+    return f"the elemental images aim at an eye at {aim:.4g} mm: come nearer"
+
+
+def _on_lenses(findings: Findings) -> Iterator[str]:
+    if findings.model_reason is not None:
+        yield (
+            f"The {DEFAULT_LENS_MODEL} lens cannot be ground, so {findings.lens_model} lenses are "
+            f"used: {findings.model_reason}."
+        )
+    if not find_lens_model(findings.lens_model).refracts:  # no spot could be too large
+        return
+    pixel_um = 1e3 * findings.design.pixel_pitch_mm
+    large = [s for s in findings.spots if 2 * s.rms_radius_um > pixel_um]
+    if large:
+        worst = max(large, key=lambda s: s.rms_radius_um)
+        first = min(large, key=lambda s: s.field_angle_deg)
+        where = "the axis" if first.field_angle_deg == 0 else f"{first.field_angle_deg:.3g}°"
+        yield (
+            f"Spot larger than a pixel from {where} outwards: up to "
+            f"{2 * worst.rms_radius_um:.3g} µm across (twice the RMS radius, at "
+            f"{worst.field_angle_deg:.3g}°) on pixels of {pixel_um:.3g} µm; "
+            "neighbouring directions blend."
+        )
+
+
+def _on_crosstalk(findings: Findings) -> Iterator[str]:
+    share = findings.light["centre"].crosstalk
+    if share > _MOST_CROSSTALK:
+        yield (
+            f"Crosstalk on the axis: {100 * share:.3g} % of the light comes from under a "
+            f"neighbouring lens (more than {100 * _MOST_CROSSTALK:g} %)."
+        )
+    if not share >= 0:
+        yield "No light of the panel reaches the eye on the axis."
+
+
+def _on_pixels(display: Display) -> Iterator[str]:
+    if not has_whole_pixels(display):
+        down = display.elemental_row_pitch_mm / display.pixel_pitch_mm
+        yield (
+            f"For information: {display.pixels_per_lens:.4g} x {down:.4g} pixels per lens, not a "
+            "whole number. Each pixel belongs to the lens whose cell holds its centre."
+        )

@@ -1,4 +1,4 @@
-"""The closed forms: sizes, depth, viewing zone, and what pixels per lens cost and give.
+"""The closed forms: sizes, depth, voxels, viewing zone, what pixels per lens cost and give.
 
 Formulas are those of Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4, by
 equation number; the rest is plain geometry.
@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from inim.display import Display
 from inim.display.viewpoint import DEFAULT_VIEWPOINTS, Viewpoint, named_viewpoint
 from inim.errors import DisplayError
@@ -16,18 +18,22 @@ from inim.errors import DisplayError
 __all__ = [
     "PixelChoice",
     "ViewingZone",
-    "flip_limit_deg",
+    "VoxelCurve",
+    "aperture_blur_mm",
     "has_whole_pixels",
     "mode",
-    "nearest_distance_mm",
     "pixel_choice",
+    "pixel_footprint_mm",
     "viewing_zone",
+    "voxel_curve",
+    "voxel_mm",
     "zone_outline_mm",
 ]
 
 # Panels are driven with 8 bits of red, green and blue.
 _BYTES_PER_PIXEL = 3
 _OUTLINE_POINTS = 201
+_CURVE_POINTS = 241
 # Of a quotient of two lengths that are themselves rounded.
 _ROUNDING = 1e-12
 
@@ -74,7 +80,7 @@ class ViewingZone:
     nearest_mm : float or None
         Distance from which the axis sees no flips; None if there is none.
     distance_mm : float
-        The distance looked at.
+        The viewing distance.
     limit_x_mm, limit_y_mm, limit_x_deg, limit_y_deg : float
         How far aside an eye may be there; negative: nowhere.
     viewpoints : tuple of Viewpoint
@@ -134,30 +140,21 @@ def pixel_choice(display: Display, times: float) -> PixelChoice:
 
 def viewing_zone(display: Display, distance_mm: float) -> ViewingZone:
     """The viewing zone and the default eyes at a distance; see `Display.flip_limit_mm`."""
+    try:
+        nearest: float | None = display.nearest_viewing_distance_mm
+    except DisplayError:
+        nearest = None
     limit_x, limit_y = display.flip_limit_mm(distance_mm)
     return ViewingZone(
         half_angle_deg=display.viewing_half_angle_deg,
-        nearest_mm=nearest_distance_mm(display),
+        nearest_mm=nearest,
         distance_mm=distance_mm,
         limit_x_mm=limit_x,
         limit_y_mm=limit_y,
-        limit_x_deg=flip_limit_deg(limit_x, distance_mm),
-        limit_y_deg=flip_limit_deg(limit_y, distance_mm),
+        limit_x_deg=math.degrees(math.atan2(limit_x, distance_mm)),
+        limit_y_deg=math.degrees(math.atan2(limit_y, distance_mm)),
         viewpoints=tuple(named_viewpoint(n, display, distance_mm) for n in DEFAULT_VIEWPOINTS),
     )
-
-
-def flip_limit_deg(limit_mm: float, distance_mm: float) -> float:
-    """The limit as an angle at the display's centre, atan(limit / V)."""
-    return math.degrees(math.atan2(limit_mm, distance_mm))
-
-
-def nearest_distance_mm(display: Display) -> float | None:
-    """Distance from which an eye on the axis sees no flips; None if none will do."""
-    try:
-        return display.nearest_viewing_distance_mm
-    except DisplayError:
-        return None
 
 
 def zone_outline_mm(display: Display, farthest_mm: float) -> list[tuple[float, float]]:
@@ -169,3 +166,63 @@ def zone_outline_mm(display: Display, farthest_mm: float) -> list[tuple[float, f
     steps = [farthest_mm * (n + 1) / _OUTLINE_POINTS for n in range(_OUTLINE_POINTS)]
     limits = [(z, display.flip_limit_mm(z)[0]) for z in steps]
     return [(z, limit) for z, limit in limits if limit >= 0]
+
+
+@dataclass(frozen=True)
+class VoxelCurve:
+    """Voxel size against depth; (n,) float64 each, millimetres.
+
+    Attributes
+    ----------
+    depth_mm : ndarray
+        Along z, wider than the depth range by half of it on either side.
+    footprint_mm, blur_mm, width_mm : ndarray
+        A pixel's footprint, the aperture's blur, and both together.
+    """
+
+    depth_mm: np.ndarray
+    footprint_mm: np.ndarray
+    blur_mm: np.ndarray
+    width_mm: np.ndarray
+
+
+def pixel_footprint_mm(display: Display, depth_mm: np.ndarray | float) -> np.ndarray:
+    """A panel pixel projected through the lens centre onto depth z: |z| P_D / g (from Eq. 1)."""
+    depth = np.asarray(depth_mm, float)
+    return np.asarray(np.abs(depth) * display.pixel_pitch_mm / display.gap_mm)
+
+
+def aperture_blur_mm(display: Display, depth_mm: np.ndarray | float) -> np.ndarray:
+    """Width at depth z of the beam that a panel point sends through a lens: A |z - D| / |D|.
+
+    A is the aperture's width, the pitch where lenses fill their cells. The beam is as wide as the
+    lens at z = 0 and comes to a point at D (similar triangles); a focused display's stays A.
+    """
+    aperture = display.fill_factor * display.pitch_mm
+    depth = np.asarray(depth_mm, float)
+    if math.isinf(display.central_depth_mm):
+        return np.full_like(depth, aperture)
+    centre = display.central_depth_mm
+    return np.asarray(aperture * np.abs(depth - centre) / abs(centre))
+
+
+def voxel_mm(display: Display, depth_mm: np.ndarray | float) -> np.ndarray:
+    """Width of one pixel's whole beam at depth z: footprint plus blur.
+
+    Each point of the pixel sends a beam as wide as the blur, and their axes spread over the
+    footprint; so the edges lie exactly their sum apart. At D it is P_I = |D| P_D / g (Eq. 3).
+    """
+    return np.asarray(pixel_footprint_mm(display, depth_mm) + aperture_blur_mm(display, depth_mm))
+
+
+def voxel_curve(display: Display) -> VoxelCurve:
+    """Voxel size over twice the depth range, its middle in the middle."""
+    low, high = display.depth_range_mm
+    margin = (high - low) / 2
+    depth = np.linspace(low - margin, high + margin, _CURVE_POINTS)
+    return VoxelCurve(
+        depth,
+        pixel_footprint_mm(display, depth),
+        aperture_blur_mm(display, depth),
+        voxel_mm(display, depth),
+    )

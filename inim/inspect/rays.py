@@ -11,7 +11,7 @@ from inim.lens import lens_array, lens_model, lens_traits, trace_to_panel
 from inim.lens.array import NUMPY_OPS, in_aperture, lens_centre
 from inim.lens.ray import to_array, to_panel
 
-__all__ = ["Landings", "aperture_of", "array_to_display", "cell_of", "land"]
+__all__ = ["Landings", "Lens", "array_to_display", "cell_of", "land", "lens_at"]
 
 # A lens alone has a cell so many pitches wide: no ray near it leaves that.
 _ROOM = 3
@@ -148,22 +148,43 @@ def cell_of(
     rows, columns = display.eia_shape
     lit = np.abs(x_mm) <= columns * display.pixel_pitch_mm / 2
     lit &= np.abs(y_mm) <= rows * display.pixel_pitch_mm / 2
-    still = np.zeros_like(x_mm)
-    x, y, _, _ = to_array(array, traits, x_mm, y_mm, still, still)
+    x, y = _in_array_frame(display, x_mm, y_mm)
     scale = display.pitch_mm / display.elemental_image_pitch_mm
     lens_x, lens_y, inside = lens_centre(array, traits, NUMPY_OPS, x * scale, y * scale)
     return lens_x, lens_y, lit & inside
 
 
-def aperture_of(
+class Lens(NamedTuple):
+    """The lens whose cell holds a point of the array plane, for (n,) points.
+
+    Attributes
+    ----------
+    x_mm, y_mm : (n,) float64
+        Its centre, array frame.
+    exists : (n,) bool
+        Whether the point lies on the array.
+    in_aperture : (n,) bool
+    """
+
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    exists: np.ndarray
+    in_aperture: np.ndarray
+
+
+def lens_at(display: Display, x_mm: np.ndarray, y_mm: np.ndarray) -> Lens:
+    """The lenses over points of the array plane, display frame, (n,) each."""
+    array, traits = lens_array(display), lens_traits(display)
+    x, y = _in_array_frame(display, x_mm, y_mm)
+    centre_x, centre_y, exists = lens_centre(array, traits, NUMPY_OPS, x, y)
+    within = in_aperture(array, traits, x - centre_x, y - centre_y)
+    return Lens(centre_x, centre_y, exists, within)
+
+
+def _in_array_frame(
     display: Display, x_mm: np.ndarray, y_mm: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whether points of the array plane lie on the array, and in a lens's aperture.
-
-    Display frame, (n,) each.
-    """
-    array, traits = lens_array(display), lens_traits(display)
     still = np.zeros_like(x_mm)
+    array, traits = lens_array(display), lens_traits(display)
     x, y, _, _ = to_array(array, traits, x_mm, y_mm, still, still)
-    centre_x, centre_y, inside = lens_centre(array, traits, NUMPY_OPS, x, y)
-    return inside, in_aperture(array, traits, x - centre_x, y - centre_y)
+    return x, y

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from inim.display import Display
-from inim.inspect.rays import Landings, aperture_of, array_to_display, land
+from inim.inspect.rays import Landings, array_to_display, land, lens_at
 from inim.lens import channel_indices, lens_array, lens_traits
 from inim.lens.array import NUMPY_OPS, lens_centre
-from inim.lens.ray import to_array
 
 __all__ = ["COLOURS", "Spot", "field_angles_deg", "spot", "spots"]
 
@@ -121,19 +120,10 @@ def _aperture_points(display: Display) -> tuple[np.ndarray, np.ndarray, np.ndarr
     ticks = ((np.arange(_RAYS_ACROSS) + 0.5) / _RAYS_ACROSS - 0.5) * display.fill_factor
     right, up = (grid.ravel() for grid in np.meshgrid(ticks * pitch, ticks * height))
     x, y = array_to_display(display, lens_x + right, lens_y + up)
-    within = aperture_of(display, x, y)[1] & _is_over(display, x, y, lens_x, lens_y)
+    over = lens_at(display, x, y)
+    same = np.hypot(over.x_mm - lens_x, over.y_mm - lens_y) < display.pitch_mm / 8
+    within = over.in_aperture & same
     return x[within], y[within], lens_x, lens_y
-
-
-def _is_over(
-    display: Display, x: np.ndarray, y: np.ndarray, lens_x: np.ndarray, lens_y: np.ndarray
-) -> np.ndarray:
-    """Whether points of the array plane, display frame, lie in this lens's cell."""
-    array, traits = lens_array(display), lens_traits(display)
-    still = np.zeros_like(x)
-    found = lens_centre(array, traits, NUMPY_OPS, *to_array(array, traits, x, y, still, still)[:2])
-    over: np.ndarray = np.hypot(found[0] - lens_x, found[1] - lens_y) < display.pitch_mm / 8
-    return over
 
 
 def _measured(

@@ -52,7 +52,7 @@ _ALONG_THE_ARRAY = 1e-6
 # From the foot of the relief to a ray's bulge: the cell there and one more. A third is crossed only
 # at a corner, where the foot itself is; none was needed by millions of rays up to 40 degrees.
 _CELLS_ON_THE_WAY = 2
-# Heights at which an asphere is looked at for where it turns back.
+# Heights at which an asphere is checked for turning back.
 _HEIGHTS = 512
 
 

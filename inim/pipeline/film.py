@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from inim.display import Display
-from inim.display.eye_path import eye_path
 from inim.display.misalignment import mounted
+from inim.display.viewpoint import eye_path
 from inim.errors import FileError, UsageError
 from inim.files.film import check_film, write_film
 from inim.lens import check_lens_model
@@ -43,7 +43,7 @@ class FilmRequest:
     show : tuple of str
         Panels side by side: "truth" or names of the report's algorithms.
     path : str
-        See `inim.display.eye_path.eye_path`.
+        See `inim.display.viewpoint.eye_path`.
     lens_model : str
     frames : int
     frames_per_second : float

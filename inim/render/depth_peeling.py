@@ -1,9 +1,9 @@
-"""Peeling a scene into layers: all that the parallel rays of the depth camera meet, and its colour.
+"""Depth peeling: the layers of all that the depth camera's parallel rays meet.
 
 A ray through a pixel's centre is followed through every surface, lights apart. What it enters by a
 front face and leaves by a back face is solid, and each solid that nothing solid covers in depth is
-a layer of that pixel: its front, its back, and the light its front sends to the viewer once all
-before it is taken away.
+a layer of that pixel: its front and its back. `inim.render.ground_truth.capture_layers` colours
+them.
 
 Which back belongs to which front:
 
@@ -17,8 +17,7 @@ Sheets have no thickness, and walls may be thinner than the step in depth from o
 next; rays aslant would slip between. So each column goes on down to the fronts beside it that its
 own slope and theirs make part of the same surface, but never to the next surface.
 
-What is so closed in that no ray of the display gets there (`raycast.layers_in_view`) is
-left out, and counted: it would be coloured for nothing.
+What no ray of the display can meet (`raycast.layers_in_view`) is left out, and counted.
 """
 
 from __future__ import annotations
@@ -39,9 +38,8 @@ from inim.observer import Observer
 from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
 from inim.render.sensors import make_sensor
-from inim.render.trace import Tracer, mean_light
 
-__all__ = ["MOST_LAYERS", "Peeled", "layer_colours", "peel"]
+__all__ = ["MOST_LAYERS", "Peeled", "peel"]
 
 #: What lies behind more than this is cut off, and counted.
 MOST_LAYERS = 8
@@ -117,9 +115,8 @@ def peel(
         Counts the time spent here.
     """
     started = time.perf_counter()
-    rows, columns = display.capture_shape(pixels_per_pitch)
-    pixel_mm = display.pitch_mm / pixels_per_pitch
-    rays = capture_rays(columns, rows, pixel_mm, fitted.start_mm)
+    rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
+    rows, columns, pixel_mm = rays.rows, rays.columns, rays.x.place_step_mm
     hits = _Hits.of(fitted, make_sensor(rays, fitted.fit.world_from_display), rows * columns)
     front, back, hit, found = _solids(hits, _outward(hits))
     layers = max(1, int(min(found.max(), MOST_LAYERS)))
@@ -424,92 +421,3 @@ def _same_surface(
     near = np.maximum((before + own) / 2, own - reach)
     far = np.minimum((own + after) / 2, own + reach)
     return np.maximum(near, 0).astype(np.float32), far.astype(np.float32), facing, spread
-
-
-def layer_colours(
-    fitted: FittedScene,
-    peeled: Peeled,
-    *,
-    spp: int,
-    seed: int,
-    observer: Observer | None = None,
-) -> np.ndarray:
-    """Light of each layer towards the viewer, what lies in front taken away.
-
-    Samples lie all over a pixel, or all over what a panel pixel's quarter sees where that is wider,
-    and only on the surface that the pixel's centre meets: a sample that would meet another is taken
-    at the centre instead.
-
-    Parameters
-    ----------
-    fitted : FittedScene
-    peeled : Peeled
-    spp : int
-        Samples per pixel and layer.
-    seed : int
-    observer : Observer, optional
-        Counts time and samples.
-
-    Returns
-    -------
-    (layers, rows, columns, 3) float32, linear RGB
-        Black where there is no layer.
-    """
-    sensor = make_sensor(peeled.rays, fitted.fit.world_from_display)
-    colours = np.zeros((*peeled.front_mm.shape, 3), np.float32)
-    for layer, covered in enumerate(peeled.covered):
-        if not covered.any():
-            continue
-        tracer = Tracer(
-            _light(fitted, sensor, peeled, layer),
-            _Row(int(np.count_nonzero(covered))),
-            int(np.random.SeedSequence((seed, layer)).generate_state(1)[0]),
-            observer,
-            planned=False,  # how many layers there are is not known beforehand
-        )
-        colours[layer][covered] = mean_light(tracer, spp)[0]
-    return colours
-
-
-@dataclass(frozen=True)
-class _Row:
-    """A sensor for `Tracer` whose film is one row of all pixels that a layer covers."""
-
-    pixels: int
-    has_pupil: bool = False
-
-    def film(self) -> _Row:
-        return self
-
-    def size(self) -> tuple[int, int]:
-        return self.pixels, 1
-
-
-def _light(fitted: FittedScene, sensor: Any, peeled: Peeled, layer: int) -> Any:
-    """What samples of one layer's pixels bring; see `inim.render.trace.Light`."""
-    covered = peeled.covered[layer]
-    rows, columns = (mi.UInt32(places.astype(np.uint32)) for places in np.nonzero(covered))
-
-    def table(kind: Any, values: np.ndarray) -> Any:
-        return kind(values[layer][covered])
-
-    near, far = table(mi.Float, peeled.near), table(mi.Float, peeled.far)
-    facing, spread = table(mi.Bool, peeled.facing), table(mi.Float, peeled.spread)
-
-    def light(_row: _Row, pixel: Any, within: Any, _pupil: Any, sampler: Any) -> Any:
-        index = pixel.x
-        place = mi.Point2u(dr.gather(mi.UInt32, columns, index), dr.gather(mi.UInt32, rows, index))
-        begin, end = dr.gather(mi.Float, near, index), dr.gather(mi.Float, far, index)
-
-        def ray(within: Any) -> Any:
-            found = sensor.rays_through(place, within)
-            return mi.Ray3f(found.o + begin * found.d, found.d)
-
-        aside = ray((within - 0.5) * dr.gather(mi.Float, spread, index) + 0.5)
-        hit = fitted.scene.ray_intersect(aside)
-        same = hit.is_valid() & (begin + hit.t <= end) & ~hit.shape.is_emitter()
-        same &= (dr.dot(hit.n, aside.d) < 0) == dr.gather(mi.Bool, facing, index)
-        taken = dr.select(same, aside, ray(mi.Point2f(0.5)))
-        return fitted.integrator.sample(fitted.scene, sampler, mi.RayDifferential3f(taken))[0]
-
-    return light

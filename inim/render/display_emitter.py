@@ -56,7 +56,7 @@ def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[st
 
 
 def _parameters(display: Display, lens_model: str) -> dict[str, Any]:
-    """What the plugin is told of a display: numbers, words and flags, as scene files have them."""
+    """The plugin's parameters: numbers, words and flags, as scene files have them."""
     indices = channel_indices(display)
     # What a display does not have is not compiled: one index for all colours means one ray.
     colored = len(set(indices)) > 1 and find_lens_model(lens_model).refracts
@@ -93,7 +93,7 @@ class LensedPanel:
     ----------
     eia : (rows, columns, 3) tensor
     parameters : mapping
-        What `display_shape` tells the plugin.
+        The plugin's, as `display_shape` gives them.
     """
 
     def __init__(self, eia: Any, parameters: Any) -> None:
@@ -124,7 +124,7 @@ class LensedPanel:
 
     @classmethod
     def dark(cls, display: Display, lens_model: str) -> LensedPanel:
-        """A panel that only tells where light would come from."""
+        """A panel without a picture: where light would come from."""
         panel = object.__new__(cls)
         panel._set_up(display.eia_shape, _parameters(display, lens_model))
         return panel

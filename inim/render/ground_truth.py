@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
@@ -12,7 +14,7 @@ from inim.display.panel import SUBPIXELS
 from inim.display.viewpoint import Viewpoint
 from inim.half_buffers import HalfBuffers
 from inim.observer import Observer
-from inim.render.depth_peeling import Peeled, layer_colours
+from inim.render.depth_peeling import Peeled
 from inim.render.rays import (
     NonSeparableRays,
     SeparableRays,
@@ -73,10 +75,9 @@ class _Camera:
 
     @classmethod
     def of(cls, fitted: FittedScene, display: Display, pixels_per_pitch: int) -> _Camera:
-        rows, columns = display.capture_shape(pixels_per_pitch)
-        pixel_mm = display.pitch_mm / pixels_per_pitch
-        rays = capture_rays(columns, rows, pixel_mm, fitted.start_mm)
-        return cls(rays, make_sensor(rays, fitted.fit.world_from_display), pixel_mm)
+        rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
+        sensor = make_sensor(rays, fitted.fit.world_from_display)
+        return cls(rays, sensor, rays.x.place_step_mm)
 
     def picture(self, fitted: FittedScene, color: np.ndarray, observer: Observer | None) -> RGBD:
         """Colour with depth and coverage."""
@@ -101,12 +102,83 @@ def capture_layers(
     Depth and coverage of the front are those of `capture`; its colour is not mixed with what lies
     beside it.
     """
-    color = layer_colours(fitted, peeled, spp=spp, seed=seed, observer=observer)
+    color = _layer_colours(fitted, peeled, spp, seed, observer)
     covered = peeled.covered
     front = np.where(covered, peeled.front_mm, np.float32(0))
     back = np.where(covered, peeled.back_mm, np.float32(0))
     deeper = [Layer(color[k], front[k], back[k], covered[k]) for k in range(1, len(covered))]
     return LayeredRGBD(color[0], front[0], covered[0], peeled.pixel_mm, back[0], tuple(deeper))
+
+
+def _layer_colours(
+    fitted: FittedScene, peeled: Peeled, spp: int, seed: int, observer: Observer | None
+) -> np.ndarray:
+    """Light of each layer towards the viewer, what lies in front taken away.
+
+    (layers, rows, columns, 3) float32, linear RGB, black where there is no layer.
+
+    Samples lie all over a pixel, or all over what a panel pixel's quarter sees where that is wider,
+    and only on the surface that the pixel's centre meets: a sample that would meet another is taken
+    at the centre instead.
+    """
+    sensor = make_sensor(peeled.rays, fitted.fit.world_from_display)
+    colours = np.zeros((*peeled.front_mm.shape, 3), np.float32)
+    for layer, covered in enumerate(peeled.covered):
+        if not covered.any():
+            continue
+        tracer = Tracer(
+            _layer_light(fitted, sensor, peeled, layer),
+            _Row(int(np.count_nonzero(covered))),
+            int(np.random.SeedSequence((seed, layer)).generate_state(1)[0]),
+            observer,
+            planned=False,  # how many layers there are is not known beforehand
+        )
+        colours[layer][covered] = mean_light(tracer, spp)[0]
+    return colours
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A sensor for `Tracer` whose film is one row of all pixels that a layer covers."""
+
+    pixels: int
+    has_pupil: bool = False
+
+    def film(self) -> _Row:
+        return self
+
+    def size(self) -> tuple[int, int]:
+        return self.pixels, 1
+
+
+def _layer_light(fitted: FittedScene, sensor: Any, peeled: Peeled, layer: int) -> Any:
+    """What samples of one layer's pixels bring; see `inim.render.trace.Light`."""
+    covered = peeled.covered[layer]
+    rows, columns = (mi.UInt32(places.astype(np.uint32)) for places in np.nonzero(covered))
+
+    def table(kind: Any, values: np.ndarray) -> Any:
+        return kind(values[layer][covered])
+
+    near, far = table(mi.Float, peeled.near), table(mi.Float, peeled.far)
+    facing, spread = table(mi.Bool, peeled.facing), table(mi.Float, peeled.spread)
+
+    def light(_row: _Row, pixel: Any, within: Any, _pupil: Any, sampler: Any) -> Any:
+        index = pixel.x
+        place = mi.Point2u(dr.gather(mi.UInt32, columns, index), dr.gather(mi.UInt32, rows, index))
+        begin, end = dr.gather(mi.Float, near, index), dr.gather(mi.Float, far, index)
+
+        def ray(within: Any) -> Any:
+            found = sensor.rays_through(place, within)
+            return mi.Ray3f(found.o + begin * found.d, found.d)
+
+        aside = ray((within - 0.5) * dr.gather(mi.Float, spread, index) + 0.5)
+        hit = fitted.scene.ray_intersect(aside)
+        same = hit.is_valid() & (begin + hit.t <= end) & ~hit.shape.is_emitter()
+        same &= (dr.dot(hit.n, aside.d) < 0) == dr.gather(mi.Bool, facing, index)
+        taken = dr.select(same, aside, ray(mi.Point2f(0.5)))
+        return fitted.integrator.sample(fitted.scene, sampler, mi.RayDifferential3f(taken))[0]
+
+    return light
 
 
 def pickup(

@@ -149,8 +149,10 @@ class NonSeparableRays:
         return int(self.x0_mm.shape[0])
 
 
-def capture_rays(columns: int, rows: int, pixel_mm: float, start_mm: float) -> SeparableRays:
+def capture_rays(display: Display, pixels_per_pitch: int, start_mm: float) -> SeparableRays:
     """Parallel rays straight back: the orthographic RGB-D camera."""
+    rows, columns = display.capture_shape(pixels_per_pitch)
+    pixel_mm = display.pitch_mm / pixels_per_pitch
 
     def axis(count: int, sign: int) -> AxisRays:
         return AxisRays(_centres(count, sign * pixel_mm), np.zeros(count), sign * pixel_mm)

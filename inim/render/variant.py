@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from inim import backend as backends
+from inim.render import counter_sampler, display_emitter, sensors
 
 __all__ = ["use"]
 
@@ -42,7 +43,5 @@ def use(wanted: str = "auto") -> backends.Backend:
 @cache
 def _announce_once() -> None:
     """Register the plugins in the variant there is, if any, and in all that follow."""
-    from inim.render import counter_sampler, display_emitter, sensors
-
     for plugins in (counter_sampler, sensors, display_emitter):
         plugins.announce()

@@ -1,4 +1,7 @@
-"""RGB-D pictures with what lies behind their front surface."""
+"""Layered depth images: RGB-D pictures with what lies behind their front surface.
+
+After Shade et al., Layered depth images, SIGGRAPH 1998; a layer here also has a back.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class LayeredRGBD(RGBD):
-    """A picture whose columns are solid from each front only down to its back.
+    """A layered depth image, whose columns are solid from each front only down to its back.
 
     To a generator that knows no layers it is the RGB-D picture of its front surface.
 

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 from inim.color import linear_from_srgb
-from inim.display.eye_path import eye_path
+from inim.display.viewpoint import eye_path
 from inim.files.image import write_exr
 from inim.metrics import ssim
 from inim.report import Report

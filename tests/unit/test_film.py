@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from inim.display.eye_path import eye_path
-from inim.display.viewpoint import default_distance_mm
+from inim.display.viewpoint import default_distance_mm, eye_path
 from inim.errors import FileError, UsageError, ViewpointError
 from inim.files.film import write_film
 from tests.conftest import small_display

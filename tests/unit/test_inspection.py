@@ -11,14 +11,25 @@ import pytest
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import default_distance_mm
 from inim.errors import DisplayError, UsageError
-from inim.inspect.cautions import cautions, misalignments
 from inim.inspect.crosstalk import array_samples, crosstalk_map, light_shares
-from inim.inspect.data import as_data
-from inim.inspect.findings import Findings, inspect_display, usable_model
-from inim.inspect.geometry import pixel_choice, viewing_zone, zone_outline_mm
+from inim.inspect.findings import (
+    Findings,
+    cautions,
+    inspect_display,
+    misalignments,
+    usable_model,
+)
+from inim.inspect.geometry import (
+    aperture_blur_mm,
+    pixel_choice,
+    viewing_zone,
+    voxel_curve,
+    voxel_mm,
+    zone_outline_mm,
+)
+from inim.inspect.output import as_data
 from inim.inspect.rays import cell_of, land
 from inim.inspect.spots import field_angles_deg, spot, spots
-from inim.inspect.voxel import aperture_blur_mm, voxel_curve, voxel_mm
 from tests.conftest import small_display
 
 NOMINAL = DISPLAYS["nominal"]

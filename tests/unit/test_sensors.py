@@ -69,10 +69,14 @@ def test_eye_rays_pass_through_the_eye_and_the_array():
 def test_capture_rays_are_parallel_and_on_pixel_centres():
     from inim.render.rays import capture_rays
 
-    origin, direction = rays_at_centres(capture_rays(6, 4, 0.5, start_mm=10.0))
+    display = small_display()
+    rows, columns = display.capture_shape(2)
+    origin, direction = rays_at_centres(capture_rays(display, 2, start_mm=10.0))
+    assert origin.shape == (rows, columns, 3)
     assert np.allclose(direction, (0, 0, -1))
-    assert np.allclose(origin[0, 0], (-1.25, 0.75, 10.0))
-    assert np.allclose(origin[3, 5], (1.25, -0.75, 10.0))
+    right, up = (columns - 1) / 4, (rows - 1) / 4
+    assert np.allclose(origin[0, 0], (-right, up, 10.0))
+    assert np.allclose(origin[-1, -1], (right, -up, 10.0))
 
 
 def test_an_affine_map_moves_rays_and_keeps_them_lines():

@@ -1,19 +1,33 @@
-"""Findings as text for a terminal: aligned, at most 100 columns, every number with its unit."""
+"""Findings as text for a terminal, every number with its unit, and as JSON."""
 
 from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
 
-from inim.inspect.cautions import cautions, misalignments
-from inim.inspect.findings import PIXEL_STEPS, Findings
-from inim.inspect.geometry import mode
-from inim.inspect.voxel import aperture_blur_mm, pixel_footprint_mm, voxel_mm
-from inim.lens import lens_model
+import numpy as np
 
-__all__ = ["as_text"]
+from inim.inspect.crosstalk import LightShares
+from inim.inspect.findings import PIXEL_STEPS, Findings, cautions, misalignments
+from inim.inspect.geometry import (
+    PixelChoice,
+    aperture_blur_mm,
+    has_whole_pixels,
+    mode,
+    pixel_footprint_mm,
+    voxel_mm,
+    zone_outline_mm,
+)
+from inim.lens import lens_model as find_lens_model
+from inim.version import __version__
 
+__all__ = ["SCHEMA", "as_data", "as_text"]
+
+#: Of the JSON: stable keys with units, null for infinity.
+SCHEMA = "inim.inspect/1"
 _COLUMNS = 100
 _LABEL = 30
 _MODES = {
@@ -32,17 +46,21 @@ _SHARES = (
     ("astray", "goes astray in all"),
     ("crosstalk", "crosstalk, of what arrives"),
 )
+_SPOT_KEYS = (
+    "field_angle_deg", "colour", "rms_radius_um", "rms_radius_px", "centre_x_mm", "centre_y_mm",
+    "lost_share",
+)  # fmt: skip
 
 
 def as_text(findings: Findings) -> str:
     """The whole text, without a last line break."""
     blocks = [
         _display(findings),
-        _depth(findings),
+        _depth_lines(findings),
         _choices(findings),
-        _viewing(findings),
+        _viewing_lines(findings),
         _spots(findings),
-        _light(findings),
+        _light_lines(findings),
         _warnings(findings),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block)
@@ -84,7 +102,7 @@ def _display(findings: Findings) -> list[str]:
     return lines
 
 
-def _depth(findings: Findings) -> list[str]:
+def _depth_lines(findings: Findings) -> list[str]:
     d = findings.design
     low, high = d.depth_range_mm
     kind = mode(d)
@@ -123,30 +141,19 @@ def _voxels(findings: Findings) -> list[str]:
 
 def _choices(findings: Findings) -> list[str]:
     d = findings.design
-    heads = (
-        "pixels/lens",
-        "pixel, µm",
-        "views/lens",
-        "step, °",
-        "depth span, mm",
-        "panel, pixels",
-        "MB/frame",
-    )
-    rows = [heads]
-    for choice in findings.choices:
-        rows.append(
-            (
-                _n(choice.pixels_per_lens),
-                _n(1e3 * choice.pixel_pitch_mm),
-                f"{_n(choice.views_across)} x {_n(choice.views_down)}",
-                f"{choice.angular_step_deg:.3g}",
-                _n(choice.depth_span_mm) if math.isfinite(choice.depth_span_mm) else "-",
-                f"{choice.panel_columns} x {choice.panel_rows}",
-                f"{choice.frame_mb:.3g}",
-            )
-        )
+    columns: dict[str, Callable[[PixelChoice], str]] = {
+        "pixels/lens": lambda c: _n(c.pixels_per_lens),
+        "pixel, µm": lambda c: _n(1e3 * c.pixel_pitch_mm),
+        "views/lens": lambda c: f"{_n(c.views_across)} x {_n(c.views_down)}",
+        "step, °": lambda c: f"{c.angular_step_deg:.3g}",
+        "depth span, mm": lambda c: _n(c.depth_span_mm) if math.isfinite(c.depth_span_mm) else "-",
+        "panel, pixels": lambda c: f"{c.panel_columns} x {c.panel_rows}",
+        "MB/frame": lambda c: f"{c.frame_mb:.3g}",
+    }
+    rows = [list(columns)]
+    rows += [[shown(choice) for shown in columns.values()] for choice in findings.choices]
     names = ("", *("half", "this", "double")[: len(PIXEL_STEPS)])
-    widths = [max(len(row[n]) for row in rows) for n in range(len(heads))]
+    widths = [max(len(row[n]) for row in rows) for n in range(len(columns))]
     table = [
         "  " + f"{name:8}" + "  ".join(f"{cell:>{w}}" for cell, w in zip(row, widths, strict=True))
         for name, row in zip(names, rows, strict=True)
@@ -159,7 +166,7 @@ def _choices(findings: Findings) -> list[str]:
     ]
 
 
-def _viewing(findings: Findings) -> list[str]:
+def _viewing_lines(findings: Findings) -> list[str]:
     zone = findings.zone
     nearest = "none" if zone.nearest_mm is None else f"{_n(zone.nearest_mm)} mm"
     lines = [
@@ -190,14 +197,14 @@ def _spots(findings: Findings) -> list[str]:
                 f"RMS radius {spot.rms_radius_um:6.2f} µm = {spot.rms_radius_px:.3f} pixels{lost}",
             )
         )
-    if not lens_model(findings.lens_model).refracts:
+    if not find_lens_model(findings.lens_model).refracts:
         lines.append(
             "  A pinhole bends nothing: the width of a cell's directions is what spreads here."
         )
     return lines
 
 
-def _light(findings: Findings) -> list[str]:
+def _light_lines(findings: Findings) -> list[str]:
     zone = findings.zone
     heads = [f"{v.name:>9}" for v in zone.viewpoints]
     x, y = ("".join(f"{v.position_mm[n] + 0.0:9.1f}" for v in zone.viewpoints) for n in (0, 1))
@@ -215,14 +222,97 @@ def _light(findings: Findings) -> list[str]:
 
 def _warnings(findings: Findings) -> list[str]:
     said = cautions(findings)
-    return ["To know", *_wrapped(said)] if said else []
+    wrap = textwrap.TextWrapper(_COLUMNS, initial_indent="  * ", subsequent_indent="    ").wrap
+    return ["To know", *(line for sentence in said for line in wrap(sentence))] if said else []
 
 
-def _wrapped(sentences: Iterable[str]) -> list[str]:
-    return [
-        line
-        for sentence in sentences
-        for line in textwrap.wrap(
-            sentence, _COLUMNS, initial_indent="  * ", subsequent_indent="    "
-        )
-    ]
+def as_data(findings: Findings) -> dict[str, Any]:
+    """The findings as plain data, ready for strict JSON.
+
+    Curves and maps are lists; ``crosstalk.share`` has one row per ``eye_y_mm``. Numbers that are
+    infinite or unknown are None.
+    """
+    data: dict[str, Any] = {
+        "schema": SCHEMA,
+        "inim_version": __version__,
+        "source": findings.source,
+        "display": findings.design.given(),
+        "lens_model": {"name": findings.lens_model, "reason": findings.model_reason},
+        "size": _size(findings),
+        "depth": _depth_data(findings),
+        "pixels_per_lens": [asdict(choice) for choice in findings.choices],
+        "viewing": _viewing_data(findings),
+        "voxel": {k: v.tolist() for k, v in vars(findings.voxels).items()},
+        "spots": [{key: getattr(s, key) for key in _SPOT_KEYS} for s in findings.spots],
+        "light": {name: _light_data(shares) for name, shares in findings.light.items()},
+        "crosstalk": {k: v.tolist() for k, v in vars(findings.crosstalk).items()},
+        "misalignment": misalignments(findings.design, findings.mounted),
+        "warnings": cautions(findings),
+    }
+    finite: dict[str, Any] = _finite(data)
+    return finite
+
+
+def _size(findings: Findings) -> dict[str, Any]:
+    display = findings.design
+    rows, columns = display.eia_shape
+    return {
+        "width_mm": display.width_mm,
+        "height_mm": display.height_mm,
+        "lens_columns": display.lens_columns,
+        "lens_rows": display.lens_rows,
+        "panel_columns": columns,
+        "panel_rows": rows,
+        "panel_width_mm": columns * display.pixel_pitch_mm,
+        "panel_height_mm": rows * display.pixel_pitch_mm,
+        "pixels_per_lens": display.pixels_per_lens,
+        "has_whole_pixels_per_lens": has_whole_pixels(display),
+    }
+
+
+def _depth_data(findings: Findings) -> dict[str, Any]:
+    display = findings.design
+    low, high = display.depth_range_mm
+    return {
+        "mode": mode(display),
+        "central_depth_mm": display.central_depth_mm,
+        "scene_pixel_mm": display.scene_pixel_mm,
+        "depth_span_mm": display.depth_span_mm,
+        "depth_min_mm": low,
+        "depth_max_mm": high,
+        "depth_range_is_cut": display.depth_range_is_cut,
+        "depth_range_is_stated": display.depth_min_mm is not None,
+        "voxel_at_depth_min_mm": float(voxel_mm(display, low)),
+        "voxel_at_depth_max_mm": float(voxel_mm(display, high)),
+    }
+
+
+def _viewing_data(findings: Findings) -> dict[str, Any]:
+    zone = findings.zone
+    return {
+        "half_angle_deg": zone.half_angle_deg,
+        "nearest_distance_mm": zone.nearest_mm,
+        "distance_mm": zone.distance_mm,
+        "flip_limit_x_mm": zone.limit_x_mm,
+        "flip_limit_y_mm": zone.limit_y_mm,
+        "flip_limit_x_deg": zone.limit_x_deg,
+        "flip_limit_y_deg": zone.limit_y_deg,
+        "zone_is_empty": zone.is_empty,
+        "zone_distance_and_limit_x_mm": zone_outline_mm(findings.design, 1.5 * zone.distance_mm),
+        "viewpoints": [{"name": v.name, "position_mm": v.position_mm} for v in zone.viewpoints],
+    }
+
+
+def _light_data(shares: LightShares) -> dict[str, float]:
+    named = {f"{name}_share": value for name, value in asdict(shares).items()}
+    return named | {"crosstalk_share": shares.crosstalk, "astray_share": shares.astray}
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(v) for v in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return value
