@@ -4,8 +4,7 @@ An algorithm is one file with one function, ``prepare(display, shape, pixel_mm, 
 returns a `Generator`. Its properties stand with it::
 
     @algorithm(exact=True, color="#0072b2")
-    def prepare(display, shape, pixel_mm, *, samples=1):
-        \"""A generator of exact first hits.\"""
+    def prepare(display, shape, pixel_mm, *, samples=1): ...
 
 Those in this folder are found by their files. Other packages announce theirs through the
 entry-point group ``inim.generators``, by the same function, with or without properties::

@@ -101,6 +101,8 @@ class MaskedSources(SourceGenerator):
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
+        if rgbd.color.dtype != np.uint8 and self._whole.shows_sources(rgbd):
+            return super().generate(rgbd, out)  # without a whole panel of colours between
         return self._shown.generate(rgbd, out)
 
 
