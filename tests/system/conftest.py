@@ -80,6 +80,8 @@ def nothing_left(folder: Path) -> bool:
 class WorkerHere:
     """A worker that is this process: the same job and outcome, without a start of its own."""
 
+    process = None
+
     def __init__(self, target: str, *_: object, **__: object) -> None:
         self.module, _, self.function = target.partition(":")
 
@@ -89,18 +91,25 @@ class WorkerHere:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def carry_out(self, job: dict[str, Any], watcher: object = None) -> dict[str, Any]:
+    def end(self) -> None:
+        """It has none of its own."""
+
+    def carry_out(self, job: Any, *_: object) -> dict[str, Any]:
         """Carry the job out; what a worker says last."""
+        os.environ.update(getattr(job, "variables", {}))
         said = io.StringIO()
         answer(job, said, getattr(import_module(self.module), self.function))
         return dict(json.loads(said.getvalue().splitlines()[-1]))
+
+
+_WORKER = next(name for name in ("_Worker", "Worker") if hasattr(supervisor, name))
 
 
 @contextmanager
 def worker_here() -> Iterator[None]:
     """Have commands and `inim.validate` do their workers' jobs in this process."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(supervisor, "Worker", WorkerHere)
+        patch.setattr(supervisor, _WORKER, WorkerHere)
         yield
 
 
