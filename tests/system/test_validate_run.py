@@ -11,6 +11,7 @@ import json
 import math
 import os
 import re
+import resource
 import shlex
 import signal
 import subprocess
@@ -384,13 +385,15 @@ def test_module_and_function_share_a_name() -> None:
 
 
 def test_help_answers_within_a_second() -> None:
+    """Of the processor: what other programs take is not this one's."""
     seconds = []
     for _ in range(3):
-        started = time.perf_counter()
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run(
             [sys.executable, "-m", "inim.validate", "--help"], capture_output=True, text=True
         )
-        seconds.append(time.perf_counter() - started)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     assert done.returncode == EXIT_PASSED
     assert "exit codes:" in done.stdout
     assert min(seconds) < 1
