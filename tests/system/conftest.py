@@ -1,17 +1,30 @@
-"""A scene small enough to validate in seconds, and the command run as a user runs it."""
+"""A scene small enough to validate in seconds, and the command run as a user runs it.
+
+A command with a worker costs four times as much in processes of its own as in this one. So tests
+run it here (`run_here`, `run_inim`), except those about processes: signals, deaths, exit codes of
+the true command, damaged input that native code reads, surroundings. Those take `run_process`.
+"""
 
 from __future__ import annotations
 
+import io
+import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from importlib import import_module, invalidate_caches
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from inim.cli import main
+from inim.worker import supervisor
+from inim.worker.serve import answer
 from tests.conftest import scene_text, sphere, square
 
 TINY = {
@@ -64,9 +77,106 @@ def nothing_left(folder: Path) -> bool:
     return not [p for p in folder.rglob("*") if p.name.endswith((".partial", ".tmp"))]
 
 
+class WorkerHere:
+    """A worker that is this process: the same job and outcome, without a start of its own."""
+
+    process = None
+
+    def __init__(self, target: str, *_: object, **__: object) -> None:
+        self.module, _, self.function = target.partition(":")
+
+    def __enter__(self) -> WorkerHere:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def end(self) -> None:
+        """It has none of its own."""
+
+    def carry_out(self, job: Any, *_: object) -> dict[str, Any]:
+        """Carry the job out; what a worker says last."""
+        os.environ.update(job.variables)
+        said = io.StringIO()
+        answer(job, said, getattr(import_module(self.module), self.function))
+        return dict(json.loads(said.getvalue().splitlines()[-1]))
+
+
+@contextmanager
+def worker_here() -> Iterator[None]:
+    """Have commands and `inim.validate` do their workers' jobs in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(supervisor, "_Worker", WorkerHere)
+        yield
+
+
+@contextmanager
+def _packages(folders: Sequence[str]) -> Iterator[None]:
+    """Packages of these folders can be imported, and are forgotten afterwards."""
+    path = list(sys.path)
+    sys.path[:0] = [folder for folder in folders if folder not in path]
+    invalidate_caches()
+    try:
+        yield
+    finally:
+        new = [folder for folder in folders if folder not in path]
+        sys.path[:] = path
+        for name, module in list(sys.modules.items()):
+            if (getattr(module, "__file__", None) or "").startswith(tuple(new) or ("\0",)):
+                del sys.modules[name]
+
+
+def run_here(
+    *words: str | Path, folder: Path, variables: Mapping[str, str | None] | None = None
+) -> Ended:
+    """Run `inim WORDS` in this process, in a folder and with environment variables of its own."""
+    out, err = io.StringIO(), io.StringIO()
+    before, terminated = Path.cwd(), signal.getsignal(signal.SIGTERM)
+    changed = dict(variables or {})
+    paths = (changed.pop("PYTHONPATH", None) or "").split(os.pathsep)
+    os.chdir(folder)
+    try:
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            worker_here(),
+            _packages([path for path in paths if path]),
+            redirect_stdout(out),
+            redirect_stderr(err),
+        ):
+            for name, value in changed.items():
+                if value is None:
+                    patch.delenv(name, raising=False)
+                else:
+                    patch.setenv(name, value)
+            try:
+                code = main([str(word) for word in words])
+            except SystemExit as end:  # argparse
+                code = int(end.code or 0)
+    finally:
+        os.chdir(before)
+        signal.signal(signal.SIGTERM, terminated)
+    return Ended(code, out.getvalue(), err.getvalue())
+
+
 @pytest.fixture(scope="session")
 def run_inim() -> Callable[..., Ended]:
-    """Run the command to its end in a folder; keyword arguments are tiny settings to override."""
+    """Validate in this process; keyword arguments are tiny settings to override."""
+
+    def run(
+        *words: str | Path,
+        folder: Path,
+        variables: Mapping[str, str | None] | None = None,
+        **settings: str,
+    ) -> Ended:
+        whole = command(*words, **settings)[3:]
+        return run_here("validate", *whole, folder=folder, variables=variables)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def run_process() -> Callable[..., Ended]:
+    """Validate in processes of its own, as a shell does; else as `run_inim`."""
 
     def run(
         *words: str | Path,

@@ -13,7 +13,7 @@ from typing import Any
 
 from inim.sweep.table import TABLE, read_table
 from tests.conftest import sphere, square
-from tests.system.conftest import Ended, write_scene
+from tests.system.conftest import Ended, run_here, write_scene
 
 #: What a run takes differs from run to run; everything else may not.
 TIMES = ("seconds", "yardsticks", "unit_seconds", "render_seconds", "created")
@@ -57,6 +57,11 @@ def sweep(*words: object, folder: Path) -> Ended:
         encoding="utf-8", timeout=WITHIN_S, env=_own_tmp(folder),
     )  # fmt: skip
     return Ended(done.returncode, done.stdout, done.stderr)
+
+
+def sweep_here(*words: object, folder: Path) -> Ended:
+    """The same in this process: for what ends before a validation begins."""
+    return run_here("sweep", *map(str, words), folder=folder)
 
 
 def start(*words: object, folder: Path) -> subprocess.Popen[str]:

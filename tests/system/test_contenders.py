@@ -40,7 +40,15 @@ from inim.pipeline.scene import Scene
 from inim.pipeline.stage import Run as StageRun
 from inim.pipeline.work import setup
 from tests.conftest import small_display, square
-from tests.system.conftest import TINY, Ended, assert_one_line, nothing_left, write_scene
+from tests.system.conftest import (
+    TINY,
+    Ended,
+    assert_one_line,
+    nothing_left,
+    run_here,
+    worker_here,
+    write_scene,
+)
 
 Run = Callable[..., Ended]
 EXAMPLE = Path(__file__).parents[1] / "example_package"
@@ -138,9 +146,15 @@ def files_scored(tmp_path_factory: pytest.TempPathFactory, raced: Finished) -> i
         "holes": folder / "holes.PNG",
     }
     scene = write_scene(folder)
-    return inim.validate(
-        scene, folder / "out", definitions=TINY, viewpoints="centre", algorithms="none", eias=eias
-    )
+    with worker_here():
+        return inim.validate(
+            scene,
+            folder / "out",
+            definitions=TINY,
+            viewpoints="centre",
+            algorithms="none",
+            eias=eias,
+        )
 
 
 # --- Finished EIAs ------------------------------------------------------------------------------
@@ -433,10 +447,17 @@ def test_name_with_options_works_in_every_form_of_the_report(raced: Finished) ->
     ],
 )
 def test_fault_of_another_s_generator_is_one_line_that_names_it(
-    tiny_scene: Path, run_inim: Run, others: Mapping[str, str], algorithm: str, says: str
+    tiny_scene: Path,
+    run_inim: Run,
+    run_process: Run,
+    others: Mapping[str, str],
+    algorithm: str,
+    says: str,
 ) -> None:
     words = ("-o", "out", "--algorithms", algorithm, "--viewpoints", "centre")
-    ended = run_inim(tiny_scene, *words, folder=tiny_scene.parent, variables=others)
+    # After rendering, threads are at work that only the worker's end stops.
+    run = run_process if algorithm == "faulty:how=shape" else run_inim
+    ended = run(tiny_scene, *words, folder=tiny_scene.parent, variables=others)
     assert (ended.code, ended.stdout) == (EXIT_USAGE, "")
     said = ended.stderr.removeprefix("generating\n")
     assert_one_line(said, [f"algorithm '{algorithm.partition(':')[0]}", says])
@@ -519,12 +540,10 @@ def test_result_of_a_generator_is_looked_at(generator: Any, says: str) -> None:
 
 
 def test_list_of_algorithms_names_options_and_what_cannot_be_loaded(
-    tmp_path: Path, others: Mapping[str, str], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, others: Mapping[str, str]
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "inim", "algorithms"],
-        env={**os.environ, **others}, cwd=tmp_path, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    done = run_here("algorithms", folder=tmp_path, variables=others)
+    assert done.code == EXIT_PASSED
     rows = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
     assert rows["example:brightness=1.0"].startswith("The picture as if all of it lay")
     assert "cannot be loaded" in rows["gone"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,7 @@ from inim.display.viewpoint import eye_path
 from inim.files.image import write_exr
 from inim.metrics import ssim
 from inim.report import Report
-from tests.system.conftest import Ended, assert_one_line, nothing_left
+from tests.system.conftest import Ended, assert_one_line, nothing_left, run_here
 from tests.system.test_view import DISPLAY, report_data, tilted_plane
 
 PATH = "-12 0 180, 12 0 180"
@@ -36,14 +34,7 @@ def panel(seed: int) -> np.ndarray:
 
 
 def film(*words: str | Path, folder: Path) -> Ended:
-    ended = subprocess.run(
-        [sys.executable, "-m", "inim", "film", *map(str, words)],
-        cwd=folder.parent,
-        capture_output=True,
-        encoding="utf-8",
-        timeout=300,
-    )
-    return Ended(ended.returncode, ended.stdout, ended.stderr)
+    return run_here("film", *words, folder=folder.parent)
 
 
 def read(path: Path) -> list[np.ndarray]:

@@ -41,7 +41,8 @@ def scanned(folder: Path, body: str, name: str = "s.xml") -> SceneFile:
 
 
 def assert_quick(started: float, seconds: float = 5) -> None:
-    assert time.perf_counter() - started < seconds
+    """In this process's own time, whatever else the machine does."""
+    assert time.process_time() - started < seconds
 
 
 # --- Files outside the scene's folder -----------------------------------------------------------
@@ -192,7 +193,7 @@ def test_parameters_made_of_parameters_do_not_unfold(tmp_path: Path) -> None:
     levels = ['<default name="a0" value="ha ha ha ha "/>']
     for k in range(9):
         levels.append(f'<default name="a{k + 1}" value="{f"$a{k}" * 10}"/>')
-    started = time.perf_counter()
+    started = time.process_time()
     with pytest.raises(SceneError, match=r"too (?:long|much)"):
         scanned(tmp_path, "".join(levels))
     assert_quick(started)
@@ -224,14 +225,14 @@ def test_fan_of_includes_ends_soon(tmp_path: Path) -> None:
         text = f'<include filename="{k + 1}.xml"/>' * 10
         (tmp_path / f"{k}.xml").write_text(f'<scene version="3.0.0">{text}</scene>')
     (tmp_path / "8.xml").write_text('<scene version="3.0.0"/>')
-    started = time.perf_counter()
+    started = time.process_time()
     with pytest.raises(SceneError, match="includes"):
         read_scene_file(tmp_path / "0.xml")
     assert_quick(started)
 
 
 def test_crowd_of_shapes_is_refused_before_the_renderer_crawls(tmp_path: Path) -> None:
-    started = time.perf_counter()
+    started = time.process_time()
     with pytest.raises(SceneError, match="merge the shapes"):
         scanned(tmp_path, '<shape type="sphere"/>' * 50_000)
     assert_quick(started)
@@ -240,7 +241,7 @@ def test_crowd_of_shapes_is_refused_before_the_renderer_crawls(tmp_path: Path) -
 def test_one_file_named_many_times_is_read_once(tmp_path: Path) -> None:
     with (tmp_path / "a.png").open("wb") as file:
         file.truncate(2**26)
-    started = time.perf_counter()
+    started = time.process_time()
     found = scanned(tmp_path, TEXTURE.format("a.png") * 2000)
     assert_quick(started)
     assert found.pictures == (tmp_path / "a.png",)
@@ -249,7 +250,7 @@ def test_one_file_named_many_times_is_read_once(tmp_path: Path) -> None:
 def test_named_file_of_terabytes_is_refused_unread(tmp_path: Path) -> None:
     with (tmp_path / "a.png").open("wb") as file:
         file.truncate(2**36)
-    started = time.perf_counter()
+    started = time.process_time()
     with pytest.raises(SceneError, match="bytes; at most"):
         scanned(tmp_path, TEXTURE.format("a.png"))
     assert_quick(started)
@@ -277,7 +278,7 @@ def png(columns: int, rows: int, body: bytes) -> bytes:
 def test_png_bomb_is_refused_as_a_texture_and_as_an_eia(tmp_path: Path, side: int) -> None:
     path = tmp_path / "a.png"
     path.write_bytes(png(side, side, zlib.compress(bytes((side // 8 + 1) * 1000), 9)))
-    started = time.perf_counter()
+    started = time.process_time()
     with pytest.raises(FileError, match=r"unfolds|exceeds limit"):
         check_picture(path)
     with pytest.raises(FileError, match=f"{side} x {side} pixels, display|exceeds limit"):
@@ -303,7 +304,7 @@ def resized_exr(folder: Path, columns: int, rows: int) -> Path:
 )
 def test_exr_of_absurd_size_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
     path = resized_exr(tmp_path, *size)
-    started = time.perf_counter()
+    started = time.process_time()
     for read in (check_exr, read_exr, check_picture, lambda p: read_eia(p, small_display())):
         with pytest.raises(FileError, match=r"a\.exr"):
             read(path)
@@ -363,7 +364,7 @@ DECLARED = {
 def test_mesh_of_a_billion_declared_faces_is_refused_unread(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(DECLARED[name])
-    started = time.perf_counter()
+    started = time.process_time()
     door = check_mesh_file if path.suffix == ".serialized" else read_mesh
     with pytest.raises(FileError, match=name.replace(".", r"\.")):
         door(path)

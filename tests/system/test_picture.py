@@ -21,7 +21,7 @@ from inim.pipeline.warp import warped
 from inim.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
-from tests.system.conftest import assert_one_line, nothing_left
+from tests.system.conftest import assert_one_line, nothing_left, worker_here
 from tests.system.test_generate import (
     CAMERA,
     DISPLAY,
@@ -41,6 +41,12 @@ EYE_WORDS = ["--viewpoints", "l=-14 0 400, r=14 0 400"]
 def taken(folder: Path) -> list[str]:
     files = ["--color", str(folder / "color.png"), "--depth", str(folder / "depth.png")]
     return [*files, "--depth-unit", "mm", *CAMERA]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _in_this_process():
+    with worker_here():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +12,7 @@ import numpy as np
 import pytest
 
 from inim.files.image import read_exr
-from tests.system.conftest import Ended, write_scene
+from tests.system.conftest import Ended, run_here, write_scene
 
 LOOKS = {"viewpoints": "centre,left"}
 
@@ -219,11 +216,10 @@ def test_a_store_of_damaged_records_changes_nothing(bench: Bench) -> None:
 
 def test_the_cache_command(bench: Bench) -> None:
     def cache(action: str, where: str | None = None) -> str:
-        variables = {**os.environ, "INIM_CACHE": where or str(bench.folder / "cache")}
-        words = [sys.executable, "-m", "inim", "cache", action]
-        return subprocess.run(
-            words, env=variables, capture_output=True, text=True, check=True
-        ).stdout
+        variables = {"INIM_CACHE": where or str(bench.folder / "cache")}
+        ended = run_here("cache", action, folder=bench.folder, variables=variables)
+        assert (ended.code, ended.stderr) == (0, "")
+        return ended.stdout
 
     assert cache("info").startswith("0 results, 0.0 MiB")
     bench.report()

@@ -18,11 +18,12 @@ from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
 from inim.sweep.run import SweepRequest, run_sweep
 from inim.sweep.table import TABLE, columns, columns_as_markdown
 from tests.conftest import scene_text
-from tests.system.conftest import assert_one_line, nothing_left
+from tests.system.conftest import assert_one_line, nothing_left, worker_here
 from tests.system.sweeps import (
     results,
     start,
     sweep,
+    sweep_here,
     table,
     until,
     workers_of,
@@ -61,10 +62,12 @@ def test_a_row_for_each_combination(swept):
 def test_scores_are_those_of_a_validation_of_its_own(swept, tmp_path):
     folder = swept[0]
     settings = {"lens_columns": 6, "lens_rows": 6, "capture_spp": 2, "eia_spp": 2, "view_spp": 2}
-    report = inim.validate(
-        folder / "relic1.xml", tmp_path / "alone", algorithms="gu2020", viewpoints="centre",
-        definitions={f"inim.{k}": v for k, v in (settings | {"reconstruction_spp": 2}).items()},
-    )  # fmt: skip
+    given = {f"inim.{k}": v for k, v in (settings | {"reconstruction_spp": 2}).items()}
+    scene, out = folder / "relic1.xml", tmp_path / "alone"
+    with worker_here():
+        report = inim.validate(
+            scene, out, algorithms="gu2020", viewpoints="centre", definitions=given
+        )
     (row,) = [
         r for r in table(folder / "out") if (r["scene"], r["algorithm"]) == ("relic1", "gu2020")
     ]
@@ -102,9 +105,9 @@ def test_the_readme_s_query_answers(swept):
 def test_an_unchanged_study_computes_nothing(swept):
     folder = swept[0]
     before, rows = results(folder / "out"), table(folder / "out")
-    planned = sweep("study.toml", "-o", "out", "--dry-run", folder=folder)
+    planned = sweep_here("study.toml", "-o", "out", "--dry-run", folder=folder)
     assert planned.stdout.endswith("4 of 4 results are there, 0 validations to run\n")
-    ended = sweep("study.toml", "-o", "out", folder=folder)
+    ended = sweep_here("study.toml", "-o", "out", folder=folder)
     assert ended.code == EXIT_PASSED
     assert "4 of 4 results are there, 0 validations to run" in ended.stdout
     assert results(folder / "out") == before
@@ -217,7 +220,7 @@ def test_an_interrupt_takes_the_workers_along(tmp_path, number):
 def test_mistakes_cost_one_line_and_no_file(tmp_path, words, says):
     write_study(tmp_path, scenes=1)
     before = sorted(tmp_path.rglob("*"))
-    ended = sweep(*words, folder=tmp_path)
+    ended = sweep_here(*words, folder=tmp_path)
     assert ended.code == EXIT_USAGE
     assert_one_line(ended.stderr, says)
     left = [p for p in tmp_path.rglob("*") if p not in before and p.is_file()]

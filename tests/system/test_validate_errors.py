@@ -362,10 +362,10 @@ def test_list_of_earlier_files_is_not_trusted(tmp_path: Path, listed: str) -> No
 
 
 def test_full_disk_is_one_line_and_leaves_nothing(
-    tiny_scene: Path, run_inim: Run, tmp_path: Path
+    tiny_scene: Path, run_process: Run, tmp_path: Path
 ) -> None:
     with small_disk(tmp_path / "disk", "200k") as disk:
-        ended = run_inim(tiny_scene, "-o", disk / "out", folder=tmp_path, viewpoints="centre")
+        ended = run_process(tiny_scene, "-o", disk / "out", folder=tmp_path, viewpoints="centre")
         assert ended.code == EXIT_USAGE
         assert_one_line(ended.stderr, ["free some space", "-o"])
         assert list(disk.iterdir()) == []
@@ -379,8 +379,8 @@ def test_read_only_disk_is_refused_before_rendering(
         refused(capsys, tmp_path, tiny_scene, "-o", out, says=(str(out), "Read-only", "-o"))
 
 
-def test_deleted_current_folder_is_one_line(tiny_scene: Path, run_inim: Run) -> None:
+def test_deleted_current_folder_is_one_line(tiny_scene: Path, run_process: Run) -> None:
     gone = ("sh", "-c", 'mkdir gone; cd gone; rmdir ../gone; exec "$@"', "sh")
-    ended = run_inim("tiny.xml", "-o", "out", folder=tiny_scene.parent, prefix=gone)
+    ended = run_process("tiny.xml", "-o", "out", folder=tiny_scene.parent, prefix=gone)
     assert ended.code == EXIT_USAGE
     assert_one_line(ended.stderr, ["tiny.xml"])

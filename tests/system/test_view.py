@@ -24,7 +24,7 @@ from inim.report.virtual_display.still import still_view
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
 from tests.frame_rate import COUNT_WORK, drag_about
-from tests.system.conftest import Ended, assert_one_line
+from tests.system.conftest import Ended, assert_one_line, run_here
 from tests.unit.test_report_html import report
 
 # Lenses of a whole number of pixels, seen with 4 view pixels to the lens.
@@ -65,14 +65,7 @@ def save(path: Path, codes: np.ndarray) -> Path:
 
 def view(*words: str | Path, folder: Path) -> Ended:
     """`inim view`, run to its end in a folder."""
-    ended = subprocess.run(
-        [sys.executable, "-m", "inim", "view", *map(str, words)],
-        cwd=folder,
-        capture_output=True,
-        encoding="utf-8",
-        timeout=120,
-    )
-    return Ended(ended.returncode, ended.stdout, ended.stderr)
+    return run_here("view", *words, folder=folder)
 
 
 def show_eia(tab: Tab, folder: Path, codes: np.ndarray, **settings: object) -> None:

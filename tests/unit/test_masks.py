@@ -105,10 +105,20 @@ def draw_mask(draw, display: Display) -> np.ndarray:
     return mask
 
 
-@settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow])
 @given(cases())
 def test_pixels_asked_for_are_those_of_the_whole_panel(case):
-    algorithm, display, rgbd, mask = case
+    check_masked(*case)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=500, suppress_health_check=[HealthCheck.too_slow])
+@given(cases())
+def test_pixels_asked_for_are_those_of_the_whole_panel_in_hundreds_of_cases(case):
+    check_masked(*case)
+
+
+def check_masked(algorithm: str, display: Display, rgbd: RGBD, mask: np.ndarray) -> None:
     whole = generate(rgbd, display, algorithm)
     made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
     for out in (None, np.full_like(whole, 7)):

@@ -299,9 +299,9 @@ def test_lying_counts_are_refused_quickly_and_cheaply(
 ) -> None:
     path = put(tmp_path, name, content)
     tracemalloc.start()
-    began = time.perf_counter()
+    began = time.process_time()
     message = refusal(path)
-    seconds, peak = time.perf_counter() - began, tracemalloc.get_traced_memory()[1]
+    seconds, peak = time.process_time() - began, tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert words in message
     assert seconds < 2
@@ -427,9 +427,9 @@ def test_million_triangles_are_checked_in_half_a_second(tmp_path: Path) -> None:
     path = put(tmp_path, "a.ply", tetrahedron_ply(points, faces))
     seconds = []
     for _ in range(3):
-        began = time.perf_counter()
+        began = time.process_time()
         check_mesh_file(path)
-        seconds.append(time.perf_counter() - began)
+        seconds.append(time.process_time() - began)
     assert min(seconds) < 0.5  # about 0.1 s on one core
 
 

@@ -526,16 +526,28 @@ def psnr(a, b) -> float:
 DEPTHS = {"depth_min_mm": 24.0, "depth_max_mm": 44.0}
 
 
+_rendered: dict = {}
+
+
 @pytest.fixture
 def truth_and_picture(open_fitted):
-    """The ground-truth EIA of the slope, its view from an eye, and a fine picture of it."""
+    """The ground-truth EIA of the slope, its view from an eye, and a fine picture of it.
+
+    Those of a display are rendered once.
+    """
     from inim.render.ground_truth import capture, pickup, true_view
 
     def made(display: Display):
+        if display not in _rendered:
+            _rendered[display] = render(display)
+        return _rendered[display]
+
+    def render(display: Display):
         fitted = open_fitted(tiled_slope(), display)
         eia = pickup(fitted, display, spp=32, seed=1).image
         view = true_view(fitted, display, EYE, pixels_per_lens=2, spp=64, seed=4)[0].image
-        return eia, view, capture(fitted, display, pixels_per_pitch=16, spp=16, seed=2)
+        rgbd = capture(fitted, display, pixels_per_pitch=16, spp=16, seed=2)
+        return eia, view, rgbd
 
     return made
 

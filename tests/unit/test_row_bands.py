@@ -57,7 +57,9 @@ def test_ssim_is_that_of_scikit_image_on_the_whole_picture(rows, band):
     assert np.array_equal(metrics.ssim_map(*pair), whole.mean(axis=-1))
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize(
+    "seed", [pytest.param(n, marks=pytest.mark.slow) if n >= 8 else n for n in range(40)]
+)
 def test_maps_near_a_difference_are_those_of_the_whole_picture(seed, band):
     """Equal ground round a difference is left out; corners, edges, single pixels, two far apart."""
     from flip_evaluator import evaluate

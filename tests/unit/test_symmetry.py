@@ -14,8 +14,19 @@ pytestmark = pytest.mark.usefixtures("renderer")
 RED, GREEN = "0.8,0.05,0.05", "0.05,0.8,0.05"
 
 
+_rendered: dict = {}
+
+
 def truth_of(open_fitted, text, display, viewpoint, spp=64, seed=1):
-    """RGB-D, true EIA, true view of a scene."""
+    """RGB-D, true EIA, true view of a scene; the same ones are rendered once."""
+    asked = (text, display, viewpoint, spp, seed)
+    if asked not in _rendered:
+        _rendered[asked] = _render(open_fitted, *asked)
+    rgbd, eia, view = _rendered[asked]
+    return rgbd, eia.copy(), view.copy()
+
+
+def _render(open_fitted, text, display, viewpoint, spp, seed):
     from inim.render.ground_truth import capture, pickup, true_view
 
     fitted = open_fitted(text, display)

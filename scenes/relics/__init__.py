@@ -1,0 +1,1 @@
+"""One file a relic, `make(folder, rng)`; `solids` and `drawing` serve them all."""
