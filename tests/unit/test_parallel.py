@@ -1,0 +1,85 @@
+"""Calls in threads: results, errors, and how much at a time."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from inim import parallel as module
+from inim.cache.store import Store, remembered, use_store
+from inim.parallel import threads
+
+
+@pytest.fixture(params=[1, 4], ids=["one processor", "four"])
+def processors(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr(module, "cpu_count", lambda: request.param)
+    return int(request.param)
+
+
+def test_results_are_those_of_their_calls(processors):
+    def late(number: int) -> int:
+        time.sleep(0.02 * (number == 0))  # the first ends last
+        return number * number
+
+    with threads() as submit:
+        begun = [submit(late, number) for number in range(8)]
+        assert [one.result() for one in begun] == [number * number for number in range(8)]
+
+
+@pytest.mark.parametrize("most", [None, 0, 1, 2])
+def test_never_more_at_once_than_asked_for(processors, most):
+    most_seen, now, lock = 0, 0, threading.Lock()
+
+    def call() -> None:
+        nonlocal most_seen, now
+        with lock:
+            now += 1
+            most_seen = max(most_seen, now)
+        time.sleep(0.01)
+        with lock:
+            now -= 1
+
+    with threads(most) as submit:
+        for _ in range(8):
+            submit(call)
+    assert now == 0
+    assert most_seen <= max(1, min(processors, processors if most is None else most))
+
+
+def test_alone_everything_is_done_in_the_callers_thread(monkeypatch):
+    monkeypatch.setattr(module, "cpu_count", lambda: 64)
+    with threads(1) as submit:
+        assert submit(threading.current_thread).result() is threading.current_thread()
+
+
+def test_errors_come_out_and_what_has_not_begun_is_dropped(processors):
+    begun = []
+
+    def fail() -> None:
+        raise ValueError("no")
+
+    def run(*numbers: int) -> None:
+        with threads() as submit:
+            first = submit(fail)
+            for number in numbers:
+                submit(lambda number: (time.sleep(0.05), begun.append(number)), number)
+            first.result()
+
+    with pytest.raises(ValueError, match="no"):
+        run(*range(100))
+    assert len(begun) <= processors
+
+
+def test_the_store_in_use_is_known_beside(processors, tmp_path):
+    made = []
+
+    def make() -> np.ndarray:
+        made.append(1)
+        return np.arange(3)
+
+    with use_store(Store(tmp_path, 2**20)), beside() as submit:
+        for _ in range(3):
+            found = submit(remembered, lambda: "address", make).result()
+            assert found.tolist() == [0, 1, 2]
+    assert len(made) == 1
