@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from inim.display import DISPLAYS as DISPLAYS
     from inim.display import Display as Display
     from inim.display.viewpoint import Viewpoint as Viewpoint
+    from inim.files.image import read_rgbd as read_rgbd
     from inim.generators import generate as generate
     from inim.pipeline.validation import validate as validate
     from inim.render.reconstruct import reconstruct as reconstruct
@@ -28,6 +29,7 @@ _HOME = {
     "Report": "inim.report",
     "Viewpoint": "inim.display",
     "generate": "inim.generators",
+    "read_rgbd": "inim.files.image",
     "reconstruct": "inim.render.reconstruct",
     "validate": "inim.pipeline.validation",
 }
