@@ -26,7 +26,7 @@ from inim.pipeline.plan import Plan
 from inim.report.bench import Part, write_bench
 from inim.rgbd import RGBD
 from inim.scene.two_spheres import two_spheres
-from inim.worker.console import ConsoleListener
+from inim.worker.console import ConsoleObserver
 from inim.worker.output import open_staging, publish
 
 __all__ = [
@@ -101,7 +101,7 @@ def run_study(
             data = record(title, command, variant.use("llvm"), rounds, load)
             folder = staging / "work"
             folder.mkdir()
-            with ConsoleListener(args.quiet, lambda _: None) as listener:
+            with ConsoleObserver(args.quiet, lambda _: None) as listener:
                 data |= measure(rounds, listener, folder)
             shutil.rmtree(folder)
             data["load"]["end"] = load_average()

@@ -17,7 +17,7 @@ from inim.bench import Rounds, bench_scene
 from inim.pipeline.plan import Plan
 from inim.pipeline.scene import Renderer
 from inim.report.bench import Part, Table
-from inim.report.bench.marks import LINES, MARKS, SOFT, colour_of, plain_ticks, style
+from inim.report.bench.marks import LINES, SOFT, colour_of, marker_of, plain_ticks, style
 from inim.report.bench.part import TIME_HEADS, milliseconds, time_cells, times
 from inim.report.bench.plots import new_figure
 from inim.report.wording import is_number, items, number, part, per_cent
@@ -183,7 +183,7 @@ def _mark(axis: Any, value: float, row: int, name: str) -> None:
     """An algorithm's mark on a scene's row; hollow with one sample a pixel."""
     colour = colour_of(name)
     fill = colour if name.endswith("samples=4") else "white"
-    mark = MARKS.get(name.partition(":")[0], "o")
+    mark = marker_of(name)
     axis.plot(value, row, mark, color=colour, markerfacecolor=fill, label=name, zorder=3)
 
 

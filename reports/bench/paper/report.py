@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from inim.report.bench import Part, Table
-from inim.report.bench.marks import MARKS, colour_of, plain_ticks, style
+from inim.report.bench.marks import colour_of, marker_of, plain_ticks, style
 from inim.report.bench.part import TIME_HEADS, milliseconds, time_cells, times
 from inim.report.bench.plots import TIME, new_figure
 from inim.report.wording import MISSING, is_number, items, number, part, per_cent
@@ -245,7 +245,7 @@ def _line(axis: Any, sizes: Sequence[float], points: Sequence[Any], name: str) -
     axis.plot(
         sizes,
         medians,
-        MARKS.get(algorithm, "o"),
+        marker_of(algorithm),
         color=colour,
         label=f"{algorithm}, plain Python" if interpreted else name,
         markersize=4.5,
