@@ -78,7 +78,7 @@ def test_the_store_in_use_is_known_beside(processors, tmp_path):
         made.append(1)
         return np.arange(3)
 
-    with use_store(Store(tmp_path, 2**20)), beside() as submit:
+    with use_store(Store(tmp_path, 2**20)), threads() as submit:
         for _ in range(3):
             found = submit(remembered, lambda: "address", make).result()
             assert found.tolist() == [0, 1, 2]
