@@ -14,12 +14,12 @@ from inim.half_buffers import HalfBuffers
 from inim.parallel import Submit, threads
 from inim.pipeline.checks import BLACK, CLIPPED_SHARE, check, missing_viewpoints, share_outside
 from inim.pipeline.generate import Reference
+from inim.pipeline.ground_truth import GroundTruth
 from inim.pipeline.method import MadeEIA
 from inim.pipeline.plan import Plan
 from inim.pipeline.reconstruct import ReconstructedView
 from inim.pipeline.stage import SCORING, Run, stage
 from inim.pipeline.statistics import Half, Statistics, eia_statistics, view_statistics
-from inim.pipeline.truth import GroundTruth
 from inim.regression import HalfBuffer, ScoreEstimate, score_interval, view_scores
 
 __all__ = [

@@ -14,7 +14,7 @@ from inim.display import Display
 from inim.files.image import write_exr, write_png, write_rgbd
 from inim.observer import Observer
 from inim.pipeline.capture import Capture
-from inim.pipeline.truth import GroundTruth
+from inim.pipeline.ground_truth import GroundTruth
 
 __all__ = ["Images"]
 

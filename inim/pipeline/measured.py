@@ -9,9 +9,9 @@ from inim.backend import Backend
 from inim.pipeline.capture import Capture
 from inim.pipeline.evaluate import MethodResult, ViewScores
 from inim.pipeline.generate import Reference
+from inim.pipeline.ground_truth import GroundTruth
 from inim.pipeline.plan import Plan
 from inim.pipeline.stage import Run
-from inim.pipeline.truth import GroundTruth
 from inim.regression import ScoreEstimate
 
 __all__ = ["Measured"]

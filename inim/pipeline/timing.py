@@ -24,7 +24,10 @@ from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators import Generator, is_own, parse_algorithm, prepare
+from inim.pipeline.measured import Measured
 from inim.pipeline.plugin_guard import blamed
+from inim.pipeline.stage import Run
+from inim.regression import is_steady, log_ratios
 from inim.rgbd import RGBD, LayeredRGBD
 
 __all__ = [
@@ -33,6 +36,7 @@ __all__ = [
     "TimedMethod",
     "Timing",
     "display_ready",
+    "generator_times",
     "in_turn",
     "linear_picture",
     "most_threads",
@@ -363,3 +367,37 @@ def linear_picture(rgba: np.ndarray) -> np.ndarray:
     """A display-ready EIA as a dark panel shows it: linear RGB, float32."""
     linear = linear_from_srgb(rgba[..., :3].astype(np.float32) / 255)
     return np.where(rgba[..., 3:] > 0, linear, np.float32(0))
+
+
+# -- a validation's generators -------------------------------------------------------------------
+
+# More than the nine that a verdict needs: at this many, one interrupted round in ten does not
+# widen the interval to where 30 % more time could hide in it.
+_ROUNDS = 31
+# While other programs work beside this one, ratios scatter tenfold. So many times the rounds make
+# up for twice the scatter that is allowed; what is not steady by then fails, and says so.
+_MOST_TURNS = 5
+
+
+def generator_times(found: Measured, *, run: Run) -> dict[str, tuple[float, ...]]:
+    """`inim.regression.log_ratios` of each generator, on the run's display-ready picture.
+
+    Rounds are added until `inim.regression.is_steady` holds for all, or `_MOST_TURNS` are done.
+    """
+    plan, capture = found.plan, found.capture
+    wanted = [method for method in plan.methods if method.times]
+    times: dict[str, tuple[float, ...]] = {method.name: () for method in wanted}
+    with run.observer.timed("time"):
+        rgbd = display_ready(capture.rgbd)
+        layered = rgbd if capture.layered is None else display_ready(capture.layered)
+        prepared = [
+            prepare_method(m.name, layered if m.reads_layers else rgbd, plan.display)
+            for m in wanted
+        ]
+        for _ in range(_MOST_TURNS):
+            taken = time_methods(prepared, rgbd, plan.display, Rounds(runs=_ROUNDS))
+            kernel = taken[YARDSTICK].times_s
+            times = {n: times[n] + log_ratios(taken[n].times_s, kernel) for n in times}
+            if all(map(is_steady, times.values())):
+                break
+    return times

@@ -15,8 +15,7 @@ from inim.pipeline.adaptive_sampling import measure_until_known
 from inim.pipeline.baseline import judge
 from inim.pipeline.capture import DepthCamera, capture_relic
 from inim.pipeline.evaluate import ceiling_scores, evaluate, noise_floor, truth_statistics
-from inim.pipeline.generator_times import generator_times
-from inim.pipeline.ground_truth import pick_up_truth, render_view
+from inim.pipeline.ground_truth import collect_truth, pick_up_truth, render_view
 from inim.pipeline.images import Images
 from inim.pipeline.measured import Measured
 from inim.pipeline.method import Task, make_eia, prepare_methods
@@ -26,7 +25,7 @@ from inim.pipeline.report_data import report_of
 from inim.pipeline.run_statistics import run_statistics
 from inim.pipeline.scene import Renderer, Scene, scene_facts
 from inim.pipeline.stage import Run
-from inim.pipeline.truth import collect_truth
+from inim.pipeline.timing import generator_times
 from inim.report import Report
 
 __all__ = ["measure", "validate"]

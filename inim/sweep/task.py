@@ -20,8 +20,7 @@ from typing import Any
 
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
 from inim.observer import Observer
-from inim.pipeline.memory import LEAST_BYTES
-from inim.pipeline.plan import Plan, make_plan
+from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
 from inim.pipeline.request import Request
 from inim.report import Report
 from inim.report.files import from_strict, to_strict

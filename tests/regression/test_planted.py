@@ -21,6 +21,7 @@ from inim.half_buffers import HalfBuffers
 from inim.observer import Observer
 from inim.pipeline.evaluate import ceiling_scores, evaluate, truth_statistics
 from inim.pipeline.generate import Reference
+from inim.pipeline.ground_truth import GroundTruth
 from inim.pipeline.images import Images
 from inim.pipeline.measured import Measured
 from inim.pipeline.method import MadeEIA
@@ -30,7 +31,6 @@ from inim.pipeline.request import Request
 from inim.pipeline.run_statistics import run_statistics
 from inim.pipeline.scene import Renderer
 from inim.pipeline.stage import Run
-from inim.pipeline.truth import GroundTruth
 from inim.pipeline.validate import measure
 from inim.regression import RunStatistics, Verdict, compare, fingerprint, reference_input
 from inim.rgbd import RGBD

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from inim.errors import OutOfMemoryError
-from inim.pipeline.memory import LEAST_BYTES, rays_in_flight
-from inim.pipeline.plan import make_plan
+from inim.pipeline.plan import LEAST_BYTES, make_plan, rays_in_flight
 from inim.pipeline.request import Request
 from tests.system.conftest import write_scene
 
