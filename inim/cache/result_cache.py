@@ -36,7 +36,7 @@ class ResultCache:
         """Whether `find` has a result now."""
         return self._store is not None and self._store.holds(address_of(product, _digests(parts)))
 
-    def recall(
+    def find_or_make(
         self,
         product: str,
         parts: Callable[[], Mapping[str, Any]],

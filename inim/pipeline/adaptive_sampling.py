@@ -1,7 +1,7 @@
 """Adaptive sampling: as many samples as a run's scores need.
 
 Noise does two things to a score: it scatters, and it is biased, as noisy pictures are less alike.
-A run that is told how well its scores are to be known (`inim.score_error`) goes by rounds. The
+A run that says how well its scores are to be known (`inim.score_error`) goes by rounds. The
 first, of one viewpoint and with a sixteenth of the samples, foretells how many it takes; later
 ones, twice as many at least, end it once what they report *is* known so well. Each round renders
 afresh.
@@ -47,12 +47,12 @@ def measure_until_known(
     run: Run,
 ) -> Measured:
     """Measure with as many samples as the scores need; with all of them where no error is given."""
-    asked, error = plan.settings, plan.settings.score_error if renderer.skip else 0.0
+    wanted, error = plan.settings, plan.settings.score_error if renderer.skip else 0.0
     if not error:
         return measure(plan, renderer, images, run)
 
     def measure_with(share: float, eyes: int | None = None) -> Measured:
-        settings = with_share(asked, share)
+        settings = with_share(wanted, share)
         fewer = replace(plan, settings=settings, viewpoints=plan.viewpoints[:eyes])
         return measure(fewer, renderer, images, run.for_round())
 
@@ -63,23 +63,23 @@ def measure_until_known(
         measured = measure_with(share)
         scores = measured.similarities
         known = known_within(scores, before)
-        if known <= error or measured.plan.settings == asked:
-            return _with_samples_told(measured, asked, known)
+        if known <= error or measured.plan.settings == wanted:
+            return _with_words_on_samples(measured, wanted, known)
         before = scores
 
 
-def _with_samples_told(measured: Measured, asked: Settings, known: float) -> Measured:
+def _with_words_on_samples(measured: Measured, wanted: Settings, known: float) -> Measured:
     """The measurement, and what the report says of its samples."""
-    taken, error = measured.plan.settings, asked.score_error
+    taken, error = measured.plan.settings, wanted.score_error
     warnings = list(measured.more_warnings)
     if not known <= error:
-        told = f"known to within {known:.2g}" if known < math.inf else "hardly known"
+        how_well = f"known to within {known:.2g}" if known < math.inf else "hardly known"
         warnings.append(
-            f"with all samples, SSIM is {told}, {error:g} was asked for; raise inim.eia_spp and "
+            f"with all samples, SSIM is {how_well}, {error:g} was asked for; raise inim.eia_spp and "
             "inim.view_spp, or inim.score_error"
         )
     done = f"{taken.eia_spp} a pixel of the EIA, {taken.view_spp} of a view"
-    rest = (asked.eia_spp - taken.eia_spp, asked.view_spp - taken.view_spp)
+    rest = (wanted.eia_spp - taken.eia_spp, wanted.view_spp - taken.view_spp)
     skipped = measured.run.skipped
     if any(rest):
         why = f"every SSIM is known to within {known:.2g}; {error:g} was asked for"

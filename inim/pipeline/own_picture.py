@@ -1,4 +1,4 @@
-"""The run: fit the picture, make each EIA, look at it, score what can be scored, write."""
+"""Validation of one's own picture: without a scene, what can be scored without ground truth."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ class Plan:
 
     @property
     def optics(self) -> Optics:
-        """How EIAs are looked at."""
+        """How views of EIAs are reconstructed."""
         s = self.settings
         return Optics(
             self.mounted, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed

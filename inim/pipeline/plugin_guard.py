@@ -113,8 +113,8 @@ def _sources(
     with blamed(name, "sources"):
         sources = generator.sources(rgbd)
     _check(name, sources, display.eia_shape, "int32")
-    colors, asked = rgbd.palette, sources if mask is None else sources[mask]
-    low, high = (int(asked.min()), int(asked.max())) if asked.size else (NO_LENS, NO_LENS)
+    colors, wanted = rgbd.palette, sources if mask is None else sources[mask]
+    low, high = (int(wanted.min()), int(wanted.max())) if wanted.size else (NO_LENS, NO_LENS)
     pixels = colors.shape[0] * colors.shape[1]
     if low < NO_LENS or high >= pixels:
         raise UsageError(

@@ -27,7 +27,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Optics:
-    """How EIAs are looked at.
+    """How views of EIAs are reconstructed.
 
     Attributes
     ----------
@@ -141,8 +141,8 @@ class ShownEIA:
         return np.float32(white_exposure(optics.mounted, optics.lens_model)) * seen
 
 
-def _looked_at(*_: Any, **__: Any) -> tuple[str, str, str]:
-    return "looked at", "nothing", "its EIA or its eye is new"
+def _reconstructed(*_: Any, **__: Any) -> tuple[str, str, str]:
+    return "reconstructed", "nothing", "its EIA or its eye is new"
 
 
 @stage(
@@ -150,7 +150,7 @@ def _looked_at(*_: Any, **__: Any) -> tuple[str, str, str]:
     code=RENDERING,
     makes=(ReconstructedView,),
     timed="reconstruct views",
-    describe=_looked_at,
+    describe=_reconstructed,
     follows=("name",),
 )
 def reconstruct(name: str, shown: ShownEIA, viewpoint: Viewpoint) -> ReconstructedView:

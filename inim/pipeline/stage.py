@@ -1,6 +1,6 @@
 """What wraps a stage: result cache, timing, and what the report says was skipped.
 
-A stage is a plain function from values to values. `stage` declares beside it what it is called and
+A stage is a plain function from values to values. `stage` declares above it what it is called and
 which code decides its result; the function itself knows nothing of that. What decides a result are
 the stage's arguments: a dataclass by its fields, but for one called `name`, which is a label; a
 handle by its `cache_key`; anything else by its value.
@@ -141,7 +141,7 @@ class Stage(Generic[_Given, _Made]):
         if self._timed is not None:
             timed = run.observer.timed(self._timed.format(**bound))
         with timed:
-            made, why = run.cache.recall(
+            made, why = run.cache.find_or_make(
                 name,
                 lambda: self._parts(bound),
                 lambda: call(**bound),

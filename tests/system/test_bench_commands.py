@@ -149,7 +149,7 @@ def test_samples_are_counted_once_for_each_view_of_a_row():
     cold = [
         row("ground-truth EIA", "1.5 million samples traced (not made before)", "40000 samples"),
         row("true view: a, b", "100 samples traced (not made before)", "20 samples"),
-        row("view of template: a", "looked at", "nothing"),
+        row("view of template: a", "reconstructed", "nothing"),
     ]
     assert samples_of(cold, cold) == (1_500_200, 1_540_240)
     again = [
