@@ -75,8 +75,8 @@ def _with_words_on_samples(measured: Measured, wanted: Settings, known: float) -
     if not known <= error:
         how_well = f"known to within {known:.2g}" if known < math.inf else "hardly known"
         warnings.append(
-            f"with all samples, SSIM is {how_well}, {error:g} was asked for; raise inim.eia_spp and "
-            "inim.view_spp, or inim.score_error"
+            f"with all samples, SSIM is {how_well}, {error:g} was asked for; raise inim.eia_spp "
+            "and inim.view_spp, or inim.score_error"
         )
     done = f"{taken.eia_spp} a pixel of the EIA, {taken.view_spp} of a view"
     rest = (wanted.eia_spp - taken.eia_spp, wanted.view_spp - taken.view_spp)
