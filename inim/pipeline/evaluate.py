@@ -215,7 +215,7 @@ def _eia_scores(
 ) -> dict[str, float | None]:
     """SSIM and PSNR of an EIA; none where the run makes only what is observed of it."""
     if not truth.whole:
-        return {"ssim": None, "psnr_db": None}
+        return {metric.key: None for metric in metrics.all_metrics() if metric.of_eia}
     return dict(_score_eia(reference, eia, run=run))
 
 
