@@ -15,7 +15,18 @@ import numpy as np
 from inim.backend.numba_cache import settle_cache
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import Generator, PictureShape, SourceGenerator, check_mask
+from inim.generators.base import (
+    HOLE,
+    MASKED,
+    NO_LENS,
+    Generator,
+    PictureShape,
+    SourceGenerator,
+    Sources,
+    check_mask,
+    colour_of,
+    hole_fraction,
+)
 from inim.generators.registry import (
     DEFAULT,
     MASK,
@@ -31,7 +42,6 @@ from inim.generators.registry import (
     parse_algorithm,
     properties,
 )
-from inim.generators.sources import HOLE, MASKED, NO_LENS, Sources, colour_of, hole_fraction
 from inim.rgbd import RGBD
 
 __all__ = [

@@ -28,7 +28,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.pixel_axis import stated
-from inim.generators.sources import HOLE, Sources
+from inim.generators.base import HOLE, Sources
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 
 __all__ = [

@@ -18,8 +18,8 @@ from inim.display import Display, Viewpoint
 from inim.display.pixel_rays import pixel_rays
 from inim.errors import DisplayError, UsageError
 from inim.generators import HOLE, MASKED, NO_LENS, find_sources, generate
-from inim.generators.raycast.axis_runs import RayByRay
 from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
+from inim.generators.raycast.ray_by_ray import RayByRay
 from inim.lens import trace_to_panel
 from inim.rgbd import RGBD
 from tests import oracle

@@ -15,8 +15,7 @@ from typing import overload
 import numpy as np
 
 from inim.display import Display
-from inim.generators.base import Generator, PixelList, SourceGenerator, check_out
-from inim.generators.sources import MASKED, Sources
+from inim.generators.base import MASKED, Generator, PixelList, SourceGenerator, Sources, check_out
 from inim.rgbd import RGBD
 
 __all__ = ["OnPanel", "is_sparse", "masked", "masked_pixels"]

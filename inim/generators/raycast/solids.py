@@ -14,11 +14,11 @@ import numba
 import numpy as np
 
 from inim.display import Display
-from inim.generators.base import PictureShape, PixelList, SourceGenerator
+from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources
 from inim.generators.raycast.cells import Aside, cell_rays
 from inim.generators.raycast.direction_lists import build_lists
-from inim.generators.raycast.non_separable import ray_blocks
 from inim.generators.raycast.polyphase import Phases, index_payload, nearest_surface, write_strip
+from inim.generators.raycast.ray_by_ray import entered, leaves, ray_blocks
 from inim.generators.raycast.simd import (
     LANES,
     all_lanes,
@@ -31,8 +31,6 @@ from inim.generators.raycast.simd import (
     same,
     store,
 )
-from inim.generators.raycast.traversal import entered, leaves
-from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 
 __all__ = ["NonSeparableSolids", "SharedSolids", "SolidsRayByRay"]
@@ -356,7 +354,7 @@ def _free_first_hits(fronts, backs, u0, du, v0, dv, z_min, z_max, found):  # typ
 
 @numba.njit(cache=True, nogil=True)
 def _first_hit(fronts, backs, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
-    """Walk one ray as `raycast.traversal.first_hit` does, asking every layer's solid."""
+    """Walk one ray as `raycast.ray_by_ray.first_hit` does, through every layer's solids."""
     layers, rows, columns = fronts.shape
     step_u = -1 if du > 0 else 1
     step_v = -1 if dv > 0 else 1

@@ -20,8 +20,7 @@ from inim.display.pixel_rays import pixel_rays
 from inim.generators.li2012 import _position, forward_axes
 from inim.generators.oracle import AxisRays, axis_rays
 from inim.generators.raycast.cells import CellRays, cell_rays, free_cell_rays
-from inim.generators.raycast.direction_lists import rounded_up
-from inim.generators.raycast.traversal import leaves
+from inim.generators.raycast.ray_by_ray import leaves, rounded_up
 from inim.rgbd import RGBD
 from reports.stress.study.rays import chosen_pixels, rays_over
 
