@@ -17,6 +17,26 @@ __all__ = ["RGBD", "Layer", "LayeredRGBD"]
 
 
 @dataclass(frozen=True)
+class Layer:
+    """A surface of a picture, with the solid that it begins.
+
+    Attributes
+    ----------
+    color : (H, W, channels)
+        As in the picture.
+    front_mm, back_mm : (H, W) float32
+        Where the solid begins and ends, ``back_mm <= front_mm``.
+    covered : (H, W) bool
+        Where there is such a layer.
+    """
+
+    color: np.ndarray
+    front_mm: NDArray[np.float32]
+    back_mm: NDArray[np.float32]
+    covered: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
 class RGBD:
     """What a depth camera in front of the display would hand to a generator.
 
@@ -83,6 +103,12 @@ class RGBD:
         return self.depth_mm.shape[0], self.depth_mm.shape[1]
 
     @property
+    def layers(self) -> tuple[Layer, ...]:
+        """All layers, the front surface first; one without a back is solid all the way down."""
+        back = np.full(self.shape, -np.inf, np.float32)
+        return (Layer(self.color, self.depth_mm, back, self.covered),)
+
+    @property
     def palette(self) -> np.ndarray:
         """The colours that source numbers point into, row by row."""
         return self.color
@@ -96,26 +122,6 @@ class RGBD:
     def height_mm(self) -> float:
         """Height of the picture."""
         return self.shape[0] * self.pixel_mm
-
-
-@dataclass(frozen=True)
-class Layer:
-    """One more surface behind those before it, with the solid that it begins.
-
-    Attributes
-    ----------
-    color : (H, W, channels)
-        As in the picture.
-    front_mm, back_mm : (H, W) float32
-        Where the solid begins and ends, ``back_mm <= front_mm``.
-    covered : (H, W) bool
-        Where there is such a layer.
-    """
-
-    color: np.ndarray
-    front_mm: NDArray[np.float32]
-    back_mm: NDArray[np.float32]
-    covered: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -180,7 +186,7 @@ class LayeredRGBD(RGBD):
 
     @property
     def layers(self) -> tuple[Layer, ...]:
-        """All layers, the front surface first."""
+        """See `RGBD.layers`."""
         return (Layer(self.color, self.depth_mm, self.back_mm, self.covered), *self.deeper)
 
     @cached_property

@@ -26,6 +26,7 @@ from inim.generators.base import (
     check_mask,
     colour_of,
     hole_fraction,
+    masked,
 )
 from inim.generators.registry import (
     DEFAULT,
@@ -118,8 +119,6 @@ def prepare(
         raise UsageError(f"algorithm {name!r} made a {type(made).__name__}, which cannot generate")
     if mask is None or found.takes_mask:
         return made
-    from inim.generators.raycast.pixel_mask import masked
-
     return masked(made, mask)
 
 

@@ -31,12 +31,19 @@ import math
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import stated
+from inim.display.pixels import stated
 from inim.errors import UsageError
-from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources
+from inim.generators.base import (
+    HOLE,
+    OnPanel,
+    PictureShape,
+    PixelList,
+    SourceGenerator,
+    Sources,
+    masked_pixels,
+)
 from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.raycast.cells import Aside, cell_rays
-from inim.generators.raycast.pixel_mask import OnPanel, masked_pixels
 from inim.generators.registry import algorithm, one_of, positive_mm
 from inim.rgbd import RGBD
 

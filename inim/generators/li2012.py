@@ -46,7 +46,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
-from inim.display.pixel_axis import PixelAxis, stated
+from inim.display.pixels import PixelAxis, stated
 from inim.generators.base import (
     HOLE,
     PictureShape,

@@ -31,7 +31,14 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import PictureShape, SourceGenerator
+from inim.generators.base import (
+    OnPanel,
+    PictureShape,
+    SourceGenerator,
+    is_sparse,
+    masked,
+    masked_pixels,
+)
 from inim.generators.raycast.cells import Aside, check_ray_length
 from inim.generators.registry import algorithm
 
@@ -65,7 +72,6 @@ def prepare(
     """
     from inim.generators.raycast.direction_lists import shares_directions
     from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
-    from inim.generators.raycast.pixel_mask import OnPanel, is_sparse, masked, masked_pixels
     from inim.generators.raycast.polyphase import SharedDirections, fits_tables
     from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
     from inim.generators.raycast.supersampling import averaged

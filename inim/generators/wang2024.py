@@ -41,15 +41,16 @@ from inim.display import Display
 from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
+    OnPanel,
     PictureShape,
     PixelList,
     SourceGenerator,
     Sources,
+    masked_pixels,
     require_separable,
 )
 from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.raycast.cells import cell_rays
-from inim.generators.raycast.pixel_mask import OnPanel, masked_pixels
 from inim.generators.registry import algorithm, one_of
 from inim.rgbd import RGBD
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from inim.display import Display
-from inim.display.pixel_rays import least_gap_mm
+from inim.display.pixels import least_gap_mm
 from inim.errors import DisplayError
 from inim.inspect.crosstalk import (
     CrosstalkMap,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display, Viewpoint
-from inim.display.panel import SUBPIXELS
+from inim.display.pixels import SUBPIXELS
 from inim.half_buffers import HalfBuffers
 from inim.pipeline.checks import finite
 from inim.pipeline.scene import BLACK_FOR_CERTAIN, Scene, samples_traced, seed_of

@@ -16,7 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import PixelAxis
+from inim.display.pixels import PixelAxis
 from inim.generators.base import HOLE, PictureShape, SourceGenerator, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.ray_by_ray import entered, leaves

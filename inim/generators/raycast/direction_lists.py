@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import stated
+from inim.display.pixels import stated
 from inim.generators.base import PictureShape
 from inim.generators.raycast.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.raycast.ray_by_ray import rounded_up, walk

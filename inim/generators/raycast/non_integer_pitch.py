@@ -19,7 +19,7 @@ import numba
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import PixelAxis
+from inim.display.pixels import PixelAxis
 from inim.generators.base import PictureShape, PixelList
 from inim.generators.raycast.cells import CENTRE, Aside, cell_rays
 from inim.generators.raycast.direction_lists import cells_per_pitch

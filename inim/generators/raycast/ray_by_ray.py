@@ -15,7 +15,7 @@ import numba
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_rays import pixel_rays, row_blocks
+from inim.display.pixels import pixel_rays, row_blocks
 from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources
 from inim.generators.raycast.cells import CENTRE, Aside, CellRays, cell_rays, free_cell_rays
 from inim.rgbd import RGBD

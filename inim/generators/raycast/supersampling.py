@@ -21,8 +21,7 @@ import numpy as np
 
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display
-from inim.display.panel import SUBPIXELS, SubPixel
-from inim.display.pixel_axis import stated
+from inim.display.pixels import SUBPIXELS, SubPixel, stated
 from inim.generators.base import SourceGenerator, Sources
 from inim.generators.raycast.cells import CENTRE, Aside
 from inim.rgbd import RGBD
