@@ -87,7 +87,7 @@ def run_of(folder: Path, **settings: Any) -> Finished:
     """A run of the small scene, without a report."""
     definitions = tuple(f"inim.{key}={value}" for key, value in (SMALL | settings).items())
     plan = make_plan(Request(SCENE, folder, definitions))
-    renderer = Renderer(plan.request.backend, plan.rays_in_flight, Observer())
+    renderer = Renderer(plan.request.backend, Observer(), plan.rays_in_flight)
     found = measure(plan, renderer, Images(folder, {}, Observer()), Run())
     camera = found.capture.camera
     made = prepare(plan.display, "template", shape=camera.shape, pixel_mm=camera.pixel_mm)

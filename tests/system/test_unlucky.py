@@ -483,7 +483,7 @@ import sys
 from pathlib import Path
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.pipeline.validate import run
+from inim.pipeline.work import run
 folder, count = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(count):
     plan = make_plan(Request(folder / "tiny.xml", folder / "out", tuple(sys.argv[3:])))

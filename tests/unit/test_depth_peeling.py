@@ -298,7 +298,7 @@ def validated(folder, algorithms):
     """A small validation of a red ball before a green wall, and what it made."""
     from inim.pipeline.plan import make_plan
     from inim.pipeline.request import Request
-    from inim.pipeline.validate import run
+    from inim.pipeline.work import run
 
     scene = folder / "scene.xml"
     scene.write_text(around(sphere((0, 0, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN)))
