@@ -9,8 +9,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from inim.errors import UsageError
 from inim import plugins
+from inim.errors import UsageError
 from inim.generators import algorithm, algorithm_names, is_own, properties, registry
 
 OWN = ["template", "gu2020", "layered", "li2012", "template_jit", "wang2024"]
