@@ -176,7 +176,7 @@ def generate(
     Returns
     -------
     (rows, columns, 3) float32 linear RGB, black at holes and outside the array; or
-    (rows, columns, 4) uint8 sRGB, alpha 0 there. Use `find_sources` where black must be told from
+    (rows, columns, 4) uint8 sRGB, alpha 0 there. Use `find_sources` to distinguish black from
     nothing in linear RGB.
 
     Raises

@@ -118,7 +118,7 @@ def inspect_display(
     lens_model: str | None = None,
     source: str = "",
 ) -> Findings:
-    """Work out what a display can do, looked at from a distance.
+    """Work out what a display can do, seen from a distance.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ class Metric:
     reference : str
         The paper that defines it.
     of_eia : bool
-        Whether it says something of a panel's pixels, too, which nobody looks at as a picture.
+        Whether it says something of a panel's pixels, too, which is no picture to a viewer.
     on_relic : bool
         Whether the mean over the relic's pixels is reported, too. It needs a map.
     of_mean : callable, optional
@@ -234,7 +234,7 @@ def check_alike(reference: np.ndarray, test: np.ndarray) -> None:
         bad = 0
         for band in row_bands(*image.shape[:2]):
             known = np.isfinite(image[band])
-            if not known.all():  # seldom: a pixel's three are looked at in turn, which takes longer
+            if not known.all():  # seldom; takes longer, as it goes by a pixel's three
                 bad += int(np.count_nonzero(~known.all(axis=-1)))
         if bad:
             raise UsageError(f"the {name} picture has {bad} pixels that are not finite")

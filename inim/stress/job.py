@@ -46,7 +46,7 @@ _LENSES = {False: 32, True: 16}
 
 @dataclass(frozen=True)
 class StressRequest:
-    """What the user asked for.
+    """What a stress run measures, and where its results go.
 
     Attributes
     ----------

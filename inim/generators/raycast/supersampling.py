@@ -104,7 +104,7 @@ class Supersampled(SourceGenerator):
 
     @cached_property
     def _centre(self) -> SourceGenerator:
-        """Made when sources are asked for: pictures do without."""
+        """Made when sources are wanted: pictures do without."""
         return self._make(CENTRE)
 
     @cached_property
@@ -162,7 +162,7 @@ class Subpixelled(SourceGenerator):
 
     @cached_property
     def _centre(self) -> SourceGenerator:
-        """Made when sources are asked for: pictures do without."""
+        """Made when sources are wanted: pictures do without."""
         return self._make(_WHOLE)
 
     def find(self, rgbd: RGBD) -> Sources:
