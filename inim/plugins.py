@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import metadata, util
 from pathlib import Path
@@ -31,7 +31,7 @@ def announced(group: str) -> list[str]:
     return sorted({point.name for point in metadata.entry_points(group=group)})
 
 
-def load(group: str, name: str, kind: str) -> Any:
+def load(group: str, name: str, kind: str, make: Callable[[Any], Any] = lambda found: found) -> Any:
     """What an announced name stands for.
 
     Parameters
@@ -40,6 +40,8 @@ def load(group: str, name: str, kind: str) -> Any:
         Of the entry point; the name must be announced.
     kind : str
         For errors: "metric".
+    make : callable, optional
+        Makes the result of what is announced; what it raises counts as a failure to load.
 
     Raises
     ------
@@ -54,7 +56,7 @@ def load(group: str, name: str, kind: str) -> Any:
             "uninstall all but one"
         )
     try:
-        return points[0].load()
+        return make(points[0].load())
     except (Exception, SystemExit) as error:
         raise UsageError(
             f"{kind} {name!r} ({values[0]}) cannot be loaded: {type(error).__name__}: "
@@ -99,7 +101,7 @@ def stdout_to_stderr() -> Iterator[None]:
 
 
 @contextmanager
-def blame(what: str, doing: str) -> Iterator[None]:
+def blame(what: str, doing: str, also: tuple[str, ...] = ()) -> Iterator[None]:
     """Turn what a plugin raises into one line that names it; what it prints goes to stderr.
 
     Parameters
@@ -108,6 +110,8 @@ def blame(what: str, doing: str) -> Iterator[None]:
         The plugin: "metric 'mine'".
     doing : str
         What it was called for.
+    also : tuple of str
+        Other beginnings of errors that name it already.
 
     Raises
     ------
@@ -120,7 +124,7 @@ def blame(what: str, doing: str) -> Iterator[None]:
     except (MemoryError, OutOfMemoryError):
         raise
     except InimError as error:
-        if str(error).startswith(what):
+        if str(error).startswith((what, *also)):
             raise
         raise UsageError(f"{what}: {error}") from error
     except (Exception, SystemExit) as error:

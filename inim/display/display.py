@@ -18,9 +18,15 @@ from typing import Any
 
 import numpy as np
 
-from inim.display.panel import SUBPIXELS
-from inim.display.pixel_axis import PixelAxis, pixel_axis, stated
-from inim.display.pixel_rays import least_gap_mm, pixel_rays, row_blocks
+from inim.display.pixels import (
+    SUBPIXELS,
+    PixelAxis,
+    least_gap_mm,
+    pixel_axis,
+    pixel_rays,
+    row_blocks,
+    stated,
+)
 from inim.errors import DisplayError
 
 __all__ = ["DISPLAYS", "Display"]
@@ -476,7 +482,7 @@ class Display:
         Raises
         ------
         DisplayError
-            Of any other: its pixels' rays are those of `inim.display.pixel_rays`.
+            Of any other: its pixels' rays are those of `inim.display.pixels`.
         """
         return self._axis(self.eia_shape[1], self.lens_columns, +1)
 

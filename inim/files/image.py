@@ -118,7 +118,7 @@ def write_rgbd(path: Path, rgbd: RGBD, attributes: Mapping[str, Any] | None = No
     the solid behind the front ends; then `color.1`, `depth.1`, `back.1` of the next layer, and so
     on.
     """
-    layers = rgbd.layers if isinstance(rgbd, LayeredRGBD) else (_front(rgbd),)
+    layers = rgbd.layers
     header = {
         "inim:pixel_mm": repr(float(rgbd.pixel_mm)),
         "inim:unit": "mm",
@@ -134,11 +134,6 @@ def write_rgbd(path: Path, rgbd: RGBD, attributes: Mapping[str, Any] | None = No
         _write_parts(path, parts, header)
     else:
         _write_parts(path, parts[:2], header)
-
-
-def _front(rgbd: RGBD) -> Layer:
-    """The front surface, whatever it is the front of."""
-    return Layer(rgbd.color, rgbd.depth_mm, rgbd.depth_mm, rgbd.covered)
 
 
 def _layer_parts(layer: Layer, number: int) -> list[tuple[dict[str, np.ndarray], str]]:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
-from inim.display.pixel_axis import PixelAxis
+from inim.display.pixels import PixelAxis
 from inim.errors import FileError, UsageError
 from inim.files.image import write_atomically
 from inim.files.picture import read_pfm

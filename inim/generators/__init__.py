@@ -15,7 +15,19 @@ import numpy as np
 from inim.backend.numba_cache import settle_cache
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import Generator, PictureShape, SourceGenerator, check_mask
+from inim.generators.base import (
+    HOLE,
+    MASKED,
+    NO_LENS,
+    Generator,
+    PictureShape,
+    SourceGenerator,
+    Sources,
+    check_mask,
+    colour_of,
+    hole_fraction,
+    masked,
+)
 from inim.generators.registry import (
     DEFAULT,
     MASK,
@@ -31,7 +43,6 @@ from inim.generators.registry import (
     parse_algorithm,
     properties,
 )
-from inim.generators.sources import HOLE, MASKED, NO_LENS, Sources, colour_of, hole_fraction
 from inim.rgbd import RGBD
 
 __all__ = [
@@ -108,8 +119,6 @@ def prepare(
         raise UsageError(f"algorithm {name!r} made a {type(made).__name__}, which cannot generate")
     if mask is None or found.takes_mask:
         return made
-    from inim.generators.raycast.pixel_mask import masked
-
     return masked(made, mask)
 
 
@@ -167,7 +176,7 @@ def generate(
     Returns
     -------
     (rows, columns, 3) float32 linear RGB, black at holes and outside the array; or
-    (rows, columns, 4) uint8 sRGB, alpha 0 there. Use `find_sources` where black must be told from
+    (rows, columns, 4) uint8 sRGB, alpha 0 there. Use `find_sources` to distinguish black from
     nothing in linear RGB.
 
     Raises

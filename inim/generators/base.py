@@ -1,28 +1,92 @@
-"""What a generator is: something prepared once for a display, then fed RGB-D pictures."""
+"""What a generator is: something prepared once for a display, then fed RGB-D pictures.
+
+Most name, for each panel pixel, the picture's pixel that it shows: a source map (`Sources`).
+
+Of a mask, those that a few eyes see, say, only the panel pixels in it are made. Generators that can
+are prepared for a list of pixels in place of a panel: they yield one row of them, (1, n), at a cost
+that grows with n, and `OnPanel` puts that row on a panel that is black elsewhere. The others are
+run in full, and `masked` blackens what is outside. Both show the same bits: what a pixel shows
+depends on its own ray and the picture, and on no other pixel.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, overload, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.sources import NO_LENS, Sources, colour_of
 from inim.rgbd import RGBD
+from inim.row_bands import row_bands
 
 __all__ = [
+    "HOLE",
+    "MASKED",
+    "NO_LENS",
     "Generator",
+    "OnPanel",
     "PictureShape",
     "PixelList",
     "SourceGenerator",
+    "Sources",
     "check_mask",
     "check_out",
+    "colour_of",
+    "hole_fraction",
+    "is_sparse",
+    "masked",
+    "masked_pixels",
     "require_separable",
 ]
+
+#: A panel pixel whose ray meets no surface.
+HOLE = -1
+#: A panel pixel outside the lens array: dark by construction, not a hole.
+NO_LENS = -2
+#: A panel pixel outside the pixel mask.
+MASKED = -3
+
+# Indices and colours of so many pixels stay in a processor's cache.
+_PIXELS_AT_ONCE = 2**15
+
+#: (rows, columns) int32: ``row * W + column`` of the picture's pixel, `HOLE` or `NO_LENS`.
+Sources = NDArray[np.int32]
+
+
+def colour_of(sources: Sources, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+    """Colours of a source map, (rows, columns, channels) in the picture's type.
+
+    Where there is no source: zeros, which is black in float and transparent black in RGBA.
+    """
+    channels = rgbd.color.shape[2]
+    # One empty pixel at the end serves holes and unlensed pixels alike.
+    nothing = np.zeros((1, channels), rgbd.color.dtype)
+    palette = np.concatenate([rgbd.palette.reshape(-1, channels), nothing])
+    if out is None:
+        out = np.empty((*sources.shape, channels), palette.dtype)
+    nowhere = len(palette) - 1
+    for band in row_bands(sources.shape[0], sources.shape[1], _PIXELS_AT_ONCE):
+        some = sources[band]
+        if some.max(initial=HOLE) >= nowhere:
+            raise UsageError(
+                f"a source is {some.max()}; this picture has 0 to {nowhere - 1}, and {NO_LENS} and "
+                f"{HOLE} mean none"
+            )
+        index = np.where(some >= 0, some, nowhere)
+        # Not "raise", by which all of the output would be written twice.
+        np.take(palette, index, axis=0, out=out[band], mode="clip")
+    return out
+
+
+def hole_fraction(sources: Sources) -> float:
+    """Share of the lensed panel pixels, of those in the mask, that show nothing."""
+    lensed = np.count_nonzero(sources > NO_LENS)
+    return np.count_nonzero(sources == HOLE) / lensed if lensed else 0.0
+
 
 #: Rows, columns of a picture.
 PictureShape = tuple[int, int]
@@ -78,7 +142,7 @@ class SourceGenerator(ABC):
 
     Subclasses implement `find`; sources keep holes apart from black and let algorithms be compared
     pixel by pixel. They are what a pixel's centre shows, also where several rays, or sub-pixels
-    beside the centre, make its colour.
+    off the centre, make its colour.
 
     Parameters
     ----------
@@ -88,7 +152,7 @@ class SourceGenerator(ABC):
     pixel_mm : float
         Their pixel.
     pixels : PixelList, optional
-        Yield one row of these, (1, n), in place of the panel; see `raycast.pixel_mask`.
+        Yield one row of these, (1, n), in place of the panel; see `OnPanel`.
     """
 
     #: For those by others that do without this class's `__init__`.
@@ -188,3 +252,103 @@ def check_out(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype) -
     if not (out.flags.c_contiguous and out.flags.writeable):
         raise UsageError("out must be writable and contiguous in C order")
     return out
+
+
+# Share of the panel above which walking rays one by one takes longer than tables for all of them.
+_MOST_ALONE = 0.1
+
+
+def is_sparse(mask: np.ndarray) -> bool:
+    """Whether the pixels of a mask, (rows, columns) bool, are better walked one by one."""
+    return bool(np.count_nonzero(mask) <= _MOST_ALONE * mask.size)
+
+
+def masked_pixels(mask: np.ndarray | None, display: Display) -> PixelList | None:
+    """The pixels of a mask, (rows, columns) bool, that lie under a lens; None without a mask."""
+    return None if mask is None else PixelList.of(mask & display.lensed)
+
+
+class OnPanel(SourceGenerator):
+    """The pixels of a list on their panel, the others black, with alpha 0.
+
+    Parameters
+    ----------
+    listed : SourceGenerator
+        Prepared for a list of pixels.
+    """
+
+    def __init__(self, listed: SourceGenerator) -> None:
+        super().__init__(listed.display, listed.shape, listed.pixel_mm)
+        assert listed.pixels is not None
+        self._listed = listed
+        self._at = (listed.pixels.rows, listed.pixels.columns)
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`; `MASKED` elsewhere."""
+        found = np.full(self.display.eia_shape, MASKED, np.int32)
+        found[self._at] = self._listed.sources(rgbd)[0]
+        return found
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`."""
+        panel = self.place(rgbd, out)
+        panel[...] = 0
+        panel[self._at] = self._listed.generate(rgbd)[0]
+        return panel
+
+
+class Masked:
+    """A generator run in full, of which only the pixels of a mask are shown.
+
+    Parameters
+    ----------
+    whole : Generator
+    mask : (rows, columns) bool
+    """
+
+    def __init__(self, whole: Generator, mask: np.ndarray) -> None:
+        self._whole, self._mask = whole, mask
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`."""
+        eia = self._whole.generate(rgbd)  # it may keep one place to write to: leave that alone
+        if out is None:
+            out = np.empty_like(eia)
+        else:
+            check_out(out, eia.shape, eia.dtype)
+        out[...] = np.where(self._mask[..., None], eia, np.zeros((), eia.dtype))
+        return out
+
+
+class MaskedSources(SourceGenerator):
+    """`Masked`, of a generator that says where its colours come from."""
+
+    def __init__(self, whole: SourceGenerator, mask: np.ndarray) -> None:
+        super().__init__(whole.display, whole.shape, whole.pixel_mm)
+        self._whole, self._mask, self._shown = whole, mask, Masked(whole, mask)
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`; `MASKED` outside the mask."""
+        found = self._whole.sources(rgbd)
+        return np.where(self._mask, found, np.int32(MASKED))
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`."""
+        if rgbd.color.dtype != np.uint8 and self._whole.shows_sources(rgbd):
+            return super().generate(rgbd, out)  # without a whole panel of colours between
+        return self._shown.generate(rgbd, out)
+
+
+@overload
+def masked(whole: SourceGenerator, mask: np.ndarray) -> SourceGenerator: ...
+
+
+@overload
+def masked(whole: Generator, mask: np.ndarray) -> Generator: ...
+
+
+def masked(whole: Generator, mask: np.ndarray) -> Generator:
+    """A generator run in full, under a mask."""
+    if isinstance(whole, SourceGenerator):
+        return MaskedSources(whole, mask)
+    return Masked(whole, mask)

@@ -31,14 +31,20 @@ import math
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import stated
+from inim.display.pixels import stated
 from inim.errors import UsageError
-from inim.generators.base import PictureShape, PixelList, SourceGenerator
+from inim.generators.base import (
+    HOLE,
+    OnPanel,
+    PictureShape,
+    PixelList,
+    SourceGenerator,
+    Sources,
+    masked_pixels,
+)
 from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.raycast.cells import Aside, cell_rays
-from inim.generators.raycast.pixel_mask import OnPanel, masked_pixels
 from inim.generators.registry import algorithm, one_of, positive_mm
-from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]
@@ -134,7 +140,7 @@ class _Gu2020(SourceGenerator):
 
     def _find_each(self, depth: np.ndarray) -> Sources:
         """Where no two pixels share a coordinate, a block of panel rows at a time."""
-        from inim.generators.raycast.non_separable import ray_blocks
+        from inim.generators.raycast.ray_by_ray import ray_blocks
 
         found = np.empty(self.made_shape, np.int32)
         for lensed, cells, at in ray_blocks(self, (float(self._aside[0]), float(self._aside[1]))):

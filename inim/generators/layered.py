@@ -12,7 +12,14 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import PictureShape, SourceGenerator
+from inim.generators.base import (
+    OnPanel,
+    PictureShape,
+    SourceGenerator,
+    is_sparse,
+    masked,
+    masked_pixels,
+)
 from inim.generators.raycast.cells import Aside, check_ray_length
 from inim.generators.registry import algorithm
 
@@ -46,7 +53,6 @@ def prepare(
         Another number of samples, or rays so long that they are a slip.
     """
     from inim.generators.raycast.direction_lists import shares_directions
-    from inim.generators.raycast.pixel_mask import OnPanel, is_sparse, masked, masked_pixels
     from inim.generators.raycast.polyphase import fits_tables
     from inim.generators.raycast.solids import NonSeparableSolids, SharedSolids, SolidsRayByRay
     from inim.generators.raycast.supersampling import averaged

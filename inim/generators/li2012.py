@@ -14,7 +14,11 @@ before: the picture is in the display's depths.
 A picture pixel is one point here, however large it appears: where the picture is magnified by more
 than a panel pixel, and where a nearer surface gives way to a farther one, panel pixels stay empty,
 and a farther surface may show through the gaps of a nearer one. The source map has them as `HOLE`.
-The option `fill` paints some of them in the EIA; see `inim.generators.fill`.
+
+The option `fill` paints holes of the EIA. It is no part of the method: holes are counted before.
+Only holes inside the object are painted. Background stays empty, and no colour crosses from one
+elemental image to its neighbour, which shows the scene from elsewhere; one without any source stays
+as it is.
 
 What the description leaves open:
 
@@ -34,21 +38,28 @@ What the description leaves open:
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inim.display import Display
-from inim.display.pixel_axis import PixelAxis, stated
-from inim.generators.base import PictureShape, SourceGenerator, require_separable
-from inim.generators.fill import FILLS, filled
+from inim.display.pixels import PixelAxis, stated
+from inim.generators.base import (
+    HOLE,
+    PictureShape,
+    SourceGenerator,
+    Sources,
+    colour_of,
+    require_separable,
+)
 from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.registry import algorithm, one_of
-from inim.generators.sources import HOLE, Sources, colour_of
 from inim.rgbd import RGBD
 
-__all__ = ["ForwardAxis", "forward_axes", "prepare"]
+__all__ = ["FILLS", "ForwardAxis", "filled", "forward_axes", "prepare"]
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53
@@ -323,3 +334,87 @@ def _extent(axis, lens, cell, z0, z1, z2, z3):
     p2 = _panel_pixel(_position(axis, lens, cell + 1, z2), axis.pixels)
     p3 = _panel_pixel(_position(axis, lens, cell + 1, z3), axis.pixels)
     return min(p0, p1, p2, p3), max(p0, p1, p2, p3)
+
+
+FILLS = ("none", "nearest", "biharmonic")
+
+
+def filled(
+    how: str,
+    sources: Sources,
+    inside: NDArray[np.bool_],
+    rgbd: RGBD,
+    display: Display,
+    out: np.ndarray,
+) -> np.ndarray:
+    """The EIA of a source map, its holes painted.
+
+    Parameters
+    ----------
+    how : {"nearest", "biharmonic"}
+        The colour of the nearest panel pixel that has one; or the smoothest surface through the
+        colours around, Damelin and Hoang (2018, doi 10.1155/2018/3950312) by scikit-image, in
+        linear RGB or sRGB as the picture is.
+    sources : Sources
+    inside : (rows, columns) bool
+        Holes to paint.
+    rgbd : RGBD
+    display : Display
+    out : (rows, columns, channels) array
+        Where to write the result, in the type of the picture's colour.
+
+    Returns
+    -------
+    `out`.
+    """
+    around, inside = _spread(sources, inside, display)
+    if how == "nearest":
+        return colour_of(np.where(inside, around, sources), rgbd, out)
+    # From spread colours: to the solver the empty background would be a black object.
+    spread = colour_of(around, rgbd).astype(np.float64)
+    colour_of(sources, rgbd, out)
+    for window in _windows(display):
+        if inside[window].any():
+            _paint_smoothly(spread[window], inside[window], out[window])
+    return out
+
+
+def _spread(
+    sources: Sources, inside: NDArray[np.bool_], display: Display
+) -> tuple[Sources, NDArray[np.bool_]]:
+    """Sources with the nearest one everywhere, and the holes inside that have one."""
+    # Slow to import, and most runs paint nothing.
+    from scipy.ndimage import distance_transform_edt
+
+    around, paintable = sources.copy(), inside.copy()
+    for window in _windows(display):
+        empty = sources[window] < 0
+        if empty.all():
+            paintable[window] = False
+        elif inside[window].any():
+            rows, columns = distance_transform_edt(
+                empty, return_distances=False, return_indices=True
+            )
+            around[window] = sources[window][rows, columns]
+    return around, paintable
+
+
+def _paint_smoothly(spread: np.ndarray, inside: np.ndarray, out: np.ndarray) -> None:
+    from skimage.restoration import inpaint_biharmonic
+
+    # Stays within the range of the colours around.
+    painted = inpaint_biharmonic(spread, inside, channel_axis=-1)[inside]
+    out[inside] = np.rint(painted) if out.dtype == np.uint8 else painted
+
+
+def _windows(display: Display) -> Iterator[tuple[slice, slice]]:
+    """The panel's rows and columns of each elemental image."""
+    columns = _stretches(display.columns)
+    return ((rows, across) for rows in _stretches(display.rows) for across in columns)
+
+
+def _stretches(axis: PixelAxis) -> list[slice]:
+    """Panel pixels of each lens of an axis that has any."""
+    starts = np.flatnonzero(np.diff(axis.lens, prepend=-1, append=-1))
+    ends = [*starts[1:], len(axis.lens)]
+    return [slice(a, b) for a, b in zip(starts, ends, strict=False) if b > a and axis.lens[a] >= 0]

@@ -9,8 +9,8 @@ the definition:
   ray along a border is in the cell of the larger row or column.
 * A panel pixel on the border between two elemental images belongs to the one nearer the array's
   centre, and on that to the left or upper one.
-* A length means the number a person wrote (0.0636 is 636/10000): `pixel_axis.stated`. A float32
-  depth means exactly the value it holds.
+* A length means the number a person wrote (0.0636 is 636/10000): `inim.display.pixels.stated`. A
+  float32 depth means exactly the value it holds.
 
 What judges others is judged itself: `tests/oracle.py` keeps a second rational oracle on purpose.
 It is written apart, by another method, and both must agree.
@@ -27,8 +27,8 @@ from itertools import pairwise
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import stated
-from inim.generators.sources import HOLE, Sources
+from inim.display.pixels import stated
+from inim.generators.base import HOLE, Sources
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 
 __all__ = [
@@ -40,7 +40,6 @@ __all__ = [
     "axis_rays",
     "exact_hits",
     "first_hits_of",
-    "layers_of",
     "lensed_pixels",
     "why_no_oracle",
 ]
@@ -181,18 +180,10 @@ def _lenses(display: Display, pixels: int, lenses: int, shift_mm: float) -> list
 # -- hits ---------------------------------------------------------------------------------------
 
 
-def layers_of(rgbd: RGBD) -> tuple[Layer, ...]:
-    """A picture's layers; without any, its front surface, solid all the way back."""
-    if isinstance(rgbd, LayeredRGBD):
-        return rgbd.layers
-    back = np.full(rgbd.shape, -np.inf, np.float32)
-    return (Layer(rgbd.color, rgbd.depth_mm, back, rgbd.covered),)
-
-
 def first_hits_of(lines: Iterable[Line], rgbd: RGBD, display: Display) -> np.ndarray:
     """Source of each ray, (n,) int64: ``(layer * H + row) * W + column``, or `HOLE`."""
     low, high = map(Fraction, display.depth_range_mm)
-    layers = layers_of(rgbd)
+    layers = rgbd.layers
     return np.array([_first_hit(line, layers, low, high) for line in lines], np.int64)
 
 

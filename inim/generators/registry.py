@@ -24,12 +24,13 @@ import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib import import_module, metadata
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
 from inim.errors import UsageError
 from inim.generators.base import Generator
+from inim.plugins import announced, load
 
 __all__ = [
     "DEFAULT",
@@ -51,7 +52,7 @@ __all__ = [
 
 #: The algorithm of whoever names none; listed first.
 DEFAULT = "template"
-#: Ray tracing the scene itself, which a validation can score beside the generators.
+#: Ray tracing the scene itself, which a validation can score as it does the generators.
 PICKUP = "pickup"
 #: The parameter of a `prepare` that takes a pixel mask; not an option of the algorithm.
 MASK = "mask"
@@ -219,7 +220,7 @@ def is_own(name: str) -> bool:
 
 def algorithm_names() -> list[str]:
     """All algorithms there are: the project's own, then those that other packages announce."""
-    others = sorted({point.name for point in metadata.entry_points(group=_ENTRY_POINTS)})
+    others = announced(_ENTRY_POINTS)
     return [*_own(), *(n for n in others if n not in _own() and n != PICKUP)]
 
 
@@ -235,23 +236,16 @@ def find_algorithm(name: str) -> Algorithm:
         return _own()[name]
     if name == PICKUP:
         raise UsageError(f"algorithm {name!r} needs the scene, not a picture: use `inim validate`")
-    points = list(metadata.entry_points(group=_ENTRY_POINTS, name=name))
-    if not points:
+    if name not in announced(_ENTRY_POINTS):
         raise UsageError(f"algorithm {name!r}: use {' or '.join(algorithm_names())}")
-    if len({point.value for point in points}) > 1:
-        raise UsageError(
-            f"algorithm {name!r} is announced by several packages "
-            f"({', '.join(sorted(point.value for point in points))}); uninstall all but one"
-        )
-    try:
-        announced = Algorithm(name, points[0].load(), own=False)
-        _ = announced.options
-    except (Exception, SystemExit) as error:
-        raise UsageError(
-            f"algorithm {name!r} ({points[0].value}) cannot be loaded: "
-            f"{type(error).__name__}: {error}"
-        ) from error
-    return announced
+
+    def made(prepare: Prepare) -> Algorithm:
+        found = Algorithm(name, prepare, own=False)
+        _ = found.options  # its signature can be read
+        return found
+
+    found: Algorithm = load(_ENTRY_POINTS, name, "algorithm", made)
+    return found
 
 
 def properties(text: str) -> AlgorithmProperties:

@@ -16,10 +16,10 @@ Three ways lead to the same sources, bit for bit, on displays that are separable
 * where only the picture is so (15.7 pixels per lens, an elemental-image pitch of its own), strips
   of lenses share cells but not exit depths (`raycast.non_integer_pitch`);
 * anywhere else, and for the few pixels of a sparse mask, each ray is walked by itself
-  (`raycast.axis_runs`).
+  (`raycast.ray_by_ray.RayByRay`).
 
 A fourth serves the others, hexagonal lattices and arrays that are turned or tilted: each ray by
-itself, in float64, exact but for ties (`raycast.non_separable`).
+itself, in float64, exact but for ties (`raycast.ray_by_ray.NonSeparable`).
 
 Where a pixel's colours shine from places of their own (`Display.subpixels`), each colour's rays
 start there (`raycast.supersampling`); sources are those of the pixel's centre.
@@ -31,7 +31,14 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import PictureShape, SourceGenerator
+from inim.generators.base import (
+    OnPanel,
+    PictureShape,
+    SourceGenerator,
+    is_sparse,
+    masked,
+    masked_pixels,
+)
 from inim.generators.raycast.cells import Aside, check_ray_length
 from inim.generators.registry import algorithm
 
@@ -63,12 +70,10 @@ def prepare(
     UsageError
         Another number of samples, or rays so long that they are a slip.
     """
-    from inim.generators.raycast.axis_runs import RayByRay
     from inim.generators.raycast.direction_lists import shares_directions
     from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
-    from inim.generators.raycast.non_separable import NonSeparable
-    from inim.generators.raycast.pixel_mask import OnPanel, is_sparse, masked, masked_pixels
     from inim.generators.raycast.polyphase import SharedDirections, fits_tables
+    from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
     from inim.generators.raycast.supersampling import averaged
 
     if str(samples) not in ("1", "2", "4"):
@@ -94,6 +99,6 @@ def prepare(
 
 def ray_by_ray(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
     """The same first hits without tables: what those are held against, on separable displays."""
-    from inim.generators.raycast.axis_runs import RayByRay
+    from inim.generators.raycast.ray_by_ray import RayByRay
 
     return RayByRay(display, shape, pixel_mm)

@@ -39,12 +39,19 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import PictureShape, PixelList, SourceGenerator, require_separable
+from inim.generators.base import (
+    HOLE,
+    OnPanel,
+    PictureShape,
+    PixelList,
+    SourceGenerator,
+    Sources,
+    masked_pixels,
+    require_separable,
+)
 from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.raycast.cells import cell_rays
-from inim.generators.raycast.pixel_mask import OnPanel, masked_pixels
 from inim.generators.registry import algorithm, one_of
-from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
 __all__ = ["prepare"]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.inspect.rays import array_to_display, cell_of, land, lens_at
+from inim.inspect.spots import array_to_display, cell_of, land, lens_at
 
 __all__ = [
     "CrosstalkMap",

@@ -19,14 +19,14 @@ _PNG_DPI = 130
 _SIZE_INCHES = (13.0, 8.6)
 _INK, _SOFT, _LINE = "#1e2022", "#5a5f63", "#dedbd3"
 _LEGEND = {"fontsize": 8, "frameon": False, "labelcolor": _INK}
-# Okabe and Ito's colours, told apart with any colour vision.
+# Okabe and Ito's colours, distinguishable with any colour vision.
 _BLUE, _VERMILION, _GREEN, _ORANGE, _SKY = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9"
 _SPOT_MARKS = {"all": (_BLUE, "o"), "red": (_VERMILION, "s"), "green": (_GREEN, "^")} | {
     "blue": (_BLUE, "o")
 }
 # Smaller spots are points, but for rounding.
 _ROUNDING_UM = 1e-6
-# The map's colours reach this far at least: noise must not look like crosstalk.
+# The map's colours reach this far at least: noise must not pass for crosstalk.
 _LEAST_SCALE_PERCENT = 1.0
 # How far the plan view and its zone reach behind the eyes.
 _BEHIND_EYES = 1.25

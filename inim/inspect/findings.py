@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from inim.display import Display
-from inim.display.pixel_rays import least_gap_mm
+from inim.display.pixels import least_gap_mm
 from inim.errors import DisplayError
 from inim.inspect.crosstalk import (
     CrosstalkMap,
@@ -118,7 +118,7 @@ def inspect_display(
     lens_model: str | None = None,
     source: str = "",
 ) -> Findings:
-    """Work out what a display can do, looked at from a distance.
+    """Work out what a display can do, seen from a distance.
 
     Parameters
     ----------

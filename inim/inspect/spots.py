@@ -1,18 +1,210 @@
-"""Spot diagrams: what one lens makes of a point, on the axis and off it."""
+"""Rays traced to the panel, which lens bent them, and spot diagrams.
+
+A spot is what one lens makes of a point, on the axis or off it.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from inim.display import Display
-from inim.inspect.rays import Landings, array_to_display, land, lens_at
-from inim.lens import channel_indices, lens_array, lens_traits
-from inim.lens.array import NUMPY_OPS, lens_centre
+from inim.lens import channel_indices, lens_array, lens_model, lens_traits, trace_to_panel
+from inim.lens.array import NUMPY_OPS, in_aperture, lens_centre, to_array, to_panel
 
-__all__ = ["COLOURS", "Spot", "field_angles_deg", "spot", "spots"]
+__all__ = [
+    "COLOURS",
+    "Landings",
+    "Lens",
+    "Spot",
+    "array_to_display",
+    "cell_of",
+    "field_angles_deg",
+    "land",
+    "lens_at",
+    "spot",
+    "spots",
+]
+
+# A lens alone has a cell so many pitches wide: no ray near it leaves that.
+_ROOM = 3
+# Two traces of one ray through one lens differ by rounding; through two lenses, by optics.
+_SAME_PLACE_MM = 1e-6
+# Neighbours' places from a lens, in pitches and rows.
+_NEIGHBOURS = {
+    "square": ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)),
+    "hexagonal": ((1, 0), (-1, 0), (0.5, 1), (-0.5, 1), (0.5, -1), (-0.5, -1)),
+}
+
+
+class Landings(NamedTuple):
+    """Where rays meet the panel.
+
+    Attributes
+    ----------
+    x_mm, y_mm : (n,) float64
+        On the panel, display frame.
+    weight : (n,) float64
+        Share of a ray's light that gets there.
+    lens_x_mm, lens_y_mm : (n,) float64
+        Centre of the lens that bent the ray, array frame; NaN where none did.
+    """
+
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    weight: np.ndarray
+    lens_x_mm: np.ndarray
+    lens_y_mm: np.ndarray
+
+
+def land(
+    display: Display,
+    model: str,
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    slope_x: np.ndarray,
+    slope_y: np.ndarray,
+    index: float | None = None,
+) -> Landings:
+    """Trace rays that cross the array plane to the panel, and find the lens each went through.
+
+    A thick lens bulges, so an oblique ray may cross z = 0 over one lens and meet the next one's
+    surface. Such a ray belongs to the lens it met: the one that alone, without neighbours, bends it
+    to the same place.
+
+    Parameters
+    ----------
+    display : Display
+    model : str
+        One of `inim.lens.lens_models` that is no mesh.
+    x_mm, y_mm, slope_x, slope_y : (n,) arrays
+        As `inim.lens.trace_to_panel` takes them.
+    index : float, optional
+        Refractive index, where it is not the display's own.
+    """
+    rays = tuple(np.asarray(v, float) for v in (x_mm, y_mm, slope_x, slope_y))
+    x, y, weight = trace_to_panel(display, model, *rays, index=index)
+    array, traits = lens_array(display), lens_traits(display)
+    ax, ay, _, _ = to_array(array, traits, *rays)
+    own_x, own_y, _ = lens_centre(array, traits, NUMPY_OPS, ax, ay)
+    found_x, found_y = np.full(x.shape, np.nan), np.full(x.shape, np.nan)
+    for right, up in ((0, 0), *_NEIGHBOURS[display.lattice]):
+        open_ = (weight > 0) & np.isnan(found_x)
+        if not open_.any():
+            break
+        centre_x = own_x[open_] + right * array.pitch_x
+        centre_y = own_y[open_] + up * array.pitch_y
+        alone_x, alone_y = _through_one_lens(
+            display, model, tuple(v[open_] for v in rays), centre_x, centre_y, index
+        )
+        same = np.hypot(alone_x - x[open_], alone_y - y[open_]) < _SAME_PLACE_MM
+        found_x[open_] = np.where(same, centre_x, np.nan)
+        found_y[open_] = np.where(same, centre_y, np.nan)
+    return Landings(x, y, weight, found_x, found_y)
+
+
+def _through_one_lens(
+    display: Display,
+    model: str,
+    rays: tuple[np.ndarray, ...],
+    centre_x: np.ndarray,
+    centre_y: np.ndarray,
+    index: float | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Panel points of rays that each meet one lens without neighbours, its centre given."""
+    array, traits = lens_array(display), lens_traits(display)
+    x, y, sx, sy = to_array(array, traits, *rays)
+    room = _ROOM * max(array.pitch_x, array.pitch_y)
+    single = array._replace(pitch_x=room, pitch_y=room, half_columns=0.5, half_rows=0.5)
+    kind = traits._replace(hexagonal=False, round_aperture=False, full_aperture=True)
+    trace = lens_model(model).function
+    n = display.refractive_index if index is None else index
+    with np.errstate(invalid="ignore", divide="ignore"):  # rays that miss this lens
+        ray = trace(single, kind, NUMPY_OPS, x - centre_x, y - centre_y, sx, sy, n)
+        moved = ray._replace(x=ray.x + centre_x, y=ray.y + centre_y)
+        panel_x, panel_y, _ = to_panel(array, traits, moved)
+    return panel_x, panel_y
+
+
+def array_to_display(
+    display: Display, x_mm: np.ndarray, y_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the array frame in the display frame: turned, then moved."""
+    a = lens_array(display)
+    x, y = a.cosine * x_mm - a.sine * y_mm, a.cosine * y_mm + a.sine * x_mm
+    return x + a.shift_x, y + a.shift_y
+
+
+def cell_of(
+    display: Display, x_mm: np.ndarray, y_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The lens whose elemental image holds a panel point, and whether any does.
+
+    Elemental images lie under their lenses like the lattice itself, drawn to their own pitch Q:
+    the array frame scaled by Q / P.
+
+    Parameters
+    ----------
+    display : Display
+        As designed: what the panel's picture was made for.
+    x_mm, y_mm : (n,) float64
+        On the panel, display frame.
+
+    Returns
+    -------
+    lens_x_mm, lens_y_mm : (n,) float64
+        The lens's centre, array frame.
+    is_lit : (n,) bool
+        False beside the panel and beside all elemental images.
+    """
+    array, traits = lens_array(display), lens_traits(display)
+    rows, columns = display.eia_shape
+    lit = np.abs(x_mm) <= columns * display.pixel_pitch_mm / 2
+    lit &= np.abs(y_mm) <= rows * display.pixel_pitch_mm / 2
+    x, y = _in_array_frame(display, x_mm, y_mm)
+    scale = display.pitch_mm / display.elemental_image_pitch_mm
+    lens_x, lens_y, inside = lens_centre(array, traits, NUMPY_OPS, x * scale, y * scale)
+    return lens_x, lens_y, lit & inside
+
+
+class Lens(NamedTuple):
+    """The lens whose cell holds a point of the array plane, for (n,) points.
+
+    Attributes
+    ----------
+    x_mm, y_mm : (n,) float64
+        Its centre, array frame.
+    exists : (n,) bool
+        Whether the point lies on the array.
+    in_aperture : (n,) bool
+    """
+
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    exists: np.ndarray
+    in_aperture: np.ndarray
+
+
+def lens_at(display: Display, x_mm: np.ndarray, y_mm: np.ndarray) -> Lens:
+    """The lenses over points of the array plane, display frame, (n,) each."""
+    array, traits = lens_array(display), lens_traits(display)
+    x, y = _in_array_frame(display, x_mm, y_mm)
+    centre_x, centre_y, exists = lens_centre(array, traits, NUMPY_OPS, x, y)
+    within = in_aperture(array, traits, x - centre_x, y - centre_y)
+    return Lens(centre_x, centre_y, exists, within)
+
+
+def _in_array_frame(
+    display: Display, x_mm: np.ndarray, y_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    still = np.zeros_like(x_mm)
+    array, traits = lens_array(display), lens_traits(display)
+    x, y, _, _ = to_array(array, traits, x_mm, y_mm, still, still)
+    return x, y
+
 
 #: Names of the panel's colours, in the order of `inim.lens.channel_indices`.
 COLOURS = ("red", "green", "blue")

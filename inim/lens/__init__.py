@@ -38,14 +38,17 @@ from inim.lens.array import (
     LensArray,
     LensTraits,
     Ops,
+    PanelRay,
+    channel_indices,
     in_aperture,
     lens_array,
     lens_centre,
     lens_traits,
+    pass_straight,
+    to_array,
+    to_panel,
 )
-from inim.lens.dispersion import channel_indices
 from inim.lens.model import LensModel, SheetMesh, Trace
-from inim.lens.ray import PanelRay, pass_straight, to_array, to_panel
 from inim.plugins import announced, blame, identity, load
 
 __all__ = [

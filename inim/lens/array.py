@@ -1,4 +1,4 @@
-"""The lens array as numbers, and the arithmetic that lens models are written in.
+"""The lens array as numbers, rays through it, and the arithmetic that lens models are written in.
 
 Lens models work in the *array frame*: the display frame, moved to the array's centre and turned
 with it. Kinds of lens and lattice are Python values (`LensTraits`): what a display does not have is
@@ -15,14 +15,20 @@ import numpy as np
 from inim.display import Display
 
 __all__ = [
+    "CHANNEL_WAVELENGTHS_NM",
     "NUMPY_OPS",
     "LensArray",
     "LensTraits",
     "Ops",
+    "PanelRay",
+    "channel_indices",
     "in_aperture",
     "lens_array",
     "lens_centre",
     "lens_traits",
+    "pass_straight",
+    "to_array",
+    "to_panel",
 ]
 
 
@@ -194,3 +200,100 @@ def in_aperture(array: LensArray, traits: LensTraits, dx: Any, dy: Any) -> Any:
         & (dy <= half_y)
         & (dy >= -half_y)
     )
+
+
+class PanelRay(NamedTuple):
+    """Where a ray meets the plane z = -gap, its direction there, and the light it carries.
+
+    `x`, `y` in millimetres; `sx`, `sy` sideways travel per millimetre away from the viewer;
+    `weight` the share of light that gets through, 0 where none does.
+    """
+
+    x: Any
+    y: Any
+    sx: Any
+    sy: Any
+    weight: Any
+
+
+def pass_straight(
+    array: LensArray,
+    traits: LensTraits,
+    ops: Ops,
+    ray: PanelRay,
+    within: Any,
+    inside: Any,
+    arriving: tuple[Any, Any, Any, Any],
+    clear_weight: Any,
+) -> PanelRay:
+    """A lens's ray where it met the aperture; beside it, the ray past the lens or nothing.
+
+    Parameters
+    ----------
+    ray : PanelRay
+        Through the lens.
+    within, inside : bool
+        In the aperture; on the array.
+    arriving : (x, y, sx, sy)
+        The ray as it would go on past the lens, from the plane z = 0.
+    clear_weight :
+        What the bare sheet lets through.
+    """
+    if traits.full_aperture:
+        return ray
+    if not traits.clear_between:
+        return ray._replace(weight=ops.where(within, ray.weight, 0.0))
+    x, y, sx, sy = arriving
+    past = PanelRay(
+        x + array.gap * sx, y + array.gap * sy, sx, sy, ops.where(inside, clear_weight, 0.0)
+    )
+    return PanelRay(*(ops.where(within, a, b) for a, b in zip(ray, past, strict=True)))
+
+
+def to_array(
+    array: LensArray, traits: LensTraits, x: Any, y: Any, sx: Any, sy: Any
+) -> tuple[Any, Any, Any, Any]:
+    """A ray of the display frame in the array frame."""
+    if not traits.turned:
+        return x, y, sx, sy
+    c, s = array.cosine, array.sine
+    x, y = x - array.shift_x, y - array.shift_y
+    return c * x + s * y, c * y - s * x, c * sx + s * sy, c * sy - s * sx
+
+
+def to_panel(array: LensArray, traits: LensTraits, ray: PanelRay) -> tuple[Any, Any, Any]:
+    """Panel point (display frame) and weight of a ray of the array frame; the panel may tilt."""
+    x, y, sx, sy, weight = ray
+    if traits.turned:
+        c, s = array.cosine, array.sine
+        x, y = c * x - s * y + array.shift_x, c * y + s * x + array.shift_y
+        sx, sy = c * sx - s * sy, c * sy + s * sx
+    if traits.tilted:
+        # The panel lies tilt . (x, y) behind z = -gap; the ray needs that much more travel.
+        farther = (array.tilt_x * x + array.tilt_y * y) / (
+            1.0 - array.tilt_x * sx - array.tilt_y * sy
+        )
+        x, y = x + sx * farther, y + sy * farther
+    return x, y, weight
+
+
+#: Dominant wavelengths of the sRGB primaries under D65: red, green, blue.
+CHANNEL_WAVELENGTHS_NM = (611.4, 549.1, 464.2)
+# Fraunhofer's lines that the Abbe number V = (n_d - 1) / (n_F - n_C) is defined by.
+_BLUE_F_NM, _YELLOW_D_NM, _RED_C_NM = 486.13, 587.56, 656.27
+
+
+def channel_indices(display: Display) -> tuple[float, float, float]:
+    """Index for red, green and blue, by Cauchy's n = A + B / wavelength^2.
+
+    The display's `refractive_index` is the one of the d line, and its focal length too; without an
+    Abbe number all three are equal to it.
+    """
+    n = display.refractive_index
+    if display.abbe_number is None:
+        return n, n, n
+    slope = (n - 1) / display.abbe_number / (_BLUE_F_NM**-2 - _RED_C_NM**-2)
+    red, green, blue = (
+        n + slope * (wavelength**-2 - _YELLOW_D_NM**-2) for wavelength in CHANNEL_WAVELENGTHS_NM
+    )
+    return red, green, blue

@@ -1,6 +1,6 @@
 r"""`full`: the lens array as a body, a plano-convex sheet of triangles, path traced.
 
-The independent check of `thick`, whose lenses it has; `inim.render.lens_mesh` traces the rays.
+The independent check of `thick`, whose lenses it has; `inim.render.reconstruct` traces the rays.
 
 The sheet lies as `inim.lens.thick` says. Its curved face is one patch of flat facets for each lens,
 with the exact surface's normals at their corners; neighbours meet in an edge, so corners there
@@ -24,8 +24,7 @@ import numpy as np
 from inim.display import Display
 from inim.errors import DisplayError
 from inim.lens import thick
-from inim.lens.array import NUMPY_OPS, LensArray, lens_array
-from inim.lens.dispersion import channel_indices
+from inim.lens.array import NUMPY_OPS, LensArray, channel_indices, lens_array
 from inim.lens.model import LensModel, SheetMesh
 from inim.lens.surface import Face, sag, steepness
 

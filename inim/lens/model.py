@@ -11,8 +11,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.lens.array import LensArray, LensTraits, Ops
-from inim.lens.ray import PanelRay
+from inim.lens.array import LensArray, LensTraits, Ops, PanelRay
 
 __all__ = ["LensModel", "SheetMesh", "Trace"]
 

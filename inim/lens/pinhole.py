@@ -7,9 +7,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from inim.lens.array import LensArray, LensTraits, Ops, in_aperture, lens_centre
+from inim.lens.array import (
+    LensArray,
+    LensTraits,
+    Ops,
+    PanelRay,
+    in_aperture,
+    lens_centre,
+    pass_straight,
+)
 from inim.lens.model import LensModel
-from inim.lens.ray import PanelRay, pass_straight
 
 __all__ = ["MODEL", "trace"]
 

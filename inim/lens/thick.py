@@ -35,13 +35,14 @@ from inim.lens.array import (
     LensArray,
     LensTraits,
     Ops,
+    PanelRay,
     in_aperture,
     lens_array,
     lens_centre,
     lens_traits,
+    pass_straight,
 )
 from inim.lens.model import LensModel
-from inim.lens.ray import PanelRay, pass_straight
 from inim.lens.surface import Face, carry, meet, normal, refract, sag, steepness
 
 __all__ = ["MODEL", "check", "on_axis_transmittance", "trace"]

@@ -22,10 +22,9 @@ from threading import Lock
 import numpy as np
 
 from inim.errors import UsageError
-from inim.metrics.base import Metric
+from inim.metrics.base import Metric, maps_of
 from inim.metrics.flip import flip, flip_map
 from inim.metrics.flip import metric as _flip
-from inim.metrics.maps import maps_of
 from inim.metrics.psnr import metric as _psnr
 from inim.metrics.psnr import psnr_db
 from inim.metrics.ssim import SSIM_WINDOW, ssim, ssim_map

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from inim.metrics.base import Metric, mean_of
-from inim.metrics.maps import maps_of
+from inim.metrics.base import Metric, maps_of, mean_of
 
 __all__ = ["FLIP_REACH", "flip", "flip_map", "metric"]
 

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from inim.color import srgb_from_linear
-from inim.metrics.base import Metric
-from inim.metrics.maps import check_alike
+from inim.metrics.base import Metric, check_alike
 from inim.row_bands import row_bands
 
 __all__ = ["metric", "psnr_db"]

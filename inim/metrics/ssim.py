@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from inim.metrics.base import Metric, mean_of
-from inim.metrics.maps import maps_of
+from inim.metrics.base import Metric, maps_of, mean_of
 
 __all__ = ["SSIM_WINDOW", "metric", "ssim", "ssim_map"]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display, Viewpoint
-from inim.display.panel import SUBPIXELS
+from inim.display.pixels import SUBPIXELS
 from inim.half_buffers import HalfBuffers
 from inim.pipeline.capture import Capture
 from inim.pipeline.checks import (

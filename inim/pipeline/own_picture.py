@@ -31,7 +31,7 @@ from inim.pipeline.stage import Run
 from inim.pipeline.warp import warped
 from inim.provenance import backend_data, versions
 from inim.report.without_scene import SCHEMA, write_picture_report
-from inim.rgbd import RGBD, LayeredRGBD
+from inim.rgbd import RGBD
 from inim.scene.file import chosen_display
 from inim.version import __version__
 from inim.worker.output import default_out, open_staging, publish
@@ -213,7 +213,7 @@ def _record(
             "rows": rgbd.shape[0],
             "columns": rgbd.shape[1],
             "pixel_mm": rgbd.pixel_mm,
-            "layers": len(rgbd.layers) if isinstance(rgbd, LayeredRGBD) else 1,
+            "layers": len(rgbd.layers),
             "covered_fraction": float(rgbd.covered.mean()),
             "depth_min_mm": float(depth.min()),
             "depth_max_mm": float(depth.max()),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.errors import InimError, OutOfMemoryError, UsageError
+from inim.errors import UsageError
 from inim.generators import (
     NO_LENS,
     Generator,
@@ -20,7 +19,7 @@ from inim.generators import (
     is_own,
     parse_algorithm,
 )
-from inim.plugins import stdout_to_stderr
+from inim.plugins import blame
 from inim.rgbd import RGBD
 
 __all__ = ["blamed", "run_generator"]
@@ -28,7 +27,7 @@ __all__ = ["blamed", "run_generator"]
 
 @contextmanager
 def blamed(name: str, doing: str) -> Iterator[None]:
-    """Turn what a foreign generator raises into a line that names it; our own stay as they are.
+    """`inim.plugins.blame`, of another package's generator; errors of inim's own stay as they are.
 
     Raises
     ------
@@ -39,22 +38,8 @@ def blamed(name: str, doing: str) -> Iterator[None]:
     if is_own(bare):
         yield
         return
-    try:
-        with stdout_to_stderr():
-            yield
-    except (MemoryError, OutOfMemoryError):
-        raise
-    except InimError as error:
-        if str(error).startswith((f"algorithm {bare!r}", f"algorithm {name!r}")):
-            raise
-        raise UsageError(f"algorithm {name!r}: {error}") from error
-    except (Exception, SystemExit) as error:
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        raise UsageError(
-            f"algorithm {name!r} failed in {doing}: {type(error).__name__}: "
-            f"{' '.join(str(error).split())[:400]} ({last.filename}, line {last.lineno}); "
-            "--debug shows the traceback"
-        ) from error
+    with blame(f"algorithm {name!r}", doing, also=(f"algorithm {bare!r}",)):
+        yield
 
 
 def run_generator(
@@ -64,7 +49,7 @@ def run_generator(
     display: Display,
     mask: np.ndarray | None = None,
 ) -> tuple[np.ndarray, float, np.ndarray | None]:
-    """Let a generator make its EIA, and look at what it made.
+    """Let a generator make its EIA, and check what it made.
 
     Parameters
     ----------
@@ -84,7 +69,7 @@ def run_generator(
     seconds : float
         What it took.
     empty : (rows, columns) bool, or None
-        Panel pixels that show nothing, of those asked for; None where the generator does not say.
+        Panel pixels that show nothing, of those in the mask; None where the generator does not say.
 
     Raises
     ------
@@ -92,7 +77,7 @@ def run_generator(
         It raised, or made something that is no EIA for this display.
     """
     started = time.perf_counter()
-    # Sources are asked for once, where the colours are no more than theirs.
+    # Sources are found once, where the colours are no more than theirs.
     if mask is None and isinstance(generator, SourceGenerator) and generator.shows_sources(rgbd):
         sources = _sources(name, generator, rgbd, display)
         eia = colour_of(sources, rgbd)
@@ -113,8 +98,8 @@ def _sources(
     with blamed(name, "sources"):
         sources = generator.sources(rgbd)
     _check(name, sources, display.eia_shape, "int32")
-    colors, wanted = rgbd.palette, sources if mask is None else sources[mask]
-    low, high = (int(wanted.min()), int(wanted.max())) if wanted.size else (NO_LENS, NO_LENS)
+    colors, masked = rgbd.palette, sources if mask is None else sources[mask]
+    low, high = (int(masked.min()), int(masked.max())) if masked.size else (NO_LENS, NO_LENS)
     pixels = colors.shape[0] * colors.shape[1]
     if low < NO_LENS or high >= pixels:
         raise UsageError(

@@ -59,9 +59,9 @@ class Code:
         return found | ({} if self.plugins is None else {"plugins": self.plugins()})
 
 
-_VALUES = ("color.py", "display", "half_buffers.py", "rgbd", "scene")
+_VALUES = ("color.py", "display", "half_buffers.py", "rgbd.py", "scene")
 RENDERING = Code(
-    ("render", "lens", "files", "generators/raycast/layers_in_view.py", *_VALUES),
+    ("render", "lens", "files", *_VALUES),
     ("drjit", "mitsuba", "numpy", "OpenEXR", "trimesh"),
 )
 GENERATING = Code(

@@ -6,8 +6,8 @@ import numba
 import numpy as np
 
 from inim.display import Display, Viewpoint
-from inim.generators.raycast.traversal import first_hit
-from inim.generators.sources import HOLE
+from inim.generators.base import HOLE
+from inim.generators.raycast.ray_by_ray import first_hit
 from inim.rgbd import RGBD
 
 __all__ = ["warped"]

@@ -17,7 +17,7 @@ Sheets have no thickness, and walls may be thinner than the step in depth from o
 next; rays aslant would slip between. So each column goes on down to the fronts beside it that its
 own slope and theirs make part of the same surface, but never to the next surface.
 
-What no ray of the display can meet (`raycast.layers_in_view`) is left out, and counted.
+What no ray of the display can meet (`inim.render.culling`) is left out, and counted.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
-from inim.generators.raycast.layers_in_view import in_view
 from inim.observer import Observer
+from inim.render.culling import in_view
 from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
 from inim.render.sensors import make_sensor

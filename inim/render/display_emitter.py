@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.display.panel import SUBPIXELS, shining
+from inim.display.pixels import SUBPIXELS, shining
 from inim.lens import (
     LensArray,
     LensTraits,

@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.display.panel import SUBPIXELS
+from inim.display.pixels import SUBPIXELS
 from inim.display.viewpoint import Viewpoint
 from inim.half_buffers import HalfBuffers
 from inim.observer import Observer
@@ -200,7 +200,7 @@ def pickup(
     Parameters
     ----------
     skip : bool
-        Trace only pixels that may show anything (`inim.render.bounds_culling`): the same bits.
+        Trace only pixels that may show anything (`inim.render.culling`): the same bits.
     mask : (rows, columns) bool, optional
         Panel pixels to trace; the others stay black. It changes no bit of those that are traced.
     """

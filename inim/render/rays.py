@@ -26,9 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inim.display import Display
-from inim.display.panel import SUBPIXELS, SubPixel
-from inim.display.pixel_axis import PixelAxis
-from inim.display.pixel_rays import PixelRays, pixel_rays, row_blocks
+from inim.display.pixels import SUBPIXELS, PixelAxis, PixelRays, SubPixel, pixel_rays, row_blocks
 from inim.display.viewpoint import Viewpoint, focus_distance_mm
 
 __all__ = [

@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import stated
+from inim.display.pixels import stated
 from inim.generators.base import PictureShape
 from inim.render import variant
 

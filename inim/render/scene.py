@@ -16,7 +16,7 @@ from inim.files.image import read_exr_texture
 from inim.files.mesh import check_mesh_file
 from inim.files.picture import check_picture, check_volume, is_exr
 from inim.observer import Observer
-from inim.render.bounds_culling import BoundsGrid, box_corners
+from inim.render.culling import BoundsGrid, box_corners
 from inim.scene.file import SceneFile
 
 __all__ = ["Fit", "FittedScene", "fit_to_display", "open_scene"]

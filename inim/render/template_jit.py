@@ -1,6 +1,6 @@
 """First hits by Dr.Jit: the engine of `inim.generators.template_jit`.
 
-A lane is one panel pixel and walks its own ray. The arithmetic is that of `raycast.traversal`:
+A lane is one panel pixel and walks its own ray. The arithmetic is that of `raycast.ray_by_ray`:
 double precision, whole numbers, and one rounding per quotient. Lists of cells shared by all lenses,
 as `template` has them, took longer here: 20 ms of processor time through LLVM, and this walk 15
 (1088 x 1088 pixels, two picture pixels per pitch).
@@ -16,11 +16,10 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import PixelAxis
-from inim.generators.base import PictureShape, SourceGenerator
+from inim.display.pixels import PixelAxis
+from inim.generators.base import HOLE, PictureShape, SourceGenerator, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
-from inim.generators.raycast.traversal import entered, leaves
-from inim.generators.sources import HOLE, Sources
+from inim.generators.raycast.ray_by_ray import entered, leaves
 from inim.render import variant
 from inim.rgbd import RGBD
 
@@ -129,7 +128,7 @@ class _TemplateJit(SourceGenerator):
         return found if words is None else dr.gather(mi.UInt32, words, found, found != _NOWHERE)
 
     def _first_hit(self, depth: Any, across: _Axis, down: _Axis) -> Any:
-        """`inim.generators.raycast.traversal.first_hit` of each lane's ray."""
+        """`inim.generators.raycast.ray_by_ray.first_hit` of each lane's ray."""
 
         def step(_: Any, u: Any, v: Any, z_u: Any, z_v: Any, found: Any) -> tuple[Any, ...]:
             z_exit = dr.maximum(dr.maximum(z_u, z_v), self._z_min)

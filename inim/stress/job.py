@@ -46,7 +46,7 @@ _LENSES = {False: 32, True: 16}
 
 @dataclass(frozen=True)
 class StressRequest:
-    """What the user asked for.
+    """What a stress run measures, and where its results go.
 
     Attributes
     ----------
@@ -153,8 +153,7 @@ def work(request: StressRequest, staging: Path, observer: Observer) -> bool:
 
 def _measured(request: StressRequest, observer: Observer) -> dict[str, Any]:
     """The content of stress.json."""
-    from inim.stress.first_hits import cases, check_first_hits
-    from inim.stress.jitter import measure_jitter
+    from inim.stress.checks import cases, check_first_hits, measure_jitter
     from inim.stress.relations import run_relations
 
     started, renderer = time.perf_counter(), Renderer("llvm", observer)

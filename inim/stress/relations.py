@@ -21,8 +21,16 @@ from inim.display import Display
 from inim.errors import InimError
 from inim.generators import properties
 from inim.rgbd import RGBD
-from inim.stress.algorithm import Show, is_first_hit, shown
-from inim.stress.pictures import Made, mounted_pictures, noise, noise_pictures, small_display
+from inim.stress.pictures import (
+    Made,
+    Show,
+    is_first_hit,
+    mounted_pictures,
+    noise,
+    noise_pictures,
+    shown,
+    small_display,
+)
 
 __all__ = [
     "RELATIONS",

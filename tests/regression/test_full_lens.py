@@ -67,8 +67,8 @@ def traced(eia, display, finer=4, spp=SPP):
     by hundredths of a panel pixel, would be seen; their error falls with the square of their size.
     """
     from inim.lens.full import facets_per_lens, sheet_mesh
-    from inim.render.lens_mesh import LensMesh
     from inim.render.rays import eye_rays
+    from inim.render.reconstruct import LensMesh
     from inim.render.sensors import make_sensor
     from inim.render.trace import Tracer, mean_light
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from inim.display import DISPLAYS, Display
-from inim.display.pixel_rays import pixel_rays
+from inim.display.pixels import pixel_rays
 from inim.errors import DisplayError
 from tests import oracle
 

@@ -28,8 +28,7 @@ from inim.inspect.geometry import (
     zone_outline_mm,
 )
 from inim.inspect.output import as_data
-from inim.inspect.rays import cell_of, land
-from inim.inspect.spots import field_angles_deg, spot, spots
+from inim.inspect.spots import cell_of, field_angles_deg, land, spot, spots
 from tests.conftest import small_display
 
 NOMINAL = DISPLAYS["nominal"]

@@ -11,12 +11,12 @@ import pytest
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
+from inim.generators.base import NO_LENS
 from inim.generators.raycast.solids import (
     NonSeparableSolids,
     SharedSolids,
     SolidsRayByRay,
 )
-from inim.generators.sources import NO_LENS
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 from inim.stress.pictures import noise, solids_of
 from reports.stress.study.cases import ties

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from inim.generators import find_sources, generate
-from inim.generators.raycast.layers_in_view import in_view
+from inim.render.culling import in_view
 from inim.rgbd import Layer, LayeredRGBD
 from tests.conftest import small_display
 from tests.unit.test_layered import VIRTUAL, picture

@@ -21,9 +21,8 @@ from inim.generators import (
     prepare,
 )
 from inim.generators.base import PixelList
-from inim.generators.raycast.axis_runs import RayByRay
 from inim.generators.raycast.cells import cell_rays
-from inim.generators.raycast.traversal import first_hit
+from inim.generators.raycast.ray_by_ray import RayByRay, first_hit
 from inim.generators.template import ray_by_ray
 from inim.pipeline.plugin_guard import run_generator
 from inim.rgbd import RGBD, Layer, LayeredRGBD

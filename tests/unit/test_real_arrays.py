@@ -15,11 +15,11 @@ import pytest
 
 from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.display import Display, Viewpoint
-from inim.display.pixel_rays import pixel_rays
+from inim.display.pixels import pixel_rays
 from inim.errors import DisplayError, UsageError
 from inim.generators import HOLE, MASKED, NO_LENS, find_sources, generate
-from inim.generators.raycast.axis_runs import RayByRay
 from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
+from inim.generators.raycast.ray_by_ray import RayByRay
 from inim.lens import trace_to_panel
 from inim.rgbd import RGBD
 from tests import oracle
@@ -606,7 +606,7 @@ def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, r
     import drjit as dr
     import mitsuba as mi
 
-    from inim.display.panel import SUBPIXELS as PATTERNS
+    from inim.display.pixels import SUBPIXELS as PATTERNS
     from inim.render.rays import pickup_rays
     from inim.render.sensors import make_sensor
 

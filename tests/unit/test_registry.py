@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from inim import plugins
 from inim.errors import UsageError
 from inim.generators import algorithm, algorithm_names, is_own, properties, registry
 
@@ -36,7 +37,7 @@ def announced(monkeypatch):
         assert group == registry._ENTRY_POINTS
         return [p for p in points if name in (None, p.name)]
 
-    monkeypatch.setattr(registry, "metadata", SimpleNamespace(entry_points=entry_points))
+    monkeypatch.setattr(plugins, "metadata", SimpleNamespace(entry_points=entry_points))
 
 
 def test_an_algorithm_of_our_own_is_found_by_its_file():

@@ -28,7 +28,7 @@ BANDS = [1, 200, 700, 40 * 37 - 1, 2**20]
 def band(request, monkeypatch) -> int:
     monkeypatch.setattr("inim.row_bands._PIXELS", request.param)
     monkeypatch.setattr("inim.regression.tiles._PIXELS_AT_ONCE", request.param)
-    monkeypatch.setattr("inim.generators.sources._PIXELS_AT_ONCE", request.param)
+    monkeypatch.setattr("inim.generators.base._PIXELS_AT_ONCE", request.param)
     return request.param
 
 

@@ -13,11 +13,9 @@ import pytest
 
 from inim.errors import UsageError
 from inim.generators.oracle import exact_hits
-from inim.stress.algorithm import shown
-from inim.stress.first_hits import cases, check_first_hits
-from inim.stress.jitter import JITTERS, measure_jitter, quantised
+from inim.stress.checks import JITTERS, cases, check_first_hits, measure_jitter, quantised
 from inim.stress.job import StressRequest
-from inim.stress.pictures import noise, random_picture, small_display, solids_of
+from inim.stress.pictures import noise, random_picture, shown, small_display, solids_of
 from inim.stress.relations import RELATIONS, run_relations
 from tests import oracle as rational
 
@@ -101,7 +99,7 @@ def test_another_definition_is_counted_and_not_judged():
 
 
 def test_a_wrong_first_hit_fails_where_it_is_promised(monkeypatch):
-    monkeypatch.setattr("inim.stress.first_hits.is_first_hit", lambda _: True)
+    monkeypatch.setattr("inim.stress.checks.is_first_hit", lambda _: True)
     assert not check_first_hits("gu2020", ONE)["passed"]
     long = random_picture(0)  # its lengths have too many digits: a validation warns
     row = check_first_hits("gu2020", replace(ONE, make=lambda: long))

@@ -23,8 +23,7 @@ from inim.generators.oracle import lensed_pixels
 from inim.generators.template import ray_by_ray
 from inim.lens import trace_to_panel
 from inim.rgbd import RGBD
-from inim.stress.algorithm import shown
-from inim.stress.pictures import MOUNTINGS, noise
+from inim.stress.pictures import MOUNTINGS, noise, shown
 from reports.stress.study import generators, lens_cases, lens_models, lens_relations, relations
 from reports.stress.study.cases import FULL, MOUNTED_FAMILIES, Case, Family, ties
 from reports.stress.study.lens_cases import display_of

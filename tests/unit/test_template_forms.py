@@ -12,11 +12,11 @@ from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
-from inim.generators.raycast.axis_runs import AxisRuns, RayByRay, doubtful_pixels
+from inim.generators.base import MASKED, NO_LENS
 from inim.generators.raycast.direction_lists import shares_directions
 from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
 from inim.generators.raycast.polyphase import SharedDirections
-from inim.generators.sources import MASKED, NO_LENS
+from inim.generators.raycast.ray_by_ray import AxisRuns, RayByRay, doubtful_pixels
 from inim.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display

@@ -9,8 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import PixelAxis, stated
-from inim.display.pixel_rays import PixelRays
+from inim.display.pixels import PixelAxis, PixelRays, stated
 from inim.errors import UsageError
 
 __all__ = ["CENTRE", "Aside", "CellRays", "cell_rays", "check_ray_length", "free_cell_rays"]

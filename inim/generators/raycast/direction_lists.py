@@ -13,16 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import stated
+from inim.display.pixels import stated
 from inim.generators.base import PictureShape
 from inim.generators.raycast.cells import CENTRE, Aside, CellRays, cell_rays
-from inim.generators.raycast.traversal import walk
+from inim.generators.raycast.ray_by_ray import rounded_up, walk
 
 __all__ = [
     "DirectionLists",
     "build_lists",
     "cells_per_pitch",
-    "rounded_up",
     "shares_directions",
 ]
 
@@ -112,10 +111,3 @@ def build_lists(
 
 def _ray(rays: CellRays, index: int) -> tuple[float, float, float]:
     return float(rays.start[index]), float(rays.slope[index]), rays.scale
-
-
-def rounded_up(values: np.ndarray) -> np.ndarray:
-    """The smallest float32 that is not below each float64."""
-    near = values.astype(np.float32)
-    above = np.nextafter(near, np.float32(np.inf))
-    return np.where(near.astype(np.float64) < values, above, near)

@@ -19,9 +19,8 @@ import numba
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import PixelAxis
+from inim.display.pixels import PixelAxis
 from inim.generators.base import PictureShape, PixelList
-from inim.generators.raycast.axis_runs import AxisRuns, RayByRay, axis_runs, doubtful_pixels
 from inim.generators.raycast.cells import CENTRE, Aside, cell_rays
 from inim.generators.raycast.direction_lists import cells_per_pitch
 from inim.generators.raycast.polyphase import (
@@ -30,6 +29,7 @@ from inim.generators.raycast.polyphase import (
     nearest_surface,
     write_strip,
 )
+from inim.generators.raycast.ray_by_ray import AxisRuns, RayByRay, axis_runs, doubtful_pixels
 from inim.generators.raycast.simd import (
     LANES,
     any_lane,

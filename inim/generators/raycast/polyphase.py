@@ -24,7 +24,7 @@ import numba
 import numpy as np
 
 from inim.display import Display
-from inim.generators.base import PictureShape, SourceGenerator
+from inim.generators.base import HOLE, PictureShape, SourceGenerator, Sources
 from inim.generators.raycast.cells import CENTRE, Aside, cell_rays
 from inim.generators.raycast.direction_lists import DirectionLists, build_lists, cells_per_pitch
 from inim.generators.raycast.simd import (
@@ -41,7 +41,6 @@ from inim.generators.raycast.simd import (
     store,
     transpose,
 )
-from inim.generators.sources import HOLE, Sources
 from inim.rgbd import RGBD
 
 __all__ = [

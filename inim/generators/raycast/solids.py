@@ -14,11 +14,11 @@ import numba
 import numpy as np
 
 from inim.display import Display
-from inim.generators.base import PictureShape, PixelList, SourceGenerator
+from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources
 from inim.generators.raycast.cells import Aside, cell_rays
 from inim.generators.raycast.direction_lists import build_lists
-from inim.generators.raycast.non_separable import ray_blocks
 from inim.generators.raycast.polyphase import Phases, index_payload, nearest_surface, write_strip
+from inim.generators.raycast.ray_by_ray import NonSeparable, entered, leaves, ray_blocks
 from inim.generators.raycast.simd import (
     LANES,
     all_lanes,
@@ -31,26 +31,16 @@ from inim.generators.raycast.simd import (
     same,
     store,
 )
-from inim.generators.raycast.traversal import entered, leaves
-from inim.generators.sources import HOLE, Sources
-from inim.rgbd import RGBD, Layer, LayeredRGBD
+from inim.rgbd import RGBD, Layer
 
 __all__ = ["NonSeparableSolids", "SharedSolids", "SolidsRayByRay"]
 
 _LANES = np.uintp(LANES)
 
 
-def _layers(rgbd: RGBD) -> tuple[Layer, ...]:
-    """A picture's layers; without any, its front surface, solid all the way back."""
-    if isinstance(rgbd, LayeredRGBD):
-        return rgbd.layers
-    back = np.full(rgbd.shape, -np.inf, np.float32)
-    return (Layer(rgbd.color, rgbd.depth_mm, back, rgbd.covered),)
-
-
 def _stacked(rgbd: RGBD) -> tuple[np.ndarray, np.ndarray]:
     """Fronts and backs, (layers, H, W) float32; fronts are -inf where there is no layer."""
-    layers = _layers(rgbd)
+    layers = rgbd.layers
     fronts = [np.where(layer.covered, layer.front_mm, np.float32(-np.inf)) for layer in layers]
     return np.stack(fronts), np.stack([layer.back_mm for layer in layers])
 
@@ -85,7 +75,7 @@ class SharedSolids(SourceGenerator):
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
         own = index_payload(self.shape)
-        words = [own + np.uint32(n * own.size) for n in range(len(_layers(rgbd)))]
+        words = [own + np.uint32(n * own.size) for n in range(len(rgbd.layers))]
         found = np.empty(self.display.eia_shape, np.int32)
         self._show(rgbd, words, HOLE % 2**32, found.view(np.uint32))
         return found
@@ -96,15 +86,13 @@ class SharedSolids(SourceGenerator):
             return super().generate(rgbd, out)
         self.check(rgbd)
         out = self.place(rgbd, out)
-        words = [
-            np.ascontiguousarray(layer.color).view(np.uint32)[..., 0] for layer in _layers(rgbd)
-        ]
+        words = [np.ascontiguousarray(layer.color).view(np.uint32)[..., 0] for layer in rgbd.layers]
         self._show(rgbd, words, 0, out.view(np.uint32)[..., 0])
         return out
 
     def _show(self, rgbd: RGBD, words: list[np.ndarray], empty: int, out: np.ndarray) -> None:
         """Show each panel pixel the word of its first hit, all uint32."""
-        front, *deeper = _layers(rgbd)
+        front, *deeper = rgbd.layers
         self._phases.fill(front.front_mm, front.covered, words[0])
         _put(front.covered.reshape(-1), front.back_mm.reshape(-1), self._slots, self._back)
         if len(deeper) != len(self._deeper.held):
@@ -301,19 +289,8 @@ class SolidsRayByRay(SourceGenerator):
         return found
 
 
-class NonSeparableSolids(SourceGenerator):
+class NonSeparableSolids(NonSeparable):
     """Every ray, or those of a list, by itself, where no two share a coordinate."""
-
-    def __init__(
-        self,
-        display: Display,
-        shape: PictureShape,
-        pixel_mm: float,
-        aside: Aside,
-        pixels: PixelList | None = None,
-    ) -> None:
-        super().__init__(display, shape, pixel_mm, pixels)
-        self._aside = float(aside[0]), float(aside[1])
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
@@ -356,7 +333,7 @@ def _free_first_hits(fronts, backs, u0, du, v0, dv, z_min, z_max, found):  # typ
 
 @numba.njit(cache=True, nogil=True)
 def _first_hit(fronts, backs, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
-    """Walk one ray as `raycast.traversal.first_hit` does, asking every layer's solid."""
+    """Walk one ray as `raycast.ray_by_ray.first_hit` does, through every layer's solids."""
     layers, rows, columns = fronts.shape
     step_u = -1 if du > 0 else 1
     step_v = -1 if dv > 0 else 1

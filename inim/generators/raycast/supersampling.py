@@ -21,11 +21,9 @@ import numpy as np
 
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display
-from inim.display.panel import SUBPIXELS, SubPixel
-from inim.display.pixel_axis import stated
-from inim.generators.base import SourceGenerator
+from inim.display.pixels import SUBPIXELS, SubPixel, stated
+from inim.generators.base import SourceGenerator, Sources
 from inim.generators.raycast.cells import CENTRE, Aside
-from inim.generators.sources import Sources
 from inim.rgbd import RGBD
 
 __all__ = ["Subpixelled", "Supersampled", "averaged"]
@@ -106,7 +104,7 @@ class Supersampled(SourceGenerator):
 
     @cached_property
     def _centre(self) -> SourceGenerator:
-        """Made when sources are asked for: pictures do without."""
+        """Made when sources are wanted: pictures do without."""
         return self._make(CENTRE)
 
     @cached_property
@@ -164,7 +162,7 @@ class Subpixelled(SourceGenerator):
 
     @cached_property
     def _centre(self) -> SourceGenerator:
-        """Made when sources are asked for: pictures do without."""
+        """Made when sources are wanted: pictures do without."""
         return self._make(_WHOLE)
 
     def find(self, rgbd: RGBD) -> Sources:

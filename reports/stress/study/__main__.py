@@ -58,7 +58,7 @@ def measured(quick: bool, out: str, listener: Listener) -> dict[str, Any]:
     from inim.render import variant
 
     backend = variant.use("llvm")
-    from inim.stress.jitter import measure_jitter
+    from inim.stress.checks import measure_jitter
     from reports.stress.study.cases import FAMILIES, FULL, QUICK
     from reports.stress.study.generators import run_cases
     from reports.stress.study.lens_cases import LENS_FAMILIES, display_of

@@ -14,7 +14,7 @@ import numpy as np
 from inim import metrics
 from inim.accuracy_limits import accuracy_warnings
 from inim.display import Display
-from inim.display.pixel_axis import stated
+from inim.display.pixels import stated
 from inim.errors import InimError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
 from inim.generators.oracle import Aside

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import stated
+from inim.display.pixels import stated
 from inim.generators import HOLE
-from inim.generators.oracle import first_hits_of, layers_of
+from inim.generators.oracle import first_hits_of
 from inim.rgbd import RGBD
 from reports.stress.study.rays import Rays, band_of
 
@@ -135,8 +135,8 @@ def first_hits(rays: Rays, rgbd: RGBD, display: Display, push: tuple = _STILL) -
         ``(layer * H + row) * W + column``, or `HOLE`.
     """
     low, high = display.depth_range_mm
-    fronts = np.stack([framed(layer.front_mm, layer.covered, push[2]) for layer in layers_of(rgbd)])
-    backs = np.stack([framed(layer.back_mm, layer.covered, push[2]) for layer in layers_of(rgbd)])
+    fronts = np.stack([framed(layer.front_mm, layer.covered, push[2]) for layer in rgbd.layers])
+    backs = np.stack([framed(layer.back_mm, layer.covered, push[2]) for layer in rgbd.layers])
     v0, u0 = rays.v0 + push[1], rays.u0 + push[0]
     found = np.empty(len(u0), np.int64)
     reach = np.abs([rays.du, rays.dv]).max(initial=0) * (high - low)

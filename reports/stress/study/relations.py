@@ -16,8 +16,7 @@ from inim.display import Display
 from inim.generators import find_sources
 from inim.generators.template import ray_by_ray
 from inim.rgbd import RGBD, Layer, LayeredRGBD
-from inim.stress.algorithm import Show, colours_of, input_of, shown
-from inim.stress.pictures import noise_pictures, solids_of
+from inim.stress.pictures import Show, colours_of, input_of, noise_pictures, shown, solids_of
 from inim.stress.relations import (
     RELATIONS,
     Comparison,

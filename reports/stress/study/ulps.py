@@ -15,13 +15,11 @@ from fractions import Fraction
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixel_axis import stated
-from inim.display.pixel_rays import pixel_rays
+from inim.display.pixels import pixel_rays, stated
 from inim.generators.li2012 import _position, forward_axes
 from inim.generators.oracle import AxisRays, axis_rays
 from inim.generators.raycast.cells import CellRays, cell_rays, free_cell_rays
-from inim.generators.raycast.direction_lists import rounded_up
-from inim.generators.raycast.traversal import leaves
+from inim.generators.raycast.ray_by_ray import leaves, rounded_up
 from inim.rgbd import RGBD
 from reports.stress.study.rays import chosen_pixels, rays_over
 

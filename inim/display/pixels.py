@@ -1,0 +1,377 @@
+"""The pixels of a panel: what shines, which lens each lies under, where its ray goes.
+
+`PixelAxis` is one axis of the panel, exactly, for displays that are separable. `pixel_rays` takes
+pixels one by one, in float64 from their positions: where the lattice is hexagonal, or the array is
+turned or tilted against its panel, a pixel's lens does not follow from its row and column apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from inim.errors import DisplayError
+from inim.row_bands import row_bands
+
+if TYPE_CHECKING:
+    from inim.display.display import Display
+
+__all__ = [
+    "SUBPIXELS",
+    "PixelAxis",
+    "PixelRays",
+    "SubPixel",
+    "least_gap_mm",
+    "pixel_axis",
+    "pixel_rays",
+    "row_blocks",
+    "shining",
+    "stated",
+]
+
+
+@dataclass(frozen=True)
+class SubPixel:
+    """Where one colour of a pixel shines.
+
+    Attributes
+    ----------
+    right : Fraction
+        Its centre, to the right of the pixel's, in pixels.
+    width : Fraction
+        In pixels; its height is the pixel's.
+    turn : {0, 1}, optional
+        Only pixels whose row and column, counted from the top left, add up to an even (0) or odd
+        (1) number have it; all have if None.
+    """
+
+    right: Fraction
+    width: Fraction
+    turn: int | None = None
+
+    @property
+    def share(self) -> Fraction:
+        """Its part of the panel's area."""
+        return self.width if self.turn is None else self.width / 2
+
+
+_THIRD, _QUARTER, _HALF = Fraction(1, 3), Fraction(1, 4), Fraction(1, 2)
+
+#: Red, green and blue of each `Display.subpixels`.
+SUBPIXELS: dict[str, tuple[SubPixel, SubPixel, SubPixel]] = {
+    "none": (SubPixel(Fraction(0), Fraction(1)),) * 3,
+    "rgb-stripe": (
+        SubPixel(-_THIRD, _THIRD),
+        SubPixel(Fraction(0), _THIRD),
+        SubPixel(_THIRD, _THIRD),
+    ),
+    "pentile": (
+        SubPixel(-_QUARTER, _HALF, turn=0),
+        SubPixel(_QUARTER, _HALF),
+        SubPixel(-_QUARTER, _HALF, turn=1),
+    ),
+}
+
+
+def shining(subpixel: SubPixel, fill: Any, where: Any, right: Any, down: Any, turn: Any) -> Any:
+    """Radiance of a point of a pixel at full drive, as a multiple of the panel's mean.
+
+    Parameters
+    ----------
+    subpixel : SubPixel
+    fill : float
+        `Display.pixel_fill`.
+    where : callable
+        NumPy's `where` or Dr.Jit's `select`.
+    right, down : array of float
+        Place inside the pixel, from its centre, in pixels: -1/2 .. 1/2.
+    turn : array
+        (row + column) modulo 2 of the pixel, counted from the top left.
+
+    Returns
+    -------
+    array of float
+        0 where nothing shines. Its mean over the panel is 1: drive 1 in all colours is white.
+    """
+    aside, half = right - float(subpixel.right), float(subpixel.width) / 2 * fill
+    shines = (aside < half) & (aside >= -half) & (down < fill / 2) & (down >= -fill / 2)
+    if subpixel.turn is not None:
+        shines &= turn == subpixel.turn
+    return where(shines, 1.0 / (float(subpixel.share) * fill * fill), 0.0)
+
+
+# Beyond this a float says more than a person states: 7 digits after the point, or 1/999983.
+_LARGEST_DENOMINATOR = 10**6
+
+
+def stated(value: float) -> Fraction:
+    """The length a person meant: the simplest fraction that rounds to this float.
+
+    0.0636 stands for 636/10000 and 1/17 for a seventeenth, not for the binary fractions near
+    them. Sums of such lengths are then exact, and equal directions come out equal to the bit.
+    """
+    mantissa, exponent = math.frexp(value)  # so that doubling a length doubles its fraction
+    simple = Fraction(mantissa).limit_denominator(_LARGEST_DENOMINATOR)
+    exact = simple if float(simple) == mantissa else Fraction(mantissa)
+    return exact * Fraction(2) ** exponent
+
+
+@dataclass(frozen=True)
+class PixelAxis:
+    """One axis of the panel: where each pixel is, which lens it lies under, where its ray goes.
+
+    Rays of a square lattice that is neither turned nor tilted are separable, so such a display is
+    two of these; `pixel_rays` is for the others. Pixel `i` sends its chief ray along
+    ``X(z) = centre_mm[i] + slope[i] z`` (Eq. 1).
+
+    Attributes
+    ----------
+    position_mm : (n,) float64
+        Pixel centres, ascending along the display axis for columns, descending for rows.
+    lens : (n,) int64
+        Index of the lens whose elemental image holds the pixel; -1 outside the array.
+    centre_mm : (n,) float64
+        Centre of that lens.
+    slope : (n,) float64
+        Lateral travel of the ray per millimetre towards the viewer, ``(x0 - x) / g``.
+    centre, offset : tuple of int
+        x0 and x0 - x exactly, in units of `unit_mm`: equal offsets are equal directions.
+    step : int
+        From one pixel to the next, in the same units; negative for rows.
+    unit_mm : Fraction
+    """
+
+    position_mm: np.ndarray
+    lens: np.ndarray
+    centre_mm: np.ndarray
+    slope: np.ndarray
+    centre: tuple[int, ...]
+    offset: tuple[int, ...]
+    step: int
+    unit_mm: Fraction
+
+    def moved_offset(self, pixels: Fraction) -> tuple[int, ...]:
+        """Offsets of points moved inside their pixels, in ``unit_mm / pixels.denominator``.
+
+        Each keeps its pixel's lens: the pixel's whole area shines through it.
+        """
+        fold, by = pixels.denominator, pixels.numerator * self.step
+        return tuple(fold * offset - by for offset in self.offset)
+
+
+def pixel_axis(
+    pixels: int,
+    lenses: int,
+    sign: int,
+    *,
+    pixel: Fraction,
+    pitch: Fraction,
+    elemental: Fraction,
+    gap: Fraction,
+    shift: Fraction = Fraction(0),
+) -> PixelAxis:
+    """Address pixels by position: a running ``int(P / P_D)`` would drift over the array.
+
+    In whole numbers of a common unit, so that nothing is rounded before the last division and the
+    two halves of the panel mirror each other bit for bit (all but a pixel on the axis that lies on
+    a border between lenses: it has to go one way).
+
+    Parameters
+    ----------
+    pixels, lenses : int
+        Of the panel, centred on the axis, and of the array, centred at `shift`.
+    sign : {+1, -1}
+        Whether positions ascend with the index, as columns do, or descend, as rows do.
+    pixel, pitch, elemental, gap : Fraction
+        P_D, P, the elemental images' pitch and g in millimetres.
+    shift : Fraction
+        Where the array's centre lies on the display axis: lenses and elemental images move with it.
+    """
+    # In halves, as centres lie at half-integers: position = (2 i - n + 1) pixel / 2.
+    lengths = (pixel / 2, pitch / 2, elemental, shift)
+    unit = _common_measure(lengths)
+    half_pixel, half_pitch, cell, aside = (int(length / unit) for length in lengths)
+    place = [(2 * i - pixels + 1) * half_pixel for i in range(pixels)]
+    # Beside the array the lattice is carried on, so that every pixel has a ray.
+    lattice = [_cell_of(x - sign * aside, cell, lenses) for x in place]
+    centre = tuple(sign * (2 * n - lenses + 1) * half_pitch + aside for n in lattice)
+    offset = tuple(c - sign * x for c, x in zip(centre, place, strict=True))
+    return PixelAxis(
+        position_mm=np.array([_ratio(sign * x, unit) for x in place]),
+        lens=np.array([n if 0 <= n < lenses else -1 for n in lattice], np.int64),
+        centre_mm=np.array([_ratio(c, unit) for c in centre]),
+        slope=np.array([_ratio(o, unit / gap) for o in offset]),
+        centre=centre,
+        offset=offset,
+        step=2 * sign * half_pixel,
+        unit_mm=unit,
+    )
+
+
+def _cell_of(place: int, cell: int, cells: int) -> int:
+    """The cell that holds a place, in a row of cells about 0, carried on to both sides.
+
+    A place on the border of two belongs to the one nearer the array's centre; on the centre
+    itself, to the left or upper one.
+    """
+    twice = 2 * place + cells * cell  # from the first cell's start, doubled
+    index, rest = divmod(twice, 2 * cell)
+    if rest == 0 and place >= 0:
+        index -= 1
+    return index
+
+
+def _common_measure(lengths: tuple[Fraction, ...]) -> Fraction:
+    """The largest length that divides all of them."""
+    below = math.lcm(*(v.denominator for v in lengths))
+    return Fraction(math.gcd(*(int(v * below) for v in lengths)), below)
+
+
+def _ratio(count: int, unit: Fraction) -> float:
+    """A count of units as the nearest float: Python divides integers with one rounding."""
+    return count * unit.numerator / unit.denominator
+
+
+# Pixels whose rays are made at once: a few arrays of them stay in a processor's cache.
+_PIXELS_AT_ONCE = 2**16
+
+
+@dataclass(frozen=True)
+class PixelRays:
+    """Lens and ray of every pixel of a block of panel rows, (rows, columns) each.
+
+    A pixel's chief ray is ``(x0 + slope_x z, y0 + slope_y z)`` in the display frame, which is Eq. 1
+    of Wang et al. 2024 with the pixel's own gap.
+
+    Attributes
+    ----------
+    lens : int64
+        ``row * lens_columns + column``, rows from the top; -1 outside the array, where the lattice
+        is carried on, so that every pixel has a ray.
+    x0, y0 : float64
+        The lens's centre, mm.
+    slope_x, slope_y : float64
+        Lateral travel per millimetre towards the viewer, ``(x0 - x) / gap_mm``.
+    gap_mm : float64
+        From the array down to the pixel.
+    """
+
+    lens: np.ndarray
+    x0: np.ndarray
+    y0: np.ndarray
+    slope_x: np.ndarray
+    slope_y: np.ndarray
+    gap_mm: np.ndarray
+
+
+def row_blocks(display: Display) -> Iterator[slice]:
+    """The panel's rows in blocks of bounded size, top to bottom."""
+    return row_bands(*display.eia_shape, _PIXELS_AT_ONCE)
+
+
+def pixel_rays(display: Display, rows: slice, aside: tuple[float, float] = (0.0, 0.0)) -> PixelRays:
+    """The rays of a block of panel rows.
+
+    A pixel belongs to the lens whose elemental-image cell contains its centre: cells of the lens
+    lattice at the elemental images' pitch, moved and turned with the array.
+
+    Parameters
+    ----------
+    display : Display
+    rows : slice
+        With start and stop, as `row_blocks` gives them.
+    aside : (down, right) of float
+        Where in its pixel each ray starts, in pixels from the centre; it keeps its pixel's lens.
+
+    Raises
+    ------
+    DisplayError
+        When the panel is tilted so far that it meets the array.
+    """
+    least_gap_mm(display)
+    panel_rows, panel_columns = display.eia_shape
+    pitch = display.pixel_pitch_mm
+    x = ((np.arange(panel_columns) - (panel_columns - 1) / 2) * pitch)[None, :]
+    y = (((panel_rows - 1) / 2 - np.arange(rows.start, rows.stop)) * pitch)[:, None]
+    angle = math.radians(display.rotation_deg)
+    c, s = math.cos(angle), math.sin(angle)
+    from_x, from_y = x - display.shift_x_mm, y - display.shift_y_mm
+    row, column, stagger = _cell(display, c * from_x + s * from_y, c * from_y - s * from_x)
+    # Lens centres have the lens pitch, whatever the pitch of the cells under them.
+    across = (column + 0.5 - display.lens_columns / 2 + stagger) * display.pitch_mm
+    up = (display.lens_rows / 2 - row - 0.5) * display.row_pitch_mm
+    x0 = c * across - s * up + display.shift_x_mm
+    y0 = c * up + s * across + display.shift_y_mm
+    inside = (row >= 0) & (row < display.lens_rows)
+    inside = inside & (column >= 0) & (column < display.lens_columns)
+    lens = np.where(inside, row * display.lens_columns + column, -1).astype(np.int64)
+    down, right = aside
+    x, y = x + right * pitch, y - down * pitch
+    tilt_x, tilt_y = _tilt(display)
+    gap = display.gap_mm + tilt_x * x + tilt_y * y
+    return PixelRays(lens, x0, y0, (x0 - x) / gap, (y0 - y) / gap, gap)
+
+
+def least_gap_mm(display: Display) -> float:
+    """The smallest gap over the panel, where that is tilted.
+
+    Raises
+    ------
+    DisplayError
+        When the panel meets the array.
+    """
+    rows, columns = display.eia_shape
+    slopes = [abs(slope) for slope in _tilt(display)]
+    gap = display.gap_mm - (slopes[0] * columns + slopes[1] * rows) * display.pixel_pitch_mm / 2
+    if gap <= 0:
+        raise DisplayError(
+            f"{display.not_separable_by}: the panel, tilted, meets the array (gap_mm = "
+            f"{display.gap_mm:g}); tilt it less"
+        )
+    return gap
+
+
+def _tilt(display: Display) -> tuple[float, float]:
+    """Growth of the gap per millimetre to the right and up."""
+    return (
+        math.tan(math.radians(display.tilt_x_deg)),
+        math.tan(math.radians(display.tilt_y_deg)),
+    )
+
+
+def _cell(
+    display: Display, x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Row from the top and column of the cell that holds points of the array's frame.
+
+    And how far its row is staggered, in pitches. Whole numbers as floats; beyond the array they
+    count on.
+    """
+    across = x / display.elemental_image_pitch_mm + display.lens_columns / 2
+    down = display.lens_rows / 2 - y / display.elemental_row_pitch_mm
+    if display.lattice != "hexagonal":
+        return np.floor(down), np.floor(across), np.zeros(())
+    # A point's nearest centre lies in the row of centres above it or in the one below.
+    upper = np.floor(down - 0.5)
+    rows = upper, upper + 1
+    staggers = [_stagger(display, row) for row in rows]
+    columns = [np.floor(across - stagger) for stagger in staggers]
+    squares = [
+        ((across - column - 0.5 - stagger) * display.elemental_image_pitch_mm) ** 2
+        + ((down - row - 0.5) * display.elemental_row_pitch_mm) ** 2
+        for row, column, stagger in zip(rows, columns, staggers, strict=True)
+    ]
+    above = squares[0] < squares[1]
+    row, column, stagger = (np.where(above, *pair) for pair in (rows, columns, staggers))
+    return row, column, stagger
+
+
+def _stagger(display: Display, row: np.ndarray) -> np.ndarray:
+    """How far right a row of a hexagonal lattice lies, in pitches: as a whole it is centred."""
+    aside: np.ndarray = np.mod(row, 2) / 2 - 0.25
+    return aside if display.lens_rows > 1 else np.zeros_like(aside)

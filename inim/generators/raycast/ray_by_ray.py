@@ -1,0 +1,382 @@
+"""Rays walked one by one through a picture's cells.
+
+The traversal is that of Amanatides and Woo (Eurographics 1987). The depth at which a ray crosses a
+border is a quotient of whole numbers (see `raycast.cells`), rounded once and computed afresh for
+each border: nothing drifts, and corners are corners. `RayByRay` walks the runs of a ray's row and
+column, each computed once; `NonSeparable` serves rays that share neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from inim.display import Display
+from inim.display.pixels import pixel_rays, row_blocks
+from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources
+from inim.generators.raycast.cells import CENTRE, Aside, CellRays, cell_rays, free_cell_rays
+from inim.rgbd import RGBD
+
+__all__ = [
+    "AxisRuns",
+    "NonSeparable",
+    "RayByRay",
+    "axis_runs",
+    "doubtful_pixels",
+    "entered",
+    "first_hit",
+    "leaves",
+    "ray_blocks",
+    "rounded_up",
+    "walk",
+]
+
+
+@numba.njit(cache=True, nogil=True)
+def leaves(cell, start, slope, scale):  # type: ignore[no-untyped-def]
+    """Depth at which a ray leaves a cell in one axis; never, if it does not move in it."""
+    if slope == 0.0:
+        return -np.inf
+    return ((cell if slope > 0 else cell + 1) * scale - start) / slope
+
+
+@numba.njit(cache=True, nogil=True)
+def entered(start, slope, scale, z_max):  # type: ignore[no-untyped-def]
+    """The cell a ray is in just below z_max; on a border, the one it is about to enter."""
+    cell = int(np.floor((start + slope * z_max) / scale))
+    if slope == 0.0:
+        return cell
+    step = -1 if slope > 0 else 1
+    # The product is rounded, the borders' depths decide: at most one cell either way.
+    while leaves(cell, start, slope, scale) >= z_max:
+        cell += step
+    while leaves(cell - step, start, slope, scale) < z_max:
+        cell -= step
+    return cell
+
+
+@numba.njit(cache=True, nogil=True)
+def first_hit(depth, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
+    """Walk one ray from z_max down to z_min: ``row * W + column`` of its first hit, or `HOLE`.
+
+    `u` are columns and `v` rows, each as start, slope and scale of `CellRays`; `depth` is (H, W)
+    with -inf where nothing is covered.
+    """
+    rows, columns = depth.shape
+    # z falls along the walk, so a ray with du < 0 moves to larger columns.
+    step_u = -1 if du > 0 else 1
+    step_v = -1 if dv > 0 else 1
+    u, v = entered(u0, du, u1, z_max), entered(v0, dv, v1, z_max)
+    z_u, z_v = leaves(u, u0, du, u1), leaves(v, v0, dv, v1)
+    while True:
+        z_exit = max(z_u, z_v, z_min)
+        inside = 0 <= u < columns and 0 <= v < rows
+        if inside and depth[v, u] >= z_exit:
+            return v * columns + u
+        if z_exit <= z_min:
+            return HOLE
+        if z_u >= z_exit:
+            u += step_u
+            z_u = leaves(u, u0, du, u1)
+        if z_v >= z_exit:
+            v += step_v
+            z_v = leaves(v, v0, dv, v1)
+
+
+@numba.njit(cache=True, nogil=True)
+def walk(u0, du, u1, v0, dv, v1, z_min, z_max, cells, exits):  # type: ignore[no-untyped-def]
+    """The cells a ray visits from z_max down to z_min, and the depths at which it leaves them.
+
+    Fills ``cells[:n] = (row, column)`` and ``exits[:n]``; returns n.
+    """
+    step_u = -1 if du > 0 else 1
+    step_v = -1 if dv > 0 else 1
+    u, v = entered(u0, du, u1, z_max), entered(v0, dv, v1, z_max)
+    z_u, z_v = leaves(u, u0, du, u1), leaves(v, v0, dv, v1)
+    n = 0
+    while True:
+        z_exit = max(z_u, z_v, z_min)
+        cells[n, 0], cells[n, 1], exits[n] = v, u, z_exit
+        n += 1
+        if z_exit <= z_min:
+            return n
+        if z_u >= z_exit:
+            u += step_u
+            z_u = leaves(u, u0, du, u1)
+        if z_v >= z_exit:
+            v += step_v
+            z_v = leaves(v, v0, dv, v1)
+
+
+def rounded_up(values: np.ndarray) -> np.ndarray:
+    """The smallest float32 that is not below each float64."""
+    near = values.astype(np.float32)
+    above = np.nextafter(near, np.float32(np.inf))
+    return np.where(near.astype(np.float64) < values, above, near)
+
+
+@dataclass(frozen=True)
+class AxisRuns:
+    """For every panel column (or row): its ray's cells along that axis, nearest first.
+
+    A ray's cells in the picture are the overlaps of its column runs with its row runs.
+
+    Attributes
+    ----------
+    first : (n + 1,) int64
+        Where each panel column's runs begin.
+    cell : (m,) int64
+        Picture column (row).
+    exit_mm : (m,) float64
+        Depth at which the ray leaves it, z_min at the end.
+    """
+
+    first: np.ndarray
+    cell: np.ndarray
+    exit_mm: np.ndarray
+
+    def exit32(self) -> np.ndarray:
+        """Exits as float32, rounded up: a float32 depth reaches one if it reaches the other."""
+        return rounded_up(self.exit_mm)
+
+    def entry32(self) -> np.ndarray:
+        """Depths at which the ray enters each cell, rounded alike; infinite where it starts."""
+        entry = np.empty(len(self.exit_mm), np.float32)
+        entry[1:] = self.exit32()[:-1]
+        entry[self.first[:-1]] = np.inf
+        return entry
+
+
+def axis_runs(rays: CellRays, depth_range_mm: tuple[float, float]) -> AxisRuns:
+    """The runs of all rays of one axis."""
+    z_min, z_max = depth_range_mm
+    most = rays.most_cells(depth_range_mm)
+    cells = np.empty((len(rays.start), most), np.int64)
+    exits = np.empty((len(rays.start), most))
+    counts = np.empty(len(rays.start), np.int64)
+    _walk_axis(rays.start, rays.slope, rays.scale, z_min, z_max, cells, exits, counts)
+    used = np.arange(most) < counts[:, None]
+    first = np.concatenate([[0], np.cumsum(counts)])
+    return AxisRuns(first, cells[used], exits[used])
+
+
+@numba.njit(cache=True, nogil=True)
+def _walk_axis(start, slope, scale, z_min, z_max, cells, exits, counts):  # type: ignore[no-untyped-def]
+    for i in range(len(start)):
+        step = -1 if slope[i] > 0 else 1
+        cell = entered(start[i], slope[i], scale, z_max)
+        n = 0
+        while True:
+            z = max(leaves(cell, start[i], slope[i], scale), z_min)
+            cells[i, n], exits[i, n] = cell, z
+            n += 1
+            if z <= z_min:
+                break
+            cell += step
+        counts[i] = n
+
+
+class RayByRay(SourceGenerator):
+    """Every ray by itself, over the runs of its row and its column.
+
+    Hits are those of `first_hit`: the depths of its borders, in
+    float64, are those of the runs, each computed once for its row or column and not for every ray.
+    Runs left above the nearest surface of all cannot hit, and are passed over; nothing of the kind
+    holds below the farthest one, as a column is solid from there back: a ray under all surfaces
+    hits the next covered cell.
+
+    Parameters
+    ----------
+    display, shape, pixel_mm, pixels :
+        As for `SourceGenerator`; of a display that is separable.
+    aside : Aside
+        Where in its pixel each ray starts.
+    """
+
+    def __init__(
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        aside: Aside = CENTRE,
+        pixels: PixelList | None = None,
+    ) -> None:
+        super().__init__(display, shape, pixel_mm, pixels)
+        columns, rows = cell_rays(shape, pixel_mm, display, aside)
+        self._columns = axis_runs(columns, display.depth_range_mm)
+        self._rows = axis_runs(rows, display.depth_range_mm)
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        # An uncovered cell is a column without height: it never reaches a ray.
+        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
+        nearest, z_min = float(depth.max()), self._rows.exit_mm[-1]  # where all rays end
+        runs = [
+            (_below(axis, nearest), axis.cell, axis.exit_mm) for axis in (self._rows, self._columns)
+        ]
+        found = np.empty(self.made_shape, np.int32)
+        if self.pixels is None:
+            _first_hits(*runs, depth, z_min, found)
+        else:
+            _first_hits_at(*runs, self.pixels.rows, self.pixels.columns, depth, z_min, found[0])
+        return found
+
+
+def _below(runs: AxisRuns, nearest_mm: float) -> np.ndarray:
+    """For every panel column (or row), the first run left no nearer than a surface; or its last."""
+    above = np.concatenate([[0], np.cumsum(runs.exit_mm > nearest_mm)])
+    begin = runs.first[:-1] + above[runs.first[1:]] - above[runs.first[:-1]]
+    below: np.ndarray = np.minimum(begin, runs.first[1:] - 1)
+    return below
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _first_hits(rows, columns, depth, z_min, found):  # type: ignore[no-untyped-def]
+    """First hits of all panel pixels."""
+    for i in numba.prange(found.shape[0]):
+        for j in range(found.shape[1]):
+            found[i, j] = _first_hit(rows, i, columns, j, depth, z_min)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _first_hits_at(rows, columns, at_row, at_column, depth, z_min, found):  # type: ignore[no-untyped-def]
+    """First hits of the panel pixels in some rows and columns, (n,) each."""
+    for n in numba.prange(len(at_row)):
+        found[n] = _first_hit(rows, at_row[n], columns, at_column[n], depth, z_min)
+
+
+@numba.njit(cache=True, nogil=True)
+def _first_hit(rows, i, columns, j, depth, z_min):  # type: ignore[no-untyped-def]
+    """``row * W + column`` of the first hit of panel pixel (i, j), or `HOLE`."""
+    row_begin, row_cell, row_exit = rows
+    column_begin, column_cell, column_exit = columns
+    high, wide = depth.shape
+    r, c = row_begin[i], column_begin[j]
+    while True:
+        row_left, column_left = row_exit[r], column_exit[c]
+        left = max(row_left, column_left)
+        row, column = row_cell[r], column_cell[c]
+        if 0 <= row < high and 0 <= column < wide and depth[row, column] >= left:
+            return row * wide + column
+        if left <= z_min:
+            return HOLE
+        r += row_left >= left
+        c += column_left >= left
+
+
+def doubtful_pixels(rows: AxisRuns, columns: AxisRuns) -> np.ndarray:
+    """Panel pixels whose order of cells float32 exits cannot tell, (rows, columns) bool; few.
+
+    Exits of a row and of a column that differ but round to one float32. Equal ones are corners,
+    and no doubt: a cell left as it is entered is not visited.
+    """
+    found = np.zeros((len(rows.first) - 1, len(columns.first) - 1), np.bool_)
+    _find_doubtful(
+        rows.first, rows.exit_mm, rows.exit32(), columns.first, columns.exit_mm, columns.exit32(),
+        found,
+    )  # fmt: skip
+    return found
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _find_doubtful(row_first, row64, row32, column_first, column64, column32, found):  # type: ignore[no-untyped-def]
+    for r in numba.prange(found.shape[0]):
+        for c in range(found.shape[1]):
+            i, j = row_first[r], column_first[c]
+            doubt = False
+            while i < row_first[r + 1] and j < column_first[c + 1]:
+                if row32[i] == column32[j] and row64[i] != column64[j]:
+                    doubt = True
+                    break
+                a, b = row64[i], column64[j]
+                i += a >= b
+                j += b >= a
+            found[r, c] = doubt
+
+
+class NonSeparable(SourceGenerator):
+    """First hits of rays that share nothing: hexagonal lattices, arrays turned or tilted.
+
+    Every ray, or those of a list, by itself; in blocks of panel rows, so that memory is small.
+    Coordinates are float64 from the pixel's position, no longer whole numbers: a ray that meets a
+    corner of cells, or the exact height of a column, may fall to either side by rounding.
+
+    Parameters
+    ----------
+    display, shape, pixel_mm :
+        See `inim.generators.prepare`.
+    aside : (down, right)
+        Where in its pixel each ray starts, in pixels from the centre.
+    pixels : PixelList, optional
+        As for `SourceGenerator`.
+    """
+
+    def __init__(
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        aside: Aside = CENTRE,
+        pixels: PixelList | None = None,
+    ) -> None:
+        super().__init__(display, shape, pixel_mm, pixels)
+        self._aside = float(aside[0]), float(aside[1])
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        # An uncovered cell is a column without height: it never reaches a ray.
+        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
+        z_min, z_max = self.display.depth_range_mm
+        # Above the nearest surface nothing is hit; just above it, a cell left exactly there counts.
+        z_max = min(z_max, float(np.nextafter(np.float64(depth.max()), np.inf)))
+        found = np.full(self.made_shape, HOLE, np.int32)
+        if z_max <= z_min:
+            return found
+        for lensed, cells, at in ray_blocks(self, self._aside):
+            _free_first_hits(lensed, depth, cells, z_min, z_max, found[at])
+        return found
+
+
+def ray_blocks(
+    made: SourceGenerator, aside: tuple[float, float]
+) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, ...], tuple[slice, slice]]]:
+    """Rays of all that a generator makes, a block of panel rows at a time.
+
+    Yields
+    ------
+    lensed : (block rows, columns) bool
+        Whether they pass a lens.
+    cells : four (block rows, columns) float64
+        See `free_cell_rays`.
+    at : (rows, columns) slices
+        Where in what is made they lie; of a list of pixels, a block is one row of those it has.
+    """
+    for rows in row_blocks(made.display):
+        at = (rows, slice(None))
+        if made.pixels is None:
+            rays = pixel_rays(made.display, rows, aside)
+            yield rays.lens >= 0, free_cell_rays(made.shape, made.pixel_mm, rays), at
+            continue
+        first, end = np.searchsorted(made.pixels.rows, (rows.start, rows.stop))
+        if first == end:
+            continue
+        rays = pixel_rays(made.display, rows, aside)
+        few = made.pixels.rows[first:end] - rows.start, made.pixels.columns[first:end]
+        cells = free_cell_rays(made.shape, made.pixel_mm, rays)
+        picked = tuple(coordinate[few][None] for coordinate in cells)
+        yield np.ones((1, end - first), bool), picked, (slice(None), slice(first, end))
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _free_first_hits(lensed, depth, rays, z_min, z_max, found):  # type: ignore[no-untyped-def]
+    """`first_hit` of the pixels under lenses, into `found`; rays as of `free_cell_rays`."""
+    u0, du, v0, dv = rays
+    for i in numba.prange(found.shape[0]):
+        for j in range(found.shape[1]):
+            if lensed[i, j]:
+                found[i, j] = first_hit(
+                    depth, u0[i, j], du[i, j], 1.0, v0[i, j], dv[i, j], 1.0, z_min, z_max
+                )

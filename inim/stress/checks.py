@@ -1,0 +1,222 @@
+"""Algorithms against the exact first hits, and against themselves with the depth a little off.
+
+For an algorithm that shows first hits by definition every panel pixel must agree, ties included,
+but on displays whose lengths have too many digits (`inim.accuracy_limits` warns of them). Of others
+`check_first_hits` says how far their definition, or their arithmetic, is from what a viewer would
+see.
+
+Jitter, one ulp or one quantum of 8, 10 or 16 bits of depth, faults no arithmetic: the exact answer
+to a slightly other question is another answer. `measure_jitter` says how much of a picture hangs on
+the last digits of its depth.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from inim import metrics
+from inim.accuracy_limits import accuracy_warnings
+from inim.display import Display
+from inim.errors import InimError
+from inim.generators import SourceGenerator, prepare
+from inim.generators.oracle import exact_hits
+from inim.pipeline.plugin_guard import blamed
+from inim.rgbd import RGBD
+from inim.stress.pictures import (
+    DISPLAYS,
+    SHAPES,
+    Made,
+    eia_of,
+    input_of,
+    is_first_hit,
+    noise,
+    random_picture,
+    shaped,
+    small_display,
+    tied,
+)
+
+__all__ = ["JITTERS", "Case", "cases", "check_first_hits", "measure_jitter", "quantised"]
+
+# Panel pixels of a case that are followed in fractions.
+_MOST_PIXELS = 100
+# Random displays: of a full run, of a quick one.
+_RANDOM = {False: 8, True: 3}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A display and a picture, made when it is run; `family` is what it is one of."""
+
+    family: str
+    name: str
+    make: Callable[[], Made]
+
+
+def cases(quick: bool = False) -> Iterator[Case]:
+    """Noise, shapes, ties, shifted arrays and random displays.
+
+    Ties are depths at which rays leave picture pixels, or the float32 next to one on either side.
+    """
+    for number, changes in enumerate(DISPLAYS):
+        named = ", ".join(f"{k} = {v}" for k, v in changes.items()) or "real mode"
+        yield Case("noise", named, partial(_noisy, changes, number))
+        for ulps in (0,) if quick else (-1, 0, 1):
+            yield Case("ties", f"{named}, {ulps:+d} ulp", partial(_tied, changes, ulps))
+    for kind in SHAPES[:1] if quick else SHAPES:
+        yield Case("shapes", kind, partial(_shaped, kind))
+    for shift in (0.5, 0.1):  # half a pitch, half a pixel
+        yield Case("shifted array", f"by {shift:g} mm", partial(_noisy, {"shift_x_mm": shift}, 11))
+    for seed in range(_RANDOM[quick]):
+        yield Case("random displays", f"seed {seed}", partial(random_picture, seed))
+
+
+def _noisy(changes: dict[str, object], seed: int) -> Made:
+    display = small_display(**changes)
+    return display, noise(display, display.capture_shape(2), 0.5, seed)
+
+
+def _tied(changes: dict[str, object], ulps: int) -> Made:
+    display = small_display(**changes)
+    return display, tied(display, display.capture_shape(2), 0.5, ulps)
+
+
+def _shaped(kind: str) -> Made:
+    display = small_display()
+    return display, shaped(kind, display, display.capture_shape(2), 0.5)
+
+
+def check_first_hits(algorithm: str, case: Case) -> dict[str, Any]:
+    """Run an algorithm on a case and compare its sources with the oracle's.
+
+    Returns
+    -------
+    dict
+        `algorithm`, `family`, `case`; `outcome`: "ran", "refused", "crashed", or "no sources" of an
+        algorithm that does not say where its colours come from; `pixels` compared, `wrong` ones;
+        `exact`: whether none may be wrong; `warnings` that a validation of the display would give;
+        `message` of an error; `seconds`; `passed`.
+    """
+    display, rgbd = case.make()
+    exact = is_first_hit(algorithm)
+    picture = input_of(rgbd, display, algorithm)
+    row = {"algorithm": algorithm, "family": case.family, "case": case.name, "exact": exact}
+    warnings = accuracy_warnings(display, pixel_mm=rgbd.pixel_mm)
+    row |= {"pixels": 0, "wrong": 0, "warnings": warnings, "message": ""}
+    started = time.perf_counter()
+    try:
+        made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+        if not isinstance(made, SourceGenerator):
+            made.generate(picture)
+            return row | {"outcome": "no sources", "passed": True}
+        sources = made.sources(picture)
+    except InimError as error:
+        return row | {"outcome": "refused", "message": str(error), "passed": not exact}
+    except Exception as error:
+        said = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        return row | {"outcome": "crashed", "message": said, "passed": False}
+    seconds = time.perf_counter() - started
+    hits = exact_hits(picture, display, _MOST_PIXELS)
+    wrong = round(hits.wrong_share(sources) * len(hits.sources))
+    return row | {
+        "outcome": "ran",
+        "pixels": len(hits.sources),
+        "wrong": wrong,
+        "seconds": seconds,
+        "passed": not (exact and wrong) or bool(warnings),
+    }
+
+
+#: Bits of depth that cameras and files come with.
+BITS = (8, 10, 16)
+
+
+def quantised(rgbd: RGBD, display: Display, bits: int, offset: int = 0) -> RGBD:
+    """Depths rounded to 2^bits steps over the display's range, then moved by so many steps."""
+    low, high = display.depth_range_mm
+    steps = 2**bits - 1
+    code = np.clip(np.rint((rgbd.depth_mm.astype(float) - low) / (high - low) * steps), 0, steps)
+    code = np.clip(code + offset, 0, steps)
+    depth = (low + code / steps * (high - low)).astype(np.float32)
+    return RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
+
+
+def _moved(rgbd: RGBD, towards: float) -> RGBD:
+    depth = np.nextafter(rgbd.depth_mm, np.float32(towards))
+    return RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
+
+
+def _scattered(rgbd: RGBD) -> RGBD:
+    """Each pixel an ulp up or down, or left alone, by chance."""
+    by = np.random.default_rng(0).integers(-1, 2, rgbd.shape)
+    depth = rgbd.depth_mm
+    up, down = (np.nextafter(depth, np.float32(s)) for s in (np.inf, -np.inf))
+    moved = np.where(by > 0, up, np.where(by < 0, down, depth))
+    return RGBD(rgbd.color, moved, rgbd.covered, rgbd.pixel_mm)
+
+
+def _jitters(rgbd: RGBD, display: Display) -> dict[str, tuple[RGBD, RGBD]]:
+    """For each kind, the picture before and after."""
+    found = {
+        "+1 ulp": (rgbd, _moved(rgbd, np.inf)),
+        "-1 ulp": (rgbd, _moved(rgbd, -np.inf)),
+        "an ulp by chance": (rgbd, _scattered(rgbd)),
+    }
+    for bits in BITS:
+        base = quantised(rgbd, display, bits)
+        found[f"{bits} bits"] = (rgbd, base)
+        for sign in (1, -1):
+            moved = quantised(rgbd, display, bits, sign)
+            found[f"{sign:+d} quantum of {bits} bits"] = (base, moved)
+    return found
+
+
+#: Kinds of jitter, in the order of the table.
+JITTERS = (
+    "+1 ulp",
+    "-1 ulp",
+    "an ulp by chance",
+    *(f"{b} bits" for b in BITS),
+    *(f"{sign:+d} quantum of {b} bits" for b in BITS for sign in (1, -1)),
+)
+
+
+def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> list[dict[str, Any]]:
+    """A row for each kind and algorithm: share of changed panel pixels, and 1 - SSIM of the EIA.
+
+    Parameters
+    ----------
+    rgbd : RGBD
+        Linear float colours.
+    display : Display
+    algorithms : sequence of str
+        Those that read layers are given the picture's front alone.
+    """
+    jitters = _jitters(rgbd, display)
+    rows = []
+    for algorithm in algorithms:
+        # Pictures that several kinds of jitter start from are shown once.
+        seen: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        for kind in JITTERS:
+            for picture in jitters[kind]:
+                if id(picture) not in seen:
+                    with blamed(algorithm, "generate"):
+                        seen[id(picture)] = eia_of(picture, display, algorithm)
+            (a, eia), (b, moved) = (seen[id(picture)] for picture in jitters[kind])
+            changed = float((a != b).any(axis=-1)[display.lensed].mean())
+            lost = 1 - metrics.ssim(eia, moved) if changed else 0.0
+            rows.append(
+                {
+                    "jitter": kind,
+                    "algorithm": algorithm,
+                    "changed": changed,
+                    "ssim_loss": lost,
+                }
+            )
+    return rows
