@@ -303,7 +303,7 @@ def _draw_scene(data: Mapping[str, Any]) -> Any:
     _share_scale(axes[0])
     for axis in axes:
         plain_ticks(axis)
-    figure.canvas.draw()  # now all has its place, and names can be put beside one another
+    figure.canvas.draw()  # now all has its place, and names can be set apart in it
     for axis, texts in zip(axes, names, strict=True):
         set_apart(axis, texts)
     return figure

@@ -1,4 +1,4 @@
-"""What all plots share: an algorithm's colour and mark, axes, names beside points, and files.
+"""What all plots share: an algorithm's colour and mark, axes, names at their points, and files.
 
 Without a date or random ids equal data give equal files, and text stays text.
 """
@@ -42,8 +42,8 @@ SOFT = "#5a5f63"
 _BEATEN = "#b5b5b0"
 _LINE = "#dedbd3"
 _YARDSTICK = "yardstick"
-# Of algorithms that state none. With our own algorithms' they are Okabe and Ito's colours, told
-# apart with any colour vision.
+# Of algorithms that state none. With our own algorithms' they are Okabe and Ito's colours,
+# distinct to any colour vision.
 _OTHERS = ("#56b4e9", "#e69f00", "#8c6d31")
 #: Lines across a panel.
 LINES: dict[str, dict[str, Any]] = {

@@ -2,7 +2,7 @@
 
 Each module in this folder registers one or several sections in its ``SECTIONS``; adding a section
 is adding a file. Images are embedded. Should they make the page too large, it is built again with
-smaller ones; what is shown smaller or compressed is in full in the folder beside the page. It can
+smaller ones; what is shown smaller or compressed is in full in the report's folder. It can
 be read as a whole with scripts off: they only move what stands there anyway.
 """
 

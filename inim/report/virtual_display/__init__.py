@@ -6,7 +6,6 @@ in for it without scripts or WebGL 2. The script and its shader are package data
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.files.image import encoded
 from inim.lens import channel_indices, drawn_as, drawn_live, lens_array, lens_traits
-from inim.report.images import Images, is_wide
+from inim.report.images import Images, data_uri, is_wide
 from inim.report.markup import element, figure, text, void
 from inim.report.page import Widget, package_text
 
@@ -352,7 +350,5 @@ def _fill_up(
 
 
 def _embed(panel: Panel, form: str, quality: int) -> _Embedded:
-    exact = form == "PNG"
-    options = {"compress_level": 9} if exact else {"quality": quality, "subsampling": 0}
-    coded = base64.b64encode(encoded(panel.codes, form, **options)).decode("ascii")
-    return _Embedded(panel.name, f"data:image/{form.lower()};base64,{coded}", exact)
+    source = data_uri(panel.codes, form, quality, compress_level=9)
+    return _Embedded(panel.name, source, form == "PNG")
