@@ -89,6 +89,12 @@ def _svg(description: str, class_: str, size: tuple[float, float], drawn: Iterab
     return element("svg", *drawn, class_=class_, **whole)
 
 
+def _band(x: float, y: float, width: float, height: float) -> str:
+    """The depth range."""
+    place = f'x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}"'
+    return f'<rect class="range" {place}/>'
+
+
 def _label(x: float, y: float, words: str, anchor: str) -> str:
     """Words in a drawing; `anchor` is start, middle or end."""
     return element("text", text(words), x=f"{x:.1f}", y=f"{y:.1f}", text_anchor=anchor)
@@ -149,15 +155,12 @@ def _depth_range(frame: _Frame, derived: Mapping[str, Any]) -> str:
     low, high = derived["depth_min_mm"], derived["depth_max_mm"]
     x, width = frame.z(low), max(1.5, (high - low) * frame.px_per_mm)
     top, height = frame.x(-half), frame.x(half) - frame.x(-half)
-    box = (
-        f'<rect class="range" x="{x:.1f}" y="{top:.1f}" width="{width:.1f}" height="{height:.1f}"/>'
-    )
     centre = derived.get("central_depth_mm")
     plane = ""
     if is_number(centre) and low <= centre <= high:
         plane = _line(frame, (-half, centre), (half, centre), "cdp")
     words = f"depth range {_mm(low)} to {_mm(high)} mm"
-    return box + plane + _label(x, _HEIGHT - 26, words, "start")
+    return _band(x, top, width, height) + plane + _label(x, _HEIGHT - 26, words, "start")
 
 
 def _hardware(frame: _Frame, given: Mapping[str, Any], derived: Mapping[str, Any]) -> str:
@@ -299,10 +302,7 @@ def _profile(rgbd: RGBD, derived: Mapping[str, Any]) -> str:
 def _range(frame: _Profile, half: float, low: float, high: float) -> str:
     top, height = frame.y(high), max(1.5, frame.y(low) - frame.y(high))
     left, width = frame.x(-half), frame.x(half) - frame.x(-half)
-    return (
-        f'<rect class="range" x="{left:.1f}" y="{top:.1f}" '
-        f'width="{width:.1f}" height="{height:.1f}"/>'
-    )
+    return _band(left, top, width, height)
 
 
 def _surface(frame: _Profile, rgbd: RGBD) -> str:
