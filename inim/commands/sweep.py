@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry out `inim sweep`; the exit code."""
-    from inim.report.sweep.page import PAGE
+    from inim.report.sweep import PAGE
     from inim.sweep.run import SweepRequest, plan_sweep, run_sweep
     from inim.worker.output import default_out
 

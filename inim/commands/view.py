@@ -85,7 +85,7 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
     from inim.report import Report
     from inim.report.images import ENCODINGS, Images
     from inim.report.sections.virtual_display import report_display
-    from inim.report.virtual_display.live import LIVE
+    from inim.report.virtual_display import LIVE
 
     report = Report.load(folder)
     pictures = Images(report.folder, ENCODINGS[0])
@@ -132,8 +132,7 @@ def view_eia(
     from inim.display.viewpoint import parse_viewpoints
     from inim.files.eia_file import read_eia
     from inim.report.images import ENCODINGS, Images
-    from inim.report.virtual_display.live import LIVE, Eye, Still, live_display
-    from inim.report.virtual_display.panels import Panel
+    from inim.report.virtual_display import LIVE, Eye, Panel, Still, live_display
     from inim.report.virtual_display.still import still_view
     from inim.scene.file import chosen_display
 
@@ -175,7 +174,7 @@ def _page(title: str, facts: str, content: str) -> str:
     """One HTML file that needs nothing else."""
     from inim.report.markup import text
     from inim.report.page import Section, render_page
-    from inim.report.virtual_display.live import ANCHOR, LIVE, TITLE
+    from inim.report.virtual_display import ANCHOR, LIVE, TITLE
 
     return render_page(
         title,

@@ -78,9 +78,8 @@ class Report:
 
     def write(self) -> None:
         """Write all four forms into the folder, `report.json` last: it marks a whole report."""
-        from inim.report.html import render_html
-        from inim.report.junit import render_junit
-        from inim.report.summary import render_summary
+        from inim.report.sections import render_html
+        from inim.report.summary import render_junit, render_summary
 
         forms = {
             "report.html": lambda data: render_html(data, self.folder),

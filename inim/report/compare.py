@@ -8,12 +8,11 @@ from typing import Any
 
 from inim.report.files import list_files, write_forms
 from inim.report.images import ENCODINGS, Images
-from inim.report.junit import render_junit
-from inim.report.markup import table, text
+from inim.report.markup import text, text_table
 from inim.report.page import Section, check_badge, data_note, render_page, timestamp
 from inim.report.sections.record import check_list
 from inim.report.sections.regression import regression
-from inim.report.summary import render_checks
+from inim.report.summary import render_checks, render_junit
 from inim.report.wording import MISSING, part, verdict
 
 __all__ = ["SCHEMA", "write_comparison"]
@@ -59,5 +58,5 @@ def _page(data: Mapping[str, Any], folder: Path) -> str:
 
 def _runs(data: Mapping[str, Any]) -> str:
     sides = [part(data, side, "circumstances") for side in _SIDES]
-    rows = [[text(name), *(text(side.get(name, MISSING)) for side in sides)] for name in _SHOWN]
-    return table("What made them", ["", "Before", "After"], rows, "facts")
+    rows = [[name, *(side.get(name, MISSING) for side in sides)] for name in _SHOWN]
+    return text_table("What made them", ["", "Before", "After"], rows, "facts")

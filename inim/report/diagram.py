@@ -1,8 +1,8 @@
-"""A plan view of the display, seen from above, as an inline SVG.
+"""The display and the depths of its RGB-D input, seen from above, as inline SVGs.
 
-Panel and lens array on the left, the viewer on the right; in between the depth range, the
-central depth plane and the zone in which an eye sees no flipped view. Distances from the array
-are to scale. Those across it are stretched by a whole factor where the drawing would
+The plan view: panel and lens array on the left, the viewer on the right; in between the depth
+range, the central depth plane and the zone in which an eye sees no flipped view. Distances from the
+array are to scale. Those across it are stretched by a whole factor where the drawing would
 otherwise be a thin strip, which the drawing states.
 """
 
@@ -11,12 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from inim.report.markup import element, text
-from inim.report.wording import is_number, items, part, plain
+import numpy as np
 
-__all__ = ["label", "plan_view", "svg"]
+from inim.errors import InimError
+from inim.files.image import read_rgbd
+from inim.report.markup import element, text
+from inim.report.wording import is_number, items, mm, part, plain
+from inim.rgbd import RGBD
+
+__all__ = ["depth_profile", "plan_view"]
 
 _WIDTH, _HEIGHT = 900.0, 250.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 24.0, 128.0, 34.0, 46.0
@@ -24,6 +30,11 @@ _MOST_LENSES_DRAWN = 40
 _MOST_EYES_DRAWN = 25
 _SMALLEST_GAP_PX = 5.0
 _LABEL_PX = 130.0, 14.0  # room a label takes, across and down
+
+_PROFILE_SIDE = 400.0
+_MARGIN, _PROFILE_TOP, _PROFILE_BOTTOM = 12.0, 46.0, 44.0
+_PROFILE_LABEL_PX = 15.0
+_MOST_COLUMNS_DRAWN = 256
 
 
 @dataclass(frozen=True)
@@ -69,16 +80,22 @@ def plan_view(display: Mapping[str, Any], viewpoints: Sequence[Mapping[str, Any]
         *_eye_marks(frame, eyes),
         _scale_bar(frame),
     ]
-    return svg(_description(given, derived, eyes), "plan", (_WIDTH, _HEIGHT), drawn)
+    return _svg(_description(given, derived, eyes), "plan", (_WIDTH, _HEIGHT), drawn)
 
 
-def svg(description: str, class_: str, size: tuple[float, float], drawn: Iterable[str]) -> str:
+def _svg(description: str, class_: str, size: tuple[float, float], drawn: Iterable[str]) -> str:
     """A drawing coloured by the style sheet's classes, with its own description."""
     whole = {"role": "img", "aria_label": description, "viewBox": f"0 0 {size[0]:g} {size[1]:g}"}
     return element("svg", *drawn, class_=class_, **whole)
 
 
-def label(x: float, y: float, words: str, anchor: str) -> str:
+def _band(x: float, y: float, width: float, height: float) -> str:
+    """The depth range."""
+    place = f'x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}"'
+    return f'<rect class="range" {place}/>'
+
+
+def _label(x: float, y: float, words: str, anchor: str) -> str:
     """Words in a drawing; `anchor` is start, middle or end."""
     return element("text", text(words), x=f"{x:.1f}", y=f"{y:.1f}", text_anchor=anchor)
 
@@ -138,15 +155,12 @@ def _depth_range(frame: _Frame, derived: Mapping[str, Any]) -> str:
     low, high = derived["depth_min_mm"], derived["depth_max_mm"]
     x, width = frame.z(low), max(1.5, (high - low) * frame.px_per_mm)
     top, height = frame.x(-half), frame.x(half) - frame.x(-half)
-    box = (
-        f'<rect class="range" x="{x:.1f}" y="{top:.1f}" width="{width:.1f}" height="{height:.1f}"/>'
-    )
     centre = derived.get("central_depth_mm")
     plane = ""
     if is_number(centre) and low <= centre <= high:
         plane = _line(frame, (-half, centre), (half, centre), "cdp")
     words = f"depth range {_mm(low)} to {_mm(high)} mm"
-    return box + plane + label(x, _HEIGHT - 26, words, "start")
+    return _band(x, top, width, height) + plane + _label(x, _HEIGHT - 26, words, "start")
 
 
 def _hardware(frame: _Frame, given: Mapping[str, Any], derived: Mapping[str, Any]) -> str:
@@ -161,7 +175,7 @@ def _hardware(frame: _Frame, given: Mapping[str, Any], derived: Mapping[str, Any
     return (
         body
         + _lenses(array, top, bottom, given)
-        + label(panel - 4, 20, "panel and lens array", "start")
+        + _label(panel - 4, 20, "panel and lens array", "start")
     )
 
 
@@ -183,7 +197,7 @@ def _eye_marks(frame: _Frame, eyes: Mapping[tuple[float, float], str]) -> Iterab
         if all(abs(right - r) > _LABEL_PX[0] or abs(down - d) > _LABEL_PX[1] for r, d in labelled):
             labelled.append((right, down))
             short = names if len(names) <= 22 else names[:21] + "…"
-            yield label(right + 11, down + 4, short, "start")
+            yield _label(right + 11, down + 4, short, "start")
 
 
 def _scale_bar(frame: _Frame) -> str:
@@ -194,7 +208,7 @@ def _scale_bar(frame: _Frame) -> str:
     end = _WIDTH - _RIGHT
     start, y = end - length * frame.px_per_mm, _HEIGHT - 30
     across = "to scale" if frame.stretch == 1 else f"widths drawn × {frame.stretch}"
-    return f'<path class="scale" d="M{start:.1f},{y - 4}v8m0,-4H{end:.1f}m0,-4v8"/>' + label(
+    return f'<path class="scale" d="M{start:.1f},{y - 4}v8m0,-4H{end:.1f}m0,-4v8"/>' + _label(
         end, _HEIGHT - 10, f"{_mm(length)} mm, {across}", "end"
     )
 
@@ -221,3 +235,116 @@ def _line(frame: _Frame, start: tuple[float, float], end: tuple[float, float], k
 
 def _mm(length: float) -> str:
     return f"{length:.4g}".replace("-", "−")
+
+
+def depth_profile(folder: Path, derived: Mapping[str, Any]) -> str:
+    """The drawing, or an empty string without a readable ``rgbd.exr`` or a depth range.
+
+    Parameters
+    ----------
+    folder : Path
+        The report's folder.
+    derived : mapping
+        ``Display.derived()``.
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element with its own description: x to the right as in the images, depth
+        upwards to the viewer, the band between farthest and nearest surface of each column.
+    """
+    low, high = derived.get("depth_min_mm"), derived.get("depth_max_mm")
+    width = derived.get("width_mm")
+    if not all(is_number(v) and math.isfinite(v) for v in (low, high, width)) or not width:
+        return ""
+    try:
+        rgbd = read_rgbd(folder / "rgbd.exr")
+    except InimError:
+        return ""
+    return _profile(rgbd, derived) if rgbd.covered.any() else ""
+
+
+class _Profile:
+    """Millimetres to drawing units; depths are stretched by a whole factor where they are flat."""
+
+    def __init__(self, width_mm: float, low_mm: float, high_mm: float) -> None:
+        room = _PROFILE_SIDE - _PROFILE_TOP - _PROFILE_BOTTOM
+        self.low_mm = low_mm
+        self.px_per_mm = min(
+            (_PROFILE_SIDE - _MARGIN - _MARGIN) / width_mm, room / (high_mm - low_mm)
+        )
+        self.stretch = max(1, int(room / ((high_mm - low_mm) * self.px_per_mm)))
+
+    def x(self, x_mm: float) -> float:
+        return _PROFILE_SIDE / 2 + x_mm * self.px_per_mm
+
+    def y(self, z_mm: float) -> float:
+        return (
+            _PROFILE_SIDE - _PROFILE_BOTTOM - (z_mm - self.low_mm) * self.px_per_mm * self.stretch
+        )
+
+
+def _profile(rgbd: RGBD, derived: Mapping[str, Any]) -> str:
+    low, high, half = derived["depth_min_mm"], derived["depth_max_mm"], derived["width_mm"] / 2
+    depths = rgbd.depth_mm[rgbd.covered]
+    ends = min(0.0, low, float(depths.min())), max(0.0, high, float(depths.max()))
+    frame = _Profile(max(rgbd.shape[1] * rgbd.pixel_mm, 2 * half), *ends)
+    drawn = [_range(frame, half, low, high), _surface(frame, rgbd)]
+    drawn.append(_level(frame, half, 0.0, "panel"))
+    centre = derived.get("central_depth_mm")
+    if is_number(centre) and ends[0] <= centre <= ends[1]:
+        drawn.append(_level(frame, half, centre, "cdp"))
+    drawn += _profile_labels(frame, low, high)
+    words = f"Captured surface from {mm(ends[0])} to {mm(ends[1])}, from above"
+    return _svg(words, "plan profile", (_PROFILE_SIDE, _PROFILE_SIDE), drawn)
+
+
+def _range(frame: _Profile, half: float, low: float, high: float) -> str:
+    top, height = frame.y(high), max(1.5, frame.y(low) - frame.y(high))
+    left, width = frame.x(-half), frame.x(half) - frame.x(-half)
+    return _band(left, top, width, height)
+
+
+def _surface(frame: _Profile, rgbd: RGBD) -> str:
+    """A bar from the farthest to the nearest surface in each few columns of the picture."""
+    columns = rgbd.shape[1]
+    step = math.ceil(columns / _MOST_COLUMNS_DRAWN)
+    bars = []
+    for first in range(0, columns, step):
+        here = np.s_[:, first : first + step]
+        depths = rgbd.depth_mm[here][rgbd.covered[here]]
+        if depths.size:
+            left = frame.x((first - columns / 2) * rgbd.pixel_mm)
+            bottom, top = frame.y(float(depths.min())), frame.y(float(depths.max()))
+            wide = step * rgbd.pixel_mm * frame.px_per_mm
+            bars.append(
+                f"M{left:.2f},{bottom + 0.5:.1f}V{top - 0.5:.1f}h{wide:.2f}V{bottom + 0.5:.1f}z"
+            )
+    return f'<path class="surface" d="{"".join(bars)}"/>'
+
+
+def _level(frame: _Profile, half: float, z_mm: float, kind: str) -> str:
+    y = f"{frame.y(z_mm):.1f}"
+    return (
+        f'<line class="{kind}" x1="{frame.x(-half):.1f}" y1="{y}" '
+        f'x2="{frame.x(half):.1f}" y2="{y}"/>'
+    )
+
+
+def _profile_labels(frame: _Profile, low: float, high: float) -> list[str]:
+    """The ends of the depth range and the array, left out where they would run into others."""
+    wanted = [
+        (frame.y(high) - 6, f"depth range to {mm(high)}"),
+        (frame.y(low) + 16, f"from {mm(low)}"),
+        (frame.y(0.0) + 16, "lens array"),
+    ]
+    placed: list[tuple[float, str]] = []
+    for y, words in wanted:
+        if all(abs(y - other) > _PROFILE_LABEL_PX for other, _ in placed):
+            placed.append((y, words))
+    scale = "to scale" if frame.stretch == 1 else f"depths drawn × {frame.stretch}"
+    return [
+        _label(_PROFILE_SIDE / 2, 16, "towards the viewer ↑", "middle"),
+        *(_label(_MARGIN, y, words, "start") for y, words in placed),
+        _label(_PROFILE_SIDE - _MARGIN, _PROFILE_SIDE - 8, scale, "end"),
+    ]

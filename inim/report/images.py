@@ -1,7 +1,7 @@
 """The report's images: read from its folder, compared, and embedded in the page.
 
 Images are embedded so that the page needs no other file. An `Encoding` says how small; the page
-tries the `ENCODINGS` in turn, and what it shows smaller lies in full in the folder beside it.
+tries the `ENCODINGS` in turn, and what it shows smaller lies in full in the report's folder.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ __all__ = [
     "ENCODINGS",
     "Encoding",
     "Images",
+    "data_uri",
     "difference",
     "is_wide",
     "similarity",
@@ -56,7 +57,6 @@ ENCODINGS = (
     Encoding("JPEG", 75, 160),
     Encoding("JPEG", 0, 0),
 )
-_EXACT = Encoding("PNG", 0, _CROP_ON_PAGE_PX)
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Images:
         if not limit:
             return _box(_LEFT_OUT, alt)
         height, width = pixels.shape[:2]
-        source = _data_uri(_shrink(pixels, limit), self.encoding)
+        source = data_uri(_shrink(pixels, limit), self.encoding.form, self.encoding.quality)
         return void("img", src=source, alt=alt, width=width, height=height, **attributes)
 
     def magnify(self, pixels: np.ndarray | None, alt: str) -> str:
@@ -108,7 +108,7 @@ class Images:
         times = max(1, _CROP_ON_PAGE_PX // max(pixels.shape[:2]))
         height, width = (times * n for n in pixels.shape[:2])
         size = {"width": width, "height": height, "style": f"width:{width}px"}
-        return void("img", src=_data_uri(pixels, _EXACT), alt=alt, class_="pixels", **size)
+        return void("img", src=data_uri(pixels, "PNG", 0), alt=alt, class_="pixels", **size)
 
 
 def difference(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
@@ -172,9 +172,19 @@ def _shrink(pixels: np.ndarray, longest_px: int) -> np.ndarray:
     return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX))
 
 
-def _data_uri(pixels: np.ndarray, encoding: Encoding) -> str:
+def data_uri(pixels: np.ndarray, form: str, quality: int, **png: int) -> str:
+    """An image as the source of an img element.
+
+    Parameters
+    ----------
+    pixels : (rows, columns, 3) uint8, sRGB
+    form : {"PNG", "JPEG"}
+    quality : int
+        Of a JPEG.
+    **png
+        Pillow's options for a PNG.
+    """
     # No "optimize": with it Pillow's JPEG writer runs out of buffer on noisy images.
-    lossy = encoding.form == "JPEG"
-    options = {"quality": encoding.quality, "subsampling": 0} if lossy else {}
-    coded = base64.b64encode(encoded(pixels, encoding.form, **options)).decode("ascii")
-    return f"data:image/{encoding.form.lower()};base64,{coded}"
+    options = {"quality": quality, "subsampling": 0} if form == "JPEG" else png
+    coded = base64.b64encode(encoded(pixels, form, **options)).decode("ascii")
+    return f"data:image/{form.lower()};base64,{coded}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from inim.report.wording import plain
 
@@ -15,8 +16,10 @@ __all__ = [
     "figure",
     "mark",
     "plot",
+    "saved_plot",
     "table",
     "text",
+    "text_table",
     "void",
 ]
 
@@ -52,6 +55,22 @@ def plot(svg: bytes, alt: str, caption: str = "", **attributes: object) -> str:
     image = void("img", src=source, alt=alt, **attributes)
     words = element("figcaption", text(caption)) if caption else ""
     return element("figure", image, words, class_="plot")
+
+
+def saved_plot(path: Path, alt: str, caption: str = "") -> str:
+    """The drawing in an SVG file; empty where there is no such file."""
+    try:
+        return plot(path.read_bytes(), alt, caption)
+    except OSError:
+        return ""
+
+
+def text_table(
+    caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]], class_: str = ""
+) -> str:
+    """A table of plain texts; the first cell of a row names it."""
+    cells = [[text(cell) for cell in row] for row in rows]
+    return table(caption, [text(head) for head in heads], cells, class_)
 
 
 def table(

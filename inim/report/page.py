@@ -77,9 +77,9 @@ class Widget:
 
 
 @cache
-def package_text(folder: str, name: str) -> str:
-    """The text of a file that comes with `inim.report`; `folder` is below it, or empty."""
-    return resources.files("inim.report").joinpath(folder, name).read_text("utf-8")
+def package_text(*path: str) -> str:
+    """The text of a file that comes with `inim.report`."""
+    return resources.files("inim.report").joinpath(*path).read_text("utf-8")
 
 
 def render_page(
@@ -121,7 +121,7 @@ def render_page(
     """
     shown = [section for section in sections if section.body]
     scripts = [w.script for w in widgets if any(w.is_in(s.body) for s in shown)]
-    styles = [package_text("", "report.css"), *(w.style for w in widgets), style]
+    styles = [package_text("report.css"), *(w.style for w in widgets), style]
     head = _head(window_title, "".join(styles), scripts)
     main = "\n".join(map(_section, shown))
     parts = [

@@ -1,8 +1,9 @@
-"""The report as a short Markdown text, fit for a comment box or a job's summary page."""
+"""A report for continuous integration: short Markdown for a comment box, and JUnit XML."""
 
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -24,7 +25,18 @@ from inim.report.wording import (
     viewpoint_names,
 )
 
-__all__ = ["markdown_table", "markdown_text", "render_checks", "render_summary"]
+__all__ = [
+    "markdown_command",
+    "markdown_line",
+    "markdown_section",
+    "markdown_table",
+    "markdown_text",
+    "render_checks",
+    "render_junit",
+    "render_summary",
+]
+
+_SUITE = "inim.validate"
 
 # Long names and long lists stay in report.json: a summary is read in a comment box.
 _LONGEST_NAME = 80
@@ -186,3 +198,76 @@ def markdown_text(value: object, longest: int = _LONGEST_NAME) -> str:
         line = line[: longest - 1] + "…"
     line = line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return re.sub(r"([\\`*_{}\[\]()#|~!])", r"\\\1", line)
+
+
+def markdown_section(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of plain texts, however long, under its caption."""
+    cells = [[markdown_line(cell) for cell in row] for row in (heads, *rows)]
+    return f"### {markdown_line(caption)}\n\n{markdown_table(cells[0], cells[1:])}"
+
+
+def markdown_line(value: object) -> str:
+    """`value` as one line, however long, that cannot break a table."""
+    line = " ".join(plain(value).split())
+    return line.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|")
+
+
+def markdown_command(data: Mapping[str, Any]) -> str:
+    """The command of a report, as code."""
+    return f"`{plain(data.get('command', '')).replace('`', '')}`"
+
+
+def render_junit(data: Mapping[str, Any]) -> str:
+    """One test suite, ``inim.validate``, with one test case per check.
+
+    Parameters
+    ----------
+    data : mapping
+        The contents of report.json, schema ``inim.report/1``.
+
+    Returns
+    -------
+    str
+        A well-formed XML document, whatever the names of the checks.
+    """
+    suite = ET.Element("testsuite")
+    failures = sum(_add_case(suite, check) for check in checks(data))
+    if verdict(data) == "failed" and not failures:
+        # A run that failed must not show as green because no single check says why.
+        _add_failure(_case(suite, "verdict"), "the run did not pass, and no check says why")
+        failures = 1
+    _describe(suite, data, failures)
+    ET.indent(suite)
+    body = ET.tostring(suite, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{body}\n'
+
+
+def _describe(suite: ET.Element, data: Mapping[str, Any], failures: int) -> None:
+    total = part(data, "timings").get("total")
+    suite.set("name", _SUITE)
+    suite.set("tests", str(len(suite)))
+    suite.set("failures", str(failures))
+    suite.set("errors", "0")
+    suite.set("skipped", "0")
+    suite.set("time", f"{total:.3f}" if is_number(total) else "0")
+    if data.get("created"):
+        suite.set("timestamp", plain(data["created"]))
+
+
+def _case(suite: ET.Element, name: object) -> ET.Element:
+    attributes = {"classname": _SUITE, "name": plain(name), "time": "0"}
+    return ET.SubElement(suite, "testcase", attributes)
+
+
+def _add_case(suite: ET.Element, check: Mapping[str, Any]) -> bool:
+    """Add one check; whether it failed."""
+    case = _case(suite, check.get("name", "unnamed check"))
+    if check_passed(check):
+        return False
+    _add_failure(case, check_sentence(check))
+    return True
+
+
+def _add_failure(case: ET.Element, sentence: str) -> None:
+    failure = ET.SubElement(case, "failure", {"type": "check", "message": plain(sentence)})
+    failure.text = plain(f"{case.get('name')}: {sentence}")

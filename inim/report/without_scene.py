@@ -9,7 +9,7 @@ from typing import Any
 from inim.metrics import all_metrics
 from inim.report.files import list_files, write_forms
 from inim.report.images import ENCODINGS, Images
-from inim.report.markup import bullets, element, figure, table, text
+from inim.report.markup import bullets, element, figure, text, text_table
 from inim.report.page import (
     Section,
     check_badge,
@@ -110,9 +110,7 @@ def _page(data: Mapping[str, Any], folder: Path) -> str:
     heads, rows = _scores(data)
     scored = (
         element("p", text(_LEAD), class_="lead")
-        + table(
-            "Scores", [text(h) for h in heads], [[text(c) for c in row] for row in rows], "scores"
-        )
+        + text_table("Scores", heads, rows, "scores")
         + bullets(_remarks(data), "remarks")
     )
     title = data.get("title", "Picture")

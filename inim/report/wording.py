@@ -182,7 +182,7 @@ def check_value(check: Mapping[str, Any], key: str = "value") -> str:
 
 
 def _misleads(check: Mapping[str, Any], key: str, digits: int) -> bool:
-    """Whether so few digits make a value look like its limit, or like zero."""
+    """Whether so few digits make a value the same as its limit, or zero."""
     value, limit, shown = check.get("value"), check.get("limit"), check.get(key)
     if is_number(shown) and shown != 0 and number(abs(shown), digits) == number(0, digits):
         return True

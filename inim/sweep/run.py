@@ -12,7 +12,7 @@ from typing import Any
 from inim import backend as backends
 from inim.backend.machine import cpu_count
 from inim.errors import FileError
-from inim.report.sweep.page import PAGE, write_page
+from inim.report.sweep import PAGE, write_page
 from inim.sweep.cluster import check_answers, check_dask, run_cluster
 from inim.sweep.pool import choose_slots, run_pool
 from inim.sweep.progress import Progress

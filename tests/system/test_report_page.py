@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from inim.report.html import render_html
+from inim.report.sections import render_html
 from tests.chromium import Tab, browser
 from tests.system.test_view import report_data, report_folder
 

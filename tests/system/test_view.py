@@ -19,7 +19,7 @@ from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.commands.view import view_eia
 from inim.display import DISPLAYS, Display, Viewpoint
 from inim.metrics import ssim
-from inim.report.html import render_html
+from inim.report.sections import render_html
 from inim.report.virtual_display.still import still_view
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.report.html import render_html
+from inim.report.sections import render_html
 from tests.chromium import Tab, browser
 from tests.unit.test_report_html import report
 

@@ -10,9 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from inim.report.bench import write_bench
-from inim.report.bench.part import milliseconds, times
-from inim.report.bench.tables import render_markdown
+from inim.report.bench import milliseconds, render_markdown, times, write_bench
 from reports.bench.paper.claims import claims
 from reports.bench.paper.report import parts_of
 from reports.bench.paper.scaling import growth, power_law

@@ -7,8 +7,7 @@ import re
 from xml.etree import ElementTree
 
 from inim.bench.evaluate import all_scores
-from inim.report.bench import SCHEMA, scene_parts, write_bench
-from inim.report.bench.tables import render_markdown
+from inim.report.bench import SCHEMA, render_markdown, scene_parts, write_bench
 
 SCORED = ("eia_ssim", "eia_psnr_db", "view_ssim_to_ceiling")
 

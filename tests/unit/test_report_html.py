@@ -18,12 +18,10 @@ from skimage.metrics import structural_similarity
 
 from inim.display import DISPLAYS
 from inim.files.image import write_rgbd
-from inim.report import html as report_html
-from inim.report.diagram import plan_view
-from inim.report.html import render_html
-from inim.report.sections import all_sections
-from inim.report.sections.rgbd import depth_profile
-from inim.report.wipe import WIPE
+from inim.report import sections as report_html
+from inim.report.diagram import depth_profile, plan_view
+from inim.report.sections import all_sections, render_html
+from inim.report.sections.views import WIPE
 from inim.rgbd import RGBD
 
 HOSTILE = "</style><script>alert(1)</script>\"'`$\n&amp; 双耳陶罐 \x00\ud800"

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from inim.report.junit import render_junit
+from inim.report.summary import render_junit
 
 
 def check(name: str = "template/centre: SSIM to ceiling", **changes: Any) -> dict[str, Any]:

@@ -7,9 +7,9 @@ import re
 
 import pytest
 
-from inim.report.sweep.page import best_displays, render_sweep, write_page
-from inim.report.sweep.plots import time_column
-from inim.report.sweep.results import mean, on_front, results_of
+from inim.report.plots import on_front
+from inim.report.sweep import best_displays, render_sweep, time_column, write_page
+from inim.report.sweep.results import mean, results_of
 
 ABOUT = {"title": "T <b>&", "command": "inim sweep s.toml", "created": "2026", "inim_version": "1"}
 

@@ -17,11 +17,11 @@ from PIL import Image
 
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS, Display
-from inim.report import html as report_html
-from inim.report.html import render_html
+from inim.report import sections as report_html
 from inim.report.images import ENCODINGS, Images
+from inim.report.sections import render_html
 from inim.report.sections.virtual_display import report_display
-from inim.report.virtual_display.panels import Panel, embed_panels
+from inim.report.virtual_display import Panel, embed_panels
 from inim.report.virtual_display.still import still_view
 from tests.conftest import small_display
 from tests.unit.test_report_html import HOSTILE, Page, noise, report, save

@@ -1,7 +1,9 @@
-"""The sections of a validation's page.
+"""The page of a validation, `report.html`, and its sections.
 
 Each module in this folder registers one or several sections in its ``SECTIONS``; adding a section
-is adding a file.
+is adding a file. Images are embedded. Should they make the page too large, it is built again with
+smaller ones; what is shown smaller or compressed is in full in the report's folder. It can
+be read as a whole with scripts off: they only move what stands there anyway.
 """
 
 from __future__ import annotations
@@ -11,11 +13,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
-from inim.report.images import Images
+from inim.parallel import threads
+from inim.report.images import ENCODINGS, Images
+from inim.report.markup import text
+from inim.report.page import Section, Widget, check_badge, data_note, render_page, timestamp
+from inim.report.wording import MISSING, part, verdict
 
-__all__ = ["ReportSection", "all_sections"]
+__all__ = ["LARGEST_PAGE_BYTES", "ReportSection", "all_sections", "render_html"]
+
+#: A page above this is built again with smaller images.
+LARGEST_PAGE_BYTES = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -30,12 +40,15 @@ class ReportSection:
         As of `inim.report.page.Section`.
     body : callable
         From the report's data and its images to HTML; empty where the section does not apply.
+    widget : Widget, optional
+        What the section needs of style sheets and scripts.
     """
 
     place: int
     anchor: str
     title: str
     body: Callable[[Mapping[str, Any], Images], str]
+    widget: Widget | None = None
 
 
 @cache
@@ -46,3 +59,54 @@ def all_sections() -> tuple[ReportSection, ...]:
     ]
     sections: list[ReportSection] = [one for module in modules for one in module.SECTIONS]
     return tuple(sorted(sections, key=lambda section: section.place))
+
+
+def render_html(data: Mapping[str, Any], folder: Path) -> str:
+    """The whole report as one HTML page.
+
+    Parameters
+    ----------
+    data : mapping
+        The contents of report.json, schema ``inim.report/1``, with NaN where it lists one.
+    folder : Path
+        Where the report's PNG files lie. One that is missing or unreadable shows as a box.
+
+    Returns
+    -------
+    str
+        The page, below `LARGEST_PAGE_BYTES` unless the data without images is above it.
+    """
+    page = ""
+    for encoding in ENCODINGS:
+        page = _page(data, Images(Path(folder), encoding))
+        if len(page.encode()) < LARGEST_PAGE_BYTES:
+            break
+    return page
+
+
+def _page(data: Mapping[str, Any], images: Images) -> str:
+    listed = all_sections()
+    with threads() as submit:  # packing and comparing images takes the longest
+        begun = [submit(section.body, data, images) for section in listed]
+        bodies = [one.result() for one in begun]
+    title = data.get("title") or "Untitled"
+    return render_page(
+        title,
+        _facts(data),
+        [Section(s.anchor, s.title, body) for s, body in zip(listed, bodies, strict=True)],
+        window_title=f"{title}: {verdict(data)} – inim report",
+        footer=data_note(data, "report.json"),
+        verdict_badge=check_badge(data),
+        widgets=[section.widget for section in listed if section.widget],
+    )
+
+
+def _facts(data: Mapping[str, Any]) -> list[str]:
+    display = part(data, "display", "given").get("name", MISSING)
+    return [
+        f"Display {text(display)}",
+        f"lens model {text(data.get('lens_model', MISSING))}",
+        text(part(data, "backend").get("variant", MISSING)),
+        f"inim {text(data.get('inim_version', MISSING))}",
+        timestamp(data),
+    ]

@@ -1,17 +1,20 @@
-"""The display: its figures in words, drawn, and listed as given and as derived."""
+"""The display, in words, drawn, and listed; and what the algorithms were given: RGB-D."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from inim.report.diagram import plan_view
+from inim.report.diagram import depth_profile, plan_view
 from inim.report.images import Images
-from inim.report.markup import element, table, text
+from inim.report.markup import element, figure, text, text_table
 from inim.report.sections import ReportSection
-from inim.report.wording import MISSING, NBSP, is_number, items, mm, part, short
+from inim.report.wording import MISSING, NBSP, is_number, items, mm, part, per_cent, short
 
-__all__ = ["SECTIONS", "display"]
+__all__ = ["SECTIONS", "display", "rgbd"]
+
+# The renderer works in single precision, and so does the depth picture.
+_SLACK = 1e-5
 
 # key: (label, unit, what it means)
 _GIVEN = {
@@ -154,8 +157,58 @@ def _quantities(
         label, unit, meaning = known.get(key, (key, "", ""))
         space = "" if unit == "°" else NBSP
         shown = none if value is None else short(value) + (space + unit if unit else "")
-        rows.append([text(label), text(shown), text(meaning)])
-    return table(caption, ["Quantity", "Value", "Meaning"], rows, "quantities")
+        rows.append([label, shown, meaning])
+    return text_table(caption, ["Quantity", "Value", "Meaning"], rows, "quantities")
 
 
-SECTIONS = (ReportSection(40, "display", "Display", display),)
+def rgbd(data: Mapping[str, Any], images: Images) -> str:
+    """The section on the RGB-D input."""
+    colour, depth = (images.read(f"rgbd_{kind}.png") for kind in ("color", "depth"))
+    shots = [
+        figure(images.embed(colour, "RGB-D input, colour"), "Colour"),
+        figure(images.embed(depth, "RGB-D input, depth"), "Depth", _depth_words(data)),
+        _profile(data, images),
+    ]
+    return element("p", text(_input_words(data)), class_="lead") + element(
+        "div", *shots, class_="three"
+    )
+
+
+def _input_words(data: Mapping[str, Any]) -> str:
+    given = part(data, "rgbd")
+    return (
+        f"What the algorithms were given: {short(given.get('columns'))} × "
+        f"{short(given.get('rows'))} pixels of {mm(given.get('pixel_mm'))}, "
+        f"{per_cent(given.get('covered_fraction'), 1)} of them covered by the relic, depths from "
+        f"{mm(given.get('depth_min_mm'))} to {mm(given.get('depth_max_mm'))} towards the viewer."
+    )
+
+
+def _depth_words(data: Mapping[str, Any]) -> str:
+    derived = part(data, "display", "derived")
+    far, near = mm(derived.get("depth_min_mm")), mm(derived.get("depth_max_mm"))
+    return f"lighter is nearer to the viewer, from {far} to {near}; black is background"
+
+
+def _profile(data: Mapping[str, Any], images: Images) -> str:
+    drawing = depth_profile(images.folder, part(data, "display", "derived"))
+    return figure(drawing, "Depth along the array", _profile_words(data)) if drawing else ""
+
+
+def _profile_words(data: Mapping[str, Any]) -> str:
+    """Whether the relic is where the display can show it."""
+    derived, given = part(data, "display", "derived"), part(data, "rgbd")
+    ends = [(part_.get("depth_min_mm"), part_.get("depth_max_mm")) for part_ in (derived, given)]
+    (low, high), (first, last) = ends
+    if not (is_number(low) and is_number(high) and is_number(first) and is_number(last)):
+        return "seen from above"
+    slack = _SLACK * max(abs(low), abs(high))
+    inside = low - slack <= first and last <= high + slack
+    place = "lies inside" if inside else "leaves"
+    return f"seen from above, all rows together: the relic {place} the display's depth range"
+
+
+SECTIONS = (
+    ReportSection(40, "display", "Display", display),
+    ReportSection(90, "rgbd", "RGB-D input", rgbd),
+)

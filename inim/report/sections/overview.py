@@ -1,4 +1,4 @@
-"""The first screen: every score, what failed, and one viewpoint as it is and as it looks."""
+"""The first screen: every score, what failed, and one viewpoint: truth, ceiling and best view."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, TypeGuard
 
 from inim.metrics import all_metrics
-from inim.report.markup import bullets, element, mark, table, text
+from inim.report.markup import bullets, element, mark, table, text, text_table
 from inim.report.page import how_to_reproduce
 from inim.report.sections import ReportSection
 from inim.report.wording import (
@@ -136,7 +136,7 @@ def _is_time(value: object) -> TypeGuard[float]:
 def _skipped(data: Mapping[str, Any]) -> str:
     """The section; empty for a report that does not say."""
     rows = [
-        [text(MISSING if part(row).get(key) is None else part(row)[key]) for key in _SKIPPED]
+        [MISSING if part(row).get(key) is None else part(row)[key] for key in _SKIPPED]
         for row in items(data, "skipped")
     ]
     if not rows:
@@ -144,18 +144,13 @@ def _skipped(data: Mapping[str, Any]) -> str:
     error = part(data, "settings").get("score_error")
     words = _SAMPLES if is_number(error) and error > 0 else _EXACT
     caption = "What this run did and skipped"
-    return element("p", text(words), class_="lead") + table(
-        caption, list(_SKIPPED.values()), rows, "skips"
-    )
+    listed = text_table(caption, list(_SKIPPED.values()), rows, "skips")
+    return element("p", text(words), class_="lead") + listed
 
 
 def _warnings(data: Mapping[str, Any]) -> str:
     """What the run wants the reader to know."""
     return bullets(items(data, "warnings"), "cautions") or element("p", "None.")
-
-
-def _reproduce(data: Mapping[str, Any]) -> str:
-    return how_to_reproduce(data).body
 
 
 def _meanings() -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from inim.metrics import all_metrics
 from inim.report.images import Images
-from inim.report.markup import element, figure, table, text
+from inim.report.markup import element, figure, text, text_table
 from inim.report.sections import ReportSection
 from inim.report.wording import MISSING, check_passed, checks, is_number, items, part, short
 
@@ -61,18 +61,18 @@ def _images(found: Mapping[str, Any], images: Images) -> str:
 
 def _circumstances(found: Mapping[str, Any]) -> str:
     rows = [
-        [text(part(row).get("name", MISSING)), _shown(row, "baseline"), _shown(row, "candidate")]
+        [part(row).get("name", MISSING), _shown(row, "baseline"), _shown(row, "candidate")]
         for row in items(found, "circumstances")
     ]
     if not rows:
         return ""
     heads = ["What made it", "Baseline", "This run"]
-    return table("What else differs between the two runs, not judged", heads, rows, "facts")
+    return text_table("What else differs between the two runs, not judged", heads, rows, "facts")
 
 
-def _shown(row: Any, key: str) -> str:
+def _shown(row: Any, key: str) -> object:
     value = part(row).get(key)
-    return text(MISSING if value is None else value)
+    return MISSING if value is None else value
 
 
 def _drift(found: Mapping[str, Any]) -> str:
@@ -87,10 +87,10 @@ def _drift(found: Mapping[str, Any]) -> str:
     moved = sorted(items(found, "drift"), key=size, reverse=True)
     rows = [
         [
-            text(f"{part(row).get('what', MISSING)}: {_words(part(row).get('score', MISSING))}"),
-            text(short(part(row).get("baseline"))),
-            text(short(part(row).get("candidate"))),
-            text(_signed(part(row).get("change"))),
+            f"{part(row).get('what', MISSING)}: {_words(part(row).get('score', MISSING))}",
+            short(part(row).get("baseline")),
+            short(part(row).get("candidate")),
+            _signed(part(row).get("change")),
         ]
         for row in moved[:_MOST_DRIFTS]
         if size(row) > 0
@@ -98,7 +98,7 @@ def _drift(found: Mapping[str, Any]) -> str:
     if not rows:
         return element("p", "No reported score drifted.")
     caption = f"The {len(rows)} reported scores that drifted most, judged or not"
-    return table(caption, ["Score", "Baseline", "This run", "Drift"], rows, "drift")
+    return text_table(caption, ["Score", "Baseline", "This run", "Drift"], rows, "drift")
 
 
 def _words(name: object) -> str:

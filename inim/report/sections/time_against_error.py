@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -15,10 +13,21 @@ import numpy as np
 from inim.cache.digest import code_digest, value_digest
 from inim.cache.store import remembered
 from inim.metrics.psnr import metric as PSNR  # noqa: N812
-from inim.report.bench.marks import LINES, colour_of, marker_of, plain_ticks, style
-from inim.report.bench.names import Name, across, set_apart
 from inim.report.images import Images
 from inim.report.markup import element, plot, text
+from inim.report.plots import (
+    LINES,
+    Name,
+    across,
+    colour_of,
+    draw_front,
+    marker_of,
+    on_front,
+    plain_ticks,
+    set_apart,
+    style,
+    svg,
+)
 from inim.report.sections import ReportSection
 from inim.report.wording import MAIN, is_number, part, plain, viewpoint_names
 
@@ -36,13 +45,8 @@ _SECONDS = (
 )
 
 
-@dataclass(frozen=True)
-class _Point:
-    """An algorithm: its time, and an error whose smaller values are better."""
-
-    name: str
-    time: float
-    error: float
+# An algorithm, its time, and an error whose smaller values are better.
+_Point = tuple[str, float, float]
 
 
 def time_against_error(data: Mapping[str, Any], _images: Images) -> str:
@@ -55,8 +59,8 @@ def time_against_error(data: Mapping[str, Any], _images: Images) -> str:
     known_floor = float(floor) if is_number(floor) and math.isfinite(floor) else None
     drawn = _cached_drawing(tuple(views), tuple(eias), unit, known_floor)
     words = "; ".join(
-        f"{p.name} {p.time:.2g} {unit}, 1 − {MAIN.label} to the ceiling {p.error:.3f}"
-        for p in views
+        f"{name} {time:.2g} {unit}, 1 − {MAIN.label} to the ceiling {error:.3f}"
+        for name, time, error in views
     )
     alt = f"Time against error. {words}" if words else "Time against error"
     if unit == _YARDSTICKS:
@@ -89,7 +93,7 @@ def _view_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_P
         values = [part(views, view).get(MAIN.to_ceiling_key) for view in names]
         known = [v for v in values if is_number(v)]
         if names and len(known) == len(names):
-            points.append(_Point(plain(name), time, 1 - math.fsum(known) / len(known)))
+            points.append((plain(name), time, 1 - math.fsum(known) / len(known)))
     return points
 
 
@@ -99,7 +103,7 @@ def _eia_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_Po
     for name, time in times.items():
         psnr = part(data, "algorithms", name, "eia").get(PSNR.key)
         if is_number(psnr) and math.isfinite(psnr):
-            points.append(_Point(plain(name), time, -psnr))
+            points.append((plain(name), time, -psnr))
     return points
 
 
@@ -117,7 +121,6 @@ def _drawing(
     views: tuple[_Point, ...], eias: tuple[_Point, ...], unit: str, floor: float | None
 ) -> bytes:
     """Both panels over one time axis, as SVG."""
-    from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -141,44 +144,31 @@ def _drawing(
     axes[1].invert_yaxis()  # as in the other panel, down is better
     for axis in axes:
         plain_ticks(axis)
-    stream = io.BytesIO()
-    # Without a date or random ids, equal data give equal files. Text stays text, and may have
-    # letters that the font here has not: a warning would be about this machine, not the reader's.
-    with rc_context({"svg.hashsalt": "inim", "svg.fonttype": "none"}), warnings.catch_warnings():
+    # Names may have letters that the font here has not: a warning would be about this machine, not
+    # the reader's.
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         for axis in axes:
             axis.autoscale_view()  # now all has its place, and names can be set apart in it
         for axis, names in zip(axes, written, strict=True):
             set_apart(axis, names)
-        figure.savefig(stream, format="svg", metadata={"Date": None})
-    return stream.getvalue()
+        return svg(figure)
 
 
 def _panel(axis: Any, points: Sequence[_Point], sign: float) -> list[Name]:
     """Draw one panel; the names that go into it."""
-    for p in points:
-        mark = marker_of(p.name)
-        colour = colour_of(p.name)
-        axis.plot(p.time, sign * p.error, mark, color=colour, markersize=7, zorder=3)
-    front = sorted((p.time, sign * p.error) for p in points if not _is_beaten(p, points))
+    for name, time, error in points:
+        mark, colour = marker_of(name), colour_of(name)
+        axis.plot(time, sign * error, mark, color=colour, markersize=7, zorder=3)
+    front = on_front({name: (time, error) for name, time, error in points})
     if len(front) > 1:
-        axis.step(*zip(*front, strict=True), where="post", **LINES["front"])
+        draw_front(axis, [(time, sign * error) for name, time, error in points if name in front])
     axis.margins(0.25, 0.2)
     # A dollar sign would begin a formula.
     return [
-        Name(p.name.replace("$", r"\$"), p.time, sign * p.error, colour_of(p.name), 8)
-        for p in points
+        Name(name.replace("$", r"\$"), time, sign * error, colour_of(name), 8)
+        for name, time, error in points
     ]
-
-
-def _is_beaten(mine: _Point, points: Sequence[_Point]) -> bool:
-    """Whether another is as good in both and better in one."""
-    return any(
-        p.time <= mine.time
-        and p.error <= mine.error
-        and (p.time, p.error) != (mine.time, mine.error)
-        for p in points
-    )
 
 
 SECTIONS = (ReportSection(80, "time", "Time against error", time_against_error),)

@@ -1,8 +1,13 @@
-"""What is seen from each viewpoint: ground truth, ceiling and every algorithm side by side."""
+"""What is seen from each viewpoint: two views in one place, all side by side, and parallax.
+
+The controls and the stage of the first stay hidden until the script finds the images of the second
+to put there: these are what stands without scripts.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,12 +20,13 @@ from inim.report.images import (
     similarity,
     similarity_scale,
 )
-from inim.report.markup import captioned, element, text
+from inim.report.markup import captioned, element, text, void
+from inim.report.page import Widget, package_text
 from inim.report.sections import ReportSection
-from inim.report.wipe import wipe
 from inim.report.wording import (
     NBSP,
     best_algorithm,
+    is_number,
     items,
     metric_scores,
     part,
@@ -28,7 +34,7 @@ from inim.report.wording import (
     viewpoint_names,
 )
 
-__all__ = ["SECTIONS", "views"]
+__all__ = ["SECTIONS", "WIPE", "parallax", "views"]
 
 _TRUTH, _CEILING = "Ground truth", "Ceiling"
 _INTRO = (
@@ -36,6 +42,22 @@ _INTRO = (
     f"of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: black is equal. The ceiling is "
     "compared with the ground truth, which shows what the display loses; an algorithm is compared "
     "with the ceiling, which shows what the algorithm loses."
+)
+_WIPE_ID = "wipe"
+WIPE = Widget(package_text("wipe.css"), package_text("wipe.js"), f'id="{_WIPE_ID}"')
+_WIPE_WAYS = (
+    ("slider", "slider", True),
+    ("flip", "flip", False),
+    ("difference", f"difference ×{NBSP}{DIFFERENCE_GAIN}", False),
+)
+_WIPE_HELP = (
+    "Drag across the picture, or move the slider with the arrow keys, to uncover one of the two "
+    "under the other; flip between them where they lie; or see their difference."
+)
+_THUMBNAIL_PX = 320
+_PARALLAX = (
+    "Ground truth above, the best algorithm below. The frame is the lens array: the farther a "
+    "point is from it, the more it moves against the centre line. Both rows should move alike."
 )
 
 
@@ -47,12 +69,69 @@ def views(data: Mapping[str, Any], images: Images) -> str:
 
 
 def _wipe(data: Mapping[str, Any], images: Images) -> str:
-    """Any two of the images below over each other: ground truth and best algorithm at first."""
-    views, best = viewpoint_names(data), best_algorithm(data)
-    if not views or not images.encoding.longest_px:
+    """Any two of the images below over each other: ground truth and best algorithm at first.
+
+    The script finds a picture by what it shows and from where. Empty without a viewpoint, or where
+    images are missing or left out.
+    """
+    viewpoints, best = viewpoint_names(data), best_algorithm(data)
+    if not viewpoints or not images.encoding.longest_px:
+        return ""
+    truth = images.read("truth", f"{viewpoints[0]}.png")
+    if truth is None:
         return ""
     names = [_TRUTH, _CEILING, *part(data, "algorithms")]
-    return wipe(views, names, best or _CEILING, images.read("truth", f"{views[0]}.png"))
+    start = "centre" if "centre" in viewpoints else viewpoints[0]
+    choices = [
+        _choice("From", "viewpoint", viewpoints, start),
+        _choice("First", "first", names, names[0]),
+        _choice("Second", "second", names, best or _CEILING),
+        element(
+            "fieldset", element("legend", "Compare by"), element("div", *map(_way, _WIPE_WAYS))
+        ),
+    ]
+    rows, columns = truth.shape[:2]
+    stage = element(
+        "div",
+        element("div", class_="pictures"),
+        element("i", aria_hidden="true"),
+        *(element("b", class_=side, aria_hidden="true") for side in ("first", "second")),
+        class_="stage",
+        role="img",
+        style=f"aspect-ratio:{columns}/{rows};--gain:{DIFFERENCE_GAIN}",
+    )
+    border = void("input", type="range", name_="border", min=0, max=100, step="any", value=50)
+    flips = element("button", "Flip", type="button", name_="flip")
+    itself = void("input", type="checkbox", name_="by-itself")
+    below = [
+        element("label", "Border", border, data_way="slider"),
+        element("div", flips, element("label", itself, "by itself"), data_way="flip"),
+        element("p", class_="spoken", role="status"),
+    ]
+    lead = element("p", text(_WIPE_HELP), class_="lead")
+    controls = element("div", *choices, class_="controls")
+    kind = "wipe wide" if is_wide(truth) else "wipe"
+    return element("div", lead, controls, stage, *below, id=_WIPE_ID, class_=kind, hidden="hidden")
+
+
+def _choice(label: str, name: str, options: Sequence[str], chosen: str) -> str:
+    listed = [
+        element("option", text(one), value=one, selected="selected" if one == chosen else None)
+        for one in options
+    ]
+    return element("label", text(label), element("select", *listed, name_=name))
+
+
+def _way(way: tuple[str, str, bool]) -> str:
+    value, label, checked = way
+    radio = void(
+        "input",
+        type="radio",
+        name_="compare-by",
+        value=value,
+        checked="checked" if checked else None,
+    )
+    return element("label", radio, text(label))
 
 
 def _scale(images: Images) -> str:
@@ -71,7 +150,6 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
     heading = element("h3", text(view), element("small", text(f"eye at ({place}) mm")))
 
     def shown(name: str, pixels: np.ndarray | None) -> str:
-        # `wipe` finds a view by what it shows and from where.
         return images.embed(pixels, f"{name} from {view}", data_shows=name, data_viewpoint=view)
 
     def compared(name: str, pixels: np.ndarray | None, to: str, reference: Any) -> list[str]:
@@ -112,4 +190,74 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
     return heading + element("div", *figures, class_=kind, style=f"--count:{len(figures)}")
 
 
-SECTIONS = (ReportSection(60, "views", "Views", views),)
+def parallax(data: Mapping[str, Any], images: Images) -> str:
+    """The section on parallax; empty with fewer than two viewpoints in a line."""
+    points = [v for v in items(data, "viewpoints") if _position(v) is not None]
+    best = best_algorithm(data)
+    sources = [("Ground truth", ("truth",))] + ([(best, ("views", best))] if best else [])
+    strips = [
+        _strip(images, direction, [str(v["name"]) for v in line], sources)
+        for direction, line in _lines_of_sight(points)
+        if len(line) > 1
+    ]
+    if not strips:
+        return ""
+    wide = is_wide(images.read("truth", f"{points[0]['name']}.png")) or len(strips) == 1
+    kind = "strips wide" if wide else "strips"
+    return element("p", text(_PARALLAX), class_="lead") + element("div", *strips, class_=kind)
+
+
+def _position(viewpoint: Any) -> tuple[float, float] | None:
+    position = items(viewpoint, "position_mm")
+    if "name" not in part(viewpoint) or len(position) < 2 or not all(map(is_number, position)):
+        return None
+    return float(position[0]), float(position[1])
+
+
+def _lines_of_sight(points: Sequence[Any]) -> list[tuple[str, list[Any]]]:
+    """Viewpoints left to right and top to bottom through the one nearest to the axis."""
+    if not points:
+        return []
+    places = {id(v): _position(v) or (0.0, 0.0) for v in points}
+    x0, y0 = min(places.values(), key=lambda p: math.hypot(*p))
+    row = [v for v in points if math.isclose(places[id(v)][1], y0, abs_tol=1e-6)]
+    column = [v for v in points if math.isclose(places[id(v)][0], x0, abs_tol=1e-6)]
+    return [
+        ("left to right", sorted(row, key=lambda v: places[id(v)][0])),
+        ("top to bottom", sorted(column, key=lambda v: -places[id(v)][1])),
+    ]
+
+
+def _strip(
+    images: Images,
+    direction: str,
+    views: Sequence[str],
+    sources: Sequence[tuple[str, tuple[str, ...]]],
+) -> str:
+    rows = []
+    for label, place in sources:
+        shots = [_strip_shot(images, direction, view, label, place) for view in views]
+        title = element("h3", text(f"{label}, {direction}"))
+        rows.append(title + element("div", *shots, class_="strip"))
+    return element("div", *rows)
+
+
+def _strip_shot(
+    images: Images, direction: str, view: str, label: str, place: tuple[str, ...]
+) -> str:
+    """One small picture with a line through its centre, across the direction of movement."""
+    pixels = images.read(*place, f"{view}.png")
+    picture = images.embed(pixels, f"{label} from {view}", _THUMBNAIL_PX)
+    kind = "upright" if direction == "left to right" else "level"
+    line = element("i", class_=kind, aria_hidden="true")
+    return element(
+        "figure",
+        element("div", picture, line, class_="marked"),
+        element("figcaption", text(view)),
+    )
+
+
+SECTIONS = (
+    ReportSection(50, "parallax", "Parallax", parallax),
+    ReportSection(60, "views", "Views", views, WIPE),
+)

@@ -11,15 +11,16 @@ from inim.errors import InimError
 from inim.report.images import Images
 from inim.report.markup import element, text
 from inim.report.sections import ReportSection
-from inim.report.virtual_display.live import (
+from inim.report.virtual_display import (
     ANCHOR,
+    LIVE,
     LIVE_LENS_MODELS,
     TITLE,
     Eye,
+    Panel,
     Still,
     live_display,
 )
-from inim.report.virtual_display.panels import Panel
 from inim.report.wording import best_algorithm, is_number, items, part, viewpoint_names
 
 __all__ = ["REPORT_PANEL_BYTES", "SECTIONS", "report_display"]
@@ -127,4 +128,4 @@ def _lens_words(data: Mapping[str, Any]) -> str:
     return f"The report's {views} and scores are those of {model} lenses; thin ones come nearest."
 
 
-SECTIONS = (ReportSection(20, ANCHOR, TITLE, report_display),)
+SECTIONS = (ReportSection(20, ANCHOR, TITLE, report_display, LIVE),)

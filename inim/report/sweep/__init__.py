@@ -1,1 +1,299 @@
-"""The report of a sweep."""
+"""The page of a sweep: scores by scene and algorithm, displays by relic, failures, costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from inim.metrics import all_metrics
+from inim.report.files import write_text
+from inim.report.markup import element, plot, table, text, text_table
+from inim.report.page import Section, badge, data_note, how_to_reproduce, render_page, timestamp
+from inim.report.plots import (
+    draw_front,
+    draw_point,
+    new_figure,
+    on_front,
+    plain_ticks,
+    point_name,
+    set_apart,
+    style,
+    svg,
+)
+from inim.report.sweep.results import (
+    REFERENCES,
+    Result,
+    mean,
+    names_of,
+    results_of,
+    settings_of,
+    varied_settings,
+)
+from inim.report.wording import MAIN, MISSING, number
+
+__all__ = ["PAGE", "render_sweep", "write_page"]
+
+PAGE = "sweep.html"
+
+_MOST_ACROSS = 3
+_PANEL_HEIGHT = 4.0  # inches
+_STYLE = """
+.plot img { max-width: 1160px; }
+.scores { margin-bottom: 28px; }
+.scores td .best { color: var(--good); }
+.sweep table { width: auto; min-width: min(100%, 760px); }
+.sweep th, .sweep td { white-space: nowrap; }
+.sweep td:nth-child(n+4), .sweep th:nth-child(n+4) { text-align: right; }
+#cost .sweep td, #cost .sweep th:not(:first-child) { text-align: right; }
+.lead { max-width: 90ch; }
+"""
+_SCORES = (
+    "Each number is a mean over the viewpoints. Large: SSIM to the ceiling, what the algorithm "
+    "keeps of what this display can show. Small: SSIM to the scene, "
+    "what the viewer gets. Rows are not to be compared with one another: scores depend on what a "
+    "scene shows. No digit beyond the noise floor's distance from 1 means anything."
+)
+_PARETO = (
+    "Down and left is better; a point is the mean over the scenes. Coloured: no other is as fast "
+    "and as good. Grey: another is both. "
+)
+_TIMES = {
+    "yardsticks": "Times are ratios to one gather per display pixel, taken in the same process.",
+    "seconds": "Seconds were taken once, cold, while other work ran; put time = true into "
+    "the study for ratios to the yardstick.",
+}
+_BEST = (
+    "What a viewer gets of a relic from the best algorithm on each display: the mean SSIM to the "
+    "scene, next to the ceiling, which only noise takes an algorithm above. Each display's views "
+    "have as many pixels as it has lenses to fill them, so a display is judged at its own "
+    "resolution; FLIP weighs differences as an eye does."
+)
+_QUERY = """SELECT scene, display, algorithm, avg(ssim_to_ceiling) AS kept
+FROM 'sweep.parquet' WHERE status = 'ok'
+GROUP BY ALL ORDER BY scene, display, kept DESC;"""
+
+
+def write_page(path: Path, rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) -> None:
+    """Write the page, whole or not at all; parameters as of `render_sweep`."""
+    write_text(path, render_sweep(rows, about))
+
+
+def render_sweep(rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) -> str:
+    """The whole page.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Of the table; see README, Sweeps.
+    about : mapping of str to str
+        `title`, `command`, `created`, `inim_version`.
+    """
+    results = results_of(rows)
+    title = about.get("title", "Sweep")
+    query = element("p", "All rows are in sweep.parquet, in this page's folder; for example:")
+    query += element("pre", element("code", text(_QUERY)), tabindex=0)
+    return render_page(
+        title,
+        _facts(results, about),
+        [
+            Section("failures", "What failed", failures(rows)),
+            Section("scores", "Scores", _matrices(results)),
+            Section("pareto", "Time against error", _pareto(results)),
+            Section("displays", "Best display for a relic", best_displays(results)),
+            Section("cost", "What it took", cost_table(results)),
+            how_to_reproduce(about, query),
+        ],
+        window_title=f"{title} – inim sweep",
+        footer=data_note(about, "sweep.parquet"),
+        verdict_badge=_badge(rows, results),
+        style=_STYLE,
+    )
+
+
+def _facts(results: Sequence[Result], about: Mapping[str, str]) -> list[str]:
+    counts = [
+        f"{len(names_of(results, field))} {field}{'s' * (len(names_of(results, field)) != 1)}"
+        for field in ("scene", "display", "algorithm")
+    ]
+    words = [" × ".join(counts), f"inim {about.get('inim_version', MISSING)}"]
+    return [*map(text, words), timestamp(about)]
+
+
+def _badge(rows: Sequence[Mapping[str, Any]], results: Sequence[Result]) -> str:
+    good = all(row["status"] == "ok" and row.get("passed") for row in rows)
+    done = sum(not result.failed for result in results)
+    words = f"{done} of {len(results)} results, {len(rows)} rows"
+    return badge("passed" if good else "failed", text(words))
+
+
+def _matrices(results: Sequence[Result]) -> str:
+    found = []
+    for display in names_of(results, "display"):
+        for settings in names_of(results, "settings"):
+            own = [c for c in results if (c.display, c.settings) == (display, settings)]
+            found += [matrix(display, settings, own)] if own else []
+    return element("p", text(_SCORES), class_="lead") + "".join(found)
+
+
+def _pareto(results: Sequence[Result]) -> str:
+    """A panel for each display; empty where no algorithm has a time and a score.
+
+    A point is the mean over scenes, of the algorithms that have them all.
+    """
+    unit = time_column(results)
+    panels = {display: _points(results, display, unit) for display in names_of(results, "display")}
+    panels = {display: points for display, points in panels.items() if points}
+    if not panels:
+        return ""
+    words = element("p", text(_PARETO + _TIMES[unit]), class_="lead")
+    return words + plot(_drawing(panels, unit), "Time against error")
+
+
+def time_column(results: Sequence[Result]) -> str:
+    """Yardsticks where every result was timed in them; else seconds, taken once, cold."""
+    done = [c for c in results if not c.failed]
+    timed = bool(done) and all(c.scores["yardsticks"] is not None for c in done)
+    return "yardsticks" if timed else "seconds"
+
+
+def _points(results: Sequence[Result], display: str, column: str) -> dict[str, tuple[float, float]]:
+    """By algorithm, mean time and mean of 1 − SSIM to the ceiling."""
+    own = [c for c in results if c.display == display]
+    points = {}
+    for name in names_of(own, "algorithm"):
+        runs = [c for c in own if c.algorithm == name and not c.failed]
+        time = mean(c.scores[column] for c in runs)
+        score = mean(c.scores[MAIN.to_ceiling_key] for c in runs)
+        if time is not None and score is not None and time > 0:
+            points[name] = (time, 1 - score)
+    return points
+
+
+def _drawing(panels: Mapping[str, Mapping[str, tuple[float, float]]], unit: str) -> bytes:
+    across = min(_MOST_ACROSS, len(panels))
+    down = -(-len(panels) // across)
+    figure, axes = new_figure(across, _PANEL_HEIGHT * down, down, sharex=True, sharey=True)
+    for axis in axes[len(panels) :]:
+        axis.set_visible(False)
+    drawn = [
+        (axis, display, points, on_front(points))
+        for axis, (display, points) in zip(axes, panels.items(), strict=False)
+    ]
+    for axis, display, points, front in drawn:
+        for name, point in points.items():
+            draw_point(axis, name, *point, name in front)
+        draw_front(axis, [points[name] for name in front])
+        style(axis, display, f"{unit} per EIA (↙ better)", f"1 − {MAIN.label} to the ceiling")
+        axis.set_xscale("log")
+        axis.margins(0.24, 0.14)
+    for axis, *_ in drawn:
+        plain_ticks(axis)
+    figure.canvas.draw()  # the layout is final, so names can be placed
+    for axis, _, points, front in drawn:
+        set_apart(axis, [point_name(name, *at, name in front) for name, at in points.items()])
+    return svg(figure)
+
+
+def matrix(display: str, settings: str, results: Sequence[Result]) -> str:
+    """Scene by algorithm on one display: main score to the ceiling, and to the scene below it."""
+    algorithms = names_of(results, "algorithm")
+    heads = ["Scene", *algorithms, "Ceiling", "Noise floor"]
+    rows = []
+    for scene in names_of(results, "scene"):
+        own = {c.algorithm: c for c in results if c.scene == scene}
+        kept = (c.scores[MAIN.to_ceiling_key] for c in own.values() if not c.failed)
+        best = max((value for value in kept if value is not None), default=None)
+        cells = [_cell(own.get(name), best) for name in algorithms]
+        rows.append([text(scene), *cells, *_reference(list(own.values()))])
+    caption = f"Display {display}, {settings}" if settings else f"Display {display}"
+    return table(caption, [text(head) for head in heads], rows, "scores")
+
+
+def _cell(result: Result | None, best: float | None) -> str:
+    if result is None:
+        return MISSING
+    if result.failed:
+        return element("a", "failed", href="#failures")
+    value = result.scores[MAIN.to_ceiling_key]
+    is_best = value is not None and value == best
+    small = f"{'best · ' if is_best else ''}{number(result.scores[MAIN.key], 4)} scene"
+    shown = element("span", text(number(value, 4)), class_="best" if is_best else None)
+    return shown + element("small", text(small))
+
+
+def _reference(results: Sequence[Result]) -> list[str]:
+    """The ceiling against the scene, and the truth against itself; alike for all algorithms."""
+    done = [c for c in results if not c.failed]
+    if not done:
+        return [MISSING, MISSING]
+    return [text(number(done[0].scores[k], 4)) for k in REFERENCES]
+
+
+def best_displays(results: Sequence[Result]) -> str:
+    """For each relic, its displays by the main score to the scene of the best algorithm on each."""
+    if all(result.failed for result in results):
+        return ""
+    several = len(names_of(results, "settings")) > 1
+    others = [metric for metric in all_metrics() if metric.key != MAIN.key]
+    columns = [(MAIN.key, MAIN.digits), (REFERENCES[0], MAIN.digits)]
+    columns += [(metric.key, metric.digits) for metric in others]
+    rows = []
+    for scene in names_of(results, "scene"):
+        found = _ranking([c for c in results if c.scene == scene and not c.failed])
+        for place, result in enumerate(found):
+            shown = result.display + (f" ({result.settings})" if several else "")
+            rows.append(
+                [
+                    text(scene) if place == 0 else "",
+                    element("b", text(shown)) if place == 0 else text(shown),
+                    text(result.algorithm),
+                    *(text(number(result.scores[key], digits)) for key, digits in columns),
+                ]
+            )
+    heads = ["Relic", "Display", "Best algorithm on it", f"{MAIN.label} to scene", "Its ceiling"]
+    heads += [metric.label for metric in others]
+    listed = table("Displays by relic, the best first", [text(h) for h in heads], rows, "sweep")
+    return element("p", text(_BEST), class_="lead") + listed
+
+
+def _ranking(results: Sequence[Result]) -> list[Result]:
+    """The best result of each display, in falling order."""
+    best: dict[tuple[str, str], tuple[float, Result]] = {}
+    for result in results:
+        value = result.scores[MAIN.key]
+        place = (result.display, result.settings)
+        if value is not None and (place not in best or value > best[place][0]):
+            best[place] = (value, result)
+    return [result for _, result in sorted(best.values(), key=lambda found: -found[0])]
+
+
+def cost_table(results: Sequence[Result]) -> str:
+    """Seconds a validation took, by scene and display."""
+    displays = names_of(results, "display")
+    rows = []
+    for scene in names_of(results, "scene"):
+        cells = []
+        for display in displays:
+            own = [c for c in results if (c.scene, c.display) == (scene, display)]
+            spent = {c.settings: c.scores["unit_seconds"] for c in own}
+            known = [v for v in spent.values() if v is not None]
+            cells.append(number(sum(known), 1) if known else MISSING)
+        rows.append([scene, *cells])
+    caption = "Seconds of the validations the rows come from, whatever else ran at the same time"
+    return text_table(caption, ["Scene", *displays], rows, "sweep")
+
+
+def failures(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Each unit that failed and why, and each check that did not pass; empty where all is well."""
+    found: dict[tuple[str, str], None] = {}
+    varied = varied_settings(rows)
+    for row in rows:
+        words = [row["scene"], row["display"], settings_of(row, varied)]
+        if row["status"] == "ok":
+            words.append(row["algorithm"])
+        error = row["error"] if row["status"] != "ok" else row.get("failed_checks")
+        if error:
+            found[" · ".join(str(word) for word in words if word), str(error)] = None
+    lines = [element("li", element("b", text(what)), " ", text(why)) for what, why in found]
+    return element("ul", *lines, class_="failures") if lines else ""

@@ -20,7 +20,6 @@ __all__ = [
     "Result",
     "mean",
     "names_of",
-    "on_front",
     "results_of",
     "settings_of",
     "varied_settings",
@@ -118,12 +117,3 @@ def mean(values: Iterable[Any]) -> float | None:
     if not known or not all(is_number(v) and math.isfinite(v) for v in known):
         return None
     return math.fsum(known) / len(known)
-
-
-def on_front(points: Mapping[str, tuple[float, float]]) -> set[str]:
-    """Of points to be small in both values, those that no other beats in one and equals in both."""
-    return {
-        name
-        for name, (x, y) in points.items()
-        if not any((a <= x and b <= y and (a, b) != (x, y)) for a, b in points.values())
-    }

@@ -1,4 +1,354 @@
 """The virtual display: an EIA through its lens array, drawn live in the page by WebGL.
 
-Without scripts or WebGL 2, views rendered beforehand stand in.
+Here are the controls and canvases for the script, the data it draws from, and the views that stand
+in for it without scripts or WebGL 2. The script and its shader are package data of this folder.
 """
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.lens import channel_indices, drawn_as, drawn_live, lens_array, lens_traits
+from inim.report.images import Images, data_uri, is_wide
+from inim.report.markup import element, figure, text, void
+from inim.report.page import Widget, package_text
+
+__all__ = [
+    "ANCHOR",
+    "LIVE",
+    "LIVE_LENS_MODELS",
+    "TITLE",
+    "Eye",
+    "Panel",
+    "Still",
+    "embed_panels",
+    "live_display",
+]
+
+ANCHOR, TITLE = "virtual-display", "Virtual display"
+#: The lens models that the shader knows.
+LIVE_LENS_MODELS = drawn_live()
+
+_FOLDER = "virtual_display"
+LIVE = Widget(
+    package_text(_FOLDER, "virtual_display.css"),
+    package_text(_FOLDER, "virtual_display.js"),
+    "<canvas ",
+)
+_STILL_PX = 420
+# Tried in turn until the two panels that matter most fit. An EIA cannot be scaled down: its
+# pixels are directions.
+_FORMS = (("PNG", 0), ("JPEG", 95), ("JPEG", 85))
+_NEEDED = "The live display needs scripts and WebGL 2; these pre-rendered views stand in for it."
+_HELP = (
+    "Drag across a picture to move the eye. Once clicked, or reached with the Tab key: scroll or "
+    "pinch for the distance, arrow keys move the eye (with Shift farther), + and − go nearer and "
+    "back, Home returns."
+)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """An EIA to show.
+
+    Attributes
+    ----------
+    name : str
+    codes : (rows, columns, 3) uint8
+        sRGB, row 0 on top.
+    """
+
+    name: str
+    codes: np.ndarray
+
+
+@dataclass(frozen=True)
+class Eye:
+    """A named eye position, in the display frame."""
+
+    name: str
+    position_mm: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Still:
+    """A pre-rendered view, (rows, columns, 3) uint8 sRGB, None where it is missing."""
+
+    name: str
+    remark: str
+    codes: np.ndarray | None
+
+
+def live_display(
+    display: Display,
+    panels: Sequence[Panel],
+    eyes: Sequence[Eye],
+    stills: Sequence[Still],
+    images: Images,
+    *,
+    most_bytes: int,
+    lens_model: str = "thick",
+    remarks: Sequence[str] = (),
+) -> str:
+    """The section's content: the live display, hidden until the script shows it, and its stand-in.
+
+    Parameters
+    ----------
+    display : Display
+        As its array lies.
+    panels : sequence of Panel
+        Of its size, the most important first.
+    eyes : sequence of Eye
+        The first is where the eye starts.
+    stills : sequence of Still
+    images : Images
+        Embeds the stills.
+    most_bytes : int
+        Room for the panels.
+    lens_model : str
+        What the display starts with, or the one nearest to it that is drawn live.
+    remarks : sequence of str
+        Sentences below the display.
+    """
+    embedded, left_out = embed_panels(panels, most_bytes)
+    words = [*_embedding_words(embedded, left_out), *remarks, *_display_words(display)]
+    note = element("p", text(" ".join(filter(None, words))), class_="note")
+    if not embedded:
+        return _stand_in(stills, images) + note
+    start = [0, min(1, len(embedded) - 1)][: len(embedded)]
+    data = {
+        "optics": _optics(display),
+        "panels": [{"name": one.name, "source": one.source} for one in embedded],
+        "viewpoints": [{"name": e.name, "position_mm": list(e.position_mm)} for e in eyes],
+        "start": start,
+    }
+    return (
+        _live(display, [one.name for one in embedded], start, eyes, lens_model)
+        + _stand_in(stills, images)
+        + note
+        + _data_element(data)
+    )
+
+
+def _stand_in(stills: Sequence[Still], images: Images) -> str:
+    why = element("p", text(_NEEDED), class_="note", id="virtual-display-why")
+    shown = [
+        figure(images.embed(s.codes, f"{s.name} {s.remark}", _STILL_PX), s.name, s.remark)
+        for s in stills
+    ]
+    wide = any(is_wide(s.codes) for s in stills)
+    pictured = element("div", *shown, class_="stills wide" if wide else "stills")
+    return element("div", why, pictured if shown else "", class_="stand-in")
+
+
+def _live(
+    display: Display,
+    names: Sequence[str],
+    start: Sequence[int],
+    eyes: Sequence[Eye],
+    lens_model: str,
+) -> str:
+    several = len(start) > 1
+    screens = [_screen(display, names, side, index) for side, index in enumerate(start)]
+    body = [
+        element("p", text(_HELP), class_="lead", id="virtual-display-help"),
+        _controls(eyes, several, lens_model),
+        element("div", *screens, class_="screens"),
+        element("p", class_="readout"),
+        element("p", class_="sign"),
+        _sliders(),
+        element("p", class_="spoken", role="status"),
+    ]
+    kinds = ["virtual", *(["wide"] if display.width_mm > 1.5 * display.height_mm else [])]
+    kinds += [] if several else ["single"]
+    return element("div", *body, class_=" ".join(kinds), id="virtual-display-live", hidden="hidden")
+
+
+def _controls(eyes: Sequence[Eye], several: bool, lens_model: str) -> str:
+    buttons = [
+        element("button", text(eye.name), type="button", data_viewpoint=i, aria_pressed="false")
+        for i, eye in enumerate(eyes)
+    ]
+    # A thick lens focuses as a thin one does; a pinhole shows one pixel all over.
+    first = drawn_as(lens_model)
+    radios = [_radio(model, model == first) for model in LIVE_LENS_MODELS]
+    parts = [_choices("Look from", buttons), _choices("Lens model", radios)]
+    if several:
+        box = void("input", type="checkbox", name_="together", checked="checked")
+        parts.append(_choices("Compare", [element("label", box, "side by side")]))
+    return element("div", *parts, class_="controls")
+
+
+def _choices(legend: str, choices: Sequence[str]) -> str:
+    inside = element("div", *choices, class_="choices")
+    return element("fieldset", element("legend", text(legend)), inside)
+
+
+def _radio(model: str, checked: bool) -> str:
+    chosen = "checked" if checked else None
+    button = void("input", type="radio", name_="lens-model", value=model, checked=chosen)
+    return element("label", button, text(model))
+
+
+def _screen(display: Display, names: Sequence[str], side: int, index: int) -> str:
+    word = ("Left", "Right")[side]
+    if len(names) > 1:
+        options = [
+            element("option", text(name), value=i, selected="selected" if i == index else None)
+            for i, name in enumerate(names)
+        ]
+        head = element("label", word, element("select", *options))
+    else:
+        # One panel: nothing to choose, but the script reads what is shown here.
+        only = element("option", text(names[0]), value=0, selected="selected")
+        head = element("b", text(names[0])) + element("select", only, hidden="hidden")
+    canvas = element(
+        "canvas",
+        tabindex=0,
+        role="application",
+        aria_roledescription="virtual display",
+        aria_label=names[index],
+        aria_describedby="virtual-display-help",
+        style=f"aspect-ratio:{display.width_mm:.6g}/{display.height_mm:.6g}",
+    )
+    return element("figure", head, canvas)
+
+
+def _sliders() -> str:
+    sliders = [
+        element("label", text(label), void("input", type="range", name_=name, **limits))
+        for name, label, limits in (
+            ("x", "Eye, left to right", {"step": "any"}),
+            ("y", "Eye, down to up", {"step": "any"}),
+            ("z", "Eye, near to far", {"min": 0, "max": 1, "step": "any"}),
+        )
+    ]
+    return element("div", *sliders, class_="sliders")
+
+
+def _embedding_words(embedded: Sequence[_Embedded], left_out: Sequence[str]) -> list[str]:
+    words = []
+    if any(not one.is_exact for one in embedded):
+        words.append(
+            "The panels are too large to be embedded exactly: they are compressed with loss here, "
+            "and exact in the folder."
+        )
+    if left_out:
+        words.append(
+            f"Left out, the page would be too large: {', '.join(left_out)}. "
+            "`inim view` shows every panel."
+        )
+    return words
+
+
+def _display_words(display: Display) -> list[str]:
+    words = ["The eye is a point."]
+    if display.subpixels != "none" or display.pixel_fill < 1:
+        words.append("Panel pixels are drawn evenly lit: sub-pixels and pixel fill as none.")
+    if display.tilt_x_deg or display.tilt_y_deg:
+        words.append("The viewing zone is stated for a panel that is not tilted.")
+    return words
+
+
+def _optics(display: Display) -> dict[str, Any]:
+    """Everything the live display needs of a `Display`, for JSON; lengths in millimetres.
+
+    `traits` are names the shader is compiled with.
+
+    Parameters
+    ----------
+    display : Display
+        As its array really lies.
+    """
+    array, traits = lens_array(display), lens_traits(display)
+    rows, columns = display.eia_shape
+    indices = channel_indices(display)
+    kinds = {
+        "COLORED": len(set(indices)) > 1,
+        "HEXAGONAL": traits.hexagonal,
+        "APERTURE": not traits.full_aperture,
+        "ROUND_APERTURE": traits.round_aperture,
+        "CLEAR_BETWEEN": traits.clear_between,
+        "TURNED": traits.turned,
+        "TILTED": traits.tilted,
+    }
+    return {
+        "size_mm": [display.width_mm, display.height_mm],
+        "pitch_mm": [array.pitch_x, array.pitch_y],
+        "lenses": [display.lens_columns, display.lens_rows],
+        "gap_mm": array.gap,
+        "elemental_pitch_mm": [display.elemental_image_pitch_mm, display.elemental_row_pitch_mm],
+        "power_per_mm": [(n - 1) / array.radius for n in indices],
+        "traits": [name for name, has in kinds.items() if has],
+        "half_aperture_mm": array.half_aperture,
+        "shift_mm": [array.shift_x, array.shift_y],
+        "turn": [array.cosine, array.sine],
+        "tilt": [array.tilt_x, array.tilt_y],
+        "pixel_mm": display.pixel_pitch_mm,
+        "panel": [columns, rows],
+        "front_mm": max(display.depth_range_mm[1], 0.0),
+    }
+
+
+def _data_element(data: Mapping[str, Any]) -> str:
+    """`data` and the shader as a block that the script reads and nothing runs."""
+    whole = {**data, "shader": package_text(_FOLDER, "virtual_display.glsl")}
+    coded = json.dumps(whole, allow_nan=False).replace("<", "\\u003c").replace("&", "\\u0026")
+    return f'<script type="application/json" id="virtual-display-data">{coded}</script>'
+
+
+@dataclass(frozen=True)
+class _Embedded:
+    """A panel as a data URI; `is_exact` where no pixel differs from the EIA's."""
+
+    name: str
+    source: str
+    is_exact: bool
+
+
+def embed_panels(panels: Sequence[Panel], most_bytes: int) -> tuple[list[_Embedded], list[str]]:
+    """As many panels as fit, and the names of those left out.
+
+    Parameters
+    ----------
+    panels : sequence of Panel
+        The most important first. The first two go in before anything else, compressed with loss
+        if they have to be.
+    most_bytes : int
+        For all data URIs together.
+    """
+    for form, quality in _FORMS:
+        first = [_embed(panel, form, quality) for panel in panels[:2]]
+        if sum(len(one.source) for one in first) <= most_bytes:
+            return _fill_up(panels, first, form, quality, most_bytes)
+    return [], [panel.name for panel in panels]
+
+
+def _fill_up(
+    panels: Sequence[Panel],
+    embedded: list[_Embedded],
+    form: str,
+    quality: int,
+    most_bytes: int,
+) -> tuple[list[_Embedded], list[str]]:
+    left_out = []
+    room = most_bytes - sum(len(one.source) for one in embedded)
+    for panel in panels[2:]:
+        one = _embed(panel, form, quality)
+        if len(one.source) <= room:
+            embedded.append(one)
+            room -= len(one.source)
+        else:
+            left_out.append(panel.name)
+    return embedded, left_out
+
+
+def _embed(panel: Panel, form: str, quality: int) -> _Embedded:
+    source = data_uri(panel.codes, form, quality, compress_level=9)
+    return _Embedded(panel.name, source, form == "PNG")

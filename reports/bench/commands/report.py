@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from inim.report.bench import Part, Table
-from inim.report.bench.marks import LINES, SOFT, colour_of, plain_ticks, style
-from inim.report.bench.part import milliseconds, times
-from inim.report.bench.plots import new_figure
+from inim.report.bench import Part, Table, milliseconds, times
+from inim.report.plots import LINES, SOFT, colour_of, new_figure, plain_ticks, style
 from inim.report.wording import MISSING, is_number, items, number, part, per_cent
 
 __all__ = ["parts_of"]

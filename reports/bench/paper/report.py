@@ -6,10 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from inim.report.bench import Part, Table
-from inim.report.bench.marks import colour_of, marker_of, plain_ticks, style
-from inim.report.bench.part import TIME_HEADS, milliseconds, time_cells, times
-from inim.report.bench.plots import TIME, new_figure
+from inim.report.bench import TIME, TIME_HEADS, Part, Table, milliseconds, time_cells, times
+from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
 from inim.report.wording import MISSING, is_number, items, number, part, per_cent
 
 __all__ = ["parts_of"]

@@ -18,8 +18,7 @@ import numpy as np
 from inim.bench import Rounds, Timing, in_turn, ratios, threads
 from inim.display.viewpoint import parse_viewpoints
 from inim.lens import FULL
-from inim.report.bench import Part, Table
-from inim.report.bench.part import milliseconds, times
+from inim.report.bench import Part, Table, milliseconds, times
 from inim.report.wording import items, number, part, per_cent
 from inim.scene.two_spheres import two_spheres_eia
 from reports.bench.study import new_parser, run_study, square_display

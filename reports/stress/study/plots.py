@@ -8,7 +8,7 @@ from typing import Any
 
 from inim.accuracy_limits import LANDING_PIXELS
 from inim.files.image import write_atomically
-from inim.report.bench.marks import LINES, style
+from inim.report.plots import LINES, style
 
 __all__ = ["draw_plots"]
 

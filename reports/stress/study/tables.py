@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from inim.report.stress.tables import (
+from inim.report.stress import (
     Table,
     checks_table,
     count,

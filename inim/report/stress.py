@@ -1,25 +1,56 @@
-"""The tables of a stress run, for its page and its Markdown alike."""
+"""The report of a stress run: `stress.json`, `stress.md` and `stress.html`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from inim.report.wording import MISSING, is_number, items, number, part, per_cent, plain
+from inim.report.files import list_files, write_forms
+from inim.report.markup import bullets, saved_plot, text, text_table
+from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
+from inim.report.summary import markdown_command, markdown_line, markdown_section
+from inim.report.wording import MISSING, is_number, items, number, part, per_cent
 
 __all__ = [
+    "SCHEMA",
     "Table",
     "checks_table",
     "count",
     "grouped",
     "jitter_table",
     "relations_table",
-    "render_markdown",
     "small",
     "summary_lines",
     "tables_of",
+    "write_stress",
 ]
+
+
+SCHEMA = "inim.stress/2"
+# Digits of figures in the file: enough for any table, and a third of its size.
+_DIGITS = 6
+_STYLE = """
+.plot img { max-width: 1240px; }
+.stress table { font-size: 13px; width: auto; min-width: min(100%, 700px); }
+.stress th, .stress td { text-align: left; vertical-align: top; padding: 3px 8px; }
+.stress thead th { vertical-align: bottom; }
+.stress { margin-bottom: 24px; }
+.remarks { max-width: 95ch; padding-left: 1.2em; }
+"""
+_PARTS = {
+    "verdict": "Verdict",
+    "hits": "First hits",
+    "limits": "Accuracy limits",
+    "generators": "Generators",
+    "lenses": "Lens models",
+    "relations": "Relations",
+    "jitter": "Jitter",
+    "guarded": "Violations and their warnings",
+    "refused": "Refused",
+}
 
 Rows = Sequence[Mapping[str, Any]]
 
@@ -178,23 +209,103 @@ def jitter_table(data: Mapping[str, Any]) -> Table:
     return Table("jitter", caption, heads, found)
 
 
-def render_markdown(data: Mapping[str, Any], tables: Sequence[Table], lines: Sequence[str]) -> str:
+def write_stress(
+    data: Mapping[str, Any],
+    folder: Path,
+    *,
+    tables: Callable[[Mapping[str, Any]], Sequence[Table]] = tables_of,
+    lines: Callable[[Mapping[str, Any]], Sequence[str]] = summary_lines,
+) -> None:
+    """Write all forms of a stress run into a folder, `stress.json` last: it marks a whole one.
+
+    Parameters
+    ----------
+    data : mapping
+        Schema `inim.stress/2`, or another that `tables` and `lines` know; `files` is added here.
+    folder : Path
+        Empty but for figures; the page shows `stress.svg`.
+    tables, lines : callable
+        Tables and sentences of the page and of the Markdown, made from what was written.
+    """
+    forms = {
+        "stress.md": lambda data: _markdown(data, tables(data), lines(data)),
+        "stress.html": lambda data: _page(data, folder, tables(data), lines(data)),
+    }
+    listed = _short(list_files(data, folder, "stress.json", *forms))
+    write_forms(listed, folder, "stress.json", forms, encode=_as_text)
+
+
+def _short(value: Any) -> Any:
+    """Floats to so many significant digits."""
+    if isinstance(value, Mapping):
+        return {key: _short(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_short(one) for one in value]
+    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
+
+
+def _as_text(strict: Mapping[str, Any]) -> str:
+    """JSON with one row to a line: readable, and differences of two runs show."""
+    parts = []
+    for key, value in strict.items():
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            rows = ",\n  ".join(_compact(row) for row in value)
+            parts.append(f" {_compact(key)}: [\n  {rows}\n ]")
+        else:
+            parts.append(f" {_compact(key)}: {_compact(value)}")
+    return "{\n" + ",\n".join(parts) + "\n}"
+
+
+def _compact(value: Any) -> str:
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)
+
+
+def _markdown(data: Mapping[str, Any], tables: Sequence[Table], lines: Sequence[str]) -> str:
     """A run as Markdown: sentences, then tables."""
-    blocks = [f"## {_cell(data.get('title', 'Stress'))}"]
     seconds = number(data.get("seconds"), 0)
-    blocks.append(f"{data.get('mode', '')} run, {seconds} s, inim {data.get('inim_version', '')}")
-    blocks.append("\n".join(f"* {_cell(line)}" for line in lines))
-    for table in tables:
-        if not table.rows:
-            continue
-        head = [list(table.heads), [":--", *["--:"] * (len(table.heads) - 1)]]
-        rows = [f"| {' | '.join(map(_cell, row))} |" for row in [*head, *table.rows]]
-        blocks += [f"### {_cell(table.caption)}", "\n".join(rows)]
-    blocks.append(f"`{plain(data.get('command', '')).replace('`', '')}`")
-    return "\n\n".join(blocks)
+    return "\n\n".join(
+        [
+            f"## {markdown_line(data.get('title', 'Stress'))}",
+            f"{data.get('mode', '')} run, {seconds} s, inim {data.get('inim_version', '')}",
+            "\n".join(f"* {markdown_line(line)}" for line in lines),
+            *(markdown_section(t.caption, t.heads, t.rows) for t in tables if t.rows),
+            markdown_command(data),
+        ]
+    )
 
 
-def _cell(value: object) -> str:
-    """One line that cannot break a table."""
-    line = " ".join(plain(value).split())
-    return line.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|")
+def _page(
+    data: Mapping[str, Any], folder: Path, tables: Sequence[Table], lines: Sequence[str]
+) -> str:
+    """A run as one HTML page: `lines` above the verdict, the figure above the limits."""
+    above = {"verdict": bullets(lines, "remarks"), "limits": _figure(folder)}
+    bodies: dict[str, str] = {}
+    for one in tables:
+        if one.rows:
+            body = bodies.setdefault(one.part, above.get(one.part, ""))
+            bodies[one.part] = body + text_table(one.caption, one.heads, one.rows, "stress")
+    title = data.get("title", "Stress")
+    return render_page(
+        title,
+        _facts(data),
+        [*(Section(k, _PARTS[k], body) for k, body in bodies.items()), how_to_reproduce(data)],
+        window_title=f"{title} – inim",
+        footer=data_note(data, "stress.json"),
+        style=_STYLE,
+    )
+
+
+def _facts(data: Mapping[str, Any]) -> list[str]:
+    return [
+        "passed" if data.get("passed") is True else "FAILED",
+        f"{text(data.get('mode', MISSING))} run",
+        f"{number(data.get('seconds'), 0)} s",
+        text(part(data, "backend").get("device", MISSING)),
+        timestamp(data),
+    ]
+
+
+def _figure(folder: Path) -> str:
+    words = "Error against parameter, float32 solid, float64 dashed"
+    caption = f"{words}. Generators at the foot of an axis: no pixel at all."
+    return saved_plot(folder / "stress.svg", words, caption)

@@ -1,0 +1,265 @@
+"""What all plots share: an algorithm's colour and mark, axes, names at their points, and files.
+
+Without a date or random ids equal data give equal files, and text stays text.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from inim.errors import UsageError
+from inim.files.image import write_atomically
+from inim.generators import properties
+
+__all__ = [
+    "LINES",
+    "SOFT",
+    "Name",
+    "across",
+    "colour_of",
+    "draw_front",
+    "draw_point",
+    "marker_of",
+    "new_figure",
+    "on_front",
+    "plain_ticks",
+    "point_name",
+    "save",
+    "set_apart",
+    "style",
+    "svg",
+]
+
+_PNG_DPI = 160
+_INK = "#1e2022"
+#: Of labels and whatever else stands back.
+SOFT = "#5a5f63"
+# Of points that another beats in time and error.
+_BEATEN = "#b5b5b0"
+_LINE = "#dedbd3"
+_YARDSTICK = "yardstick"
+# Of algorithms that state none. With our own algorithms' they are Okabe and Ito's colours,
+# distinct to any colour vision.
+_OTHERS = ("#56b4e9", "#e69f00", "#8c6d31")
+#: Lines across a panel.
+LINES: dict[str, dict[str, Any]] = {
+    "front": {"color": _INK, "linewidth": 0.8, "alpha": 0.35, "zorder": 1},
+    "yardstick": {"color": SOFT, "linewidth": 1.0, "linestyle": ":", "zorder": 1},
+    "floor": {"color": SOFT, "linewidth": 1.0, "linestyle": "--", "zorder": 1},
+}
+# Where a name may go, points from its mark and how it is aligned; the first that is free is taken.
+_PLACES = (
+    (6, 4, "left"),
+    (6, -11, "left"),
+    (-6, 4, "right"),
+    (-6, -11, "right"),
+    (0, 9, "center"),
+    (0, -17, "center"),
+    (6, 14, "left"),
+    (6, -21, "left"),
+    (-6, 14, "right"),
+    (-6, -21, "right"),
+    (6, 24, "left"),
+    (6, -31, "left"),
+)
+_MARK_PX = 8.0
+
+
+def colour_of(name: str) -> str:
+    """The colour of an algorithm, whatever its options: what it states itself, or one of three."""
+    algorithm = name.partition(":")[0]
+    if algorithm == _YARDSTICK:
+        return SOFT
+    return _stated(algorithm, "color") or _OTHERS[sum(algorithm.encode()) % len(_OTHERS)]
+
+
+def marker_of(name: str) -> str:
+    """The mark of an algorithm, whatever its options: what it states itself, or a circle."""
+    algorithm = name.partition(":")[0]
+    return "x" if algorithm == _YARDSTICK else _stated(algorithm, "marker") or "o"
+
+
+def _stated(algorithm: str, what: str) -> str | None:
+    """A property of an algorithm; None of what is none here: a finished EIA, another machine's."""
+    try:
+        found: str | None = getattr(properties(algorithm), what)
+    except UsageError:
+        return None
+    return found
+
+
+def style(axis: Any, title: str, x_label: str, y_label: str) -> None:
+    """Title, labels, a light grid, no box."""
+    axis.set_title(title, loc="left", fontsize=10.5, color=_INK)
+    axis.set_xlabel(x_label, fontsize=9, color=SOFT)
+    axis.set_ylabel(y_label, fontsize=9, color=SOFT)
+    axis.grid(True, which="major", color=_LINE, linewidth=0.6)
+    axis.set_axisbelow(True)
+    axis.tick_params(labelsize=8, colors=SOFT, which="both", length=2.5)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axis.spines[side].set_color(_LINE)
+
+
+def plain_ticks(axis: Any) -> None:
+    """0.3, 1, 100 rather than powers of ten; between them only where there is just one or none."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    shown = FuncFormatter(lambda value, _: _short(value))
+    for side in (axis.xaxis, axis.yaxis):
+        if side.get_scale() == "linear":
+            continue
+        low, high = sorted(side.get_view_interval())
+        side.set_major_formatter(shown)
+        within_a_decade = side.get_scale() == "log" and high < 10 * low
+        side.set_minor_formatter(shown if within_a_decade else NullFormatter())
+
+
+def _short(value: float) -> str:
+    for unit, size in (("M", 1e6), ("k", 1e3)):
+        if value >= size:
+            return f"{value / size:g} {unit}"
+    return f"{value:g}"
+
+
+def new_figure(
+    columns: int, height: float, rows: int = 1, **options: Any
+) -> tuple[Any, Sequence[Any]]:
+    """A figure and its axes, row by row: no global state, no display.
+
+    Parameters
+    ----------
+    columns : int
+    height : float
+        Of all rows, in inches.
+    rows : int
+    **options
+        Of `matplotlib.figure.Figure.subplots`.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.2 * columns, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False, **options).ravel()
+
+
+def save(figure: Any, folder: Path, name: str) -> None:
+    """Write a figure as ``NAME.svg`` and ``NAME.png``."""
+    write_atomically(folder / f"{name}.svg", lambda path: path.write_bytes(svg(figure)))
+    write_atomically(folder / f"{name}.png", lambda path: figure.savefig(path, dpi=_PNG_DPI))
+
+
+def svg(figure: Any) -> bytes:
+    """A figure as SVG."""
+    from matplotlib import rc_context
+
+    stream = io.BytesIO()
+    with rc_context({"svg.hashsalt": "inim", "svg.fonttype": "none"}):
+        figure.savefig(stream, format="svg", metadata={"Date": None})
+    return stream.getvalue()
+
+
+def on_front(points: Mapping[str, tuple[float, float]]) -> set[str]:
+    """Of points to be small in both values, those that no other beats in one and equals in both."""
+    return {
+        name
+        for name, (x, y) in points.items()
+        if not any((a <= x and b <= y and (a, b) != (x, y)) for a, b in points.values())
+    }
+
+
+def draw_front(axis: Any, points: Collection[tuple[float, float]]) -> None:
+    """The line that joins the points of a front."""
+    if points:
+        axis.step(*zip(*sorted(points), strict=True), where="post", **LINES["front"])
+
+
+def draw_point(
+    axis: Any, name: str, time: float, error: float, on_front: bool, fastest: float | None = None
+) -> None:
+    """An algorithm's mark, grey where another beats it in both; a whisker to its fastest run."""
+    colour = colour_of(name) if on_front else _BEATEN
+    if fastest is not None:
+        axis.plot([fastest, time], [error, error], color=colour, linewidth=1.2, zorder=2)
+    axis.plot(time, error, marker_of(name), color=colour, markersize=7, zorder=3, clip_on=False)
+
+
+def point_name(name: str, time: float, error: float, on_front: bool) -> Name:
+    """An algorithm's name for its point, smaller and grey where another beats it in both."""
+    return Name(name, time, error, colour_of(name) if on_front else SOFT, 8 if on_front else 7)
+
+
+@dataclass(frozen=True)
+class Name:
+    """A name and the point it belongs to, in the axis's own values."""
+
+    words: str
+    x: float
+    y: float
+    colour: str
+    size: float
+
+
+def set_apart(axis: Any, names: Sequence[Name]) -> None:
+    """Write the names, the largest first, each at the first place that is free."""
+    from matplotlib.transforms import Bbox
+
+    renderer = axis.figure.canvas.get_renderer()
+    room = axis.get_window_extent(renderer).padded(10)
+    marks = [axis.transData.transform((n.x, n.y)) for n in names]
+    taken = [
+        Bbox.from_bounds(x - _MARK_PX / 2, y - _MARK_PX / 2, _MARK_PX, _MARK_PX) for x, y in marks
+    ]
+    taken += [text.get_window_extent(renderer) for text in axis.texts]
+    for name in sorted(names, key=lambda n: -n.size):
+        written = [_write(axis, name, place) for place in _PLACES]
+        boxes = [text.get_window_extent(renderer) for text in written]
+        best = min(range(len(boxes)), key=lambda i: (_overlap(boxes[i], taken, room), i))
+        taken.append(boxes[best])
+        for i, text in enumerate(written):
+            if i != best:
+                text.remove()
+
+
+def _write(axis: Any, name: Name, place: tuple[float, float, str]) -> Any:
+    return axis.annotate(
+        name.words,
+        (name.x, name.y),
+        place[:2],
+        textcoords="offset points",
+        ha=place[2],
+        fontsize=name.size,
+        color=name.colour,
+        zorder=4,
+    )
+
+
+def _overlap(box: Any, taken: Sequence[Any], room: Any) -> float:
+    """Area covered twice, and what sticks out of the panel, square pixels."""
+    covered = sum(_common_area(box, other) for other in taken)
+    return float(covered + box.width * box.height - _common_area(box, room))
+
+
+def _common_area(a: Any, b: Any) -> float:
+    wide = min(a.x1, b.x1) - max(a.x0, b.x0)
+    high = min(a.y1, b.y1) - max(a.y0, b.y0)
+    return float(max(0.0, wide) * max(0.0, high))
+
+
+def across(axis: Any, words: str, x: float | None = None, y: float | None = None) -> None:
+    """Words at the end of a line across the panel, at x or at y."""
+    from matplotlib.transforms import blended_transform_factory as blended
+
+    font = {"fontsize": 7.5, "color": SOFT}
+    if x is not None:
+        where = blended(axis.transData, axis.transAxes)
+        axis.text(x, 0.99, f" {words}", transform=where, va="top", **font)
+    else:
+        where = blended(axis.transAxes, axis.transData)
+        axis.text(0.99, y, words, transform=where, ha="right", va="bottom", **font)
