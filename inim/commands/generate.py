@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from inim.display import Display
-    from inim.from_camera.depth_map import DepthMap
-    from inim.from_camera.fit import Fitted, Pinhole
+    from inim.from_camera.fit import DepthMap, Fitted, Pinhole
     from inim.from_camera.picture import CameraPicture, ColorDepth
     from inim.rgbd import RGBD
     from inim.settings import Settings

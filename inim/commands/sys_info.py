@@ -70,7 +70,7 @@ def _installed_version(name: str) -> str | None:
 
 
 def _candidate(library: Path, verdict: Verdict) -> dict[str, Any]:
-    from inim.backend.libllvm import llvm_version
+    from inim.backend.choice import llvm_version
 
     named = ".".join(map(str, llvm_version(library) or ()))
     version = verdict.version or named or None

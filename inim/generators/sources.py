@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from inim.buffers import row_bands
 from inim.errors import UsageError
 from inim.rgbd import RGBD
-from inim.row_bands import row_bands
 
 __all__ = ["HOLE", "MASKED", "NO_LENS", "Sources", "colour_of", "hole_fraction"]
 

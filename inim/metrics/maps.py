@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from inim.buffers import row_bands
 from inim.color import srgb_from_linear
 from inim.errors import UsageError
 from inim.metrics.base import Metric
-from inim.row_bands import row_bands
 
 __all__ = ["check_alike", "maps_of"]
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from inim.buffers import HalfBuffers
 from inim.display import Display, Viewpoint
 from inim.display.panel import SUBPIXELS
-from inim.half_buffers import HalfBuffers
 from inim.pipeline.checks import finite
 from inim.pipeline.scene import BLACK_FOR_CERTAIN, Scene, samples_traced, seed_of
 from inim.pipeline.stage import RENDERING, Run, stage

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.half_buffers import HalfBuffers
+from inim.buffers import HalfBuffers
 from inim.pipeline.capture import Capture
 from inim.pipeline.checks import BLACK, CLIPPED_SHARE, any_colour, check, share_outside
 from inim.pipeline.ground_truth import Finite, TrueView

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 from inim.errors import FileError, SceneError, UsageError
-from inim.scene.folder import SceneFolder
-from inim.scene.parameters import SceneParameters
+from inim.scene.parameters import SceneFolder, SceneParameters
 from inim.settings import PREFIX, Settings
 
 if TYPE_CHECKING:
