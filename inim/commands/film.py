@@ -5,22 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import add_quiet
+from inim.commands.options import Command, add_quiet
 from inim.errors import EXIT_PASSED
 
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
-
-SUMMARY = "film a report's display with an eye that moves"
+__all__ = ["COMMANDS"]
 
 _TRUTH = "truth"
 _FILM = "film.webp"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `inim film`."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Film a report's display with an eye that moves along a path: an animated .gif or .webp, "
         "or an .mp4."
@@ -47,8 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry out `inim film`; the exit code."""
+def _run(args: argparse.Namespace) -> int:
     from inim.pipeline.film import FilmRequest, make_film
     from inim.report import Report
     from inim.report.wording import best_algorithm
@@ -71,3 +67,6 @@ def run(args: argparse.Namespace) -> int:
     if not args.quiet:
         print(request.out)
     return EXIT_PASSED
+
+
+COMMANDS = {"film": Command("film a report's display with an eye that moves", _add_arguments, _run)}

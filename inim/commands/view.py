@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import add_definitions
+from inim.commands.options import Command, add_definitions
 from inim.errors import EXIT_PASSED, FileError, UsageError
 from inim.version import __version__
 
@@ -18,17 +18,14 @@ if TYPE_CHECKING:
 
     from inim.display import Display
 
-__all__ = ["SUMMARY", "add_arguments", "run", "view_eia", "view_report"]
-
-SUMMARY = "see a report's panels, or any EIA, through the lens array in a browser"
+__all__ = ["COMMANDS", "view_eia", "view_report"]
 
 #: A page alone may be larger than a report: it is not sent by mail with each run.
 _MOST_BYTES = 60_000_000
 _PAGE = "virtual-display.html"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `inim view`."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Write the virtual display of a report, or of any elemental image array, as one HTML file "
         "that needs nothing else."
@@ -43,8 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--open", action="store_true", help="open it in the browser")
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry out `inim view`; the exit code."""
+def _run(args: argparse.Namespace) -> int:
     if args.what.is_dir():
         if args.display or args.definitions:
             raise UsageError(
@@ -194,3 +190,12 @@ def _written(path: Path, page: str) -> Path:
         raise FileError(f"{path}: is a folder; name a file with -o")
     write_text(path, page)
     return path
+
+
+COMMANDS = {
+    "view": Command(
+        "see a report's panels, or any EIA, through the lens array in a browser",
+        _add_arguments,
+        _run,
+    )
+}

@@ -13,7 +13,7 @@ import pytest
 
 from inim import backend
 from inim.backend import Backend, Verdict, choice, machine, trial
-from inim.commands import sys_info
+from inim.commands.installation import describe, sys_info
 from inim.errors import BackendError, UsageError
 
 GOOD = Verdict(True, version="19.1.7", device="2 threads", stage="done")
@@ -516,7 +516,7 @@ def test_description_is_json_and_gives_each_library_its_reason(
 ) -> None:
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(folder))
-    facts = json.loads(json.dumps(sys_info.describe()))
+    facts = json.loads(json.dumps(describe()))
     assert [found["usable"] for found in facts["libllvm"]] == [True, False]
     assert facts["libllvm"][1]["reason"] == "LLVM 14 is too old for Dr.Jit"
     assert facts["chosen"]["libllvm"] == str(folder / "libLLVM.so.19.1")
@@ -527,9 +527,9 @@ def test_text_form_works_with_and_without_a_backend(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
 ) -> None:
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(tmp_path / "nothing"))
-    assert "no usable libLLVM: found none" in sys_info.sys_info()
+    assert "no usable libLLVM: found none" in sys_info()
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(folder))
-    text = sys_info.sys_info()
+    text = sys_info()
     assert "libLLVM.so.19.1  usable" in text
     assert "libLLVM-14.so.1  refused: LLVM 14 is too old" in text
