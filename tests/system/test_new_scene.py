@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.commands.new_scene import new_scene
+from inim.commands.new_scene import COMMANDS, new_scene
 from inim.errors import FileError, UsageError
 from inim.files.mesh import Mesh, check_mesh_file, read_mesh, write_ply
 from inim.files.triangle_mesh import smoothed
