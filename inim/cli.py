@@ -32,7 +32,7 @@ COMMANDS = {
     "stress": "bench",
     "sweep": "sweep",
     "view": "view",
-    "film": "film",
+    "film": "view",
     "inspect": "inspect",
     "generate": "generate",
     "export": "export",

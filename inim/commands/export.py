@@ -122,8 +122,7 @@ def _write_quilt(
     path: Path, codes: np.ndarray, display: Display, grid: tuple[int, int] | None
 ) -> Path:
     """Views from left to right, seen from the middle's height."""
-    from inim.files.light_field import sub_aperture_views, view_grid
-    from inim.files.quilt import write_quilt
+    from inim.files.light_field import sub_aperture_views, view_grid, write_quilt
 
     count = view_grid(display)[1] if grid is None else grid[0] * grid[1]
     views = sub_aperture_views(codes, display, (1, count))[0]

@@ -120,12 +120,8 @@ def _write(findings: Findings, shown: str, folder: Path) -> list[str]:
         ) from None
     path = folder / f"{_NAME}.json"
     drawn = draw_figure(findings, folder, _NAME)
-    write_atomically(path, lambda p: _put(p, shown))
+    write_atomically(path, lambda p: p.write_text(shown + "\n", encoding="utf-8"))
     return [*drawn, path.name]
-
-
-def _put(path: Path, text: str) -> None:
-    path.write_text(text + "\n", encoding="utf-8")
 
 
 COMMANDS = {
