@@ -85,8 +85,8 @@ class SceneFolder:
             self._digests[path] = self._digest(path, name, where)
         return path, self._digests[path]
 
-    def settle(self, shown: str) -> None:
-        """What only the whole scene tells: names that mean two files, plugins beside the scene."""
+    def check_whole(self, shown: str) -> None:
+        """Refuse names that mean two files and plugins in its folders, known of the whole scene only."""
         for name, (path, where) in self._named.items():
             if self._found(name, where) != path:
                 raise SceneError(f"{where}: {name!r} names several files; rename all but one")
