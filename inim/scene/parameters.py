@@ -86,7 +86,7 @@ class SceneFolder:
         return path, self._digests[path]
 
     def check_whole(self, shown: str) -> None:
-        """Refuse names that mean two files and plugins in its folders, known of the whole scene only."""
+        """Refuse what only the whole scene shows: a name of two files, plugins in its folders."""
         for name, (path, where) in self._named.items():
             if self._found(name, where) != path:
                 raise SceneError(f"{where}: {name!r} names several files; rename all but one")
