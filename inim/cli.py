@@ -1,8 +1,8 @@
 """The command line: `inim COMMAND ...`.
 
-A command is a module of `inim.commands` with `SUMMARY`, a line of help; `add_arguments(parser)`;
-and `run(args)`, which returns the exit code. Only the module of the command that is named is
-imported, and what is heavy is imported by its `run`: `--help` answers at once.
+A module of `inim.commands` has one or several commands in its `COMMANDS`. Only the module of the
+command that is named is imported, and what is heavy is imported by its `run`: `--help` answers at
+once.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from inim.version import __version__
 
 __all__ = ["COMMANDS", "main"]
 
-#: In the order of the help; the module of `new-scene` is `inim.commands.new_scene`.
-COMMANDS = (
-    "validate",
-    "baseline",
-    "compare",
-    "new-scene",
-    "bench",
-    "stress",
-    "sweep",
-    "view",
-    "film",
-    "inspect",
-    "generate",
-    "export",
-    "depth",
-    "cache",
-    "sys-info",
-    "install-llvm",
-    "algorithms",
-    "settings",
-)
+#: In the order of the help; each with its module in `inim.commands`.
+COMMANDS = {
+    "validate": "validate",
+    "baseline": "compare",
+    "compare": "compare",
+    "new-scene": "new_scene",
+    "bench": "bench",
+    "stress": "bench",
+    "sweep": "sweep",
+    "view": "view",
+    "film": "view",
+    "inspect": "inspect",
+    "generate": "generate",
+    "export": "export",
+    "depth": "depth",
+    "cache": "installation",
+    "sys-info": "installation",
+    "install-llvm": "installation",
+    "algorithms": "installation",
+    "settings": "installation",
+}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -106,8 +106,8 @@ def _parser(named: str | None) -> argparse.ArgumentParser:
     # argparse keeps the type of what add_subparsers returns to itself.
     commands: Any = parser.add_subparsers(required=True, metavar="COMMAND")
     for name in [named] if named in COMMANDS else COMMANDS:
-        command = import_module(f"inim.commands.{name.replace('-', '_')}")
-        own = commands.add_parser(name, help=command.SUMMARY)
+        command = import_module(f"inim.commands.{COMMANDS[name]}").COMMANDS[name]
+        own = commands.add_parser(name, help=command.summary)
         command.add_arguments(own)
         own.set_defaults(run=command.run)
     return parser

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from inim.row_bands import row_bands
+from inim.buffers import row_bands
 
 __all__ = ["linear_from_srgb", "srgb_codes", "srgb_from_linear", "srgb_to_uint8"]
 

@@ -7,11 +7,15 @@ the verdict is remembered. Call `activate` before Mitsuba is first imported.
 
 from __future__ import annotations
 
-from inim.backend.choice import BACKENDS, Backend, activate, choose_backend, environment
-from inim.backend.libllvm import (
+from inim.backend.choice import (
+    BACKENDS,
     LLVM_VARIABLE,
     PRIVATE_MARKER,
     SEARCH_VARIABLE,
+    Backend,
+    activate,
+    choose_backend,
+    environment,
     known_bad,
     private_folders,
 )

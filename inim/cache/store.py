@@ -29,7 +29,7 @@ import numpy as np
 
 from inim.errors import UsageError
 
-__all__ = ["Record", "Store", "StoreInfo", "open_store", "remembered", "store_folder", "use_store"]
+__all__ = ["Record", "Store", "StoreInfo", "open_store", "remembered", "use_store"]
 
 FOLDER_VARIABLE = "INIM_CACHE"
 SIZE_VARIABLE = "INIM_CACHE_GIB"

@@ -1,20 +1,17 @@
-"""`inim bench`: the algorithms timed against their error."""
+"""`inim bench` and `inim stress`: the algorithms timed against their error, and put to the test."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from inim.commands.options import add_definitions, add_exit_codes, add_quiet, print_outcome
-from inim.errors import EXIT_PASSED
+from inim.commands.options import Command, add_definitions, add_exit_codes, add_quiet, print_outcome
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
-
-SUMMARY = "time the algorithms against their error, in yardsticks"
+__all__ = ["COMMANDS"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `inim bench`."""
+def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     parser.description = (
         "Time each algorithm on a scene's display-ready picture, and set the times against the "
@@ -35,8 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry out `inim bench`; the exit code."""
+def _bench(args: argparse.Namespace) -> int:
     from inim.bench.job import BenchRequest, default_out, run_bench
 
     request = BenchRequest(
@@ -53,3 +49,53 @@ def run(args: argparse.Namespace) -> int:
     if not args.quiet:
         print_outcome(f"bench: {request.out / 'bench.html'}")
     return EXIT_PASSED
+
+
+def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
+    add_exit_codes(parser)
+    parser.description = (
+        "Set algorithms, other people's too, against the exact first hits and against relations "
+        "that hold whatever the right answer is; measure what small errors of depth cost."
+    )
+    parser.add_argument(
+        "scene",
+        type=Path,
+        nargs="?",
+        help="Mitsuba scene (.xml) whose depth is jittered; two synthetic spheres otherwise",
+    )
+    parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-stress)")
+    add_definitions(parser)
+    parser.add_argument(
+        "--algorithms",
+        default="",
+        metavar="LIST",
+        help="separated by commas, with options as name:key=value (default: all there are)",
+    )
+    parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
+    add_quiet(parser)
+
+
+def _stress(args: argparse.Namespace) -> int:
+    from inim.stress.job import StressRequest, default_out, run_stress
+
+    request = StressRequest(
+        out=args.out or default_out(args.scene),
+        scene=args.scene,
+        definitions=tuple(args.definitions),
+        algorithms=args.algorithms,
+        quick=args.quick,
+    )
+    passed = run_stress(request, quiet=args.quiet, debug=args.debug)
+    if not args.quiet:
+        print_outcome(f"{'passed' if passed else 'FAILED'}; {request.out / 'stress.html'}")
+    return EXIT_PASSED if passed else EXIT_CHECK_FAILED
+
+
+COMMANDS = {
+    "bench": Command(
+        "time the algorithms against their error, in yardsticks", _add_bench_arguments, _bench
+    ),
+    "stress": Command(
+        "find where the numbers stop being trustworthy", _add_stress_arguments, _stress
+    ),
+}

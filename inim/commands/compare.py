@@ -1,4 +1,4 @@
-"""`inim compare`: the verdicts of a baseline check, between any two reports."""
+"""`inim baseline accept` and `inim compare`: what later runs are compared with, and two reports."""
 
 from __future__ import annotations
 
@@ -7,22 +7,41 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inim.commands.options import add_exit_codes
+from inim.commands.options import Command, add_exit_codes
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 
 if TYPE_CHECKING:
     from inim.regression import RunStatistics
     from inim.report import Report
 
-__all__ = ["SUMMARY", "add_arguments", "compare_reports", "run"]
+__all__ = ["COMMANDS", "compare_reports"]
 
-SUMMARY = "compare two reports by statistics, as with a baseline"
+
+def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
+    add_exit_codes(parser)
+    actions: Any = parser.add_subparsers(required=True, metavar="accept")
+    accept = actions.add_parser("accept", help="make a report the baseline of its scene")
+    accept.add_argument("out", type=Path, metavar="OUT", help="folder of a report")
+    accept.add_argument("--reason", required=True, help="why, in a line; kept in the baseline")
+    accept.add_argument(
+        "--to",
+        type=Path,
+        metavar="DIR",
+        help="folder of the baseline (default: the one compared with, or reports/baselines/TITLE)",
+    )
+
+
+def _baseline(args: argparse.Namespace) -> int:
+    from inim.pipeline.baseline import accept
+
+    print(f"baseline: {accept(args.out, args.reason, args.to)}")
+    return EXIT_PASSED
+
 
 _MARKER = "compare.json"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `inim compare`."""
+def _add_compare_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     add = parser.add_argument
     add("baseline", type=Path, metavar="OUT_A", help="folder of the report before")
@@ -31,8 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--quiet", action="store_true", help="print errors only")
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry out `inim compare`; the exit code."""
+def _compare(args: argparse.Namespace) -> int:
     out = args.out or Path("compare")
     passed, lines = compare_reports(args.baseline, args.candidate, out)
     if not args.quiet:
@@ -120,3 +138,13 @@ def _copy_pictures(reports: list[Report], name: str, staging: Path) -> bool:
     for pixels, kind in ((found[0], "baseline"), (found[1], "candidate"), (change, "difference")):
         Image.fromarray(pixels).save(target.with_name(f"{target.name}-{kind}.png"))
     return True
+
+
+COMMANDS = {
+    "baseline": Command(
+        "accept a report as what later runs are compared with", _add_baseline_arguments, _baseline
+    ),
+    "compare": Command(
+        "compare two reports by statistics, as with a baseline", _add_compare_arguments, _compare
+    ),
+}

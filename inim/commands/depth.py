@@ -15,7 +15,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inim.commands.options import add_debug
+from inim.commands.options import Command, add_debug
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
 
 if TYPE_CHECKING:
@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-__all__ = ["SUMMARY", "add_arguments", "relative_distance", "run", "says_distance"]
-
-SUMMARY = "estimate the depth of a photograph"
+__all__ = ["COMMANDS", "relative_distance", "says_distance"]
 
 _DEFAULT_MODEL = "depth-anything/Depth-Anything-V2-Small-hf"
 _KINDS = ("auto", "inverse", "metres")
@@ -36,8 +34,7 @@ _INVERSE_TYPES = frozenset({"dpt"})
 _DEFAULT_RATIO = 4.0
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `inim depth`."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Estimate the depth of a photograph with a depth-estimation model, for `inim generate`. "
         f"Needs the extra: {_INSTALL}"
@@ -56,8 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_debug(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry out `inim depth`; the exit code."""
+def _run(args: argparse.Namespace) -> int:
     import numpy as np
 
     _check(args)
@@ -193,3 +189,6 @@ def _write(path: Path, depth: np.ndarray, meaning: str) -> None:
         write_depth(path, depth, meaning)
     else:
         write_atomically(path, lambda p: np.save(p, depth))
+
+
+COMMANDS = {"depth": Command("estimate the depth of a photograph", _add_arguments, _run)}

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import add_debug, add_display
+from inim.commands.options import Command, add_debug, add_display
 from inim.errors import EXIT_PASSED, FileError, UsageError
 
 if TYPE_CHECKING:
@@ -16,13 +16,10 @@ if TYPE_CHECKING:
 
     from inim.display import Display
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
-
-SUMMARY = "write an EIA's views: pictures, HCI, quilt"
+__all__ = ["COMMANDS"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `inim export`."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Write the sub-aperture views of an EIA: one picture each, as an HCI light field, or as a "
         "Looking Glass quilt. A view has one pixel per lens."
@@ -40,8 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_debug(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry out `inim export`; the exit code."""
+def _run(args: argparse.Namespace) -> int:
     if not (args.views or args.hci or args.quilt):
         raise UsageError("nothing to write: give --views DIR, --hci DIR or --quilt FILE")
     for option, path in (("--views", args.views), ("--hci", args.hci)):
@@ -126,9 +122,11 @@ def _write_quilt(
     path: Path, codes: np.ndarray, display: Display, grid: tuple[int, int] | None
 ) -> Path:
     """Views from left to right, seen from the middle's height."""
-    from inim.files.light_field import sub_aperture_views, view_grid
-    from inim.files.quilt import write_quilt
+    from inim.files.light_field import sub_aperture_views, view_grid, write_quilt
 
     count = view_grid(display)[1] if grid is None else grid[0] * grid[1]
     views = sub_aperture_views(codes, display, (1, count))[0]
     return write_quilt(path, views, display.width_mm / display.height_mm, grid)
+
+
+COMMANDS = {"export": Command("write an EIA's views: pictures, HCI, quilt", _add_arguments, _run)}

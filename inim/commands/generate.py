@@ -8,22 +8,19 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import add_debug, add_display, add_picture, picture_of
+from inim.commands.options import Command, add_debug, add_display, add_picture, picture_of
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
 
 if TYPE_CHECKING:
     import numpy as np
 
     from inim.display import Display
-    from inim.from_camera.depth_map import DepthMap
-    from inim.from_camera.fit import Fitted, Pinhole
+    from inim.from_camera.fit import DepthMap, Fitted, Pinhole
     from inim.from_camera.picture import CameraPicture, ColorDepth
     from inim.rgbd import RGBD
     from inim.settings import Settings
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
-
-SUMMARY = "make an EIA of your own colour and depth picture"
+__all__ = ["COMMANDS"]
 
 _DEFAULT_ALGORITHM = "template"
 _EPILOG = """depth
@@ -38,8 +35,7 @@ perspective
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `inim generate`."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = "Make an elemental image array of a camera's colour and depth picture."
     parser.epilog = _EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
@@ -55,8 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_debug(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry out `inim generate`; the exit code."""
+def _run(args: argparse.Namespace) -> int:
     try:
         report, warnings = _generate(args)
     except MemoryError as error:
@@ -231,3 +226,8 @@ def _report(
         f"size       {panel[1]} x {panel[0]} pixels of {pixel:.6g} mm: {panel[1] * pixel:.6g} x "
         f"{panel[0] * pixel:.6g} mm",
     ]
+
+
+COMMANDS = {
+    "generate": Command("make an EIA of your own colour and depth picture", _add_arguments, _run)
+}

@@ -9,22 +9,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import add_debug, add_definitions, add_exit_codes
+from inim.commands.options import Command, add_debug, add_definitions, add_exit_codes
 from inim.errors import EXIT_PASSED, FileError, UsageError
 
 if TYPE_CHECKING:
     from inim.inspect.findings import Findings
     from inim.settings import Settings
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
-
-SUMMARY = "say what a display can do, before anything is rendered"
+__all__ = ["COMMANDS"]
 
 _NAME = "inspect"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `inim inspect`."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     parser.description = (
         "Say what a display can do, before anything is rendered: depth, viewing zone, voxel size, "
@@ -46,8 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_debug(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry out `inim inspect`; the exit code."""
+def _run(args: argparse.Namespace) -> int:
     from inim.inspect.output import as_data, as_text
 
     settings = _settings(args.display, args.definitions)
@@ -124,9 +120,12 @@ def _write(findings: Findings, shown: str, folder: Path) -> list[str]:
         ) from None
     path = folder / f"{_NAME}.json"
     drawn = draw_figure(findings, folder, _NAME)
-    write_atomically(path, lambda p: _put(p, shown))
+    write_atomically(path, lambda p: p.write_text(shown + "\n", encoding="utf-8"))
     return [*drawn, path.name]
 
 
-def _put(path: Path, text: str) -> None:
-    path.write_text(text + "\n", encoding="utf-8")
+COMMANDS = {
+    "inspect": Command(
+        "say what a display can do, before anything is rendered", _add_arguments, _run
+    )
+}

@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from inim.commands.options import Command
 from inim.errors import FileError, UsageError
 
 if TYPE_CHECKING:
@@ -22,9 +23,7 @@ if TYPE_CHECKING:
 
     from inim.files.mesh import Mesh
 
-__all__ = ["SUMMARY", "add_arguments", "new_scene", "run"]
-
-SUMMARY = "write a lit, fitted scene for a mesh"
+__all__ = ["COMMANDS", "new_scene"]
 
 _UNITS = ("mm", "cm", "m", "in")
 _AXES = {
@@ -107,8 +106,7 @@ def new_scene(
     return out
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `inim new-scene`."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("mesh", type=Path, metavar="MESH", help="PLY, OBJ, STL, GLB or glTF file")
     add("-o", "--out", type=Path, required=True, metavar="XML", help="scene to write")
@@ -121,8 +119,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--force", action="store_true", help="replace existing files")
 
 
-def run(args: argparse.Namespace) -> int:
-    """Act on the arguments of `add_arguments`; 0 when the scene stands."""
+def _run(args: argparse.Namespace) -> int:
     path = new_scene(
         args.mesh,
         args.out,
@@ -275,3 +272,6 @@ def _write_texture(path: Path, part: Mesh) -> None:
     from PIL import Image
 
     Image.fromarray(part.texture).save(path, "PNG")
+
+
+COMMANDS = {"new-scene": Command("write a lit, fitted scene for a mesh", _add_arguments, _run)}

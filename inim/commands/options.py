@@ -1,23 +1,26 @@
-"""Options that several commands have, and the last line that they print."""
+"""What a command is, options that several have, and the last line that they print."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from inim.from_camera.picture import CameraPicture
 
 __all__ = [
+    "Command",
     "add_debug",
     "add_definitions",
     "add_display",
     "add_exit_codes",
     "add_picture",
     "add_quiet",
+    "no_arguments",
     "picture_of",
     "print_outcome",
 ]
@@ -28,6 +31,28 @@ _EXIT_CODES = """exit codes:
 """
 # A parser, or a group of one.
 _Options = Any
+
+
+class Command(NamedTuple):
+    """A command of `inim`.
+
+    Attributes
+    ----------
+    summary : str
+        A line of help.
+    add_arguments : callable
+        Adds the command's arguments to a parser.
+    run : callable
+        Carries the command out, given the parsed arguments; returns the exit code.
+    """
+
+    summary: str
+    add_arguments: Callable[[argparse.ArgumentParser], object]
+    run: Callable[[argparse.Namespace], int]
+
+
+def no_arguments(_: argparse.ArgumentParser) -> None:
+    """The arguments of a command that has none."""
 
 
 def add_exit_codes(parser: argparse.ArgumentParser) -> None:

@@ -7,19 +7,16 @@ import signal
 import sys
 from pathlib import Path
 
-from inim.commands.options import add_exit_codes, add_quiet, print_outcome
+from inim.commands.options import Command, add_exit_codes, add_quiet, print_outcome
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
-
-SUMMARY = "validate a whole study: scenes x displays x algorithms x viewpoints x settings"
+__all__ = ["COMMANDS"]
 
 # As shells have it: 128 and the signal's number.
 _INTERRUPTED = 128 + signal.SIGINT
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `inim sweep`."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     parser.description = (
         "Validate all combinations of a study's scenes, displays, settings and algorithms, into "
@@ -45,8 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry out `inim sweep`; the exit code."""
+def _run(args: argparse.Namespace) -> int:
     from inim.report.sweep import PAGE
     from inim.sweep.run import SweepRequest, plan_sweep, run_sweep
     from inim.worker.output import default_out
@@ -74,3 +70,12 @@ def run(args: argparse.Namespace) -> int:
         verdict = "passed" if outcome.passed else "FAILED"
         print_outcome(f"{verdict}; {words}; sweep: {request.out / PAGE}")
     return EXIT_PASSED if outcome.passed else EXIT_CHECK_FAILED
+
+
+COMMANDS = {
+    "sweep": Command(
+        "validate a whole study: scenes x displays x algorithms x viewpoints x settings",
+        _add_arguments,
+        _run,
+    )
+}

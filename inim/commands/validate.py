@@ -8,6 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from inim.commands.options import (
+    Command,
     add_definitions,
     add_exit_codes,
     add_picture,
@@ -17,13 +18,10 @@ from inim.commands.options import (
 )
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 
-__all__ = ["SUMMARY", "add_arguments", "run"]
-
-SUMMARY = "render a scene, generate its EIA with each algorithm, score every view"
+__all__ = ["COMMANDS"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `inim validate`."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Render a scene, generate its elemental image array with each algorithm, "
         "look at it through the lens array, and score every view against the scene."
@@ -88,8 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_picture(picture)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry out `inim validate`; the exit code."""
+def _run(args: argparse.Namespace) -> int:
     _check_words(args)
     if args.rgbd or args.color or args.depth:
         passed, out = _validate_picture(args)
@@ -148,3 +145,12 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
         backend=args.backend,
     )
     return run_picture(request, quiet=args.quiet, debug=args.debug)
+
+
+COMMANDS = {
+    "validate": Command(
+        "render a scene, generate its EIA with each algorithm, score every view",
+        _add_arguments,
+        _run,
+    )
+}

@@ -1,7 +1,7 @@
-"""`inim view`: the virtual display alone, of a report or of any EIA, as one HTML file.
+"""`inim view` and `inim film`: the virtual display alone as one HTML file, and films of a report.
 
-Nothing is rendered here: a report's panels and views are in its folder, and for a bare EIA the
-views that stand in for the live display come from the lens models in NumPy.
+Nothing is rendered for a view: a report's panels and views are in its folder, and for a bare EIA
+the views that stand in for the live display come from the lens models in NumPy.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import add_definitions
+from inim.commands.options import Command, add_definitions, add_quiet
 from inim.errors import EXIT_PASSED, FileError, UsageError
 from inim.version import __version__
 
@@ -18,17 +18,14 @@ if TYPE_CHECKING:
 
     from inim.display import Display
 
-__all__ = ["SUMMARY", "add_arguments", "run", "view_eia", "view_report"]
-
-SUMMARY = "see a report's panels, or any EIA, through the lens array in a browser"
+__all__ = ["COMMANDS", "view_eia", "view_report"]
 
 #: A page alone may be larger than a report: it is not sent by mail with each run.
 _MOST_BYTES = 60_000_000
 _PAGE = "virtual-display.html"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `inim view`."""
+def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Write the virtual display of a report, or of any elemental image array, as one HTML file "
         "that needs nothing else."
@@ -43,8 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--open", action="store_true", help="open it in the browser")
 
 
-def run(args: argparse.Namespace) -> int:
-    """Carry out `inim view`; the exit code."""
+def _view(args: argparse.Namespace) -> int:
     if args.what.is_dir():
         if args.display or args.definitions:
             raise UsageError(
@@ -193,3 +189,69 @@ def _written(path: Path, page: str) -> Path:
         raise FileError(f"{path}: is a folder; name a file with -o")
     write_text(path, page)
     return path
+
+
+_TRUTH = "truth"
+_FILM = "film.webp"
+
+
+def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Film a report's display with an eye that moves along a path: an animated .gif or .webp, "
+        "or an .mp4."
+    )
+    add = parser.add_argument
+    add("folder", type=Path, metavar="OUT", help="a report's folder")
+    add("-o", "--out", type=Path, metavar="FILM", help=f".gif, .webp or .mp4 (OUT/{_FILM})")
+    add(
+        "--show",
+        action="append",
+        metavar="NAME",
+        help=f"algorithm, or {_TRUTH}; repeated: side by side (truth and the best algorithm)",
+    )
+    add(
+        "--path",
+        default="circle",
+        help="'circle' inside the viewing zone, or eye positions 'x y [z], x y [z], ...' in mm, "
+        "there and back (circle)",
+    )
+    add("--lens-model", help="pinhole, thin, thick or full (the report's)")
+    add("--frames", type=int, default=48, metavar="N", help="frames (48)")
+    add("--rate", type=float, default=16.0, metavar="FPS", help="frames per second (16)")
+    add("--spp", type=int, default=32, metavar="N", help="samples per pixel (32)")
+    add_quiet(parser)
+
+
+def _film(args: argparse.Namespace) -> int:
+    from inim.pipeline.film import FilmRequest, make_film
+    from inim.report import Report
+    from inim.report.wording import best_algorithm
+
+    report = Report.load(args.folder)
+    best = best_algorithm(report.data)
+    settings = report.data.get("settings") or {}
+    request = FilmRequest(
+        folder=str(args.folder),
+        out=str(args.out or args.folder / _FILM),
+        show=tuple(args.show or [_TRUTH, *([best] if best else [])]),
+        path=args.path,
+        lens_model=args.lens_model or str(report.data.get("lens_model")),
+        frames=args.frames,
+        frames_per_second=args.rate,
+        spp=args.spp,
+        pixels_per_lens=int(settings.get("view_pixels_per_lens") or 4),
+    )
+    make_film(request, quiet=args.quiet, debug=args.debug)
+    if not args.quiet:
+        print(request.out)
+    return EXIT_PASSED
+
+
+COMMANDS = {
+    "view": Command(
+        "see a report's panels, or any EIA, through the lens array in a browser",
+        _add_view_arguments,
+        _view,
+    ),
+    "film": Command("film a report's display with an eye that moves", _add_film_arguments, _film),
+}

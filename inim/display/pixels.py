@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from inim.buffers import row_bands
 from inim.errors import DisplayError
-from inim.row_bands import row_bands
 
 if TYPE_CHECKING:
     from inim.display.display import Display

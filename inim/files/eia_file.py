@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inim.buffers import row_bands
 from inim.color import linear_from_srgb, srgb_codes
 from inim.display import Display
 from inim.errors import FileError
 from inim.files.image import exr_size, read_exr_channels, write_atomically
 from inim.files.picture import check_png
-from inim.row_bands import row_bands
 from inim.version import __version__
 
 __all__ = ["EIA_SUFFIXES", "check_eia_name", "read_eia", "write_eia", "write_true_size_pdf"]

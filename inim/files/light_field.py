@@ -1,4 +1,4 @@
-"""4D light fields: sub-aperture views of an EIA, and folders of views as in the HCI benchmark.
+"""4D light fields: sub-aperture views of an EIA, folders of views as in the HCI benchmark, quilts.
 
 A light field is a grid of views: row 0 is seen by the uppermost eye, column 0 by the leftmost. The
 pixels at one place under all lenses send parallel rays, so together they are one view, of one pixel
@@ -35,14 +35,17 @@ __all__ = [
     "LightField",
     "disparity_step_mm",
     "eia_from_views",
+    "quilt_grid",
     "read_hci",
     "sub_aperture_views",
     "view_grid",
     "write_hci",
+    "write_quilt",
 ]
 
 _VIEW = re.compile(r"input_Cam(\d{3,4})\.png")
 _PARAMETERS = "parameters.cfg"
+_QUILT_NAME = re.compile(r"_qs(\d{1,3})x(\d{1,3})a(\d+(?:\.\d+)?)$")
 _MOST_VIEWS = 10_000
 _MOST_BYTES = 2**32
 
@@ -238,6 +241,59 @@ def write_hci(folder: Path, views: NDArray[np.uint8], display: Display | None = 
             f"view_pixel_mm = {display.width_mm / width!r}\ndepth_of_one_disparity_mm = {step!r}\n"
         )
     write_atomically(folder / _PARAMETERS, lambda p: p.write_text(text, encoding="utf-8"))
+
+
+def quilt_grid(views: int) -> tuple[int, int]:
+    """Columns and rows, as near to a square as whole rows of this many views allow."""
+    rows = max(n for n in range(1, int(views**0.5) + 1) if views % n == 0)
+    return views // rows, rows
+
+
+def write_quilt(
+    path: Path, views: NDArray[np.uint8], aspect: float, grid: tuple[int, int] | None = None
+) -> Path:
+    """Write views as a Looking Glass quilt: side by side in one picture.
+
+    Tiles run from left to right and then upwards, as the eye moves from left to right. The file's
+    name says how to cut it up again: ``NAME_qs8x6a0.75.png`` has 8 columns and 6 rows of views,
+    each 0.75 times as wide as high.
+
+    Parameters
+    ----------
+    path : Path
+        .png; what the name lacks of ``_qsCOLSxROWSaASPECT`` is added.
+    views : (n, H, W, 3) uint8, sRGB
+        From the leftmost eye to the rightmost.
+    aspect : float
+        Width of a view over its height, as seen.
+    grid : (columns, rows), optional
+        `quilt_grid` otherwise.
+
+    Returns
+    -------
+    Path
+        What was written.
+
+    Raises
+    ------
+    UsageError
+        A grid of another number of tiles, or another kind of file.
+    """
+    from PIL import Image
+
+    columns, rows = quilt_grid(len(views)) if grid is None else grid
+    if columns * rows != len(views):
+        raise UsageError(f"a quilt of {columns} x {rows} tiles cannot hold {len(views)} views")
+    if path.suffix.lower() != ".png":
+        raise UsageError(f"--quilt {path}: a quilt is a .png")
+    stem = _QUILT_NAME.sub("", path.stem)
+    out = path.with_name(f"{stem}_qs{columns}x{rows}a{aspect:.6g}{path.suffix}")
+    _, height, width, channels = views.shape
+    tiles = views.reshape(rows, columns, height, width, channels)[::-1]
+    picture = tiles.swapaxes(1, 2).reshape(rows * height, columns * width, channels)
+    shown = Image.fromarray(np.ascontiguousarray(picture))
+    write_atomically(out, lambda p: shown.save(p, "PNG", compress_level=1))
+    return out
 
 
 def _is_of_display(folder: Path) -> bool:

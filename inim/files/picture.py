@@ -20,18 +20,7 @@ import numpy as np
 from inim.errors import FileError
 from inim.files.image import check_exr, check_unfolding
 
-__all__ = [
-    "check_pfm",
-    "check_picture",
-    "check_png",
-    "check_radiance",
-    "check_volume",
-    "is_exr",
-    "is_pfm",
-    "is_radiance",
-    "open_picture",
-    "read_pfm",
-]
+__all__ = ["check_picture", "check_png", "check_volume", "is_exr", "open_picture", "read_pfm"]
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HEAD_BYTES = 16

@@ -17,15 +17,7 @@ from inim.errors import FileError
 from inim.files.image import write_atomically
 from inim.files.triangle_mesh import Mesh, check_indices, numbers_in, usable_normals
 
-__all__ = [
-    "PlyElement",
-    "PlyHeader",
-    "check_ply",
-    "is_ply",
-    "read_ply",
-    "read_ply_header",
-    "write_ply",
-]
+__all__ = ["check_ply", "is_ply", "read_ply", "write_ply"]
 
 _LINE_BYTES = 2**16
 _HEADER_BYTES = 16 * _LINE_BYTES

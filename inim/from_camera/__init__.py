@@ -2,12 +2,10 @@
 
 | module          | what it does                                                                  |
 | --------------- | ----------------------------------------------------------------------------- |
-| `picture`       | all of it: two files and what is said of them become an RGB-D picture          |
+| `picture`       | all of it: two files that belong together become an RGB-D picture             |
 | `picture_files` | reads the colour and the depth picture: numbers as stored, byte order checked |
 | `depth_values`  | what the numbers mean: unit, direction, what is missing and how it is filled  |
-| `registration`  | whether colour and depth belong together: sizes, shift                        |
-| `depth_map`     | from distances to depths of the display, linear or reciprocal                 |
-| `fit`           | place and size of the picture in the display frame; the camera as a pinhole   |
+| `fit`           | its place, size and depths in the display frame; the camera as a pinhole      |
 | `tiles`         | its samples as tiles, drawn into the cells of the display's picture           |
 | `light_field`   | EIAs of a 4D light field: of its centre view, or of all its views             |
 

@@ -16,9 +16,8 @@ from inim.color import linear_from_srgb
 from inim.display import Display
 from inim.errors import FileError
 from inim.files.light_field import LightField, disparity_step_mm, eia_from_views
-from inim.from_camera.depth_map import depth_range, map_depth
 from inim.from_camera.depth_values import DepthValues
-from inim.from_camera.fit import fit_picture
+from inim.from_camera.fit import depth_range, fit_picture, map_depth
 from inim.rgbd import RGBD
 
 __all__ = ["centre_view_picture", "shift_px", "step_mm", "true_eia"]

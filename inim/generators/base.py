@@ -18,10 +18,10 @@ from typing import Any, Protocol, overload, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from inim.buffers import row_bands
 from inim.display import Display
 from inim.errors import UsageError
 from inim.rgbd import RGBD
-from inim.row_bands import row_bands
 
 __all__ = [
     "HOLE",

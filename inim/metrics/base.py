@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from inim.buffers import row_bands
 from inim.color import srgb_from_linear
 from inim.errors import UsageError
-from inim.row_bands import row_bands
 
 __all__ = ["Metric", "check_alike", "maps_of", "mean_of"]
 

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from inim.buffers import row_bands
 from inim.color import srgb_from_linear
 from inim.metrics.base import Metric, check_alike
-from inim.row_bands import row_bands
 
 __all__ = ["metric", "psnr_db"]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.row_bands import row_bands
+from inim.buffers import row_bands
 
 __all__ = [
     "BLACK",

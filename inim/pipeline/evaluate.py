@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from inim import metrics
-from inim.half_buffers import HalfBuffers
+from inim.buffers import HalfBuffers
 from inim.parallel import Submit, threads
 from inim.pipeline.checks import BLACK, CLIPPED_SHARE, check, missing_viewpoints, share_outside
 from inim.pipeline.generate import Reference

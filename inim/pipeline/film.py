@@ -1,7 +1,12 @@
-"""A film, from a report's folder to one file: all that can go wrong first, then the rendering."""
+"""A film, from a report's folder to one file: all that can go wrong first, then the rendering.
+
+An animated GIF or WebP, or an MP4 where its encoder is installed.
+"""
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import math
 import tempfile
 from collections.abc import Sequence
@@ -14,15 +19,17 @@ from inim.display import Display
 from inim.display.misalignment import mounted
 from inim.display.viewpoint import eye_path
 from inim.errors import FileError, UsageError
-from inim.files.film import check_film, write_film
 from inim.lens import check_lens_model
 from inim.observer import Observer
 from inim.pipeline.reconstruct import Optics, ShownEIA
 from inim.pipeline.scene import Renderer
 from inim.worker.supervisor import run_in_worker
 
-__all__ = ["FilmRequest", "make_film", "work"]
+__all__ = ["FilmRequest", "make_film", "work", "write_film"]
 
+_KINDS = (".gif", ".webp", ".mp4")
+_ENCODER = "imageio_ffmpeg"
+_WEBP_QUALITY = 90
 _TRUTH = "truth"
 # Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
 _LEAST_ROWS_PX = 384
@@ -97,7 +104,7 @@ def _unwritable(out: Path, error: OSError) -> FileError:
 def _check(request: FilmRequest) -> None:
     """All that can go wrong without rendering."""
     out = Path(request.out)
-    check_film(out)
+    _check_kind(out)
     if out.is_dir():
         raise FileError(f"{out}: is a folder; name a film with -o")
     for name, value, high in (
@@ -183,3 +190,73 @@ def _frame(views: Sequence[np.ndarray]) -> np.ndarray:
     parts = [large[0], *(part for view in large[1:] for part in (space, view))]
     frame = np.concatenate(parts, axis=1)
     return np.pad(frame, [(0, frame.shape[0] % 2), (0, frame.shape[1] % 2), (0, 0)])
+
+
+def _check_kind(path: Path) -> None:
+    """Raise unless a film of this name can be written here, found out before frames are made.
+
+    Raises
+    ------
+    UsageError
+        Another kind of file, or MP4 without its encoder.
+    """
+    kind = path.suffix.lower()
+    if kind not in _KINDS:
+        raise UsageError(f"{path}: a film is a {', '.join(_KINDS[:-1])} or {_KINDS[-1]}")
+    if kind == ".mp4" and importlib.util.find_spec(_ENCODER) is None:
+        raise UsageError(
+            f"{path}: writing .mp4 needs imageio-ffmpeg; pip install imageio-ffmpeg, or choose "
+            ".webp or .gif"
+        )
+
+
+def write_film(path: Path, frames: Sequence[np.ndarray], frames_per_second: float) -> None:
+    """Write frames as a film that runs in a loop (GIF, WebP) or once (MP4).
+
+    Parameters
+    ----------
+    path : Path
+        Its ending says the kind, `.gif`, `.webp` or `.mp4`.
+    frames : sequence of (rows, columns, 3) uint8
+        sRGB, all of one size; for MP4 of even rows and columns.
+    frames_per_second : float
+
+    Raises
+    ------
+    UsageError
+        See `_check_kind`.
+    FileError
+        It cannot be written.
+    """
+    _check_kind(path)
+    try:
+        if path.suffix.lower() == ".mp4":
+            _write_mp4(path, frames, frames_per_second)
+        else:
+            _write_animation(path, frames, frames_per_second)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def _write_animation(path: Path, frames: Sequence[np.ndarray], frames_per_second: float) -> None:
+    from PIL import Image
+
+    gif = path.suffix.lower() == ".gif"
+    options = {} if gif else {"quality": _WEBP_QUALITY, "method": 4}
+    # GIF counts in hundredths of a second, and players take 1/100 for a slip.
+    least, unit = (20, 10) if gif else (1, 1)
+    duration_ms = max(least, unit * round(1000 / frames_per_second / unit))
+    first, *rest = map(Image.fromarray, frames)
+    first.save(path, save_all=True, append_images=rest, duration=duration_ms, loop=0, **options)
+
+
+def _write_mp4(path: Path, frames: Sequence[np.ndarray], frames_per_second: float) -> None:
+    encoder = importlib.import_module(_ENCODER)
+    rows, columns = frames[0].shape[:2]
+    writer = encoder.write_frames(
+        str(path), (columns, rows), fps=frames_per_second, quality=8, macro_block_size=2
+    )
+    writer.send(None)  # starts the encoder
+    for frame in frames:
+        writer.send(np.ascontiguousarray(frame))
+    writer.close()

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from inim.buffers import HalfBuffers
 from inim.display import Display, Viewpoint
 from inim.display.pixels import SUBPIXELS
-from inim.half_buffers import HalfBuffers
 from inim.pipeline.capture import Capture
 from inim.pipeline.checks import (
     BLACK,

@@ -93,7 +93,7 @@ class Scene:
         """What decides any picture of it; lenses do not, as it is traced through their centres."""
         given = self.display.through_pinholes().given()
         return {
-            "scene": self.file.look_sha256,
+            "scene": self.file.rendered_sha256,
             "fit_share": self.fit_share,
             **{f"display {name}": value for name, value in given.items() if name != "name"},
             **self.renderer.cache_key(),

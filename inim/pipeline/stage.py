@@ -59,7 +59,7 @@ class Code:
         return found | ({} if self.plugins is None else {"plugins": self.plugins()})
 
 
-_VALUES = ("color.py", "display", "half_buffers.py", "rgbd.py", "scene")
+_VALUES = ("color.py", "display", "buffers.py", "rgbd.py", "scene")
 RENDERING = Code(
     ("render", "lens", "files", *_VALUES),
     ("drjit", "mitsuba", "numpy", "OpenEXR", "trimesh"),
@@ -69,7 +69,7 @@ GENERATING = Code(
     (*RENDERING.packages, "llvmlite", "numba"),
 )
 SCORING = Code(
-    ("metrics", "color.py", "row_bands.py", "regression"),
+    ("metrics", "color.py", "buffers.py", "regression"),
     ("flip-evaluator", "numpy", "scikit-image", "scipy"),
     metrics.foreign_identities,
 )

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from inim.buffers import HalfBuffers
 from inim.display import Display
-from inim.half_buffers import HalfBuffers
 from inim.pipeline.stage import SCORING, Run, stage
 from inim.regression import (
     Fingerprint,

@@ -17,11 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from inim.buffers import row_bands
 from inim.display import Display
-from inim.regression.inference import FALSE_ALARM_RATE, binomial_interval
-from inim.regression.verdict import Verdict
+from inim.regression.verdict import FALSE_ALARM_RATE, Verdict, binomial_interval
 from inim.rgbd import RGBD
-from inim.row_bands import row_bands
 
 __all__ = ["Fingerprint", "compare_fingerprints", "fingerprint", "reference_input"]
 

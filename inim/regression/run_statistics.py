@@ -102,21 +102,14 @@ def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list
         "reported": statistics.reported,
     }
     text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    coded = text.encode(errors="backslashreplace")
     # The JSON last: it marks a whole one.
     names = [f"{stem}.json", f"{stem}.npz"]
     packed = io.BytesIO()
     np.savez_compressed(packed, **_arrays(statistics))  # type: ignore[arg-type]
-    write_atomically(folder / names[1], lambda p: _put_bytes(p, packed.getvalue()))
-    write_atomically(folder / names[0], lambda p: _put_text(p, text))
+    write_atomically(folder / names[1], lambda p: p.write_bytes(packed.getvalue()))
+    write_atomically(folder / names[0], lambda p: p.write_bytes(coded))
     return names
-
-
-def _put_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", errors="backslashreplace")
-
-
-def _put_bytes(path: Path, content: bytes) -> None:
-    path.write_bytes(content)
 
 
 def _arrays(statistics: RunStatistics) -> dict[str, np.ndarray]:

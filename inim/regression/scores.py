@@ -36,14 +36,15 @@ from typing import Any
 import numpy as np
 
 from inim.metrics import Metric, all_metrics, find, score_maps
-from inim.regression.inference import (
+from inim.regression.verdict import (
     FALSE_ALARM_RATE,
+    Verdict,
     freedom_of_sum,
     sidak,
     welch_half_width,
     welch_p_value,
+    within,
 )
-from inim.regression.verdict import Verdict, within
 
 __all__ = ["ScoreEstimate", "compare_scores", "score_interval", "view_scores"]
 

@@ -34,8 +34,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.regression.inference import freedom_of_sum
-from inim.row_bands import row_bands
+from inim.buffers import row_bands
+from inim.regression.verdict import freedom_of_sum
 
 __all__ = ["HalfBuffer", "TileStatistics", "eia_tile", "tile_statistics", "view_tile"]
 

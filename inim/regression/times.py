@@ -2,7 +2,7 @@
 
 What else a machine does changes from round to round and hits generator and yardstick alike. So
 each round gives ``ln(time / yardstick)``, and two runs are compared by the median of all pairwise
-differences of these, with its distribution-free interval (`inference.shift_of`): a round that the
+differences of these, with its distribution-free interval (`shift_of`): a round that the
 system interrupted is one outlier among many and carries no weight.
 
 Noise may explain a slowdown only while it is small itself: an interval that holds no change and
@@ -15,17 +15,9 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 
-from inim.regression.inference import FALSE_ALARM_RATE, shift_of, sidak
-from inim.regression.verdict import Verdict
+from inim.regression.verdict import FALSE_ALARM_RATE, Verdict, shift_of, sidak
 
-__all__ = [
-    "LEAST_ROUNDS",
-    "MOST_SLOWDOWN",
-    "compare_times",
-    "is_steady",
-    "log_ratios",
-    "yardsticks",
-]
+__all__ = ["MOST_SLOWDOWN", "compare_times", "is_steady", "log_ratios", "yardsticks"]
 
 #: Fewer rounds say nothing: with nine on each side the interval still has an end at this level.
 LEAST_ROUNDS = 9

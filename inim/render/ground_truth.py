@@ -9,10 +9,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from inim.buffers import HalfBuffers
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS
 from inim.display.viewpoint import Viewpoint
-from inim.half_buffers import HalfBuffers
 from inim.observer import Observer
 from inim.render.depth_peeling import Peeled
 from inim.render.rays import (

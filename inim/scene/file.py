@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 from inim.errors import FileError, SceneError, UsageError
-from inim.scene.folder import SceneFolder
-from inim.scene.parameters import SceneParameters
+from inim.scene.parameters import SceneFolder, SceneParameters
 from inim.settings import PREFIX, Settings
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ class SceneFile:
         By the name in the scene, every file that it names and where that is.
     sha256 : str
         Over the XML and all files it names.
-    look_sha256 : str
+    rendered_sha256 : str
         Over what the renderer makes of them: elements with their parameters put in, and the bytes
         of files. Not over `inim.*` settings, comments, layout, includes, or the names of files.
     """
@@ -76,7 +75,7 @@ class SceneFile:
     volumes: tuple[Path, ...]
     named: dict[str, Path]
     sha256: str
-    look_sha256: str = ""
+    rendered_sha256: str = ""
 
 
 def parse_definitions(items: list[str]) -> dict[str, str]:
@@ -122,7 +121,7 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
         raise FileError(f"{path}: cannot be found ({error.strerror}); give its full path") from None
     scan = _Scan(folder, definitions)
     scan.read(path, shown=str(path), level=0)
-    scan.folder.settle(str(path))
+    scan.folder.check_whole(str(path))
     own = {k: v for k, v in definitions.items() if k.startswith(PREFIX)}
     for key in definitions.keys() - own.keys() - scan.defaults.keys():
         known = ", ".join(k for k in scan.defaults if not k.startswith(PREFIX)) or "none"
@@ -139,7 +138,7 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
         tuple(file for kind, file in scan.files if kind in _VOLUME_TYPES),
         scan.folder.named,
         scan.hash.hexdigest(),
-        scan.look(wanted),
+        scan.rendered(wanted),
     )
 
 
@@ -193,12 +192,12 @@ class _Scan:
         self.defaults: dict[str, str] = {}
         self.files: dict[tuple[str, Path], None] = {}
         self.hash = hashlib.sha256()
-        self._look = hashlib.sha256()
+        self._rendered = hashlib.sha256()
         self.elements = self.plugins = self.includes = self.xml_bytes = 0
 
-    def look(self, parameters: Mapping[str, str]) -> str:
-        """See `SceneFile.look_sha256`; the parameters are those handed to the renderer."""
-        found = self._look.copy()
+    def rendered(self, parameters: Mapping[str, str]) -> str:
+        """See `SceneFile.rendered_sha256`; the parameters are those handed to the renderer."""
+        found = self._rendered.copy()
         found.update(repr(sorted(parameters.items())).encode())
         return found.hexdigest()
 
@@ -206,7 +205,7 @@ class _Scan:
         """Take an element's begin or end into what the renderer sees."""
         if tag not in _UNSEEN and not (tag == "scene" and level):
             words = ["end", tag] if end else [tag, *(sorted(attributes.items()))]
-            self._look.update(repr(words).encode())
+            self._rendered.update(repr(words).encode())
 
     def read(self, path: Path, shown: str, level: int) -> None:
         """Parse one file; `shown` is its name in messages."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from inim.files.mesh import Mesh
 
-__all__ = ["STONE", "attribute", "bounds", "merged", "placed", "scene_xml", "xml_text"]
+__all__ = ["attribute", "bounds", "merged", "placed", "scene_xml", "xml_text"]
 
 
 def merged(meshes: Sequence[Mesh]) -> list[Mesh]:

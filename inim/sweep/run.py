@@ -13,14 +13,12 @@ from inim import backend as backends
 from inim.backend.machine import cpu_count
 from inim.errors import FileError
 from inim.report.sweep import PAGE, write_page
-from inim.sweep.cluster import check_answers, check_dask, run_cluster
-from inim.sweep.pool import choose_slots, run_pool
 from inim.sweep.progress import Progress
-from inim.sweep.rows import failed_rows, finished_rows
 from inim.sweep.study import Study, read_study
-from inim.sweep.table import TABLE, check_pyarrow, write_table
+from inim.sweep.table import TABLE, check_pyarrow, failed_rows, finished_rows, write_table
 from inim.sweep.task import FOLDER, Results, Task, make_task, report_folder
 from inim.sweep.unit import Unit, expand, making_of
+from inim.sweep.workers import check_answers, check_dask, choose_slots, run_cluster, run_pool
 from inim.version import __version__
 
 __all__ = ["Outcome", "SweepPlan", "SweepRequest", "plan_sweep", "run_sweep"]

@@ -24,7 +24,7 @@ from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
 from inim.pipeline.request import Request
 from inim.report import Report
 from inim.report.files import from_strict, to_strict
-from inim.sweep.rows import result_of
+from inim.sweep.table import result_of
 from inim.sweep.unit import Unit, key_of, making_of
 from inim.worker.output import open_staging, publish
 from inim.worker.supervisor import OnStage, OnStart, run_in_worker

@@ -1,4 +1,5 @@
-"""A worker's side of its life: one job under an observer, in silence but for results.
+"""A worker's side of its life: one job under an observer, with results on stdout, a progress bar on
+stderr and silence otherwise.
 
 See `inim.worker.supervisor`, whose process it is.
 """
@@ -27,9 +28,70 @@ from inim import backend as backends
 from inim.backend.numba_cache import go_without_cache, is_cache_fault
 from inim.errors import InimError
 from inim.observer import Observer
-from inim.worker.console import ConsoleObserver
 
-__all__ = ["Job", "Work", "answer", "read_job", "serve"]
+__all__ = ["ConsoleObserver", "Job", "Work", "answer", "read_job", "serve"]
+
+
+class ConsoleObserver(Observer):
+    """Prints result lines and draws one bar over all rays; the bar only on a terminal.
+
+    Parameters
+    ----------
+    quiet : bool
+        Neither lines nor bar.
+    on_stage : callable
+        Called with each stage's name.
+    """
+
+    def __init__(self, quiet: bool, on_stage: Callable[[str], None]) -> None:
+        super().__init__()
+        self._quiet = quiet
+        self._on_stage = on_stage
+        self._bar: Any = None
+
+    def __enter__(self) -> ConsoleObserver:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def begin(self, total_rays: int) -> None:
+        """See `Observer`."""
+        from tqdm import tqdm
+
+        if self._bar is not None:  # of an earlier round of samples
+            self._bar.close()
+        # disable=None: off when stderr is not a terminal.
+        disable = True if self._quiet else None
+        self._bar = tqdm(
+            total=total_rays,
+            unit="ray",
+            unit_scale=True,
+            disable=disable,
+            leave=False,
+            dynamic_ncols=True,
+        )
+
+    def stage(self, name: str) -> None:
+        """See `Observer`."""
+        self._on_stage(name)
+        if self._bar is not None:
+            self._bar.set_description(name)
+
+    def rays(self, count: int) -> None:
+        """See `Observer`."""
+        if self._bar is not None:
+            self._bar.update(count)
+
+    def line(self, text: str) -> None:
+        """See `Observer`."""
+        if self._quiet:
+            return
+        if self._bar is not None:
+            self._bar.clear()
+        print(text, flush=True)
+
 
 # Of the job's length, before the job.
 _LENGTH_BYTES = 8

@@ -26,8 +26,8 @@ from inim.pipeline.plan import Plan
 from inim.report.bench import Part, write_bench
 from inim.rgbd import RGBD
 from inim.scene.two_spheres import two_spheres
-from inim.worker.console import ConsoleObserver
 from inim.worker.output import open_staging, publish
+from inim.worker.serve import ConsoleObserver
 
 __all__ = [
     "Measure",

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inim.buffers import HalfBuffers
 from inim.generators import prepare
-from inim.half_buffers import HalfBuffers
 from inim.observer import Observer
 from inim.pipeline.evaluate import ceiling_scores, evaluate, truth_statistics
 from inim.pipeline.generate import Reference

@@ -321,7 +321,7 @@ def test_a_light_field_s_mistakes_are_one_line(tmp_path, capsys):
 @pytest.mark.parametrize("pixels", [16, 15])
 def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
     from inim.files.light_field import eia_from_views, read_hci
-    from inim.files.quilt import read_quilt
+    from tests.unit.test_light_field import quilt_views
 
     display = small_display(columns=6, rows=5, pixels=pixels)
     eia = np.random.default_rng(2).integers(0, 256, (*display.eia_shape, 3)).astype(np.uint8)
@@ -334,11 +334,10 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
     assert main(["export", str(tmp_path / "eia.png"), *more, *words]) == EXIT_PASSED
     views = read_hci(tmp_path / "hci").views
     np.testing.assert_array_equal(eia_from_views(views, display), eia)
-    quilt = tmp_path / {16: "quilt_qs4x4a1.2.png", 15: "quilt_qs5x3a1.2.png"}[pixels]
+    columns, rows = {16: (4, 4), 15: (5, 3)}[pixels]
+    quilt = tmp_path / f"quilt_qs{columns}x{rows}a1.2.png"
     assert str(quilt) in capsys.readouterr().out
-    tiles, aspect = read_quilt(quilt)
-    np.testing.assert_array_equal(tiles, views[pixels // 2])
-    assert aspect == 1.2
+    np.testing.assert_array_equal(quilt_views(quilt, columns, rows), views[pixels // 2])
     one = np.asarray(Image.open(tmp_path / "views" / "view_02_03.png"))
     np.testing.assert_array_equal(one, views[2, 3])
     back = tmp_path / "back.png"

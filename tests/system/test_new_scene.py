@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.commands.new_scene import add_arguments, new_scene, run
+from inim.commands.new_scene import COMMANDS, new_scene
 from inim.errors import FileError, UsageError
 from inim.files.mesh import Mesh, check_mesh_file, read_mesh, write_ply
 from inim.files.triangle_mesh import smoothed
@@ -366,10 +366,10 @@ def test_odd_names_survive(tmp_path: Path, mi: Any, name: str) -> None:
 
 def test_command_line_writes_the_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     parser = argparse.ArgumentParser()
-    add_arguments(parser)
+    COMMANDS["new-scene"].add_arguments(parser)
     source = saved(tmp_path, box((1, 2, 3)))
     line = [str(source), "--unit", "mm", "--up=-z", "--front", "x", "-o", str(tmp_path / "a.xml")]
-    assert run(parser.parse_args(line)) == 0
+    assert COMMANDS["new-scene"].run(parser.parse_args(line)) == 0
     assert str(tmp_path / "a.xml") in capsys.readouterr().out
     assert (tmp_path / "a.ply").is_file()
 

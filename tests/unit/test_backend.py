@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from inim import backend
-from inim.backend import Backend, Verdict, choice, libllvm, machine, trial
-from inim.commands import sys_info
+from inim.backend import Backend, Verdict, choice, machine, trial
+from inim.commands.installation import describe, sys_info
 from inim.errors import BackendError, UsageError
 
 GOOD = Verdict(True, version="19.1.7", device="2 threads", stage="done")
@@ -84,33 +84,33 @@ def refuse(monkeypatch: pytest.MonkeyPatch, **answers: Verdict) -> None:
 def test_version_is_read_from_the_name_or_else_the_folder(
     path: str, version: tuple[int, ...] | None
 ) -> None:
-    assert libllvm.llvm_version(Path(path)) == version
+    assert choice.llvm_version(Path(path)) == version
 
 
 def test_newest_version_comes_first_and_a_nameless_one_last(tmp_path: Path) -> None:
     order = ["libLLVM.so.22.1", "libLLVM.so.19.1", "libLLVM-17.so.1", "libLLVM-9.so", "libLLVM.so"]
-    found = libllvm.find_libllvm([libraries(tmp_path / "lib", *sorted(order))])
+    found = choice.find_libllvm([libraries(tmp_path / "lib", *sorted(order))])
     assert [path.name for path in found] == order
 
 
 def test_other_files_named_alike_are_no_candidates(tmp_path: Path) -> None:
     names = ["libLLVMX86CodeGen.a", "libLLVM-C.so", "libLLVMgold.so", "libLLVM-19.txt"]
-    assert libllvm.find_libllvm([libraries(tmp_path / "lib", *names)]) == []
+    assert choice.find_libllvm([libraries(tmp_path / "lib", *names)]) == []
 
 
 def test_aliases_of_one_file_are_one_candidate(tmp_path: Path) -> None:
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     (folder / "libLLVM-19.so").symlink_to("libLLVM.so.19.1")
     (folder / "libLLVM-18.so").symlink_to("nowhere")
-    assert libllvm.find_libllvm([folder, folder]) == [(folder / "libLLVM.so.19.1").resolve()]
+    assert choice.find_libllvm([folder, folder]) == [(folder / "libLLVM.so.19.1").resolve()]
 
 
 def test_no_folders_to_search_means_no_candidates() -> None:
-    assert libllvm.find_libllvm([]) == []
+    assert choice.find_libllvm([]) == []
 
 
 def test_missing_folders_are_passed_over(tmp_path: Path) -> None:
-    assert libllvm.find_libllvm([tmp_path / "none", Path("/dev/null")]) == []
+    assert choice.find_libllvm([tmp_path / "none", Path("/dev/null")]) == []
 
 
 def test_search_variable_replaces_the_usual_folders(
@@ -119,7 +119,7 @@ def test_search_variable_replaces_the_usual_folders(
     one = libraries(tmp_path / "one", "libLLVM-17.so.1")
     two = libraries(tmp_path / "two", "libLLVM-18.so.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", f"{one}{os.pathsep}{two}")
-    found = [path.name for path in libllvm.find_libllvm()]
+    found = [path.name for path in choice.find_libllvm()]
     assert found == ["libLLVM-18.so.1", "libLLVM-17.so.1"]
 
 
@@ -129,7 +129,7 @@ def test_linker_cache_and_private_copy_are_searched(
     odd = libraries(tmp_path / "odd", "libLLVM.so.97.1") / "libLLVM.so.97.1"
     monkeypatch.setattr(machine, "linker_cache", lambda name: [str(odd)])
     libraries(tmp_path / "data/inim/llvm", "libLLVM.so.98.1")
-    found = [path.name for path in libllvm.find_libllvm()]
+    found = [path.name for path in choice.find_libllvm()]
     assert found[:2] == ["libLLVM.so.98.1", "libLLVM.so.97.1"]
 
 
@@ -516,7 +516,7 @@ def test_description_is_json_and_gives_each_library_its_reason(
 ) -> None:
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(folder))
-    facts = json.loads(json.dumps(sys_info.describe()))
+    facts = json.loads(json.dumps(describe()))
     assert [found["usable"] for found in facts["libllvm"]] == [True, False]
     assert facts["libllvm"][1]["reason"] == "LLVM 14 is too old for Dr.Jit"
     assert facts["chosen"]["libllvm"] == str(folder / "libLLVM.so.19.1")
@@ -527,9 +527,9 @@ def test_text_form_works_with_and_without_a_backend(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
 ) -> None:
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(tmp_path / "nothing"))
-    assert "no usable libLLVM: found none" in sys_info.sys_info()
+    assert "no usable libLLVM: found none" in sys_info()
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(folder))
-    text = sys_info.sys_info()
+    text = sys_info()
     assert "libLLVM.so.19.1  usable" in text
     assert "libLLVM-14.so.1  refused: LLVM 14 is too old" in text

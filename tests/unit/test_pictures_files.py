@@ -15,8 +15,8 @@ from inim.files.eia_file import read_eia, write_eia, write_true_size_pdf
 from inim.files.image import exr_size, write_exr
 from inim.from_camera.depth_values import Meaning, fill_missing, parse_unit, read_meaning
 from inim.from_camera.fit import Pinhole, check_pinhole, parse_intrinsics
+from inim.from_camera.picture import check_same_view, edge_shift, resampled
 from inim.from_camera.picture_files import DepthFile, read_color, read_depth, write_depth
-from inim.from_camera.registration import check_same_view, edge_shift, resampled
 from tests.conftest import small_display
 
 MM = Meaning(1.0, near_is_large=False)

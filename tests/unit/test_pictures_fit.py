@@ -7,9 +7,8 @@ import pytest
 
 from inim.display import DISPLAYS
 from inim.errors import UsageError
-from inim.from_camera.depth_map import DepthMap, depth_range, map_depth
 from inim.from_camera.depth_values import DepthValues
-from inim.from_camera.fit import Pinhole, fit_picture
+from inim.from_camera.fit import DepthMap, Pinhole, depth_range, fit_picture, map_depth
 from tests.conftest import small_display
 
 FOCAL = 200.0

@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from inim.regression import log_ratios, score_interval, tile_statistics, view_scores, view_tile
+from inim.regression.comparison import codes_from_linear, compare_noise, compare_pictures
 from inim.regression.fingerprints import (
     compare_fingerprints,
     fingerprint,
@@ -16,20 +17,21 @@ from inim.regression.fingerprints import (
     reference_input,
     sampled_pixels,
 )
-from inim.regression.inference import (
+from inim.regression.scores import ScoreEstimate, compare_scores
+from inim.regression.tiles import eia_tile
+from inim.regression.times import MOST_SLOWDOWN, compare_times, is_steady, yardsticks
+from inim.regression.verdict import (
     FALSE_ALARM_RATE,
+    Verdict,
+    all_passed,
     binomial_interval,
     freedom_of_sum,
     shift_of,
     sidak,
     welch_half_width,
     welch_p_value,
+    within,
 )
-from inim.regression.scores import ScoreEstimate, compare_scores
-from inim.regression.tile_changes import codes_from_linear, compare_noise, compare_pictures
-from inim.regression.tiles import eia_tile
-from inim.regression.times import MOST_SLOWDOWN, compare_times, is_steady, yardsticks
-from inim.regression.verdict import Verdict, all_passed, within
 from tests.conftest import small_display
 
 # Of the reference input on a display of 12 x 10 lenses: whole numbers and single divisions only.
@@ -182,7 +184,7 @@ def test_fresh_noise_is_no_change(scene):
 
 
 def test_p_values_of_fresh_noise_are_as_frequent_as_they_say(scene):
-    from inim.regression.tile_changes import tile_change
+    from inim.regression.comparison import tile_change
 
     rng = np.random.default_rng(8)
     old, p = statistics(rng, scene)["truth/a"], []

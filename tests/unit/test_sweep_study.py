@@ -8,11 +8,10 @@ from pathlib import Path
 import pytest
 
 from inim.errors import EXIT_USAGE, InimError
-from inim.report.sweep.results import _SETTINGS
+from inim.report.sweep.results import SETTING_COLUMNS
 from inim.settings import Settings
-from inim.sweep.rows import DISPLAY_COLUMNS, SETTING_COLUMNS, failed_rows
 from inim.sweep.study import AS_SCENE, read_study
-from inim.sweep.table import columns
+from inim.sweep.table import DISPLAY_COLUMNS, columns, failed_rows
 from inim.sweep.unit import expand, key_of, making_of, unit_hash
 from tests.conftest import scene_text, sphere
 
@@ -200,4 +199,3 @@ def test_rows_of_what_failed_have_all_that_is_known(written):
 def test_columns_are_settings_and_displays_by_their_own_names():
     fields = Settings.__dataclass_fields__.keys()
     assert fields >= {*SETTING_COLUMNS, *DISPLAY_COLUMNS}
-    assert set(SETTING_COLUMNS) == set(_SETTINGS)

@@ -17,6 +17,7 @@ from inim.report.wording import MAIN, is_number
 
 __all__ = [
     "REFERENCES",
+    "SETTING_COLUMNS",
     "Result",
     "mean",
     "names_of",
@@ -31,8 +32,8 @@ Row = Mapping[str, Any]
 REFERENCES = (f"ceiling_{MAIN.key}", f"noise_floor_{MAIN.key}")
 _COSTS = ("seconds", "yardsticks", "unit_seconds")
 
-# What tells rows of one scene, display, algorithm and viewpoint apart.
-_SETTINGS = (
+#: Settings that tell rows of one scene, display, algorithm and viewpoint apart.
+SETTING_COLUMNS = (
     "lens_model",
     "misalign",
     "fit_share",
@@ -93,11 +94,13 @@ def varied_settings(rows: Sequence[Row]) -> list[str]:
     """Settings that the study varies: of which one scene and display has several values."""
     values: dict[tuple[Any, Any, str], set[Any]] = {}
     for row in rows:
-        for name in _SETTINGS:
+        for name in SETTING_COLUMNS:
             if name in row:
                 values.setdefault((row["scene"], row["display"], name), set()).add(row[name])
     return [
-        n for n in _SETTINGS if any(len(v) > 1 for (_, _, name), v in values.items() if name == n)
+        n
+        for n in SETTING_COLUMNS
+        if any(len(v) > 1 for (_, _, name), v in values.items() if name == n)
     ]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
-from inim.observer import Listener
+from inim.observer import Observer
 from inim.report.stress import write_stress
 from inim.stress.job import record, spheres
 from reports.stress.study.tables import summary_lines, tables_of
@@ -26,7 +26,7 @@ _LENS_SIZE = {True: (60, 8), False: (100, 1)}
 _JITTER_LENSES = {True: 16, False: 64}
 
 
-class _Stages(Listener):
+class _Stages(Observer):
     """Says on stderr where the study is."""
 
     def stage(self, name: str) -> None:
@@ -52,7 +52,7 @@ def main(argv: list[str] | None = None) -> int:
     return EXIT_PASSED if data["passed"] else EXIT_CHECK_FAILED
 
 
-def measured(quick: bool, out: str, listener: Listener) -> dict[str, Any]:
+def measured(quick: bool, out: str, listener: Observer) -> dict[str, Any]:
     """The content of stress.json."""
     started = time.perf_counter()
     from inim.render import variant

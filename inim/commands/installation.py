@@ -1,4 +1,4 @@
-"""`inim sys-info`: the machine and its backends in words, for whoever has to help."""
+"""Commands about what is installed: what it can run on, what it keeps, what it knows."""
 
 from __future__ import annotations
 
@@ -6,25 +6,72 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from inim.commands.options import Command, no_arguments
 from inim.errors import EXIT_PASSED, BackendError
 
 if TYPE_CHECKING:
     from inim.backend import Verdict
+    from inim.cache.store import StoreInfo
 
-__all__ = ["SUMMARY", "add_arguments", "describe", "run", "sys_info"]
+__all__ = ["COMMANDS", "describe", "sys_info"]
 
-SUMMARY = "what the renderer can run on here"
-
+_NO_STORE = "no store is used: INIM_CACHE is off, or there is no home folder; let it name a folder"
 _DISTRIBUTIONS = ("inim", "mitsuba", "drjit", "numpy", "OpenEXR", "trimesh", "flip-evaluator")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `inim sys-info`."""
+def _algorithms(_: argparse.Namespace) -> int:
+    from inim.pipeline.method import algorithm_table
+
+    print(algorithm_table())
+    return EXIT_PASSED
+
+
+def _settings(_: argparse.Namespace) -> int:
+    from inim.settings import setting_table
+
+    print(setting_table())
+    return EXIT_PASSED
+
+
+def _install_llvm(_: argparse.Namespace) -> int:
+    from inim.backend.install_llvm import install_llvm
+
+    install_llvm()
+    return EXIT_PASSED
+
+
+def _add_cache_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Results of validations are kept and found again by what decides them. "
+        "INIM_CACHE names their folder, or is 'off'; INIM_CACHE_GIB is the most they may take "
+        "(8): what was not used for longest goes first."
+    )
+    parser.add_argument("action", choices=("info", "clear"))
+
+
+def _cache(args: argparse.Namespace) -> int:
+    from inim.cache.store import open_store
+
+    store = open_store()
+    if store is None:
+        print(_NO_STORE)
+    elif args.action == "clear":
+        print(f"removed {_held(store.clear())}")
+    else:
+        info = store.info()
+        print(f"{_held(info)}, at most {info.limit_bytes / 2**30:.3g} GiB")
+    return EXIT_PASSED
+
+
+def _held(info: StoreInfo) -> str:
+    return f"{info.records} results, {info.size_bytes / 2**20:.1f} MiB, in {info.folder}"
+
+
+def _add_sys_info_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="as JSON")
 
 
-def run(args: argparse.Namespace) -> int:
-    """Print it; the exit code."""
+def _sys_info(args: argparse.Namespace) -> int:
     import json
 
     print(json.dumps(describe(), indent=1) if args.json else sys_info())
@@ -70,7 +117,7 @@ def _installed_version(name: str) -> str | None:
 
 
 def _candidate(library: Path, verdict: Verdict) -> dict[str, Any]:
-    from inim.backend.libllvm import llvm_version
+    from inim.backend.choice import llvm_version
 
     named = ".".join(map(str, llvm_version(library) or ()))
     version = verdict.version or named or None
@@ -93,3 +140,12 @@ def sys_info() -> str:
         chosen = " ".join(str(chosen[name]) for name in ("variant", "device"))
     rows += [("backend", chosen), ("cache", facts["cache"] or "none (no home folder)")]
     return "\n".join(f"{name:<15} {value}" for name, value in rows)
+
+
+COMMANDS = {
+    "cache": Command("what the store of results holds; empty it", _add_cache_arguments, _cache),
+    "sys-info": Command("what the renderer can run on here", _add_sys_info_arguments, _sys_info),
+    "install-llvm": Command("get a usable libLLVM, as root or not", no_arguments, _install_llvm),
+    "algorithms": Command("list the algorithms and their options", no_arguments, _algorithms),
+    "settings": Command("list the inim.* settings of scene files", no_arguments, _settings),
+}

@@ -1,6 +1,7 @@
-"""Units on a cluster: one dask task each, on workers that share the sweep's folder.
+"""Units on this machine, as many workers at once as its cores and its memory hold; or on a cluster.
 
-What dask does when something dies (distributed 2024.1 to 2026.8), and what follows for us:
+On a cluster a unit is one dask task, on workers that share the sweep's folder. What dask does when
+something dies (distributed 2024.1 to 2026.8), and what follows for us:
 
 * A worker that dies takes its task along; the scheduler gives the task to another worker, up to
   `distributed.scheduler.allowed-failures` (3) times, then calls it a `KilledWorker`. So nothing
@@ -17,20 +18,124 @@ import hashlib
 import logging
 import queue
 import socket
+import subprocess
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
-from inim.errors import UsageError
+from inim import backend as backends
+from inim.errors import InimError, UsageError
 from inim.sweep.progress import Progress
 from inim.sweep.task import Task, attempt
 
-__all__ = ["check_answers", "check_dask", "on_worker", "run_cluster"]
+__all__ = ["check_answers", "check_dask", "choose_slots", "on_worker", "run_cluster", "run_pool"]
+
+# How often the progress's clocks move on.
+_TICK_S = 0.5
+
+
+def choose_slots(workers: int | None, threads: int | None, cores: int) -> tuple[int, int]:
+    """Workers at once and threads of each; what the user leaves open follows from the cores.
+
+    A validation spends more than half of its time on one thread: scoring, compiling, writing
+    pictures. So a worker for each core is faster than one with them all (README, *Sweeps*).
+
+    Raises
+    ------
+    UsageError
+        Less than one of either.
+    """
+    for option, value in (("--workers", workers), ("--threads", threads)):
+        if value is not None and value < 1:
+            raise UsageError(f"{option} {value}: must be at least 1")
+    if workers is None:
+        workers = max(1, cores // (threads or 1))
+    return workers, threads or max(1, cores // workers)
+
+
+class _Ended(BaseException):
+    """The pool is being taken down: no worker may start any more."""
+
+
+class _Pool:
+    """The processes at work, to be ended together."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._closed = False
+
+    def add(self, process: subprocess.Popen[bytes]) -> None:
+        with self._lock:
+            if self._closed:
+                raise _Ended
+            self._processes = [p for p in self._processes if p.returncode is None]
+            self._processes.append(process)
+
+    def end(self) -> None:
+        """End all that run, and whatever is about to start."""
+        with self._lock:
+            self._closed = True
+            for process in self._processes:
+                process.terminate()
+
+
+def run_pool(tasks: Sequence[Task], workers: int, progress: Progress) -> dict[str, str]:
+    """Carry out tasks, so many at once, never more than memory holds.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    workers : int
+    progress : Progress
+
+    Returns
+    -------
+    dict of str to str
+        By unit, the error of each that failed.
+    """
+    pool, limit = _Pool(), backends.memory_limit_bytes()
+    waiting, running = list(tasks), dict[Future[InimError | None], Task]()
+    errors: dict[str, str] = {}
+    with ThreadPoolExecutor(workers) as executor:
+        try:
+            while waiting or running:
+                taken = sum(task.memory_bytes for task in running.values())
+                while len(running) < workers and (task := _next(waiting, taken, limit, running)):
+                    waiting.remove(task)
+                    taken += task.memory_bytes
+                    progress.began(task.unit, task.label)
+                    on_stage = partial(progress.stage, task.unit)
+                    running[executor.submit(attempt, task, pool.add, on_stage)] = task
+                done, _ = wait(running, _TICK_S, FIRST_COMPLETED)
+                progress.draw()
+                for future in done:
+                    task = running.pop(future)
+                    error = future.result()
+                    if error is not None:
+                        errors[task.unit] = str(error)
+                    progress.ended(task.unit, task.label, errors.get(task.unit, ""))
+        except BaseException:  # an interrupt: workers end with the pool, what they had is lost
+            pool.end()
+            raise
+    return errors
+
+
+def _next(
+    waiting: Sequence[Task], taken: int, limit: int, running: dict[Future[InimError | None], Task]
+) -> Task | None:
+    """The first task that fits into what memory is left; alone, a task always fits."""
+    for task in waiting:
+        if not running or not limit or taken + task.memory_bytes <= limit:
+            return task
+    return None
+
 
 _TOPIC = "inim-sweep"
-_TICK_S = 0.5
 _ANSWERS_WITHIN_S = 10
 # A dask worker with several threads takes as many tasks; a validation wants its cores to itself.
 _ONE_AT_A_TIME = threading.Lock()

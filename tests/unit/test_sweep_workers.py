@@ -11,10 +11,11 @@ import pytest
 
 from inim.errors import UsageError, WorkerError
 from inim.pipeline.request import Request
-from inim.sweep import pool, task
-from inim.sweep.pool import choose_slots, run_pool
+from inim.sweep import task
+from inim.sweep import workers as sweep_workers
 from inim.sweep.progress import Progress, clock_words
 from inim.sweep.task import Task, attempt
+from inim.sweep.workers import choose_slots, run_pool
 
 GIB = 2**30
 
@@ -68,8 +69,8 @@ class Crowd:
 
 def crowd_of(monkeypatch, tasks, workers, limit):
     crowd = Crowd()
-    monkeypatch.setattr(pool, "attempt", crowd)
-    monkeypatch.setattr(pool.backends, "memory_limit_bytes", lambda: limit)
+    monkeypatch.setattr(sweep_workers, "attempt", crowd)
+    monkeypatch.setattr(sweep_workers.backends, "memory_limit_bytes", lambda: limit)
     assert run_pool(tasks, workers, Progress(len(tasks), quiet=True)) == {}
     assert sorted(crowd.done) == sorted(t.unit for t in tasks)
     return crowd
@@ -96,7 +97,7 @@ def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
     def fails(one, on_start, on_stage):
         return WorkerError("it broke") if one.unit == "1" else None
 
-    monkeypatch.setattr(pool, "attempt", fails)
+    monkeypatch.setattr(sweep_workers, "attempt", fails)
     assert run_pool([make(str(i)) for i in range(3)], 1, Progress(3)) == {"1": "it broke"}
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 3
@@ -121,8 +122,8 @@ def test_an_interrupt_ends_what_runs(monkeypatch):
         assert begun.wait(10)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pool, "attempt", works)
-    monkeypatch.setattr(pool, "wait", interrupted)
+    monkeypatch.setattr(sweep_workers, "attempt", works)
+    monkeypatch.setattr(sweep_workers, "wait", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_pool([make("1")], 1, Progress(1, quiet=True))
     assert ended.is_set()
