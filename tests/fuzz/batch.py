@@ -1,7 +1,8 @@
-"""One child that reads many mutated files: `python -m tests.fuzz.batch FORMAT FIRST END CHANNEL`.
+"""A child that reads mutated files: `python -m tests.fuzz.batch FORMATS FIRST END CHANNEL`.
 
-It dies of whatever kills it: that is the finding. Each file is announced on the channel before it
-is read and answered for afterwards, so the parent knows which one did it.
+It reads files FIRST to END of each format in turn (FORMATS: names with commas between them). It
+dies of whatever kills it: that is the finding. Each file is announced on the channel before it is
+read and answered for afterwards, so the parent knows which one did it.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import sys
 import tempfile
 import time
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -160,12 +161,10 @@ def specimen_bytes(kind: str, specimens: tuple[bytes, ...], index: int) -> bytes
 
 def _limit_memory() -> int:
     """Bytes in use now; more than `MOST_BYTES` above them cannot be had."""
-    # Scenes are planned for the machine as it is: the limit below is that of one file.
-    machine = backend.memory_limit_bytes()
-    backend.memory_limit_bytes = lambda: machine
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MOST_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]  # kept, for the next format's limit
+    resource.setrlimit(resource.RLIMIT_AS, (most, hard))
     return _peak_bytes()
 
 
@@ -173,26 +172,37 @@ def _peak_bytes() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
-def _wake(kind: str) -> None:
-    """Everything that is loaded once, so that it counts as the base."""
-    if any(door in _WITHOUT_RENDERER for door in DOORS[kind]):
+def _load_once(kinds: Sequence[str]) -> None:
+    """Load what is loaded once, so that it counts as the base."""
+    doors = [door for kind in kinds for door in DOORS[kind]]
+    if any(door in _WITHOUT_RENDERER for door in doors):
         import OpenEXR  # noqa: F401
         import trimesh  # noqa: F401
-    if not all(door in _WITHOUT_RENDERER for door in DOORS[kind]):
+    if not all(door in _WITHOUT_RENDERER for door in doors):
         from inim.render import variant
 
         variant.use()
 
 
-def main(kind: str, first: int, end: int, channel: Any) -> None:
-    """Read mutations `first` to `end` of a format through all its doors."""
+def main(kinds: Sequence[str], first: int, end: int, channel: Any) -> None:
+    """Read mutations `first` to `end` of each format through all its doors."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    # Scenes are planned for the machine as it is: the limit below is that of one file.
+    machine = backend.memory_limit_bytes()
+    backend.memory_limit_bytes = lambda: machine
+    _load_once(kinds)
+    for kind in kinds:
+        print("format", kind, file=channel, flush=True)
+        _read_format(kind, first, end, channel)
+        first = 0  # only the first format may continue where a child died
+
+
+def _read_format(kind: str, first: int, end: int, channel: Any) -> None:
     suffix, make = SPECIMENS[kind]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         specimens = make(folder)
         path = folder / f"mutated{suffix}"
-        _wake(kind)
         for door in DOORS[kind]:  # a sound one by every door, for what loads late
             path.write_bytes(specimens[0])
             print("sound", outcome(door, path), file=channel, flush=True)
@@ -212,4 +222,4 @@ def main(kind: str, first: int, end: int, channel: Any) -> None:
 
 if __name__ == "__main__":
     with os.fdopen(int(sys.argv[4]), "w", encoding="utf-8", errors="replace") as answers:
-        main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), answers)
+        main(sys.argv[1].split(","), int(sys.argv[2]), int(sys.argv[3]), answers)

@@ -13,11 +13,13 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from importlib import import_module, invalidate_caches
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -80,7 +82,8 @@ def nothing_left(folder: Path) -> bool:
 class WorkerHere:
     """A worker that is this process: the same job and outcome, without a start of its own."""
 
-    process = None
+    process = SimpleNamespace(returncode=0, terminate=lambda: None)
+    _one_at_a_time = threading.Lock()
 
     def __init__(self, target: str, *_: object, **__: object) -> None:
         self.module, _, self.function = target.partition(":")
@@ -96,9 +99,10 @@ class WorkerHere:
 
     def carry_out(self, job: Any, *_: object) -> dict[str, Any]:
         """Carry the job out; what a worker says last."""
-        os.environ.update(job.variables)
         said = io.StringIO()
-        answer(job, said, getattr(import_module(self.module), self.function))
+        with self._one_at_a_time:
+            os.environ.update(job.variables)
+            answer(job, said, getattr(import_module(self.module), self.function))
         return dict(json.loads(said.getvalue().splitlines()[-1]))
 
 

@@ -60,7 +60,7 @@ def sweep(*words: object, folder: Path) -> Ended:
 
 
 def sweep_here(*words: object, folder: Path) -> Ended:
-    """The same in this process: for what ends before a validation begins."""
+    """The same in this process, the validations included."""
     return run_here("sweep", *map(str, words), folder=folder)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -24,9 +25,17 @@ import pytest
 
 from inim.cli import main
 from inim.errors import EXIT_BASELINE, EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
-from inim.pipeline import timing
+from inim.pipeline import timing, validation
+from inim.pipeline.plan import make_plan
+from inim.pipeline.request import Request
 from tests.conftest import sphere
-from tests.system.conftest import Ended, assert_one_line, nothing_left, write_scene
+from tests.system.conftest import (
+    Ended,
+    assert_one_line,
+    nothing_left,
+    worker_here,
+    write_scene,
+)
 
 Run = Callable[..., Ended]
 PROJECT = Path(__file__).parents[2]
@@ -469,10 +478,29 @@ def test_only_these_steps_are_the_hosted_runner_s() -> None:
     assert all(("run" in step) != ("uses" in step) for step in steps())
 
 
-@pytest.mark.parametrize(
-    "left_out", ["Goblet and coin", pytest.param("", marks=pytest.mark.slow)], ids=["one", "both"]
-)
-def test_workflow_s_steps_pass_on_a_clean_copy(tmp_path: Path, left_out: str) -> None:
+def test_workflow_s_commands_plan_runs_that_its_baselines_can_be_compared_with(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Up to where the worker would begin: options, settings, scene and baseline's conditions."""
+    planned = []
+
+    def plan_only(request: Request, **_: object) -> bool:
+        planned.append(make_plan(request))
+        return True
+
+    monkeypatch.chdir(PROJECT)
+    monkeypatch.setattr(validation, "validate_in_worker", plan_only)
+    small = workflow()["jobs"]["regression"]["env"]["SMALL"]
+    for step in steps():
+        words = shlex.split(step.get("run", "").replace("$SMALL", small))
+        if words[:3] == ["python", "-m", "inim.validate"]:
+            assert main(["validate", *words[3:]]) == EXIT_PASSED
+    assert [plan.request.baseline.name for plan in planned] == ["jade", "wine_coin"]
+    assert all(plan.baseline is not None for plan in planned)
+
+
+@pytest.mark.slow
+def test_workflow_s_steps_pass_on_a_clean_copy(tmp_path: Path) -> None:
     """All but the installation, for this Python has inim. The project's own baselines hold."""
     copy = clean_copy(tmp_path / "clone")
     bin_folder = tmp_path / "bin"
@@ -491,11 +519,10 @@ def test_workflow_s_steps_pass_on_a_clean_copy(tmp_path: Path, left_out: str) ->
         "Install", "Get a libLLVM", "Jade disc", "Goblet and coin", "Summary"
     ]  # fmt: skip
     for step in run_steps[1:]:
-        if step["name"] != left_out:
-            execute(step, copy, variables)
-    text, runs = summary.read_text(encoding="utf-8"), 1 if left_out else 2
-    assert text.count("checks passed") == runs
-    assert text.count("nearest to its limit") == runs
+        execute(step, copy, variables)
+    text = summary.read_text(encoding="utf-8")
+    assert text.count("checks passed") == 2
+    assert text.count("nearest to its limit") == 2
     assert summary.stat().st_size < 2**20  # what the hosted page shows at most
 
 
@@ -546,7 +573,10 @@ def plugin_test(
             text += TEST.replace("sphere", name).format(definitions=given, algorithms="template")
     write_scene(pytester.path)
     pytester.makepyfile(test_it=text)
-    return pytester.runpytest_subprocess("-q", *words, timeout=120)
+    if words == ("--inim-update",):  # a session that ends before it begins
+        return pytester.runpytest_subprocess("-q", *words, timeout=120)
+    with worker_here():
+        return pytester.runpytest_inprocess("-q", "-p", "no:cacheprovider", *words)
 
 
 def test_plugin_is_announced() -> None:
@@ -554,7 +584,10 @@ def test_plugin_is_announced() -> None:
     assert "inim.pytest_plugin" in names, "install the project anew: pip install -e ."
 
 
-def test_plugin_asks_for_a_baseline_accepts_one_and_compares(pytester: pytest.Pytester) -> None:
+def test_plugin_asks_for_a_baseline_accepts_one_and_compares(
+    bench: Bench, pytester: pytest.Pytester
+) -> None:
+    """In this process, where `bench` has loaded the renderer, which can be loaded once only."""
     missing = plugin_test(pytester)
     missing.assert_outcomes(failed=1)
     missing.stdout.fnmatch_lines(["*cannot be read*", "*--inim-update*"])

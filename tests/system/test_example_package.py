@@ -6,11 +6,8 @@ Expected: what it announces is in every result.
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,18 +15,18 @@ from typing import Any
 import pytest
 
 from inim.errors import EXIT_PASSED, EXIT_USAGE
+from inim.pipeline import timing
 from inim.sweep.table import TABLE, read_table
-from tests.system.conftest import TINY, assert_one_line, definitions, write_scene
+from tests.system.conftest import TINY, assert_one_line, definitions, run_here, write_scene
 
 PACKAGE = Path(__file__).parents[1] / "example_package"
 SECTION = re.compile(r'\[project\.entry-points\."(inim\.\w+)"\]\n((?:.+\n)+)')
 LENS = {"inim.lens_model": "vignetted"}
-PYTHON = [sys.executable, "-m"]
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Variables of processes in which the package is installed, as pip leaves it behind."""
+    """Variables of commands for which the package is installed, as pip leaves it behind."""
     folder = tmp_path_factory.mktemp("site")
     for file in PACKAGE.glob("*.py"):
         shutil.copy(file, folder)
@@ -40,16 +37,12 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     assert len(points) == len(list(PACKAGE.glob("*.py")))
     said = "".join(f"[{group}]\n{names}" for group, names in points)
     (info / "entry_points.txt").write_text(said.replace('"', ""))
-    paths = [str(folder), os.environ.get("PYTHONPATH", "")]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    return {"PYTHONPATH": str(folder)}
 
 
 def run(*words: object, folder: Path, variables: Mapping[str, str]) -> None:
-    done = subprocess.run(
-        [*PYTHON, *map(str, words)], cwd=folder, env=dict(variables), stdin=subprocess.DEVNULL,
-        capture_output=True, encoding="utf-8", timeout=240,
-    )  # fmt: skip
-    assert done.returncode == EXIT_PASSED, done.stderr
+    ended = run_here(*map(str, words), folder=folder, variables=variables)
+    assert ended.code == EXIT_PASSED, ended.stderr
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +54,7 @@ def validated(
     words = ("-o", "out", "--algorithms", "template,example", "--viewpoints", "centre")
     scene = write_scene(folder)
     run(
-        "inim.validate",
+        "validate",
         scene,
         *words,
         *definitions(TINY | LENS),
@@ -99,7 +92,7 @@ def test_baseline_judges_its_metric_by_its_own_tolerance(
     validated, installed: Mapping[str, str], tmp_path: Path
 ) -> None:
     out, _ = validated
-    run("inim", "compare", out, out, "-o", "same", folder=tmp_path, variables=installed)
+    run("compare", out, out, "-o", "same", folder=tmp_path, variables=installed)
     data = json.loads((tmp_path / "same" / "compare.json").read_text("utf-8"))
     label = "example/centre: MAD to ceiling"
     (found,) = [c for c in data["verdict"]["checks"] if c["name"].startswith(label)]
@@ -118,7 +111,7 @@ def test_sweep_has_columns_of_its_metric(tmp_path: Path, installed: Mapping[str,
         f"[settings]\n{settings}"
         f"[[display]]\nname = 'small'\nlens_columns = 8\nlens_rows = 6\n"
     )
-    words = ("inim", "sweep", "study.toml", "-o", "out", "--workers", "1")
+    words = ("sweep", "study.toml", "-o", "out", "--workers", "1")
     run(*words, folder=tmp_path, variables=installed)
     (row,) = read_table(tmp_path / "out" / TABLE)
     wanted = ("example", "vignetted", "ok")
@@ -130,9 +123,11 @@ def test_sweep_has_columns_of_its_metric(tmp_path: Path, installed: Mapping[str,
 def test_bench_has_errors_by_its_metric(tmp_path: Path, installed: Mapping[str, str]) -> None:
     words = ("-o", "out", "--algorithms", "example", "--runs", "3", "--threads", "1")
     scene = write_scene(tmp_path).name
-    run(
-        "inim.bench", scene, *words, *definitions(TINY | LENS), folder=tmp_path, variables=installed
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("_SETTLE_S", "_LEAD_IN_S"):  # pauses that make times comparable
+            patch.setattr(timing, name, 0.0)
+        given = definitions(TINY | LENS)
+        run("bench", scene, *words, *given, folder=tmp_path, variables=installed)
     data = json.loads((tmp_path / "out" / "bench.json").read_text("utf-8"))
     (found,) = data["contenders"]
     assert found["name"] == "example"
@@ -164,12 +159,8 @@ def test_metric_with_a_fault_is_one_line_that_names_it(
     (info / "entry_points.txt").write_text("[inim.metrics]\nbad = bad_metric:metric\n")
     (tmp_path / "bad_metric.py").write_text(code)
     scene = write_scene(tmp_path).name
-    given = ("inim.validate", scene, "-o", "out", "--viewpoints", "centre", *definitions(TINY))
-    paths = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH", "")]))
-    done = subprocess.run(
-        [*PYTHON, *given], cwd=tmp_path, env={**os.environ, "PYTHONPATH": paths},
-        stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", timeout=240,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout) == (EXIT_USAGE, "")
-    assert_one_line(done.stderr, ["metric 'bad'", *words])
+    given = ("validate", scene, "-o", "out", "--viewpoints", "centre", *definitions(TINY))
+    ended = run_here(*given, folder=tmp_path, variables={"PYTHONPATH": str(tmp_path)})
+    assert (ended.code, ended.stdout) == (EXIT_USAGE, "")
+    assert_one_line(ended.stderr, ["metric 'bad'", *words])
     assert not (tmp_path / "out").exists()

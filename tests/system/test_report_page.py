@@ -34,14 +34,22 @@ def shared_tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
         yield tab
 
 
-@pytest.fixture
-def tab(shared_tab: Tab, page: Path) -> Tab:
+@pytest.fixture(scope="module")
+def opened(shared_tab: Tab, page: Path) -> Tab:
+    """The page, opened once for the tests that only read it."""
     shared_tab.size(1000, 700)
-    shared_tab.send("Emulation.setEmulatedMedia", media="", features=[])
-    shared_tab.complaints.clear()
     shared_tab.open(page)
     assert shared_tab.evaluate("inimDisplay.ready") is True
+    assert shared_tab.complaints == []
     return shared_tab
+
+
+@pytest.fixture
+def tab(opened: Tab) -> Tab:
+    opened.size(1000, 700)
+    opened.send("Emulation.setEmulatedMedia", media="", features=[])
+    opened.complaints.clear()
+    return opened
 
 
 def spoken(tab: Tab) -> list[dict[str, Any]]:
@@ -150,4 +158,5 @@ def test_page_prints_and_reads_whole_without_scripts(tab, page):
         assert tab.evaluate(f"{empty}.map((s) => s.id)") == []
     finally:
         tab.send("Emulation.setScriptExecutionDisabled", value=False)
+        tab.open(page)  # as the other tests expect it
     assert tab.complaints == []

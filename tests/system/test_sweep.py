@@ -38,7 +38,7 @@ def swept(tmp_path_factory):
     """Two relics, one display, two algorithms."""
     folder = tmp_path_factory.mktemp("sweep 鼎")
     study = write_study(folder)
-    ended = sweep(study.name, "-o", "out", folder=folder)
+    ended = sweep_here(study.name, "-o", "out", folder=folder)
     assert ended.code == EXIT_PASSED, ended.stderr + ended.stdout
     return folder, ended
 
@@ -116,7 +116,7 @@ def test_an_unchanged_study_computes_nothing(swept):
 
 def test_a_cluster_makes_the_same_table(swept, tmp_path):
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
+    with worker_here(), distributed.LocalCluster(
         n_workers=2,
         threads_per_worker=1,
         processes=False,

@@ -252,13 +252,15 @@ def test_light_that_is_not_a_number_fails_a_check(tmp_path: Path, run_inim: Run)
 
 
 def test_bare_machine_is_enough(tmp_path: Path, run_process: Run) -> None:
-    """One CPU, no home, a C locale, no display sizes that divide, and stdout's reader gone."""
+    """One CPU, no home to write in, no stdin, a C locale, a display whose sizes do not divide, and
+    nobody who reads stdout."""
     scene = write_scene(tmp_path, sphere((0, 0, 0), 1))
-    bare = {"HOME": None, "LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    prefix = ("sh", "-c", '"$@" | true', "sh")
+    bare = {"HOME": "/dev/null/nowhere", "XDG_CACHE_HOME": None, "XDG_DATA_HOME": None, "TERM": None}
+    bare |= {"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    prefix = ("sh", "-c", '"$@" <&- | true', "sh")
     if hasattr(os, "sched_getaffinity"):
         cpu = min(os.sched_getaffinity(0))
-        prefix = ("sh", "-c", f'taskset -c {cpu} "$@" | true', "sh")
+        prefix = ("sh", "-c", f'taskset -c {cpu} "$@" <&- | true', "sh")
     odd = {"lens_columns": "7", "lens_rows": "5", "pixel_pitch_mm": "0.0636", "gap_mm": "2.7"}
     alone = {"algorithms": "template", "viewpoints": "centre"}
     options = ("-o", "out", "--lens-model", "pinhole")

@@ -72,7 +72,7 @@ def show_eia(tab: Tab, folder: Path, codes: np.ndarray, **settings: object) -> N
     """Open the live display of an EIA, on a small screen that is soon drawn."""
     eia = save(folder / "eia.png", codes)
     definitions = [word for word in display_words(**settings) if word != "-D"]
-    tab.size(360, 400)
+    tab.size(240, 300)
     tab.open(view_eia(eia, "nominal", definitions, folder / "page.html"))
     assert tab.evaluate("inimDisplay.ready") is True
 
@@ -120,7 +120,7 @@ def shared_tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
 
 @pytest.fixture
 def tab(shared_tab: Tab) -> Tab:
-    shared_tab.size(1000, 800)
+    shared_tab.size(520, 500)  # every pixel of its canvases is drawn in software
     shared_tab.send("Emulation.setEmulatedMedia", media="", features=[])
     shared_tab.complaints.clear()
     return shared_tab
@@ -369,7 +369,7 @@ def test_viewing_zone_moves_with_the_array(tab, tmp_path):
 @pytest.fixture
 def counted(shared_tab: Tab, page: Path) -> Iterator[Tab]:
     """A page whose work is counted from the start, in `work`."""
-    shared_tab.size(700, 500)
+    shared_tab.size(400, 400)
     shared_tab.complaints.clear()
     script = shared_tab.send("Page.addScriptToEvaluateOnNewDocument", source=COUNT_WORK)
     show(shared_tab, page)

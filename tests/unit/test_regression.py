@@ -267,13 +267,16 @@ def seen(rng, scene, noise):
     return (first + second) / 2, first, second
 
 
-def test_score_s_error_is_as_large_as_the_score_really_varies(scene):
+@pytest.mark.parametrize(
+    "names", [("ssim", "psnr_db"), pytest.param(("flip",), marks=pytest.mark.slow)]
+)
+def test_score_s_error_is_as_large_as_the_score_really_varies(scene, names):
     """Rather too large than too small: these pixels are not coupled by lenses."""
     rng = np.random.default_rng(13)
     big = np.tile(scene, (2, 2, 1))
     made = np.roll(big, 1, axis=0)
-    found = [view_scores(seen(rng, big, 0.03), seen(rng, made, 0.03)) for _ in range(40)]
-    for name in ("ssim", "psnr_db", "flip"):
+    found = [view_scores(seen(rng, big, 0.03), seen(rng, made, 0.03), names) for _ in range(40)]
+    for name in names:
         values = [one[name].value for one in found]
         errors = [one[name].error for one in found]
         assert 0.85 < np.sqrt(np.mean(np.square(errors))) / np.std(values) < 1.6, name
@@ -282,22 +285,30 @@ def test_score_s_error_is_as_large_as_the_score_really_varies(scene):
 def test_score_s_bias_is_what_noise_adds_to_it(scene):
     rng = np.random.default_rng(14)
     made = np.roll(scene, 1, axis=0)
-    clean = view_scores((scene, scene, scene), (made, made, made))
-    found = [view_scores(seen(rng, scene, 0.01), seen(rng, made, 0.01)) for _ in range(30)]
-    for name in ("ssim", "psnr_db"):
+    names = ("ssim", "psnr_db")
+    clean = view_scores((scene, scene, scene), (made, made, made), names)
+    found = [view_scores(seen(rng, scene, 0.01), seen(rng, made, 0.01), names) for _ in range(30)]
+    for name in names:
         gap = np.mean([one[name].value for one in found]) - clean[name].value
         assert np.mean([one[name].bias for one in found]) == pytest.approx(gap, rel=0.3)
 
 
-@pytest.mark.parametrize("noise", [0.01, 0.05])
-def test_bias_predicts_what_fewer_samples_do_to_flip(scene, noise):
+@pytest.mark.parametrize(
+    ("noise", "repeats"),
+    [
+        (0.05, 10),
+        pytest.param(0.01, 30, marks=pytest.mark.slow),
+        pytest.param(0.05, 30, marks=pytest.mark.slow),
+    ],
+)
+def test_bias_predicts_what_fewer_samples_do_to_flip(scene, noise, repeats):
     """A fifth fewer samples: a root of small errors makes FLIP answer to noise most unevenly."""
-    rng = np.random.default_rng(15)
     made = np.roll(scene, 1, axis=0)
 
     def scores(noise):
+        rng = np.random.default_rng(15)  # of either noise the same draws: their difference is sure
         found = [view_scores(seen(rng, scene, noise), seen(rng, made, noise), ["flip"])
-                 for _ in range(30)]  # fmt: skip
+                 for _ in range(repeats)]  # fmt: skip
         return (np.mean([getattr(one["flip"], key) for one in found]) for key in ("value", "bias"))
 
     (old, old_bias), (new, new_bias) = scores(noise), scores(noise * math.sqrt(1.25))
