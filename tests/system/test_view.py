@@ -163,9 +163,7 @@ def traced(renderer: object) -> Any:
     return view_from
 
 
-@pytest.mark.parametrize(
-    "by", [(0, 0), (70, -40), pytest.param((-90, 55), marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("by", [(0, 0), (70, -40), pytest.param((-90, 55), marks=pytest.mark.slow)])
 def test_dragging_the_eye_shows_what_the_ray_tracer_sees_from_there(tab, page, traced, by):
     show(tab, page)
     tab.click("input[value=pinhole]")
