@@ -20,8 +20,8 @@ LIT = """
 """
 
 
-# Tests make what they test: what earlier runs found would hide a change. Those of the store name
-# one of their own.
+# Tests make what they test: what earlier runs found would hide a change. Those of the result
+# cache name a folder of their own.
 os.environ["INIM_CACHE"] = "off"
 
 

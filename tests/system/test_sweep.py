@@ -116,13 +116,16 @@ def test_an_unchanged_study_computes_nothing(swept):
 
 def test_a_cluster_makes_the_same_table(swept, tmp_path):
     distributed = pytest.importorskip("distributed")
-    with worker_here(), distributed.LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        processes=False,
-        dashboard_address=":0",
-        protocol="tcp://",
-    ) as cluster:
+    with (
+        worker_here(),
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=False,
+            dashboard_address=":0",
+            protocol="tcp://",
+        ) as cluster,
+    ):
         request = SweepRequest(swept[0] / "study.toml", tmp_path / "out", cluster.scheduler_address)
         outcome = run_sweep(request)
     assert outcome.passed

@@ -255,7 +255,12 @@ def test_bare_machine_is_enough(tmp_path: Path, run_process: Run) -> None:
     """One CPU, no home to write in, no stdin, a C locale, a display whose sizes do not divide, and
     nobody who reads stdout."""
     scene = write_scene(tmp_path, sphere((0, 0, 0), 1))
-    bare = {"HOME": "/dev/null/nowhere", "XDG_CACHE_HOME": None, "XDG_DATA_HOME": None, "TERM": None}
+    bare = {
+        "HOME": "/dev/null/nowhere",
+        "XDG_CACHE_HOME": None,
+        "XDG_DATA_HOME": None,
+        "TERM": None,
+    }
     bare |= {"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     prefix = ("sh", "-c", '"$@" <&- | true', "sh")
     if hasattr(os, "sched_getaffinity"):

@@ -1,4 +1,4 @@
-"""Asked for some panel pixels only, generators show there what they show in full, bit for bit."""
+"""With a pixel mask, generators show in its pixels what they show in full, bit for bit."""
 
 from __future__ import annotations
 
@@ -106,14 +106,14 @@ def draw_mask(draw, display: Display) -> np.ndarray:
 
 @settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow])
 @given(cases())
-def test_pixels_asked_for_are_those_of_the_whole_panel(case):
+def test_pixels_of_a_mask_are_those_of_the_whole_panel(case):
     check_masked(*case)
 
 
 @pytest.mark.slow
 @settings(deadline=None, max_examples=500, suppress_health_check=[HealthCheck.too_slow])
 @given(cases())
-def test_pixels_asked_for_are_those_of_the_whole_panel_in_hundreds_of_cases(case):
+def test_pixels_of_a_mask_are_those_of_the_whole_panel_in_hundreds_of_cases(case):
     check_masked(*case)
 
 

@@ -71,7 +71,7 @@ def test_errors_come_out_and_what_has_not_begun_is_dropped(processors):
     assert len(begun) <= processors
 
 
-def test_the_store_in_use_is_known_beside(processors, tmp_path):
+def test_the_cache_in_use_is_known_in_threads(processors, tmp_path):
     made = []
 
     def make() -> np.ndarray:

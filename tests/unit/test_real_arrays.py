@@ -25,7 +25,7 @@ from inim.rgbd import RGBD
 from tests import oracle
 from tests.conftest import scene_text, small_display
 
-FREE = {
+NON_SEPARABLE = {
     "hexagonal": {"lattice": "hexagonal"},
     "turned left": {"rotation_deg": 4.0},
     "turned right": {"rotation_deg": -4.0},
@@ -50,7 +50,7 @@ SUBPIXELS = {
     "pentile, moved": {"subpixels": "pentile", "shift_y_mm": 0.13},
     "stripes, turned": {"subpixels": "rgb-stripe", "rotation_deg": 5.0},
 }
-EVERY = FREE | SEPARABLE | SUBPIXELS
+EVERY = NON_SEPARABLE | SEPARABLE | SUBPIXELS
 # Where each colour's middle is, in pixels to the right of the pixel's.
 MIDDLES = {"none": (0, 0, 0), "rgb-stripe": (-1 / 3, 0, 1 / 3), "pentile": (-1 / 4, 1 / 4, -1 / 4)}
 
@@ -184,7 +184,7 @@ def test_axes_and_single_pixels_agree_where_both_describe_the_display(name):
 
 
 def test_rows_and_columns_of_an_array_that_has_none_are_refused():
-    for name in FREE:
+    for name in NON_SEPARABLE:
         display = real_display(name)
         with pytest.raises(DisplayError, match="row and its column"):
             _ = display.columns
@@ -313,9 +313,9 @@ def test_sources_of_separable_arrays_are_exact(changes, per_pitch, monkeypatch):
 def test_lenses_beside_the_panel_change_nothing_for_the_others(shift):
     display = small_display(12, 10, shift_x_mm=shift, shift_y_mm=-shift / 2)
     rgbd = flat_picture(display, display.central_depth_mm, 4)
-    strips = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
-    assert np.array_equal(strips, RayByRay(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd))
-    assert (strips == NO_LENS).any() and (strips >= 0).any()
+    found = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
+    assert np.array_equal(found, RayByRay(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd))
+    assert (found == NO_LENS).any() and (found >= 0).any()
 
 
 def test_a_barely_tilted_array_shows_what_a_level_one_does():
@@ -340,8 +340,8 @@ def test_masks_samples_and_codes_serve_real_arrays_too(name):
     display = real_display(name)
     rgbd = flat_picture(display, display.central_depth_mm, 4)
     mask = np.random.default_rng(3).random(display.eia_shape) < 0.1
-    whole, asked = generate(rgbd, display), generate(rgbd, display, mask=mask)
-    assert np.array_equal(asked[mask], whole[mask]) and not asked[~mask].any()
+    whole, masked = generate(rgbd, display), generate(rgbd, display, mask=mask)
+    assert np.array_equal(masked[mask], whole[mask]) and not masked[~mask].any()
     assert set(np.unique(find_sources(rgbd, display, mask=mask)[~mask])) <= {MASKED, NO_LENS}
     smooth = generate(rgbd, display, samples=4)
     # Four rays average what one samples: the same but for what lies between cells.
@@ -362,7 +362,7 @@ def test_samples_cover_what_shines_of_a_sub_pixel():
     assert np.abs(four - one).mean() < 0.1 * np.abs(full - one).mean()
 
 
-def test_plain_python_searches_free_rays_alike():
+def test_plain_python_searches_non_separable_arrays_alike():
     display = small_display(3, 2, 5, rotation_deg=6.0, subpixels="rgb-stripe")
     rgbd = flat_picture(display, 20.0, 2)
     written = "gu2020:implementation="
@@ -372,7 +372,7 @@ def test_plain_python_searches_free_rays_alike():
 
 
 @pytest.mark.parametrize("algorithm", ["li2012", "wang2024"])
-def test_methods_for_rows_and_columns_refuse_free_arrays_by_name(algorithm):
+def test_methods_for_rows_and_columns_refuse_non_separable_arrays_by_name(algorithm):
     for name, words in (("turned left", "rotation_deg = 4"), ("hexagonal", "hexagonal")):
         display = real_display(name)
         with pytest.raises(UsageError, match=f"{algorithm}.*{words}"):

@@ -59,13 +59,13 @@ def test_lists_shared_by_all_lenses_give_every_ray_its_own_source(per_pitch, len
 @pytest.mark.parametrize("lenses", [(1, 1), (7, 5), (81, 3), (163, 2)])
 @pytest.mark.parametrize("pixel_mm", [0.0636, 1 / 8, 1 / 7, 0.21])
 @pytest.mark.parametrize("mode", [{}, VIRTUAL, STRADDLING], ids=["real", "virtual", "straddling"])
-def test_strips_give_every_ray_its_own_source(per_pitch, lenses, pixel_mm, mode):
+def test_non_integer_pitch_gives_every_ray_its_own_source(per_pitch, lenses, pixel_mm, mode):
     """Any pixel ratio, whole ones among them: every corner is a tie there."""
     display = small_display(*lenses, pixel_pitch_mm=pixel_mm, **mode)
     rgbd = picture(display, per_pitch)
-    strips = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm)
+    found = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm)
     alone = RayByRay(display, rgbd.shape, rgbd.pixel_mm)
-    assert np.array_equal(strips.sources(rgbd), alone.sources(rgbd))
+    assert np.array_equal(found.sources(rgbd), alone.sources(rgbd))
 
 
 @pytest.mark.parametrize(
@@ -77,12 +77,12 @@ def test_strips_give_every_ray_its_own_source(per_pitch, lenses, pixel_mm, mode)
         {"panel_columns": 140, "panel_rows": 111},
     ],
 )
-def test_strips_serve_panels_and_elemental_images_of_any_size(changes):
+def test_non_integer_pitch_serves_panels_and_elemental_images_of_any_size(changes):
     display = small_display(12, 10, **changes)
     rgbd = picture(display, 4)
-    strips = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm)
+    found = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm)
     alone = RayByRay(display, rgbd.shape, rgbd.pixel_mm)
-    assert np.array_equal(strips.sources(rgbd), alone.sources(rgbd))
+    assert np.array_equal(found.sources(rgbd), alone.sources(rgbd))
 
 
 def test_exits_that_float32_cannot_order_are_walked_in_float64():
@@ -228,7 +228,7 @@ def test_sources_of_several_samples_are_those_of_the_centres():
 
 
 @pytest.mark.parametrize("display", [small_display(20, 9), DISPLAYS["phone"]], ids=["17", "15.7"])
-def test_a_mask_finds_just_the_pixels_asked_for(display):
+def test_a_mask_finds_just_its_pixels(display):
     rgbd = picture(display, 2)
     mask = np.random.default_rng(4).random(display.eia_shape) < 0.03
     found = find_sources(rgbd, display, mask=mask)

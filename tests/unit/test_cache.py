@@ -1,4 +1,4 @@
-"""The store: whole records or none, within its size, whoever else uses it."""
+"""The result cache: whole records or none, within its size, whoever else uses it."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What a run need not do: found again, black for certain, not observed; and nothing else."""
+"""Steps that a run skips: results of the cache, black views, pixels of no view; and no others."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ import pytest
 from inim.files.image import read_exr
 from tests.system.conftest import Ended, run_here, write_scene
 
-LOOKS = {"viewpoints": "centre,left"}
+VIEWS = {"viewpoints": "centre,left"}
 
 
 class Bench:
-    """A scene, and a store of its own."""
+    """A scene, and a result cache of its own."""
 
     def __init__(self, run_inim: Callable[..., Ended], folder: Path) -> None:
         self._run, self.folder = run_inim, folder
         self.scene = write_scene(folder)
         self.out = folder / "out"
 
-    def report(self, *words: str, store: bool = True, **settings: str) -> dict[str, Any]:
+    def report(self, *words: str, cached: bool = True, **settings: str) -> dict[str, Any]:
         """Of a run that passed, in a fresh folder."""
         shutil.rmtree(self.out, ignore_errors=True)
-        cache = str(self.folder / "cache") if store else "off"
+        cache = str(self.folder / "cache") if cached else "off"
         ended = self._run(
             *(self.scene, "-o", self.out, "--quiet", *words),
             folder=self.folder,
             variables={"INIM_CACHE": cache},
-            **(LOOKS | settings),
+            **(VIEWS | settings),
         )
         assert ended.code == 0, ended.stderr
         found: dict[str, Any] = json.loads((self.out / "report.json").read_text("utf-8"))
@@ -65,7 +65,7 @@ def rendered(report: dict[str, Any]) -> set[str]:
     }
 
 
-def why(report: dict[str, Any], what: str) -> str:
+def reason(report: dict[str, Any], what: str) -> str:
     (row,) = [row for row in report["skipped"] if row["what"].startswith(what)]
     return f"{row['done']}; {row['why']}"
 
@@ -133,7 +133,7 @@ def test_another_algorithm_renders_nothing(bench: Bench) -> None:
     bench.report()
     other = bench.report("--algorithms", "li2012")
     assert rendered(other) == set()
-    assert "generated" in why(other, "EIA of li2012")
+    assert "generated" in reason(other, "EIA of li2012")
 
 
 def test_another_viewpoint_renders_one_view(bench: Bench) -> None:
@@ -142,7 +142,7 @@ def test_another_viewpoint_renders_one_view(bench: Bench) -> None:
     assert rendered(moved) == {"true view: right"}
 
 
-def test_another_light_renders_all_and_says_why(bench: Bench) -> None:
+def test_another_light_renders_all_and_says_reason(bench: Bench) -> None:
     bench.report()
     text = bench.scene.read_text("utf-8")
     brighter = text.replace('name="irradiance" value="2.5"', 'name="irradiance" value="2.4"')
@@ -150,7 +150,7 @@ def test_another_light_renders_all_and_says_why(bench: Bench) -> None:
     bench.scene.write_text(brighter, "utf-8")
     report = bench.report()
     assert len(rendered(report)) == 4
-    assert "changed: scene)" in why(report, "ground-truth EIA")
+    assert "changed: scene)" in reason(report, "ground-truth EIA")
 
 
 def test_a_lens_alone_renders_no_scene(bench: Bench) -> None:
@@ -171,14 +171,14 @@ def test_a_lens_alone_renders_no_scene(bench: Bench) -> None:
 )
 def test_what_decides_the_eia_makes_it_anew(bench: Bench, key: str, value: str, says: str) -> None:
     bench.report()
-    assert says in why(bench.report(**{key: value}), "ground-truth EIA")
+    assert says in reason(bench.report(**{key: value}), "ground-truth EIA")
 
 
 def test_lazy_makes_what_is_observed_and_scores_views_the_same(bench: Bench) -> None:
-    whole = bench.report("--lens-model", "thin", store=False)
+    whole = bench.report("--lens-model", "thin", cached=False)
     eia = read_exr(bench.out / "eia" / "template.exr")
     truth = read_exr(bench.out / "truth" / "eia.exr")
-    lazy = bench.report("--lens-model", "thin", "--lazy", store=False)
+    lazy = bench.report("--lens-model", "thin", "--lazy", cached=False)
     assert lazy["ceiling"] == whole["ceiling"]
     for name, result in lazy["algorithms"].items():
         assert result["views"] == whole["algorithms"][name]["views"]
@@ -191,16 +191,16 @@ def test_lazy_makes_what_is_observed_and_scores_views_the_same(bench: Bench) -> 
     true_part = read_exr(bench.out / "truth" / "eia.exr")
     lit = (true_part != 0).any(axis=-1)
     assert np.array_equal(true_part[lit], truth[lit])
-    assert "no sample of any asked-for view" in why(lazy, "panel pixels")
+    assert "no sample of any asked-for view" in reason(lazy, "panel pixels")
 
 
 def test_lazy_with_lenses_that_scatter_makes_all(bench: Bench) -> None:
     report = bench.report("--lens-model", "full", "--lazy", "--algorithms", "template")
-    assert "scatters" in why(report, "panel pixels")
+    assert "scatters" in reason(report, "panel pixels")
     assert report["algorithms"]["template"]["eia"]["ssim"] is not None
 
 
-def test_a_store_of_damaged_records_changes_nothing(bench: Bench) -> None:
+def test_a_cache_of_damaged_records_changes_nothing(bench: Bench) -> None:
     whole = bench.report()
     records = sorted((bench.folder / "cache").glob("*.npz"))
     assert len(records) > 10

@@ -1,4 +1,4 @@
-"""Contenders that are no generators of the project: files, the pickup, packages of others.
+"""Methods that are no generators of the project: files, the pickup, packages of others.
 
 Expected: each is scored like any algorithm; what it cannot say (seconds, holes) is null; what is
 wrong with it is one line that names it, before anything is rendered where that can be known.
@@ -119,11 +119,11 @@ class Finished:
 
 
 @pytest.fixture(scope="session")
-def raced(
+def evaluated(
     tmp_path_factory: pytest.TempPathFactory, run_inim: Run, others: Mapping[str, str]
 ) -> Finished:
     """A generator of the project, the pickup, and another's generator twice."""
-    folder = tmp_path_factory.mktemp("raced")
+    folder = tmp_path_factory.mktemp("methods")
     scene = write_scene(folder)
     words = ("--algorithms", ",".join(NAMES), "--viewpoints", "centre")
     limit = {"min_ssim_to_ceiling": f"{HALF}:0"}
@@ -133,16 +133,16 @@ def raced(
 
 
 @pytest.fixture(scope="session")
-def files_scored(tmp_path_factory: pytest.TempPathFactory, raced: Finished) -> inim.Report:
+def files_scored(tmp_path_factory: pytest.TempPathFactory, evaluated: Finished) -> inim.Report:
     """The template's EIA again, from files, and nothing else."""
     folder = tmp_path_factory.mktemp("files")
-    rgb = np.asarray(Image.open(raced.out / "eia" / "template.png"))
+    rgb = np.asarray(Image.open(evaluated.out / "eia" / "template.png"))
     shown = np.full(rgb.shape[:2], 255, np.uint8)
     shown[: len(shown) // 2] = 0
     Image.fromarray(np.dstack([rgb, shown])).save(folder / "holes.PNG")
     eias = {
-        "linear": raced.out / "eia" / "template.exr",
-        "srgb": raced.out / "eia" / "template.png",
+        "linear": evaluated.out / "eia" / "template.exr",
+        "srgb": evaluated.out / "eia" / "template.png",
         "holes": folder / "holes.PNG",
     }
     scene = write_scene(folder)
@@ -161,12 +161,12 @@ def files_scored(tmp_path_factory: pytest.TempPathFactory, raced: Finished) -> i
 
 
 def test_finished_eia_scores_as_the_algorithm_it_came_from(
-    raced: Finished, files_scored: inim.Report
+    evaluated: Finished, files_scored: inim.Report
 ) -> None:
     results = files_scored.data["algorithms"]
     assert list(results) == ["linear", "srgb", "holes"]
-    assert results["linear"]["views"] == raced.results["template"]["views"]
-    for key, value in raced.results["template"]["views"]["centre"].items():
+    assert results["linear"]["views"] == evaluated.results["template"]["views"]
+    for key, value in evaluated.results["template"]["views"]["centre"].items():
         assert results["srgb"]["views"]["centre"][key] == pytest.approx(value, rel=0.02), key
 
 
@@ -353,7 +353,7 @@ def test_grey_of_16_bits_keeps_them(tmp_path: Path) -> None:
         ("pickup:samples=4", (), "'pickup' has no option 'samples'; its options are spp"),
     ],
 )
-def test_bad_contender_is_named_with_the_way_out(
+def test_bad_method_is_named_with_the_way_out(
     algorithms: str, eias: tuple[str, ...], says: str
 ) -> None:
     with pytest.raises(UsageError) as caught:
@@ -373,15 +373,15 @@ def test_bad_file_is_one_line_of_the_command(
 # --- The pickup ---------------------------------------------------------------------------------
 
 
-def test_pickup_is_a_ground_truth_of_its_own(raced: Finished) -> None:
+def test_pickup_is_a_ground_truth_of_its_own(evaluated: Finished) -> None:
     """Its noise is its own: not the truth again, yet nearer to it than one half to the other.
 
     The truth has two samples a pixel, the pickup eight.
     """
-    pickup, floor = raced.results["pickup:spp=8"], raced.data["noise_floor"]
+    pickup, floor = evaluated.results["pickup:spp=8"], evaluated.data["noise_floor"]
     assert floor["eia"]["psnr_db"] < pickup["eia"]["psnr_db"] < 60
-    assert pickup["eia"]["ssim"] > raced.results["template"]["eia"]["ssim"]
-    made, truth = (read_exr(raced.out / p) for p in ("eia/pickup:spp=8.exr", "truth/eia.exr"))
+    assert pickup["eia"]["ssim"] > evaluated.results["template"]["eia"]["ssim"]
+    made, truth = (read_exr(evaluated.out / p) for p in ("eia/pickup:spp=8.exr", "truth/eia.exr"))
     assert not np.array_equal(made, truth)
     assert pickup["seconds"] > 0
 
@@ -410,25 +410,25 @@ def test_pickup_without_a_scene_says_what_it_needs() -> None:
 # --- Generators of other packages ---------------------------------------------------------------
 
 
-def test_generator_of_another_package_is_scored_with_its_options(raced: Finished) -> None:
-    assert list(raced.results) == NAMES
-    bright, half = (read_exr(raced.out / "eia" / f"{name}.exr") for name in (BRIGHT, HALF))
+def test_generator_of_another_package_is_scored_with_its_options(evaluated: Finished) -> None:
+    assert list(evaluated.results) == NAMES
+    bright, half = (read_exr(evaluated.out / "eia" / f"{name}.exr") for name in (BRIGHT, HALF))
     assert bright.max() > 0.1
     assert np.array_equal(half, bright * np.float32(0.5))
-    assert raced.results[HALF]["seconds"] > 0
-    assert raced.results[HALF]["eia"]["hole_fraction"] is None
+    assert evaluated.results[HALF]["seconds"] > 0
+    assert evaluated.results[HALF]["eia"]["hole_fraction"] is None
 
 
-def test_name_with_options_works_in_every_form_of_the_report(raced: Finished) -> None:
-    assert {f"eia/{HALF}.png", f"views/{HALF}/centre.exr"} <= set(raced.data["files"])
-    assert all((raced.out / name).is_file() for name in raced.data["files"])
-    page = (raced.out / "report.html").read_text(encoding="utf-8")
+def test_name_with_options_works_in_every_form_of_the_report(evaluated: Finished) -> None:
+    assert {f"eia/{HALF}.png", f"views/{HALF}/centre.exr"} <= set(evaluated.data["files"])
+    assert all((evaluated.out / name).is_file() for name in evaluated.data["files"])
+    page = (evaluated.out / "report.html").read_text(encoding="utf-8")
     assert HALF in page
     assert 'class="missing"' not in page
-    assert HALF in (raced.out / "summary.md").read_text(encoding="utf-8")
-    cases = ElementTree.parse(raced.out / "junit.xml").getroot().findall(".//testcase")
+    assert HALF in (evaluated.out / "summary.md").read_text(encoding="utf-8")
+    cases = ElementTree.parse(evaluated.out / "junit.xml").getroot().findall(".//testcase")
     assert f"{HALF}/centre: SSIM to ceiling" in {case.get("name") for case in cases}
-    assert [line.split()[0] for line in raced.ended.stdout.splitlines()[:-1]] == NAMES
+    assert [line.split()[0] for line in evaluated.ended.stdout.splitlines()[:-1]] == NAMES
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Layered pictures as values, and in and out of files."""
+"""Layered depth images as values, and in and out of files."""
 
 from __future__ import annotations
 
