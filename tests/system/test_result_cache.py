@@ -157,7 +157,7 @@ def test_a_lens_alone_renders_no_scene(bench: Bench) -> None:
     bench.report()
     report = bench.report(**{"refractive_index": "1.6"})
     assert rendered(report) == set()
-    assert "reconstructed" in why(report, "view of template")
+    assert "reconstructed" in reason(report, "view of template")
 
 
 @pytest.mark.parametrize(
