@@ -12,6 +12,9 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # As root in a container there is nobody else whose packages pip could disturb.
 export PIP_ROOT_USER_ACTION := ignore
 
+# A file's tests share their fixtures. In the files' order, the long ones do not come last.
+PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
+
 .DEFAULT_GOAL := test
 .PHONY: demo test test-all checks clean
 
@@ -20,10 +23,10 @@ demo: $(VENV)/.installed
 	@$(BIN)/python -m inim.validate scenes/amphora.xml -o out/amphora
 
 test: checks
-	@$(BIN)/python -m pytest -m "not slow" -n 3 --dist loadfile
+	@$(BIN)/python -m pytest -m "not slow" $(PARALLEL)
 
 test-all: checks $(VENV)/.installed-oracle
-	@$(BIN)/python -m pytest -n 3 --dist loadfile -m "not slow"
+	@$(BIN)/python -m pytest -m "not slow" $(PARALLEL)
 	@$(BIN)/python -m pytest -m slow
 
 checks: $(VENV)/.installed-test

@@ -45,6 +45,21 @@ def bench(run_inim: Callable[..., Ended], tmp_path: Path) -> Bench:
     return Bench(run_inim, tmp_path)
 
 
+@pytest.fixture(scope="module")
+def first_run(run_inim: Callable[..., Ended], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder whose cache holds the results of a run."""
+    made = Bench(run_inim, tmp_path_factory.mktemp("first"))
+    assert len(rendered(made.report())) == 4
+    return made.folder
+
+
+@pytest.fixture
+def after_a_run(bench: Bench, first_run: Path) -> Bench:
+    """A scene whose run is in the cache."""
+    shutil.copytree(first_run / "cache", bench.folder / "cache")
+    return bench
+
+
 def lasting(report: dict[str, Any]) -> dict[str, Any]:
     """What must not depend on what was skipped: all but times, and what was done."""
     kept = json.loads(json.dumps(report))
@@ -121,28 +136,28 @@ def test_scores_that_stay_unknown_take_all_samples_and_are_warned_of(bench: Benc
     assert every["algorithms"]["template"]["views"] == whole["algorithms"]["template"]["views"]
 
 
-def test_names_comments_and_settings_of_a_scene_decide_nothing(bench: Bench) -> None:
-    bench.report()
+def test_names_comments_and_settings_of_a_scene_decide_nothing(after_a_run: Bench) -> None:
+    bench = after_a_run
     text = bench.scene.read_text("utf-8")
     bench.scene = bench.scene.rename(bench.folder / "renamed.xml")
     bench.scene.write_text(text.replace("</scene>", "<!-- a remark -->\n\n</scene>"), "utf-8")
     assert rendered(bench.report()) == set()
 
 
-def test_another_algorithm_renders_nothing(bench: Bench) -> None:
-    bench.report()
+def test_another_algorithm_renders_nothing(after_a_run: Bench) -> None:
+    bench = after_a_run
     other = bench.report("--algorithms", "li2012")
     assert rendered(other) == set()
     assert "generated" in reason(other, "EIA of li2012")
 
 
-def test_another_viewpoint_renders_one_view(bench: Bench) -> None:
-    bench.report()
+def test_another_viewpoint_renders_one_view(after_a_run: Bench) -> None:
+    bench = after_a_run
     moved = bench.report(**{"viewpoints": "centre,right"})
     assert rendered(moved) == {"true view: right"}
 
 
-def test_another_light_renders_all_and_says_reason(bench: Bench) -> None:
+def test_another_light_renders_all_and_says_why(bench: Bench) -> None:
     bench.report()
     text = bench.scene.read_text("utf-8")
     brighter = text.replace('name="irradiance" value="2.5"', 'name="irradiance" value="2.4"')
@@ -153,8 +168,8 @@ def test_another_light_renders_all_and_says_reason(bench: Bench) -> None:
     assert "changed: scene)" in reason(report, "ground-truth EIA")
 
 
-def test_a_lens_alone_renders_no_scene(bench: Bench) -> None:
-    bench.report()
+def test_a_lens_alone_renders_no_scene(after_a_run: Bench) -> None:
+    bench = after_a_run
     report = bench.report(**{"refractive_index": "1.6"})
     assert rendered(report) == set()
     assert "reconstructed" in reason(report, "view of template")

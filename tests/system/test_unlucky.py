@@ -325,7 +325,7 @@ def test_memory_limit_of_the_shell_counts(tmp_path: Path) -> None:
 
 def test_two_runs_into_one_folder_leave_one_report(tmp_path: Path) -> None:
     scene = write_scene(tmp_path)
-    different = [SMALLEST, SMALLEST | {"algorithms": "wang2024", "viewpoints": "left,right"}]
+    different = [SMALLEST, SMALLEST | {"algorithms": "wang2024", "viewpoints": "left"}]
     runs = [
         subprocess.Popen(
             command(scene, "-o", "out", **settings), cwd=tmp_path,

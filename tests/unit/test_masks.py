@@ -104,7 +104,7 @@ def draw_mask(draw, display: Display) -> np.ndarray:
     return mask
 
 
-@settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 @given(cases())
 def test_pixels_of_a_mask_are_those_of_the_whole_panel(case):
     check_masked(*case)
