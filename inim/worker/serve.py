@@ -134,8 +134,9 @@ def answer(job: Job, channel: Any, work: Work) -> None:
     """Carry out a job, saying stages and the outcome on the channel."""
 
     def say(message: dict[str, Any]) -> None:
-        channel.write(json.dumps(message) + "\n")
-        channel.flush()
+        with contextlib.suppress(OSError):  # the supervisor has died, and nobody hears it
+            channel.write(json.dumps(message) + "\n")
+            channel.flush()
 
     try:
         with ConsoleObserver(job.quiet, lambda stage: say({"stage": stage})) as observer:
