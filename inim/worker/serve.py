@@ -238,7 +238,11 @@ def serve(job: Job, channel: int, work: Work) -> None:
         silence = os.open(os.devnull, os.O_WRONLY)
         os.dup2(silence, 2)
         os.close(silence)
-    with os.fdopen(channel, "w", encoding="utf-8") as outcome_channel:
+    # What a supervisor that died has not read is written once more when the channel closes.
+    with (
+        contextlib.suppress(BrokenPipeError),
+        os.fdopen(channel, "w", encoding="utf-8") as outcome_channel,
+    ):
         answer(job, outcome_channel, work)
 
 
