@@ -23,6 +23,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+import inim
 from inim.backend import numba_cache
 from inim.errors import EXIT_BACKEND, EXIT_PASSED, FileError
 from inim.files.image import check_exr
@@ -210,7 +211,7 @@ def test_read_only_package_and_no_home_is_enough(tmp_path: Path) -> None:
     """As installed by root for a user without a home: the first run compiles, the second not."""
     if os.geteuid() != 0 or not shutil.which("setpriv"):
         pytest.skip("gives up root's right to write anywhere, for which it needs root and setpriv")
-    source = Path(numba_cache.__file__).parent
+    source = Path(inim.__file__).parent
     package = tmp_path / "package" / "inim"
     shutil.copytree(source, package, ignore=shutil.ignore_patterns("__pycache__"))
     for path in [package, *package.rglob("*")]:
