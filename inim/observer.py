@@ -39,9 +39,6 @@ class Observer:
     def line(self, text: str) -> None:
         """A result worth a line."""
 
-    def warn(self, text: str) -> None:
-        """Something that the user should know."""
-
     def rendered(self, seconds: float, samples: int = 0) -> None:
         """The renderer took so long for so many samples."""
         self.render_seconds += seconds

@@ -18,7 +18,7 @@ from inim.report.bench import write_bench
 from inim.worker.output import open_staging, publish
 from inim.worker.supervisor import run_in_worker
 
-__all__ = ["BenchRequest", "default_out", "run_bench", "work"]
+__all__ = ["BenchRequest", "run_bench", "work"]
 
 _MARKER = "bench.json"
 
@@ -68,11 +68,6 @@ class BenchRequest:
             if getattr(self, name) != getattr(Rounds, name):
                 words += [f"--{name}", str(getattr(self, name))]
         return words
-
-
-def default_out(scene: Path) -> Path:
-    """Where a bench goes when nobody says: beside where the command is typed."""
-    return Path(f"{scene.stem}-bench")
 
 
 def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False) -> None:

@@ -33,10 +33,11 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _bench(args: argparse.Namespace) -> int:
-    from inim.bench.job import BenchRequest, default_out, run_bench
+    from inim.bench.job import BenchRequest, run_bench
+    from inim.worker.output import default_out
 
     request = BenchRequest(
-        out=args.out or default_out(args.scene),
+        out=args.out or default_out(args.scene, "bench"),
         scene=args.scene,
         definitions=tuple(args.definitions),
         display=args.display,
@@ -76,10 +77,11 @@ def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _stress(args: argparse.Namespace) -> int:
-    from inim.stress.job import StressRequest, default_out, run_stress
+    from inim.stress.job import StressRequest, run_stress
+    from inim.worker.output import default_out
 
     request = StressRequest(
-        out=args.out or default_out(args.scene),
+        out=args.out or default_out(args.scene, "stress"),
         scene=args.scene,
         definitions=tuple(args.definitions),
         algorithms=args.algorithms,

@@ -153,17 +153,16 @@ def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, RGBD]:
     )
 
 
-def _peeled(*_: Any, **__: Any) -> tuple[str, str, str]:
-    done = "captured, as many as there are"
-    return done, "layers that do not exist", "peeling ends where nothing is left"
-
-
 @stage(
     "layers behind the picture",
     code=RENDERING,
     makes=(Layers, LayeredRGBD, Layer),
     timed="capture layers",
-    describe=_peeled,
+    describe=(
+        "captured, as many as there are",
+        "layers that do not exist",
+        "peeling ends where nothing is left",
+    ),
 )
 def capture_layers(camera: DepthCamera) -> Layers:
     """All solids along the camera's rays, their colours by two halves of the samples."""

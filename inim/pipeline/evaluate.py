@@ -13,9 +13,8 @@ from inim import metrics
 from inim.buffers import HalfBuffers
 from inim.parallel import Submit, threads
 from inim.pipeline.checks import BLACK, CLIPPED_SHARE, check, missing_viewpoints, share_outside
-from inim.pipeline.generate import Reference
+from inim.pipeline.generate import GeneratedEIA, Reference
 from inim.pipeline.ground_truth import GroundTruth
-from inim.pipeline.method import MadeEIA
 from inim.pipeline.plan import Plan
 from inim.pipeline.reconstruct import ReconstructedView
 from inim.pipeline.stage import SCORING, Run, stage
@@ -127,7 +126,7 @@ def _score_eia(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
 
 def evaluate(
     name: str,
-    made: MadeEIA,
+    made: GeneratedEIA,
     views: Mapping[str, ReconstructedView],
     truth: GroundTruth,
     plan: Plan,
@@ -139,7 +138,7 @@ def evaluate(
     Parameters
     ----------
     name : str
-    made : MadeEIA
+    made : GeneratedEIA
     views : mapping of str to ReconstructedView
         By viewpoint.
     truth : GroundTruth
@@ -154,7 +153,7 @@ def evaluate(
         # The longest first.
         how = {"whole": truth.whole, "generated": True, "run": run}
         statistics = submit(eia_statistics, f"eia/{name}", halves, plan.display, **how)
-        whole = submit(_eia_scores, truth, truth.eia.image, eia, run)
+        whole = submit(_eia_scores, truth, run, eia)
         pending = {view: submit(_against, truth, view, one, run) for view, one in views.items()}
         # In this thread: a generator of another package may count on its own.
         reference = made.reference
@@ -211,37 +210,36 @@ def _against(truth: GroundTruth, name: str, view: ReconstructedView, run: Run) -
 
 
 def _eia_scores(
-    truth: GroundTruth, reference: np.ndarray, eia: np.ndarray, run: Run
+    truth: GroundTruth, run: Run, eia: np.ndarray | None = None
 ) -> dict[str, float | None]:
-    """SSIM and PSNR of an EIA; none where the run makes only what is observed of it."""
+    """Scores of an EIA; none where the run makes only what is observed of it.
+
+    Without an EIA, the noise floor's.
+    """
     if not truth.whole:
         return {metric.key: None for metric in metrics.all_metrics() if metric.of_eia}
-    return dict(_score_eia(reference, eia, run=run))
+    if eia is None:
+        return dict(_score_eia(truth.eia.first, truth.eia.second, run=run))
+    return dict(_score_eia(truth.eia.image, eia, run=run))
 
 
 def ceiling_scores(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, ViewScores]:
     """What perfect elemental images show, against the rendered view, by viewpoint."""
-
-    def of(name: str) -> ViewScores:
-        shown = truth.views[name], truth.ceiling[name]
-        return score_view(*shown, None, (_TO_SCENE,), run=run)
-
     with run.observer.timed("score"), scoring_threads(plan) as submit:
-        pending = {name: submit(of, name) for name in truth.views}
+        pending = {
+            name: submit(score_view, view, truth.ceiling[name], None, (_TO_SCENE,), run=run)
+            for name, view in truth.views.items()
+        }
         return {name: one.result() for name, one in pending.items()}
 
 
 def noise_floor(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Any]:
     """The ground truth against itself, one half of its samples against the other."""
     with run.observer.timed("score"), scoring_threads(plan) as submit:
-        whole = submit(_eia_scores, truth, truth.eia.first, truth.eia.second, run)
-        pending = {n: submit(_halves, view, run) for n, view in truth.views.items()}
+        whole = submit(_eia_scores, truth, run)
+        pending = {n: submit(_score_halves, view, run=run) for n, view in truth.views.items()}
         views = {name: one.result() for name, one in pending.items()}
         return {"eia": whole.result(), "views": views}
-
-
-def _halves(view: HalfBuffers, run: Run) -> dict[str, float]:
-    return _score_halves(view, run=run)
 
 
 def truth_statistics(
@@ -269,7 +267,7 @@ def scoring_threads(plan: Plan) -> AbstractContextManager[Submit]:
     return threads(_PIXELS_AT_ONCE // max(view, display.eia_shape[0] * display.eia_shape[1]))
 
 
-def _shows_something(name: str, made: MadeEIA) -> dict[str, Any]:
+def _shows_something(name: str, made: GeneratedEIA) -> dict[str, Any]:
     """An EIA that shows nothing is a failure to report."""
     if made.hole_fraction is None:
         return check(f"{name}: brightest value", float(made.eia.max()), ">=", BLACK, "not black")

@@ -56,6 +56,8 @@ class GeneratedEIA:
         Share of the lensed panel pixels that show nothing; None where it cannot be told.
     reference : Reference, optional
         Where it is a generator's whole EIA.
+    checks : tuple of dict
+        One that fails, where values were not finite.
     """
 
     eia: np.ndarray
@@ -63,6 +65,7 @@ class GeneratedEIA:
     seconds: float | None
     hole_fraction: float | None
     reference: Reference | None = None
+    checks: tuple[dict[str, Any], ...] = ()
 
 
 class GeneratorHandle:
@@ -134,15 +137,11 @@ class GeneratorHandle:
         return reference_input(self.display, self.shape, self.pixel_mm)
 
 
-def _generated(*_: Any, **__: Any) -> tuple[str, str, str]:
-    return "generated", "nothing", "the algorithm or its picture is new"
-
-
 @stage(
     "EIA of {generator.algorithm}",
     code=GENERATING,
     makes=(GeneratedEIA,),
-    describe=_generated,
+    describe=("generated", "nothing", "the algorithm or its picture is new"),
 )
 def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
     """The EIA that a generator makes of a scene's capture, and its noise."""

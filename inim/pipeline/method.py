@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -36,7 +35,6 @@ from inim.pipeline.scene import seed_of
 from inim.pipeline.stage import Run
 
 __all__ = [
-    "MadeEIA",
     "Make",
     "Method",
     "Task",
@@ -116,13 +114,6 @@ class Method:
             check_eia_name(self.path)
 
 
-@dataclass(frozen=True)
-class MadeEIA(GeneratedEIA):
-    """A method's EIA whose values are finite, and the check of that."""
-
-    checks: tuple[dict[str, Any], ...] = ()
-
-
 def prepare_methods(methods: Sequence[Method], task: Task, *, run: Run) -> list[Make]:
     """Get every method ready; those that cannot work are found out before rendering."""
     makers = []
@@ -132,15 +123,13 @@ def prepare_methods(methods: Sequence[Method], task: Task, *, run: Run) -> list[
     return makers
 
 
-def make_eia(method: Method, make: Make, capture: Capture, *, run: Run) -> MadeEIA:
+def make_eia(method: Method, make: Make, capture: Capture, *, run: Run) -> GeneratedEIA:
     """The EIA of a method; black where it is not finite, which fails a check."""
     with run.observer.timed(f"{method.verb} {method.name}"):
         made = make(capture)
     (eia,), checks = finite(f"eia/{method.name}", made.eia)
     noise = None if made.noise is None else np.nan_to_num(made.noise)
-    return MadeEIA(
-        eia, noise, made.seconds, made.hole_fraction, made.reference, checks=tuple(checks)
-    )
+    return replace(made, eia=eia, noise=noise, checks=tuple(checks))
 
 
 def generator_method(name: str) -> Method:

@@ -141,16 +141,12 @@ class ShownEIA:
         return np.float32(white_exposure(optics.mounted, optics.lens_model)) * seen
 
 
-def _reconstructed(*_: Any, **__: Any) -> tuple[str, str, str]:
-    return "reconstructed", "nothing", "its EIA or its eye is new"
-
-
 @stage(
     "view of {name}: {viewpoint.name}",
     code=RENDERING,
     makes=(ReconstructedView,),
     timed="reconstruct views",
-    describe=_reconstructed,
+    describe=("reconstructed", "nothing", "its EIA or its eye is new"),
     follows=("name",),
 )
 def reconstruct(name: str, shown: ShownEIA, viewpoint: Viewpoint) -> ReconstructedView:

@@ -91,6 +91,10 @@ class Scene:
 
     def cache_key(self) -> dict[str, Any]:
         """What decides any picture of it; lenses do not, as it is traced through their centres."""
+        return self._key
+
+    @cached_property
+    def _key(self) -> dict[str, Any]:
         given = self.display.through_pinholes().given()
         return {
             "scene": self.file.rendered_sha256,

@@ -25,8 +25,10 @@ __all__ = ["GENERATING", "RENDERING", "SCORING", "Code", "Run", "SkippedSteps", 
 
 _Given = ParamSpec("_Given")
 _Made = TypeVar("_Made")
-#: What was done, what was skipped, and why that is safe; of the samples traced and the arguments.
-Describe = Callable[..., tuple[str, str, str]]
+# What was done, what was skipped, and why that is safe.
+_Words = tuple[str, str, str]
+#: These words, or what makes them of the samples traced and the arguments.
+Describe = _Words | Callable[..., _Words]
 
 _FOUND = (
     "read from the store",
@@ -128,7 +130,10 @@ class Stage(Generic[_Given, _Made]):
     ) -> None:
         functools.update_wrapper(self, function)
         self.function = function
-        self._name, self._code, self._kinds = name, code, kinds
+        # Its own file decides its result, too.
+        own = function.__module__.partition(".")[2].replace(".", "/") + ".py"
+        self._code = replace(code, places=(*code.places, own))
+        self._name, self._kinds = name, kinds
         self._timed, self._describe, self._follows = timed, describe, follows
         self._signature = inspect.signature(function)
 
@@ -151,8 +156,10 @@ class Stage(Generic[_Given, _Made]):
         if self._describe is not None and why is None:
             run.skipped.add(name, *_FOUND)
         elif self._describe is not None:
-            samples = run.observer.samples - before
-            done, skipped, safe = self._describe(samples, **bound)
+            words = self._describe
+            if callable(words):
+                words = words(run.observer.samples - before, **bound)
+            done, skipped, safe = words
             run.skipped.add(name, f"{done} ({why})" if why else done, skipped, safe)
         result: _Made = made
         return result
@@ -200,14 +207,14 @@ def stage(
         Of its result in the cache and in the report, with arguments in braces:
         ``"true view: {viewpoint.name}"``.
     code : Code
-        That decides its result.
+        That decides its result, besides the function's own file.
     makes : tuple of type
         Dataclasses that its result is made of.
     timed : str, optional
         Under which name its time is reported; may be that of several stages.
-    describe : callable, optional
-        What the report says was done and skipped, from the samples traced and the arguments.
-        Without it the report says nothing.
+    describe : three words, or a callable, optional
+        What the report says was done, what was skipped and why that is safe; a callable makes it of
+        the samples traced and the arguments. Without it the report says nothing.
     follows : tuple of str
         Arguments that follow from the others and so decide nothing.
     """

@@ -18,7 +18,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-__all__ = ["PLUGIN", "announce"]
+__all__ = ["PLUGIN", "register"]
 
 PLUGIN = "inim_counter"
 
@@ -30,12 +30,6 @@ _HASH = ((16, 0x7FEB352D), (15, 0x846CA68B))
 # and the bits they take.
 _PASCAL = ((16, 0xFFFF0000), (8, 0xFF00FF00), (4, 0xF0F0F0F0), (2, 0xCCCCCCCC), (1, 0xAAAAAAAA))
 _TO_UNIT = 2.0**-24
-
-
-def announce() -> None:
-    """Register the plugin in every variant that is set from now on."""
-    mi.detail.add_variant_callback(_register)
-    _register()
 
 
 def _hashed(x: Any) -> Any:
@@ -65,10 +59,8 @@ def _unit(x: Any) -> Any:
     return mi.Float(x >> 8) * _TO_UNIT
 
 
-def _register(_old: str | None = None, _new: str | None = None) -> None:
+def register() -> None:
     """Define and register the class anew: plugins belong to the variant they were made in."""
-    if mi.variant() is None or mi.variant().startswith("scalar"):
-        return
 
     class CounterSampler(mi.Sampler):  # type: ignore[misc]
         """A stream of numbers for each pixel and sample."""

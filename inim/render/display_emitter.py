@@ -29,7 +29,7 @@ from inim.lens import (
 )
 from inim.lens import lens_model as find_lens_model
 
-__all__ = ["LensedPanel", "announce", "display_shape"]
+__all__ = ["LensedPanel", "display_shape", "register"]
 
 
 def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[str, Any]:
@@ -174,16 +174,8 @@ class LensedPanel:
         return place, weight, lit
 
 
-def announce() -> None:
-    """Register the plugin in every variant that is set from now on."""
-    mi.detail.add_variant_callback(_register)
-    _register()
-
-
-def _register(_old: str | None = None, _new: str | None = None) -> None:
+def register() -> None:
     """Define and register the class anew: plugins belong to the variant they were made in."""
-    if mi.variant() is None or mi.variant().startswith("scalar"):
-        return
 
     class DisplayEmitter(mi.Emitter):  # type: ignore[misc]
         """See the module's text."""

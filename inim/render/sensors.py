@@ -18,7 +18,7 @@ import numpy as np
 
 from inim.render.rays import NonSeparableRays, SeparableRays
 
-__all__ = ["announce", "make_sensor"]
+__all__ = ["make_sensor", "register"]
 
 
 def make_sensor(rays: SeparableRays | NonSeparableRays, world_from_display: np.ndarray) -> Any:
@@ -42,16 +42,8 @@ def make_sensor(rays: SeparableRays | NonSeparableRays, world_from_display: np.n
     return sensor
 
 
-def announce() -> None:
-    """Register the plugins in every variant that is set from now on."""
-    mi.detail.add_variant_callback(_register)
-    _register()
-
-
-def _register(_old: str | None = None, _new: str | None = None) -> None:
+def register() -> None:
     """Define and register the classes anew: plugins belong to the variant they were made in."""
-    if mi.variant() is None or mi.variant().startswith("scalar"):
-        return
 
     class LensFrameSensor(mi.Sensor):  # type: ignore[misc]
         """Common part of the three sensors; they differ in their `SeparableRays` alone."""

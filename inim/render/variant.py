@@ -31,7 +31,7 @@ def use(wanted: str = "auto") -> backends.Backend:
     backend = backends.choose_backend(wanted)
     if mi.variant() != backend.variant:  # else it works already, with whatever library
         backends.activate(backend)
-    _announce_once()
+    _register_for_good()
     if mi.variant() != backend.variant:
         if dr.thread_count() < _FEWEST_THREADS:
             dr.set_thread_count(_FEWEST_THREADS)
@@ -41,7 +41,15 @@ def use(wanted: str = "auto") -> backends.Backend:
 
 
 @cache
-def _announce_once() -> None:
+def _register_for_good() -> None:
     """Register the plugins in the variant there is, if any, and in all that follow."""
+    mi.detail.add_variant_callback(_register)
+    _register()
+
+
+def _register(_old: str | None = None, _new: str | None = None) -> None:
+    """Register the plugins anew: they belong to the variant they were made in."""
+    if mi.variant() is None or mi.variant().startswith("scalar"):
+        return
     for plugins in (counter_sampler, sensors, display_emitter):
-        plugins.announce()
+        plugins.register()

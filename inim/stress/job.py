@@ -29,7 +29,6 @@ from inim.worker.supervisor import run_in_worker
 
 __all__ = [
     "StressRequest",
-    "default_out",
     "record",
     "run_stress",
     "spheres",
@@ -108,11 +107,6 @@ class StressRequest:
         self.chosen()
         if self.scene is not None:
             self.plan()
-
-
-def default_out(scene: Path | None) -> Path:
-    """Where a stress run goes when nobody says: a folder where the command is typed."""
-    return Path("stress" if scene is None else f"{scene.stem}-stress")
 
 
 def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = False) -> bool:

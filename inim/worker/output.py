@@ -24,9 +24,9 @@ _PARTIAL = ".partial"
 _locks: dict[Path, int] = {}
 
 
-def default_out(source: Path, kind: str) -> Path:
+def default_out(source: Path | None, kind: str) -> Path:
     """Where a result goes when nobody says: into the current folder, named after its source."""
-    return Path(f"{source.stem}-{kind}")
+    return Path(kind if source is None else f"{source.stem}-{kind}")
 
 
 def open_staging(out: Path) -> Path:

@@ -20,11 +20,10 @@ from inim.buffers import HalfBuffers
 from inim.generators import prepare
 from inim.observer import Observer
 from inim.pipeline.evaluate import ceiling_scores, evaluate, truth_statistics
-from inim.pipeline.generate import Reference
+from inim.pipeline.generate import GeneratedEIA, Reference
 from inim.pipeline.ground_truth import GroundTruth
 from inim.pipeline.images import Images
 from inim.pipeline.measured import Measured
-from inim.pipeline.method import MadeEIA
 from inim.pipeline.plan import make_plan
 from inim.pipeline.reconstruct import reconstruct_views
 from inim.pipeline.request import Request
@@ -68,7 +67,7 @@ class Finished:
         plan, capture, run = self.found.plan, self.found.capture, Run()
         first, second = (generate(rgbd) for rgbd in capture.halves)
         eia, noise = (first + second) / 2, (first - second) / 2
-        made = MadeEIA(eia, noise, None, None, self._reference(generate))
+        made = GeneratedEIA(eia, noise, None, None, self._reference(generate))
         how = (plan.viewpoints, plan.optics, self.renderer)
         views = seen(reconstruct_views("template", eia, noise, *how, run=run))
         results = {"template": evaluate("template", made, views, truth, plan, run=run)}

@@ -1,0 +1,110 @@
+"""The wrapper around a stage: what finds a result again, and what the report then says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inim.cache.result_cache import ResultCache
+from inim.cache.store import Store
+from inim.observer import Observer
+from inim.pipeline import stage as module
+from inim.pipeline.stage import Code, Run, stage
+
+CODE = Code(("version.py",), ("numpy",))
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Dataclasses, arrays and numbers come back as they were kept."""
+
+    name: str
+    pixels: np.ndarray
+    parts: tuple[Any, ...] = ()
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    return Run(ResultCache(Store(tmp_path, 2**20), "topic"))
+
+
+def counted(**declared: Any) -> tuple[Any, list[int]]:
+    """A stage, and a list that grows by each call of its function."""
+    calls: list[int] = []
+
+    def function(picture: Picture, factor: int, engine: Any = None) -> Picture:
+        calls.append(factor)
+        return Picture("made", picture.pixels * factor, (factor, (None, "text"), {"a": 0.5}))
+
+    function.__module__ = module.__name__
+    return stage("product of {factor}", code=CODE, makes=(Picture,), **declared)(function), calls
+
+
+def test_equal_arguments_find_the_result_and_a_label_does_not_matter(run: Run) -> None:
+    product, calls = counted()
+    first = product(Picture("one", np.arange(3.0)), 2, run=run)
+    again = product(Picture("other", np.arange(3.0)), 2, run=run)
+    assert calls == [2]
+    assert np.array_equal(first.pixels, again.pixels) and first.parts == again.parts
+    product(Picture("one", np.arange(4.0)), 2, run=run)
+    product(Picture("one", np.arange(3.0)), 3, run=run)
+    assert calls == [2, 2, 3]
+
+
+def test_without_a_store_every_call_is_made(run: Run) -> None:
+    product, calls = counted()
+    for _ in range(2):
+        product(Picture("one", np.arange(3.0)), 2, run=Run())
+    assert calls == [2, 2]
+
+
+def test_what_follows_from_other_arguments_decides_nothing(run: Run) -> None:
+    product, calls = counted(follows=("engine",))
+    picture = Picture("one", np.arange(3.0))
+    assert not product.is_known(picture, 2, run=run)
+    product(picture, 2, engine=object(), run=run)
+    assert product.is_known(picture, 2, run=run)
+    product(picture, 2, engine=object(), run=run)
+    assert calls == [2]
+
+
+def test_edited_code_and_the_stage_s_own_file_make_another_result(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    product, calls = counted()
+    product(Picture("one", np.arange(3.0)), 2, run=run)
+    places: list[tuple[str, ...]] = []
+    monkeypatch.setattr(module, "code_digest", lambda *given: places.append(given) or "edited")
+    product(Picture("one", np.arange(3.0)), 2, run=run)
+    assert calls == [2, 2]
+    assert places == [("version.py", "pipeline/stage.py")]
+
+
+def test_the_report_says_what_was_made_found_and_why(run: Run) -> None:
+    product, _ = counted(describe=("made", "nothing", "it is new"))
+    for factor in (2, 2):
+        product(Picture("one", np.arange(3.0)), factor, run=run)
+    made, found = run.skipped.rows
+    assert (made["what"], made["done"]) == ("product of 2", "made (not made before)")
+    assert (found["done"], found["skipped"]) == ("read from the store", "all of it")
+
+
+def test_words_may_be_made_of_the_samples_traced(run: Run) -> None:
+    observer = Observer()
+
+    def function(factor: int) -> int:
+        observer.rendered(0.1, 5 * factor)
+        return factor
+
+    function.__module__ = module.__name__
+    traced = stage(
+        "samples", code=CODE, timed="render", describe=lambda n, factor: (f"{n}", "-", f"{factor}")
+    )(function)
+    told = Run(run.cache, observer)
+    assert traced(3, run=told) == 3
+    assert told.skipped.rows[0]["done"] == "15 (not made before)"
+    assert set(observer.timings) == {"render"}
