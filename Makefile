@@ -1,6 +1,8 @@
 # make demo      set up, validate the example scene and say where its report lies
 # make test      set up and run the checks that take seconds
 # make test-all  the same with the slow tests, and with the lens designers' program they compare with
+# make docs      build the site: build/docs/index.html
+# make test-docs run every command and code block of the documents, in the order printed
 # make clean     remove all that this file makes
 #
 # Everything lives in .venv. The files .venv/.* mark what is done, so a second run starts at once.
@@ -16,7 +18,7 @@ export PIP_ROOT_USER_ACTION := ignore
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := test
-.PHONY: demo test test-all checks clean
+.PHONY: demo test test-all checks docs test-docs clean
 
 demo: $(VENV)/.installed
 	@$(usable_backend)
@@ -36,6 +38,15 @@ checks: $(VENV)/.installed-test
 	@$(BIN)/ruff format --check --quiet . || { echo "to format: $(BIN)/ruff format ."; exit 1; }
 	@$(BIN)/mypy --no-error-summary
 	@said=$$($(BIN)/lint-imports 2>&1) || { printf '%s\n' "$$said"; exit 1; }
+
+docs: $(VENV)/.installed-test
+	@$(usable_backend)
+	@$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --jobs auto docs build/docs
+	@echo "site: build/docs/index.html"
+
+test-docs: $(VENV)/.installed-test
+	@$(usable_backend)
+	@$(BIN)/python -m tests.documents
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,16 +1,8 @@
 """The error tree: one class per way a run can end badly, each with its exit code.
 
 Every message is one line that names the thing (file, option, plugin), the offending
-value and the way out. The command line prints it as is and exits with `exit_code`.
-
-| code | meaning                                                      |
-|------|--------------------------------------------------------------|
-| 0    | passed                                                       |
-| 1    | a check failed (not an exception: a verdict)                 |
-| 2    | usage, scene or file error                                   |
-| 3    | no usable backend, or out of memory                          |
-| 4    | baseline missing, or made under other conditions             |
-| 5    | internal error                                               |
+value and the way out. The command line prints it as is and exits with `exit_code`. A check that
+failed, code 1, is a verdict and no exception.
 """
 
 from __future__ import annotations

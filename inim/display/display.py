@@ -368,12 +368,12 @@ class Display:
 
     @property
     def scene_pixel_mm(self) -> float:
-        """Size of a panel pixel's image at the central depth plane, P_I = |D| P_D / g (Eq. 3)."""
+        """Size of a panel pixel's image at the central depth plane, P_I = abs(D) P_D / g (Eq. 3)."""
         return math.inf if self._focused else float(self._exact_scene_pixel)
 
     @property
     def depth_span_mm(self) -> float:
-        """Displayable depth 2 |D| P_I / P (text after Eq. 4); infinite when g = f."""
+        """Displayable depth 2 abs(D) P_I / P (text after Eq. 4); infinite when g = f."""
         return math.inf if self._focused else float(2 * self._exact_half_span)
 
     @property

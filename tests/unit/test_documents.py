@@ -1,0 +1,93 @@
+"""The documents keep to the program: what drifts is found here, without running anything slow.
+
+Expected: every command parses, every block of Python compiles, every link leads somewhere, README
+is short, and pages quote the examples that the tests run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from inim import errors
+from inim.cli import COMMANDS
+from tests.documents import ROOT, blocks, check_syntax, commands, pages
+
+EXAMPLES = ROOT / "tests" / "example_package"
+MOST_CHARACTERS_OF_README = 8_000
+_LINK = re.compile(r"\]\(([^)\s]*)\)")
+_CODE = re.compile(r"```.*?```|`[^`\n]*`", re.S)
+
+
+def parser_of(name: str) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(exit_on_error=False)
+    import_module(f"inim.commands.{COMMANDS[name]}").COMMANDS[name].add_arguments(parser)
+    return parser
+
+
+@pytest.mark.parametrize("page", pages())
+def test_its_commands_are_the_program_s(page):
+    for block in blocks(page):
+        for line in commands(block) if block.language == "sh" else ():
+            words = shlex.split(re.split(r"\s(?:\|\||&&|[|>])\s", line)[0])
+            if words[:2] == ["python", "-m"] and words[2].startswith("inim."):
+                words = ["inim", words[2].removeprefix("inim."), *words[3:]]
+            if words[0] == "inim" and not words[1].startswith("-"):
+                parser_of(words[1]).parse_args(words[2:])
+
+
+@pytest.mark.parametrize("page", pages())
+def test_its_blocks_compile_and_its_exceptions_have_a_reason(page):
+    for block in blocks(page):
+        if block.language == "python":
+            check_syntax(block)
+        assert block.language in {"sh", "python", "text", "toml", "sql", "xml", "json"} or (
+            block.language.startswith("{")
+        ), block
+        assert block.not_run is None or len(block.not_run) > 10, block
+
+
+@pytest.mark.parametrize("page", pages())
+def test_its_links_lead_somewhere(page):
+    text = _CODE.sub("", (ROOT / page).read_text("utf-8"))
+    for target in _LINK.findall(text):
+        if not re.match(r"[a-z]+:", target) and not target.startswith("#"):
+            path = (ROOT / page).parent / target.partition("#")[0]
+            made = "generated" in path.parts
+            assert made or path.exists() or path.with_suffix(".ipynb").exists(), target
+
+
+def test_readme_is_short():
+    assert len((ROOT / "README.md").read_text("utf-8")) <= MOST_CHARACTERS_OF_README
+
+
+def test_exit_codes_are_the_program_s():
+    text = (ROOT / "docs/reference/exit-codes.md").read_text("utf-8")
+    for name, value in vars(errors).items():
+        if name.startswith("EXIT_"):
+            assert f"| {value} |" in text, name
+
+
+@pytest.mark.parametrize(
+    ("page", "example"),
+    [
+        ("own-algorithm", "inim_example.py"),
+        ("own-lens-model", "inim_example_lens.py"),
+        ("own-metric", "inim_example_metric.py"),
+    ],
+)
+def test_example_is_the_one_that_the_tests_run(page, example):
+    text = (EXAMPLES / example).read_text("utf-8")
+    assert text in [block.text for block in blocks(f"docs/how-to/{page}.md")]
+
+
+def test_workflow_of_the_documents_runs_what_contributors_run():
+    steps = (ROOT / ".github/workflows/docs.yml").read_text("utf-8")
+    for target in ("make docs", "make test-docs"):
+        assert target in steps
+    assert f"{target}:".removeprefix("make ") in Path(ROOT / "Makefile").read_text("utf-8")
