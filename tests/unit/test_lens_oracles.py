@@ -1,6 +1,6 @@
 """The thick lens against two other tracers: optiland, and a ray that feels its way step by step.
 
-`python -m tests.unit.test_lens_oracles` writes the table of `inim/lens/README.md` anew.
+`python -m tests.unit.test_lens_oracles` writes the table of `docs/theory/lens-models.md` anew.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pytest
 from inim.display import DISPLAYS
 from inim.lens import trace_to_panel
 
-README = Path(__file__).parents[2] / "inim" / "lens" / "README.md"
+PAGE = Path(__file__).parents[2] / "docs" / "theory" / "lens-models.md"
 MARKERS = ("<!-- optiland -->", "<!-- /optiland -->")
 NOMINAL = DISPLAYS["nominal"]
 SIDES = ("viewer", "panel")
@@ -123,7 +123,7 @@ def within(difference_mm):
 
 
 def comparison_table():
-    """The README's table, as Markdown."""
+    """The page's table, as Markdown."""
     lines = [
         "| lens | float64, mm | float32, mm | RMS spot on axis, µm: ours, optiland's "
         "| at 8 degrees |",
@@ -146,10 +146,10 @@ def test_a_thousand_rays_land_where_optiland_s_do(name):
         assert ours == pytest.approx(theirs, rel=1e-6)
 
 
-def test_the_readme_s_table_is_the_one_made_here():
+def test_the_page_s_table_is_the_one_made_here():
     table = comparison_table()
     start, end = MARKERS
-    shown = README.read_text(encoding="utf-8").split(start)[1].split(end)[0].strip()
+    shown = PAGE.read_text(encoding="utf-8").split(start)[1].split(end)[0].strip()
     assert shown == table, "run: python -m tests.unit.test_lens_oracles"
 
 
@@ -455,9 +455,9 @@ def test_glass_keeps_rays_from_a_neighbour_s_bulge():
 
 
 if __name__ == "__main__":
-    text = README.read_text(encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
     before, rest = text.split(MARKERS[0])
     _, behind = rest.split(MARKERS[1])
-    README.write_text(
+    PAGE.write_text(
         f"{before}{MARKERS[0]}\n{comparison_table()}\n{MARKERS[1]}{behind}", encoding="utf-8"
     )
