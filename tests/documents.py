@@ -28,7 +28,16 @@ _BLOCK = re.compile(
     re.M | re.S,
 )
 _RUN = ("sh", "python")
-_NOT_COPIED = ("__pycache__", "build", "out", ".venv", ".git", ".*_cache", ".hypothesis", "*.nb[ic]")
+_NOT_COPIED = (
+    "__pycache__",
+    "build",
+    "out",
+    ".venv",
+    ".git",
+    ".*_cache",
+    ".hypothesis",
+    "*.nb[ic]",
+)
 
 
 @dataclass(frozen=True)
@@ -149,8 +158,12 @@ class Reader:
             "INIM_CACHE": str(folder / "cache"),
             "MPLBACKEND": "agg",
             "PYTHONUNBUFFERED": "1",
+            # What a page installs stays in its folder, and comes without the network.
+            "PIP_TARGET": str(folder / "site"),
+            "PIP_NO_DEPS": "1",
+            "PIP_NO_BUILD_ISOLATION": "0",  # as pip reads it: no isolation
+            "PYTHONPATH": str(folder / "site"),
         }
-        environment.pop("PYTHONSAFEPATH", None)
         self._environment = environment
         self._shell = _Child(["bash", "-e", "-o", "pipefail"], self.project, environment)
         self._python: _Child | None = None

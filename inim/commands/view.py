@@ -215,6 +215,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         help="'circle' inside the viewing zone, or eye positions 'x y [z], x y [z], ...' in mm, "
         "there and back (circle)",
     )
+    add("--allow-flips", action="store_true", help="the path may leave the viewing zone")
     add("--lens-model", help="pinhole, thin, thick or full (the report's)")
     add("--frames", type=int, default=48, metavar="N", help="frames (48)")
     add("--rate", type=float, default=16.0, metavar="FPS", help="frames per second (16)")
@@ -240,6 +241,7 @@ def _film(args: argparse.Namespace) -> int:
         frames_per_second=args.rate,
         spp=args.spp,
         pixels_per_lens=int(settings.get("view_pixels_per_lens") or 4),
+        allow_flips=args.allow_flips,
     )
     make_film(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:

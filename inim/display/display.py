@@ -368,7 +368,7 @@ class Display:
 
     @property
     def scene_pixel_mm(self) -> float:
-        """Size of a panel pixel's image at the central depth plane, P_I = abs(D) P_D / g (Eq. 3)."""
+        """Width of a panel pixel's image at the central depth plane, abs(D) P_D / g (Eq. 3)."""
         return math.inf if self._focused else float(self._exact_scene_pixel)
 
     @property

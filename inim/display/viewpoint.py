@@ -90,11 +90,11 @@ def is_file_safe(name: str) -> bool:
     return bool(_NAME.fullmatch(name)) and not name.startswith(".")
 
 
-def check_viewpoint(viewpoint: Viewpoint, display: Display) -> None:
+def check_viewpoint(viewpoint: Viewpoint, display: Display, *, allow_flips: bool = False) -> None:
     """Raise `ViewpointError` where the eye sees flipped (repeated) views or sits in the picture.
 
     The limit is |e - x_lens| <= V P / 2g for every lens (see `Display.flip_limit_mm`), and holds
-    for the pupil's edge too.
+    for the pupil's edge too. With `allow_flips` the eye may see flipped views.
     """
     x, y, distance = viewpoint.position_mm
     if distance <= max(display.depth_range_mm[1], 0.0):
@@ -102,6 +102,8 @@ def check_viewpoint(viewpoint: Viewpoint, display: Display) -> None:
             f"viewpoint {viewpoint.name}: distance {distance:g} mm is inside the picture, which "
             f"reaches {display.depth_range_mm[1]:g} mm in front of the lens array; move back"
         )
+    if allow_flips:
+        return
     half_pupil = viewpoint.pupil_mm / 2
     edge = f" with a pupil of {viewpoint.pupil_mm:g} mm" if half_pupil else ""
     limit_x, limit_y = display.flip_limit_mm(distance)
@@ -230,7 +232,9 @@ def _parse_one(item: str, display: Display, distance_mm: float) -> Viewpoint:
     return Viewpoint(name.strip(), *[*numbers, distance_mm][:3])
 
 
-def eye_path(text: str, display: Display, count: int) -> list[Viewpoint]:
+def eye_path(
+    text: str, display: Display, count: int, *, allow_flips: bool = False
+) -> list[Viewpoint]:
     """Eye positions of a film, which ends where it begins.
 
     Parameters
@@ -241,6 +245,8 @@ def eye_path(text: str, display: Display, count: int) -> list[Viewpoint]:
     display : Display
     count : int
         Frames.
+    allow_flips : bool
+        Positions may lie outside the viewing zone.
 
     Raises
     ------
@@ -260,7 +266,7 @@ def eye_path(text: str, display: Display, count: int) -> list[Viewpoint]:
         places = _there_and_back(_waypoints(text, distance), count)
     eyes = [Viewpoint(f"frame-{i}", *map(float, place)) for i, place in enumerate(places)]
     for eye in eyes:
-        check_viewpoint(eye, display)
+        check_viewpoint(eye, display, allow_flips=allow_flips)
     return eyes
 
 

@@ -57,6 +57,8 @@ class FilmRequest:
     spp : int
         Samples per view pixel.
     pixels_per_lens : int
+    allow_flips : bool
+        The path may leave the viewing zone.
     """
 
     folder: str
@@ -68,6 +70,7 @@ class FilmRequest:
     frames_per_second: float
     spp: int
     pixels_per_lens: int
+    allow_flips: bool = False
 
 
 def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) -> None:
@@ -116,7 +119,7 @@ def _check(request: FilmRequest) -> None:
             raise UsageError(f"{name} {value:g}: must lie in 1..{high}")
     display, design = _display(request)
     check_lens_model(request.lens_model, display)
-    eye_path(request.path, design, request.frames)
+    eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
     _panels(request, display)
 
 
@@ -168,7 +171,7 @@ def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
 def _frames(request: FilmRequest, observer: Observer) -> list[np.ndarray]:
     """Every frame, panels side by side, (rows, columns, 3) uint8 sRGB."""
     display, design = _display(request)
-    eyes = eye_path(request.path, design, request.frames)
+    eyes = eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
     renderer = Renderer("auto", observer)
     # A frame is one half of a view.
     optics = Optics(display, request.lens_model, request.pixels_per_lens, 2 * request.spp, seed=0)

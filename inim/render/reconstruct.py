@@ -181,6 +181,7 @@ def reconstruct(
     spp: int = 64,
     seed: int = 0,
     backend: str = "auto",
+    allow_flips: bool = False,
 ) -> np.ndarray:
     """The view of a display from one eye position, ray traced through its lens array.
 
@@ -190,7 +191,7 @@ def reconstruct(
         Linear RGB, row 0 on top, of the display's `eia_shape`.
     display : Display
     viewpoint : Viewpoint
-        Must lie inside the viewing zone, with its pupil.
+        Must lie inside the viewing zone, with its pupil, unless `allow_flips`.
     lens_model : str
         One of `inim.lens.lens_models`.
     pixels_per_lens : int
@@ -199,6 +200,8 @@ def reconstruct(
         Samples per view pixel; few alias with the lens lattice.
     seed : int
     backend : {"auto", "llvm", "cuda"}
+    allow_flips : bool
+        Let the eye leave the viewing zone, where lenses show their neighbours' elemental images.
 
     Returns
     -------
@@ -209,7 +212,7 @@ def reconstruct(
     UsageError, ViewpointError, DisplayError, BackendError
     """
     variant.use(backend)
-    check_viewpoint(viewpoint, display)
+    check_viewpoint(viewpoint, display, allow_flips=allow_flips)
     scene = DisplayScene(eia, display, lens_model)
     return scene.view(viewpoint, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed)
 

@@ -213,6 +213,24 @@ def test_the_pupil_s_edge_stays_in_the_viewing_zone():
         check_viewpoint(Viewpoint("wide", 0, 0, 400, pupil_mm=2.1 * limit), NOMINAL)
 
 
+def test_in_the_next_zone_each_lens_shows_its_neighbour_s_image(renderer):
+    from inim.render.reconstruct import reconstruct
+
+    display = small_display()
+    eia, aside = random_eia(display), display.pitch_mm * DISTANCE / display.gap_mm
+    next_zone = Viewpoint("next", aside, 0, DISTANCE)
+    with pytest.raises(ViewpointError, match="outside the viewing zone"):
+        reconstruct(eia, display, next_zone, "pinhole")
+    flipped = reconstruct(eia, display, next_zone, "pinhole", allow_flips=True)
+    moved = np.roll(eia, 8, axis=1)  # an elemental image to the right
+    expected = reconstruct(moved, display, Viewpoint("here", 0, 0, DISTANCE), "pinhole")
+    inner = slice(4, -4)  # the outermost lens would show what is beside the panel
+    np.testing.assert_allclose(flipped[:, inner], expected[:, inner], atol=1e-5)
+    assert (
+        np.abs(flipped - reconstruct(eia, display, Viewpoint("here", 0, 0, DISTANCE))).max() > 0.1
+    )
+
+
 def test_focus_is_the_central_depth_plane_unless_stated():
     eye = Viewpoint("eye", 0, 0, 400, pupil_mm=4)
     assert focus_distance_mm(eye, NOMINAL) == pytest.approx(400 - NOMINAL.central_depth_mm)

@@ -55,6 +55,9 @@ def test_path_that_cannot_be_read_is_refused(text):
 def test_path_out_of_the_viewing_zone_is_refused():
     with pytest.raises(ViewpointError, match="outside the viewing zone"):
         eye_path("0 0 200, 90 0 200", DISPLAY, 4)
+    assert eye_path("0 0 200, 90 0 200", DISPLAY, 4, allow_flips=True)[2].position_mm[0] == 90
+    with pytest.raises(ViewpointError, match="inside the picture"):
+        eye_path("0 0 2, 90 0 2", DISPLAY, 4, allow_flips=True)
 
 
 def frames() -> list[np.ndarray]:

@@ -1,0 +1,81 @@
+"""The site builds without a warning and fits a phone; what documents say to type works.
+
+Expected: no broken link or picture, no page wider than a phone, no block that fails.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+from tests.chromium import browser
+from tests.documents import ROOT, pages, run_page
+
+PHONE = (390, 844)
+_TARGET = re.compile(r'(?:href|src)="([^"]+)"')
+_ANCHOR = re.compile(r'\bid="([^"]+)"')
+
+
+def build(folder: Path, *options: str) -> Path:
+    """The site of the project's documents, every warning an error."""
+    done = subprocess.run(
+        [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "--quiet",
+         *options, "-d", str(folder / "doctrees"), "docs", str(folder / "site")],
+        cwd=ROOT, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-4000:]
+    return folder / "site"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("myst_nb")
+    return build(tmp_path_factory.mktemp("site"), "-D", "nb_execution_mode=off")
+
+
+def test_every_link_and_picture_of_the_site_is_there(site):
+    texts = {p.resolve(): p.read_text("utf-8") for p in site.rglob("*.html")}
+    anchors = {path: set(_ANCHOR.findall(text)) for path, text in texts.items()}
+    seen = 0
+    for path, text in texts.items():
+        for target in map(unquote, _TARGET.findall(text)):
+            if re.match(r"[a-z]+:|//", target):
+                continue
+            where, _, anchor = target.partition("#")
+            file = (path.parent / where.partition("?")[0]).resolve() if where else path
+            assert file.exists(), f"{path.name}: {target}"
+            if anchor and file in anchors:
+                assert anchor in anchors[file], f"{path.name}: {target}"
+            seen += 1
+    assert seen > 1000
+
+
+def test_no_page_is_wider_than_a_phone(site, tmp_path):
+    with browser(tmp_path) as tab:
+        tab.size(*PHONE, mobile=True)
+        for path in sorted(site.rglob("*.html")):
+            if path.name in {"genindex.html", "search.html"} or "_static" in path.parts:
+                continue
+            tab.open(path)
+            width = tab.evaluate("document.documentElement.scrollWidth")
+            assert width <= PHONE[0], path
+        assert not tab.complaints
+
+
+@pytest.mark.slow
+def test_notebooks_run(tmp_path):
+    pytest.importorskip("myst_nb")
+    pages = build(tmp_path, "-D", "nb_execution_mode=force")
+    assert "image/png" in "".join(p.read_text("utf-8") for p in pages.glob("notebooks/*.html"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", pages())
+def test_what_a_page_says_to_type_works(page, tmp_path):
+    for _ in run_page(page, tmp_path):
+        pass
