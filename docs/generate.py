@@ -8,10 +8,13 @@ from __future__ import annotations
 import argparse
 import os
 from importlib import import_module
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from inim.cli import COMMANDS
 from inim.pipeline.method import algorithm_table
+from inim.schemas import NAMES, schema
 from inim.settings import setting_table
 from inim.sweep.table import columns_as_markdown
 
@@ -26,6 +29,7 @@ def write(docs: Path) -> None:
         "settings.md": setting_table(),
         "commands.md": _commands(),
         "algorithms.md": f"```text\n{algorithm_table()}\n```",
+        "documents.md": _documents(),
         "sweep-columns.md": columns_as_markdown(),
     }.items():
         path, text = folder / name, text.rstrip() + "\n"
@@ -43,6 +47,77 @@ def _commands() -> str:
         command.add_arguments(parser)
         parts.append(f"## inim {name}\n\n{command.summary}\n\n```text\n{parser.format_help()}```\n")
     return "\n".join(parts)
+
+
+#: A part of several documents with more properties than this has a table of its own.
+_MOST_PROPERTIES = 10
+
+
+def _documents() -> str:
+    """A table for each schema: what keys there are, of which type, and what they mean."""
+    documents = [schema(name) for name in NAMES]
+    shared: dict[str, Any] = {}
+    for one in documents:
+        shared |= one.get("$defs", {})
+    large = [name for name, part in shared.items() if _is_large(part)]
+    sections = [(one["title"], one["description"], one) for one in documents]
+    sections += [(f"Part: {n}", shared[n].get("description", ""), shared[n]) for n in sorted(large)]
+    head = "| key | type | meaning |\n| --- | --- | --- |"
+    return "\n".join(
+        f"## {title}\n\n{said}\n\n{head}\n" + "\n".join(_rows(part, shared, "")) + "\n"
+        for title, said, part in sections
+    )
+
+
+def _is_large(part: Mapping[str, Any]) -> bool:
+    return len(part.get("properties", {})) > _MOST_PROPERTIES
+
+
+def _rows(part: Mapping[str, Any], shared: Mapping[str, Any], path: str) -> Iterator[str]:
+    """A row for each property of an object; those of objects below it, by their paths."""
+    for key, stated in part.get("properties", {}).items():
+        yield from _row(stated, shared, f"{path}.{key}" if path else key)
+    others = part.get("additionalProperties")
+    for stated in [*part.get("patternProperties", {}).values(), others]:
+        if isinstance(stated, dict) and stated:
+            yield from _row(stated, shared, f"{path}.NAME" if path else "NAME")
+
+
+def _row(stated: Mapping[str, Any], shared: Mapping[str, Any], path: str) -> Iterator[str]:
+    whole = _resolved(stated, shared)
+    meaning = str(whole.get("description", "")).replace("|", "\\|")
+    name = _referred(stated)
+    if name and _is_large(shared[name]):
+        yield f"| `{path}` | [{name}](#part-{name.replace('_', '-')}) | {meaning} |"
+        return
+    yield f"| `{path}` | {_type(whole, shared)} | {meaning} |"
+    yield from _rows(whole, shared, path)
+    items = whole.get("items")
+    if isinstance(items, dict):
+        yield from _rows(_resolved(items, shared), shared, f"{path}[]")
+
+
+def _referred(stated: Mapping[str, Any]) -> str:
+    """Name of the shared part that is referred to, or nothing."""
+    return str(stated.get("$ref", "")).rpartition("/")[2]
+
+
+def _resolved(stated: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
+    """A part with what it refers to in it; its own words go first."""
+    name = _referred(stated)
+    return (_resolved(shared[name], shared) if name else {}) | dict(stated)
+
+
+def _type(whole: Mapping[str, Any], shared: Mapping[str, Any]) -> str:
+    if "const" in whole:
+        return f"`{whole['const']}`"
+    if "enum" in whole:
+        return " or ".join("null" if one is None else f"`{one}`" for one in whole["enum"])
+    kinds = whole.get("type", "any")
+    kinds = [kinds] if isinstance(kinds, str) else kinds
+    if kinds == ["array"] and isinstance(whole.get("items"), dict):
+        return f"array of {_type(_resolved(whole['items'], shared), shared)}"
+    return " or ".join(kinds)
 
 
 if __name__ == "__main__":

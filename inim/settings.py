@@ -221,7 +221,7 @@ def _read(key: str, text: str, kind: str, source: str) -> Any:
 
 
 def setting_table() -> str:
-    """The table of settings as Markdown, for the README and `inim settings`."""
+    """The table of settings as Markdown, for the documents and `inim settings`."""
     rows = ["| key | default | meaning |", "| --- | --- | --- |"]
     for f in fields(Settings):
         default = "preset" if f.default is None and f.name in _DISPLAY_KEYS else f.default

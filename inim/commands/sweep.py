@@ -23,7 +23,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "one table. What is there already is not computed again: run it again after a kill, or "
         "with more in the study."
     )
-    parser.add_argument("study", type=Path, help="the study (.toml); see README, Sweeps")
+    parser.add_argument("study", type=Path, help="the study (.toml), see docs/how-to/sweep.md")
     parser.add_argument("-o", "--out", type=Path, help="folder (default: STUDY-sweep)")
     parser.add_argument(
         "--scheduler",

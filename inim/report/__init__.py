@@ -29,7 +29,7 @@ class Report:
     folder : Path
         Holds `report.json`, `report.html`, `junit.xml`, `summary.md` and the images.
     data : mapping
-        Schema `inim.report/1`; see the README.
+        Schema `inim.report/1`: `inim/schemas/report.schema.json`.
 
     Notes
     -----

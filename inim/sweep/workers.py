@@ -42,7 +42,7 @@ def choose_slots(workers: int | None, threads: int | None, cores: int) -> tuple[
     """Workers at once and threads of each; what the user leaves open follows from the cores.
 
     A validation spends more than half of its time on one thread: scoring, compiling, writing
-    pictures. So a worker for each core is faster than one with them all (README, *Sweeps*).
+    pictures. So a worker for each core is faster than one with them all (docs/how-to/sweep.md).
 
     Raises
     ------

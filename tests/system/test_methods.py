@@ -550,9 +550,3 @@ def test_list_of_algorithms_names_options_and_what_cannot_be_loaded(
     assert list(rows)[-1].startswith("pickup:spp=")
     assert {"template", "wang2024"} <= {written.partition(":")[0] for written in rows}
     assert done.stderr == ""
-
-
-def test_example_of_the_readme_is_the_one_tested_here() -> None:
-    readme = (EXAMPLE.parents[1] / "README.md").read_text(encoding="utf-8")
-    assert (EXAMPLE / "inim_example.py").read_text(encoding="utf-8") in readme
-    assert '"inim.generators"]\nexample = "inim_example:prepare"' in readme

@@ -16,7 +16,7 @@ import pytest
 import inim
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
 from inim.sweep.run import SweepRequest, run_sweep
-from inim.sweep.table import TABLE, columns, columns_as_markdown
+from inim.sweep.table import TABLE, columns
 from tests.conftest import scene_text
 from tests.system.conftest import assert_one_line, nothing_left, worker_here
 from tests.system.sweeps import (
@@ -30,7 +30,7 @@ from tests.system.sweeps import (
     write_study,
 )
 
-README = Path(__file__).parents[2] / "README.md"
+HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "sweep.md"
 
 
 @pytest.fixture(scope="module")
@@ -84,18 +84,16 @@ def test_scores_are_those_of_a_validation_of_its_own(swept, tmp_path):
     assert row["eia_spp"] == data["settings"]["eia_spp"] == 2
 
 
-def test_columns_have_the_types_that_the_readme_states(swept):
+def test_columns_have_the_types_that_they_state(swept):
     from pyarrow import parquet
 
     schema = parquet.read_schema(swept[0] / "out" / TABLE)
     assert {f.name: str(f.type).replace("double", "float64") for f in schema} == columns()
-    text = README.read_text("utf-8").split("<!-- sweep columns -->")[1]
-    assert text.split("<!-- /sweep columns -->")[0].strip() == columns_as_markdown()
 
 
-def test_the_readme_s_query_answers(swept):
+def test_the_query_of_the_how_to_answers(swept):
     duckdb = pytest.importorskip("duckdb")
-    text = README.read_text("utf-8")
+    text = HOW_TO.read_text("utf-8")
     (query,) = re.findall(r"```sql\n(.*?)```", text, re.S)
     found = duckdb.sql(query.replace("OUT/", f"{swept[0]}/out/")).fetchall()
     assert len(found) == 2

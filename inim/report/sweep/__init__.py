@@ -85,7 +85,7 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) ->
     Parameters
     ----------
     rows : sequence of mapping
-        Of the table; see README, Sweeps.
+        Of the table; see docs/how-to/sweep.md.
     about : mapping of str to str
         `title`, `command`, `created`, `inim_version`.
     """
