@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import argparse
 import os
-from importlib import import_module
 from collections.abc import Iterator, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from inim.schemas import NAMES, schema
+
 from inim.cli import COMMANDS
 from inim.pipeline.method import algorithm_table
-from inim.schemas import NAMES, schema
 from inim.settings import setting_table
 from inim.sweep.table import columns_as_markdown
 

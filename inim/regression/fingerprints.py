@@ -157,12 +157,12 @@ def compare_fingerprints(
 
 
 def _verdict(name: str, old: Fingerprint, new: Fingerprint | None) -> Verdict:
-    label = f"{name}: changed pixels of the fixed picture"
+    label = f"{name}: changed pixels of the reference input"
     limit = 0.0 if old.exact else MOST_CHANGED
     if new is None or new.sample.shape != old.sample.shape:
         return Verdict(
             label, "pixels", math.nan, "<=", limit, (math.nan, math.nan), False,
-            detail="the EIA of the fixed picture is missing or of another size",
+            detail="the EIA of the reference input is missing or of another size",
         )  # fmt: skip
     if new.eia_sha256 == old.eia_sha256:
         detail = "equal, value for value"

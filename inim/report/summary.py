@@ -83,7 +83,7 @@ _KINDS = {
     "picture": "pictures, tile by tile",
     "noise": "noise of the ground truth",
     "score": "scores",
-    "pixels": "EIAs of the fixed picture",
+    "pixels": "EIAs of the reference input",
     "time": "times in yardsticks",
 }
 

@@ -109,7 +109,7 @@ def failed(baseline: RunStatistics, candidate: RunStatistics) -> dict[str, Verdi
 
 
 EIA = "eia/template: tiles against the baseline"
-PIXELS = "template: changed pixels of the fixed picture"
+PIXELS = "template: changed pixels of the reference input"
 
 
 def score(view: str, name: str = "SSIM to ceiling") -> str:

@@ -197,7 +197,7 @@ def test_every_row_has_value_limit_interval_and_verdict(noisy: Bench) -> None:
 def test_noisy_lens_fails_its_own_rows_only(noisy: Bench) -> None:
     assert noisy.failed("noisy") == {
         "eia/planted: tiles against the baseline",
-        "planted: changed pixels of the fixed picture",
+        "planted: changed pixels of the reference input",
     }
 
 
