@@ -20,8 +20,13 @@ STUDY = Path(__file__).parents[1] / "reports" / "stress" / "study" / "stress.sch
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """A JSON document, which must keep its schema."""
-    document = json.loads(path.read_text("utf-8"), parse_constant=_no_number)
+    """A document from its file, which must keep its schema."""
+    return read_text(path.read_text("utf-8"))
+
+
+def read_text(text: str) -> dict[str, Any]:
+    """A document from its text, which must be strict JSON and keep its schema."""
+    document = json.loads(text, parse_constant=_no_number)
     assert_schema(document)
     return dict(document)
 
