@@ -8,7 +8,6 @@ samples are enough, for pictures take what they take whatever the samples.
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -18,6 +17,7 @@ import pytest
 from inim.errors import EXIT_PASSED
 from inim.files.image import read_exr
 from reports.bench.process import run_measured
+from tests.schemas import read_document
 from tests.system.conftest import definitions
 
 SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"
@@ -45,7 +45,7 @@ def test_an_8k_panel_is_validated_under_4_gib(tmp_path, capsys):
     with capsys.disabled():
         print(f"\n8K: {peak_gib:.2f} GiB at most, {ended['seconds']:.0f} s", file=sys.stderr)
     assert ended["code"] == EXIT_PASSED, ended["said"]
-    report = json.loads((out / "report.json").read_text("utf-8"))
+    report = read_document(out / "report.json")
     derived = report["display"]["derived"]
     assert (derived["eia_rows"], derived["eia_columns"]) == SHAPE
     assert read_exr(out / "eia" / "template.exr").shape[:2] == SHAPE

@@ -13,6 +13,7 @@ from typing import Any
 
 from inim.sweep.table import TABLE, read_table
 from tests.conftest import sphere, square
+from tests.schemas import assert_rows, read_document
 from tests.system.conftest import Ended, run_here, write_scene
 
 #: What a run takes differs from run to run; everything else may not.
@@ -84,8 +85,11 @@ def _own_tmp(folder: Path) -> dict[str, str]:
 
 
 def table(out: Path) -> list[dict[str, Any]]:
-    """Its rows without times."""
+    """Its rows without times; they and the results that they are made of keep their schemas."""
     rows = read_table(out / TABLE)
+    assert_rows(rows)
+    for path in out.glob("units/*/*.json"):
+        read_document(path)
     return [{key: value for key, value in row.items() if key not in TIMES} for row in rows]
 
 

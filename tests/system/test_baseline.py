@@ -29,6 +29,7 @@ from inim.pipeline import timing, validation
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from tests.conftest import sphere
+from tests.schemas import read_document
 from tests.system.conftest import (
     Ended,
     assert_one_line,
@@ -98,7 +99,7 @@ class Bench:
         return self.run("-o", out, "--baseline", "base", *words, fault=fault, **settings)
 
     def data(self, out: str) -> dict[str, Any]:
-        return dict(json.loads((self.folder / out / "report.json").read_text(encoding="utf-8")))
+        return read_document(self.folder / out / "report.json")
 
     def failed(self, out: str) -> set[str]:
         checks = self.data(out)["verdict"]["checks"]
@@ -106,7 +107,7 @@ class Bench:
 
     def ratios(self, out: str) -> list[float]:
         path = self.folder / out / "regression" / "candidate.json"
-        return list(json.loads(path.read_text(encoding="utf-8"))["times"]["planted"])
+        return list(read_document(path)["times"]["planted"])
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +169,7 @@ def test_baseline_is_small_and_says_why_and_when(bench: Bench) -> None:
     files = {p.name: p.stat().st_size for p in (bench.folder / "base").iterdir()}
     assert set(files) == {"baseline.json", "baseline.npz"}
     assert sum(files.values()) < 100_000
-    data = json.loads((bench.folder / "base" / "baseline.json").read_text())
+    data = read_document(bench.folder / "base" / "baseline.json")
     assert (data["schema"], data["reason"]) == ("inim.baseline/1", "the first")
     assert data["accepted"].startswith("20")
 
@@ -413,7 +414,7 @@ def test_compare_gives_the_verdicts_of_the_baseline_check(
     assert main(["compare", *folders, "-o", str(out)]) == EXIT_CHECK_FAILED
     text = capsys.readouterr().out
     assert text.splitlines()[0].startswith("FAILED  eia/planted: tiles")
-    data = json.loads((out / "compare.json").read_text(encoding="utf-8"))
+    data = read_document(out / "compare.json")
     assert data["schema"] == "inim.compare/1"
     failed = {check["name"] for check in data["verdict"]["checks"] if not check["passed"]}
     assert failed == noisy.failed("noisy")

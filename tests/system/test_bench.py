@@ -6,7 +6,6 @@ at all, mistakes found before anything is rendered. How long anything takes is n
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 from pathlib import Path
@@ -16,6 +15,7 @@ import pytest
 from inim.bench.scene import choose_algorithms
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.pipeline import timing
+from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
     Ended,
@@ -99,7 +99,7 @@ def finished(tmp_path_factory, site):
         "--threads", "1", *definitions(TINY), folder=folder, site=site,
     )  # fmt: skip
     assert ended.code == EXIT_PASSED, ended.stderr
-    return ended, folder, json.loads((folder / "out" / "bench.json").read_text("utf-8"))
+    return ended, folder, read_document(folder / "out" / "bench.json")
 
 
 def test_every_file_is_there_and_the_stranger_s_too(finished):

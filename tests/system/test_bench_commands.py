@@ -7,12 +7,12 @@ anything takes is never checked.
 from __future__ import annotations
 
 import copy
-import json
 
 import pytest
 
 from inim.errors import EXIT_PASSED
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
+from tests.schemas import read_document
 from tests.system.conftest import TINY, definitions, write_scene
 from tests.system.test_bench_layers import run_study
 
@@ -30,7 +30,7 @@ def finished(tmp_path_factory):
     words = [scene.name, "-o", "out", "--runs", "1", "--warmups", "1", *definitions(SMALL)]
     ended = run_study("commands", *words, folder=folder, timeout=400)
     assert ended.returncode == EXIT_PASSED, ended.stderr
-    return folder, json.loads((folder / "out" / "bench.json").read_text("utf-8"))
+    return folder, read_document(folder / "out" / "bench.json")
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -12,6 +11,7 @@ import pytest
 
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from tests.conftest import sphere
+from tests.schemas import read_document
 from tests.system.conftest import TINY, definitions, write_scene
 from tests.unit.test_depth_peeling import cube
 
@@ -42,7 +42,7 @@ def finished(tmp_path_factory):
     words = [*scenes, "-o", "out", "--runs", "2", *definitions(TINY)]
     ended = run_study("layered", *words, folder=folder)
     assert ended.returncode == EXIT_PASSED, ended.stderr
-    return folder, json.loads((folder / "out" / "bench.json").read_text("utf-8"))
+    return folder, read_document(folder / "out" / "bench.json")
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ Expected: what it announces is in every result.
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 from collections.abc import Mapping
@@ -17,6 +16,7 @@ import pytest
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.pipeline import timing
 from inim.sweep.table import TABLE, read_table
+from tests.schemas import assert_rows, read_document
 from tests.system.conftest import TINY, assert_one_line, definitions, run_here, write_scene
 
 PACKAGE = Path(__file__).parents[1] / "example_package"
@@ -62,7 +62,7 @@ def validated(
         folder=folder,
         variables=installed,
     )
-    return folder / "out", json.loads((folder / "out" / "report.json").read_text("utf-8"))
+    return folder / "out", read_document(folder / "out" / "report.json")
 
 
 def test_report_has_its_algorithm_s_scores_by_its_metric(validated) -> None:
@@ -94,7 +94,7 @@ def test_baseline_judges_its_metric_by_its_own_tolerance(
 ) -> None:
     out, _ = validated
     run("compare", out, out, "-o", "same", folder=tmp_path, variables=installed)
-    data = json.loads((tmp_path / "same" / "compare.json").read_text("utf-8"))
+    data = read_document(tmp_path / "same" / "compare.json")
     label = "example/centre: MAD to ceiling"
     (found,) = [c for c in data["verdict"]["checks"] if c["name"].startswith(label)]
     assert found["passed"]
@@ -114,7 +114,11 @@ def test_sweep_has_columns_of_its_metric(tmp_path: Path, installed: Mapping[str,
     )
     words = ("sweep", "study.toml", "-o", "out", "--workers", "1")
     run(*words, folder=tmp_path, variables=installed)
-    (row,) = read_table(tmp_path / "out" / TABLE)
+    rows = read_table(tmp_path / "out" / TABLE)
+    assert_rows(rows)
+    (result,) = (tmp_path / "out" / "units").rglob("*.json")
+    assert "mad" in read_document(result)["key"]["metrics"]
+    (row,) = rows
     wanted = ("example", "vignetted", "ok")
     assert (row["algorithm"], row["lens_model"], row["status"]) == wanted
     for name in ("mad", "mad_to_ceiling", "ceiling_mad", "noise_floor_mad"):
@@ -129,7 +133,7 @@ def test_bench_has_errors_by_its_metric(tmp_path: Path, installed: Mapping[str, 
             patch.setattr(timing, name, 0.0)
         given = definitions(TINY | LENS)
         run("bench", scene, *words, *given, folder=tmp_path, variables=installed)
-    data = json.loads((tmp_path / "out" / "bench.json").read_text("utf-8"))
+    data = read_document(tmp_path / "out" / "bench.json")
     (found,) = data["contenders"]
     assert found["name"] == "example"
     assert "inim.lens_model=vignetted" in data["command"]

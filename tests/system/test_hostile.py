@@ -28,6 +28,7 @@ from inim.files.picture import check_picture
 from inim.scene.file import SceneFile, read_scene_file
 from inim.scene.parameters import SceneParameters
 from tests.conftest import scene_text, small_display, sphere, square
+from tests.schemas import read_document
 from tests.system.conftest import Ended, write_scene
 
 SHAPE = '<shape type="{}"><string name="filename" value="{}"/></shape>'
@@ -512,4 +513,4 @@ def test_names_of_any_letters_are_escaped_in_every_report(
     assert "\u9f0e" in page
     assert "<script>" not in (out / "summary.md").read_text(encoding="utf-8")
     assert ElementTree.parse(out / "junit.xml").getroot().findall(".//testcase")
-    assert "<script>alert(1)" in json.loads((out / "report.json").read_text("utf-8"))["title"]
+    assert "<script>alert(1)" in read_document(out / "report.json")["title"]

@@ -6,7 +6,6 @@ input ends in one line, the documented exit code, and nothing written.
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -19,6 +18,7 @@ from PIL import Image
 
 from inim.cli import main
 from inim.errors import EXIT_PASSED, EXIT_USAGE
+from tests.schemas import read_document, read_text
 from tests.system.conftest import assert_one_line, definitions, nothing_left, write_scene
 
 SMALL = definitions({"inim.lens_columns": "6", "inim.lens_rows": "6"})
@@ -67,10 +67,7 @@ def test_text_of_a_preset_fits_a_terminal_and_names_the_figures(
 
 
 def test_json_is_valid_complete_and_says_its_units(capsys: pytest.CaptureFixture[str]) -> None:
-    def no_constant(name: str) -> float:
-        raise AssertionError(f"{name} is no strict JSON")
-
-    data = json.loads(inspect(capsys, "nominal", "--json"), parse_constant=no_constant)
+    data = read_text(inspect(capsys, "nominal", "--json"))
     assert data["schema"] == "inim.inspect/1"
     assert list(data) == [
         "schema",
@@ -124,7 +121,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_folder_gets_the_json_and_a_figure_with_something_on_it(written: Path) -> None:
     files = ["inspect.json", "inspect.png", "inspect.svg"]
     assert sorted(p.name for p in written.iterdir()) == files
-    data = json.loads((written / "inspect.json").read_text(encoding="utf-8"))
+    data = read_document(written / "inspect.json")
     assert (data["schema"], data["source"]) == ("inim.inspect/1", "nominal")
     pixels = np.asarray(Image.open(written / "inspect.png").convert("RGB"))
     assert pixels.shape[0] > 800 and pixels.shape[1] > 1200
@@ -153,7 +150,7 @@ def test_scene_s_settings_are_read_and_the_command_line_wins(
         '<default name="inim.misalign" value="rotation_deg=0.5"/>'
     )
     scene = write_scene(tmp_path, settings)
-    data = json.loads(inspect(capsys, scene, "--json"))
+    data = read_text(inspect(capsys, scene, "--json"))
     assert (data["depth"]["mode"], data["depth"]["central_depth_mm"]) == ("virtual", -27)
     assert data["lens_model"]["name"] == "thin"
     assert data["viewing"]["distance_mm"] == 500
@@ -161,7 +158,7 @@ def test_scene_s_settings_are_read_and_the_command_line_wins(
         "array turned by 0.5° counter-clockwise (the design does not know)"
     ]
     words = ("--json", "--distance", "300", "--lens-model", "pinhole", "-D", "inim.gap_mm=3.3")
-    data = json.loads(inspect(capsys, scene, *words))
+    data = read_text(inspect(capsys, scene, *words))
     assert (data["depth"]["mode"], data["lens_model"]["name"]) == ("real", "pinhole")
     assert data["viewing"]["distance_mm"] == 300
 
@@ -173,6 +170,22 @@ def test_focused_display_says_nothing_of_a_formula_s_range(
     assert "depth range                   4 to 24 mm (stated)" in text
     assert "focused: g = f" in text
     assert "Depth range cut" not in text and "central depth plane D " not in text
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        FOCUSED,
+        definitions({"inim.fill_factor": "1e-6", "inim.tilt_x_deg": "1"}),
+        definitions({"inim.lattice": "hexagonal", "inim.abbe_number": "57"}),
+        [*definitions({"inim.elemental_pitch_mm": "0.9"}), "--distance", "400"],
+    ],
+    ids=["focused", "dark", "colours", "no zone"],
+)
+def test_json_of_odd_displays_keeps_its_schema(
+    capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    read_text(inspect(capsys, "nominal", *words, "--json"))
 
 
 def test_lens_that_cannot_be_ground_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,6 @@ wrong with it is one line that names it, before anything is rendered where that 
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -40,6 +39,7 @@ from inim.pipeline.scene import Scene
 from inim.pipeline.stage import Run as StageRun
 from inim.pipeline.work import setup
 from tests.conftest import small_display, square
+from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
     Ended,
@@ -114,7 +114,7 @@ class Finished:
 
     def __init__(self, ended: Ended, out: Path) -> None:
         self.ended, self.out = ended, out
-        self.data: dict[str, Any] = json.loads((out / "report.json").read_text(encoding="utf-8"))
+        self.data: dict[str, Any] = read_document(out / "report.json")
         self.results = self.data["algorithms"]
 
 
@@ -204,7 +204,7 @@ def test_eia_with_values_that_are_no_numbers_fails_a_check(tmp_path: Path, run_i
 
 
 def failed_checks(out: Path) -> list[dict[str, Any]]:
-    checks = json.loads((out / "report.json").read_text())["verdict"]["checks"]
+    checks = read_document(out / "report.json")["verdict"]["checks"]
     return [check for check in checks if not check["passed"]]
 
 

@@ -6,7 +6,6 @@ own depth; what would need a scene is refused or listed with its reason.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from inim.pipeline.warp import warped
 from inim.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
+from tests.schemas import read_document
 from tests.system.conftest import assert_one_line, nothing_left, worker_here
 from tests.system.test_generate import (
     CAMERA,
@@ -55,7 +55,7 @@ def finished(tmp_path_factory):
     camera.__wrapped__(folder)
     words = ["validate", *taken(folder), *QUICK, *EYE_WORDS, "-o", str(folder / "out")]
     assert main(words) == EXIT_PASSED
-    return folder, json.loads((folder / "out" / "report.json").read_text("utf-8"))
+    return folder, read_document(folder / "out" / "report.json")
 
 
 def test_exact_first_hits_are_never_wrong_and_others_sometimes(finished):
@@ -96,7 +96,7 @@ def test_a_fitted_picture_gives_the_same_scores(finished):
     folder, data = finished
     words = ["--rgbd", str(folder / "out" / "rgbd.exr"), *QUICK, *EYE_WORDS]
     assert main(["validate", *words, "-o", str(folder / "again")]) == EXIT_PASSED
-    again = json.loads((folder / "again" / "report.json").read_text("utf-8"))
+    again = read_document(folder / "again" / "report.json")
     for made in (*data["algorithms"].values(), *again["algorithms"].values()):
         made.pop("seconds", None)
     assert again["algorithms"] == data["algorithms"]
@@ -138,7 +138,7 @@ def test_a_hexagonal_array_is_not_set_against_the_oracle(finished, tmp_path):
     words = [*taken(folder), *QUICK, "-D", "inim.lattice=hexagonal", "--viewpoints", "centre"]
     words = ["template" if word == ALGORITHMS else word for word in words]
     assert main(["validate", *words, "-o", str(tmp_path / "out")]) == EXIT_PASSED
-    data = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
+    data = read_document(tmp_path / "out" / "report.json")
     assert data["algorithms"]["template"]["wrong_source"] is None
     assert any("rows and columns" in line for line in data["not_scored"])
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from inim.files.image import read_exr
+from tests.schemas import read_document
 from tests.system.conftest import Ended, run_here, write_scene
 
 VIEWS = {"viewpoints": "centre,left"}
@@ -36,8 +37,7 @@ class Bench:
             **(VIEWS | settings),
         )
         assert ended.code == 0, ended.stderr
-        found: dict[str, Any] = json.loads((self.out / "report.json").read_text("utf-8"))
-        return found
+        return read_document(self.out / "report.json")
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ Expected: every check holds, every file is there, mistakes cost one line and no 
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
 from inim.settings import Settings
+from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
     assert_one_line,
@@ -51,7 +51,7 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("stress 鼎")
     ended = run_stress("--quick", "-o", "out", folder=folder)
     assert ended.returncode == EXIT_PASSED, ended.stderr + ended.stdout
-    return ended, folder, json.loads((folder / "out" / "stress.json").read_text("utf-8"))
+    return ended, folder, read_document(folder / "out" / "stress.json")
 
 
 @pytest.mark.slow
@@ -90,7 +90,7 @@ def test_each_check_has_a_line_and_the_page_its_place(finished):
 def test_the_study_runs_from_the_repository_and_all_it_claims_holds(tmp_path):
     ended = run("reports.stress.study", "--quick", "-o", tmp_path / "out", folder=ROOT)
     assert ended.returncode == EXIT_PASSED, ended.stderr + ended.stdout
-    data = json.loads((tmp_path / "out" / "stress.json").read_text("utf-8"))
+    data = read_document(tmp_path / "out" / "stress.json")
     figures = {"stress.svg", "stress.png"}
     assert {p.name for p in (tmp_path / "out").iterdir()} == FILES | figures == set(data["files"])
     assert data.keys() >= STUDY_KEYS
@@ -151,7 +151,7 @@ def test_a_scene_s_own_depth_is_jittered(tmp_path):
     settings = TINY | {"inim.lens_columns": "24", "inim.lens_rows": "18"}
     ended = run_stress(scene, "--quick", "-o", "out", *definitions(settings), folder=tmp_path)
     assert ended.returncode == EXIT_PASSED, ended.stderr + ended.stdout
-    data = json.loads((tmp_path / "out" / "stress.json").read_text("utf-8"))
+    data = read_document(tmp_path / "out" / "stress.json")
     assert (data["title"], data["picture"]["name"]) == ("Stress: tiny", str(scene))
     display = Settings.parse(settings, "tiny").make_display("tiny")
     shape = data["picture"]["rows"], data["picture"]["columns"]

@@ -29,6 +29,7 @@ from inim.errors import EXIT_BACKEND, EXIT_PASSED, FileError
 from inim.files.image import check_exr
 from inim.observer import Observer
 from inim.worker.output import open_staging, publish
+from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
     Ended,
@@ -51,7 +52,7 @@ def assert_whole(out: Path) -> dict:
     """Every file that the report lists is there and can be read to its end."""
     from PIL import Image
 
-    data = json.loads((out / "report.json").read_text("utf-8"))
+    data = read_document(out / "report.json")
     for name in data["files"]:
         path = out / name
         assert path.stat().st_size > 0, name

@@ -7,7 +7,6 @@ viewpoint, a verdict that decides the exit code, and folders that appear whole o
 from __future__ import annotations
 
 import inspect
-import json
 import math
 import os
 import re
@@ -28,6 +27,7 @@ import inim
 from inim.cli import main
 from inim.errors import EXIT_BACKEND, EXIT_CHECK_FAILED, EXIT_INTERNAL, EXIT_PASSED
 from tests.conftest import scene_text, sphere
+from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
     Ended,
@@ -96,7 +96,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory, run_process: Run) -> Fini
     ended = run_process(scene.name, "-o", "deep/o u't", *options, folder=folder)
     out = folder / "deep" / "o u't"
     assert ended.code == EXIT_PASSED, ended.stderr
-    return Finished(ended, out, json.loads((out / "report.json").read_text(encoding="utf-8")))
+    return Finished(ended, out, read_document(out / "report.json"))
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def replaced(tmp_path_factory: pytest.TempPathFactory, run_inim: Run) -> tuple[F
     options = ("--viewpoints", "centre", "--algorithms", "template", "--quiet")
     limit = {"min_ssim_to_ceiling": "0.9999"}
     second = run_inim(scene.name, "-o", "out", *options, folder=folder, **limit)
-    data = json.loads((folder / "out" / "report.json").read_text(encoding="utf-8"))
+    data = read_document(folder / "out" / "report.json")
     return Finished(second, folder / "out", data), folder
 
 
@@ -236,7 +236,7 @@ def test_scene_without_light_fails_a_check(tmp_path: Path, run_inim: Run) -> Non
     alone = {"algorithms": "template", "viewpoints": "centre"}
     ended = run_inim(scene, "-o", "out", folder=tmp_path, **alone)
     assert ended.code == EXIT_CHECK_FAILED
-    checks = json.loads((tmp_path / "out" / "report.json").read_text())["verdict"]["checks"]
+    checks = read_document(tmp_path / "out" / "report.json")["verdict"]["checks"]
     failed = {check["name"] for check in checks if not check["passed"]}
     assert {"truth/eia: brightest value", "truth/centre: brightest value"} <= failed
 
@@ -247,7 +247,7 @@ def test_light_that_is_not_a_number_fails_a_check(tmp_path: Path, run_inim: Run)
     alone = {"algorithms": "template", "viewpoints": "centre"}
     ended = run_inim(scene, "-o", "out", folder=tmp_path, **alone)
     assert ended.code == EXIT_CHECK_FAILED
-    checks = json.loads((tmp_path / "out" / "report.json").read_text())["verdict"]["checks"]
+    checks = read_document(tmp_path / "out" / "report.json")["verdict"]["checks"]
     assert "truth/eia: pixels not finite" in {c["name"] for c in checks if not c["passed"]}
 
 
@@ -273,7 +273,7 @@ def test_bare_machine_is_enough(tmp_path: Path, run_process: Run) -> None:
         scene, *options, folder=tmp_path, variables=bare, prefix=prefix, **odd, **alone
     )
     assert ended.stderr == ""
-    assert json.loads((tmp_path / "out" / "report.json").read_text())["verdict"]["passed"] is True
+    assert read_document(tmp_path / "out" / "report.json")["verdict"]["passed"] is True
 
 
 # --- Ends that come from outside ----------------------------------------------------------------

@@ -1,0 +1,303 @@
+"""The schemas of the documents that inim writes.
+
+Expected: each is a schema, says what each key is, and is complete: whatever is taken from a
+document, added to it or of another type is refused. The committed documents keep theirs, and keys
+that follow from the code are those of the code.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Iterator
+from dataclasses import fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from inim.display import DISPLAYS, Display
+from inim.inspect import output
+from inim.regression import run_statistics
+from inim.report import SCHEMA as REPORT
+from inim.report import bench, compare, stress, without_scene
+from inim.schemas import NAMES, schema
+from inim.settings import Settings
+from inim.sweep import table, task
+from tests.schemas import FOLDER, STUDY, assert_schema, file_of, read_document, validator
+
+ROOT = Path(__file__).parents[2]
+COMMITTED = sorted(path for path in ROOT.glob("reports/**/*.json") if path != STUDY)
+SCHEMAS = {
+    "report": REPORT,
+    "picture": without_scene.SCHEMA,
+    "compare": compare.SCHEMA,
+    "baseline": run_statistics.SCHEMA,
+    "bench": bench.SCHEMA,
+    "stress": stress.SCHEMA,
+    "sweep": table.SCHEMA,
+    "unit": task.SCHEMA,
+    "inspect": output.SCHEMA,
+}
+# Keys that need not be there; the last two of a bench are not in those of earlier versions.
+CHECK = {f"verdict/checks/0/{key}" for key in ("interval", "p_value", "unit", "kind")}
+SCENE = {"scene", "display", "viewpoints", "picture", "yardstick", "noise_floor"}
+LATER = {"view_psnr_to_ceiling_db", "view_flip_to_ceiling"}
+OPTIONAL = {
+    "report": {"regression", "algorithms/a/yardsticks", *CHECK},
+    "picture": CHECK,
+    "compare": {"conditions/panel pixels"},
+    "baseline": {"conditions/panel pixels"},
+    "bench": {
+        *SCENE, "scores", "captured_layers", "contenders/0/averaged_share",
+        *(f"{place}/{key}" for place in ("contenders/0", "noise_floor") for key in LATER),
+    },
+    "stress": {"first_hits/0/seconds"},
+    "unit": {
+        *(f"making/{key}" for key in ("entry_point", "version", "sha256")),
+        "key/metrics", "key/metrics/a/version", "key/metrics/a/sha256",
+    },
+}  # fmt: skip
+# Displays that need not have all parameters: the others are defaults, or came later.
+PARTLY = ("conditions/display/", "display/given/")
+
+At = tuple[str | int, ...]
+every = pytest.mark.parametrize("name", NAMES)
+
+
+def flat(part: dict[str, Any], name: str) -> dict[str, Any]:
+    """A part of a schema with what it refers to in its place."""
+    if "$ref" not in part:
+        return part
+    meant = flat(schema(name)["$defs"][part["$ref"].removeprefix("#/$defs/")], name)
+    required = [*meant.get("required", ()), *part.get("required", ())]
+    return meant | part | ({"required": required} if required else {})
+
+
+def example(part: dict[str, Any], name: str) -> Any:
+    """A value of a schema with all that it allows, and one of each where it allows any number."""
+    part = flat(part, name)
+    if "const" in part:
+        return part["const"]
+    for chosen in ("examples", "enum"):
+        if chosen in part:
+            return part[chosen][0]
+    kind = part["type"] if isinstance(part["type"], str) else part["type"][0]
+    if kind == "object":
+        return {key: example(one, name) for key, one in members(part)}
+    if kind == "array":
+        items = part.get("prefixItems") or [part["items"]] * part.get("minItems", 1)
+        return [example(one, name) for one in items]
+    return {"string": "text", "number": 0.5, "integer": 1, "boolean": True}[kind]
+
+
+def members(part: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """The keys of an example of an object, each with its schema."""
+    allows = Draft202012Validator(part.get("propertyNames", True)).is_valid
+    found = [(key, one) for key, one in part.get("properties", {}).items() if allows(key)]
+    if part.get("additionalProperties"):
+        key = next(filter(allows, ("a", "a_to_ceiling")))
+        found.append((key, part["additionalProperties"]))
+    return found + [("eia_a", one) for one in part.get("patternProperties", {}).values()]
+
+
+@cache
+def whole(name: str) -> tuple[Any, dict[At, dict[str, Any]]]:
+    """An example of a schema, and the schema of every place in it."""
+
+    def places(part: dict[str, Any], at: At) -> Iterator[tuple[At, dict[str, Any]]]:
+        part = flat(part, name)
+        yield at, part
+        inner: list[tuple[Any, Any]] = []
+        if "object" in part["type"]:
+            inner = members(part)
+        elif "array" in part["type"]:
+            inner = list(enumerate(part.get("prefixItems") or [part.get("items")]))
+        for key, one in inner:
+            if one is not None:
+                yield from places(one, (*at, key))
+
+    return example(schema(name), name), dict(places(schema(name), ()))
+
+
+def let_in(name: str, changes: list[tuple[At, Any]]) -> list[str]:
+    """Places whose change, to a value or to nothing at all (None), makes no difference."""
+    found, held = [], validator(SCHEMAS[name])
+    for at, value in changes:
+        document = copy.deepcopy(whole(name)[0])
+        holder = document
+        for key in at[:-1]:
+            holder = holder[key]
+        if value is None:
+            del holder[at[-1]]
+        else:
+            holder[at[-1]] = value
+        if held.is_valid(document):
+            found.append("/".join(map(str, at)))
+    return found
+
+
+# -- the files ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", [*sorted(FOLDER.glob("*.json")), STUDY], ids=lambda p: p.name)
+def test_file_is_a_schema_and_says_what_each_key_is(path: Path) -> None:
+    text = path.read_text("utf-8")
+    found = json.loads(text)
+    Draft202012Validator.check_schema(found)
+    assert found["$schema"] == Draft202012Validator.META_SCHEMA["$id"]
+    assert found["title"] and found["description"].endswith(".")
+    assert text == json.dumps(found, indent=2, ensure_ascii=False) + "\n", "its layout"
+    untold = [key for key, part in properties_in(found) if not is_told(part)]
+    assert untold == []
+
+
+def properties_in(value: Any) -> Iterator[tuple[str, Any]]:
+    """All properties in a schema, by key."""
+    if isinstance(value, dict):
+        # Those below `then` only add to what is said elsewhere.
+        yield from value.get("properties", {}).items()
+        value = [one for key, one in value.items() if key not in ("if", "then")]
+    for one in value if isinstance(value, list) else ():
+        yield from properties_in(one)
+
+
+def is_told(part: Any) -> bool:
+    """Whether a property has a description: its own or, in this package, that of its part."""
+    if "$ref" in part and "description" not in part:
+        part = file_of("parts")["$defs"].get(part["$ref"].rpartition("/")[2]) or part
+    return "$ref" in part or part["description"].endswith(".")
+
+
+def test_files_are_those_that_are_named_and_every_part_is_used() -> None:
+    assert {p.name.partition(".")[0] for p in FOLDER.glob("*.json")} == {*NAMES, "parts"}
+    parts, used = file_of("parts")["$defs"], set()
+    for name in NAMES:
+        own = file_of(name).get("$defs", {}).keys()
+        assert not own & parts.keys(), "one would stand for the other"
+        used |= schema(name).get("$defs", {}).keys()
+    assert parts.keys() <= used
+    with pytest.raises(ValueError, match=r"'parts'.*report"):
+        schema("parts")
+
+
+@every
+def test_schema_names_what_the_code_writes(name: str) -> None:
+    assert schema(name)["$id"] == "urn:" + SCHEMAS[name].replace(".", ":").replace("/", ":")
+    if name != "sweep":  # there the table's metadata name it
+        assert schema(name)["properties"]["schema"]["const"] == SCHEMAS[name]
+
+
+# -- what is refused ------------------------------------------------------------------------------
+
+
+@every
+def test_example_is_valid_and_so_is_the_file_with_its_parts_apart(name: str) -> None:
+    document = whole(name)[0]
+    Draft202012Validator(schema(name)).validate(document)
+    validator(SCHEMAS[name]).validate(document)
+
+
+@every
+def test_each_missing_key_is_refused_but_those_that_need_not_be_there(name: str) -> None:
+    keys = [
+        at
+        for at in whole(name)[1]
+        if at and at[-1] in whole(name)[1][at[:-1]].get("properties", ())
+        if not "/".join(map(str, at)).startswith(PARTLY)
+    ]
+    assert len(keys) > 20
+    needed = [key for key in keys if "/".join(map(str, key)) not in OPTIONAL.get(name, ())]
+    assert len(needed) == len(keys) - len(OPTIONAL.get(name, ()))
+    assert let_in(name, [(at, None) for at in needed]) == []
+
+
+@every
+def test_an_unknown_key_is_refused(name: str) -> None:
+    # What a study adds to a bench is its own.
+    objects = [
+        at
+        for at, part in whole(name)[1].items()
+        if "object" in part["type"] and "additionalProperties" in part
+    ]
+    assert objects
+    assert let_in(name, [((*at, "nobody's"), True) for at in objects]) == []
+
+
+@every
+def test_another_type_is_refused(name: str) -> None:
+    changes = [
+        (at, "text" if {"object", "array"} & {*_types(part)} else {"nobody's": True})
+        for at, part in whole(name)[1].items()
+        if at
+    ]
+    assert let_in(name, changes) == []
+
+
+def _types(part: dict[str, Any]) -> list[str]:
+    return [part["type"]] if isinstance(part["type"], str) else part["type"]
+
+
+def test_a_check_of_a_comparison_is_so_in_all_its_keys() -> None:
+    places = [("verdict", "checks", 0, key) for key in ("p_value", "unit", "kind")]
+    assert let_in("report", [(at, None) for at in places]) == []
+
+
+def test_a_bench_is_one_of_a_scene_or_none() -> None:
+    document, held = copy.deepcopy(whole("bench")[0]), validator(SCHEMAS["bench"])
+    assert let_in("bench", [((key,), None) for key in (*SCENE, "captured_layers")]) == []
+    for key in (*SCENE, "scores", "captured_layers"):
+        del document[key]
+    document["contenders"] = []
+    assert held.is_valid(document)
+    assert held.is_valid(document | {"mine": [1, 2]}), "a study may add what it likes"
+
+
+def test_a_bench_of_now_has_what_earlier_ones_lack() -> None:
+    later = [(*at, key) for at in (("contenders", 0), ("noise_floor",)) for key in LATER]
+    later += [("contenders", 0, "averaged_share"), ("display", "given", "conic")]
+    assert let_in("bench", [(at, None) for at in later]) == []
+
+
+def test_a_first_hit_that_ran_says_how_long() -> None:
+    assert let_in("stress", [(("first_hits", 0, "seconds"), None)]) == []
+
+
+# -- the code's own keys --------------------------------------------------------------------------
+
+
+def test_settings_are_those_of_the_code() -> None:
+    part = whole("report")[1][("settings",)]
+    assert list(part["properties"]) == [f.name for f in fields(Settings)] == part["required"]
+    for f in fields(Settings):
+        assert ("null" in part["properties"][f.name]["type"]) == ("None" in str(f.type)), f.name
+
+
+def test_displays_are_those_of_the_code() -> None:
+    given, derived = (whole("report")[1][("display", key)] for key in ("given", "derived"))
+    assert list(given["properties"]) == [f.name for f in fields(Display)] == given["required"]
+    for f in fields(Display):
+        assert ("null" in given["properties"][f.name]["type"]) == ("None" in str(f.type)), f.name
+    for display in DISPLAYS.values():
+        assert list(derived["properties"]) == list(display.derived())
+
+
+def test_a_sweep_s_columns_are_those_of_the_code() -> None:
+    assert list(schema("sweep")["properties"]) == list(table.columns())
+
+
+# -- documents ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", COMMITTED, ids=lambda path: str(path.relative_to(ROOT)))
+def test_committed_document_keeps_its_schema(path: Path) -> None:
+    read_document(path)
+
+
+def test_a_document_that_does_not_is_told_where() -> None:
+    document = copy.deepcopy(whole("report")[0])
+    document["verdict"]["passed"] = "yes"
+    with pytest.raises(AssertionError, match=r"verdict\.passed: 'yes' is not of type 'boolean'"):
+        assert_schema(document)
