@@ -7,17 +7,20 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from inim.schemas import NAMES, schema
-
 from inim.cli import COMMANDS
 from inim.pipeline.method import algorithm_table
+from inim.schemas import NAMES, schema
 from inim.settings import setting_table
 from inim.sweep.table import columns_as_markdown
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # the project's own folders
+from reports.gallery.page import gallery_page
 
 __all__ = ["write"]
 
@@ -31,6 +34,7 @@ def write(docs: Path) -> None:
         "commands.md": _commands(),
         "algorithms.md": f"```text\n{algorithm_table()}\n```",
         "documents.md": _documents(),
+        "gallery.md": gallery_page(docs.parent),
         "sweep-columns.md": columns_as_markdown(),
     }.items():
         path, text = folder / name, text.rstrip() + "\n"

@@ -1,0 +1,188 @@
+"""What the gallery shows, and how README's pictures are taken: titles, settings, colours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+__all__ = ["ENTRIES", "EYE", "Entry"]
+
+_TWO = ("--algorithms", "template,layered")
+_CENTRE = ("--viewpoints", "centre", "--algorithms", "template")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry.
+
+    Attributes
+    ----------
+    title, text : str
+    scene : str
+    runs : mapping
+        Label of each run, empty where there is one, to options of `inim validate`.
+    lens : (column, row)
+        From which on elemental images are shown.
+    view : str
+        Whose view from the centre is shown, where there are several runs.
+    """
+
+    title: str
+    text: str
+    scene: str
+    runs: Mapping[str, Sequence[str]] = field(default_factory=lambda: {"": _TWO})
+    lens: tuple[int, int] = (26, 26)
+    view: str = "template"
+
+
+ENTRIES = {
+    "amphora": Entry(
+        "Painted amphora",
+        "A round body with fine figures. `template` gives each panel pixel the colour of one "
+        "picture pixel, and the figures' edges fray; `layered` gives it a mean of what it sees.",
+        "scenes/amphora.xml",
+        lens=(18, 21),
+    ),
+    "wine_coin": Entry(
+        "Goblet and coin",
+        "Two things at two depths: what the coin hides from the centre is seen from the side, and "
+        "one colour and depth picture does not have it.",
+        "scenes/wine_coin.xml",
+        lens=(30, 34),
+    ),
+    "tripod": Entry(
+        "Bronze tripod",
+        "Thin legs and handles before black, and a band in low relief.",
+        "scenes/tripod.xml",
+        lens=(26, 14),
+    ),
+    "jade": Entry(
+        "Jade disc",
+        "Dragons and grains in relief of less than a millimetre. The display keeps the dragons and "
+        "blurs the grains, which are as small as its lenses.",
+        "scenes/jade.xml",
+        lens=(14, 18),
+    ),
+    "phone": Entry(
+        "The tripod on a phone",
+        "A panel of 2400 × 1080 pixels with 15.7 pixels per lens: lenses and pixels do not "
+        "divide evenly. The pictures show the middle of the display.",
+        "scenes/tripod.xml",
+        {"": ("--display", "phone", *_TWO)},
+        lens=(70, 16),
+    ),
+    "amphora_virtual": Entry(
+        "Virtual mode",
+        "The panel is nearer to the lenses than their focal length (2.7 mm of 3 mm), and the "
+        "picture stands behind the array.",
+        "scenes/amphora_virtual.xml",
+        lens=(18, 21),
+    ),
+    "amphora_focused": Entry(
+        "Focused mode",
+        "The panel is at the focal length: each lens shows one panel pixel at a time, and the "
+        "picture has as many pixels as the display has lenses.",
+        "scenes/amphora_focused.xml",
+        lens=(18, 21),
+    ),
+    "lens_models": Entry(
+        "Lens models",
+        "The ceiling through four models of the lens array. Through `pinhole` each lens shows an "
+        "eye one point of the panel; `thin` is a paraxial lens with its aperture; `thick` is "
+        "refracted exactly at both faces; `full` traces a mesh of the array, to check `thick`.",
+        "scenes/amphora.xml",
+        {m: ("--lens-model", m, *_CENTRE) for m in ("pinhole", "thin", "thick", "full")},
+        view="ceiling",
+    ),
+    "rotation": Entry(
+        "Array turned on its panel",
+        "The array lies turned by an angle. Where the algorithm does not know (`--misalign`), the "
+        "picture breaks up; where it knows (`-D inim.rotation_deg`), it is made for the array as "
+        "it lies.",
+        "scenes/amphora.xml",
+        {
+            "aligned": _CENTRE,
+            **{
+                f"{angle}° {words}": (option, f"{key}={angle}", *_CENTRE)
+                for words, option, key in (
+                    ("unknown", "--misalign", "rotation_deg"),
+                    ("known", "-D", "inim.rotation_deg"),
+                )
+                for angle in (0.25, 0.5, 1)
+            },
+        },
+    ),
+    "gap": Entry(
+        "Gap off by a tenth",
+        "The panel lies 0.1 or 0.3 mm farther from the lenses than the algorithm knows: the "
+        "picture leaves its depth, and is blurred.",
+        "scenes/amphora.xml",
+        {
+            "aligned": _CENTRE,
+            "0.1 mm": ("--misalign", "gap_mm=0.1", *_CENTRE),
+            "0.3 mm": ("--misalign", "gap_mm=0.3", *_CENTRE),
+        },
+    ),
+    "zone": Entry(
+        "An eye leaves the viewing zone",
+        "Beyond the zone (the white part of the line), a lens shows the eye its neighbour's "
+        "elemental image: the picture flips, lens after lens, until the eye is in the next zone "
+        "and sees the first picture again. Drawn by the report's virtual display with thin "
+        "lenses.",
+        "scenes/wine_coin.xml",
+        {"": _TWO},
+    ),
+}
+
+
+@dataclass(frozen=True)
+class _Eye:
+    """How an eye is moved, and how its film looks."""
+
+    scene: str = "scenes/wine_coin.xml"
+    algorithm: str = "layered"
+    options: tuple[str, ...] = (
+        *("--algorithms", "layered"),
+        *("-D", "inim.view_pixels_per_lens=6"),
+        *("-D", "inim.view_spp=64"),
+        *("-D", "inim.fit_share=0.78"),
+    )
+    distance_mm: float = 1000
+    across_mm: float = 100
+    up_mm: float = 40
+    frames: int = 32
+    frame_ms: int = 100
+    lens: tuple[int, int] = (28, 33)
+    words: tuple[str, str, str] = (
+        "the scene",
+        "the panel, magnified",
+        "the panel through its lenses",
+    )
+    quality: int = 80
+    # The eye's way out of the zone, in its half widths: 2 would be the middle of the next zone.
+    zones: float = 3.9
+    zone_frames: int = 48
+    zone_ms: int = 120
+    zone_px: int = 320
+    zone_words: str = "the display"
+    # The look.
+    space: int = 16
+    below: int = 64
+    text: int = 18
+    ground: str = "#101012"
+    ink: str = "#e6e6e6"
+    rail: str = "#77777c"
+    eye: str = "#f0b44c"
+    # The report.
+    report_scene: str = "scenes/amphora.xml"
+    report_options: tuple[str, ...] = (
+        *("--algorithms", "wang2024,template,layered"),
+        "--no-skip",  # else the times are of the first run, which compiled
+    )
+    report_window: Mapping[str, Any] = field(
+        default_factory=lambda: {"width": 1280, "height": 926, "deviceScaleFactor": 1.25}
+    )
+
+
+EYE = _Eye()

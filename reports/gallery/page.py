@@ -1,0 +1,86 @@
+"""The gallery's page, of what `reports.gallery.run` kept."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+__all__ = ["gallery_page"]
+
+_GALLERY_HEAD = """\
+# Gallery
+
+What the bench shows of each relic, of the display's modes, and of arrays that lie wrong. Each entry
+has the command that made it. All was made by `python -m reports.gallery.run`; reports and pictures
+are in `reports/gallery`.
+
+SSIM to the scene is what the viewer gets. SSIM to the ceiling is what the algorithm keeps of what
+the display can show; the ceiling is the ground-truth EIA through the same lenses. Both are of the
+view from the centre.
+"""
+
+
+def gallery_page(root: Path) -> str:
+    """The gallery, of the entries below `root`/reports/gallery, as MyST Markdown for docs/."""
+    folder = root / "reports" / "gallery"
+    order = json.loads((folder / "gallery.json").read_text("utf-8"))
+    return "\n".join([_GALLERY_HEAD, *(_gallery_entry(folder / name) for name in order)])
+
+
+def _gallery_entry(folder: Path) -> str:
+    entry = json.loads((folder / "entry.json").read_text("utf-8"))
+    reports = {
+        label: json.loads((folder / file).read_text("utf-8"))
+        for label, file in entry["reports"].items()
+    }
+    pictures = [_figure(folder.name, picture) for picture in entry["pictures"]]
+    columns = "1" if len(pictures) == 1 else "2 2 3 3"
+    commands = "\n".join(report["command"] for report in reports.values())
+    parts = [
+        f"({folder.name.replace('_', '-')})=\n## {entry['title']}",
+        entry["text"],
+        f"::::{{grid}} {columns}\n:gutter: 2\n\n" + "\n".join(pictures) + "\n::::",
+        _scores_by_algorithm(reports[""]) if "" in reports else _scores_by_run(reports),
+        f"```text\n{commands}\n```",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _figure(name: str, picture: Mapping[str, str]) -> str:
+    return (
+        f":::{{grid-item}}\n```{{figure}} ../reports/gallery/{name}/{picture['file']}\n"
+        f":alt: {picture['caption']}\n:width: 100%\n\n{picture['caption']}\n```\n:::"
+    )
+
+
+def _scores_by_algorithm(report: Mapping[str, Any]) -> str:
+    """The worst first; the ceiling last."""
+    views = [(name, found["views"]["centre"]) for name, found in report["algorithms"].items()]
+    views.sort(key=lambda each: each[1]["ssim_to_ceiling"])
+    rows = [(f"`{n}`", _ssim(v["ssim"]), _ssim(v["ssim_to_ceiling"])) for n, v in views]
+    rows.append(("ceiling", _ssim(report["ceiling"]["views"]["centre"]["ssim"]), ""))
+    return _table(("SSIM", "to the scene", "to the ceiling"), rows)
+
+
+def _scores_by_run(reports: Mapping[str, Mapping[str, Any]]) -> str:
+    """In the order of the runs, which is that of what was changed."""
+    rows = []
+    for label, report in reports.items():
+        view = report["algorithms"]["template"]["views"]["centre"]
+        ceiling = report["ceiling"]["views"]["centre"]["ssim"]
+        rows.append((label, *map(_ssim, (view["ssim"], view["ssim_to_ceiling"], ceiling))))
+    heads = ("SSIM", "`template` to the scene", "to the ceiling", "ceiling to the scene")
+    return _table(heads, rows)
+
+
+def _ssim(value: float) -> str:
+    return f"{value:.3f}"
+
+
+def _table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A Markdown table, numbers to the right."""
+    heads = tuple(heads)
+    rule = ["---", *["---:"] * (len(heads) - 1)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))
