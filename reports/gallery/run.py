@@ -102,7 +102,7 @@ def pictures_of_run(run: Path, folder: Path, entry: Entry) -> list[Picture]:
     ceiling = middle(run / "views/ceiling/centre.png")
     shown = {
         "scene": (middle(run / "truth/centre.png"), "the scene from the eye"),
-        "ceiling": (ceiling, "the ceiling: the best this display can show"),
+        "ceiling": (ceiling, "the ceiling: the true EIA through the lenses"),
         "lenses": (
             magnified(run / "truth/eia.png", data["display"]["derived"], entry.lens),
             f"{LENSES_MAGNIFIED} × {LENSES_MAGNIFIED} elemental images of the panel",
