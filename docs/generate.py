@@ -37,7 +37,7 @@ def _gallery_entry(folder: Path) -> str:
         label: json.loads((folder / file).read_text("utf-8"))
         for label, file in entry["reports"].items()
     }
-    pictures = [_figure(folder.name, picture) for picture in entry["pictures"]]
+    pictures = [_figure(folder.name, entry["title"], picture) for picture in entry["pictures"]]
     is_one_run = "" in reports
     columns = "2 2 3 3" if is_one_run else "2 2 4 4"
     commands = "\n".join(_in_lines(report["command"]) for report in reports.values())
@@ -69,9 +69,9 @@ def _in_lines(command: str) -> str:
     return " \\\n".join(lines)
 
 
-def _figure(name: str, picture: Mapping[str, str]) -> str:
-    file, caption = picture["file"], picture["caption"]
-    return f"```{{figure}} ../reports/gallery/{name}/{file}\n:alt: {caption}\n\n{caption}\n```"
+def _figure(name: str, title: str, picture: Mapping[str, str]) -> str:
+    place, caption = f"../reports/gallery/{name}/{picture['file']}", picture["caption"]
+    return f"```{{figure}} {place}\n:alt: {title}, {caption}\n\n{caption}\n```"
 
 
 def _folded(commands: str) -> str:

@@ -64,7 +64,7 @@ ENTRIES = {
     "jade": Entry(
         "Jade disc",
         "Dragons and grains in relief of less than a millimetre. The display keeps the dragons and "
-        "blurs the grains, which are as small as its lenses.",
+        "blurs the grains, which are about as large as a lens.",
         "scenes/jade.xml",
         lens=(14, 18),
     ),
