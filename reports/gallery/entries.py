@@ -9,6 +9,7 @@ from typing import Any
 __all__ = ["ENTRIES", "EYE", "Entry"]
 
 _TWO = ("--algorithms", "template,layered")
+_ANGLES = (0.25, 0.5, 1)
 _CENTRE = ("--viewpoints", "centre", "--algorithms", "template")
 
 
@@ -26,6 +27,8 @@ class Entry:
         From which on elemental images are shown.
     view : str
         Whose view from the centre is shown, where there are several runs.
+    shows_scene : bool
+        Before these.
     """
 
     title: str
@@ -34,6 +37,7 @@ class Entry:
     runs: Mapping[str, Sequence[str]] = field(default_factory=lambda: {"": _TWO})
     lens: tuple[int, int] = (26, 26)
     view: str = "template"
+    shows_scene: bool = False
 
 
 ENTRIES = {
@@ -60,7 +64,7 @@ ENTRIES = {
     "jade": Entry(
         "Jade disc",
         "Dragons and grains in relief of less than a millimetre. The display keeps the dragons and "
-        "blurs the grains, which are as small as its lenses.",
+        "blurs the grains, which are about as large as a lens.",
         "scenes/jade.xml",
         lens=(14, 18),
     ),
@@ -97,39 +101,42 @@ ENTRIES = {
     ),
     "rotation": Entry(
         "Array turned on its panel",
-        "The array lies turned by an angle. Where the algorithm does not know (`--misalign`), the "
-        "picture breaks up; where it knows (`-D inim.rotation_deg`), it is made for the array as "
-        "it lies.",
+        "The array lies turned by an angle. An algorithm that does not know (`--misalign`) shows a "
+        "picture turned by about ten times as much, which breaks up where lenses show their "
+        "neighbours' elemental images. One that knows (`-D inim.rotation_deg`) loses nothing.",
         "scenes/amphora.xml",
         {
-            "aligned": _CENTRE,
             **{
-                f"{angle}° {words}": (option, f"{key}={angle}", *_CENTRE)
-                for words, option, key in (
-                    ("unknown", "--misalign", "rotation_deg"),
-                    ("known", "-D", "inim.rotation_deg"),
-                )
-                for angle in (0.25, 0.5, 1)
+                f"{angle}°, not known": ("--misalign", f"rotation_deg={angle}", *_CENTRE)
+                for angle in _ANGLES
+            },
+            "0°": _CENTRE,
+            **{
+                f"{angle}°, known": ("-D", f"inim.rotation_deg={angle}", *_CENTRE)
+                for angle in _ANGLES
             },
         },
+        shows_scene=True,
     ),
     "gap": Entry(
-        "Gap off by a tenth",
-        "The panel lies 0.1 or 0.3 mm farther from the lenses than the algorithm knows: the "
-        "picture leaves its depth, and is blurred.",
+        "Panel too far from the lenses",
+        "The gap is 0.1 or 0.3 mm wider than the 3.3 mm of the design, and the algorithm does not "
+        "know. Lenses focus elsewhere, so that even the ceiling, which is made for the gap as it "
+        "is, loses.",
         "scenes/amphora.xml",
         {
-            "aligned": _CENTRE,
-            "0.1 mm": ("--misalign", "gap_mm=0.1", *_CENTRE),
-            "0.3 mm": ("--misalign", "gap_mm=0.3", *_CENTRE),
+            "3.3 mm": _CENTRE,
+            "3.4 mm": ("--misalign", "gap_mm=0.1", *_CENTRE),
+            "3.6 mm": ("--misalign", "gap_mm=0.3", *_CENTRE),
         },
+        shows_scene=True,
     ),
     "zone": Entry(
         "An eye leaves the viewing zone",
-        "Beyond the zone (the white part of the line), a lens shows the eye its neighbour's "
-        "elemental image: the picture flips, lens after lens, until the eye is in the next zone "
-        "and sees the first picture again. Drawn by the report's virtual display with thin "
-        "lenses.",
+        "Beyond the zone a lens shows the eye its neighbour's elemental image: the picture flips, "
+        "lens after lens, until the eye is in the next zone and sees the picture again. "
+        "`inim film` keeps the eye in the zone; this is the report's virtual display of the ground "
+        "truth, with thin lenses.",
         "scenes/wine_coin.xml",
         {"": _TWO},
     ),
@@ -160,12 +167,15 @@ class _Eye:
         "the panel through its lenses",
     )
     quality: int = 80
-    # The eye's way out of the zone, in its half widths: 2 would be the middle of the next zone.
-    zones: float = 3.9
+    # The eye's way out of the zone in its half widths: to the middle of the next zone, at 4. The
+    # line below the picture reaches from `line[0]` to `line[1]`.
+    zone_way: float = 4
+    line: tuple[float, float] = (-2, 6)
+    zones: tuple[tuple[float, float], ...] = ((-1, 1), (3, 5))
     zone_frames: int = 48
-    zone_ms: int = 120
+    zone_ms: int = 125
     zone_px: int = 320
-    zone_words: str = "the display"
+    zone_words: str = "white: viewing zones"
     # The look.
     space: int = 16
     below: int = 64

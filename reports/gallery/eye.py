@@ -64,13 +64,15 @@ def film_eye(run: Path, out: Path) -> None:
 
 
 def film_beyond_zone(run: Path, out: Path, profile: Path) -> tuple[float, float]:
-    """A report's live display, its eye moved out of the viewing zone to either side.
+    """A report's live display, its eye moved to the next viewing zone and back.
 
     Returns
     -------
     (float, float)
         How far the eye goes, and where the zone ends, millimetres.
     """
+    middle, half = sum(EYE.line) / 2, (EYE.line[1] - EYE.line[0]) / 2
+    zones = [((left - middle) / half, (right - middle) / half) for left, right in EYE.zones]
     frames = []
     with browser(profile) as tab:
         tab.open(run / "report.html")
@@ -78,13 +80,13 @@ def film_beyond_zone(run: Path, out: Path, profile: Path) -> tuple[float, float]
         tab.evaluate("document.querySelector('input[name=lens-model][value=thin]').click()")
         z = tab.evaluate("inimDisplay.eye()[2]")
         limit = tab.evaluate(f"inimDisplay.flipLimit({z})[0]")
-        zone = (-1 / EYE.zones, 1 / EYE.zones)
         for k in range(EYE.zone_frames):
-            at = math.sin(2 * math.pi * k / EYE.zone_frames)
-            tab.evaluate(f"inimDisplay.setEye({at * EYE.zones * limit}, 0, {z})")
-            frames.append(_labelled([(_live_view(tab), EYE.zone_words)], at, zone))
+            at = EYE.zone_way * (1 - abs(1 - 2 * k / EYE.zone_frames))
+            tab.evaluate(f"inimDisplay.setEye({at * limit}, 0, {z})")
+            panel = _live_view(tab), EYE.zone_words
+            frames.append(_labelled([panel], (at - middle) / half, zones))
     _film(out, frames, EYE.zone_ms)
-    return EYE.zones * limit, limit
+    return EYE.zone_way * limit, limit
 
 
 def _live_view(tab: Tab) -> Image.Image:
@@ -95,11 +97,13 @@ def _live_view(tab: Tab) -> Image.Image:
 
 
 def _labelled(
-    panels: Sequence[tuple[Image.Image, str]], at: float, zone: tuple[float, float] | None = None
+    panels: Sequence[tuple[Image.Image, str]],
+    at: float,
+    zones: Sequence[tuple[float, float]] = (),
 ) -> Image.Image:
     """Panels side by side, their names below, and where the eye is, -1 left to 1 right.
 
-    `zone` is the part of the way that lies in the viewing zone.
+    `zones` are the parts of the line that lie in viewing zones; without, its ends have words.
     """
     side, space, below = panels[0][0].width, EYE.space, EYE.below
     wide = len(panels) * (side + space) - space
@@ -110,13 +114,13 @@ def _labelled(
         left = space + k * (side + space)
         frame.paste(image, (left, space))
         draw.text((left + side / 2, space + side + below * 0.3), words, EYE.ink, font, anchor="mm")
-    middle, half, y = frame.width / 2, 0.3 * side, space + side + below * 0.74
+    middle, half, y = frame.width / 2, (0.45 if zones else 0.3) * side, space + side + below * 0.74
     draw.line([(middle - half, y), (middle + half, y)], EYE.rail, 2)
-    if zone:
-        draw.line([(middle + half * zone[0], y), (middle + half * zone[1], y)], EYE.ink, 4)
+    for left, right in zones:
+        draw.line([(middle + half * left, y), (middle + half * right, y)], EYE.ink, 5)
     x = middle + half * at
     draw.ellipse([x - 6, y - 6, x + 6, y + 6], EYE.eye)
-    for word, end, anchor in (("eye left", -1, "rm"), ("eye right", 1, "lm")):
+    for word, end, anchor in () if zones else (("eye left", -1, "rm"), ("eye right", 1, "lm")):
         draw.text((middle + end * (half + 16), y), word, EYE.rail, font, anchor=anchor)
     return frame
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 __all__ = ["gallery_page"]
 
+_LINE = 76
 _GALLERY_HEAD = """\
 # Gallery
 
@@ -35,24 +37,45 @@ def _gallery_entry(folder: Path) -> str:
         label: json.loads((folder / file).read_text("utf-8"))
         for label, file in entry["reports"].items()
     }
-    pictures = [_figure(folder.name, picture) for picture in entry["pictures"]]
-    columns = "1" if len(pictures) == 1 else "2 2 3 3"
-    commands = "\n".join(report["command"] for report in reports.values())
+    pictures = [_figure(folder.name, entry["title"], picture) for picture in entry["pictures"]]
+    is_one_run = "" in reports
+    columns = "2 2 3 3" if is_one_run else "2 2 4 4"
+    commands = "\n".join(_in_lines(report["command"]) for report in reports.values())
+    if len(pictures) > 1:
+        rows = "\n".join(f":::{{grid-item}}\n{picture}\n:::" for picture in pictures)
+        shown = f"::::{{grid}} {columns}\n:gutter: 2\n\n{rows}\n::::"
+        scores = [_scores_by_algorithm(reports[""]) if is_one_run else _scores_by_run(reports)]
+    else:  # a film, of no view that is scored
+        shown, scores = pictures[0], []
     parts = [
         f"({folder.name.replace('_', '-')})=\n## {entry['title']}",
         entry["text"],
-        f"::::{{grid}} {columns}\n:gutter: 2\n\n" + "\n".join(pictures) + "\n::::",
-        _scores_by_algorithm(reports[""]) if "" in reports else _scores_by_run(reports),
-        f"```text\n{commands}\n```",
+        shown,
+        *scores,
+        f"```text\n{commands}\n```" if is_one_run else _folded(commands),
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def _figure(name: str, picture: Mapping[str, str]) -> str:
-    return (
-        f":::{{grid-item}}\n```{{figure}} ../reports/gallery/{name}/{picture['file']}\n"
-        f":alt: {picture['caption']}\n:width: 100%\n\n{picture['caption']}\n```\n:::"
-    )
+def _in_lines(command: str) -> str:
+    """A command in lines that fit a page, broken before options only."""
+    first, *options = re.split(r" (?=-[oD-])", command)
+    lines = [first]
+    for option in options:
+        if len(lines[-1]) + len(option) < _LINE:
+            lines[-1] += f" {option}"
+        else:
+            lines.append(f"    {option}")
+    return " \\\n".join(lines)
+
+
+def _figure(name: str, title: str, picture: Mapping[str, str]) -> str:
+    place, caption = f"../reports/gallery/{name}/{picture['file']}", picture["caption"]
+    return f"```{{figure}} {place}\n:alt: {title}, {caption}\n\n{caption}\n```"
+
+
+def _folded(commands: str) -> str:
+    return f":::{{dropdown}} Commands\n```text\n{commands}\n```\n:::"
 
 
 def _scores_by_algorithm(report: Mapping[str, Any]) -> str:

@@ -72,13 +72,14 @@ def make_entry(name: str) -> None:
         shutil.copy(runs[label] / "report.json", folder / shown.reports[label])
     if name == "zone":
         far, end = film_beyond_zone(runs[""], folder / "zone.webp", RUNS / "profile")
-        words = (
-            f"the eye from {far:.0f} mm left to {far:.0f} mm right; the zone ends at {end:.1f} mm"
-        )
+        words = f"the eye goes {far:.0f} mm to the right and back; the zone ends at {end:.1f} mm"
         shown.pictures.append(Picture("zone.webp", words))
     elif "" in runs:
         shown.pictures.extend(pictures_of_run(runs[""], folder, entry))
     else:
+        if entry.shows_scene:
+            keep(middle(next(iter(runs.values())) / "truth/centre.png"), folder / "scene.webp")
+            shown.pictures.append(Picture("scene.webp", "the scene from the eye"))
         for label, run in runs.items():
             file = f"{file_name(label)}.webp"
             keep(middle(run / "views" / entry.view / "centre.png"), folder / file)
@@ -88,7 +89,7 @@ def make_entry(name: str) -> None:
 
 def file_name(*words: str) -> str:
     """Words as part of a path that needs no quotes."""
-    return "-".join(filter(None, words)).replace("°", "deg").replace(" ", "-")
+    return "-".join(filter(None, words)).translate({ord("°"): "deg", ord(" "): "-", ord(","): None})
 
 
 def pictures_of_run(run: Path, folder: Path, entry: Entry) -> list[Picture]:
