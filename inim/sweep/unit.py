@@ -33,7 +33,16 @@ _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "scikit-ima
 # Of the settings: what is no part of a result, or is in the key under another name.
 _NOT_DECIDING = ("title", "algorithms", "viewpoints", "min_ssim_to_ceiling")
 # Code of ours that no score passes through.
-_NOT_SCORING = ("cli.py", "commands/", "report/", "bench/", "stress/", "sweep/", "pipeline/film.py")
+_NOT_SCORING = (
+    "cli.py",
+    "commands/",
+    "report/",
+    "bench/",
+    "stress/",
+    "sweep/",
+    "schemas/",
+    "pipeline/film.py",
+)
 _HASH_DIGITS = 16
 
 
