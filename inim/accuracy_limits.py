@@ -1,9 +1,9 @@
 """Accuracy limits: inside them results were measured right; outside, validations warn.
 
 The study `reports/stress/study` finds them; `reports/stress` holds the run they are taken from, and
-a test compares the two. Inside all limits, sources of `template` and `layered` are proved exact on
-displays that are separable, float32 or float64 alike, and landing points of lens models are off by
-at most `LANDING_PIXELS` in float32.
+a test compares the two. Inside all limits, sources of `template` and `layered` are exact on displays
+that are separable, float32 or float64 alike, and landing points of lens models are off by at most
+`LANDING_PIXELS` in float32.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def _of_generators(display: Display, pixel_mm: float | None) -> list[str]:
             "the display's lengths have too many digits to be computed with exactly: a ray that "
             "meets a corner of the picture's pixels may be given to a neighbour (up to "
             f"{CHANGED_BY_ROUNDING:.0%} of the pixels of a noise picture, reports/stress); round "
-            "gap_mm, pitch_mm and pixel_pitch_mm to six digits"
+            "gap_mm, pitch_mm and pixel_pitch_mm to four digits"
         )
     if not display.is_separable and _meets_corners(display):
         found.append(

@@ -565,6 +565,14 @@ class Display:
             math.ceil(self._lenses_across * pixels_per_pitch) + 2 * pads[0],
         )
 
+    def capture_pixel_mm(self, pixels_per_pitch: int) -> float:
+        """Side of a pixel of such a picture: the float nearest to the true quotient.
+
+        A quotient of floats may be its neighbour, which no rational ray casting takes for the
+        length that was meant (1.7 / 5 is not 0.34).
+        """
+        return float(stated(self.pitch_mm) / pixels_per_pitch)
+
     @property
     def steepest_slopes(self) -> tuple[float, float]:
         """Millimetres sideways per millimetre of depth of a pixel's ray at the most, in x and y."""

@@ -148,14 +148,20 @@ def _layer_parts(layer: Layer, number: int) -> list[tuple[dict[str, np.ndarray],
     return [(made, f"{name}.{number}" if number else name) for name, made in channels.items()]
 
 
-def read_rgbd(path: Path) -> RGBD:
+def read_rgbd(path: Path | str) -> RGBD:
     """Read what `write_rgbd` wrote: a `LayeredRGBD` where the file holds layers.
+
+    Parameters
+    ----------
+    path : path
+        `rgbd.exr` of a report, or what `inim generate --rgbd` wrote.
 
     Raises
     ------
     FileError
         Missing, damaged, or not an RGB-D picture of this kind.
     """
+    path = Path(path)
     parts = _read_parts(path)
     try:
         header = parts[0][1]

@@ -333,7 +333,7 @@ def fit_picture(
         **place,
     )
     shape = display.capture_shape(pixels_per_pitch)
-    cell = display.pitch_mm / pixels_per_pitch
+    cell = display.capture_pixel_mm(pixels_per_pitch)
     drawn = draw_tiles(tiles, color, shape, cell, steepest * cell)
     if not drawn.covered.any():
         raise UsageError(

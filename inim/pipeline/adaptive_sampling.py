@@ -2,7 +2,7 @@
 
 Noise does two things to a score: it scatters, and it is biased, as noisy pictures are less alike.
 A run that says how well its scores are to be known (`inim.score_error`) goes by rounds. The
-first, of one viewpoint and with a sixteenth of the samples, foretells how many it takes; later
+first, of one viewpoint and with a sixteenth of the samples, estimates how many it takes; later
 ones, twice as many at least, end it once what they report *is* known so well. Each round renders
 afresh.
 

@@ -51,7 +51,7 @@ class DepthCamera:
     @property
     def pixel_mm(self) -> float:
         """Side of its pixels."""
-        return self.scene.display.pitch_mm / self.pixels_per_pitch
+        return self.scene.display.capture_pixel_mm(self.pixels_per_pitch)
 
 
 @dataclass(frozen=True)
@@ -175,6 +175,7 @@ def capture_layers(camera: DepthCamera) -> Layers:
         scene.fitted,
         scene.display,
         pixels_per_pitch=camera.pixels_per_pitch,
+        hidden=not scene.renderer.skip,
         observer=observer,
     )
     first, second = (

@@ -126,7 +126,7 @@ class Plan:
     @property
     def capture_pixel_mm(self) -> float:
         """Side of its pixels [mm]."""
-        return self.display.pitch_mm / self.settings.capture_pixels_per_pitch
+        return self.display.capture_pixel_mm(self.settings.capture_pixels_per_pitch)
 
 
 def make_plan(request: Request) -> Plan:

@@ -63,7 +63,7 @@ class Code:
 
 _VALUES = ("color.py", "display", "buffers.py", "rgbd.py", "scene")
 RENDERING = Code(
-    ("render", "lens", "files", *_VALUES),
+    ("render", "lens", "files", "pipeline/scene.py", "pipeline/plugin_guard.py", *_VALUES),
     ("drjit", "mitsuba", "numpy", "OpenEXR", "trimesh"),
 )
 GENERATING = Code(

@@ -150,7 +150,7 @@ class NonSeparableRays:
 def capture_rays(display: Display, pixels_per_pitch: int, start_mm: float) -> SeparableRays:
     """Parallel rays straight back: the orthographic RGB-D camera."""
     rows, columns = display.capture_shape(pixels_per_pitch)
-    pixel_mm = display.pitch_mm / pixels_per_pitch
+    pixel_mm = display.capture_pixel_mm(pixels_per_pitch)
 
     def axis(count: int, sign: int) -> AxisRays:
         return AxisRays(_centres(count, sign * pixel_mm), np.zeros(count), sign * pixel_mm)

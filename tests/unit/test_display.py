@@ -413,3 +413,14 @@ def test_rays_through_pinholes_are_those_of_the_display() -> None:
         assert theirs.capture_shape(5) == point.capture_shape(5)
         assert theirs.depth_range_mm == point.depth_range_mm
         assert theirs.flip_limit_mm(500) == point.flip_limit_mm(500)
+
+
+def test_a_picture_s_pixel_is_the_float_of_the_quotient_that_was_meant():
+    from inim.accuracy_limits import accuracy_warnings
+
+    wide = display(pitch_mm=1.7)
+    assert wide.pitch_mm / 5 != 0.34
+    assert wide.capture_pixel_mm(5) == 0.34
+    for hundredths in range(30, 300):
+        one = display(pitch_mm=hundredths / 100, pixel_pitch_mm=hundredths / 1700)
+        assert not accuracy_warnings(one, pixel_mm=one.capture_pixel_mm(5)), hundredths
