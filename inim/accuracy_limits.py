@@ -1,9 +1,9 @@
 """Accuracy limits: inside them results were measured right; outside, validations warn.
 
 The study `reports/stress/study` finds them; `reports/stress` holds the run they are taken from, and
-a test compares the two. Inside all limits, sources of `template` and `layered` are exact on displays
-that are separable, float32 or float64 alike, and landing points of lens models are off by at most
-`LANDING_PIXELS` in float32.
+a test compares the two. Inside all limits, sources of `template` and `layered` are exact on
+displays that are separable, float32 or float64 alike, and landing points of lens models are off by
+at most `LANDING_PIXELS` in float32.
 """
 
 from __future__ import annotations

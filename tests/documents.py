@@ -162,7 +162,7 @@ class Reader:
             "PIP_TARGET": str(folder / "site"),
             "PIP_NO_DEPS": "1",
             "PIP_NO_BUILD_ISOLATION": "0",  # as pip reads it: no isolation
-            "PYTHONPATH": str(folder / "site"),
+            "PYTHONPATH": f"{self.project}{os.pathsep}{folder / 'site'}",
         }
         self._environment = environment
         self._shell = _Child(["bash", "-e", "-o", "pipefail"], self.project, environment)

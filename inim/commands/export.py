@@ -1,4 +1,4 @@
-"""`inim export`: what an EIA shows, as views for other programs and displays."""
+"""`inim export`: an EIA for printing, and what it shows as views for other programs."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ __all__ = ["COMMANDS"]
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Write the sub-aperture views of an EIA: one picture each, as an HCI light field, or as a "
-        "Looking Glass quilt. A view has one pixel per lens."
+        "Write an EIA as a sheet to print, or its sub-aperture views: one picture each, as an HCI "
+        "light field, or as a Looking Glass quilt. A view has one pixel per lens."
     )
     add = parser.add_argument
     add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
     add_display(parser)
     add("--name", help="of a report's EIAs, which one (the first algorithm's)")
+    add("--pdf", type=Path, metavar="FILE", help="a PDF that prints at true size")
     add("--views", type=Path, metavar="DIR", help="folder for view_ROW_COLUMN.png")
     add(
         "--hci", type=Path, metavar="DIR", help="folder for input_Cam000.png ... and parameters.cfg"
@@ -38,14 +39,23 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    if not (args.views or args.hci or args.quilt):
-        raise UsageError("nothing to write: give --views DIR, --hci DIR or --quilt FILE")
+    from inim.color import srgb_codes
+    from inim.files.eia_file import write_true_size_pdf
+
+    if not (args.pdf or args.views or args.hci or args.quilt):
+        raise UsageError(
+            "nothing to write: give --pdf FILE, --views DIR, --hci DIR or --quilt FILE"
+        )
     for option, path in (("--views", args.views), ("--hci", args.hci)):
         if path is not None and path.exists() and not path.is_dir():
             raise FileError(f"{option} {path}: is a file; name a folder")
     grid = _grid(args.grid)
-    codes, display = _eia(args)
+    eia, display = _eia(args)
+    codes = srgb_codes(eia)
+    if args.pdf is not None:
+        write_true_size_pdf(args.pdf, eia, display.pixel_pitch_mm)
     written = [
+        *([] if args.pdf is None else [args.pdf]),
         *_write_views(args, codes, display, grid),
         *([] if args.quilt is None else [_write_quilt(args.quilt, codes, display, grid)]),
     ]
@@ -65,8 +75,7 @@ def _grid(text: str | None) -> tuple[int, int] | None:
 
 
 def _eia(args: argparse.Namespace) -> tuple[np.ndarray, Display]:
-    """The EIA as 8-bit sRGB, and its display."""
-    from inim.color import srgb_codes
+    """The EIA, linear, and its display."""
     from inim.files.eia_file import read_eia
     from inim.scene.file import chosen_display
 
@@ -81,7 +90,7 @@ def _eia(args: argparse.Namespace) -> tuple[np.ndarray, Display]:
         if args.name:
             raise UsageError("--name: is for a report's folder; an EIA has no others beside it")
         path, display = args.what, chosen_display(args.display, args.definitions, "inim export")[0]
-    return srgb_codes(read_eia(path, display)[0]), display
+    return read_eia(path, display)[0], display
 
 
 def _of_report(folder: Path, name: str | None) -> tuple[Path, Display]:
@@ -129,4 +138,8 @@ def _write_quilt(
     return write_quilt(path, views, display.width_mm / display.height_mm, grid)
 
 
-COMMANDS = {"export": Command("write an EIA's views: pictures, HCI, quilt", _add_arguments, _run)}
+COMMANDS = {
+    "export": Command(
+        "write an EIA as PDF, or its views: pictures, HCI, quilt", _add_arguments, _run
+    )
+}

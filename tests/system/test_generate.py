@@ -330,6 +330,7 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
     more = [word for k, v in sizes.items() for word in ("-D", f"inim.{k}={v}")]
     targets = {o: str(tmp_path / o[2:]) for o in ("--views", "--hci")}
     targets["--quilt"] = str(tmp_path / "quilt.png")
+    targets["--pdf"] = str(tmp_path / "sheet.pdf")
     words = [word for pair in targets.items() for word in pair]
     assert main(["export", str(tmp_path / "eia.png"), *more, *words]) == EXIT_PASSED
     views = read_hci(tmp_path / "hci").views
@@ -338,6 +339,8 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
     quilt = tmp_path / f"quilt_qs{columns}x{rows}a1.2.png"
     assert str(quilt) in capsys.readouterr().out
     np.testing.assert_array_equal(quilt_views(quilt, columns, rows), views[pixels // 2])
+    page = (tmp_path / "sheet.pdf").read_bytes().split(b"/MediaBox [")[1].split(b"]")[0]
+    assert [float(v) for v in page.split()] == pytest.approx([0, 0, 6 / 25.4 * 72, 5 / 25.4 * 72])
     one = np.asarray(Image.open(tmp_path / "views" / "view_02_03.png"))
     np.testing.assert_array_equal(one, views[2, 3])
     back = tmp_path / "back.png"
@@ -349,7 +352,8 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ((), "give --views DIR, --hci DIR or --quilt FILE"),
+        ((), "give --pdf FILE, --views DIR, --hci DIR or --quilt FILE"),
+        (("--pdf", "sheet.png"), "a sheet for printing is a .pdf"),
         (("--quilt", "q.jpg"), "a quilt is a .png"),
         (("--quilt", "q.png", "--grid", "8"), "--grid 8: write COLUMNSxROWS"),
         (("--views", "eia.png"), "is a file; name a folder"),
