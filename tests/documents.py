@@ -27,6 +27,7 @@ _BLOCK = re.compile(
     r"^(?P<indent> *)```(?P<language>\S+)\n(?P<text>.*?)^(?P=indent)```$",
     re.M | re.S,
 )
+_VARIABLE = re.compile(r'^([A-Z]+)="([^"]*)"$', re.M)
 _RUN = ("sh", "python")
 _NOT_COPIED = (
     "__pycache__",
@@ -95,8 +96,11 @@ def blocks(page: str) -> list[Block]:
 
 
 def commands(block: Block) -> list[str]:
-    """The commands of a shell block, each on one line, without comments."""
+    """The commands of a shell block, each on one line, its variables in it, without comments."""
     joined = block.text.replace("\\\n", " ")
+    for name, value in _VARIABLE.findall(joined):
+        joined = joined.replace(f"${name}", " ".join(value.split()))
+    joined = _VARIABLE.sub("", joined)
     lines = (re.sub(r"\s+#.*", "", line).strip() for line in joined.splitlines())
     return [line for line in lines if line and not line.startswith("#")]
 
