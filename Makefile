@@ -39,7 +39,7 @@ checks: $(VENV)/.installed-test
 	@$(BIN)/mypy --no-error-summary
 	@said=$$($(BIN)/lint-imports 2>&1) || { printf '%s\n' "$$said"; exit 1; }
 
-docs: $(VENV)/.installed-test
+docs: $(VENV)/.installed-docs
 	@$(usable_backend)
 	@$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --jobs auto docs build/docs
 	@echo "site: build/docs/index.html"
@@ -60,7 +60,12 @@ $(VENV)/.installed: $(VENV)/.made pyproject.toml
 $(VENV)/.installed-test: $(VENV)/.made pyproject.toml
 	@echo "installing inim and its test tools into $(VENV) (some 500 MB, a few minutes)"
 	@$(BIN)/python -m pip install --quiet --editable '.[test]'
-	@touch $@ $(VENV)/.installed
+	@touch $@ $(VENV)/.installed $(VENV)/.installed-docs
+
+$(VENV)/.installed-docs: $(VENV)/.made pyproject.toml
+	@echo "installing inim and what builds its site into $(VENV) (some 100 MB, a minute or two)"
+	@$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	@touch $@
 
 $(VENV)/.installed-oracle: $(VENV)/.installed-test
 	@echo "installing optiland into $(VENV) (some 700 MB, a few minutes)"

@@ -25,6 +25,7 @@ __all__ = [
     "LEAST_TURN_DEG",
     "WIDEST_PANEL_PIXELS",
     "accuracy_warnings",
+    "lenses_beside_panel",
     "steepest_slope",
 ]
 
@@ -73,6 +74,21 @@ def accuracy_warnings(
         eyes = [steepest_slope(display, eye) for eye in viewpoints]
         found += _of_lenses(display, lens_model, max([*eyes, 0.0 if slope is None else slope]))
     return found
+
+
+def lenses_beside_panel(display: Display) -> list[str]:
+    """A sentence where elemental images reach beyond the panel; empty if they fit."""
+    wide, high = display.beside_panel_mm
+    if max(wide, high) < display.pixel_pitch_mm:
+        return []
+    rows, columns = display.eia_shape
+    pixel, pitch = display.pixel_pitch_mm, display.elemental_image_pitch_mm
+    fits = int(columns * pixel / pitch), int(rows * pixel / display.elemental_row_pitch_mm)
+    return [
+        f"the lens array is {wide:.4g} mm wider and {high:.4g} mm higher than the panel, "
+        f"{columns * pixel:.5g} x {rows * pixel:.5g} mm: what lies beside it is cut off; "
+        f"set lens_columns to {fits[0]} and lens_rows to {fits[1]}"
+    ]
 
 
 def steepest_slope(display: Display, eye: Viewpoint) -> float:

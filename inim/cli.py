@@ -49,7 +49,9 @@ class _Parser(argparse.ArgumentParser):
     """One line per mistake instead of a page of usage."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(EXIT_USAGE, f"inim: error: {message}; see {self.prog} --help\n")
+        named = next((word for word in sys.argv[1:2] if word in COMMANDS), "")
+        prog = f"{self.prog} {named}" if named and self.prog == "inim" else self.prog
+        self.exit(EXIT_USAGE, f"inim: error: {message}; see {prog} --help\n")
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -207,7 +207,7 @@ def _report(
         projection = "orthographic"
     else:
         angle = 2 * np.degrees(np.arctan(columns / (2 * camera.fx)))
-        projection = f"unprojected ({angle:.3g} degrees wide), frame at {fitted.frame_at:.4g}{unit}"
+        projection = f"unprojected ({angle:.3g} degrees wide), frame at {fitted.frame_at:.5g}{unit}"
     holes = "not told by this algorithm"
     if empty is not None:
         holes = f"{(empty & display.lensed).sum() / max(1, display.lensed.sum()):.1%} of the pixels"

@@ -46,7 +46,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="score a finished EIA, .png (sRGB) or .exr (linear), too; may be repeated",
     )
     add("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
-    add("--lens-model", help="lens model: pinhole, thin, thick or full")
+    add("--lens-model", help="lens model: pinhole, thin, thick, full, or another package's")
     add(
         "--misalign",
         metavar="KEY=NUMBER,...",

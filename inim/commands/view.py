@@ -156,7 +156,7 @@ def view_eia(
             f"{_MOST_BYTES / 1e6:.0f} MB"
         )
     page = _page(eia.name, f"Display {_words(real)}", content)
-    return _written(Path(f"{eia.stem}-view.html") if out is None else out, page)
+    return _written(eia.with_name(f"{eia.stem}-view.html") if out is None else out, page)
 
 
 def _words(display: Display) -> str:
@@ -216,7 +216,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         "there and back (circle)",
     )
     add("--allow-flips", action="store_true", help="the path may leave the viewing zone")
-    add("--lens-model", help="pinhole, thin, thick or full (the report's)")
+    add("--lens-model", help="pinhole, thin, thick, full, or another package's (the report's)")
     add("--frames", type=int, default=48, metavar="N", help="frames (48)")
     add("--rate", type=float, default=16.0, metavar="FPS", help="frames per second (16)")
     add("--spp", type=int, default=32, metavar="N", help="samples per pixel (32)")

@@ -565,6 +565,14 @@ class Display:
             math.ceil(self._lenses_across * pixels_per_pitch) + 2 * pads[0],
         )
 
+    @property
+    def beside_panel_mm(self) -> tuple[float, float]:
+        """How much wider and higher than the panel the elemental images are; 0 where they fit."""
+        rows, columns = self.eia_shape
+        wide = self.lens_columns * self.elemental_image_pitch_mm - columns * self.pixel_pitch_mm
+        high = self.lens_rows * self.elemental_row_pitch_mm - rows * self.pixel_pitch_mm
+        return max(wide, 0.0), max(high, 0.0)
+
     def capture_pixel_mm(self, pixels_per_pitch: int) -> float:
         """Side of a pixel of such a picture: the float nearest to the true quotient.
 

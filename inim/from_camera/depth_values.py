@@ -34,6 +34,8 @@ _UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 # A macro lens and the far end of a street: no camera that measures depth goes beyond either.
 _NEAREST_MEDIAN_MM = 10.0
 _FARTHEST_MEDIAN_MM = 150_000.0
+# Depth cameras of rooms and relics reach less far.
+_FAR_MEDIAN_MM = 10_000.0
 # Below this many numbers a picture is a map of grey values, above it a sensor's millimetres.
 _MOST_GREYS = 256
 # From here on the largest number a file can hold is more likely "nothing" than a depth.
@@ -150,7 +152,7 @@ def read_meaning(file: DepthFile, stated: Meaning, name: str) -> DepthValues:
     if not stated.missing:
         warnings += _saturated(file, name)
     if distances and not stated.range_stated:
-        _check_distances(depth, file, name, unit)
+        warnings += _check_distances(depth, file, name, unit)
     seen = _seen_direction(depth)
     if stated.near_is_large is None:
         near_is_large, words = _detected_direction(seen, unit, name)
@@ -199,10 +201,17 @@ def _saturated(file: DepthFile, name: str) -> list[str]:
     ]
 
 
-def _check_distances(depth: NDArray[np.float32], file: DepthFile, name: str, unit: float) -> None:
+def _check_distances(
+    depth: NDArray[np.float32], file: DepthFile, name: str, unit: float
+) -> list[str]:
     middle = float(np.median(sample(depth)))
+    if middle > _FAR_MEDIAN_MM and middle <= _FARTHEST_MEDIAN_MM:
+        return [
+            f"{name}: a median depth of {middle / 1000:.4g} m is far for a depth camera; if the "
+            "file has 5000 units to the metre, as some have, say --depth-unit 5000"
+        ]
     if _NEAREST_MEDIAN_MM <= middle <= _FARTHEST_MEDIAN_MM:
-        return
+        return []
     stored = middle / unit
     guess, _ = _detected_unit(file)
     likely = {1.0: "mm", 1000.0: "m"}.get(guess)

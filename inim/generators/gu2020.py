@@ -63,7 +63,7 @@ def prepare(
     *,
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
-    """A generator by reverse search; see the module's text.
+    """Reverse search: each ray in steps, from near to far (Gu et al. 2020).
 
     Parameters
     ----------

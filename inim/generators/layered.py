@@ -38,7 +38,7 @@ def prepare(
     samples: int | str = 4,
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
-    """A generator of exact first hits in layers.
+    """Exact first hits in all layers of a scene.
 
     Parameters
     ----------

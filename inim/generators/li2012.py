@@ -73,7 +73,7 @@ def prepare(
     fill: str = "none",
     implementation: str = "compiled",
 ) -> SourceGenerator:
-    """A generator by forward mapping; see the module's text.
+    """Forward mapping: each picture pixel through each lens (Li et al. 2012).
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ def prepare(
     samples: int | str = 1,
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
-    """A generator of exact first hits.
+    """Exact first hits: the columns of one picture. The one to take if unsure.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ def prepare(
     *,
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
-    """A generator by local depth template matching; see the module's text.
+    """Local depth template matching, as printed (Wang et al. 2024).
 
     Parameters
     ----------

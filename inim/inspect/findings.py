@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from inim.accuracy_limits import lenses_beside_panel
 from inim.display import Display
 from inim.display.pixels import least_gap_mm
 from inim.errors import DisplayError
@@ -163,6 +164,7 @@ def inspect_display(
 def cautions(findings: Findings) -> list[str]:
     """Warnings and, last, what is no fault but good to know; one sentence or two each."""
     return [
+        *lenses_beside_panel(findings.design),
         *_on_depth(findings.design),
         *_on_viewing(findings),
         *_on_lenses(findings),

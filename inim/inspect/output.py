@@ -198,9 +198,7 @@ def _spots(findings: Findings) -> list[str]:
             )
         )
     if not find_lens_model(findings.lens_model).refracts:
-        lines.append(
-            "  A pinhole bends nothing: the width of a cell's directions is what spreads here."
-        )
+        lines.append("  Without refraction, the width of a cell's directions is what spreads here.")
     return lines
 
 

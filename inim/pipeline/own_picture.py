@@ -125,6 +125,7 @@ def run_picture(
     warnings: tuple[str, ...] = ()
     if request.rgbd is not None:
         rgbd = read_rgbd(request.rgbd)
+        warnings = _made_for_another(rgbd, display, str(request.rgbd))
     else:
         rgbd, warnings = request.picture.fitted(display, settings.capture_pixels_per_pitch)
     _check_picture(rgbd, display, str(request.named))
@@ -138,6 +139,20 @@ def run_picture(
         debug=debug,
     )
     return passed, request.folder
+
+
+def _made_for_another(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...]:
+    """A sentence where a fitted picture has not the size of one for this display."""
+    per_pitch = max(1, round(display.pitch_mm / rgbd.pixel_mm))
+    wanted = display.capture_shape(per_pitch)
+    if all(abs(a - b) <= per_pitch for a, b in zip(rgbd.shape, wanted, strict=True)):
+        return ()
+    high, wide = (n * display.capture_pixel_mm(per_pitch) for n in wanted)
+    return (
+        f"{name}: is {rgbd.width_mm:.4g} x {rgbd.height_mm:.4g} mm; a picture for display "
+        f"{display.name} is {wide:.4g} x {high:.4g} mm: name the display it was made for "
+        "with --display",
+    )
 
 
 def _chosen(request: PictureRequest) -> tuple[Display, Settings]:

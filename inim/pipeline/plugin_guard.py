@@ -22,7 +22,7 @@ from inim.generators import (
 from inim.plugins import blame
 from inim.rgbd import RGBD
 
-__all__ = ["blamed", "run_generator"]
+__all__ = ["blamed", "check_made", "run_generator"]
 
 
 @contextmanager
@@ -85,7 +85,7 @@ def run_generator(
     with blamed(name, "generate"):
         eia = generator.generate(rgbd)
     seconds = time.perf_counter() - started
-    _check(name, eia, (*display.eia_shape, 3), "float32")
+    check_made(name, eia, (*display.eia_shape, 3), "float32")
     if not isinstance(generator, SourceGenerator):
         return eia, seconds, None
     empty = _sources(name, generator, rgbd, display, mask) < 0
@@ -97,7 +97,7 @@ def _sources(
 ) -> np.ndarray:
     with blamed(name, "sources"):
         sources = generator.sources(rgbd)
-    _check(name, sources, display.eia_shape, "int32")
+    check_made(name, sources, display.eia_shape, "int32")
     colors, masked = rgbd.palette, sources if mask is None else sources[mask]
     low, high = (int(masked.min()), int(masked.max())) if masked.size else (NO_LENS, NO_LENS)
     pixels = colors.shape[0] * colors.shape[1]
@@ -109,7 +109,8 @@ def _sources(
     return np.asarray(sources)
 
 
-def _check(name: str, made: Any, shape: tuple[int, ...], kind: str) -> None:
+def check_made(name: str, made: Any, shape: tuple[int, ...], kind: str) -> None:
+    """Raise `UsageError` unless what an algorithm made is an array of this shape and type."""
     if not isinstance(made, np.ndarray):
         raise UsageError(
             f"algorithm {name!r} made a {type(made).__name__}; it must be a {kind} array of shape "

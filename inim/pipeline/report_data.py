@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from inim.accuracy_limits import accuracy_warnings
+from inim.accuracy_limits import accuracy_warnings, lenses_beside_panel
 from inim.pipeline.baseline import Comparison
 from inim.pipeline.measured import Measured
 from inim.pipeline.plan import Plan
@@ -83,8 +83,8 @@ def report_of(
 
 
 def _outside_limits(plan: Plan) -> list[str]:
-    """What of the display lies outside the limits that the stress run measured."""
-    return accuracy_warnings(
+    """What of the display lies outside its panel, or the limits that the stress run measured."""
+    return lenses_beside_panel(plan.display) + accuracy_warnings(
         plan.display,
         plan.settings.lens_model,
         viewpoints=plan.viewpoints,

@@ -25,7 +25,7 @@ from inim.display import Display
 from inim.errors import UsageError
 from inim.generators import Generator, is_own, parse_algorithm, prepare
 from inim.pipeline.measured import Measured
-from inim.pipeline.plugin_guard import blamed
+from inim.pipeline.plugin_guard import blamed, check_made
 from inim.pipeline.stage import Run
 from inim.regression import is_steady, log_ratios
 from inim.rgbd import RGBD, LayeredRGBD
@@ -285,7 +285,9 @@ class TimedMethod:
             return
         with blamed(self.name, "generate"):
             made = self.generator.generate(self.rgbd, self.out)
-            if made is not self.out:  # it wrote elsewhere: the EIA still has to get to its place
+        if made is not self.out:  # it wrote elsewhere: the EIA still has to get to its place
+            check_made(self.name, made, self.out.shape, str(self.out.dtype))
+            with blamed(self.name, "generate"):
                 self.out[...] = made
 
 

@@ -69,6 +69,11 @@ class Report:
             raise FileError(f"{path}: cannot be read ({error.strerror})") from None
         except ValueError as error:
             raise FileError(f"{path}: not a JSON report ({error})") from None
+        if isinstance(data, dict) and data.get("schema") == "inim.picture/1":
+            raise FileError(
+                f"{path}: is of a picture without a scene; take one of its EIAs, such as "
+                f"{path.parent / 'eia'}, with --display"
+            )
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
             raise FileError(f"{path}: not of schema {SCHEMA}; make it anew with inim validate")
         try:

@@ -124,6 +124,8 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
     scan.folder.check_whole(str(path))
     own = {k: v for k, v in definitions.items() if k.startswith(PREFIX)}
     for key in definitions.keys() - own.keys() - scan.defaults.keys():
+        if key in Settings.__dataclass_fields__:
+            raise SceneError(f"{path}: -D {key}: the setting is called {PREFIX}{key}")
         known = ", ".join(k for k in scan.defaults if not k.startswith(PREFIX)) or "none"
         raise SceneError(f"{path}: -D {key}: the scene has no such parameter (it has: {known})")
     # Mitsuba refuses parameters that a scene does not use; the inim.* ones mostly are not.

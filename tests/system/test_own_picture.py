@@ -16,6 +16,7 @@ from inim.display import Viewpoint
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.files.image import read_rgbd
 from inim.generators.oracle import exact_hits
+from inim.pipeline.own_picture import _made_for_another
 from inim.pipeline.warp import warped
 from inim.rgbd import RGBD
 from tests import oracle
@@ -161,6 +162,15 @@ def test_mistakes_are_one_line_and_leave_nothing(words, says, tmp_path, monkeypa
     assert main(["validate", *words]) == EXIT_USAGE
     assert_one_line(capsys.readouterr().err, says)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_picture_of_the_size_for_another_display_is_warned_of(finished):
+    rgbd = read_rgbd(finished[0] / "out" / "rgbd.exr")
+    display = the_display()
+    assert _made_for_another(rgbd, display, "x.exr") == ()
+    wider = display.replace(lens_columns=2 * display.lens_columns)
+    (said,) = _made_for_another(rgbd, wider, "x.exr")
+    assert "name the display it was made for" in said
 
 
 def test_a_picture_fitted_to_another_display_is_refused(finished, tmp_path, capsys):

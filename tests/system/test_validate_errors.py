@@ -67,6 +67,7 @@ SETTINGS = [
     ("inim.zzz=1", "inim settings"),
     ("inim.=1", "unknown setting"),
     ("foo=1", "-D foo: the scene has no such parameter"),
+    ("pitch_mm=1", "-D pitch_mm: the setting is called inim.pitch_mm"),
     ("inim.pitch_mm", "write -D key=value"),
     ("=1", "write -D key=value"),
     ("", "write -D key=value"),

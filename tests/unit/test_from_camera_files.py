@@ -152,6 +152,12 @@ def test_a_wrong_unit_is_named_with_the_right_one():
     assert np.nanmax(read_meaning(as_file(room()), vouched, "d.png").depth) == 3e6
 
 
+def test_a_median_beyond_what_depth_cameras_reach_is_warned_of():
+    far = read_meaning(as_file(room() * 5.0), MM, "d.png")
+    assert "m is far for a depth camera" in "".join(far.warnings)
+    assert "is far" not in "".join(read_meaning(as_file(room()), MM, "d.png").warnings)
+
+
 def test_depth_that_is_all_missing_is_named():
     for values in (np.zeros((5, 5)), np.full((5, 5), np.nan), np.full((5, 5), -1.0)):
         with pytest.raises(FileError, match="no pixel has a depth"):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from inim.accuracy_limits import lenses_beside_panel
+from inim.display import DISPLAYS
 from inim.display.viewpoint import Viewpoint, check_viewpoint, parse_viewpoints
 from inim.errors import DisplayError, FileError, SceneError, UsageError, ViewpointError
 from inim.scene.file import parse_definitions, read_scene_file
@@ -188,3 +190,23 @@ def test_the_limit_of_the_viewing_zone_is_the_formula_s():
     check_viewpoint(Viewpoint("in", limit - 1e-6, 0, 200), DISPLAY)
     with pytest.raises(ViewpointError):
         check_viewpoint(Viewpoint("out", limit + 1e-6, 0, 200), DISPLAY)
+
+
+def test_lenses_are_counted_from_a_panel_that_is_given():
+    given = {
+        "inim.display": "phone", "inim.panel_columns": "2340", "inim.panel_rows": "1080",
+        "inim.pixel_pitch_mm": "0.0629", "inim.pitch_mm": "1.2",
+    }  # fmt: skip
+    made = Settings.parse(given, "here").make_display("here")
+    assert (made.lens_columns, made.lens_rows) == (122, 56)  # 147.186 / 1.2, 67.932 / 1.2
+    assert made.beside_panel_mm == (0, 0)
+    kept = Settings.parse(given | {"inim.lens_columns": "152"}, "here").make_display("here")
+    assert (kept.lens_columns, kept.lens_rows) == (152, 56)
+    assert kept.beside_panel_mm[0] == pytest.approx(152 * 1.2 - 2340 * 0.0629)
+    (said,) = lenses_beside_panel(kept)
+    assert "set lens_columns to 122 and lens_rows to 56" in said
+
+
+@pytest.mark.parametrize("name", list(DISPLAYS))
+def test_presets_fit_their_panels(name):
+    assert lenses_beside_panel(DISPLAYS[name]) == []
