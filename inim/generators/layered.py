@@ -12,15 +12,8 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import (
-    OnPanel,
-    PictureShape,
-    SourceGenerator,
-    is_sparse,
-    masked,
-    masked_pixels,
-)
-from inim.generators.raycast.cells import Aside, check_ray_length
+from inim.generators.base import PictureShape, SourceGenerator
+from inim.generators.raycast.cells import check_ray_length
 from inim.generators.registry import algorithm
 
 __all__ = ["prepare"]
@@ -52,25 +45,9 @@ def prepare(
     UsageError
         Another number of samples, or rays so long that they are a slip.
     """
-    from inim.generators.raycast.direction_lists import shares_directions
-    from inim.generators.raycast.polyphase import fits_tables
-    from inim.generators.raycast.solids import NonSeparableSolids, SharedSolids, SolidsRayByRay
-    from inim.generators.raycast.supersampling import averaged
+    from inim.generators.raycast.solids import first_hits_in_solids
 
     if str(samples) not in ("1", "2", "4"):
         raise UsageError(f"layered: samples = {samples!r}; use 1, 2 or 4")
     check_ray_length("layered", display, shape, pixel_mm)
-    tables = fits_tables(display, shape, pixel_mm, _LAYERS) and shares_directions(display)
-    if mask is not None and tables and not is_sparse(mask):
-        return masked(prepare(display, shape, pixel_mm, samples=samples), mask)
-    pixels = masked_pixels(mask, display)
-
-    def first_hits_through(aside: Aside) -> SourceGenerator:
-        if not display.is_separable:
-            return NonSeparableSolids(display, shape, pixel_mm, aside, pixels)
-        if pixels is not None or not tables:
-            return SolidsRayByRay(display, shape, pixel_mm, aside, pixels)
-        return SharedSolids(display, shape, pixel_mm, aside)
-
-    made = averaged(display, int(samples), first_hits_through)
-    return made if pixels is None else OnPanel(made)
+    return first_hits_in_solids(display, shape, pixel_mm, int(samples), mask, layers=_LAYERS)

@@ -75,6 +75,7 @@ class _Stated:
     color: str | None = None
     marker: str | None = None
     interpreted_with: Mapping[str, str] = field(default_factory=dict)
+    inexact_with: Mapping[str, str] = field(default_factory=dict)
 
 
 def algorithm(
@@ -85,6 +86,7 @@ def algorithm(
     color: str | None = None,
     marker: str | None = None,
     interpreted_with: Mapping[str, str] | None = None,
+    inexact_with: Mapping[str, str] | None = None,
 ) -> Callable[[_AnyPrepare], _AnyPrepare]:
     """State the properties of an algorithm; decorates its `prepare`.
 
@@ -100,8 +102,12 @@ def algorithm(
         Of its points in plots, as matplotlib names them.
     interpreted_with : {option: value}, optional
         The options with which it runs as plain Python.
+    inexact_with : {option: value}, optional
+        The options with which its definition is another than a first hit in solid columns.
     """
-    stated = _Stated(exact, portable, reads_layers, color, marker, interpreted_with or {})
+    stated = _Stated(
+        exact, portable, reads_layers, color, marker, interpreted_with or {}, inexact_with or {}
+    )
 
     def state(prepare: _AnyPrepare) -> _AnyPrepare:
         setattr(prepare, _STATED, stated)
@@ -186,17 +192,20 @@ class Algorithm:
         """Its properties with some options."""
         stated = getattr(self.prepare, _STATED, None)
         stated = stated if isinstance(stated, _Stated) else _Stated()
-        plain = stated.interpreted_with.items()
+
+        def given(wanted: Mapping[str, str]) -> bool:
+            return bool(wanted) and all(options.get(k) == v for k, v in wanted.items())
+
         return AlgorithmProperties(
             self.name,
             self.own,
-            stated.exact,
+            stated.exact and not given(stated.inexact_with),
             stated.portable,
             stated.reads_layers,
             stated.color,
             stated.marker,
             self.takes_mask,
-            bool(plain) and all(options.get(key) == value for key, value in plain),
+            given(stated.interpreted_with),
         )
 
 

@@ -8,6 +8,9 @@ leaves that cell (or z_min, where the ray ends) gives the source. No such cell: 
 A ray that runs exactly along a border between cells belongs to the cell of the larger row or
 column; one that crosses exactly at a corner passes to the diagonal neighbour.
 
+With `columns=surface` a column ends where the surface that its pixel shows does, by the rule of
+`raycast.surfaces`, and a ray that enters a cell below the column's back passes on behind it.
+
 Three ways lead to the same sources, bit for bit, on displays that are separable:
 
 * where co-located pixels of all lenses are parallel and the picture has a whole number of pixels
@@ -40,18 +43,21 @@ from inim.generators.base import (
     masked_pixels,
 )
 from inim.generators.raycast.cells import Aside, check_ray_length
-from inim.generators.registry import algorithm
+from inim.generators.registry import algorithm, one_of
 
 __all__ = ["prepare", "ray_by_ray"]
 
 
-@algorithm(exact=True, portable=True, color="#0072b2", marker="o")
+@algorithm(
+    exact=True, portable=True, color="#0072b2", marker="o", inexact_with={"columns": "surface"}
+)
 def prepare(
     display: Display,
     shape: PictureShape,
     pixel_mm: float,
     *,
     samples: int | str = 1,
+    columns: str = "solid",
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
     """Exact first hits: the columns of one picture. The one to take if unsure.
@@ -64,6 +70,9 @@ def prepare(
         Rays per panel pixel, or per sub-pixel where it has some: through its centre; through two
         points on its diagonal; through the centres of its quarters, or of those of its shining part
         (`Display.pixel_fill`). Colours are averaged in linear light, a hole counting as black.
+    columns : {"solid", "surface"}
+        Solid all the way back, or as thick as the surface that a pixel shows
+        (`inim.generators.raycast.surfaces`).
 
     Raises
     ------
@@ -79,6 +88,12 @@ def prepare(
     if str(samples) not in ("1", "2", "4"):
         raise UsageError(f"template: samples = {samples!r}; use 1, 2 or 4")
     check_ray_length("template", display, shape, pixel_mm)
+    if one_of("template: columns", columns, ("solid", "surface")) == "surface":
+        from inim.generators.raycast.solids import first_hits_in_solids
+        from inim.generators.raycast.surfaces import Surfaces
+
+        solids = first_hits_in_solids(display, shape, pixel_mm, int(samples), mask, layers=1)
+        return Surfaces(solids)
     tables = fits_tables(display, shape, pixel_mm)
     if mask is not None and tables and not is_sparse(mask):
         return masked(prepare(display, shape, pixel_mm, samples=samples), mask)

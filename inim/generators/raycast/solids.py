@@ -14,10 +14,26 @@ import numba
 import numpy as np
 
 from inim.display import Display
-from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources
+from inim.generators.base import (
+    HOLE,
+    OnPanel,
+    PictureShape,
+    PixelList,
+    SourceGenerator,
+    Sources,
+    is_sparse,
+    masked,
+    masked_pixels,
+)
 from inim.generators.raycast.cells import Aside, cell_rays
-from inim.generators.raycast.direction_lists import build_lists
-from inim.generators.raycast.polyphase import Phases, index_payload, nearest_surface, write_strip
+from inim.generators.raycast.direction_lists import build_lists, shares_directions
+from inim.generators.raycast.polyphase import (
+    Phases,
+    fits_tables,
+    index_payload,
+    nearest_surface,
+    write_strip,
+)
 from inim.generators.raycast.ray_by_ray import NonSeparable, entered, leaves, ray_blocks
 from inim.generators.raycast.simd import (
     LANES,
@@ -31,11 +47,48 @@ from inim.generators.raycast.simd import (
     same,
     store,
 )
+from inim.generators.raycast.supersampling import averaged
 from inim.rgbd import RGBD, Layer
 
-__all__ = ["NonSeparableSolids", "SharedSolids", "SolidsRayByRay"]
+__all__ = ["NonSeparableSolids", "SharedSolids", "SolidsRayByRay", "first_hits_in_solids"]
 
 _LANES = np.uintp(LANES)
+
+
+def first_hits_in_solids(
+    display: Display,
+    shape: PictureShape,
+    pixel_mm: float,
+    samples: int,
+    mask: np.ndarray | None,
+    *,
+    layers: int,
+) -> SourceGenerator:
+    """The generator of first hits in solids, by the fastest way that a display allows.
+
+    Parameters
+    ----------
+    display, shape, pixel_mm, mask :
+        See `inim.generators.prepare`.
+    samples : {1, 2, 4}
+    layers : int
+        Of usual pictures: what tables are made for is not known before a picture comes.
+    """
+    tables = fits_tables(display, shape, pixel_mm, layers) and shares_directions(display)
+    if mask is not None and tables and not is_sparse(mask):
+        whole = first_hits_in_solids(display, shape, pixel_mm, samples, None, layers=layers)
+        return masked(whole, mask)
+    pixels = masked_pixels(mask, display)
+
+    def through(aside: Aside) -> SourceGenerator:
+        if not display.is_separable:
+            return NonSeparableSolids(display, shape, pixel_mm, aside, pixels)
+        if pixels is not None or not tables:
+            return SolidsRayByRay(display, shape, pixel_mm, aside, pixels)
+        return SharedSolids(display, shape, pixel_mm, aside)
+
+    made = averaged(display, samples, through)
+    return made if pixels is None else OnPanel(made)
 
 
 def _stacked(rgbd: RGBD) -> tuple[np.ndarray, np.ndarray]:
