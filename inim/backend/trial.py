@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from inim.backend import machine
+from inim.python_process import python_code
 
 __all__ = ["REMEMBERED", "Verdict", "cache_file", "probe", "verdict_on"]
 
@@ -94,8 +95,8 @@ def probe(variant: str, variables: dict[str, str], seconds: float = _PROBE_SECON
 
     try:
         child = subprocess.run(
-            [sys.executable, "-c", PROBE, variant],
-            env={**os.environ, **variables, "PYTHONSAFEPATH": "1"},
+            python_code(PROBE, variant),
+            env={**os.environ, **variables},
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=seconds,

@@ -18,7 +18,6 @@ import resource
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from typing import Any
 from inim import backend as backends
 from inim import errors
 from inim.errors import InimError, OutOfMemoryError, WorkerError
+from inim.python_process import child_environment, python_module
 from inim.worker.serve import Job
 
 __all__ = ["OnStage", "OnStart", "outcome_of", "run_in_worker"]
@@ -127,8 +127,8 @@ class _Worker:
     def __init__(self, target: str, variables: Mapping[str, str], about: str) -> None:
         read_end, write_end = os.pipe()
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "inim.worker", target, str(write_end), about],
-            env={**os.environ, **variables},
+            python_module("inim.worker", target, str(write_end), about),
+            env={**child_environment(), **variables},
             stdin=subprocess.PIPE,
             pass_fds=(write_end,),
         )

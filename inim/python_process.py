@@ -1,0 +1,49 @@
+"""How Python is started for a child process: nothing that lies in the current folder is imported.
+
+`python -m` and `python -c` put the current folder before the standard library, and there lies
+whatever a user keeps beside a scene: a `numpy.py` would be executed. What `PYTHONPATH` names is the
+user's own choice, and stays.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib.machinery import PathFinder
+from pathlib import Path
+
+import inim
+
+__all__ = ["child_environment", "python_code", "python_module"]
+
+_HAS_SAFE_PATH = sys.version_info >= (3, 11)
+
+
+def python_code(code: str, *arguments: str) -> list[str]:
+    """The command that runs some code; `arguments` are its ``sys.argv[1:]``."""
+    if _HAS_SAFE_PATH:
+        return [sys.executable, "-P", "-c", code, *arguments]
+    return [sys.executable, "-c", f"import sys; del sys.path[0]\n{code}", *arguments]
+
+
+def python_module(module: str, *arguments: str) -> list[str]:
+    """The command that runs a module as a program."""
+    if _HAS_SAFE_PATH:
+        return [sys.executable, "-P", "-m", module, *arguments]
+    run = f"import runpy; runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
+    return python_code(run, *arguments)
+
+
+def child_environment() -> dict[str, str]:
+    """Variables for a child; with the package's own place, where it would be found by no other."""
+    home = Path(inim.__file__).resolve().parents[1]
+    try:
+        here = Path.cwd()
+    except OSError:  # it was deleted
+        here = None
+    elsewhere = [place for place in sys.path if place and Path(place).resolve() != here]
+    found = PathFinder.find_spec("inim", elsewhere)
+    if found is not None and found.origin and Path(found.origin).resolve().parents[1] == home:
+        return dict(os.environ)
+    places = [str(home), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(places)}
