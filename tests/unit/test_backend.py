@@ -172,7 +172,8 @@ def test_next_is_tried_when_the_newest_is_refused(
     folder = libraries(tmp_path / "lib", "libLLVM-18.so.1", "libLLVM.so.19.1")
 
     def answer(variant: str, variables: dict[str, str]) -> Verdict:
-        return Verdict(False, "bad") if "19" in variables["DRJIT_LIBLLVM_PATH"] else GOOD
+        name = Path(variables["DRJIT_LIBLLVM_PATH"]).name  # folders may have a 19 in theirs
+        return Verdict(False, "bad") if "19" in name else GOOD
 
     monkeypatch.setattr(trial, "probe", answer)
     assert backend.choose_backend("llvm", [folder]).libllvm == folder / "libLLVM-18.so.1"
