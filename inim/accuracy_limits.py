@@ -81,13 +81,12 @@ def lenses_beside_panel(display: Display) -> list[str]:
     wide, high = display.beside_panel_mm
     if max(wide, high) < display.pixel_pitch_mm:
         return []
-    rows, columns = display.eia_shape
-    pixel, pitch = display.pixel_pitch_mm, display.elemental_image_pitch_mm
-    fits = int(columns * pixel / pitch), int(rows * pixel / display.elemental_row_pitch_mm)
+    high_mm, wide_mm = (n * display.pixel_pitch_mm for n in display.eia_shape)
+    rows, columns = display.lenses_on_panel
     return [
         f"the lens array is {wide:.4g} mm wider and {high:.4g} mm higher than the panel, "
-        f"{columns * pixel:.5g} x {rows * pixel:.5g} mm: what lies beside it is cut off; "
-        f"set lens_columns to {fits[0]} and lens_rows to {fits[1]}"
+        f"{wide_mm:.5g} x {high_mm:.5g} mm: what lies beside it is cut off; "
+        f"set lens_columns to {columns} and lens_rows to {rows}"
     ]
 
 

@@ -48,10 +48,11 @@ COMMANDS = {
 class _Parser(argparse.ArgumentParser):
     """One line per mistake instead of a page of usage."""
 
+    #: The command whose help to name, where it is not this parser's own.
+    about = ""
+
     def error(self, message: str) -> NoReturn:
-        named = next((word for word in sys.argv[1:2] if word in COMMANDS), "")
-        prog = f"{self.prog} {named}" if named and self.prog == "inim" else self.prog
-        self.exit(EXIT_USAGE, f"inim: error: {message}; see {prog} --help\n")
+        self.exit(EXIT_USAGE, f"inim: error: {message}; see {self.about or self.prog} --help\n")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -107,6 +108,8 @@ def _parser(named: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"inim {__version__}")
     # argparse keeps the type of what add_subparsers returns to itself.
     commands: Any = parser.add_subparsers(required=True, metavar="COMMAND")
+    if named in COMMANDS:
+        parser.about = f"inim {named}"
     for name in [named] if named in COMMANDS else COMMANDS:
         command = import_module(f"inim.commands.{COMMANDS[name]}").COMMANDS[name]
         own = commands.add_parser(name, help=command.summary)

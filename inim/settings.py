@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from inim.display import DISPLAYS, Display
-from inim.display.pixels import stated
 from inim.errors import DisplayError, SceneError
 
 __all__ = ["PREFIX", "Settings", "setting_table"]
@@ -175,8 +174,14 @@ class Settings:
             # The preset's panel belongs to the preset's array; a changed array gets its own.
             given |= {"panel_columns": None, "panel_rows": None}
         try:
-            given |= _lenses_on_panel(preset, given)
-            return preset.replace(name=f"{preset.name}, changed", **given)
+            made = preset.replace(name=f"{preset.name}, changed", **given)
+            # A panel that is given without its lenses has as many as fit on it.
+            counted = {
+                f"lens_{axis}": lenses
+                for axis, lenses in zip(("rows", "columns"), made.lenses_on_panel, strict=True)
+                if given.get(f"panel_{axis}") and f"lens_{axis}" not in given
+            }
+            return made.replace(**counted) if counted else made
         except DisplayError as error:
             raise DisplayError(f"{source}: {error}") from None
 
@@ -206,23 +211,6 @@ class Settings:
                     raise SceneError(f"{source}: {key} limits {one!r} twice; keep one limit")
                 limits[one] = limit
         return limits
-
-
-def _lenses_on_panel(preset: Display, given: Mapping[str, Any]) -> dict[str, int]:
-    """As many lenses as have their whole elemental image on a panel that is given without them."""
-    array = preset.replace(
-        **{k: v for k, v in given.items() if not k.startswith("panel_")}
-        | {"panel_columns": None, "panel_rows": None}
-    )
-    pitches = {
-        "columns": array.elemental_image_pitch_mm,
-        "rows": array.elemental_row_pitch_mm,
-    }
-    return {
-        f"lens_{axis}": int(stated(array.pixel_pitch_mm) * given[f"panel_{axis}"] // stated(pitch))
-        for axis, pitch in pitches.items()
-        if given.get(f"panel_{axis}") and f"lens_{axis}" not in given
-    }
 
 
 def _read(key: str, text: str, kind: str, source: str) -> Any:

@@ -3,11 +3,9 @@
 import sys
 
 if __name__ == "__main__":
-    if not getattr(sys.flags, "safe_path", False):
-        del sys.path[0]  # the current folder: nothing in it is meant to be imported
-    from inim.cli import main
+    from inim.program import run
 
-    sys.exit(main(["validate", *sys.argv[1:]]))
+    run("validate")
 
 from inim.pipeline.validation import validate
 

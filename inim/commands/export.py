@@ -39,9 +39,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from inim.color import srgb_codes
-    from inim.files.eia_file import write_true_size_pdf
-
     if not (args.pdf or args.views or args.hci or args.quilt):
         raise UsageError(
             "nothing to write: give --pdf FILE, --views DIR, --hci DIR or --quilt FILE"
@@ -50,6 +47,9 @@ def _run(args: argparse.Namespace) -> int:
         if path is not None and path.exists() and not path.is_dir():
             raise FileError(f"{option} {path}: is a file; name a folder")
     grid = _grid(args.grid)
+    from inim.color import srgb_codes
+    from inim.files.eia_file import write_true_size_pdf
+
     eia, display = _eia(args)
     codes = srgb_codes(eia)
     if args.pdf is not None:

@@ -566,6 +566,14 @@ class Display:
         )
 
     @property
+    def lenses_on_panel(self) -> tuple[int, int]:
+        """Rows and columns of lenses whose elemental images lie wholly on the panel."""
+        down, across = (
+            int(n // p) for n, p in zip(self.eia_shape, self._exact_pixels_per_lens, strict=True)
+        )
+        return down, across
+
+    @property
     def beside_panel_mm(self) -> tuple[float, float]:
         """How much wider and higher than the panel the elemental images are; 0 where they fit."""
         rows, columns = self.eia_shape

@@ -12,6 +12,7 @@ depends on its own ray and the picture, and on no other pixel.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, overload, runtime_checkable
 
@@ -36,6 +37,7 @@ __all__ = [
     "check_mask",
     "check_out",
     "colour_of",
+    "for_mask",
     "hole_fraction",
     "is_sparse",
     "masked",
@@ -295,6 +297,31 @@ class OnPanel(SourceGenerator):
         panel[...] = 0
         panel[self._at] = self._listed.generate(rgbd)[0]
         return panel
+
+
+def for_mask(
+    mask: np.ndarray | None,
+    display: Display,
+    make: Callable[[PixelList | None], SourceGenerator],
+    *,
+    dense_in_full: bool = False,
+) -> SourceGenerator:
+    """A generator of the pixels of a mask, or of all.
+
+    Parameters
+    ----------
+    mask : (rows, columns) bool, optional
+    display : Display
+    make : callable
+        Makes the generator of a list of pixels, or of the panel for None.
+    dense_in_full : bool
+        Run the panel's, and blacken, where a mask is not sparse.
+    """
+    if mask is not None and dense_in_full and not is_sparse(mask):
+        return masked(make(None), mask)
+    pixels = masked_pixels(mask, display)
+    made = make(pixels)
+    return made if pixels is None else OnPanel(made)
 
 
 class Masked:

@@ -35,12 +35,11 @@ from inim.display.pixels import stated
 from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
-    OnPanel,
     PictureShape,
     PixelList,
     SourceGenerator,
     Sources,
-    masked_pixels,
+    for_mask,
 )
 from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.raycast.cells import Aside, cell_rays
@@ -87,13 +86,14 @@ def prepare(
 
     from inim.generators.raycast.supersampling import averaged
 
-    pixels = masked_pixels(mask, display)
-    made = averaged(
-        display,
-        1,
-        lambda aside: _Gu2020(display, shape, pixel_mm, depths, chosen, aside, pixels),
-    )
-    return made if pixels is None else OnPanel(made)
+    def searched(pixels: PixelList | None) -> SourceGenerator:
+        return averaged(
+            display,
+            1,
+            lambda aside: _Gu2020(display, shape, pixel_mm, depths, chosen, aside, pixels),
+        )
+
+    return for_mask(mask, display, searched)
 
 
 class _Gu2020(SourceGenerator):

@@ -35,12 +35,10 @@ import numpy as np
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators.base import (
-    OnPanel,
     PictureShape,
+    PixelList,
     SourceGenerator,
-    is_sparse,
-    masked,
-    masked_pixels,
+    for_mask,
 )
 from inim.generators.raycast.cells import Aside, check_ray_length
 from inim.generators.registry import algorithm, one_of
@@ -95,21 +93,20 @@ def prepare(
         solids = first_hits_in_solids(display, shape, pixel_mm, int(samples), mask, layers=1)
         return Surfaces(solids)
     tables = fits_tables(display, shape, pixel_mm)
-    if mask is not None and tables and not is_sparse(mask):
-        return masked(prepare(display, shape, pixel_mm, samples=samples), mask)
-    pixels = masked_pixels(mask, display)
 
-    def first_hits_through(aside: Aside) -> SourceGenerator:
-        if not display.is_separable:
-            return NonSeparable(display, shape, pixel_mm, aside, pixels)
-        if pixels is not None or not tables:
-            return RayByRay(display, shape, pixel_mm, aside, pixels)
-        if shares_directions(display):
-            return SharedDirections(display, shape, pixel_mm, aside)
-        return NonIntegerPitch(display, shape, pixel_mm, aside)
+    def first_hits(pixels: PixelList | None) -> SourceGenerator:
+        def through(aside: Aside) -> SourceGenerator:
+            if not display.is_separable:
+                return NonSeparable(display, shape, pixel_mm, aside, pixels)
+            if pixels is not None or not tables:
+                return RayByRay(display, shape, pixel_mm, aside, pixels)
+            if shares_directions(display):
+                return SharedDirections(display, shape, pixel_mm, aside)
+            return NonIntegerPitch(display, shape, pixel_mm, aside)
 
-    made = averaged(display, int(samples), first_hits_through)
-    return made if pixels is None else OnPanel(made)
+        return averaged(display, int(samples), through)
+
+    return for_mask(mask, display, first_hits, dense_in_full=tables)
 
 
 def ray_by_ray(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:

@@ -41,12 +41,11 @@ from inim.display import Display
 from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
-    OnPanel,
     PictureShape,
     PixelList,
     SourceGenerator,
     Sources,
-    masked_pixels,
+    for_mask,
     require_separable,
 )
 from inim.generators.plain import IMPLEMENTATIONS, prange, run
@@ -92,9 +91,11 @@ def prepare(
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
     require_separable(display, "wang2024")
     _check_length(display, shape, pixel_mm, along_ray)
-    pixels = masked_pixels(mask, display)
-    made = _Wang2024(display, shape, pixel_mm, along_ray, chosen, pixels)
-    return made if pixels is None else OnPanel(made)
+    return for_mask(
+        mask,
+        display,
+        lambda pixels: _Wang2024(display, shape, pixel_mm, along_ray, chosen, pixels),
+    )
 
 
 def _check_length(display: Display, shape: PictureShape, pixel_mm: float, along_ray: bool) -> None:

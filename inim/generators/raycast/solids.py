@@ -16,14 +16,11 @@ import numpy as np
 from inim.display import Display
 from inim.generators.base import (
     HOLE,
-    OnPanel,
     PictureShape,
     PixelList,
     SourceGenerator,
     Sources,
-    is_sparse,
-    masked,
-    masked_pixels,
+    for_mask,
 )
 from inim.generators.raycast.cells import Aside, cell_rays
 from inim.generators.raycast.direction_lists import build_lists, shares_directions
@@ -75,20 +72,18 @@ def first_hits_in_solids(
         Of usual pictures: what tables are made for is not known before a picture comes.
     """
     tables = fits_tables(display, shape, pixel_mm, layers) and shares_directions(display)
-    if mask is not None and tables and not is_sparse(mask):
-        whole = first_hits_in_solids(display, shape, pixel_mm, samples, None, layers=layers)
-        return masked(whole, mask)
-    pixels = masked_pixels(mask, display)
 
-    def through(aside: Aside) -> SourceGenerator:
-        if not display.is_separable:
-            return NonSeparableSolids(display, shape, pixel_mm, aside, pixels)
-        if pixels is not None or not tables:
-            return SolidsRayByRay(display, shape, pixel_mm, aside, pixels)
-        return SharedSolids(display, shape, pixel_mm, aside)
+    def first_hits(pixels: PixelList | None) -> SourceGenerator:
+        def through(aside: Aside) -> SourceGenerator:
+            if not display.is_separable:
+                return NonSeparableSolids(display, shape, pixel_mm, aside, pixels)
+            if pixels is not None or not tables:
+                return SolidsRayByRay(display, shape, pixel_mm, aside, pixels)
+            return SharedSolids(display, shape, pixel_mm, aside)
 
-    made = averaged(display, samples, through)
-    return made if pixels is None else OnPanel(made)
+        return averaged(display, samples, through)
+
+    return for_mask(mask, display, first_hits, dense_in_full=tables)
 
 
 def _stacked(rgbd: RGBD) -> tuple[np.ndarray, np.ndarray]:
