@@ -163,6 +163,16 @@ class PixelAxis:
         fold, by = pixels.denominator, pixels.numerator * self.step
         return tuple(fold * offset - by for offset in self.offset)
 
+    def elemental_images(self, lenses: int) -> tuple[np.ndarray, np.ndarray]:
+        """First pixel of each lens, and the one after its last; equal where it has none."""
+        # Lenses ascend along the panel; those beside it are -1.
+        covered = np.flatnonzero(self.lens >= 0)
+        start = covered[0] if len(covered) else 0
+        order = self.lens[covered]
+        first = np.searchsorted(order, np.arange(lenses), side="left") + start
+        end = np.searchsorted(order, np.arange(lenses), side="right") + start
+        return first.astype(np.int64), end.astype(np.int64)
+
 
 def pixel_axis(
     pixels: int,

@@ -7,6 +7,7 @@ An algorithm is one file of this folder, or a function that another package anno
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from inim.generators.base import (
 )
 from inim.generators.registry import (
     DEFAULT,
+    FILL,
     MASK,
     PICKUP,
     Algorithm,
@@ -40,6 +42,7 @@ from inim.generators.registry import (
     check_algorithm,
     find_algorithm,
     is_own,
+    one_of,
     parse_algorithm,
     properties,
 )
@@ -99,7 +102,9 @@ def prepare(
         black, with alpha 0, and `MASKED` among sources. Algorithms that take a mask do the work of
         these pixels only (`properties`: ``takes_mask``); others are run in full.
     **options
-        The algorithm's own; see its module.
+        The algorithm's own, see its module; and for all that say where their colours come from
+        ``fill``, "none", "hidden" or "all": what to show where a ray meets nothing, see
+        `inim.generators.fill`. Their sources stay as they are without it.
 
     Raises
     ------
@@ -111,15 +116,37 @@ def prepare(
     found = find_algorithm(name)
     merged = {**written, **options}
     found.check_options(merged)
+    fill = "none" if found.fills_itself else merged.pop(FILL, "none")
+    filling = _filling(name, fill)
+    # What fills a hole may lie outside the mask.
+    sparse = found.takes_mask and filling is None
     if mask is not None:
         check_mask(mask, display)
-        merged |= {MASK: mask} if found.takes_mask else {}
+        merged |= {MASK: mask} if sparse else {}
     made = found.prepare(display, tuple(shape), float(pixel_mm), **merged)
     if not isinstance(made, Generator):
         raise UsageError(f"algorithm {name!r} made a {type(made).__name__}, which cannot generate")
-    if mask is None or found.takes_mask:
-        return made
-    return masked(made, mask)
+    if filling is not None:
+        made = filling(made)
+    return made if mask is None or sparse else masked(made, mask)
+
+
+def _filling(name: str, fill: Any) -> Callable[[Generator], Generator] | None:
+    """What makes a generator fill its holes; None for one that does not."""
+    if one_of("fill", fill, ("none", "hidden", "all")) == "none":
+        return None
+
+    def filled(made: Generator) -> Generator:
+        from inim.generators.fill import Filled
+
+        if not isinstance(made, SourceGenerator):
+            raise UsageError(
+                f"algorithm {name!r} does not say where its colours come from, and so not what "
+                "is a hole; leave fill out"
+            )
+        return Filled(made, fill)
+
+    return filled
 
 
 def find_sources(rgbd: RGBD, display: Display, algorithm: str = DEFAULT, **options: Any) -> Sources:

@@ -14,7 +14,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, overload, runtime_checkable
+from fractions import Fraction
+from typing import Any, NamedTuple, Protocol, overload, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ __all__ = [
     "OnPanel",
     "PictureShape",
     "PixelList",
+    "Ray",
     "SourceGenerator",
     "Sources",
     "check_mask",
@@ -139,6 +141,24 @@ class PixelList:
         return cls(*np.divmod(np.flatnonzero(mask), mask.shape[1]))
 
 
+class Ray(NamedTuple):
+    """One ray of every pixel.
+
+    Attributes
+    ----------
+    aside : (down, right)
+        Where in its pixel it starts, in pixels from the centre.
+    channels : tuple of int
+        Colours that it shows.
+    generator : SourceGenerator
+        Whose sources are what it meets.
+    """
+
+    aside: tuple[Fraction, Fraction]
+    channels: tuple[int, ...]
+    generator: SourceGenerator
+
+
 class SourceGenerator(ABC):
     """A generator that names, for each panel pixel, the picture's pixel it shows.
 
@@ -159,6 +179,8 @@ class SourceGenerator(ABC):
 
     #: For those by others that do without this class's `__init__`.
     pixels: PixelList | None = None
+    #: Where in its pixel each ray starts, down and right of the centre.
+    aside: tuple[Fraction, Fraction] = (Fraction(0), Fraction(0))
 
     def __init__(
         self,
@@ -199,6 +221,10 @@ class SourceGenerator(ABC):
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
         return colour_of(self.sources(rgbd), rgbd, self.place(rgbd, out))
+
+    def rays(self) -> list[Ray]:
+        """The rays whose colours it shows; the mean of them, of several that show one colour."""
+        return [Ray(self.aside, (0, 1, 2), self)]
 
     def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
         """Whether what it makes of a picture are the colours of its sources and nothing else."""

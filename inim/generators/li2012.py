@@ -167,7 +167,7 @@ def _axis(
     lens_z, lens_g, pixel_g, unit = _whole(
         centres, [x0 * gap for x0 in centres], [x * gap for x in places], [pixel]
     )
-    first, end = _elemental_images(panel, len(centres))
+    first, end = panel.elemental_images(len(centres))
     middle = len(panel.lens) / 2
     edges_mm = np.stack([first - middle, end - middle]) * display.pixel_pitch_mm
     x0 = np.array(centres, np.float64)
@@ -188,17 +188,6 @@ def _whole(*lengths: list[Fraction]) -> list[np.ndarray]:
     if max(abs(length) for length in everything) * factor >= _EXACT:
         factor = Fraction(1)
     return [np.array([float(length * factor) for length in group]) for group in lengths]
-
-
-def _elemental_images(panel: PixelAxis, lenses: int) -> tuple[np.ndarray, np.ndarray]:
-    """First panel pixel of each lens, and the one after its last; equal where it has none."""
-    # Lenses ascend along the panel; those beside it are -1.
-    covered = np.flatnonzero(panel.lens >= 0)
-    start = covered[0] if len(covered) else 0
-    order = panel.lens[covered]
-    first = np.searchsorted(order, np.arange(lenses), side="left") + start
-    end = np.searchsorted(order, np.arange(lenses), side="right") + start
-    return first.astype(np.int64), end.astype(np.int64)
 
 
 class _Li2012(SourceGenerator):

@@ -34,6 +34,7 @@ from inim.plugins import announced, load
 
 __all__ = [
     "DEFAULT",
+    "FILL",
     "MASK",
     "PICKUP",
     "Algorithm",
@@ -56,6 +57,9 @@ DEFAULT = "template"
 PICKUP = "pickup"
 #: The parameter of a `prepare` that takes a pixel mask; not an option of the algorithm.
 MASK = "mask"
+
+#: An option of every algorithm that says where its colours come from; see `inim.generators.fill`.
+FILL = "fill"
 
 _ENTRY_POINTS = "inim.generators"
 # Where `algorithm` leaves the properties of a `prepare`.
@@ -178,13 +182,18 @@ class Algorithm:
         """The first line of `prepare`'s docstring."""
         return (inspect.getdoc(self.prepare) or "").partition("\n")[0]
 
+    @property
+    def fills_itself(self) -> bool:
+        """Whether it has an option ``fill`` of its own."""
+        return any(p.name == FILL for p in self.options)
+
     def check_options(self, options: Mapping[str, Any]) -> None:
         """Raise `UsageError` for an option that it does not have."""
         if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in self.options):
             return
         names = [p.name for p in self.options]
         for key in options:
-            if key not in names:
+            if key not in (*names, FILL):
                 has = f"its options are {', '.join(names)}" if names else "it has none"
                 raise UsageError(f"algorithm {self.name!r} has no option {key!r}; {has}")
 

@@ -22,7 +22,7 @@ import numpy as np
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS, SubPixel, stated
-from inim.generators.base import SourceGenerator, Sources
+from inim.generators.base import Ray, SourceGenerator, Sources
 from inim.generators.raycast.cells import CENTRE, Aside
 from inim.rgbd import RGBD
 
@@ -55,10 +55,15 @@ def averaged(
         Makes the generator of the rays through one place of every pixel.
     """
 
+    def through(place: Aside) -> SourceGenerator:
+        made = make(place)
+        made.aside = place
+        return made
+
     def of_subpixel(subpixel: SubPixel) -> SourceGenerator:
         if samples == 1:
-            return make((Fraction(0), subpixel.right))
-        return Supersampled(make, _sampled_places(samples, subpixel, display.pixel_fill))
+            return through((Fraction(0), subpixel.right))
+        return Supersampled(through, _sampled_places(samples, subpixel, display.pixel_fill))
 
     if display.subpixels == "none":
         return of_subpixel(_WHOLE)
@@ -116,6 +121,10 @@ class Supersampled(SourceGenerator):
         """See `SourceGenerator.find`."""
         return self._centre.find(rgbd)
 
+    def rays(self) -> list[Ray]:
+        """See `SourceGenerator.rays`."""
+        return [ray for one in self._each for ray in one.rays()]
+
     def samples(self, rgbd: RGBD) -> np.ndarray:
         """Sources of each ray of every pixel, (rays, rows, columns)."""
         return np.stack([one.sources(rgbd) for one in self._each])
@@ -168,6 +177,14 @@ class Subpixelled(SourceGenerator):
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
         return self._centre.find(rgbd)
+
+    def rays(self) -> list[Ray]:
+        """See `SourceGenerator.rays`."""
+        return [
+            ray._replace(channels=tuple(channels))
+            for one, channels in self._each
+            for ray in one.rays()
+        ]
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""

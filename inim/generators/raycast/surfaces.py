@@ -16,7 +16,7 @@ import math
 import numba
 import numpy as np
 
-from inim.generators.base import SourceGenerator, Sources
+from inim.generators.base import Ray, SourceGenerator, Sources
 from inim.rgbd import RGBD, LayeredRGBD
 
 __all__ = ["STEEPEST", "THICKNESS_PX", "Surfaces", "surface_backs", "with_backs"]
@@ -75,6 +75,10 @@ class Surfaces(SourceGenerator):
         """See `Generator.generate`."""
         self.check(rgbd)
         return self._solids.generate(with_backs(rgbd), out)
+
+    def rays(self) -> list[Ray]:
+        """See `SourceGenerator.rays`."""
+        return [ray._replace(generator=Surfaces(ray.generator)) for ray in self._solids.rays()]
 
     def shows_sources(self, rgbd: RGBD) -> bool:
         """See `SourceGenerator.shows_sources`."""
