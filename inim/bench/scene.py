@@ -52,7 +52,7 @@ _DEFAULT = (
     "gu2020",
     "gu2020:step_mm=0.2",
     "li2012",
-    "li2012:fill=nearest",
+    "li2012:fill=hidden",
 )
 # What a name is tried on: as small as a display gets.
 _TRIAL = Display(1.0, 3.0, 3.3, 0.25, 1, 1)

@@ -45,6 +45,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--hci", type=Path, metavar="DIR", help="instead of both: an HCI 4D light field")
     add("--true-views", action="store_true", help="with --hci: of all views, not of the centre one")
     add("--algorithm", default=_DEFAULT_ALGORITHM, help="see `inim algorithms`; template:samples=4")
+    add("--fill", default="none", help="holes of the EIA: none, hidden (behind things), or all")
     add("-o", "--out", type=Path, default=Path("eia.png"), help="EIA, .png or .exr (eia.png)")
     add("--pdf", type=Path, help="also a PDF that prints at true size")
     add("--rgbd", type=Path, help="also the fitted colour and depth, .exr")
@@ -78,11 +79,11 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], list[str]]:
     camera = picture.camera()
     from inim.generators import check_algorithm
 
-    check_algorithm(args.algorithm)
+    check_algorithm(_algorithm(args))
     taken = picture.read()
     fitted, depth_map = picture.fit_to(taken, display, settings.capture_pixels_per_pitch)
-    eia, empty = _generated(args.algorithm, fitted.rgbd, display)
-    report = _report(picture, taken, camera, fitted, depth_map, display, empty)
+    eia, empty = _generated(_algorithm(args), fitted.rgbd, display)
+    report = _report(picture, taken, camera, fitted, depth_map, display, empty, args.fill)
     report.append(_written(args, fitted.rgbd, eia, empty, display))
     report.append(f"seconds    {time.perf_counter() - started:.1f}")
     return report, list(taken.warnings)
@@ -103,7 +104,7 @@ def _of_light_field(args: argparse.Namespace, display: Display, settings: Settin
     else:
         pixels_per_pitch = settings.capture_pixels_per_pitch
         rgbd, clipped = centre_view_picture(field, display, pixels_per_pitch, str(args.hci))
-        eia, empty = _generated(args.algorithm, rgbd, display)
+        eia, empty = _generated(_algorithm(args), rgbd, display)
     down, across, height, width = field.views.shape[:4]
     report = [
         _display_line(display),
@@ -119,6 +120,7 @@ def _of_light_field(args: argparse.Namespace, display: Display, settings: Settin
 def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
     """Refuse arguments that are wrong by themselves."""
     from inim.files.eia_file import EIA_SUFFIXES
+    from inim.generators.registry import FILLS, one_of
 
     if args.hci is not None:
         for name in ("color", "depth", "depth_unit", "intrinsics", "near", "far", "frame_at"):
@@ -130,6 +132,8 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
     else:
         picture.check_files()
     picture.check_choices()
+    if one_of("--fill", args.fill, FILLS) != "none" and args.true_views:
+        raise UsageError("--fill: the true views have no algorithm's holes; leave it out")
     suffixes = (("-o", args.out, EIA_SUFFIXES), ("--pdf", args.pdf, (".pdf",)))
     outputs: dict[Path, str] = {}
     for option, path, allowed in (*suffixes, ("--rgbd", args.rgbd, (".exr",))):
@@ -147,6 +151,11 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
                 "name"
             )
         outputs[place] = option
+
+
+def _algorithm(args: argparse.Namespace) -> str:
+    """The algorithm, with what fills its holes."""
+    return str(args.algorithm) + ("" if args.fill == "none" else f":fill={args.fill}")
 
 
 def _generated(
@@ -197,6 +206,7 @@ def _report(
     depth_map: DepthMap,
     display: Display,
     empty: np.ndarray | None,
+    fill: str,
 ) -> list[str]:
     import numpy as np
 
@@ -218,11 +228,11 @@ def _report(
         f"depth      {depth_map.near:.5g} (near) .. {depth_map.far:.5g} (far){unit}, "
         f"{depth_map.name}, onto {float(depth_map.z_mm(np.array(depth_map.near))):.4g} .. "
         f"{float(depth_map.z_mm(np.array(depth_map.far))):.4g} mm",
-        f"missing    {taken.missing:.1%} of the depth picture, fill: {picture.fill}",
+        f"missing    {taken.missing:.1%} of the depth picture, filled: {picture.fill_depth}",
         f"clipped    {fitted.clipped:.1%} of the samples lay beyond, "
         f"{'left out' if picture.outside == 'drop' else 'taken to the ends'}",
         f"empty      {fitted.empty:.1%} of the array's area",
-        f"holes      {holes} of the EIA",
+        f"holes      {holes} of the EIA, fill: {fill}",
         f"size       {panel[1]} x {panel[0]} pixels of {pixel:.6g} mm: {panel[1] * pixel:.6g} x "
         f"{panel[0] * pixel:.6g} mm",
     ]

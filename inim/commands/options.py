@@ -108,7 +108,7 @@ def add_picture(parser: _Options) -> None:
     add("--far", type=float, metavar="D", help="farthest (defaults: the 0.5 and 99.5 %% quantiles)")
     add("--outside", default="clip", help="what lies beyond: clip takes it to the end, drop omits")
     add("--missing", default="", metavar="N,...", help="numbers of the file that mean no depth")
-    add("--fill", default="none", help="missing depth: none, nearest, behind or far")
+    add("--fill-depth", default="none", help="missing depth: none, nearest, behind or far")
     add("--fit", default="contain", help="contain: all of the picture; cover: all of the array")
     add("--frame-at", type=float, metavar="D", help="distance at which it fits (the median)")
     add("--steepest", type=float, default=10.0, help="slope up to which samples are one surface")

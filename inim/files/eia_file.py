@@ -151,7 +151,8 @@ def write_eia(
         .png or .exr.
     eia : (rows, columns, 3) float32, linear RGB
     empty : (rows, columns) bool, or None
-        Pixels that show nothing: alpha 0 there, 1 elsewhere; no alpha without it.
+        Pixels whose centre meets nothing: alpha 0 there, unless they show light nevertheless, and
+        1 elsewhere; no alpha without it.
     pixel_mm : float
         The panel's pixel.
 
@@ -165,6 +166,8 @@ def write_eia(
         raise FileError(f"{path}: an EIA is written as {' or '.join(EIA_SUFFIXES)}")
     if path.is_dir():
         raise FileError(f"{path}: is a folder; name a file")
+    if empty is not None:
+        empty = empty & ~eia.any(axis=-1)
     if suffix == ".png":
         _write_png(path, eia, empty, pixel_mm)
     else:

@@ -206,7 +206,7 @@ class CameraPicture:
     far: float | None = None
     outside: str = "clip"
     missing: str = ""
-    fill: str = "none"
+    fill_depth: str = "none"
     fit: str = "contain"
     frame_at: float | None = None
     steepest: float = 10.0
@@ -227,7 +227,7 @@ class CameraPicture:
         """Raise `UsageError` for words and numbers that are none of an option's."""
         words = {
             "--depth-map": (self.depth_map, DEPTH_MAPS),
-            "--fill": (self.fill, FILL_RULES),
+            "--fill-depth": (self.fill_depth, FILL_RULES),
             "--fit": (self.fit, FITS),
             "--outside": (self.outside, ("clip", "drop")),
         }
@@ -267,7 +267,7 @@ class CameraPicture:
         values = read_meaning(file, stated, str(self.depth))
         warnings = [*values.warnings]
         missing = float(np.isnan(values.depth).mean())
-        filled = fill_missing(values.depth, self.fill, near_is_large=values.near_is_large)
+        filled = fill_missing(values.depth, self.fill_depth, near_is_large=values.near_is_large)
         values = replace(values, depth=resampled(filled, (rows, columns)))
         if size != (rows, columns):
             warnings.append(

@@ -32,6 +32,7 @@ from inim.generators.base import (
 from inim.generators.registry import (
     DEFAULT,
     FILL,
+    FILLS,
     MASK,
     PICKUP,
     Algorithm,
@@ -49,6 +50,7 @@ from inim.generators.registry import (
 from inim.rgbd import RGBD
 
 __all__ = [
+    "FILLS",
     "HOLE",
     "MASKED",
     "NO_LENS",
@@ -133,7 +135,7 @@ def prepare(
 
 def _filling(name: str, fill: Any) -> Callable[[Generator], Generator] | None:
     """What makes a generator fill its holes; None for one that does not."""
-    if one_of("fill", fill, ("none", "hidden", "all")) == "none":
+    if one_of(FILL, fill, FILLS) == "none":
         return None
 
     def filled(made: Generator) -> Generator:

@@ -4,20 +4,21 @@
 
 Definition. A hole belongs to one view: the pixels at its place under all other lenses send rays
 parallel to its own. In that view, in each of the eight directions, the next pixel that shows
-something names a surface. Carried on to the hole at its depth, that surface is a candidate, unless
-the picture shows something farther at the place where the hole's ray is at that depth: there the
-picture saw that nothing is. A foreground beside the background that it uncovers is ruled out so;
-what goes on behind the foreground, or beyond the picture's edge, is not. The hole takes the mean of
-the candidates' colours, in linear light, each by its nearness. Nothing that is shown lies between
-it and a candidate, so nothing is carried over across a nearer surface. Where all are ruled out, as
-on a slanted background behind something thin, the farthest are taken.
+something names a surface. It is carried on at its depth to the hole, over the pixels between, and
+is a candidate if the picture could not see it there: if at that depth each of these pixels' rays is
+behind what the picture shows, or beyond the picture's edge. Where the picture shows something
+farther it saw that nothing is there. That rules out the foreground beside the background that it
+uncovers, and not what goes on behind it. The hole takes the mean of the candidates' colours, in
+linear light, each by its nearness. Nothing that is shown lies between it and a candidate, so
+nothing is carried over across a nearer surface.
 
-Where a surface ends its pixels are mixed with what is beside it. A candidate's colour is therefore
+Where a surface ends, its pixels are mixed with what is beside it. A candidate's colour is therefore
 that of the picture's next pixel, away from the hole, if that is the same surface.
 
-Uncovered pixels are seen ground under `hidden`: it rules out as what is farther does, and a hole
-whose ray ends on it stays, unless there is a candidate. Under `all` they are pixels
-of which nothing is known, as in a photograph whose depth has gaps.
+What is not covered is seen ground under ``hidden``, as in a capture of a relic: a hole whose ray
+ends on it shows it, and stays; and no surface is carried on over it. Under ``all`` it is unknown,
+as in a photograph whose depth has gaps. A picture without ground has nothing to leave in a hole: if
+every surface is ruled out, the farthest of them are taken.
 
 Each hole is filled by what its own view shows, never by another filled hole: results depend on no
 order, and the cost grows with the number of holes.
@@ -39,11 +40,7 @@ from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.surfaces import STEEPEST
 from inim.rgbd import RGBD
 
-__all__ = ["FILLS", "Filled"]
-
-#: What is filled: nothing; what is hidden behind a surface or by the picture's edge; that and what
-#: the picture does not cover.
-FILLS = ("none", "hidden", "all")
+__all__ = ["Filled"]
 
 # Lenses to look aside from a hole: the parallax of any display, and a bound on the time.
 _REACH = 64
@@ -59,7 +56,7 @@ class Filled(SourceGenerator):
     made : SourceGenerator
         Of a whole panel.
     how : {"hidden", "all"}
-        See `FILLS`.
+        See the module.
 
     Raises
     ------
@@ -123,7 +120,7 @@ class Filled(SourceGenerator):
         _fill(
             holes, sources, down, across, _kept(rows), _kept(columns), *seen,
             STEEPEST * self.pixel_mm, display.row_pitch_mm / display.pitch_mm,
-            display.depth_range_mm[0], colour, filled,
+            display.depth_range_mm[0], bool((seen.nearest > -np.inf).all()), colour, filled,
         )  # fmt: skip
         return holes[filled], colour[filled]
 
@@ -190,48 +187,44 @@ def _lattice(
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _fill(
     holes, sources, down, across, row_rays, column_rays, nearest, depth, palette, same_mm, aspect,
-    z_min, colour, filled,
+    z_min, no_ground, colour, filled,
 ):  # fmt: skip
     """Fill each hole; see the module's definition."""
-    wide = sources.shape[1]
     for n in numba.prange(len(holes)):
-        i, j = divmod(holes[n], wide)
+        i, j = divmod(holes[n], sources.shape[1])
         if _seen_at(nearest, row_rays, i, column_rays, j, z_min) == -np.inf:
             continue
-        found, lenses = np.empty(9, np.int64), np.ones(9, np.int64)
-        farthest, farther = np.inf, np.empty(9, np.bool_)
-        ruled_out = True
+        found, lenses = np.full(9, -1), np.zeros(9, np.int64)
+        hidden, any_hidden, farthest = np.zeros(9, np.bool_), False, np.inf
         for k in range(9):
-            found[k], lenses[k] = _next_shown(sources, i, j, k // 3 - 1, k % 3 - 1, down, across)
-            if found[k] >= 0:
-                z = depth[found[k]]
-                place = np.float32(np.inf)
-                for on in range(lenses[k]):
-                    p = _beside(i, on * (k // 3 - 1), down)
-                    q = _beside(j, on * (k % 3 - 1), across)
-                    place = min(place, _seen_at(nearest, row_rays, p, column_rays, q, z))
-                if place == -np.inf:  # the ground is seen between the two
-                    found[k] = -1
-                    continue
-                farthest = min(farthest, z)
-                farther[k] = place < z - same_mm
-                ruled_out &= farther[k]
+            step = k // 3 - 1, k % 3 - 1
+            found[k], lenses[k] = _next_shown(sources, i, j, step, down, across)
+            if found[k] < 0:
+                continue
+            z = depth[found[k]]
+            seen = np.float32(np.inf)
+            for on in range(lenses[k]):
+                p, q = _beside(i, on * step[0], down), _beside(j, on * step[1], across)
+                seen = min(seen, _seen_at(nearest, row_rays, p, column_rays, q, z))
+            if seen == -np.inf:
+                found[k] = -1
+                continue
+            hidden[k] = seen >= z - same_mm
+            any_hidden |= hidden[k]
+            farthest = min(farthest, z)
         weight = red = green = blue = 0.0
         for k in range(9):
             if found[k] < 0:
                 continue
-            z = depth[found[k]]
-            if (ruled_out and z > farthest + same_mm) or (farther[k] and not ruled_out):
-                continue
-            down_step, right_step = k // 3 - 1, k % 3 - 1
-            source = _next_of_surface(
-                found[k], down_step, right_step, depth, nearest.shape, same_mm
-            )
-            share = 1 / (lenses[k] * np.sqrt((down_step * aspect) ** 2 + right_step**2))
-            weight += share
-            red += share * palette[source, 0]
-            green += share * palette[source, 1]
-            blue += share * palette[source, 2]
+            left = no_ground and not any_hidden and depth[found[k]] <= farthest + same_mm
+            if hidden[k] or left:
+                step = k // 3 - 1, k % 3 - 1
+                source = _next_of_surface(found[k], step, depth, nearest.shape, same_mm)
+                share = 1 / (lenses[k] * np.sqrt((step[0] * aspect) ** 2 + step[1] ** 2))
+                weight += share
+                red += share * palette[source, 0]
+                green += share * palette[source, 1]
+                blue += share * palette[source, 2]
         if weight > 0:
             filled[n] = True
             colour[n, 0], colour[n, 1], colour[n, 2] = red / weight, green / weight, blue / weight
@@ -250,13 +243,13 @@ def _seen_at(nearest, row_rays, i, column_rays, j, z):
 
 
 @numba.njit(cache=True, nogil=True)
-def _next_of_surface(source, down_step, right_step, depth, shape, same_mm):
+def _next_of_surface(source, step, depth, shape, same_mm):
     """The picture's next pixel in a direction, if it is the same surface; or the pixel itself."""
     row, column = divmod(source % (shape[0] * shape[1]), shape[1])
-    beside = source + down_step * shape[1] + right_step
+    beside = source + step[0] * shape[1] + step[1]
     if (
-        0 <= row + down_step < shape[0]
-        and 0 <= column + right_step < shape[1]
+        0 <= row + step[0] < shape[0]
+        and 0 <= column + step[1] < shape[1]
         and abs(depth[beside] - depth[source]) <= same_mm
     ):
         return beside
@@ -264,12 +257,12 @@ def _next_of_surface(source, down_step, right_step, depth, shape, same_mm):
 
 
 @numba.njit(cache=True, nogil=True)
-def _next_shown(sources, i, j, step_i, step_j, down, across):
+def _next_shown(sources, i, j, step, down, across):
     """Source of the next pixel of a view that shows something, or -1; and how many lenses on."""
-    if step_i == 0 and step_j == 0:
+    if step[0] == 0 and step[1] == 0:
         return np.int64(-1), 0
     for k in range(1, _REACH + 1):
-        p, q = _beside(i, k * step_i, down), _beside(j, k * step_j, across)
+        p, q = _beside(i, k * step[0], down), _beside(j, k * step[1], across)
         if p < 0 or q < 0 or sources[p, q] == NO_LENS:
             break
         if sources[p, q] >= 0:

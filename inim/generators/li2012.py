@@ -15,11 +15,6 @@ A picture pixel is one point here, however large it appears: where the picture i
 than a panel pixel, and where a nearer surface gives way to a farther one, panel pixels stay empty,
 and a farther surface may show through the gaps of a nearer one. The source map has them as `HOLE`.
 
-The option `fill` paints holes of the EIA. It is no part of the method: holes are counted before.
-Only holes inside the object are painted. Background stays empty, and no colour crosses from one
-elemental image to its neighbour, which shows the scene from elsewhere; one without any source stays
-as it is.
-
 What the description leaves open:
 
 * A point on the border between two panel pixels belongs to the one nearer the panel's axis, and on
@@ -38,12 +33,10 @@ What the description leaves open:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inim.display import Display
 from inim.display.pixels import PixelAxis, stated
@@ -52,14 +45,13 @@ from inim.generators.base import (
     PictureShape,
     SourceGenerator,
     Sources,
-    colour_of,
     require_separable,
 )
 from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.registry import algorithm, one_of
 from inim.rgbd import RGBD
 
-__all__ = ["FILLS", "ForwardAxis", "filled", "forward_axes", "prepare"]
+__all__ = ["ForwardAxis", "forward_axes", "prepare"]
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53
@@ -70,7 +62,6 @@ def prepare(
     display: Display,
     shape: PictureShape,
     pixel_mm: float,
-    fill: str = "none",
     implementation: str = "compiled",
 ) -> SourceGenerator:
     """Forward mapping: each picture pixel through each lens (Li et al. 2012).
@@ -79,22 +70,17 @@ def prepare(
     ----------
     display, shape, pixel_mm :
         See `inim.generators.prepare`.
-    fill : {"none", "nearest", "biharmonic"}
-        How `generate` paints holes inside the object. `sources` never fills: holes are reported
-        as the mapping left them.
     implementation : {"compiled", "python"}
-        The same result, by numba on all threads or by plain Python on one; the painting is not
-        part of the method and the same for both.
+        The same result, by numba on all threads or by plain Python on one.
 
     Raises
     ------
     UsageError
         An option of another value, or a display that is not separable.
     """
-    how = one_of("fill", fill, FILLS)
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
     require_separable(display, "li2012")
-    return _Li2012(display, shape, pixel_mm, how, chosen)
+    return _Li2012(display, shape, pixel_mm, chosen)
 
 
 class ForwardAxis(NamedTuple):
@@ -196,11 +182,9 @@ class _Li2012(SourceGenerator):
         display: Display,
         shape: PictureShape,
         pixel_mm: float,
-        fill: str,
         implementation: str,
     ) -> None:
         super().__init__(display, shape, pixel_mm)
-        self._fill = fill
         self._implementation = implementation
 
     def find(self, rgbd: RGBD) -> Sources:
@@ -210,21 +194,6 @@ class _Li2012(SourceGenerator):
         shape = self.display.eia_shape
         mapping = (depth, x, y, nearest, miss)
         return run(_map_all, self._implementation, shape, HOLE, *mapping)
-
-    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        out = self.place(rgbd, out)
-        sources = self.sources(rgbd)
-        if self._fill == "none":
-            return colour_of(sources, rgbd, out)
-        inside = (sources == HOLE) & self._sheet(rgbd)
-        return filled(self._fill, sources, inside, rgbd, self.display, out)
-
-    def _sheet(self, rgbd: RGBD) -> np.ndarray:
-        """Panel pixels between the images of picture pixels that touch, see `_sheet_of_lens`."""
-        shape = self.display.eia_shape
-        mapping = self._mapping(rgbd)
-        marked = run(_sheet_all, self._implementation, shape, HOLE, *mapping)
-        return np.not_equal(marked, HOLE)
 
     def _mapping(self, rgbd: RGBD) -> tuple[np.ndarray, ForwardAxis, ForwardAxis]:
         """Depths, 0 for what has no place on the panel, and both axes of the mapping."""
@@ -286,124 +255,3 @@ def _nearer_axis(x, y, row, column, rival):
     if mine != other:
         return mine < other
     return abs(2 * row + 1 - y.cells) < abs(2 * (rival // x.cells) + 1 - y.cells)
-
-
-def _sheet_all(depth, x, y, marked):
-    """Lay the sheet over every elemental image."""
-    for m in prange(len(y.first)):
-        for n in range(len(x.first)):
-            _sheet_of_lens(depth, x, y, m, n, marked)
-
-
-def _sheet_of_lens(depth, x, y, m, n, marked):
-    """Mark the panel pixels between the images of each two by two picture pixels that touch.
-
-    As if the picture were a rubber sheet, pinned to the panel points of its pixels and torn
-    wherever one of the four is uncovered: what it hides is object, what shows through the tears is
-    background. Each patch is widened to whole rows and columns.
-    """
-    for r in range(max(y.low[m] - 1, 0), min(y.high[m], y.cells - 1)):
-        for c in range(max(x.low[n] - 1, 0), min(x.high[n], x.cells - 1)):
-            at = r * x.cells + c
-            a, b, d, e = depth[at], depth[at + 1], depth[at + x.cells], depth[at + x.cells + 1]
-            # Uncovered, or on both sides of the array, between which there is no sheet.
-            if min(a, b, d, e) <= 0.0 <= max(a, b, d, e):
-                continue
-            west, east = _extent(x, n, c, a, d, b, e)
-            north, south = _extent(y, m, r, a, b, d, e)
-            for j in range(max(north, y.first[m]), min(south + 1, y.end[m])):
-                for i in range(max(west, x.first[n]), min(east + 1, x.end[n])):
-                    marked[j * x.pixels + i] = 0
-
-
-def _extent(axis, lens, cell, z0, z1, z2, z3):
-    """Panel pixels of the four: two with index `cell`, two with the next."""
-    p0 = _panel_pixel(_position(axis, lens, cell, z0), axis.pixels)
-    p1 = _panel_pixel(_position(axis, lens, cell, z1), axis.pixels)
-    p2 = _panel_pixel(_position(axis, lens, cell + 1, z2), axis.pixels)
-    p3 = _panel_pixel(_position(axis, lens, cell + 1, z3), axis.pixels)
-    return min(p0, p1, p2, p3), max(p0, p1, p2, p3)
-
-
-FILLS = ("none", "nearest", "biharmonic")
-
-
-def filled(
-    how: str,
-    sources: Sources,
-    inside: NDArray[np.bool_],
-    rgbd: RGBD,
-    display: Display,
-    out: np.ndarray,
-) -> np.ndarray:
-    """The EIA of a source map, its holes painted.
-
-    Parameters
-    ----------
-    how : {"nearest", "biharmonic"}
-        The colour of the nearest panel pixel that has one; or the smoothest surface through the
-        colours around, Damelin and Hoang (2018, doi 10.1155/2018/3950312) by scikit-image, in
-        linear RGB or sRGB as the picture is.
-    sources : Sources
-    inside : (rows, columns) bool
-        Holes to paint.
-    rgbd : RGBD
-    display : Display
-    out : (rows, columns, channels) array
-        Where to write the result, in the type of the picture's colour.
-
-    Returns
-    -------
-    `out`.
-    """
-    around, inside = _spread(sources, inside, display)
-    if how == "nearest":
-        return colour_of(np.where(inside, around, sources), rgbd, out)
-    # From spread colours: to the solver the empty background would be a black object.
-    spread = colour_of(around, rgbd).astype(np.float64)
-    colour_of(sources, rgbd, out)
-    for window in _windows(display):
-        if inside[window].any():
-            _paint_smoothly(spread[window], inside[window], out[window])
-    return out
-
-
-def _spread(
-    sources: Sources, inside: NDArray[np.bool_], display: Display
-) -> tuple[Sources, NDArray[np.bool_]]:
-    """Sources with the nearest one everywhere, and the holes inside that have one."""
-    # Slow to import, and most runs paint nothing.
-    from scipy.ndimage import distance_transform_edt
-
-    around, paintable = sources.copy(), inside.copy()
-    for window in _windows(display):
-        empty = sources[window] < 0
-        if empty.all():
-            paintable[window] = False
-        elif inside[window].any():
-            rows, columns = distance_transform_edt(
-                empty, return_distances=False, return_indices=True
-            )
-            around[window] = sources[window][rows, columns]
-    return around, paintable
-
-
-def _paint_smoothly(spread: np.ndarray, inside: np.ndarray, out: np.ndarray) -> None:
-    from skimage.restoration import inpaint_biharmonic
-
-    # Stays within the range of the colours around.
-    painted = inpaint_biharmonic(spread, inside, channel_axis=-1)[inside]
-    out[inside] = np.rint(painted) if out.dtype == np.uint8 else painted
-
-
-def _windows(display: Display) -> Iterator[tuple[slice, slice]]:
-    """The panel's rows and columns of each elemental image."""
-    columns = _stretches(display.columns)
-    return ((rows, across) for rows in _stretches(display.rows) for across in columns)
-
-
-def _stretches(axis: PixelAxis) -> list[slice]:
-    """Panel pixels of each lens of an axis that has any."""
-    starts = np.flatnonzero(np.diff(axis.lens, prepend=-1, append=-1))
-    ends = [*starts[1:], len(axis.lens)]
-    return [slice(a, b) for a, b in zip(starts, ends, strict=False) if b > a and axis.lens[a] >= 0]

@@ -35,6 +35,7 @@ from inim.plugins import announced, load
 __all__ = [
     "DEFAULT",
     "FILL",
+    "FILLS",
     "MASK",
     "PICKUP",
     "Algorithm",
@@ -60,6 +61,9 @@ MASK = "mask"
 
 #: An option of every algorithm that says where its colours come from; see `inim.generators.fill`.
 FILL = "fill"
+#: Its values. What is filled: nothing; what is hidden behind a surface or by the picture's edge;
+#: and what the picture does not cover, too.
+FILLS = ("none", "hidden", "all")
 
 _ENTRY_POINTS = "inim.generators"
 # Where `algorithm` leaves the properties of a `prepare`.

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.display import DISPLAYS, Display
-from inim.generators import HOLE, colour_of, find_sources, generate, hole_fraction
+from inim.display import Display
+from inim.generators import HOLE, find_sources, generate, hole_fraction
 from inim.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
@@ -202,7 +202,7 @@ def test_pixel_on_the_array_is_skipped_and_others_are_not() -> None:
     depth = np.full((9, 9), 0.0)
     rgbd = picture(depth, 0.25)
     assert (find_sources(rgbd, shown, "li2012") == HOLE).all()
-    assert (generate(rgbd, shown, "li2012:fill=nearest") == 0).all()
+    assert (generate(rgbd, shown, "li2012:fill=hidden") == 0).all()
     depth[2, 3], depth[4, 5] = -20.0, 20.0
     sources = find_sources(picture(depth, 0.25), shown, "li2012")
     assert set(sources[sources >= 0]) == {2 * 9 + 3, 4 * 9 + 5}
@@ -213,72 +213,3 @@ def test_extreme_depths_land_somewhere_or_nowhere_without_harm(z: float) -> None
     shown = small_display(4, 4, pixels=9)
     sources = find_sources(picture(np.full((16, 16), z), 0.3), shown, "li2012")
     assert sources.min() >= HOLE and sources.max() < 256
-
-
-# -- filling ----------------------------------------------------------------------------------
-
-
-def plate_with_window() -> RGBD:
-    """A magnified flat plate of random colours, nothing around it nor in its middle."""
-    random = np.random.default_rng(3)
-    covered = np.zeros((40, 40), bool)
-    covered[4:36, 6:34] = True
-    covered[17:23, 16:24] = False
-    return picture(np.full((40, 40), 33.0), 0.55, covered, random.uniform(0.2, 0.8, (40, 40, 3)))
-
-
-@pytest.mark.parametrize("fill", ["nearest", "biharmonic"])
-def test_filling_paints_holes_inside_the_object_and_nothing_else(fill: str) -> None:
-    # 28.8 pixels per lens; the range ends at the plate, so that no ray meets its sides.
-    shown = small_display(16, 15, pixel_pitch_mm=0.0347, depth_min_mm=33.0, depth_max_mm=40.0)
-    rgbd = plate_with_window()
-    sources = find_sources(rgbd, shown, "li2012", fill=fill)
-    plain = colour_of(sources, rgbd)
-    painted = generate(rgbd, shown, "li2012", fill=fill)
-    assert np.array_equal(painted[sources >= 0], plain[sources >= 0])
-    filled = (painted > 0).all(axis=2) & (sources < 0)
-    # Flat: every ray that meets the plate shows the plate, and only those.
-    plate = oracle.float_sources(rgbd, shown) >= 0
-    assert not (filled & ~plate).any()
-    assert np.mean((sources >= 0)[plate]) < 0.5
-    # All but a rim of half a picture pixel.
-    assert np.mean((filled | (sources >= 0))[plate]) > 0.9
-
-
-def test_filling_stays_within_each_elemental_image() -> None:
-    shown = small_display(16, 15, pixel_pitch_mm=0.0347)
-    rgbd = plate_with_window()
-    sources = find_sources(rgbd, shown, "li2012")
-    by_nearest = generate(rgbd, shown, "li2012", fill="nearest")
-    smooth = generate(rgbd, shown, "li2012", fill="biharmonic")
-    lens = shown.rows.lens[:, None] * shown.lens_columns + shown.columns.lens
-    for n in np.unique(lens[sources >= 0]):
-        own = rgbd.color.reshape(-1, 3)[sources[(lens == n) & (sources >= 0)]]
-        colours = {tuple(c) for c in by_nearest[(lens == n) & (by_nearest[..., 0] > 0)]}
-        assert colours == {tuple(c) for c in own}
-        painted = smooth[(lens == n) & (smooth[..., 0] > 0)]
-        assert (painted <= own.max(axis=0) + 1e-6).all()
-        assert (painted >= own.min(axis=0) - 1e-6).all()
-
-
-@pytest.mark.parametrize("fill", ["nearest", "biharmonic"])
-def test_filling_keeps_the_type_and_a_single_colour(fill: str) -> None:
-    shown = small_display(6, 6, pixels=16)
-    color = np.full((20, 20, 4), (10, 120, 250, 255), np.uint8)
-    rgbd = picture(np.full((20, 20), 33.0), 1.1, color=color)
-    out = np.full((*shown.eia_shape, 4), 77, np.uint8)
-    assert generate(rgbd, shown, "li2012", out=out, fill=fill) is out
-    holes = find_sources(rgbd, shown, "li2012") == HOLE
-    assert holes.mean() > 0.5
-    assert (out == (10, 120, 250, 255)).all()
-
-
-def test_gap_beside_a_nearer_surface_counts_as_object() -> None:
-    # No background anywhere: all holes are between surfaces, and all are painted.
-    shown = Display(**{**DISPLAYS["nominal"].given(), "lens_columns": 9, "lens_rows": 8})
-    depth = np.full((160, 160), 24.0)
-    depth[60:100, 70:95] = 44.0
-    rgbd = picture(depth, 0.13)
-    sources = find_sources(rgbd, shown, "li2012")
-    assert 0.01 < hole_fraction(sources) < 0.2
-    assert (generate(rgbd, shown, "li2012:fill=nearest") == 1).all()

@@ -36,7 +36,8 @@ ALGORITHMS = [
     "gu2020",
     "wang2024",
     "wang2024:matching=ray",
-    "li2012:fill=nearest",
+    "li2012:fill=hidden",
+    "template:columns=surface:samples=2:fill=all",
 ]
 SEPARABLE = [
     {},

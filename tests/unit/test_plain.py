@@ -26,7 +26,7 @@ from tests.conftest import small_display
 
 ALGORITHMS = [
     "li2012",
-    "li2012:fill=nearest",
+    "li2012:fill=hidden",
     "gu2020",
     "gu2020:step_mm=0.9",
     "wang2024",
@@ -156,7 +156,7 @@ def test_display_ready_colours_come_out_as_they_are(algorithm: str) -> None:
         ("gu2020:implementation=numba", "compiled or python"),
         ("wang2024:implementation=C", "compiled or python"),
         ("wang2024:matching=diagonal", "matrix or ray"),
-        ("li2012:fill=telea", "none or nearest or biharmonic"),
+        ("li2012:fill=telea", "none or hidden or all"),
     ],
 )
 def test_value_an_option_does_not_have_is_refused_by_name(text: str, choices: str) -> None:
@@ -168,5 +168,5 @@ def test_value_an_option_does_not_have_is_refused_by_name(text: str, choices: st
 def test_options_are_those_of_the_algorithm() -> None:
     for text in ALGORITHMS:
         check_algorithm(text)
-    with pytest.raises(UsageError, match="'gu2020' has no option 'fill'"):
-        check_algorithm("gu2020:fill=nearest")
+    with pytest.raises(UsageError, match="'gu2020' has no option 'samples'"):
+        check_algorithm("gu2020:samples=4")

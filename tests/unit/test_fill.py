@@ -1,0 +1,246 @@
+"""Holes filled from their own views: `fill` of every algorithm that names its sources.
+
+Expected: what lies behind a foreground goes on behind it and the foreground does not; a picture
+goes on beyond its edge; seen ground stays ground. And the definition, in plain loops of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+
+import inim
+from inim.color import srgb_from_linear, srgb_to_uint8
+from inim.display import DISPLAYS, Display
+from inim.errors import UsageError
+from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
+from inim.generators.raycast.surfaces import STEEPEST
+from inim.generators.registry import Algorithm
+from inim.rgbd import RGBD
+from tests import oracle
+from tests.conftest import small_display
+
+SURFACE = "template:columns=surface"
+WALL, NEAR = (0.1, 0.6, 0.2), (0.9, 0.1, 0.1)
+DEPTHS = {"depth_min_mm": 10.0, "depth_max_mm": 40.0}
+ARRAYS: list[dict[str, Any]] = [
+    {},
+    {"pixel_pitch_mm": 0.0636},
+    {"elemental_pitch_mm": 1.013, "shift_x_mm": 0.2},
+]
+
+
+def wall_and_plate(display: Display, per_pitch: int = 4) -> RGBD:
+    """A near plate before a far wall that covers all of the array and no more."""
+    shape = display.lens_rows * per_pitch, display.lens_columns * per_pitch
+    low, high = display.depth_range_mm
+    depth = np.full(shape, low + 0.05 * (high - low), np.float32)
+    color = np.full((*shape, 3), WALL, np.float32)
+    near = np.s_[shape[0] // 3 : shape[0] // 2, shape[1] // 4 : shape[1] // 2]
+    depth[near], color[near] = high, NEAR
+    return RGBD(color, depth, np.ones(shape, bool), display.pitch_mm / per_pitch)
+
+
+def hills(display: Display, seed: int = 5) -> RGBD:
+    """Slopes, jumps and uncovered patches, smaller than what the display sees."""
+    rgbd = wall_and_plate(display, 3)
+    rows, columns = np.mgrid[: rgbd.shape[0], : rgbd.shape[1]]
+    low, high = display.depth_range_mm
+    wave = 0.25 * (np.sin(columns / 4) + np.cos(rows / 5)) + 0.5 * (columns % 9 > 5)
+    depth = np.float32(low + (high - low) * (wave + 0.5) / 1.5)
+    color = np.random.default_rng(seed).random((*rgbd.shape, 3), dtype=np.float32)
+    return RGBD(color, depth, (rows // 5 + columns // 6) % 4 > 0, rgbd.pixel_mm)
+
+
+@pytest.mark.parametrize("more", ARRAYS)
+@pytest.mark.parametrize("samples", [1, 4])
+def test_uncovered_background_and_the_picture_beyond_its_edge_are_wall(more, samples) -> None:
+    display = small_display(16, 15, **DEPTHS, **more)
+    rgbd = wall_and_plate(display)
+    plain = generate(rgbd, display, SURFACE, samples=samples)
+    filled = generate(rgbd, display, SURFACE, samples=samples, fill="hidden")
+    sources = find_sources(rgbd, display, SURFACE)
+    assert 0.08 < np.mean(sources[display.lensed] == HOLE) < 0.3
+    holes = (sources == HOLE) & (plain == 0).all(axis=-1)
+    assert np.abs(filled[holes] - WALL).max() < 1e-6
+    assert (filled[display.lensed] > 0.09).all() and (filled[~display.lensed] == 0).all()
+    if samples == 1:
+        assert np.array_equal(filled[sources >= 0], plain[sources >= 0])
+
+
+def test_subpixels_are_filled_each_from_its_own_rays() -> None:
+    display = small_display(16, 15, subpixels="rgb-stripe", **DEPTHS)
+    rgbd = wall_and_plate(display)
+    method = f"{SURFACE}:samples=2"
+    holes = (generate(rgbd, display, method) == 0).all(axis=-1)
+    assert holes.sum() > 1000
+    filled = generate(rgbd, display, method, fill="hidden")
+    assert np.abs(filled[holes] - WALL).max() < 1e-6
+    assert (filled > 0.09).all()
+
+
+def test_ground_that_is_seen_stays_and_what_is_unknown_does_not() -> None:
+    display = small_display(16, 15, pixels=9, **DEPTHS)
+    rgbd = wall_and_plate(display)
+    covered = rgbd.covered.copy()
+    covered[-16:, 8:40] = False
+    rgbd = RGBD(rgbd.color, rgbd.depth_mm, covered, rgbd.pixel_mm)
+    sources = find_sources(rgbd, display, SURFACE)
+    hidden = generate(rgbd, display, SURFACE, fill="hidden")
+    assert (generate(rgbd, display, SURFACE, fill="all") > 0).all()
+    ground = (hidden == 0).all(axis=-1)
+    assert (sources == HOLE).sum() > ground.sum() > 1000
+    # The rays of the pixels on their lens's axis go straight down.
+    assert np.array_equal(ground[4::9, 4::9], ~covered[2::4, 2::4])
+
+
+def test_relic_before_black_ground_gets_no_rim() -> None:
+    # A flat plate with a window; the range ends at it, so that no ray meets its sides.
+    shown = small_display(16, 15, pixel_pitch_mm=0.0347, depth_min_mm=33.0, depth_max_mm=40.0)
+    covered = np.zeros((40, 40), bool)
+    covered[4:36, 6:34] = True
+    covered[17:23, 16:24] = False
+    color = np.random.default_rng(3).uniform(0.2, 0.8, (40, 40, 3))
+    rgbd = RGBD(color, np.full((40, 40), 33.0), covered, 0.55)
+    sources = find_sources(rgbd, shown, "li2012", fill="hidden")
+    assert np.array_equal(sources, find_sources(rgbd, shown, "li2012"))
+    painted = generate(rgbd, shown, "li2012", fill="hidden")
+    assert np.array_equal(painted[sources >= 0], colour_of(sources, rgbd)[sources >= 0])
+    filled = (painted > 0).all(axis=2) & (sources < 0)
+    # Every ray that meets the plate shows the plate, and only those.
+    plate = oracle.float_sources(rgbd, shown) >= 0
+    assert not (filled & ~plate).any()
+    assert np.mean((sources >= 0)[plate]) < 0.5
+    assert np.mean((filled | (sources >= 0))[plate]) > 0.9
+
+
+@pytest.mark.parametrize("how", ["hidden", "all"])
+@pytest.mark.parametrize("more", ARRAYS)
+@pytest.mark.parametrize("algorithm", [SURFACE, "li2012"])
+def test_fill_is_as_defined(more, how, algorithm) -> None:
+    display = small_display(7, 6, **more)
+    rgbd = hills(display)
+    sources = find_sources(rgbd, display, algorithm)
+    filled = generate(rgbd, display, algorithm, fill=how)
+    plain = colour_of(sources, rgbd)
+    assert np.array_equal(filled[sources != HOLE], plain[sources != HOLE])
+    right, empty = 0, 0
+    holes = np.argwhere(sources == HOLE)
+    for i, j in holes[:: max(1, len(holes) // 200)]:
+        expected = by_definition(rgbd, display, sources, i, j, unknown=how == "all")
+        assert np.abs(filled[i, j] - expected).max() < 1e-5
+        right += expected.any()
+        empty += not expected.any()
+    assert right > 30
+    assert how == "all" or empty > 30
+
+
+def by_definition(rgbd, display, sources, i, j, *, unknown):
+    """The colour of one hole, in plain Python."""
+    rows, columns, same = display.rows, display.columns, STEEPEST * rgbd.pixel_mm
+
+    def beside(axis, pitch_mm, pixel, lenses):
+        own = np.flatnonzero(axis.lens == axis.lens[pixel] + lenses)
+        if axis.lens[pixel] + lenses < 0 or not len(own):
+            return None
+        place = pixel + lenses * pitch_mm / display.pixel_pitch_mm
+        return own[np.abs(own - place).argmin()]
+
+    def seen(p, q, z):
+        x = columns.centre_mm[q] + columns.slope[q] * z
+        y = rows.centre_mm[p] + rows.slope[p] * z
+        u = math.floor(x / rgbd.pixel_mm + rgbd.shape[1] / 2)
+        v = math.floor(rgbd.shape[0] / 2 - y / rgbd.pixel_mm)
+        if not (0 <= v < rgbd.shape[0] and 0 <= u < rgbd.shape[1]):
+            return math.inf
+        if not rgbd.covered[v, u]:
+            return math.inf if unknown else -math.inf
+        return rgbd.depth_mm[v, u]
+
+    if seen(i, j, display.depth_range_mm[0]) == -math.inf:
+        return np.zeros(3)
+    surfaces = []
+    for a, b in [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]:
+        least, steps = math.inf, [(i, j)]
+        while True:
+            p = beside(rows, display.elemental_row_pitch_mm, i, a * len(steps))
+            q = beside(columns, display.elemental_image_pitch_mm, j, b * len(steps))
+            if p is None or q is None or sources[p, q] == NO_LENS or sources[p, q] >= 0:
+                break
+            steps.append((p, q))
+        if p is None or q is None or sources[p, q] < 0:
+            continue
+        row, column = divmod(int(sources[p, q]), rgbd.shape[1])
+        z = rgbd.depth_mm[row, column]
+        least = min(seen(*step, z) for step in steps)
+        if least == -math.inf:
+            continue
+        r, c = row + a, column + b
+        inside = 0 <= r < rgbd.shape[0] and 0 <= c < rgbd.shape[1]
+        if inside and rgbd.covered[r, c] and abs(rgbd.depth_mm[r, c] - z) <= same:
+            row, column = r, c
+        apart = len(steps) * math.hypot(a * display.row_pitch_mm, b * display.pitch_mm)
+        surfaces.append((least >= z - same, z, 1 / apart, rgbd.color[row, column]))
+    taken = [s for s in surfaces if s[0]]
+    if not taken and surfaces and (unknown or rgbd.covered.all()):
+        farthest = min(s[1] for s in surfaces)
+        taken = [s for s in surfaces if s[1] <= farthest + same]
+    if not taken:
+        return np.zeros(3)
+    return sum(s[2] * s[3] for s in taken) / sum(s[2] for s in taken)
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_display_ready_pixels_are_the_codes_of_the_same_light(samples: int) -> None:
+    display = small_display(9, 8)
+    rgbd = hills(display)
+    codes = srgb_to_uint8(srgb_from_linear(rgbd.color))
+    opaque = np.concatenate([codes, np.full((*rgbd.shape, 1), 255, np.uint8)], axis=-1)
+    shown = RGBD(opaque, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    method = f"{SURFACE}:samples={samples}:fill=all"
+    linear, direct = generate(rgbd, display, method), generate(shown, display, method)
+    far = np.abs(direct[..., :3].astype(int) - srgb_to_uint8(srgb_from_linear(linear)))
+    # The picture's codes are rounded, and so is the light of a pixel that is shown in part.
+    assert far.max() <= 3 and far.mean() < 0.3
+    assert np.array_equal(direct[..., 3] > 0, linear.any(axis=-1))
+    assert (direct[..., 3] == 255).mean() > 0.95
+
+
+def test_fill_does_not_depend_on_threads() -> None:
+    display = small_display(9, 8, pixel_pitch_mm=0.0636)
+    rgbd = hills(display)
+    made = prepare(
+        display, f"{SURFACE}:samples=4:fill=all", shape=rgbd.shape, pixel_mm=rgbd.pixel_mm
+    )
+    together = made.generate(rgbd)
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        alone = made.generate(rgbd)
+    finally:
+        numba.set_num_threads(before)
+    assert np.array_equal(together, alone)
+
+
+def test_what_cannot_be_filled_is_refused(monkeypatch) -> None:
+    display = DISPLAYS["nominal"]
+    size = {"shape": (8, 8), "pixel_mm": 1.0}
+    with pytest.raises(UsageError, match="fill = 'mirror': use none or hidden or all"):
+        prepare(display, "template:fill=mirror", **size)
+    with pytest.raises(UsageError, match="stand in no rows and columns; use fill=none"):
+        prepare(display.replace(lattice="hexagonal"), "gu2020:fill=all", **size)
+    colours = Algorithm("mine", lambda display, shape, pixel_mm: _Colours(), own=False)
+    monkeypatch.setattr(inim.generators, "find_algorithm", lambda name: colours)
+    with pytest.raises(UsageError, match="'mine' does not say where its colours come from"):
+        prepare(display, "mine:fill=all", **size)
+
+
+class _Colours:
+    """A generator that says nothing of its sources."""
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        raise NotImplementedError
