@@ -106,7 +106,7 @@ def prepare(
     **options
         The algorithm's own, see its module; and for all that say where their colours come from
         ``fill``, "none", "hidden" or "all": what to show where a ray meets nothing, see
-        `inim.generators.fill`. Their sources stay as they are without it.
+        `inim.generators.raycast.fill`. Their sources stay as they are without it.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def _filling(name: str, fill: Any) -> Callable[[Generator], Generator] | None:
         return None
 
     def filled(made: Generator) -> Generator:
-        from inim.generators.fill import Filled
+        from inim.generators.raycast.fill import Filled
 
         if not isinstance(made, SourceGenerator):
             raise UsageError(
