@@ -59,7 +59,8 @@ PICKUP = "pickup"
 #: The parameter of a `prepare` that takes a pixel mask; not an option of the algorithm.
 MASK = "mask"
 
-#: An option of every algorithm that says where its colours come from; see `inim.generators.raycast.fill`.
+#: An option of every algorithm that says where its colours come from; see
+#: `inim.generators.raycast.fill`.
 FILL = "fill"
 #: Its values. What is filled: nothing; what is hidden behind a surface or by the picture's edge;
 #: and what the picture does not cover, too.

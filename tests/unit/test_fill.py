@@ -158,7 +158,7 @@ def by_definition(rgbd, display, sources, i, j, *, unknown):
         if not (0 <= v < rgbd.shape[0] and 0 <= u < rgbd.shape[1]):
             return math.inf
         if not rgbd.covered[v, u]:
-            return math.inf if unknown else -math.inf
+            return -1e30 if unknown else -math.inf
         return rgbd.depth_mm[v, u]
 
     if seen(i, j, display.depth_range_mm[0]) == -math.inf:

@@ -17,8 +17,8 @@ that of the picture's next pixel, away from the hole, if that is the same surfac
 
 What is not covered is seen ground under ``hidden``, as in a capture of a relic: a hole whose ray
 ends on it shows it, and stays; and no surface is carried on over it. Under ``all`` it is unknown,
-as in a photograph whose depth has gaps. A picture without ground has nothing to leave in a hole: if
-every surface is ruled out, the farthest of them are taken.
+as in a photograph whose depth has gaps. A picture without ground has nothing to leave in a hole:
+where no surface is known to be hidden, the farthest are taken.
 
 Each hole is filled by what its own view shows, never by another filled hole: results depend on no
 order, and the cost grows with the number of holes.
@@ -120,7 +120,7 @@ class Filled(SourceGenerator):
         _fill(
             holes, sources, down, across, _kept(rows), _kept(columns), *seen,
             STEEPEST * self.pixel_mm, display.row_pitch_mm / display.pitch_mm,
-            display.depth_range_mm[0], bool((seen.nearest > -np.inf).all()), colour, filled,
+            display.depth_range_mm[0], bool((seen.front > -np.inf).all()), colour, filled,
         )  # fmt: skip
         return holes[filled], colour[filled]
 
@@ -130,28 +130,29 @@ class _Seen(NamedTuple):
 
     Attributes
     ----------
-    nearest : (H, W) float32
-        Depth up to which nothing can be known of a place; -inf where the ground is seen.
+    front : (H, W) float32
+        Depth behind which nothing is seen; -inf where the ground is, the lowest number there is
+        where nothing is known.
     depth : (layers x H x W,) float32
         Of what is shown; -inf where there is nothing.
     palette : (layers x H x W, 3) float32
         Linear RGB.
     """
 
-    nearest: np.ndarray
+    front: np.ndarray
     depth: np.ndarray
     palette: np.ndarray
 
     @classmethod
     def of(cls, rgbd: RGBD, *, unknown: bool) -> _Seen:
-        uncovered = np.float32(np.inf if unknown else -np.inf)
+        uncovered = np.finfo(np.float32).min if unknown else np.float32(-np.inf)
         layers = rgbd.layers
         depth = [np.where(one.covered, one.front_mm, np.float32(-np.inf)) for one in layers]
         color = rgbd.palette.reshape(-1, rgbd.color.shape[2])[:, :3]
         if color.dtype == np.uint8:
             color = _LIGHT[color]
-        nearest = np.where(rgbd.covered, rgbd.depth_mm, uncovered)
-        return cls(nearest, np.concatenate(depth).reshape(-1), color)
+        front = np.where(rgbd.covered, rgbd.depth_mm, uncovered)
+        return cls(front, np.concatenate(depth).reshape(-1), color)
 
 
 _LIGHT = linear_from_srgb(np.arange(256, dtype=np.float32) / np.float32(255))
@@ -186,13 +187,13 @@ def _lattice(
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _fill(
-    holes, sources, down, across, row_rays, column_rays, nearest, depth, palette, same_mm, aspect,
+    holes, sources, down, across, row_rays, column_rays, front, depth, palette, same_mm, aspect,
     z_min, no_ground, colour, filled,
 ):  # fmt: skip
     """Fill each hole; see the module's definition."""
     for n in numba.prange(len(holes)):
         i, j = divmod(holes[n], sources.shape[1])
-        if _seen_at(nearest, row_rays, i, column_rays, j, z_min) == -np.inf:
+        if _seen_at(front, row_rays, i, column_rays, j, z_min) == -np.inf:
             continue
         found, lenses = np.full(9, -1), np.zeros(9, np.int64)
         hidden, any_hidden, farthest = np.zeros(9, np.bool_), False, np.inf
@@ -205,7 +206,7 @@ def _fill(
             seen = np.float32(np.inf)
             for on in range(lenses[k]):
                 p, q = _beside(i, on * step[0], down), _beside(j, on * step[1], across)
-                seen = min(seen, _seen_at(nearest, row_rays, p, column_rays, q, z))
+                seen = min(seen, _seen_at(front, row_rays, p, column_rays, q, z))
             if seen == -np.inf:
                 found[k] = -1
                 continue
@@ -219,7 +220,7 @@ def _fill(
             left = no_ground and not any_hidden and depth[found[k]] <= farthest + same_mm
             if hidden[k] or left:
                 step = k // 3 - 1, k % 3 - 1
-                source = _next_of_surface(found[k], step, depth, nearest.shape, same_mm)
+                source = _next_of_surface(found[k], step, depth, front.shape, same_mm)
                 share = 1 / (lenses[k] * np.sqrt((step[0] * aspect) ** 2 + step[1] ** 2))
                 weight += share
                 red += share * palette[source, 0]
@@ -231,14 +232,14 @@ def _fill(
 
 
 @numba.njit(cache=True, nogil=True)
-def _seen_at(nearest, row_rays, i, column_rays, j, z):
+def _seen_at(front, row_rays, i, column_rays, j, z):
     """What the picture shows where a ray is at a depth; beyond its edge, what may be anything."""
     v0, dv, v1 = row_rays
     u0, du, u1 = column_rays
     v = np.floor((v0[i] + dv[i] * z) / v1)
     u = np.floor((u0[j] + du[j] * z) / u1)
-    if 0 <= v < nearest.shape[0] and 0 <= u < nearest.shape[1]:
-        return nearest[int(v), int(u)]
+    if 0 <= v < front.shape[0] and 0 <= u < front.shape[1]:
+        return front[int(v), int(u)]
     return np.float32(np.inf)
 
 
