@@ -200,7 +200,7 @@ def generate(
     out : array, optional
         Where to write the result.
     **options
-        The algorithm's own; see its module.
+        The algorithm's own, and ``fill``; see `prepare`.
 
     Returns
     -------
