@@ -75,7 +75,6 @@ class _Stated:
     color: str | None = None
     marker: str | None = None
     interpreted_with: Mapping[str, str] = field(default_factory=dict)
-    inexact_with: Mapping[str, str] = field(default_factory=dict)
 
 
 def algorithm(
@@ -86,14 +85,14 @@ def algorithm(
     color: str | None = None,
     marker: str | None = None,
     interpreted_with: Mapping[str, str] | None = None,
-    inexact_with: Mapping[str, str] | None = None,
 ) -> Callable[[_AnyPrepare], _AnyPrepare]:
     """State the properties of an algorithm; decorates its `prepare`.
 
     Parameters
     ----------
     exact : bool
-        By its definition it shows the first hit of every panel pixel's ray in the picture.
+        By its definition it shows the first hit of every panel pixel's ray in the columns of the
+        picture, or in those that its option `columns` names.
     portable : bool
         Its EIA depends on comparisons of stored numbers only: the same bits on every machine.
     reads_layers : bool
@@ -102,12 +101,8 @@ def algorithm(
         Of its points in plots, as matplotlib names them.
     interpreted_with : {option: value}, optional
         The options with which it runs as plain Python.
-    inexact_with : {option: value}, optional
-        The options with which its definition is another than a first hit in solid columns.
     """
-    stated = _Stated(
-        exact, portable, reads_layers, color, marker, interpreted_with or {}, inexact_with or {}
-    )
+    stated = _Stated(exact, portable, reads_layers, color, marker, interpreted_with or {})
 
     def state(prepare: _AnyPrepare) -> _AnyPrepare:
         setattr(prepare, _STATED, stated)
@@ -128,6 +123,8 @@ class AlgorithmProperties:
         It ships with inim.
     exact, portable, reads_layers, color, marker :
         See `algorithm`.
+    columns : str
+        The columns that its first hits are in; see `inim.generators.raycast.columns`.
     takes_mask : bool
         It makes the pixels of a mask only; others are run in full and blackened.
     interpreted : bool
@@ -137,6 +134,7 @@ class AlgorithmProperties:
     name: str
     own: bool
     exact: bool
+    columns: str
     portable: bool
     reads_layers: bool
     color: str | None
@@ -199,7 +197,8 @@ class Algorithm:
         return AlgorithmProperties(
             self.name,
             self.own,
-            stated.exact and not given(stated.inexact_with),
+            stated.exact,
+            "layers" if stated.reads_layers else str(options.get("columns", "surface")),
             stated.portable,
             stated.reads_layers,
             stated.color,
