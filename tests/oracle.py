@@ -33,7 +33,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.generators.oracle import lensed_pixels
-from inim.rgbd import RGBD
+from inim.rgbd import RGBD, LayeredRGBD
 from reports.stress.study.oracles import first_hits
 from reports.stress.study.rays import rays_over
 
@@ -132,8 +132,33 @@ def runs(
     return found
 
 
-def exact_sources(rgbd: RGBD, display: Display) -> np.ndarray:
-    """Source map in rational arithmetic."""
+def column_ends(rgbd: RGBD, columns: str) -> tuple[list[tuple[np.ndarray, np.ndarray]], bool]:
+    """Fronts and backs of each layer, NaN where there is none; whether what is hidden continues."""
+    if columns == "layers" and isinstance(rgbd, LayeredRGBD):
+        layers = [(one.front_mm, one.back_mm, one.covered) for one in rgbd.layers]
+        return [(np.where(c, f, np.nan), np.where(c, b, np.nan)) for f, b, c in layers], False
+    front = np.where(rgbd.covered, rgbd.depth_mm, np.float32(np.nan))
+    back = np.full(rgbd.shape, -np.inf, np.float32)
+    if columns != "solid":
+        for i, j in zip(*np.nonzero(rgbd.covered), strict=True):
+            back[i, j] = _surface_back(front, int(i), int(j), rgbd.pixel_mm)
+    return [(front, back)], columns != "solid"
+
+
+def _surface_back(front: np.ndarray, i: int, j: int, pixel_mm: float) -> np.float32:
+    """Ten pixels behind the front, or the lowest neighbour joined to it; in float32."""
+    here = front[i, j]
+    low = here - np.float32(10 * pixel_mm)
+    for p in range(max(i - 1, 0), min(i + 2, front.shape[0])):
+        for q in range(max(j - 1, 0), min(j + 2, front.shape[1])):
+            steepest = 20 * pixel_mm * (math.sqrt(2) if p != i and q != j else 1.0)
+            if here - front[p, q] <= np.float32(steepest):
+                low = min(low, front[p, q])
+    return low
+
+
+def exact_sources(rgbd: RGBD, display: Display, columns: str = "surface") -> np.ndarray:
+    """Source map in rational arithmetic, of the columns that `template` and `layered` know."""
     low, high = depth_range(display)
     row_rays, column_rays = all_rays(rgbd, display)
     row_runs = [runs(s, d, low, high) for s, d in zip(row_rays.start, row_rays.slope, strict=True)]
@@ -144,38 +169,60 @@ def exact_sources(rgbd: RGBD, display: Display) -> np.ndarray:
     scale = math.lcm(*{end.denominator for r in row_runs + column_runs for end, _ in r})
     row_runs = [[(int(end * scale), cell) for end, cell in r] for r in row_runs]
     column_runs = [[(int(end * scale), cell) for end, cell in r] for r in column_runs]
-    # depth >= end for a whole `end` exactly when floor(depth) >= end.
-    depth = {
-        (r, c): math.floor(Fraction(float(rgbd.depth_mm[r, c])) * scale)
-        for r, c in zip(*np.nonzero(rgbd.covered), strict=True)
-    }
-    wide = rgbd.shape[1]
+    layers, continues = column_ends(rgbd, columns)
+    solids = [_whole(front, back, scale) for front, back in layers]
     found = np.full((len(row_runs), len(column_runs)), NO_LENS, np.int32)
     for i, by_row in enumerate(row_runs):
         for j, by_column in enumerate(column_runs):
             if row_rays.lens[i] >= 0 and column_rays.lens[j] >= 0:
-                found[i, j] = _first_cell(by_row, by_column, depth, wide)
+                found[i, j] = _first_cell(by_row, by_column, solids, rgbd.shape, continues)
     return found
+
+
+_Solids = dict[tuple[int, int], tuple[int, float]]
+
+
+def _whole(front: np.ndarray, back: np.ndarray, scale: int) -> _Solids:
+    """Front and back of each covered cell, in units of 1 / scale.
+
+    depth >= end for a whole `end` exactly when floor(depth) >= end, and depth <= entry when
+    ceil(depth) <= entry.
+    """
+    return {
+        (int(r), int(c)): (
+            math.floor(Fraction(float(front[r, c])) * scale),
+            back[r, c] if np.isinf(back[r, c]) else math.ceil(Fraction(float(back[r, c])) * scale),
+        )
+        for r, c in np.argwhere(~np.isnan(front))
+    }
 
 
 def _first_cell(
     by_row: list[tuple[int, int]],
     by_column: list[tuple[int, int]],
-    depth: dict[tuple[int, int], int],
-    wide: int,
+    solids: list[_Solids],
+    shape: tuple[int, int],
+    continues: bool,
 ) -> int:
     """Walk the overlaps of two lists of runs; borders met together are left together."""
-    a = b = 0
+    (high, wide), a, b, entry = shape, 0, 0, math.inf
+    last, hidden = HOLE, False
     while a < len(by_row) and b < len(by_column):
         row_end, row = by_row[a]
         column_end, column = by_column[b]
         end = max(row_end, column_end)
-        reach = depth.get((row, column))
-        if reach is not None and reach >= end:
-            return row * wide + column
+        for number, solid in enumerate(solids):
+            front, back = solid.get((row, column), (-math.inf, math.inf))
+            if front >= end and back <= entry:
+                return (number * high + row) * wide + column
+        if (row, column) in solids[0] and solids[0][row, column][0] >= end:
+            hidden = True
+        elif 0 <= row < high and 0 <= column < wide:
+            last = row * wide + column if (row, column) in solids[0] else HOLE
         a += row_end == end
         b += column_end == end
-    return HOLE
+        entry = end
+    return last if hidden and continues else HOLE
 
 
 # -- float64 ------------------------------------------------------------------------------------

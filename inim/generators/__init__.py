@@ -7,7 +7,6 @@ An algorithm is one file of this folder, or a function that another package anno
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -119,36 +118,37 @@ def prepare(
     merged = {**written, **options}
     found.check_options(merged)
     fill = "none" if found.fills_itself else merged.pop(FILL, "none")
-    filling = _filling(name, fill)
+    filling = one_of(FILL, fill, FILLS) != "none"
     # What fills a hole may lie outside the mask.
-    sparse = found.takes_mask and filling is None
+    sparse = found.takes_mask and not filling
     if mask is not None:
         check_mask(mask, display)
         merged |= {MASK: mask} if sparse else {}
-    made = found.prepare(display, tuple(shape), float(pixel_mm), **merged)
-    if not isinstance(made, Generator):
-        raise UsageError(f"algorithm {name!r} made a {type(made).__name__}, which cannot generate")
-    if filling is not None:
-        made = filling(made)
+
+    def make(**more: Any) -> Generator:
+        made = found.prepare(display, tuple(shape), float(pixel_mm), **merged, **more)
+        if not isinstance(made, Generator):
+            raise UsageError(
+                f"algorithm {name!r} made a {type(made).__name__}, which cannot generate"
+            )
+        return made
+
+    made = make()
+    if filling:
+        made = _filled(name, made, fill, make(leave_holes=True) if found.leaves_holes else made)
     return made if mask is None or sparse else masked(made, mask)
 
 
-def _filling(name: str, fill: Any) -> Callable[[Generator], Generator] | None:
-    """What makes a generator fill its holes; None for one that does not."""
-    if one_of(FILL, fill, FILLS) == "none":
-        return None
+def _filled(name: str, made: Generator, fill: str, left: Generator) -> Generator:
+    """A generator that fills the holes that another leaves."""
+    from inim.generators.raycast.fill import Filled
 
-    def filled(made: Generator) -> Generator:
-        from inim.generators.raycast.fill import Filled
-
-        if not isinstance(made, SourceGenerator):
-            raise UsageError(
-                f"algorithm {name!r} does not say where its colours come from, and so not what "
-                "is a hole; leave fill out"
-            )
-        return Filled(made, fill)
-
-    return filled
+    if not (isinstance(made, SourceGenerator) and isinstance(left, SourceGenerator)):
+        raise UsageError(
+            f"algorithm {name!r} does not say where its colours come from, and so not what is a "
+            "hole; leave fill out"
+        )
+    return Filled(made, fill, left)
 
 
 def find_sources(rgbd: RGBD, display: Display, algorithm: str = DEFAULT, **options: Any) -> Sources:

@@ -203,10 +203,18 @@ class SourceGenerator(ABC):
     def find(self, rgbd: RGBD) -> Sources:
         """Sources of all panel pixels; those under no lens may hold anything."""
 
-    def sources(self, rgbd: RGBD) -> Sources:
-        """``row * W + column`` of each panel pixel's source, or `HOLE`, or `NO_LENS`."""
+    def find_into(self, rgbd: RGBD, found: Sources) -> Sources:
+        """As `find`, into an array of `made_shape`, which is returned."""
+        found[...] = self.find(rgbd)
+        return found
+
+    def sources(self, rgbd: RGBD, out: Sources | None = None) -> Sources:
+        """``row * W + column`` of each panel pixel's source, or `HOLE`, or `NO_LENS`.
+
+        Into `out`, an array of `made_shape`, if it is given.
+        """
         self.check(rgbd)
-        found = self.find(rgbd)
+        found = self.find(rgbd) if out is None else self.find_into(rgbd, out)
         return found if self.pixels is not None else self._without_lens(found)
 
     def _without_lens(self, found: Sources) -> Sources:

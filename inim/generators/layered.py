@@ -1,9 +1,9 @@
 """`layered`: the exact first hit in a picture that knows what lies behind its front surface.
 
 Definition. As `inim.generators.template`, but a pixel's column is solid only from each layer's
-front down to its back (`inim.rgbd.LayeredRGBD`); see `inim.generators.raycast.solids`.
+front down to its back (`inim.rgbd.LayeredRGBD`), and nothing is shown where a ray meets none.
 
-A picture without layers is solid all the way back, and shows what `template` shows.
+A picture without layers shows what `template` shows.
 """
 
 from __future__ import annotations
@@ -17,9 +17,6 @@ from inim.generators.raycast.cells import check_ray_length
 from inim.generators.registry import algorithm
 
 __all__ = ["prepare"]
-
-# Of usual pictures: what tables are made for is not known before a picture comes.
-_LAYERS = 4
 
 
 @algorithm(exact=True, reads_layers=True, color="#6a51a3", marker="P")
@@ -45,9 +42,10 @@ def prepare(
     UsageError
         Another number of samples, or rays so long that they are a slip.
     """
-    from inim.generators.raycast.solids import first_hits_in_solids
+    from inim.generators.raycast.columns import LAYERS
+    from inim.generators.raycast.first_hits import first_hits
 
     if str(samples) not in ("1", "2", "4"):
         raise UsageError(f"layered: samples = {samples!r}; use 1, 2 or 4")
     check_ray_length("layered", display, shape, pixel_mm)
-    return first_hits_in_solids(display, shape, pixel_mm, int(samples), mask, layers=_LAYERS)
+    return first_hits(display, shape, pixel_mm, LAYERS, int(samples), mask)

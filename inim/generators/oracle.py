@@ -9,6 +9,8 @@ the definition:
   ray along a border is in the cell of the larger row or column.
 * A panel pixel on the border between two elemental images belongs to the one nearer the array's
   centre, and on that to the left or upper one.
+* Columns are those of `template`'s docstring: as thick as the surface that a pixel shows, solid, or
+  the layers of a layered depth image. The rule of the first is float32 arithmetic by definition.
 * A length means the number a person wrote (0.0636 is 636/10000): `inim.display.pixels.stated`. A
   float32 depth means exactly the value it holds.
 
@@ -22,7 +24,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -38,6 +40,7 @@ __all__ = [
     "ExactHits",
     "Line",
     "axis_rays",
+    "column_layers",
     "exact_hits",
     "first_hits_of",
     "lensed_pixels",
@@ -97,24 +100,56 @@ def why_no_oracle(rgbd: RGBD, display: Display) -> str | None:
     return None
 
 
-def exact_hits(rgbd: RGBD, display: Display, most: int = _MOST_PIXELS) -> ExactHits:
+def exact_hits(
+    rgbd: RGBD, display: Display, columns: str = "surface", most: int = _MOST_PIXELS
+) -> ExactHits:
     """Exact first hits of panel pixels under lenses: of all, or of a random sample of them.
 
     Parameters
     ----------
     rgbd : RGBD
-        With layers or without.
     display : Display
         Separable.
+    columns : {"surface", "solid", "layers"}
+        See `column_layers`.
     most : int
         Panel pixels at most.
     """
     pixels = lensed_pixels(display)
     if len(pixels) > most:
         pixels = pixels[np.random.default_rng(0).choice(len(pixels), most, replace=False)]
-    rows, columns = axis_rays(display, rgbd)
-    lines = ((rows.start[r], rows.slope[r], columns.start[c], columns.slope[c]) for r, c in pixels)
-    return ExactHits(pixels, first_hits_of(lines, rgbd, display))
+    down, across = axis_rays(display, rgbd)
+    lines = ((down.start[r], down.slope[r], across.start[c], across.slope[c]) for r, c in pixels)
+    return ExactHits(pixels, first_hits_of(lines, rgbd, display, columns))
+
+
+def column_layers(rgbd: RGBD, columns: str) -> tuple[tuple[Layer, ...], bool]:
+    """The solids of a picture's columns, and whether what they hide continues behind them.
+
+    Parameters
+    ----------
+    rgbd : RGBD
+    columns : {"surface", "solid", "layers"}
+        As of `template:columns=`; or those of a layered depth image, "surface" of other pictures.
+    """
+    if columns == "layers" and isinstance(rgbd, LayeredRGBD):
+        return rgbd.layers, False
+    none = np.full(rgbd.shape, -np.inf, np.float32)
+    back = none if columns == "solid" else _surface_backs(rgbd)
+    return (Layer(rgbd.color, rgbd.depth_mm, back, rgbd.covered),), columns != "solid"
+
+
+def _surface_backs(rgbd: RGBD) -> np.ndarray:
+    """The lowest of the eight neighbours that are joined to each pixel, or ten pixels behind it."""
+    rows, columns = rgbd.shape
+    depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(np.nan))
+    padded = np.pad(depth, 1, constant_values=np.nan)
+    back = depth - np.float32(10 * rgbd.pixel_mm)
+    for down, right in product((0, 1, 2), repeat=2):
+        beside = padded[down : down + rows, right : right + columns]
+        steepest = np.float32(20 * rgbd.pixel_mm * math.hypot(down - 1, right - 1))
+        back = np.where(depth - beside <= steepest, np.fmin(back, beside), back)
+    return back
 
 
 # -- rays ---------------------------------------------------------------------------------------
@@ -180,15 +215,29 @@ def _lenses(display: Display, pixels: int, lenses: int, shift_mm: float) -> list
 # -- hits ---------------------------------------------------------------------------------------
 
 
-def first_hits_of(lines: Iterable[Line], rgbd: RGBD, display: Display) -> np.ndarray:
-    """Source of each ray, (n,) int64: ``(layer * H + row) * W + column``, or `HOLE`."""
+def first_hits_of(
+    lines: Iterable[Line], rgbd: RGBD, display: Display, columns: str = "surface"
+) -> np.ndarray:
+    """Source of each ray, (n,) int64: ``(layer * H + row) * W + column``, or `HOLE`.
+
+    Parameters
+    ----------
+    lines : iterable of Line
+    rgbd, columns :
+        See `exact_hits`.
+    display : Display
+    """
     low, high = map(Fraction, display.depth_range_mm)
-    layers = rgbd.layers
-    return np.array([_first_hit(line, layers, low, high) for line in lines], np.int64)
+    met = column_layers(rgbd, columns)
+    return np.array([_first_hit(line, *met, low, high) for line in lines], np.int64)
 
 
-def _first_hit(line: Line, layers: tuple[Layer, ...], low: Fraction, high: Fraction) -> int:
-    rows, columns = layers[0].covered.shape
+def _first_hit(
+    line: Line, layers: tuple[Layer, ...], continues: bool, low: Fraction, high: Fraction
+) -> int:
+    first = layers[0]
+    rows, columns = first.covered.shape
+    passed_over, behind = HOLE, False
     for entry, end, r, c in _spans(line, low, high):
         if not (0 <= r < rows and 0 <= c < columns):
             continue
@@ -197,7 +246,13 @@ def _first_hit(line: Line, layers: tuple[Layer, ...], low: Fraction, high: Fract
                 continue
             if entry is None or float(layer.back_mm[r, c]) <= entry:
                 return int((number * rows + r) * columns + c)
-    return HOLE
+        if not first.covered[r, c]:
+            passed_over = HOLE
+        elif float(first.front_mm[r, c]) < end:
+            passed_over = int(r * columns + c)
+        else:
+            behind = True
+    return passed_over if behind and continues else HOLE
 
 
 def _spans(

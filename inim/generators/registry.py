@@ -36,6 +36,7 @@ __all__ = [
     "DEFAULT",
     "FILL",
     "FILLS",
+    "LEAVE_HOLES",
     "MASK",
     "PICKUP",
     "Algorithm",
@@ -65,6 +66,9 @@ FILL = "fill"
 #: Its values. What is filled: nothing; what is hidden behind a surface or by the picture's edge;
 #: and what the picture does not cover, too.
 FILLS = ("none", "hidden", "all")
+#: The parameter of a `prepare` that can leave holes where it shows what it only supposes; not an
+#: option of the algorithm.
+LEAVE_HOLES = "leave_holes"
 
 _ENTRY_POINTS = "inim.generators"
 # Where `algorithm` leaves the properties of a `prepare`.
@@ -84,7 +88,6 @@ class _Stated:
     color: str | None = None
     marker: str | None = None
     interpreted_with: Mapping[str, str] = field(default_factory=dict)
-    inexact_with: Mapping[str, str] = field(default_factory=dict)
 
 
 def algorithm(
@@ -95,14 +98,14 @@ def algorithm(
     color: str | None = None,
     marker: str | None = None,
     interpreted_with: Mapping[str, str] | None = None,
-    inexact_with: Mapping[str, str] | None = None,
 ) -> Callable[[_AnyPrepare], _AnyPrepare]:
     """State the properties of an algorithm; decorates its `prepare`.
 
     Parameters
     ----------
     exact : bool
-        By its definition it shows the first hit of every panel pixel's ray in the picture.
+        By its definition it shows the first hit of every panel pixel's ray in the columns of the
+        picture, or in those that its option `columns` names.
     portable : bool
         Its EIA depends on comparisons of stored numbers only: the same bits on every machine.
     reads_layers : bool
@@ -111,12 +114,8 @@ def algorithm(
         Of its points in plots, as matplotlib names them.
     interpreted_with : {option: value}, optional
         The options with which it runs as plain Python.
-    inexact_with : {option: value}, optional
-        The options with which its definition is another than a first hit in solid columns.
     """
-    stated = _Stated(
-        exact, portable, reads_layers, color, marker, interpreted_with or {}, inexact_with or {}
-    )
+    stated = _Stated(exact, portable, reads_layers, color, marker, interpreted_with or {})
 
     def state(prepare: _AnyPrepare) -> _AnyPrepare:
         setattr(prepare, _STATED, stated)
@@ -137,6 +136,8 @@ class AlgorithmProperties:
         It ships with inim.
     exact, portable, reads_layers, color, marker :
         See `algorithm`.
+    columns : str
+        The columns that its first hits are in; see `inim.generators.raycast.columns`.
     takes_mask : bool
         It makes the pixels of a mask only; others are run in full and blackened.
     interpreted : bool
@@ -146,6 +147,7 @@ class AlgorithmProperties:
     name: str
     own: bool
     exact: bool
+    columns: str
     portable: bool
     reads_layers: bool
     color: str | None
@@ -175,7 +177,7 @@ class Algorithm:
     def options(self) -> tuple[inspect.Parameter, ...]:
         """What can be written after its name: `prepare`'s parameters from the fourth on."""
         parameters = list(inspect.signature(self.prepare).parameters.values())[3:]
-        return tuple(p for p in parameters if p.name != MASK)
+        return tuple(p for p in parameters if p.name not in (MASK, LEAVE_HOLES))
 
     @property
     def takes_mask(self) -> bool:
@@ -186,6 +188,11 @@ class Algorithm:
     def summary(self) -> str:
         """The first line of `prepare`'s docstring."""
         return (inspect.getdoc(self.prepare) or "").partition("\n")[0]
+
+    @property
+    def leaves_holes(self) -> bool:
+        """Whether its `prepare` can leave holes to be filled."""
+        return LEAVE_HOLES in inspect.signature(self.prepare).parameters
 
     @property
     def fills_itself(self) -> bool:
@@ -213,7 +220,8 @@ class Algorithm:
         return AlgorithmProperties(
             self.name,
             self.own,
-            stated.exact and not given(stated.inexact_with),
+            stated.exact,
+            "layers" if stated.reads_layers else str(options.get("columns", "surface")),
             stated.portable,
             stated.reads_layers,
             stated.color,

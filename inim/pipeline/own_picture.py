@@ -19,6 +19,7 @@ from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.from_camera.picture import CameraPicture
 from inim.generators import SourceGenerator, check_algorithm, generate
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
+from inim.generators.registry import properties
 from inim.lens import check_lens_model
 from inim.observer import Observer
 from inim.pipeline.checks import BLACK, check, finite
@@ -255,7 +256,11 @@ def _scored(
 
     run.observer.stage("exact oracle")
     why = why_no_oracle(rgbd, display)
-    exact = exact_hits(rgbd, display) if why is None else None
+    # Of algorithms that are no first hits in columns of their own: those of the surface.
+    rules = {
+        p.columns if p.exact else "surface" for p in map(properties, _algorithms(s.algorithms))
+    }
+    exact = {rule: exact_hits(rgbd, display, rule) for rule in rules if why is None}
     run.observer.stage("views")
     front = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
     direct = {v.name: warped(front, display, v, s.view_pixels_per_lens) for v in viewpoints}
@@ -279,7 +284,7 @@ def _scored(
         run.observer.line(_line(name, made))
     return {
         "viewpoints": [{"name": v.name, "position_mm": list(v.position_mm)} for v in viewpoints],
-        "oracle_pixels": 0 if exact is None else len(exact.sources),
+        "oracle_pixels": max((len(hits.sources) for hits in exact.values()), default=0),
         "exact": {name: metrics.score(direct[name][0], view) for name, view in best.items()},
         "met_fraction": {name: float(met.mean()) for name, (_, met) in direct.items()},
         "algorithms": algorithms,
@@ -289,15 +294,16 @@ def _scored(
 
 
 def _made(
-    generator: GeneratorHandle, rgbd: RGBD, exact: ExactHits | None, folder: Path
+    generator: GeneratorHandle, rgbd: RGBD, exact: Mapping[str, ExactHits], folder: Path
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """A generator's EIA, finite and written, and what can be said of it by itself."""
     display, algorithm = generator.display, generator.algorithm
     eia, seconds, empty = generator.run(rgbd)
-    wrong = None
-    if exact is not None and isinstance(generator.generator, SourceGenerator):
+    wrong, known = None, generator.properties
+    if exact and isinstance(generator.generator, SourceGenerator):
+        hits = exact[known.columns if known.exact else "surface"]
         with blamed(algorithm, "sources"):
-            wrong = exact.wrong_share(generator.generator.sources(rgbd))
+            wrong = hits.wrong_share(generator.generator.sources(rgbd))
     bad = float((~np.isfinite(eia).all(axis=-1)).mean())
     (eia,), _ = finite(algorithm, eia)
     write_eia(folder / "eia" / f"{algorithm}.png", eia, empty, display.pixel_pitch_mm)

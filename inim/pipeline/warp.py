@@ -7,6 +7,7 @@ import numpy as np
 
 from inim.display import Display, Viewpoint
 from inim.generators.base import HOLE
+from inim.generators.raycast.columns import SURFACE, columns_of
 from inim.generators.raycast.ray_by_ray import first_hit
 from inim.rgbd import RGBD
 
@@ -21,8 +22,8 @@ def warped(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What an eye sees of a picture through the window of the array.
 
-    Each ray shows the first of the picture's columns, solid all the way back, that it meets: what
-    `template` takes the picture for, from another place.
+    Each ray shows the first of the picture's columns that it meets, as thick as the surface that
+    each pixel shows: what `template` takes the picture for, from another place.
 
     Parameters
     ----------
@@ -45,13 +46,14 @@ def warped(
     x = _places(columns, display.width_mm)
     y = -_places(rows, display.height_mm)
     slope_x, slope_y = (eye.x_mm - x) / eye.z_mm, (eye.y_mm - y) / eye.z_mm
-    depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
+    columns_met = columns_of(rgbd, SURFACE)
+    met_by_rays = (columns_met.fronts(), columns_met.backs(), columns_met.continue_behind)
     view = np.zeros((rows, columns, 3), np.float32)
     met = np.zeros((rows, columns), np.float32)
     # In cells from the picture's left and upper border; rows count downwards.
     across = (x / rgbd.pixel_mm + rgbd.shape[1] / 2, slope_x / rgbd.pixel_mm)
     down = (rgbd.shape[0] / 2 - y / rgbd.pixel_mm, -slope_y / rgbd.pixel_mm)
-    _see(depth, rgbd.color, *across, *down, *display.depth_range_mm, view, met)
+    _see(*met_by_rays, rgbd.color, *across, *down, *display.depth_range_mm, view, met)
     return view, met
 
 
@@ -63,15 +65,18 @@ def _places(pixels: int, size_mm: float) -> np.ndarray:
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _see(depth, color, u0, du, v0, dv, z_min, z_max, view, met):  # type: ignore[no-untyped-def]
+def _see(fronts, backs, continue_behind, color, u0, du, v0, dv, z_min, z_max, view, met):  # type: ignore[no-untyped-def]
     """Mean colour of what each pixel's rays meet, and how many do."""
-    columns = depth.shape[1]
+    columns = fronts.shape[2]
     share = np.float32(1 / (_RAYS * _RAYS))
     for row in numba.prange(view.shape[0]):
         for column in range(view.shape[1]):
             for i in range(row * _RAYS, (row + 1) * _RAYS):
                 for j in range(column * _RAYS, (column + 1) * _RAYS):
-                    hit = first_hit(depth, u0[j], du[j], 1.0, v0[i], dv[i], 1.0, z_min, z_max)
+                    hit = first_hit(
+                        fronts, backs, continue_behind,
+                        u0[j], du[j], 1.0, v0[i], dv[i], 1.0, z_min, z_max,
+                    )  # fmt: skip
                     if hit != HOLE:
                         met[row, column] += share
                         for c in range(3):

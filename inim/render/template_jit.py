@@ -19,6 +19,7 @@ from inim.display import Display
 from inim.display.pixels import PixelAxis
 from inim.generators.base import HOLE, PictureShape, SourceGenerator, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
+from inim.generators.raycast.columns import SURFACE, columns_of
 from inim.generators.raycast.ray_by_ray import entered, leaves
 from inim.render import variant
 from inim.rgbd import RGBD
@@ -119,33 +120,50 @@ class _TemplateJit(SourceGenerator):
 
         Without words its source, or `_NOWHERE`: (rows * columns,) UInt32 on the device, either way.
         """
-        depth = _covered_depth(rgbd)
-        dr.eval(depth)
+        front, back = (_uploaded(depth) for depth in _ends(rgbd))
         rows, columns = self.display.eia_shape
         lane = dr.arange(mi.UInt32, rows * columns)
         across, down = self._columns.at(lane % columns), self._rows.at(lane // columns)
-        found = self._first_hit(depth, across, down)
+        found = self._first_hit(front, back, across, down)
         return found if words is None else dr.gather(mi.UInt32, words, found, found != _NOWHERE)
 
-    def _first_hit(self, depth: Any, across: _Axis, down: _Axis) -> Any:
+    def _first_hit(self, front: Any, back: Any, across: _Axis, down: _Axis) -> Any:
         """`inim.generators.raycast.ray_by_ray.first_hit` of each lane's ray."""
 
-        def step(_: Any, u: Any, v: Any, z_u: Any, z_v: Any, found: Any) -> tuple[Any, ...]:
+        def step(
+            _: Any, u: Any, v: Any, z_u: Any, z_v: Any, z_entry: Any, over: Any, behind: Any,
+            found: Any,
+        ) -> tuple[Any, ...]:  # fmt: skip
             z_exit = dr.maximum(dr.maximum(z_u, z_v), self._z_min)
             inside = across.holds(u) & down.holds(v)
             cell = mi.UInt32(v * across.cells + u)
-            hit = inside & (mi.Float64(dr.gather(mi.Float32, depth, cell, inside)) >= z_exit)
-            going = ~hit & (z_exit > self._z_min)
+            near = mi.Float64(dr.gather(mi.Float32, front, cell, inside))
+            far = mi.Float64(dr.gather(mi.Float32, back, cell, inside))
+            reached = inside & (near >= z_exit)
+            hit = reached & (far <= z_entry)
+            behind |= reached & ~hit
+            passed = dr.select(near > -dr.inf, cell, _NOWHERE)
+            over = dr.select(inside & ~reached, passed, over)
+            ended = ~hit & (z_exit <= self._z_min)
+            found = dr.select(hit, cell, dr.select(ended & behind, over, found))
             u, z_u = across.cross(z_u >= z_exit, u, z_u)
             v, z_v = down.cross(z_v >= z_exit, v, z_v)
-            return going, u, v, z_u, z_v, dr.select(hit, cell, found)
+            return ~hit & ~ended, u, v, z_u, z_v, z_exit, over, behind, found
 
-        begin = (across.cell, down.cell, across.left, down.left, mi.UInt32(_NOWHERE))
-        state = (across.lensed & down.lensed, *begin)
+        nowhere = mi.UInt32(_NOWHERE)
+        begin = (across.cell, down.cell, across.left, down.left, mi.Float64(dr.inf), nowhere)
+        state = (across.lensed & down.lensed, *begin, mi.Bool(False), mi.UInt32(_NOWHERE))
         return dr.while_loop(state, lambda going, *_: going, step, mode="symbolic")[-1]
 
 
-def _covered_depth(rgbd: RGBD) -> Any:
-    """Depths, (H * W,) Float32; an uncovered cell is a column without height, as in `template`."""
-    covered = mi.Bool(rgbd.covered.reshape(-1))
-    return dr.select(covered, mi.Float32(rgbd.depth_mm.reshape(-1)), -dr.inf)
+def _ends(rgbd: RGBD) -> tuple[np.ndarray, np.ndarray]:
+    """Front and back of each pixel's column, (H, W) float32, as in `template`."""
+    columns = columns_of(rgbd, SURFACE)
+    return columns.fronts()[0], columns.backs()[0]
+
+
+def _uploaded(depth: np.ndarray) -> Any:
+    """Depths on the device, (H * W,) Float32."""
+    uploaded = mi.Float32(depth.reshape(-1))
+    dr.eval(uploaded)
+    return uploaded

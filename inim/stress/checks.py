@@ -26,6 +26,7 @@ from inim.display import Display
 from inim.errors import InimError
 from inim.generators import SourceGenerator, prepare
 from inim.generators.oracle import exact_hits
+from inim.generators.registry import properties
 from inim.pipeline.plugin_guard import blamed
 from inim.rgbd import RGBD
 from inim.stress.pictures import (
@@ -122,7 +123,7 @@ def check_first_hits(algorithm: str, case: Case) -> dict[str, Any]:
         said = " ".join(f"{type(error).__name__}: {error}".split())[:300]
         return row | {"outcome": "crashed", "message": said, "passed": False}
     seconds = time.perf_counter() - started
-    hits = exact_hits(picture, display, _MOST_PIXELS)
+    hits = exact_hits(picture, display, properties(algorithm).columns, _MOST_PIXELS)
     wrong = round(hits.wrong_share(sources) * len(hits.sources))
     return row | {
         "outcome": "ran",

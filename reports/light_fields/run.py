@@ -34,21 +34,23 @@ from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.files.image import write_atomically
 from inim.files.light_field import sub_aperture_views
 from inim.files.picture import read_pfm
-from inim.generators import HOLE, find_sources
+from inim.generators import HOLE, prepare
+from inim.generators.raycast.fill import Filled
 from inim.rgbd import RGBD
 
 __all__ = ["METHODS", "MiddleView", "measure", "read", "splat", "table"]
 
-#: What is compared; None has its holes filled from the nearest pixel of their own view.
+#: What is compared, beside the naive rival and holes filled from the nearest pixel of their view.
 METHODS = (
     "template:columns=solid",
     "template:columns=solid:samples=4",
-    "template:columns=surface",
-    "template:columns=surface:samples=4",
-    "template:columns=surface:fill=hidden",
-    "template:columns=surface:samples=4:fill=hidden",
+    "template",
+    "template:samples=4",
+    "template:fill=hidden",
+    "template:samples=4:fill=hidden",
 )
-_HOLES_OF = "template:columns=surface"
+_FILLED = "template:fill=hidden"
+_NEAREST = "template, its holes from the nearest pixel"
 _SIDE = 9
 _VIEW = re.compile(r"input_Cam(\d+)\.png")
 
@@ -142,14 +144,20 @@ def _codes(linear: np.ndarray) -> np.ndarray:
     return srgb_to_uint8(srgb_from_linear(linear))
 
 
+def _left(field: MiddleView) -> np.ndarray:
+    """Sources of the panel, with the holes that a fill is given."""
+    rgbd = field.rgbd
+    made = prepare(field.display, _FILLED, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+    assert isinstance(made, Filled)
+    return made.left.sources(rgbd)
+
+
 class _Errors:
     """Squared errors of all views, by kind of pixel."""
 
     def __init__(self, field: MiddleView) -> None:
         self._field = field
-        holes = sub_aperture_views(
-            find_sources(field.rgbd, field.display, _HOLES_OF), field.display
-        )
+        holes = sub_aperture_views(_left(field), field.display)
         self.kinds = {place: _kinds(field, place, holes[place] == HOLE) for place in field.views}
         self.pixels = sum(
             np.bincount(kind.ravel(), minlength=len(_KINDS)) for kind in self.kinds.values()
@@ -193,7 +201,7 @@ def measure(field: MiddleView) -> dict[str, Any]:
     for name in METHODS:
         eia = inim.generate(field.rgbd, field.display, name)
         methods[name] = errors.of((p, _codes(v)) for p, v in field.of_eia(eia))
-    methods[f"{_HOLES_OF}, nearest"] = errors.of(_nearest_fill(field))
+    methods[_NEAREST] = errors.of(_nearest_fill(field))
     return {
         "name": field.name,
         "views": len(field.views),
@@ -209,7 +217,7 @@ def measure(field: MiddleView) -> dict[str, Any]:
 def _nearest_fill(field: MiddleView) -> Iterator[tuple[tuple[int, int], np.ndarray]]:
     """Columns that end, each hole from the nearest pixel of its own view, whatever that shows."""
     palette = _codes(field.rgbd.color).reshape(-1, 3)
-    for place, view in field.of_eia(find_sources(field.rgbd, field.display, _HOLES_OF)):
+    for place, view in field.of_eia(_left(field)):
         yield place, palette[view[_nearest(view == HOLE)]]
 
 
@@ -246,7 +254,7 @@ def table(results: list[dict[str, Any]]) -> str:
     for kind, word in zip(_KINDS, words, strict=True):
         share = [f"{r['pixel_share'][kind]:.2%}" for r in results]
         lines.append(f"| {word}: pixels | {' | '.join(share)} |")
-        for method in ("splat", f"{_HOLES_OF}, nearest", best):
+        for method in ("splat", _NEAREST, best):
             share = [f"{r['methods'][method]['error_share'][kind]:.1%}" for r in results]
             lines.append(f"| {word}: error, `{method}` | {' | '.join(share)} |")
     lines += ["", "| light field | views compared | disparity | its range, pixels |"]

@@ -18,13 +18,14 @@ from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
-from inim.generators.raycast.surfaces import STEEPEST
+from inim.generators.raycast.columns import STEEPEST
+from inim.generators.raycast.fill import Filled
 from inim.generators.registry import Algorithm
 from inim.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
 
-SURFACE = "template:columns=surface"
+SURFACE = "template"
 WALL, NEAR = (0.1, 0.6, 0.2), (0.9, 0.1, 0.1)
 DEPTHS = {"depth_min_mm": 10.0, "depth_max_mm": 40.0}
 ARRAYS: list[dict[str, Any]] = [
@@ -32,6 +33,13 @@ ARRAYS: list[dict[str, Any]] = [
     {"pixel_pitch_mm": 0.0636},
     {"elemental_pitch_mm": 1.013, "shift_x_mm": 0.2},
 ]
+
+
+def left(rgbd: RGBD, display: Display, algorithm: str) -> tuple[np.ndarray, np.ndarray]:
+    """Sources and EIA with the holes that a fill is given."""
+    made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, fill="all")
+    assert isinstance(made, Filled)
+    return made.left.sources(rgbd), made.left.generate(rgbd)
 
 
 def wall_and_plate(display: Display, per_pitch: int = 4) -> RGBD:
@@ -61,9 +69,8 @@ def hills(display: Display, seed: int = 5) -> RGBD:
 def test_uncovered_background_and_the_picture_beyond_its_edge_are_wall(more, samples) -> None:
     display = small_display(16, 15, **DEPTHS, **more)
     rgbd = wall_and_plate(display)
-    plain = generate(rgbd, display, SURFACE, samples=samples)
+    sources, plain = left(rgbd, display, f"{SURFACE}:samples={samples}")
     filled = generate(rgbd, display, SURFACE, samples=samples, fill="hidden")
-    sources = find_sources(rgbd, display, SURFACE)
     assert 0.08 < np.mean(sources[display.lensed] == HOLE) < 0.3
     holes = (sources == HOLE) & (plain == 0).all(axis=-1)
     assert np.abs(filled[holes] - WALL).max() < 1e-6
@@ -76,7 +83,7 @@ def test_subpixels_are_filled_each_from_its_own_rays() -> None:
     display = small_display(16, 15, subpixels="rgb-stripe", **DEPTHS)
     rgbd = wall_and_plate(display)
     method = f"{SURFACE}:samples=2"
-    holes = (generate(rgbd, display, method) == 0).all(axis=-1)
+    holes = (left(rgbd, display, method)[1] == 0).all(axis=-1)
     assert holes.sum() > 1000
     filled = generate(rgbd, display, method, fill="hidden")
     assert np.abs(filled[holes] - WALL).max() < 1e-6
@@ -89,7 +96,7 @@ def test_ground_that_is_seen_stays_and_what_is_unknown_does_not() -> None:
     covered = rgbd.covered.copy()
     covered[-16:, 8:40] = False
     rgbd = RGBD(rgbd.color, rgbd.depth_mm, covered, rgbd.pixel_mm)
-    sources = find_sources(rgbd, display, SURFACE)
+    sources = left(rgbd, display, SURFACE)[0]
     hidden = generate(rgbd, display, SURFACE, fill="hidden")
     assert (generate(rgbd, display, SURFACE, fill="all") > 0).all()
     ground = (hidden == 0).all(axis=-1)
@@ -124,9 +131,12 @@ def test_relic_before_black_ground_gets_no_rim() -> None:
 def test_fill_is_as_defined(more, how, algorithm) -> None:
     display = small_display(7, 6, **more)
     rgbd = hills(display)
-    sources = find_sources(rgbd, display, algorithm)
+    sources, plain = left(rgbd, display, algorithm)
     filled = generate(rgbd, display, algorithm, fill=how)
-    plain = colour_of(sources, rgbd)
+    as_without = find_sources(rgbd, display, algorithm)
+    assert np.array_equal(find_sources(rgbd, display, algorithm, fill=how), as_without)
+    # A template supposes what goes on behind a surface; a fill is given the hole.
+    assert ((sources == HOLE) & (as_without >= 0)).any() == (algorithm == SURFACE)
     assert np.array_equal(filled[sources != HOLE], plain[sources != HOLE])
     right, empty = 0, 0
     holes = np.argwhere(sources == HOLE)

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators import HOLE, find_sources, generate, prepare
-from inim.generators.base import NO_LENS
-from inim.generators.raycast.solids import (
-    NonSeparableSolids,
-    SharedSolids,
-    SolidsRayByRay,
-)
+from inim.generators import find_sources, generate, prepare
+from inim.generators.raycast.columns import LAYERS
+from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
+from inim.generators.raycast.shared_directions import SharedDirections
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 from inim.stress.pictures import noise, solids_of
 from reports.stress.study.cases import ties
 from tests import oracle
 from tests.conftest import small_display
 
-CENTRE = (Fraction(0), Fraction(0))
 VIRTUAL = {"focal_length_mm": 3.3, "gap_mm": 3.0}
 
 
@@ -54,52 +49,9 @@ def picture(display: Display, per_pitch: int, layers: int, *, seed: int = 1, rgb
     )  # fmt: skip
 
 
-def exact(rgbd: LayeredRGBD, display: Display) -> np.ndarray:
-    """Sources by the definition, in rational numbers: every cell's span against every solid."""
-    low, high = oracle.depth_range(display)
-    rows, columns = oracle.all_rays(rgbd, display)
-    found = np.full((len(rows.lens), len(columns.lens)), NO_LENS)
-    layers = rgbd.layers
-    cells = rgbd.shape[0] * rgbd.shape[1]
-    for i in range(found.shape[0]):
-        for j in range(found.shape[1]):
-            if rows.lens[i] < 0 or columns.lens[j] < 0:
-                continue
-            found[i, j] = HOLE
-            spans = _spans(
-                oracle.runs(rows.start[i], rows.slope[i], low, high),
-                oracle.runs(columns.start[j], columns.slope[j], low, high),
-                high,
-            )
-            for number, (entry, left, r, c) in enumerate(spans):
-                if not (0 <= r < rgbd.shape[0] and 0 <= c < rgbd.shape[1]):
-                    continue
-                for k, layer in enumerate(layers):
-                    if not layer.covered[r, c]:
-                        continue
-                    reaches = Fraction(float(layer.front_mm[r, c])) >= left
-                    began = number == 0 or float(layer.back_mm[r, c]) <= entry
-                    if reaches and began:
-                        found[i, j] = k * cells + r * rgbd.shape[1] + c
-                        break
-                if found[i, j] != HOLE:
-                    break
-    return found
-
-
-def _spans(row_runs, column_runs, high):
-    """(entry, exit, row, column) of a ray's cells, nearest first."""
-    spans, top = [], high
-    while row_runs and column_runs:
-        (row_end, row), (column_end, column) = row_runs[0], column_runs[0]
-        left = max(row_end, column_end)
-        spans.append((top, left, row, column))
-        top = left
-        if row_end == left:
-            row_runs = row_runs[1:]
-        if column_end == left:
-            column_runs = column_runs[1:]
-    return spans
+def exact(rgbd: RGBD, display: Display) -> np.ndarray:
+    """Sources by the definition, in rational numbers."""
+    return oracle.exact_sources(rgbd, display, "layers")
 
 
 @pytest.mark.parametrize("layers", [1, 2, 4])
@@ -155,8 +107,8 @@ def test_rays_and_tables_without_end_are_refused_or_walked():
 def test_lists_shared_by_all_lenses_and_single_rays_agree(per_pitch, lenses, layers):
     display = small_display(*lenses, pixels=7)
     rgbd = picture(display, per_pitch, layers, seed=per_pitch)
-    shared = SharedSolids(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
-    alone = SolidsRayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
+    shared = SharedDirections(display, rgbd.shape, rgbd.pixel_mm, LAYERS)
+    alone = RayByRay(display, rgbd.shape, rgbd.pixel_mm, LAYERS)
     assert np.array_equal(shared.sources(rgbd), alone.sources(rgbd))
 
 
@@ -164,8 +116,8 @@ def test_rays_that_share_nothing_agree_but_for_ties():
     display = small_display(9, 7, pixels=7)
     # Of an odd size: rays along diagonals meet no corners of cells.
     rgbd = replace(picture(display, 3, 3), pixel_mm=0.2717)
-    free = NonSeparableSolids(display, rgbd.shape, rgbd.pixel_mm, CENTRE).sources(rgbd)
-    exact_rays = SolidsRayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE).sources(rgbd)
+    free = NonSeparable(display, rgbd.shape, rgbd.pixel_mm, LAYERS).sources(rgbd)
+    exact_rays = RayByRay(display, rgbd.shape, rgbd.pixel_mm, LAYERS).sources(rgbd)
     assert (free != exact_rays).mean() < 0.02
 
 
@@ -176,7 +128,7 @@ def test_a_prepared_generator_takes_pictures_with_more_and_fewer_layers():
         display, "layered:samples=1", shape=pictures[0].shape, pixel_mm=pictures[0].pixel_mm
     )
     for rgbd in pictures:
-        alone = SolidsRayByRay(display, rgbd.shape, rgbd.pixel_mm, CENTRE)
+        alone = RayByRay(display, rgbd.shape, rgbd.pixel_mm, LAYERS)
         assert np.array_equal(made.sources(rgbd), alone.sources(rgbd))
 
 

@@ -22,6 +22,7 @@ from inim.generators import (
 )
 from inim.generators.base import PixelList
 from inim.generators.raycast.cells import cell_rays
+from inim.generators.raycast.columns import SURFACE, columns_of
 from inim.generators.raycast.ray_by_ray import RayByRay, first_hit
 from inim.generators.template import ray_by_ray
 from inim.pipeline.plugin_guard import run_generator
@@ -37,7 +38,7 @@ ALGORITHMS = [
     "wang2024",
     "wang2024:matching=ray",
     "li2012:fill=hidden",
-    "template:columns=surface:samples=2:fill=all",
+    "template:samples=2:fill=all",
 ]
 SEPARABLE = [
     {},
@@ -177,7 +178,7 @@ def test_a_surface_that_all_rays_start_behind_is_hit_by_all():
     far = np.full(display.capture_shape(3), display.depth_range_mm[0], np.float32)
     covered = np.ones(far.shape, bool)
     rgbd = RGBD(np.ones((*far.shape, 3), np.float32), far, covered, 1 / 3)
-    listed = RayByRay(display, far.shape, 1 / 3, pixels=PixelList.of(display.lensed))
+    listed = RayByRay(display, far.shape, 1 / 3, SURFACE, pixels=PixelList.of(display.lensed))
     assert np.array_equal(listed.sources(rgbd)[0], find_sources(rgbd, display).ravel())
     nothing = RGBD(rgbd.color, far, ~covered, 1 / 3)
     assert (listed.sources(nothing) == HOLE).all()
@@ -190,13 +191,14 @@ def test_rays_over_the_runs_of_their_axes_hit_what_they_hit_walked_alone(name):
     rgbd = noise(display, 2, 4, coded=False)
     found = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
     across, down = cell_rays(rgbd.shape, rgbd.pixel_mm, display)
-    depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
+    columns = columns_of(rgbd, SURFACE)
+    met = (columns.fronts(), columns.backs(), columns.continue_behind)
     random = np.random.default_rng(1)
     lensed = np.flatnonzero(display.lensed)
     for i, j in zip(*np.divmod(random.choice(lensed, 2000), found.shape[1]), strict=True):
         ray = (across.start[j], across.slope[j], across.scale)
         ray += (down.start[i], down.slope[i], down.scale)
-        assert found[i, j] == first_hit(depth, *ray, *display.depth_range_mm)
+        assert found[i, j] == first_hit(*met, *ray, *display.depth_range_mm)
 
 
 def test_a_hole_counts_among_the_pixels_asked_for_only():

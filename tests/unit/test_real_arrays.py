@@ -18,6 +18,7 @@ from inim.display import Display, Viewpoint
 from inim.display.pixels import pixel_rays
 from inim.errors import DisplayError, UsageError
 from inim.generators import HOLE, MASKED, NO_LENS, find_sources, generate
+from inim.generators.raycast.columns import SURFACE
 from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
 from inim.generators.raycast.ray_by_ray import RayByRay
 from inim.lens import trace_to_panel
@@ -313,8 +314,10 @@ def test_sources_of_separable_arrays_are_exact(changes, per_pitch, monkeypatch):
 def test_lenses_beside_the_panel_change_nothing_for_the_others(shift):
     display = small_display(12, 10, shift_x_mm=shift, shift_y_mm=-shift / 2)
     rgbd = flat_picture(display, display.central_depth_mm, 4)
-    found = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd)
-    assert np.array_equal(found, RayByRay(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd))
+    found = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm, SURFACE).sources(rgbd)
+    assert np.array_equal(
+        found, RayByRay(display, rgbd.shape, rgbd.pixel_mm, SURFACE).sources(rgbd)
+    )
     assert (found == NO_LENS).any() and (found >= 0).any()
 
 

@@ -13,10 +13,11 @@ from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
 from inim.generators.base import MASKED, NO_LENS
+from inim.generators.raycast.columns import SOLID, SURFACE
 from inim.generators.raycast.direction_lists import shares_directions
 from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
-from inim.generators.raycast.polyphase import SharedDirections
 from inim.generators.raycast.ray_by_ray import AxisRuns, RayByRay, doubtful_pixels
+from inim.generators.raycast.shared_directions import SharedDirections
 from inim.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
@@ -47,11 +48,14 @@ STRADDLING = {"depth_min_mm": -9.0, "depth_max_mm": 11.0}
 @pytest.mark.parametrize("lenses", [(1, 1), (7, 5), (50, 3), (97, 2)])
 @pytest.mark.parametrize("pixels", [7, 8])
 @pytest.mark.parametrize("mode", [{}, VIRTUAL, STRADDLING], ids=["real", "virtual", "straddling"])
-def test_lists_shared_by_all_lenses_give_every_ray_its_own_source(per_pitch, lenses, pixels, mode):
+@pytest.mark.parametrize("rule", [SURFACE, SOLID])
+def test_lists_shared_by_all_lenses_give_every_ray_its_own_source(
+    per_pitch, lenses, pixels, mode, rule
+):
     display = small_display(*lenses, pixels=pixels, **mode)
     rgbd = picture(display, per_pitch)
-    shared = SharedDirections(display, rgbd.shape, rgbd.pixel_mm)
-    alone = RayByRay(display, rgbd.shape, rgbd.pixel_mm)
+    shared = SharedDirections(display, rgbd.shape, rgbd.pixel_mm, rule)
+    alone = RayByRay(display, rgbd.shape, rgbd.pixel_mm, rule)
     assert np.array_equal(shared.sources(rgbd), alone.sources(rgbd))
 
 
@@ -59,12 +63,13 @@ def test_lists_shared_by_all_lenses_give_every_ray_its_own_source(per_pitch, len
 @pytest.mark.parametrize("lenses", [(1, 1), (7, 5), (81, 3), (163, 2)])
 @pytest.mark.parametrize("pixel_mm", [0.0636, 1 / 8, 1 / 7, 0.21])
 @pytest.mark.parametrize("mode", [{}, VIRTUAL, STRADDLING], ids=["real", "virtual", "straddling"])
-def test_non_integer_pitch_gives_every_ray_its_own_source(per_pitch, lenses, pixel_mm, mode):
+@pytest.mark.parametrize("rule", [SURFACE, SOLID])
+def test_non_integer_pitch_gives_every_ray_its_own_source(per_pitch, lenses, pixel_mm, mode, rule):
     """Any pixel ratio, whole ones among them: every corner is a tie there."""
     display = small_display(*lenses, pixel_pitch_mm=pixel_mm, **mode)
     rgbd = picture(display, per_pitch)
-    found = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm)
-    alone = RayByRay(display, rgbd.shape, rgbd.pixel_mm)
+    found = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm, rule)
+    alone = RayByRay(display, rgbd.shape, rgbd.pixel_mm, rule)
     assert np.array_equal(found.sources(rgbd), alone.sources(rgbd))
 
 
@@ -80,8 +85,8 @@ def test_non_integer_pitch_gives_every_ray_its_own_source(per_pitch, lenses, pix
 def test_non_integer_pitch_serves_panels_and_elemental_images_of_any_size(changes):
     display = small_display(12, 10, **changes)
     rgbd = picture(display, 4)
-    found = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm)
-    alone = RayByRay(display, rgbd.shape, rgbd.pixel_mm)
+    found = NonIntegerPitch(display, rgbd.shape, rgbd.pixel_mm, SURFACE)
+    alone = RayByRay(display, rgbd.shape, rgbd.pixel_mm, SURFACE)
     assert np.array_equal(found.sources(rgbd), alone.sources(rgbd))
 
 
@@ -111,8 +116,8 @@ def test_a_picture_smaller_than_the_array_leaves_the_rest_empty():
     inner = RGBD(
         whole.color[6:-6, 40:-40], whole.depth_mm[6:-6, 40:-40], whole.covered[6:-6, 40:-40], 0.5
     )
-    shared = SharedDirections(display, inner.shape, 0.5)
-    alone = RayByRay(display, inner.shape, 0.5)
+    shared = SharedDirections(display, inner.shape, 0.5, SURFACE)
+    alone = RayByRay(display, inner.shape, 0.5, SURFACE)
     assert np.array_equal(shared.sources(inner), alone.sources(inner))
 
 

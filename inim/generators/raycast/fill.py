@@ -37,7 +37,7 @@ from inim.display.pixels import PixelAxis
 from inim.errors import UsageError
 from inim.generators.base import HOLE, NO_LENS, Ray, SourceGenerator, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
-from inim.generators.raycast.surfaces import STEEPEST
+from inim.generators.raycast.columns import STEEPEST
 from inim.rgbd import RGBD
 
 __all__ = ["Filled"]
@@ -49,7 +49,7 @@ _REACH = 64
 class Filled(SourceGenerator):
     """A generator whose holes are filled from their own views.
 
-    Its sources are the generator's: holes are reported as it left them.
+    Its sources are the generator's: holes are reported as they are without a fill.
 
     Parameters
     ----------
@@ -57,6 +57,8 @@ class Filled(SourceGenerator):
         Of a whole panel.
     how : {"hidden", "all"}
         See the module.
+    left : SourceGenerator
+        The same, but with holes where it shows what it only supposes.
 
     Raises
     ------
@@ -64,13 +66,14 @@ class Filled(SourceGenerator):
         A display whose lenses stand in no rows and columns.
     """
 
-    def __init__(self, made: SourceGenerator, how: str) -> None:
+    def __init__(self, made: SourceGenerator, how: str, left: SourceGenerator) -> None:
         super().__init__(made.display, made.shape, made.pixel_mm)
         if not self.display.is_separable:
             raise UsageError(
                 f"fill = {how!r}: this display has {self.display.not_separable_by}, so its lenses "
                 "stand in no rows and columns; use fill=none"
             )
+        self.left = left
         self._made, self._how = made, how
 
     def find(self, rgbd: RGBD) -> Sources:
@@ -79,8 +82,8 @@ class Filled(SourceGenerator):
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`; what is filled has the alpha of what is shown."""
-        out = self._made.generate(rgbd, self.place(rgbd, out))
-        rays = self._made.rays()
+        out = self.left.generate(rgbd, self.place(rgbd, out))
+        rays = self.left.rays()
         seen = _Seen.of(rgbd, unknown=self._how == "all")
         where, light = [], []
         for ray in rays:

@@ -13,6 +13,7 @@ not depend on the picture, and is stored as pairs of a row and a column, and whi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -22,10 +23,12 @@ from inim.display import Display
 from inim.display.pixels import PixelAxis
 from inim.generators.base import PictureShape, PixelList
 from inim.generators.raycast.cells import CENTRE, Aside, cell_rays
+from inim.generators.raycast.columns import SOLID, Columns
 from inim.generators.raycast.direction_lists import cells_per_pitch
 from inim.generators.raycast.polyphase import (
     PhaseGenerator,
     Phases,
+    farthest_end,
     nearest_surface,
     write_strip,
 )
@@ -37,13 +40,16 @@ from inim.generators.raycast.simd import (
     both,
     but_not,
     choose,
+    either,
     greatest,
     lanes_of,
+    least,
+    less,
     load,
+    no_lanes,
     same,
     store,
 )
-from inim.rgbd import RGBD
 
 __all__ = ["NonIntegerPitch"]
 
@@ -61,6 +67,8 @@ class RowRuns:
         -1 where none.
     offset : (n,) int64
     exit, entry : (n,) float32
+    came : (n,) float32
+        Entries rounded down; see `AxisRuns.came32`.
     reach : (panel rows, 2) int64
         First and last row of slots, from the lens's own, that each panel row's rays visit.
     """
@@ -70,6 +78,7 @@ class RowRuns:
     offset: np.ndarray
     exit: np.ndarray
     entry: np.ndarray
+    came: np.ndarray
     reach: np.ndarray
 
 
@@ -92,6 +101,8 @@ class StripColumns:
     exit : (cells + passes, LANES) float32
         Per lens; infinite where a lens does not visit a cell. Each pass begins with a row of
         infinities, so that the row before a cell's own says where it is entered.
+    came : (cells, LANES) float32
+        Per lens, where it enters a cell, rounded down; infinite where it came from in front of all.
     lanes : (passes,) uint32
         Lenses that take part, a bit each.
     nearest_exit : (cells,) float32
@@ -105,6 +116,7 @@ class StripColumns:
     pass_first: np.ndarray
     offset: np.ndarray
     exit: np.ndarray
+    came: np.ndarray
     lanes: np.ndarray
     nearest_exit: np.ndarray
     lens_first: np.ndarray
@@ -132,12 +144,27 @@ class CellPairs:
 
 
 class NonIntegerPitch(PhaseGenerator):
-    """Directions differ from lens to lens: exit depths are vectors along a strip of lenses."""
+    """Directions differ from lens to lens: exit depths are vectors along a strip of lenses.
+
+    Parameters
+    ----------
+    display, shape, pixel_mm :
+        See `inim.generators.prepare`.
+    rule : str
+        Of one layer; see `raycast.columns`.
+    aside : Aside
+        Where in its pixel each ray starts.
+    """
 
     def __init__(
-        self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside = CENTRE
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        rule: str,
+        aside: Aside = CENTRE,
     ) -> None:
-        super().__init__(display, shape, pixel_mm)
+        super().__init__(display, shape, pixel_mm, rule)
         per_pitch = cells_per_pitch(display, pixel_mm)
         assert per_pitch is not None
         rays = cell_rays(shape, pixel_mm, display, aside)
@@ -147,20 +174,23 @@ class NonIntegerPitch(PhaseGenerator):
             _relative(rows, display.rows, per_pitch),
             _relative(columns, display.columns, per_pitch),
             (display.lens_rows, display.lens_columns),
+            end=rule != SOLID,
         )
         self._rows = row_runs(display, rows, per_pitch, self._phases)
         self._columns = strip_columns(display, columns, per_pitch, self._phases)
         self._pairs = cell_pairs(self._rows, self._columns)
         doubtful = doubtful_pixels(rows, columns) & display.lensed
-        self._doubtful = RayByRay(display, shape, pixel_mm, aside, PixelList.of(doubtful))
+        self._doubtful = RayByRay(display, shape, pixel_mm, rule, aside, PixelList.of(doubtful))
 
-    def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
-        self._fill(rgbd, payload)
-        run_strips(self._rows, self._columns, self._pairs, self._phases, empty, out)
+    def _run(
+        self, columns: Columns, payloads: Sequence[np.ndarray], empty: int, out: np.ndarray
+    ) -> None:
+        self._fill(columns, payloads[0])
+        run_strips(self._rows, self._columns, self._pairs, self._phases, columns, empty, out)
         at = self._doubtful.pixels
         if at is not None and len(at.rows):
-            known = np.append(payload.reshape(-1), np.uint32(empty))
-            out[at.rows, at.columns] = known[self._doubtful.sources(rgbd)[0]]
+            known = np.append(payloads[0].reshape(-1), np.uint32(empty))
+            out[at.rows, at.columns] = known[self._doubtful.first_hits(columns)[0]]
 
 
 def _relative(runs: AxisRuns, pixels: PixelAxis, per_pitch: int) -> np.ndarray:
@@ -177,18 +207,18 @@ def row_runs(display: Display, runs: AxisRuns, per_pitch: int, phases: Phases) -
     own = runs.cell - per_pitch * owner
     offset = phases.row_offset(own)
     reach = phases.row_reach(own, runs.first[:-1])
-    return RowRuns(runs.first, lens, offset, runs.exit32(), runs.entry32(), reach)
+    return RowRuns(runs.first, lens, offset, runs.exit32(), runs.entry32(), runs.came32(), reach)
 
 
 def strip_columns(display: Display, runs: AxisRuns, per_pitch: int, phases: Phases) -> StripColumns:
     """Gather the column runs of a display into passes over strips of lenses."""
     lenses = display.lens_columns
     lens = display.columns.lens
-    exits = runs.exit32()
+    exits, came = runs.exit32(), runs.came32()
     count = np.bincount(lens[lens >= 0], minlength=lenses)
     begin = np.array([np.argmax(lens == n) if count[n] else 0 for n in range(lenses)])
     strip_first, pixel, pass_first = [0], [], [0]
-    cells, exit_rows, bits = [], [], []
+    cells, exit_rows, came_rows, bits = [], [], [], []
     for strip in range(-(-lenses // LANES)):
         start = max(min(strip * LANES, lenses - LANES), 0)
         members = range(start, min(start + LANES, lenses))
@@ -197,9 +227,11 @@ def strip_columns(display: Display, runs: AxisRuns, per_pitch: int, phases: Phas
                 lanes = _leaning(runs, begin, count, members, u, side)
                 if not lanes:
                     continue
-                own, exit_mm = _one_pass(runs, lanes, exits, begin, u, side, start, per_pitch)
+                own, spans = _one_pass(runs, lanes, begin, u, side, per_pitch)
                 cells.append(own)
-                exit_rows.append(exit_mm)
+                came_rows.append(_by_lane(came, spans, lanes, start, len(own)))
+                exit_mm = _by_lane(exits, spans, lanes, start, len(own))
+                exit_rows.append(np.concatenate([np.full((1, LANES), np.inf, np.float32), exit_mm]))
                 bits.append(sum(1 << (n - start) for n in lanes))
                 pixel.append(u)
                 pass_first.append(pass_first[-1] + len(own))
@@ -210,6 +242,7 @@ def strip_columns(display: Display, runs: AxisRuns, per_pitch: int, phases: Phas
         np.array(pass_first),
         phases.column_offset(np.concatenate(cells)),
         np.concatenate(exit_rows),
+        np.concatenate(came_rows),
         np.array(bits, np.uint32),
         np.concatenate([exit_mm[1:].min(axis=1) for exit_mm in exit_rows]),
         begin,
@@ -233,25 +266,28 @@ def _leaning(
 
 
 def _one_pass(
-    runs: AxisRuns,
-    lanes: list[int],
-    exits: np.ndarray,
-    begin: np.ndarray,
-    u: int,
-    side: int,
-    start: int,
-    per_pitch: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Cells of the strip's first lens, nearest first, and each lane's exits, a row ahead."""
+    runs: AxisRuns, lanes: list[int], begin: np.ndarray, u: int, side: int, per_pitch: int
+) -> tuple[np.ndarray, list[tuple[slice, np.ndarray]]]:
+    """Cells of the strip's first lens, nearest first; of each lane, its runs, and their ranks."""
     spans = [slice(runs.first[begin[n] + u], runs.first[begin[n] + u + 1]) for n in lanes]
     relative = [runs.cell[s] - per_pitch * n for s, n in zip(spans, lanes, strict=True)]
     low, high = min(int(c.min()) for c in relative), max(int(c.max()) for c in relative)
-    cells = np.arange(low, high + 1)[::side]
-    exit_mm = np.full((1 + len(cells), LANES), np.inf, np.float32)
-    for n, span, own in zip(lanes, spans, relative, strict=True):
-        rank = (own - low) if side > 0 else (high - own)
-        exit_mm[1 + rank, n - start] = exits[span]
-    return cells, exit_mm
+    ranks = [(own - low) if side > 0 else (high - own) for own in relative]
+    return np.arange(low, high + 1)[::side], list(zip(spans, ranks, strict=True))
+
+
+def _by_lane(
+    values: np.ndarray,
+    spans: list[tuple[slice, np.ndarray]],
+    lanes: list[int],
+    start: int,
+    cells: int,
+) -> np.ndarray:
+    """Values of runs, (cells, LANES) float32; infinite where a lens does not visit a cell."""
+    table = np.full((cells, LANES), np.inf, np.float32)
+    for n, (span, rank) in zip(lanes, spans, strict=True):
+        table[rank, n - start] = values[span]
+    return table
 
 
 def cell_pairs(rows: RowRuns, columns: StripColumns) -> CellPairs:
@@ -310,15 +346,17 @@ def run_strips(
     columns: StripColumns,
     pairs: CellPairs,
     phases: Phases,
+    met: Columns,
     empty: int,
     out: np.ndarray,
 ) -> None:
     """Show each lensed panel pixel the payload of its first hit, the others `empty`."""
     _run(
-        phases.depth.reshape(-1), phases.payload.reshape(-1), phases.depth[0].size, phases.nearest,
-        rows.first, rows.lens, rows.offset, rows.exit, rows.reach,
+        phases.depth.reshape(-1), phases.back.reshape(-1), phases.payload.reshape(-1),
+        met.end, met.continue_behind, phases.depth[0].size, phases.nearest, phases.farthest,
+        rows.first, rows.lens, rows.offset, rows.exit, rows.came, rows.reach,
         columns.strip_first, columns.pixel, columns.pass_first, columns.offset,
-        columns.exit.reshape(-1), columns.lanes, columns.nearest_exit,
+        columns.exit.reshape(-1), columns.came.reshape(-1), columns.lanes, columns.nearest_exit,
         pairs.first, pairs.row, pairs.column, pairs.lanes,
         columns.lens_first, columns.lens_pixels, np.uint32(empty), out,
     )  # fmt: skip
@@ -326,9 +364,10 @@ def run_strips(
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _run(  # type: ignore[no-untyped-def]
-    depth, payload, row_stride, nearest, row_first, row_lens, row_offset, row_exit, row_reach,
-    strip_first, pixel, pass_first, offset, exits, lanes, nearest_exit, pair_first, pair_row,
-    pair_column, pair_lanes, lens_first, lens_pixels, empty, out,
+    depth, back, payload, columns_end, continue_behind, row_stride, nearest, farthest, row_first,
+    row_lens, row_offset, row_exit, row_came, row_reach, strip_first, pixel, pass_first, offset,
+    exits, came, lanes, nearest_exit, pair_first, pair_row, pair_column, pair_lanes, lens_first,
+    lens_pixels, empty, out,
 ):  # fmt: skip
     """All panel rows, shared among the threads."""
     for r in numba.prange(out.shape[0]):
@@ -336,26 +375,34 @@ def _run(  # type: ignore[no-untyped-def]
         if row_lens[r] >= 0:
             strip = np.empty(int(lens_pixels.max()) * LANES, np.uint32)
             _run_row(
-                np.int64(r), depth, payload, row_stride, nearest, row_first, row_lens, row_offset,
-                row_exit, row_reach, strip_first, pixel, pass_first, offset, exits, lanes,
-                nearest_exit, pair_first, pair_row, pair_column, pair_lanes, lens_first,
-                lens_pixels, empty, strip, out,
+                np.int64(r), depth, back, payload, columns_end, continue_behind, row_stride,
+                nearest, farthest, row_first, row_lens, row_offset, row_exit, row_came, row_reach,
+                strip_first, pixel, pass_first, offset, exits, came, lanes, nearest_exit,
+                pair_first, pair_row, pair_column, pair_lanes, lens_first, lens_pixels, empty,
+                strip, out,
             )  # fmt: skip
 
 
 @numba.njit(cache=True, nogil=True)
 def _run_row(  # type: ignore[no-untyped-def]
-    r, depth, payload, row_stride, nearest, row_first, row_lens, row_offset, row_exit, row_reach,
-    strip_first, pixel, pass_first, offset, exits, lanes, nearest_exit, pair_first, pair_row,
-    pair_column, pair_lanes, lens_first, lens_pixels, empty, strip, out,
+    r, depth, back, payload, columns_end, continue_behind, row_stride, nearest, farthest, row_first,
+    row_lens, row_offset, row_exit, row_came, row_reach, strip_first, pixel, pass_first, offset,
+    exits, came, lanes, nearest_exit, pair_first, pair_row, pair_column, pair_lanes, lens_first,
+    lens_pixels, empty, strip, out,
 ):  # fmt: skip
-    """One panel row, a strip of lenses and a pass at a time, near to far until all have hit."""
+    """One panel row, a strip of lenses and a pass at a time, near to far until all have hit.
+
+    Rays that passed behind a column, and met nothing, go as in `raycast.shared_directions`.
+    """
     m = row_lens[r]
     lenses, shared, passes = len(lens_first), lens_pixels.min(), len(pixel)
     for s in range(len(strip_first) - 1):
         start = max(min(s * LANES, lenses - LANES), 0)
         base = m * row_stride + start
-        most = nearest_surface(nearest, m + row_reach[r, 0], m + row_reach[r, 1], s)
+        top, bottom = m + row_reach[r, 0], m + row_reach[r, 1]
+        most, least_end = nearest_surface(nearest, top, bottom, s), np.float32(-np.inf)
+        if columns_end:
+            least_end = farthest_end(farthest, top, bottom, s)
         strip[:] = empty
         for p in range(strip_first[s], strip_first[s + 1]):
             first_row, first_cell = np.uintp(row_first[r]), np.uintp(pass_first[p])
@@ -370,16 +417,35 @@ def _run_row(  # type: ignore[no-untyped-def]
                 k += np.uintp(1)
             at = np.uintp(pixel[p] * LANES)
             searching, shown = lanes_of(lanes[p]), load(strip, at)
+            begin, behind = k, no_lanes()
             while k < end:
                 i, q = first_row + np.uintp(pair_row[k]), np.uintp(pair_column[k])
+                if row_came[i] < least_end:
+                    break
                 left = greatest(load(exits, (first_left + q) * _LANES), same(row_exit[i]))
                 cell = np.uintp(base + row_offset[i] + offset[first_cell + q])
                 visiting = both(searching, lanes_of(pair_lanes[k]))
                 hit = both(visiting, at_least(load(depth, cell), left))
+                if columns_end and any_lane(hit):
+                    entry = least(load(came, (first_cell + q) * _LANES), same(row_came[i]))
+                    below, hit = hit, both(hit, at_least(entry, load(back, cell)))
+                    behind = either(behind, but_not(below, hit))
                 shown = choose(hit, load(payload, cell), shown)
                 searching = but_not(searching, hit)
                 if not any_lane(searching):
                     break
                 k += np.uintp(1)
+            if continue_behind:
+                lost, k = both(behind, searching), end
+                while k > begin and any_lane(lost):
+                    k -= np.uintp(1)
+                    i, q = first_row + np.uintp(pair_row[k]), np.uintp(pair_column[k])
+                    left = greatest(load(exits, (first_left + q) * _LANES), same(row_exit[i]))
+                    cell = np.uintp(base + row_offset[i] + offset[first_cell + q])
+                    here = load(depth, cell)
+                    over = both(both(lost, lanes_of(pair_lanes[k])), less(here, left))
+                    covered = both(over, less(same(np.float32(-np.inf)), here))
+                    shown = choose(covered, load(payload, cell), shown)
+                    lost = but_not(lost, over)
             store(strip, at, shown)
         write_strip(strip, lens_first, lens_pixels, start, shared, out[r])

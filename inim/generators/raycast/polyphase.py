@@ -8,16 +8,17 @@ A strip of lenses (`raycast.simd`) follows a direction's list from near to far u
 has hit.
 
 Entries left above the nearest surface that the strip can reach cannot hit, as a hit takes a depth
-of at least the exit: they are passed over first. There is no such bound below. A cell is solid from
-its depth back, so under the farthest surface a ray still hits the next covered cell, and that there
-is none left on its way only the cells themselves can tell: to ask them whether they are covered
-costs the load that asks them for their depth. Lenses with nothing covered in reach could be left
-out of a strip, yet hardly a search would end sooner, for the rays of others beside the object.
+of at least the exit: they are passed over first. There is no such bound below. Where columns are
+solid, a ray under the farthest surface still hits the next covered cell, and that there is none
+left on its way only the cells themselves can tell: to ask them whether they are covered costs the
+load that asks them for their depth. Lenses with nothing covered in reach could be left out of a
+strip, yet hardly a search would end sooner, for the rays of others beside the object.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -25,38 +26,23 @@ import numpy as np
 
 from inim.display import Display
 from inim.generators.base import HOLE, PictureShape, SourceGenerator, Sources
-from inim.generators.raycast.cells import CENTRE, Aside, cell_rays
-from inim.generators.raycast.direction_lists import DirectionLists, build_lists, cells_per_pitch
-from inim.generators.raycast.simd import (
-    BLOCK,
-    LANES,
-    all_lanes,
-    any_lane,
-    at_least,
-    both,
-    but_not,
-    choose,
-    load,
-    same,
-    store,
-    transpose,
-)
-from inim.rgbd import RGBD
+from inim.generators.raycast.cells import cell_rays
+from inim.generators.raycast.columns import Columns, columns_of
+from inim.generators.raycast.direction_lists import cells_per_pitch
+from inim.generators.raycast.simd import BLOCK, LANES, transpose
+from inim.rgbd import RGBD, Layer
 
 __all__ = [
     "PhaseGenerator",
     "Phases",
-    "SharedDirections",
+    "farthest_end",
     "fits_tables",
     "index_payload",
     "nearest_surface",
     "write_strip",
 ]
 
-# Of the compiler's own type: a Python integer would make addresses signed, and checked.
-_LANES = np.uintp(LANES)
-
-_NO_PAYLOAD = np.empty((0, 0), np.uint32)
+_NO_PAYLOAD, _NO_BACKS = np.empty((0, 0), np.uint32), np.empty((0, 0), np.float32)
 
 # Cells from which on waking the other threads pays off: filling takes about 2 ns a cell, waking
 # them about 0.1 ms.
@@ -72,7 +58,9 @@ class Phases:
     Attributes
     ----------
     depth : (slots down, per_pitch, per_pitch, slots across) float32
-        Depths by phase, -inf where nothing is covered, and around the picture.
+        Depths by phase, -inf where nothing is covered; NaN around the picture.
+    back : same shape, float32
+        Where columns end, inf where nothing is covered; empty where none does.
     payload : same shape, uint32
         What a hit shows: an RGBA colour, or an index.
     origin : (row, column) of int
@@ -81,13 +69,17 @@ class Phases:
         Slots that the rays of one lens can reach.
     nearest : (slots down, strips) float32
         Greatest depth, in a row of slots, of what a strip of lenses can reach.
+    farthest : (slots down, strips) float32
+        The least depth, of the same, at which a column ends; inf where nothing is covered.
     """
 
     depth: np.ndarray
+    back: np.ndarray
     payload: np.ndarray
     origin: tuple[int, int]
     window: tuple[int, int]
     nearest: np.ndarray
+    farthest: np.ndarray
 
     @classmethod
     def make(
@@ -96,6 +88,8 @@ class Phases:
         rows: np.ndarray,
         columns: np.ndarray,
         lenses: tuple[int, int],
+        *,
+        end: bool,
     ) -> Phases:
         """Lay out the phases.
 
@@ -106,6 +100,8 @@ class Phases:
         rows, columns : int arrays
             All cells that rays of the lens (0, 0) visit.
         lenses : (rows, columns)
+        end : bool
+            Whether columns end.
         """
         first = [int(cells.min()) // per_pitch for cells in (rows, columns)]
         last = [int(cells.max()) // per_pitch for cells in (rows, columns)]
@@ -115,10 +111,12 @@ class Phases:
         shape = (down, per_pitch, per_pitch, across)
         strips = -(-lenses[1] // LANES)
         return cls(
-            np.full(shape, -np.inf, np.float32),
+            np.full(shape, np.nan, np.float32),
+            np.full(shape if end else (0, 0, 0, 0), np.inf, np.float32),
             np.zeros(shape, np.uint32),
             (first[0] * per_pitch, first[1] * per_pitch),
             window,
+            np.empty((down, strips), np.float32),
             np.empty((down, strips), np.float32),
         )
 
@@ -171,40 +169,58 @@ class Phases:
         ends = [extreme.reduceat(slots, first) for extreme in (np.minimum, np.maximum)]
         return np.stack(ends, axis=1)
 
-    def fill(self, depth_mm: np.ndarray, covered: np.ndarray, payload: np.ndarray | None) -> None:
-        """Take in a picture: (H, W) float32, bool, uint32; without a payload, the last one's."""
+    def fill(self, layer: Layer, payload: np.ndarray | None) -> None:
+        """Take in a picture's front surface, and (H, W) uint32; without these, the last ones."""
         fill = _fill if self.depth.size < _WORTH_SHARING else _fill_shared
         anew = payload is not None
         fill(
-            depth_mm, covered, payload if payload is not None else _NO_PAYLOAD, anew, *self.origin,
-            self.depth, self.payload, self.window[1], self.nearest,
+            layer.front_mm, layer.covered, layer.back_mm if self.back.size else _NO_BACKS,
+            payload if payload is not None else _NO_PAYLOAD, anew, *self.origin,
+            self.depth, self.back, self.payload, self.window[1], self.nearest, self.farthest,
         )  # fmt: skip
 
 
 class PhaseGenerator(SourceGenerator):
-    """First hits in a picture laid out by phases: whole cells per lens pitch."""
+    """First hits in a picture laid out by phases: whole cells per lens pitch.
 
-    def __init__(self, display: Display, shape: PictureShape, pixel_mm: float) -> None:
+    Parameters
+    ----------
+    display, shape, pixel_mm :
+        See `inim.generators.prepare`.
+    rule : str
+        See `raycast.columns`.
+    """
+
+    def __init__(self, display: Display, shape: PictureShape, pixel_mm: float, rule: str) -> None:
         super().__init__(display, shape, pixel_mm)
+        self._rule = rule
         self._index = index_payload(shape)
         self._holds_index = False
         self._phases: Phases  # made by each in its way
 
-    def _fill(self, rgbd: RGBD, payload: np.ndarray) -> None:
+    def _fill(self, columns: Columns, payload: np.ndarray) -> None:
         """Take in a picture; the index, which is that of every picture, only once."""
         of_index = payload is self._index
         known, self._holds_index = of_index and self._holds_index, False
-        self._phases.fill(rgbd.depth_mm, rgbd.covered, None if known else payload)
+        self._phases.fill(columns.layers[0], None if known else payload)
         self._holds_index = of_index
 
     @abstractmethod
-    def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
-        """Show each panel pixel the payload of its first hit, all uint32."""
+    def _run(
+        self, columns: Columns, payloads: Sequence[np.ndarray], empty: int, out: np.ndarray
+    ) -> None:
+        """Show each panel pixel the payload of its first hit, all uint32; one for each layer."""
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        found = np.empty(self.made_shape, np.int32)
-        self._run(rgbd, self._index, HOLE % 2**32, found.view(np.uint32))
+        return self.find_into(rgbd, np.empty(self.made_shape, np.int32))
+
+    def find_into(self, rgbd: RGBD, found: Sources) -> Sources:
+        """See `SourceGenerator.find_into`."""
+        columns = columns_of(rgbd, self._rule)
+        deeper = range(1, len(columns.layers))
+        payloads = [self._index, *(self._index + np.uint32(n * self._index.size) for n in deeper)]
+        self._run(columns, payloads, HOLE % 2**32, found.view(np.uint32))
         return found
 
     def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
@@ -217,66 +233,10 @@ class PhaseGenerator(SourceGenerator):
             return super().generate(rgbd, out)
         self.check(rgbd)
         out = self.place(rgbd, out)
-        self._run(rgbd, rgbd.color.view(np.uint32)[..., 0], 0, out.view(np.uint32)[..., 0])
+        columns = columns_of(rgbd, self._rule)
+        words = [np.ascontiguousarray(one.color).view(np.uint32)[..., 0] for one in columns.layers]
+        self._run(columns, words, 0, out.view(np.uint32)[..., 0])
         return out
-
-
-class SharedDirections(PhaseGenerator):
-    """One list of cells per direction for all lenses.
-
-    Parameters
-    ----------
-    display, shape, pixel_mm :
-        See `inim.generators.prepare`.
-    aside : Aside
-        Where in its pixel each ray starts.
-    """
-
-    def __init__(
-        self, display: Display, shape: PictureShape, pixel_mm: float, aside: Aside = CENTRE
-    ) -> None:
-        super().__init__(display, shape, pixel_mm)
-        lists = self._lists = build_lists(display, shape, pixel_mm, aside)
-        lenses = (display.lens_rows, display.lens_columns)
-        self._phases = Phases.make(lists.per_pitch, lists.row, lists.column, lenses)
-        self._offset = self._phases.offset(lists.row, lists.column)
-        self._reach = self._phases.row_reach(lists.row, lists.first[: -1 : lists.pixels])
-
-    def _run(self, rgbd: RGBD, payload: np.ndarray, empty: int, out: np.ndarray) -> None:
-        self._fill(rgbd, payload)
-        run_templates(self._lists, self._offset, self._reach, self._phases, empty, out)
-
-
-def run_templates(
-    lists: DirectionLists,
-    offset: np.ndarray,
-    reach: np.ndarray,
-    phases: Phases,
-    empty: int,
-    out: np.ndarray,
-) -> None:
-    """Show each panel pixel the payload of its first hit.
-
-    Parameters
-    ----------
-    lists : DirectionLists
-    offset : (n,) int64
-        Flat distance from a lens's slot to each entry's cell.
-    reach : (pixels, 2) int64
-        First and last row of slots, from the lens's own, that each pixel row's rays visit.
-    phases : Phases
-        Holding the picture.
-    empty : int
-        What a hole shows.
-    out : (rows, columns) uint32
-    """
-    lenses = out.shape[1] // lists.pixels
-    _run(
-        phases.depth.reshape(-1), phases.payload.reshape(-1), phases.depth[0].size, phases.nearest,
-        lists.first, offset, reach, lists.exit_mm,
-        np.arange(lenses) * lists.pixels, np.full(lenses, lists.pixels),
-        np.uint32(empty), out,
-    )  # fmt: skip
 
 
 def index_payload(shape: PictureShape) -> np.ndarray:
@@ -286,31 +246,39 @@ def index_payload(shape: PictureShape) -> np.ndarray:
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _fill_shared(  # type: ignore[no-untyped-def]
-    depth, covered, payload, anew, row0, column0, phase_depth, phase_payload, reach, nearest
-):
+    depth, covered, back, payload, anew, row0, column0, phase_depth, phase_back, phase_payload,
+    reach, nearest, farthest,
+):  # fmt: skip
     """`_fill`, shared among the threads."""
     for i in numba.prange(phase_depth.shape[0]):
         row = np.int64(i)
-        _fill_row(row, depth, covered, payload, anew, row0, column0, phase_depth, phase_payload)
-        _bound_row(row, phase_depth, reach, nearest)
+        _fill_row(
+            row, depth, covered, back, payload, anew, row0, column0, phase_depth, phase_back,
+            phase_payload,
+        )  # fmt: skip
+        _bound_row(row, phase_depth, phase_back, reach, nearest, farthest)
 
 
 @numba.njit(cache=True, nogil=True)
 def _fill(  # type: ignore[no-untyped-def]
-    depth, covered, payload, anew, row0, column0, phase_depth, phase_payload, reach, nearest
-):
+    depth, covered, back, payload, anew, row0, column0, phase_depth, phase_back, phase_payload,
+    reach, nearest, farthest,
+):  # fmt: skip
     """Copy a picture into phases, and find the nearest surface of each strip.
 
     Cells beyond the picture were set once and stay.
     """
     for i in range(phase_depth.shape[0]):
-        _fill_row(i, depth, covered, payload, anew, row0, column0, phase_depth, phase_payload)
-        _bound_row(i, phase_depth, reach, nearest)
+        _fill_row(
+            i, depth, covered, back, payload, anew, row0, column0, phase_depth, phase_back,
+            phase_payload,
+        )  # fmt: skip
+        _bound_row(i, phase_depth, phase_back, reach, nearest, farthest)
 
 
 @numba.njit(cache=True, nogil=True)
 def _fill_row(  # type: ignore[no-untyped-def]
-    i, depth, covered, payload, anew, row0, column0, phase_depth, phase_payload
+    i, depth, covered, back, payload, anew, row0, column0, phase_depth, phase_back, phase_payload
 ):
     rows, columns = depth.shape
     _, k, _, across = phase_depth.shape
@@ -325,73 +293,34 @@ def _fill_row(  # type: ignore[no-untyped-def]
                 column = column0 + j * k + q
                 hit = covered[row, column]
                 phase_depth[i, p, q, j] = depth[row, column] if hit else np.float32(-np.inf)
+            if phase_back.size:
+                for j in range(first, last):
+                    phase_back[i, p, q, j] = back[row, column0 + j * k + q]
             if anew:
                 for j in range(first, last):
                     phase_payload[i, p, q, j] = payload[row, column0 + j * k + q]
 
 
 @numba.njit(cache=True, nogil=True)
-def _bound_row(i, depth, reach, nearest):  # type: ignore[no-untyped-def]
+def _bound_row(i, depth, back, reach, nearest, farthest):  # type: ignore[no-untyped-def]
     _, k, _, across = depth.shape
-    peaks = np.empty(across, np.float32)  # of each slot
-    for j in range(across):
-        peaks[j] = -np.inf
+    peaks = np.full(across, -np.inf, np.float32)  # of each slot
+    feet = np.full(across, np.inf, np.float32)
     for p in range(k):
         for q in range(k):
             for j in range(across):
                 z, most = depth[i, p, q, j], peaks[j]
                 peaks[j] = z if z > most else most
+            if back.size:
+                for j in range(across):
+                    z, least = back[i, p, q, j], feet[j]
+                    feet[j] = z if z < least else least
     for s in range(nearest.shape[1]):
         start = min(s * LANES, across - LANES - reach + 1)
-        most = np.float32(-np.inf)
+        most, least = np.float32(-np.inf), np.float32(np.inf)
         for j in range(start, start + LANES + reach - 1):
-            most = max(most, peaks[j])
-        nearest[i, s] = most
-
-
-@numba.njit(parallel=True, cache=True, nogil=True)
-def _run(  # type: ignore[no-untyped-def]
-    depth, payload, row_stride, nearest, first, offset, reach, exits, columns, widths, empty, out
-):
-    """All lens rows, shared among the threads."""
-    pixels = widths[0]
-    for m in numba.prange(out.shape[0] // pixels):
-        strip = np.empty(pixels * LANES, np.uint32)
-        # The loop's own index is unsigned: passed on as it is, the row is compiled twice.
-        _run_row(
-            np.int64(m), depth, payload, row_stride, nearest, first, offset, reach, exits,
-            columns, widths, empty, strip, out,
-        )  # fmt: skip
-
-
-@numba.njit(cache=True, nogil=True)
-def _run_row(  # type: ignore[no-untyped-def]
-    m, depth, payload, row_stride, nearest, first, offset, reach, exits, columns, widths, empty,
-    strip, out,
-):  # fmt: skip
-    """One row of lenses, a panel row and a strip at a time."""
-    pixels, lenses = widths[0], len(widths)
-    for v in range(pixels):
-        for s in range(nearest.shape[1]):
-            start = max(min(s * LANES, lenses - LANES), 0)
-            base = m * row_stride + start
-            most = nearest_surface(nearest, m + reach[v, 0], m + reach[v, 1], s)
-            for u in range(pixels):
-                direction = v * pixels + u
-                k, end = np.uintp(first[direction]), np.uintp(first[direction + 1])
-                while k < end and exits[k] > most:
-                    k += np.uintp(1)
-                searching, shown = all_lanes(), same(empty)
-                while k < end:
-                    cell = np.uintp(base + offset[k])
-                    hit = both(searching, at_least(load(depth, cell), same(exits[k])))
-                    shown = choose(hit, load(payload, cell), shown)
-                    searching = but_not(searching, hit)
-                    if not any_lane(searching):
-                        break
-                    k += np.uintp(1)
-                store(strip, np.uintp(u) * _LANES, shown)
-            write_strip(strip, columns, widths, start, pixels, out[m * pixels + v])
+            most, least = max(most, peaks[j]), min(least, feet[j])
+        nearest[i, s], farthest[i, s] = most, least
 
 
 @numba.njit(cache=True, nogil=True)
@@ -404,6 +333,15 @@ def nearest_surface(nearest, top, bottom, strip):  # type: ignore[no-untyped-def
     for i in range(top + 1, bottom + 1):
         most = max(most, nearest[i, strip])
     return most
+
+
+@numba.njit(cache=True, nogil=True)
+def farthest_end(farthest, top, bottom, strip):  # type: ignore[no-untyped-def]
+    """Least depth at which a column ends that a strip can reach; as `nearest_surface`."""
+    least = farthest[top, strip]
+    for i in range(top + 1, bottom + 1):
+        least = min(least, farthest[i, strip])
+    return least
 
 
 @numba.njit(cache=True, nogil=True)

@@ -18,6 +18,7 @@ from inim.display import Display
 from inim.display.pixels import pixel_rays, row_blocks
 from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources
 from inim.generators.raycast.cells import CENTRE, Aside, CellRays, cell_rays, free_cell_rays
+from inim.generators.raycast.columns import Columns, columns_of
 from inim.rgbd import RGBD
 
 __all__ = [
@@ -59,31 +60,58 @@ def entered(start, slope, scale, z_max):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def first_hit(depth, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
-    """Walk one ray from z_max down to z_min: ``row * W + column`` of its first hit, or `HOLE`.
+def first_hit(fronts, backs, continue_behind, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
+    """Walk one ray from z_max down to z_min: the source of its first hit, or `HOLE`.
 
-    `u` are columns and `v` rows, each as start, slope and scale of `CellRays`; `depth` is (H, W)
-    with -inf where nothing is covered.
+    `u` are columns and `v` rows, each as start, slope and scale of `CellRays`; the rest is as of
+    `Columns`.
     """
-    rows, columns = depth.shape
+    _, rows, columns = fronts.shape
     # z falls along the walk, so a ray with du < 0 moves to larger columns.
     step_u = -1 if du > 0 else 1
     step_v = -1 if dv > 0 else 1
     u, v = entered(u0, du, u1, z_max), entered(v0, dv, v1, z_max)
     z_u, z_v = leaves(u, u0, du, u1), leaves(v, v0, dv, v1)
+    z_entry, passed_over, behind = np.inf, HOLE, False
     while True:
         z_exit = max(z_u, z_v, z_min)
-        inside = 0 <= u < columns and 0 <= v < rows
-        if inside and depth[v, u] >= z_exit:
-            return v * columns + u
+        if 0 <= u < columns and 0 <= v < rows:
+            met = _met(fronts, backs, v, u, z_entry, z_exit)
+            if met >= 0:
+                return (met * rows + v) * columns + u
+            if met == _OVER:
+                passed_over = v * columns + u
+            elif met == _OVER_NOTHING:
+                passed_over = HOLE
+            else:
+                behind = True
         if z_exit <= z_min:
-            return HOLE
+            return passed_over if behind and continue_behind else HOLE
+        z_entry = z_exit
         if z_u >= z_exit:
             u += step_u
             z_u = leaves(u, u0, du, u1)
         if z_v >= z_exit:
             v += step_v
             z_v = leaves(v, v0, dv, v1)
+
+
+# How a ray leaves a cell of the picture in which it hits no layer.
+_OVER, _OVER_NOTHING, _BEHIND = -1, -2, -3
+
+
+@numba.njit(cache=True, nogil=True)
+def _met(fronts, backs, row, column, z_entry, z_exit):  # type: ignore[no-untyped-def]
+    """The layer that a ray hits in a cell between two depths, or how it leaves it."""
+    front = fronts[0, row, column]
+    if front < z_exit:
+        return _OVER if front > -np.inf else _OVER_NOTHING
+    for layer in range(len(fronts)):
+        if fronts[layer, row, column] < z_exit:
+            break
+        if backs[layer, row, column] <= z_entry:
+            return layer
+    return _BEHIND
 
 
 @numba.njit(cache=True, nogil=True)
@@ -142,6 +170,13 @@ class AxisRuns:
         """Exits as float32, rounded up: a float32 depth reaches one if it reaches the other."""
         return rounded_up(self.exit_mm)
 
+    def came32(self) -> np.ndarray:
+        """As `entry32`, rounded down: a float32 depth is not above one if not above the other."""
+        came = np.empty(len(self.exit_mm), np.float32)
+        came[1:] = -rounded_up(-self.exit_mm[:-1])
+        came[self.first[:-1]] = np.inf
+        return came
+
     def entry32(self) -> np.ndarray:
         """Depths at which the ray enters each cell, rounded alike; infinite where it starts."""
         entry = np.empty(len(self.exit_mm), np.float32)
@@ -182,16 +217,17 @@ def _walk_axis(start, slope, scale, z_min, z_max, cells, exits, counts):  # type
 class RayByRay(SourceGenerator):
     """Every ray by itself, over the runs of its row and its column.
 
-    Hits are those of `first_hit`: the depths of its borders, in
-    float64, are those of the runs, each computed once for its row or column and not for every ray.
-    Runs left above the nearest surface of all cannot hit, and are passed over; nothing of the kind
-    holds below the farthest one, as a column is solid from there back: a ray under all surfaces
-    hits the next covered cell.
+    Hits are those of `first_hit`: the depths of its borders, in float64, are those of the runs,
+    each computed once for its row or column and not for every ray. Runs left above the nearest
+    surface of all cannot hit, and are passed over; nothing of the kind holds below the farthest
+    one, as a ray under all surfaces hits the next column that has no end.
 
     Parameters
     ----------
     display, shape, pixel_mm, pixels :
         As for `SourceGenerator`; of a display that is separable.
+    rule : str
+        See `raycast.columns`.
     aside : Aside
         Where in its pixel each ray starts.
     """
@@ -201,27 +237,33 @@ class RayByRay(SourceGenerator):
         display: Display,
         shape: PictureShape,
         pixel_mm: float,
+        rule: str,
         aside: Aside = CENTRE,
         pixels: PixelList | None = None,
     ) -> None:
         super().__init__(display, shape, pixel_mm, pixels)
+        self._rule = rule
         columns, rows = cell_rays(shape, pixel_mm, display, aside)
         self._columns = axis_runs(columns, display.depth_range_mm)
         self._rows = axis_runs(rows, display.depth_range_mm)
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        # An uncovered cell is a column without height: it never reaches a ray.
-        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
-        nearest, z_min = float(depth.max()), self._rows.exit_mm[-1]  # where all rays end
+        return self.first_hits(columns_of(rgbd, self._rule))
+
+    def first_hits(self, columns: Columns) -> Sources:
+        """As `find`, in a picture's columns."""
+        fronts, backs = columns.fronts(), columns.backs()
+        nearest, z_min = float(fronts[0].max()), self._rows.exit_mm[-1]  # where all rays end
         runs = [
             (_below(axis, nearest), axis.cell, axis.exit_mm) for axis in (self._rows, self._columns)
         ]
+        met = (fronts, backs, columns.continue_behind, z_min)
         found = np.empty(self.made_shape, np.int32)
         if self.pixels is None:
-            _first_hits(*runs, depth, z_min, found)
+            _first_hits(*runs, *met, found)
         else:
-            _first_hits_at(*runs, self.pixels.rows, self.pixels.columns, depth, z_min, found[0])
+            _first_hits_at(*runs, self.pixels.rows, self.pixels.columns, *met, found[0])
         return found
 
 
@@ -234,35 +276,48 @@ def _below(runs: AxisRuns, nearest_mm: float) -> np.ndarray:
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _first_hits(rows, columns, depth, z_min, found):  # type: ignore[no-untyped-def]
+def _first_hits(rows, columns, fronts, backs, continue_behind, z_min, found):  # type: ignore[no-untyped-def]
     """First hits of all panel pixels."""
     for i in numba.prange(found.shape[0]):
         for j in range(found.shape[1]):
-            found[i, j] = _first_hit(rows, i, columns, j, depth, z_min)
+            found[i, j] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _first_hits_at(rows, columns, at_row, at_column, depth, z_min, found):  # type: ignore[no-untyped-def]
+def _first_hits_at(  # type: ignore[no-untyped-def]
+    rows, columns, at_row, at_column, fronts, backs, continue_behind, z_min, found
+):
     """First hits of the panel pixels in some rows and columns, (n,) each."""
     for n in numba.prange(len(at_row)):
-        found[n] = _first_hit(rows, at_row[n], columns, at_column[n], depth, z_min)
+        i, j = at_row[n], at_column[n]
+        found[n] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
 
 
 @numba.njit(cache=True, nogil=True)
-def _first_hit(rows, i, columns, j, depth, z_min):  # type: ignore[no-untyped-def]
-    """``row * W + column`` of the first hit of panel pixel (i, j), or `HOLE`."""
+def _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min):  # type: ignore[no-untyped-def]
+    """The source of the first hit of panel pixel (i, j), or `HOLE`; as `first_hit`."""
     row_begin, row_cell, row_exit = rows
     column_begin, column_cell, column_exit = columns
-    high, wide = depth.shape
+    _, high, wide = fronts.shape
     r, c = row_begin[i], column_begin[j]
+    came, passed_over, behind = np.inf, HOLE, False
     while True:
         row_left, column_left = row_exit[r], column_exit[c]
         left = max(row_left, column_left)
         row, column = row_cell[r], column_cell[c]
-        if 0 <= row < high and 0 <= column < wide and depth[row, column] >= left:
-            return row * wide + column
+        if 0 <= row < high and 0 <= column < wide:
+            met = _met(fronts, backs, row, column, came, left)
+            if met >= 0:
+                return (met * high + row) * wide + column
+            if met == _OVER:
+                passed_over = row * wide + column
+            elif met == _OVER_NOTHING:
+                passed_over = HOLE
+            else:
+                behind = True
         if left <= z_min:
-            return HOLE
+            return passed_over if behind and continue_behind else HOLE
+        came = left
         r += row_left >= left
         c += column_left >= left
 
@@ -308,6 +363,8 @@ class NonSeparable(SourceGenerator):
     ----------
     display, shape, pixel_mm :
         See `inim.generators.prepare`.
+    rule : str
+        See `raycast.columns`.
     aside : (down, right)
         Where in its pixel each ray starts, in pixels from the centre.
     pixels : PixelList, optional
@@ -319,24 +376,27 @@ class NonSeparable(SourceGenerator):
         display: Display,
         shape: PictureShape,
         pixel_mm: float,
+        rule: str,
         aside: Aside = CENTRE,
         pixels: PixelList | None = None,
     ) -> None:
         super().__init__(display, shape, pixel_mm, pixels)
+        self._rule = rule
         self._aside = float(aside[0]), float(aside[1])
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        # An uncovered cell is a column without height: it never reaches a ray.
-        depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(-np.inf))
+        columns = columns_of(rgbd, self._rule)
+        fronts, backs = columns.fronts(), columns.backs()
         z_min, z_max = self.display.depth_range_mm
         # Above the nearest surface nothing is hit; just above it, a cell left exactly there counts.
-        z_max = min(z_max, float(np.nextafter(np.float64(depth.max()), np.inf)))
+        z_max = min(z_max, float(np.nextafter(np.float64(fronts[0].max()), np.inf)))
         found = np.full(self.made_shape, HOLE, np.int32)
         if z_max <= z_min:
             return found
+        met = (fronts, backs, columns.continue_behind)
         for lensed, cells, at in ray_blocks(self, self._aside):
-            _free_first_hits(lensed, depth, cells, z_min, z_max, found[at])
+            _free_first_hits(lensed, *met, cells, z_min, z_max, found[at])
         return found
 
 
@@ -371,12 +431,13 @@ def ray_blocks(
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _free_first_hits(lensed, depth, rays, z_min, z_max, found):  # type: ignore[no-untyped-def]
+def _free_first_hits(lensed, fronts, backs, continue_behind, rays, z_min, z_max, found):  # type: ignore[no-untyped-def]
     """`first_hit` of the pixels under lenses, into `found`; rays as of `free_cell_rays`."""
     u0, du, v0, dv = rays
     for i in numba.prange(found.shape[0]):
         for j in range(found.shape[1]):
             if lensed[i, j]:
                 found[i, j] = first_hit(
-                    depth, u0[i, j], du[i, j], 1.0, v0[i, j], dv[i, j], 1.0, z_min, z_max
-                )
+                    fronts, backs, continue_behind,
+                    u0[i, j], du[i, j], 1.0, v0[i, j], dv[i, j], 1.0, z_min, z_max,
+                )  # fmt: skip

@@ -28,9 +28,13 @@ __all__ = [
     "both",
     "but_not",
     "choose",
+    "either",
     "greatest",
     "lanes_of",
+    "least",
+    "less",
     "load",
+    "no_lanes",
     "same",
     "store",
     "transpose",
@@ -129,6 +133,13 @@ def all_lanes(typing):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def no_lanes(typing):  # type: ignore[no-untyped-def]
+    """A flag set in none of `LANES`."""
+    flags = Lanes("flag", LANES)
+    return flags(), _simple(lambda builder: ir.Constant(flags.vector, [0] * LANES))
+
+
+@intrinsic
 def lanes_of(typing, bits):  # type: ignore[no-untyped-def]
     """Flags from the bits of an unsigned integer, as many as it has; the lowest comes first."""
     flags = Lanes("flag", bits.bitwidth)
@@ -142,9 +153,21 @@ def at_least(typing, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def less(typing, a, b):  # type: ignore[no-untyped-def]
+    """Where a < b; nowhere with NaN."""
+    return a.flags(a, a), _simple(lambda builder, a, b: builder.fcmp_ordered("<", a, b))
+
+
+@intrinsic
 def both(typing, a, b):  # type: ignore[no-untyped-def]
     """Where two flags are set."""
     return a(a, a), _simple(lambda builder, a, b: builder.and_(a, b))
+
+
+@intrinsic
+def either(typing, a, b):  # type: ignore[no-untyped-def]
+    """Where a flag is set."""
+    return a(a, a), _simple(lambda builder, a, b: builder.or_(a, b))
 
 
 @intrinsic
@@ -176,6 +199,16 @@ def greatest(typing, a, b):  # type: ignore[no-untyped-def]
 
     def build(builder, a, b):  # type: ignore[no-untyped-def]
         return builder.select(builder.fcmp_ordered(">", a, b), a, b)
+
+    return a(a, a), _simple(build)
+
+
+@intrinsic
+def least(typing, a, b):  # type: ignore[no-untyped-def]
+    """The smaller of two numbers, lane by lane; no NaN among them."""
+
+    def build(builder, a, b):  # type: ignore[no-untyped-def]
+        return builder.select(builder.fcmp_ordered("<", a, b), a, b)
 
     return a(a, a), _simple(build)
 

@@ -112,11 +112,6 @@ class Supersampled(SourceGenerator):
         """Made when sources are wanted: pictures do without."""
         return self._make(CENTRE)
 
-    @cached_property
-    def _shown(self) -> np.ndarray:
-        """What each ray of every pixel shows, RGBA; kept for the next picture."""
-        return np.empty((len(self._each), *self.made_shape, 4), np.uint8)
-
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
         return self._centre.find(rgbd)
@@ -125,22 +120,31 @@ class Supersampled(SourceGenerator):
         """See `SourceGenerator.rays`."""
         return [ray for one in self._each for ray in one.rays()]
 
+    @cached_property
+    def _found(self) -> np.ndarray:
+        """Where `samples` are written; kept for the next picture."""
+        return np.empty((len(self._each), *self.made_shape), np.int32)
+
     def samples(self, rgbd: RGBD) -> np.ndarray:
-        """Sources of each ray of every pixel, (rays, rows, columns)."""
-        return np.stack([one.sources(rgbd) for one in self._each])
+        """Sources of each ray of every pixel, (rays, rows, columns), until the next call."""
+        for one, found in zip(self._each, self._found, strict=True):
+            one.sources(rgbd, found)
+        return self._found
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`; a hole counts as nothing."""
         out = self.place(rgbd, out)
+        palette = rgbd.palette.reshape(-1, rgbd.color.shape[2])
         if rgbd.color.dtype != np.uint8:
-            channels = rgbd.color.shape[2]
-            _mean_colours(self.samples(rgbd), rgbd.palette.reshape(-1, channels), out)
+            _mean_colours(self.samples(rgbd), palette, out)
             return out
         # Light adds up, code values do not: average linear light, then encode again.
-        for one, shown in zip(self._each, self._shown, strict=True):
-            one.generate(rgbd, shown)
-        words = self._shown.view(np.uint32)[..., 0]
-        _mean_words(words, *_transfer(), out.view(np.uint32)[..., 0])
+        light, opacity, *encoding = _transfer()
+        linear = np.empty(palette.shape, np.float32)
+        _decode(palette, light, opacity, linear)
+        words = palette.view(np.uint32)[:, 0]
+        mean = out.view(np.uint32)[..., 0]
+        _mean_codes(self.samples(rgbd), words, linear, *encoding, mean)
         return out
 
 
@@ -247,28 +251,38 @@ def _mean_colours(sources, palette, mean):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def _mean_words(words, light, opacity, step_code, code_begins, mean):  # type: ignore[no-untyped-def]
-    """Mean over (rays, rows, columns) RGBA words, in the light of their codes; see `_transfer`."""
-    rays, rows, columns = words.shape
-    share, white = np.float32(1 / rays), np.float32(255)
+def _decode(codes, light, opacity, linear):  # type: ignore[no-untyped-def]
+    """Light and opacity of (n, 4) codes; see `_transfer`."""
+    for n in numba.prange(len(codes)):
+        for c in range(3):
+            linear[n, c] = light[codes[n, c]]
+        linear[n, 3] = opacity[codes[n, 3]]
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _mean_codes(sources, words, linear, step_code, code_begins, mean):  # type: ignore[no-untyped-def]
+    """Mean RGBA words over (rays, rows, columns) sources of colours, in their light (n, 4)."""
+    rays, rows, columns = sources.shape
+    share, white, steps = np.float32(1 / rays), np.float32(255), np.float32(_STEPS)
     for row in numba.prange(rows):
         for column in range(columns):
-            first, same = words[0, row, column], True
+            first, same = sources[0, row, column], True
             for ray in range(1, rays):
-                same &= words[ray, row, column] == first
+                same &= sources[ray, row, column] == first
             if same:
-                mean[row, column] = first
+                mean[row, column] = words[first] if first >= 0 else np.uint32(0)
                 continue
-            word = np.uint32(0)
-            for shift in (0, 8, 16):
-                total = np.float32(0)
-                for ray in range(rays):
-                    code = (words[ray, row, column] >> np.uint32(shift)) & np.uint32(255)
-                    total += share * light[code]
-                code = np.uint32(step_code[np.uintp(total * np.float32(_STEPS))])
+            red = green = blue = alpha = np.float32(0)
+            for ray in range(rays):
+                source = sources[ray, row, column]
+                if source >= 0:
+                    red += share * linear[source, 0]
+                    green += share * linear[source, 1]
+                    blue += share * linear[source, 2]
+                    alpha += share * linear[source, 3]
+            word = np.uint32(np.rint(alpha * white)) << np.uint32(24)
+            for shift, total in ((0, red), (8, green), (16, blue)):
+                code = np.uint32(step_code[np.uintp(total * steps)])
                 code += np.uint32(total >= code_begins[code])
                 word |= code << np.uint32(shift)
-            alpha = np.float32(0)
-            for ray in range(rays):
-                alpha += share * opacity[words[ray, row, column] >> np.uint32(24)]
-            mean[row, column] = word | np.uint32(np.rint(alpha * white)) << np.uint32(24)
+            mean[row, column] = word

@@ -59,15 +59,17 @@ class Variant:
     @property
     def is_first_hit(self) -> bool:
         """Whether fractions can decide it."""
-        return self.oracle in ("template", "layered")
+        return self.oracle in ("template", _SOLID, "layered")
 
 
+_SOLID = "template:columns=solid"
 _ROUNDED = ("gu2020", "wang2024", "wang2024:matching=ray", "li2012")
 VARIANTS = [
     # float64 before float32: the one is what the other is compared with.
     Variant("template", "template", np.float64, exact=True, alone=True),
     # What users get: exits as float32 tables where the picture allows.
     Variant("template", "template", np.float32, exact=True),
+    Variant(_SOLID, _SOLID, np.float32, exact=True),
     Variant("layered:samples=1", "layered", np.float32, exact=True),
     Variant("template:samples=2", "template", np.float32, exact=True, samples=2),
     Variant("template:samples=4", "template", np.float32, exact=True, samples=4),
@@ -106,7 +108,7 @@ def _form_of(variant: Variant, display: Display, rgbd: RGBD) -> str:
         return "ray by ray"
     if shares_directions(display):
         return "lists"
-    return "strips" if variant.oracle == "template" else "ray by ray"
+    return "ray by ray" if variant.oracle == "layered" else "strips"
 
 
 def run_cases(size: Size, listener: Any) -> list[dict[str, Any]]:
@@ -232,7 +234,7 @@ def _compare(
     if variant.is_first_hit:
         double = variant.dtype is np.float64
         fine = oracle if double else answer(variant.oracle, rays, rgbd, display, np.float64)
-        truth, exact = with_rational_ties(fine, shown, rays, rgbd, display)
+        truth, exact = with_rational_ties(variant.oracle, fine, shown, rays, rgbd, display)
     changed = shown != truth
     outside = changed & ~oracle.uncertain
     worst, mean = deciding_ulps(variant.algorithm, variant.dtype, display, rgbd)
@@ -270,7 +272,9 @@ def _compare_means(
         rays = rays_over(display, rgbd, pixels, (down * fill, right * fill))
         known = answer(variant.oracle, rays, rgbd, display, np.float64)
         # What is shown has no source to differ by: fractions decide all that rounding may have.
-        sources, decided = with_rational_ties(known, known.sources, rays, rgbd, display)
+        sources, decided = with_rational_ties(
+            variant.oracle, known, known.sources, rays, rgbd, display
+        )
         exact += decided
         uncertain |= known.uncertain
         mean += (

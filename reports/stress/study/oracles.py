@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,8 @@ import numpy as np
 from inim.display import Display
 from inim.display.pixels import stated
 from inim.generators import HOLE
-from inim.generators.oracle import first_hits_of
+from inim.generators.oracle import column_layers, first_hits_of
+from inim.generators.registry import properties
 from inim.rgbd import RGBD
 from reports.stress.study.rays import Rays, band_of
 
@@ -66,7 +67,8 @@ def answer(algorithm: str, rays: Rays, rgbd: RGBD, display: Display, dtype: type
     Parameters
     ----------
     algorithm : str
-        "template", "layered", "gu2020", "wang2024", "wang2024:matching=ray" or "li2012".
+        "template", "template:columns=solid", "layered", "gu2020", "wang2024",
+        "wang2024:matching=ray" or "li2012".
     rays : Rays
     rgbd : RGBD
     display : Display
@@ -88,18 +90,22 @@ def answer(algorithm: str, rays: Rays, rgbd: RGBD, display: Display, dtype: type
 # -- first hits ---------------------------------------------------------------------------------
 
 
-def exact_first_hits(rays: Rays, rgbd: RGBD, display: Display, which: np.ndarray) -> np.ndarray:
-    """Sources of the rays numbered `which`, in fractions."""
-    return first_hits_of((rays.line(int(i)) for i in which), rgbd, display)
+def exact_first_hits(
+    rays: Rays, rgbd: RGBD, display: Display, which: np.ndarray, columns: str = "surface"
+) -> np.ndarray:
+    """Sources of the rays numbered `which`, in fractions; `columns` as of `column_layers`."""
+    return first_hits_of((rays.line(int(i)) for i in which), rgbd, display, columns)
 
 
 def with_rational_ties(
-    known: Answer, shown: np.ndarray, rays: Rays, rgbd: RGBD, display: Display
+    algorithm: str, known: Answer, shown: np.ndarray, rays: Rays, rgbd: RGBD, display: Display
 ) -> tuple[np.ndarray, int]:
     """First hits, by fractions wherever float64 may have decided, or what is shown differs.
 
     Parameters
     ----------
+    algorithm : str
+        As of `answer`; one of first hits.
     known : Answer
         Of the float64 oracle, for arithmetic in float64.
     shown : (n,) int64
@@ -114,11 +120,13 @@ def with_rational_ties(
     step = max(1, len(doubt) // _MOST_EXACT)
     which = np.unique(np.concatenate([doubt[::step], differ]))
     sources = known.sources.copy()
-    sources[which] = exact_first_hits(rays, rgbd, display, which)
+    sources[which] = exact_first_hits(rays, rgbd, display, which, properties(algorithm).columns)
     return sources, len(which)
 
 
-def first_hits(rays: Rays, rgbd: RGBD, display: Display, push: tuple = _STILL) -> np.ndarray:
+def first_hits(
+    rays: Rays, rgbd: RGBD, display: Display, push: tuple = _STILL, columns: str = "surface"
+) -> np.ndarray:
     """The source of each ray, in float64; each interval's cell is that of its midpoint.
 
     Parameters
@@ -128,6 +136,8 @@ def first_hits(rays: Rays, rgbd: RGBD, display: Display, push: tuple = _STILL) -
     display : Display
     push : (columns, rows, depths)
         By how much coordinates (cells) and depths (mm) are off.
+    columns : str
+        See `inim.generators.oracle.column_layers`.
 
     Returns
     -------
@@ -135,8 +145,9 @@ def first_hits(rays: Rays, rgbd: RGBD, display: Display, push: tuple = _STILL) -
         ``(layer * H + row) * W + column``, or `HOLE`.
     """
     low, high = display.depth_range_mm
-    fronts = np.stack([framed(layer.front_mm, layer.covered, push[2]) for layer in rgbd.layers])
-    backs = np.stack([framed(layer.back_mm, layer.covered, push[2]) for layer in rgbd.layers])
+    layers, continues = column_layers(rgbd, columns)
+    fronts = np.stack([framed(layer.front_mm, layer.covered, push[2]) for layer in layers])
+    backs = np.stack([framed(layer.back_mm, layer.covered, push[2]) for layer in layers])
     v0, u0 = rays.v0 + push[1], rays.u0 + push[0]
     found = np.empty(len(u0), np.int64)
     reach = np.abs([rays.du, rays.dv]).max(initial=0) * (high - low)
@@ -144,7 +155,7 @@ def first_hits(rays: Rays, rgbd: RGBD, display: Display, push: tuple = _STILL) -
     for begin in range(0, len(u0), step):
         part = slice(begin, begin + step)
         down, across = (v0[part], rays.dv[part]), (u0[part], rays.du[part])
-        found[part] = _hits(down, across, fronts, backs, rgbd.shape, low, high)
+        found[part] = _hits(down, across, fronts, backs, continues, rgbd.shape, low, high)
     return found
 
 
@@ -159,6 +170,7 @@ def _hits(
     across: tuple,
     fronts: np.ndarray,
     backs: np.ndarray,
+    continues: bool,
     shape: tuple[int, int],
     low: float,
     high: float,
@@ -178,7 +190,16 @@ def _hits(
     first, each = np.argmax(hit, axis=1), np.arange(len(hit))
     layer = np.argmax(reached[:, each, first], axis=0)
     source: np.ndarray = (layer * shape[0] + r[each, first]) * shape[1] + c[each, first]
-    return np.where(hit.any(axis=1), source, HOLE)
+    if not continues:
+        return np.where(hit.any(axis=1), source, HOLE)
+    # Of rays that passed behind something and met nothing: the last cell that they passed over.
+    inside = (r >= 0) & (r < shape[0]) & (c >= 0) & (c < shape[1]) & (top > end)
+    over = inside & (fronts[0, r + 1, c + 1] < end)
+    behind = (inside & ~over).any(axis=1) & over.any(axis=1)
+    last = over.shape[1] - 1 - np.argmax(over[:, ::-1], axis=1)
+    shown = behind & np.isfinite(fronts[0, r + 1, c + 1][each, last])
+    passed = np.where(shown, r[each, last] * shape[1] + c[each, last], HOLE)
+    return np.where(hit.any(axis=1), source, passed)
 
 
 def cell_of(place: np.ndarray, cells: int) -> np.ndarray:
@@ -411,7 +432,8 @@ def _li_close(rays: Rays, rgbd: RGBD, display: Display, band: tuple) -> np.ndarr
 
 _ORACLES: dict[str, _Find] = {
     "template": first_hits,
-    "layered": first_hits,
+    "template:columns=solid": partial(first_hits, columns="solid"),
+    "layered": partial(first_hits, columns="layers"),
     "gu2020": _gu2020,
     "wang2024": _wang(along_ray=False),
     "wang2024:matching=ray": _wang(along_ray=True),

@@ -36,21 +36,35 @@ __all__ = [
 ]
 
 _LAYERED = "layered:samples=1"
-_ALGORITHMS = ("template", "gu2020", "wang2024", "wang2024:matching=ray", "li2012", _LAYERED)
+_SOLID = "template:columns=solid"
+_ALGORITHMS = (
+    "template",
+    _SOLID,
+    "gu2020",
+    "wang2024",
+    "wang2024:matching=ray",
+    "li2012",
+    _LAYERED,
+)
 _RIVALS = ("gu2020", "wang2024", "wang2024:matching=ray", "li2012")
 # Those that serve arrays whose rows and columns are not independent.
-_OF_MOUNTED = ("template", "gu2020", _LAYERED)
+_OF_MOUNTED = ("template", _SOLID, "gu2020", _LAYERED)
 
 _NO_OCCLUSION = "the best match wins, wherever on the ray: occlusion is no part of the method"
 _A_POINT = "a picture pixel is a point: raised, it lands elsewhere and uncovers what was behind"
 _STEPS = "its step P_I is a length across: along a stretched z it samples more finely"
 _SIZE = "a picture pixel is a point: farther away, more of them land on one panel pixel"
 _BY_ROWS = "z depends on the rows alone: a transposed picture is another problem"
+_BY_NEIGHBOURS = "a column of a surface ends where its neighbours do"
+_STRETCH = "stretch along z x 4"
 _NEARER = "a nearer object changes only its shadow"
 #: What a definition does not promise, and why.
 EXPLAINED = {
     ("transpose", "wang2024"): _BY_ROWS,
-    ("stretch along z x 4", "gu2020"): _STEPS,
+    (_STRETCH, "template"): _BY_NEIGHBOURS,
+    (_NEARER, "template"): _BY_NEIGHBOURS,
+    ("an object where nothing was", "template"): _BY_NEIGHBOURS,
+    (_STRETCH, "gu2020"): _STEPS,
     ("move along z", "li2012"): _SIZE,
     (_NEARER, "wang2024"): _NO_OCCLUSION,
     (_NEARER, "wang2024:matching=ray"): _NO_OCCLUSION,
@@ -79,7 +93,7 @@ def run_relations(
             relation,
             algorithm,
             show=show,
-            exact=algorithm in ("template", _LAYERED),
+            exact=algorithm in ("template", _SOLID, _LAYERED),
             explained=explained.get((relation.name, algorithm), ""),
             doubt=_uncertain,
         )

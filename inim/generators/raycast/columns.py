@@ -1,0 +1,144 @@
+"""Columns: what a ray can meet of a picture, cell by cell.
+
+A picture says where its surface is, and not how thick the thing is. Its pixels are columns, each
+from a front to a back, by one of four rules:
+
+`SURFACE`
+    As thick as the surface that the pixel shows. Two neighbours of a pixel are one surface with it
+    if their depths differ by no more than `STEEPEST` times their distance. A column reaches back to
+    the lowest of the eight neighbours that are one surface with it, so that the surface has no
+    gaps, and by `THICKNESS_PX` picture pixels at least, so that its rim has a side. What such a
+    surface hides was not seen: a ray that passes behind one and meets nothing shows the last cell
+    that it passed over before its end, as if that surface went on behind what hides it.
+`SEEN`
+    The same, and what such a surface hides stays a hole: for whoever fills it (`raycast.fill`).
+`SOLID`
+    Solid all the way back.
+`LAYERS`
+    As a layered depth image says (`inim.rgbd.LayeredRGBD`), solid after solid; of a picture without
+    layers, `SURFACE`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from inim.rgbd import RGBD, Layer, LayeredRGBD
+
+__all__ = [
+    "LAYERS",
+    "SEEN",
+    "SOLID",
+    "STEEPEST",
+    "SURFACE",
+    "THICKNESS_PX",
+    "Columns",
+    "columns_of",
+    "surface_backs",
+]
+
+SURFACE, SEEN, SOLID, LAYERS = "surface", "seen", "solid", "layers"
+
+#: Millimetres of depth to the millimetre up to which neighbours are one surface.
+STEEPEST = 20.0
+#: How far back a column reaches at least, in picture pixels.
+THICKNESS_PX = 10.0
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The columns of a picture.
+
+    Attributes
+    ----------
+    layers : tuple of Layer
+        The front surface first.
+    end : bool
+        Whether backs count: rays may pass behind.
+    continue_behind : bool
+        Whether a ray that passed behind one and met nothing shows what it passed over last.
+    """
+
+    layers: tuple[Layer, ...]
+    end: bool
+    continue_behind: bool
+
+    def fronts(self) -> np.ndarray:
+        """Fronts of all layers, (layers, H, W) float32; -inf where there is none."""
+        none = np.float32(-np.inf)
+        return np.stack([np.where(one.covered, one.front_mm, none) for one in self.layers])
+
+    def backs(self) -> np.ndarray:
+        """Backs of all layers, (layers, H, W) float32."""
+        return np.stack([one.back_mm for one in self.layers])
+
+
+def columns_of(rgbd: RGBD, rule: str) -> Columns:
+    """The columns of a picture by one of the four rules."""
+    if rule == LAYERS and isinstance(rgbd, LayeredRGBD):
+        return Columns(rgbd.layers, end=True, continue_behind=False)
+    if rule == SOLID:
+        # A view of one number: nothing reads it where columns do not end.
+        back = np.broadcast_to(np.float32(-np.inf), rgbd.shape)
+    else:
+        back = surface_backs(rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    layer = Layer(rgbd.color, rgbd.depth_mm, back, rgbd.covered)
+    return Columns((layer,), end=rule != SOLID, continue_behind=rule not in (SOLID, SEEN))
+
+
+def surface_backs(depth_mm: np.ndarray, covered: np.ndarray, pixel_mm: float) -> np.ndarray:
+    """Where the column of each pixel ends, by the rule of `SURFACE`.
+
+    Parameters
+    ----------
+    depth_mm : (H, W) float32
+        In the display frame, larger is nearer.
+    covered : (H, W) bool
+    pixel_mm : float
+
+    Returns
+    -------
+    (H, W) float32
+        inf where nothing is covered.
+    """
+    rows, columns = depth_mm.shape
+    steps = np.float32(STEEPEST * pixel_mm), np.float32(STEEPEST * pixel_mm * math.sqrt(2))
+    front = np.full((rows + 2, columns + 2), -np.inf, np.float32)
+    back = np.empty((rows, columns), np.float32)
+    _end(depth_mm, covered, *steps, np.float32(THICKNESS_PX * pixel_mm), front, back)
+    return back
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _end(depth, covered, straight, diagonal, thickness, front, back):  # type: ignore[no-untyped-def]
+    """Fill `front`, which is of nothing and has a border, and `back`."""
+    rows, columns = depth.shape
+    for i in numba.prange(rows):
+        for j in range(columns):
+            if covered[i, j]:
+                front[i + 1, j + 1] = depth[i, j]
+    for i in numba.prange(rows):
+        above, middle, below = front[i], front[i + 1], front[i + 2]
+        for j in range(columns):
+            here = middle[j + 1]
+            low = here - thickness
+            low = _lower(low, here, above[j], diagonal)
+            low = _lower(low, here, above[j + 1], straight)
+            low = _lower(low, here, above[j + 2], diagonal)
+            low = _lower(low, here, middle[j], straight)
+            low = _lower(low, here, middle[j + 2], straight)
+            low = _lower(low, here, below[j], diagonal)
+            low = _lower(low, here, below[j + 1], straight)
+            low = _lower(low, here, below[j + 2], diagonal)
+            back[i, j] = low if low > -np.inf else np.float32(np.inf)
+
+
+@numba.njit(cache=True, nogil=True)
+def _lower(low, here, beside, most):  # type: ignore[no-untyped-def]
+    """A neighbour that is lower and one surface with `here`, or what was the lowest."""
+    joined = beside if here - beside <= most else low
+    return joined if joined < low else low

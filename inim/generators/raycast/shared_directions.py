@@ -1,0 +1,304 @@
+"""First hits where one list of cells per direction serves all lenses.
+
+The front surface of a picture is laid out by phases (`raycast.polyphase`). Of a layered depth
+image, what lies deeper is little: only its cells are written, and looked at by rays that passed
+behind what is before them. Solid columns, behind which no ray passes, have a loop of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from inim.display import Display
+from inim.generators.base import PictureShape
+from inim.generators.raycast.cells import CENTRE, Aside
+from inim.generators.raycast.columns import LAYERS, SOLID, Columns
+from inim.generators.raycast.direction_lists import build_lists
+from inim.generators.raycast.polyphase import (
+    PhaseGenerator,
+    Phases,
+    farthest_end,
+    nearest_surface,
+    write_strip,
+)
+from inim.generators.raycast.simd import (
+    LANES,
+    all_lanes,
+    any_lane,
+    at_least,
+    both,
+    but_not,
+    choose,
+    either,
+    less,
+    load,
+    no_lanes,
+    same,
+    store,
+)
+from inim.rgbd import Layer
+
+__all__ = ["SharedDirections"]
+
+# Of the compiler's own type: a Python integer would make addresses signed, and checked.
+_LANES = np.uintp(LANES)
+
+
+class SharedDirections(PhaseGenerator):
+    """One list of cells per direction for all lenses.
+
+    Parameters
+    ----------
+    display, shape, pixel_mm :
+        See `inim.generators.prepare`.
+    rule : str
+        See `raycast.columns`.
+    aside : Aside
+        Where in its pixel each ray starts.
+    """
+
+    def __init__(
+        self,
+        display: Display,
+        shape: PictureShape,
+        pixel_mm: float,
+        rule: str,
+        aside: Aside = CENTRE,
+    ) -> None:
+        super().__init__(display, shape, pixel_mm, rule)
+        lists = self._lists = build_lists(display, shape, pixel_mm, aside)
+        lenses = (display.lens_rows, display.lens_columns)
+        phases = self._phases = Phases.make(
+            lists.per_pitch, lists.row, lists.column, lenses, end=rule != SOLID
+        )
+        self._offset = phases.offset(lists.row, lists.column)
+        self._reach = phases.row_reach(lists.row, lists.first[: -1 : lists.pixels])
+        # Offsets run along rows of slots of one phase: which of them each entry lies in.
+        self._phase_row = self._offset // phases.depth.shape[3]
+        self._deeper = _Deeper.none(phases)
+        self._slots = phases.slots(shape) if rule == LAYERS else np.empty(0, np.int32)
+
+    def _run(
+        self, columns: Columns, payloads: Sequence[np.ndarray], empty: int, out: np.ndarray
+    ) -> None:
+        self._fill(columns, payloads[0])
+        phases, lists, lenses = self._phases, self._lists, self.display.lens_columns
+        row_stride = phases.depth[0].size
+        deeper = columns.layers[1:]
+        if len(deeper) != len(self._deeper.held):
+            self._deeper = _Deeper.none(phases, len(deeper))
+        self._deeper.hold(deeper, payloads[1:], self._slots)
+        held = self._deeper
+        run = _run_layered if deeper else _run_surface if columns.end else _run_solid
+        run(
+            self.display.lens_rows, lists.pixels,
+            (
+                phases.depth.reshape(-1), phases.back.reshape(-1), phases.payload.reshape(-1),
+                held.front, held.back, held.payload, row_stride,
+                row_stride // phases.depth.shape[3], phases.nearest, phases.farthest, held.nearest,
+            ),
+            (
+                lists.first, self._offset, self._phase_row, self._reach, lists.exit_mm,
+                lists.entry_mm,
+            ),
+            (
+                columns.continue_behind, np.arange(lenses) * lists.pixels,
+                np.full(lenses, lists.pixels), np.uint32(empty),
+            ),
+            out,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Deeper:
+    """Phases of all layers but the first, (layers, slots); taken over from picture to picture.
+
+    Attributes
+    ----------
+    front, back : float32
+        -inf where there is no layer; anything.
+    payload : uint32
+    nearest : (rows of slots, strips) float32
+        Greatest depth of what a strip of lenses can reach of them.
+    held : list of int32 array
+        The slots of each layer that hold something.
+    reach : int
+        Slots across that the rays of one lens can reach.
+    """
+
+    front: np.ndarray
+    back: np.ndarray
+    payload: np.ndarray
+    nearest: np.ndarray
+    held: list[np.ndarray]
+    reach: int
+
+    @classmethod
+    def none(cls, phases: Phases, layers: int = 0) -> _Deeper:
+        """No layers, or empty ones."""
+        size = phases.depth.size
+        rows = size // phases.depth.shape[3]
+        return cls(
+            np.full((layers, size), -np.inf, np.float32),
+            np.zeros((layers, size), np.float32),
+            np.zeros((layers, size), np.uint32),
+            np.full((rows, phases.nearest.shape[1]), -np.inf, np.float32),
+            [np.empty(0, np.int32)] * layers,
+            phases.window[1],
+        )
+
+    def hold(self, layers: Sequence[Layer], words: Sequence[np.ndarray], slots: np.ndarray) -> None:
+        """Hold other layers, as many; only cells that hold something, or did, are touched."""
+        self.nearest[:] = -np.inf
+        for number, (layer, word) in enumerate(zip(layers, words, strict=True)):
+            self.front[number][self.held[number]] = -np.inf
+            cells = np.flatnonzero(layer.covered)
+            own = slots[cells]
+            reached = own >= 0
+            cells, own = cells[reached], own[reached]
+            _put_cells(
+                cells, own, layer.front_mm.reshape(-1), layer.back_mm.reshape(-1),
+                word.reshape(-1), self.front[number], self.back[number], self.payload[number],
+            )  # fmt: skip
+            if number == 0:
+                _bound(own, self.front[0], self.reach, self.nearest)
+            self.held[number] = own
+
+
+@numba.njit(cache=True, nogil=True)
+def _put_cells(cells, own, front, back, words, fronts, backs, payload):  # type: ignore[no-untyped-def]
+    """Write some cells of a layer into their own slots."""
+    for i in range(len(cells)):
+        cell, slot = np.uintp(cells[i]), np.uintp(own[i])
+        fronts[slot], backs[slot], payload[slot] = front[cell], back[cell], words[cell]
+
+
+@numba.njit(cache=True, nogil=True)
+def _bound(own, fronts, reach, nearest):  # type: ignore[no-untyped-def]
+    """Note the greatest depth of some slots that each strip can reach, by rows of slots."""
+    across = len(fronts) // len(nearest)
+    for slot in own:
+        row, j = divmod(np.uint32(slot), np.uint32(across))
+        for s in range(nearest.shape[1]):
+            start = min(s * LANES, across - LANES - reach + 1)
+            if start <= j < start + LANES + reach - 1:
+                nearest[row, s] = max(nearest[row, s], fronts[slot])
+
+
+def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
+    """One row of lenses, a panel row and a strip at a time; see `raycast.polyphase`.
+
+    Compiled apart for columns without an end, for those of one layer and for more: what one kind
+    does not need would cost the others a third of their time.
+    """
+
+    @numba.njit(cache=True, nogil=True)
+    def run_row(  # type: ignore[no-untyped-def]
+        m, front, back, payload, deeper_front, deeper_back, deeper_payload, row_stride, row_phases,
+        nearest, farthest, deeper_nearest, first, offset, phase_row, reach, exits, entries,
+        continue_behind, columns, widths, empty, strip, out,
+    ):  # fmt: skip
+        pixels, lenses = widths[0], len(widths)
+        for v in range(pixels):
+            for s in range(nearest.shape[1]):
+                start = max(min(s * LANES, lenses - LANES), 0)
+                base, first_row = m * row_stride + start, m * row_phases
+                top, bottom = m + reach[v, 0], m + reach[v, 1]
+                most = nearest_surface(nearest, top, bottom, s)
+                least = -np.inf
+                if columns_end and not layered:
+                    least = farthest_end(farthest, top, bottom, s)
+                for u in range(pixels):
+                    direction = v * pixels + u
+                    k, end = np.uintp(first[direction]), np.uintp(first[direction + 1])
+                    while k < end and exits[k] > most:
+                        k += np.uintp(1)
+                    begin, searching, shown = k, all_lanes(), same(empty)
+                    behind = no_lanes()
+                    while k < end:
+                        if columns_end and not layered and entries[k] < least:
+                            break
+                        cell = np.uintp(base + offset[k])
+                        hit = both(searching, at_least(load(front, cell), same(exits[k])))
+                        if columns_end:
+                            behind = either(behind, hit)
+                            below = hit
+                            hit = both(below, at_least(same(entries[k]), load(back, cell)))
+                        shown = choose(hit, load(payload, cell), shown)
+                        searching = but_not(searching, hit)
+                        # Layers begin ever farther back: rays above one are above those behind.
+                        if layered and deeper_nearest[first_row + phase_row[k], s] >= exits[k]:
+                            searching, shown = _hit_deeper(
+                                but_not(below, hit), searching, shown, same(exits[k]),
+                                same(entries[k]), cell, deeper_front, deeper_back, deeper_payload,
+                            )  # fmt: skip
+                        if not any_lane(searching):
+                            break
+                        k += np.uintp(1)
+                    if columns_end and continue_behind:
+                        # Back up the rays that met nothing, to the last cell each passed over.
+                        # Before the nearest surface there is none: such came in over a border.
+                        lost, k = both(behind, searching), end
+                        while k > begin and any_lane(lost):
+                            k -= np.uintp(1)
+                            cell = np.uintp(base + offset[k])
+                            depth = load(front, cell)
+                            over = both(lost, less(depth, same(exits[k])))
+                            covered = both(over, less(same(np.float32(-np.inf)), depth))
+                            shown = choose(covered, load(payload, cell), shown)
+                            lost = but_not(lost, over)
+                    store(strip, np.uintp(u) * _LANES, shown)
+                write_strip(strip, columns, widths, start, pixels, out[m * pixels + v])
+
+    row: Callable[..., None] = run_row
+    return row
+
+
+@numba.njit(cache=True, nogil=True)
+def _hit_deeper(below, searching, shown, left, came, cell, fronts, backs, payloads):  # type: ignore[no-untyped-def]
+    """What is searched for and shown, once lanes below the front surface met what lies deeper."""
+    layer = 0
+    while layer < len(fronts) and any_lane(below):
+        below = both(below, at_least(load(fronts[layer], cell), left))
+        hit = both(below, at_least(came, load(backs[layer], cell)))
+        shown = choose(hit, load(payloads[layer], cell), shown)
+        searching = but_not(searching, hit)
+        below = but_not(below, hit)
+        layer += 1
+    return searching, shown
+
+
+_solid_row, _surface_row, _layered_row = (
+    _row_loop(columns_end=False, layered=False),
+    _row_loop(columns_end=True, layered=False),
+    _row_loop(columns_end=True, layered=True),
+)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _run_solid(rows, pixels, met, lists, shown, out):  # type: ignore[no-untyped-def]
+    """All lens rows of columns without an end, shared among the threads."""
+    for m in numba.prange(rows):
+        strip = np.empty(pixels * LANES, np.uint32)
+        # The loop's own index is unsigned: passed on as it is, the row is compiled twice.
+        _solid_row(np.int64(m), *met, *lists, *shown, strip, out)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _run_surface(rows, pixels, met, lists, shown, out):  # type: ignore[no-untyped-def]
+    """All lens rows of columns of one layer that end."""
+    for m in numba.prange(rows):
+        strip = np.empty(pixels * LANES, np.uint32)
+        _surface_row(np.int64(m), *met, *lists, *shown, strip, out)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def _run_layered(rows, pixels, met, lists, shown, out):  # type: ignore[no-untyped-def]
+    """All lens rows of layered columns."""
+    for m in numba.prange(rows):
+        strip = np.empty(pixels * LANES, np.uint32)
+        _layered_row(np.int64(m), *met, *lists, *shown, strip, out)
