@@ -321,7 +321,8 @@ class CameraPicture:
         self.check_choices()
         self.camera()
         taken = self.read()
-        return self.fit_to(taken, display, pixels_per_pitch)[0].rgbd, taken.warnings
+        fitted, depth_map = self.fit_to(taken, display, pixels_per_pitch)
+        return fitted.rgbd, (*taken.warnings, *depth_map.warnings(fitted.clipped))
 
 
 def _numbers(text: str) -> tuple[float, ...]:
