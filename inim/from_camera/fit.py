@@ -300,7 +300,7 @@ def fit_picture(
     display: Display,
     *,
     camera: Pinhole | None,
-    pixels_per_pitch: int = 5,
+    pixels_per_pitch: float = 5,
     fit: str = "contain",
     frame_at: float | None = None,
     steepest: float = 10.0,
@@ -318,7 +318,7 @@ def fit_picture(
     display : Display
     camera : Pinhole or None
         None takes the picture as orthographic.
-    pixels_per_pitch : int
+    pixels_per_pitch : float
         Cells of the result per lens pitch.
     fit : {"contain", "cover"}
         Whether all of the picture's frame lies on the array, or all of the array in the frame.
