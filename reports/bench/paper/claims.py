@@ -130,8 +130,8 @@ _GROWTHS = (
         "Fig. 12",
         "A finer picture means more samples along each ray (Eq. 5 and 6: one per picture pixel of "
         "sideways travel), and the matrix holds their square, which is proportional to the "
-        "picture's pixels. Reverse search, and templates in steps of the display's own P_I, do "
-        "not depend on the picture at all, unless rays end earlier.",
+        "picture's pixels. Reverse search in steps of P_I does not depend on the picture at all, "
+        "unless rays end earlier.",
     ),
     (
         "lenses",
@@ -142,6 +142,9 @@ _GROWTHS = (
         "them weighs more where they are few, and lowers a power.",
     ),
 )
+
+
+_ALIKE = "In steps of P_I templates depend on the picture as little as reverse search does."
 
 
 def _slow_growth(
@@ -163,6 +166,8 @@ def _slow_growth(
     below = {name: laws[mine].is_below(law) for name, law in laws.items() if name != mine}
     shown = ", ".join(f"{name} {law.power:.2f} ± {law.error:.2f}" for name, law in laws.items())
     beaten = [name for name, one in below.items() if one]
+    if size == "scene_pixels" and "step_pixel=scene" in mine:
+        why = _ALIKE
     but = f" It does grow more slowly than that of {', '.join(beaten)}." if beaten else ""
     return _claim(
         f"the time of {mine} {words}",

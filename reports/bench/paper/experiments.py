@@ -175,7 +175,7 @@ def _experiment(
 def _in_words(found: Sequence[dict[str, Any]]) -> str:
     """The times of plain Python and of the exact generator, the ends of the range."""
     ends = [c for c in found if _PYTHON in c["name"] or c["name"] == "template"]
-    return ", ".join(f"{c['name'].partition(':')[0]} {c['median_ms']:.4g} ms" for c in ends)
+    return ", ".join(f"{c['name'].replace(_PYTHON, '')} {c['median_ms']:.4g} ms" for c in ends)
 
 
 def _same_input(
