@@ -94,7 +94,9 @@ class Settings:
         None, "distance from the eye it is focused at; the central depth plane", low=1e-9
     )
     view_pixels_per_lens: int = _setting(4, "pixels per lens of the views", low=1)
-    capture_pixels_per_pitch: int = _setting(5, "RGB-D pixels per lens pitch", low=1)
+    capture_pixels_per_pitch: int | float = _setting(
+        5, "RGB-D pixels per lens pitch; P / P_I gives the picture the paper's pixel P_I", low=1
+    )
     capture_spp: int = _setting(64, "samples per RGB-D pixel", low=1, high=_MOST_SAMPLES)
     eia_spp: int = _setting(
         64, "samples per ground-truth EIA pixel, both passes", low=2, high=_MOST_SAMPLES
@@ -217,14 +219,16 @@ def _read(key: str, text: str, kind: str, source: str) -> Any:
     """One value from its text, by the field's annotation."""
     if kind.startswith("str"):
         return text.strip()
+    whole = kind.startswith("int") and "float" not in kind
     try:
-        value = int(text) if kind.startswith("int") else float(text)
+        value = int(text) if whole else float(text)
     except ValueError:
-        wanted = "a whole number" if kind.startswith("int") else "a number"
+        wanted = "a whole number" if whole else "a number"
         raise SceneError(f"{source}: {key} = {text[:40]!r}: must be {wanted}") from None
     if not abs(value) < _LARGEST:
         raise SceneError(f"{source}: {key} = {text[:40]!r}: must be finite and below {_LARGEST:g}")
-    return value
+    # A whole number stays one where it need not be.
+    return int(value) if kind.startswith("int") and value == int(value) else value
 
 
 def setting_table() -> str:

@@ -8,11 +8,18 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from relics import amphora, jade, tripod, wine_coin
+from relics import altar, amphora, ibex, jade, tripod, wine_coin
 
 SCENES = Path(__file__).resolve().parent
 SEED = 20240901
-RELICS = {"amphora": amphora, "wine_coin": wine_coin, "tripod": tripod, "jade": jade}
+RELICS = {
+    "amphora": amphora,
+    "wine_coin": wine_coin,
+    "tripod": tripod,
+    "jade": jade,
+    "ibex": ibex,
+    "altar": altar,
+}
 
 
 def main() -> None:

@@ -86,7 +86,7 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], list[str]]:
     report = _report(picture, taken, camera, fitted, depth_map, display, empty, args.fill)
     report.append(_written(args, fitted.rgbd, eia, empty, display))
     report.append(f"seconds    {time.perf_counter() - started:.1f}")
-    return report, list(taken.warnings)
+    return report, [*taken.warnings, *depth_map.warnings(fitted.clipped)]
 
 
 def _of_light_field(args: argparse.Namespace, display: Display, settings: Settings) -> list[str]:

@@ -100,7 +100,7 @@ def add_picture(parser: _Options) -> None:
     add("--depth-unit", metavar="UNIT", help="mm, cm, m, units per metre (5000), or none")
     add("--intrinsics", metavar="FX,FY,CX,CY", help="of the camera, pixels of the colour picture")
     add("--orthographic", action="store_true", help="take the picture as orthographic")
-    add("--depth-map", default="linear", help="linear, or reciprocal (Li 2012)")
+    add("--depth-map", default="linear", help="linear, reciprocal (Li 2012), or printed (Eq. 4)")
     direction = parser.add_mutually_exclusive_group()
     direction.add_argument("--near-is-large", action="store_true", help="white is near")
     direction.add_argument("--far-is-large", action="store_true", help="as distances are")

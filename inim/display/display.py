@@ -548,21 +548,22 @@ class Display:
             )
         return axis
 
-    def capture_shape(self, pixels_per_pitch: int) -> tuple[int, int]:
+    def capture_shape(self, pixels_per_pitch: float) -> tuple[int, int]:
         """Rows and columns of an RGB-D picture that covers what oblique pixel rays can reach.
 
         The array as designed plus, on either side, what it juts out where it is moved or turned
         and the sideways travel Q z / 2g of the outermost rays, in whole pixels, so that pixel
-        borders fall alike in every lens.
+        borders fall alike in every lens where a pitch is a whole number of them.
         """
+        count = stated(pixels_per_pitch)
         pads = [
             math.ceil(max(side + beyond, 0.0) / self.pitch_mm * pixels_per_pitch - 1e-9)
             for side, beyond in zip(self._side_travel_mm, self._overhang_mm, strict=True)
         ]
-        down = self.lens_rows * self._exact_row_pitch / stated(self.pitch_mm) * pixels_per_pitch
+        down = self.lens_rows * self._exact_row_pitch / stated(self.pitch_mm) * count
         return (
             math.ceil(down) + 2 * pads[1],
-            math.ceil(self._lenses_across * pixels_per_pitch) + 2 * pads[0],
+            math.ceil(self._lenses_across * count) + 2 * pads[0],
         )
 
     @property
@@ -581,13 +582,13 @@ class Display:
         high = self.lens_rows * self.elemental_row_pitch_mm - rows * self.pixel_pitch_mm
         return max(wide, 0.0), max(high, 0.0)
 
-    def capture_pixel_mm(self, pixels_per_pitch: int) -> float:
+    def capture_pixel_mm(self, pixels_per_pitch: float) -> float:
         """Side of a pixel of such a picture: the float nearest to the true quotient.
 
         A quotient of floats may be its neighbour, which no rational ray casting takes for the
         length that was meant (1.7 / 5 is not 0.34).
         """
-        return float(stated(self.pitch_mm) / pixels_per_pitch)
+        return float(stated(self.pitch_mm) / stated(pixels_per_pitch))
 
     @property
     def steepest_slopes(self) -> tuple[float, float]:

@@ -1,13 +1,18 @@
 """Fitting a camera's picture to a display: where it lies, how large it is, how deep.
 
-Depths are mapped in one of two ways. `linear`: the camera's range onto the display's, the paper's
-Eq. 4 corrected: ``z = z_min + (far - d) / (far - near) (z_max - z_min)``. As printed, Eq. 4 maps
-onto [z_max, 2 z_max - z_min], beyond the range; and it is turned round where numbers grow towards
-the viewer. A flat picture, near = far, goes to the central depth plane.
+Depths are mapped in one of three ways. `linear`: the camera's range onto the display's, the paper's
+Eq. 4 corrected: ``z = z_min + (far - d) / (far - near) (z_max - z_min)``, turned round where
+numbers grow towards the viewer. A flat picture, near = far, goes to the central depth plane.
 
 `reciprocal`: ``z = D (near + far) / 2 d``, Li et al. (2012) as the paper cites it: depths keep
 their proportions, but what comes out beyond the display's range is clipped, as soon as
 far / near > 1 + span / D.
+
+`printed`: Eq. 4 to the letter, for reproduction, ``z = z_max + (d - d_min) / (d_max - d_min)
+(z_max - z_min)``. It maps onto [z_max, 2 z_max - z_min], in front of the displayable depth, and
+numbers that grow away from the viewer inside out. z_min and z_max are those of the displayable
+depth, D -+ span / 2; what lies beyond the display's depth range is clipped, all but d_min unless
+depth_min_mm and depth_max_mm state a larger one.
 
 An unprojected picture stays true under `linear`, which is then an affine map of the scene; one
 taken as orthographic stays true under `reciprocal`, which is then a projective one: planes stay
@@ -48,7 +53,7 @@ __all__ = [
     "parse_intrinsics",
 ]
 
-DEPTH_MAPS = ("linear", "reciprocal")
+DEPTH_MAPS = ("linear", "reciprocal", "printed")
 # Stray pixels at the rims of objects must not set the range.
 _STRAY = 0.005
 
@@ -59,7 +64,7 @@ class DepthMap:
 
     Attributes
     ----------
-    name : {"linear", "reciprocal"}
+    name : {"linear", "reciprocal", "printed"}
     near, far : float
         Range of d that is mapped; what lies beyond is taken to its end.
     offset_mm, slope : float
@@ -75,12 +80,36 @@ class DepthMap:
     low_mm: float
     high_mm: float
 
+    @property
+    def over_depth(self) -> bool:
+        """Whether z goes with 1 / d."""
+        return self.name == "reciprocal"
+
+    def warnings(self, clipped: float) -> tuple[str, ...]:
+        """What to say of it, with the share of the samples beyond the range."""
+        if self.name != "printed":
+            return ()
+        ends = sorted(self.offset_mm + self.slope * d for d in (self.near, self.far))
+        said = (
+            f"--depth-map printed: Eq. 4 as printed maps onto {ends[0]:.6g} .. {ends[1]:.6g} mm; "
+            f"{clipped:.1%} of the samples lie beyond the display's range, {self.low_mm:.6g} .. "
+            f"{self.high_mm:.6g} mm"
+        )
+        if clipped and self.low_mm > 0:
+            said += (
+                f"; to show them there: -D inim.depth_min_mm={self.low_mm:.6g} -D "
+                f"inim.depth_max_mm={math.ceil(ends[1])}"
+            )
+        if self.near < self.far:
+            said += "; depths grow away from the viewer, so what is far is shown in front"
+        return (said,)
+
     def z_mm(self, depth: np.ndarray) -> np.ndarray:
         """Display depths of d, clipped: float64, NaN where d is."""
         d = np.clip(
             np.asarray(depth, np.float64), min(self.near, self.far), max(self.near, self.far)
         )
-        z = self.offset_mm + self.slope * (d if self.name == "linear" else 1 / d)
+        z = self.offset_mm + self.slope * (1 / d if self.over_depth else d)
         clipped: np.ndarray = np.clip(z, self.low_mm, self.high_mm)
         return clipped
 
@@ -124,7 +153,7 @@ def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Dis
 
     Parameters
     ----------
-    name : {"linear", "reciprocal"}
+    name : {"linear", "reciprocal", "printed"}
     values : DepthValues
         For what its numbers mean.
     ends : (near, far)
@@ -134,7 +163,8 @@ def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Dis
     Raises
     ------
     UsageError
-        `reciprocal` of what is no distance, or onto a display that shows behind its array.
+        `reciprocal` of what is no distance, or onto a display that shows behind its array;
+        `printed` of a flat picture, or onto a focused display.
     """
     if name not in DEPTH_MAPS:
         raise UsageError(f"--depth-map {name}: use {' or '.join(DEPTH_MAPS)}")
@@ -144,12 +174,27 @@ def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Dis
         _check_reciprocal(values, ends, to)
         factor = to.central_depth_mm * (near + far) / 2
         return DepthMap(name, near, far, 0.0, factor, low, high)
+    if name == "printed":
+        return _as_printed(ends, to)
     if near == far:
         centre = to.central_depth_mm
         flat = centre if low <= centre <= high else (low + high) / 2
         return DepthMap(name, near, far, flat, 0.0, low, high)
     slope = (high - low) / (near - far)
     return DepthMap(name, near, far, low - far * slope, slope, low, high)
+
+
+def _as_printed(ends: tuple[float, float], to: Display) -> DepthMap:
+    """Eq. 4 to the letter, clipped to the display's depth range."""
+    least, most = sorted(ends)
+    if math.isinf(to.central_depth_mm) or least == most:
+        why = f"display {to.name} is focused" if least < most else "the picture is flat"
+        raise UsageError(
+            f"--depth-map printed: Eq. 4 has no value where {why}; use --depth-map linear"
+        )
+    z_min, z_max = to.replace(depth_min_mm=None, depth_max_mm=None).depth_range_mm
+    slope = (z_max - z_min) / (most - least)
+    return DepthMap("printed", *ends, z_max - least * slope, slope, *to.depth_range_mm)
 
 
 def _check_reciprocal(values: DepthValues, ends: tuple[float, float], to: Display) -> None:
@@ -255,7 +300,7 @@ def fit_picture(
     display: Display,
     *,
     camera: Pinhole | None,
-    pixels_per_pitch: int = 5,
+    pixels_per_pitch: float = 5,
     fit: str = "contain",
     frame_at: float | None = None,
     steepest: float = 10.0,
@@ -273,7 +318,7 @@ def fit_picture(
     display : Display
     camera : Pinhole or None
         None takes the picture as orthographic.
-    pixels_per_pitch : int
+    pixels_per_pitch : float
         Cells of the result per lens pitch.
     fit : {"contain", "cover"}
         Whether all of the picture's frame lies on the array, or all of the array in the frame.
@@ -315,14 +360,14 @@ def fit_picture(
         place["ox"] = -place["ax"] * ((columns - 1) / 2 - camera.cx) * frame_at
         place["oy"] = place["ay"] * ((rows - 1) / 2 - camera.cy) * frame_at
         apart, share = 0.0, steepest * coarseness / min(camera.fx, camera.fy)
-    inverse = camera is not None or depth_map.name == "reciprocal"
+    inverse = camera is not None or depth_map.over_depth
     ends = [1 / d if inverse else d for d in (depth_map.near, depth_map.far)]
     tiles = CameraTiles(
         q=_inverse(values.depth) if inverse else values.depth,
         q_low=min(ends),
         q_high=max(ends),
         perspective=camera is not None,
-        over_q=camera is not None and depth_map.name == "linear",
+        over_q=camera is not None and not depth_map.over_depth,
         offset_mm=depth_map.offset_mm,
         slope=depth_map.slope,
         low_mm=depth_map.low_mm,
@@ -378,9 +423,9 @@ def _apart(values: DepthValues, depth_map: DepthMap, apart_mm: float) -> float:
     if depth_map.slope == 0:
         return math.inf
     least = apart_mm / abs(depth_map.slope)
-    if depth_map.name == "linear":
-        return max(least, 1.5 * values.step)
-    return max(least, 1.5 * values.step / float(d.min() ** 2))
+    if depth_map.over_depth:
+        return max(least, 1.5 * values.step / float(d.min() ** 2))
+    return max(least, 1.5 * values.step)
 
 
 def _empty(drawn: Drawn, display: Display, cell_mm: float) -> float:

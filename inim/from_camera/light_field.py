@@ -24,7 +24,7 @@ __all__ = ["centre_view_picture", "shift_px", "step_mm", "true_eia"]
 
 
 def centre_view_picture(
-    field: LightField, display: Display, pixels_per_pitch: int = 5, name: str = "light field"
+    field: LightField, display: Display, pixels_per_pitch: float = 5, name: str = "light field"
 ) -> tuple[RGBD, float]:
     """The centre view with its disparity as a picture in the display frame, and the clipped share.
 

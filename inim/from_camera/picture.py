@@ -291,7 +291,7 @@ class CameraPicture:
         )
 
     def fit_to(
-        self, taken: ColorDepth, display: Display, pixels_per_pitch: int
+        self, taken: ColorDepth, display: Display, pixels_per_pitch: float
     ) -> tuple[Fitted, DepthMap]:
         """What was read, fitted to a display; and how its depths were mapped."""
         camera = self.camera()
@@ -315,13 +315,14 @@ class CameraPicture:
         )
         return fitted, depth_map
 
-    def fitted(self, display: Display, pixels_per_pitch: int) -> tuple[RGBD, tuple[str, ...]]:
+    def fitted(self, display: Display, pixels_per_pitch: float) -> tuple[RGBD, tuple[str, ...]]:
         """Check, read and fit the picture; its RGB-D in the display frame, and warnings."""
         self.check_files()
         self.check_choices()
         self.camera()
         taken = self.read()
-        return self.fit_to(taken, display, pixels_per_pitch)[0].rgbd, taken.warnings
+        fitted, depth_map = self.fit_to(taken, display, pixels_per_pitch)
+        return fitted.rgbd, (*taken.warnings, *depth_map.warnings(fitted.clipped))
 
 
 def _numbers(text: str) -> tuple[float, ...]:

@@ -13,12 +13,19 @@ z_len x z_len matrix is searched although the ray only crosses its diagonal, wit
 the row alone (a match may lie off the ray); and the best match wins wherever it is on the ray
 (occlusion plays no part).
 
+Eq. 6 prints z_len = round(... + 1), to the nearest whole number: the last sample lies up to half a
+step short of z_max or beyond it. Option ``rounding="up"`` takes the next larger one, so that the
+samples reach z_max.
+
+Eq. 5 counts in scene pixels P_I, which in the paper are the picture's (Eq. 3). A picture may have
+other pixels here, and a step is one of those; with ``step_pixel="scene"`` it is P_I of the display
+whatever the picture, and the number of samples does not depend on the picture.
+
 Where the print cannot be followed (see `_steps` and `_match`):
 
-* Eq. 6 rounds up, so the last sample may lie up to one step beyond z_max.
 * Eq. 5 divides by |x0 - x|, which is zero under the lens centre: one entry, z_len = 1, at the
-  central depth plane. It is printed for x; the larger of the two offsets is used here, so that
-  neither axis skips a pixel.
+  central depth plane, as wherever z_len is 1. It is printed for x; the larger of the two offsets is
+  used here, so that neither axis skips a pixel.
 * The paper's picture has no background. Here uncovered pixels match nothing, and a best match
   farther from its surface than one step is no match: a hole.
 
@@ -56,6 +63,8 @@ from inim.rgbd import RGBD
 __all__ = ["prepare"]
 
 _MATCHINGS = ("matrix", "ray")
+_ROUNDINGS = ("nearest", "up")
+_STEP_PIXELS = ("picture", "scene")
 # Entries of one pixel's template: a thousand times those of usual displays.
 _MOST_ENTRIES = 1_000_000
 
@@ -66,6 +75,8 @@ def prepare(
     shape: PictureShape,
     pixel_mm: float,
     matching: str = "matrix",
+    rounding: str = "nearest",
+    step_pixel: str = "picture",
     implementation: str = "compiled",
     *,
     mask: np.ndarray | None = None,
@@ -78,29 +89,42 @@ def prepare(
         See `inim.generators.prepare`.
     matching : {"matrix", "ray"}
         Search the whole matrix, as printed, or only the entries on the ray.
+    rounding : {"nearest", "up"}
+        Of z_len (Eq. 6): to the nearest whole number, as printed, or so that z_max is reached.
+    step_pixel : {"picture", "scene"}
+        What one depth step moves the ray by (Eq. 5): a pixel of the picture, or P_I of Eq. 3.
     implementation : {"compiled", "python"}
         The same result, by numba on all threads or by plain Python on one.
 
     Raises
     ------
     UsageError
-        An option of another value, a display that is not separable, or templates so long that they
-        are a slip.
+        An option of another value, a display that is not separable or has no P_I to step by, or
+        templates so long that they are a slip.
     """
     along_ray = one_of("matching", matching, _MATCHINGS) == "ray"
+    up = one_of("rounding", rounding, _ROUNDINGS) == "up"
     chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
     require_separable(display, "wang2024")
-    _check_length(display, shape, pixel_mm, along_ray)
+    stride = 1.0
+    if one_of("step_pixel", step_pixel, _STEP_PIXELS) == "scene":
+        stride = display.scene_pixel_mm / pixel_mm
+        if math.isinf(stride):
+            raise UsageError(
+                f"step_pixel = {step_pixel!r}: display {display.name} is focused, where P_I is "
+                "infinite; use picture"
+            )
+    _check_length(display, shape, pixel_mm * stride, along_ray)
     return for_mask(
         mask,
         display,
-        lambda pixels: _Wang2024(display, shape, pixel_mm, along_ray, chosen, pixels),
+        lambda pixels: _Wang2024(display, shape, pixel_mm, along_ray, (stride, up), chosen, pixels),
     )
 
 
-def _check_length(display: Display, shape: PictureShape, pixel_mm: float, along_ray: bool) -> None:
+def _check_length(display: Display, shape: PictureShape, step_mm: float, along_ray: bool) -> None:
     """Refuse templates that would take for ever."""
-    rays = cell_rays(shape, pixel_mm, display)
+    rays = cell_rays(shape, step_mm, display)
     longest = max(axis.most_cells(display.depth_range_mm) for axis in rays)
     most = _MOST_ENTRIES if along_ray else math.isqrt(_MOST_ENTRIES)
     if longest > most:
@@ -118,11 +142,13 @@ class _Wang2024(SourceGenerator):
         shape: PictureShape,
         pixel_mm: float,
         along_ray: bool,
+        steps: tuple[float, bool],
         implementation: str,
-        pixels: PixelList | None = None,
+        pixels: PixelList | None,
     ) -> None:
         super().__init__(display, shape, pixel_mm, pixels)
         self._along_ray = along_ray
+        self._steps = steps
         self._implementation = implementation
 
     def find(self, rgbd: RGBD) -> Sources:
@@ -147,16 +173,19 @@ class _Wang2024(SourceGenerator):
             z_min,
             z_max,
             single,
+            *self._steps,
             self._along_ray,
             *listed,
         )
 
 
-def _match_all(depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, along_ray, found):
+def _match_all(
+    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up, along_ray, found
+):
     """Match every panel pixel; u and v are column and row coordinates in picture pixels."""
     for i in prange(len(v0)):
         for j in range(len(u0)):
-            step, z_len = _steps(du[j], dv[i], z_min, z_max)
+            step, z_len = _steps(du[j], dv[i], z_min, z_max, stride, up)
             start = single if z_len == 1 else z_min
             found[i * len(u0) + j] = _match(
                 depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len, along_ray
@@ -164,25 +193,27 @@ def _match_all(depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, along
 
 
 def _match_listed(
-    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, along_ray, at_row, at_column, found
-):
+    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up, along_ray,
+    at_row, at_column, found,
+):  # fmt: skip
     """Match the panel pixels in some rows and columns."""
     for n in prange(len(at_row)):
         i, j = at_row[n], at_column[n]
-        step, z_len = _steps(du[j], dv[i], z_min, z_max)
+        step, z_len = _steps(du[j], dv[i], z_min, z_max, stride, up)
         start = single if z_len == 1 else z_min
         found[n] = _match(
             depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len, along_ray
         )
 
 
-def _steps(du, dv, z_min, z_max):
-    """Depth step of Eq. 5, one picture pixel of sideways travel, and z_len of Eq. 6."""
-    travel = max(abs(du), abs(dv))
-    if travel * (z_max - z_min) < 1.0:
+def _steps(du, dv, z_min, z_max, stride, up):
+    """Depth step of Eq. 5, `stride` picture pixels of sideways travel, and z_len of Eq. 6."""
+    travel = max(abs(du), abs(dv)) / stride
+    if travel * (z_max - z_min) < (1.0 if up else 0.5):
         return z_max - z_min, 1
     step = 1.0 / travel
-    return step, math.ceil((z_max - z_min) / step) + 1
+    steps = (z_max - z_min) / step
+    return step, (math.ceil(steps) if up else math.floor(steps + 0.5)) + 1
 
 
 def _match(depth, rows, columns, u0, du, v0, dv, start, step, z_len, along_ray):

@@ -22,7 +22,7 @@ class DepthCamera:
     Attributes
     ----------
     scene : Scene
-    pixels_per_pitch : int
+    pixels_per_pitch : float
     spp : int
         Samples per pixel, both halves.
     seed : int
@@ -30,7 +30,7 @@ class DepthCamera:
     """
 
     scene: Scene
-    pixels_per_pitch: int
+    pixels_per_pitch: float
     spp: int
     seed: int
 

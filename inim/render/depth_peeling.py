@@ -97,7 +97,7 @@ def peel(
     fitted: FittedScene,
     display: Display,
     *,
-    pixels_per_pitch: int,
+    pixels_per_pitch: float,
     hidden: bool = False,
     observer: Observer | None = None,
 ) -> Peeled:
@@ -107,7 +107,7 @@ def peel(
     ----------
     fitted : FittedScene
     display : Display
-    pixels_per_pitch : int
+    pixels_per_pitch : float
         Of the picture.
     hidden : bool
         Keep also what no ray of the display can meet.

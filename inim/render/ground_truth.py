@@ -34,7 +34,7 @@ def capture(
     fitted: FittedScene,
     display: Display,
     *,
-    pixels_per_pitch: int,
+    pixels_per_pitch: float,
     spp: int,
     seed: int,
     observer: Observer | None = None,
@@ -49,7 +49,7 @@ def capture_halves(
     fitted: FittedScene,
     display: Display,
     *,
-    pixels_per_pitch: int,
+    pixels_per_pitch: float,
     spp: int,
     seed: int,
     skip: bool = True,
@@ -74,7 +74,7 @@ class _Camera:
     pixel_mm: float
 
     @classmethod
-    def of(cls, fitted: FittedScene, display: Display, pixels_per_pitch: int) -> _Camera:
+    def of(cls, fitted: FittedScene, display: Display, pixels_per_pitch: float) -> _Camera:
         rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
         sensor = make_sensor(rays, fitted.fit.world_from_display)
         return cls(rays, sensor, rays.x.place_step_mm)

@@ -147,7 +147,7 @@ class NonSeparableRays:
         return int(self.x0_mm.shape[0])
 
 
-def capture_rays(display: Display, pixels_per_pitch: int, start_mm: float) -> SeparableRays:
+def capture_rays(display: Display, pixels_per_pitch: float, start_mm: float) -> SeparableRays:
     """Parallel rays straight back: the orthographic RGB-D camera."""
     rows, columns = display.capture_shape(pixels_per_pitch)
     pixel_mm = display.capture_pixel_mm(pixels_per_pitch)

@@ -68,6 +68,19 @@ ENTRIES = {
         "scenes/jade.xml",
         lens=(14, 18),
     ),
+    "ibex": Entry(
+        "Bronze ibex",
+        "Thin legs, horns and a ring that hang over gaps: what lies behind them is seen as soon as "
+        "the eye moves.",
+        "scenes/ibex.xml",
+        lens=(32, 10),
+    ),
+    "altar": Entry(
+        "Altar group",
+        "Five bodies at different depths, before and beside each other and none touching the next.",
+        "scenes/altar.xml",
+        lens=(18, 32),
+    ),
     "phone": Entry(
         "The tripod on a phone",
         "A panel of 2400 × 1080 pixels with 15.7 pixels per lens: lenses and pixels do not "

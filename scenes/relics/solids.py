@@ -119,7 +119,18 @@ def turned(mesh, angle_deg):
     """The mesh turned about the y axis, its front towards +x for 90 degrees."""
     angle = np.radians(angle_deg)
     c, s = np.cos(angle), np.sin(angle)
-    rotation = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    return rotated(mesh, np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]))
+
+
+def tipped(mesh, angle_deg):
+    """The mesh turned about the x axis, its top towards +z for 90 degrees."""
+    angle = np.radians(angle_deg)
+    c, s = np.cos(angle), np.sin(angle)
+    return rotated(mesh, np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]))
+
+
+def rotated(mesh, rotation):
+    """The mesh turned by a (3, 3) rotation matrix."""
     points = placed(mesh.points @ rotation.T)
     return replace(mesh, points=points, normals=mesh.normals @ rotation.T)
 
@@ -233,6 +244,15 @@ def sweep(path, across, half_width, half_thickness, segments=20, squareness=1.0)
     v = np.linspace(0.0, 1.0, len(points))[:, None]
     uv = np.stack(np.broadcast_arrays(angle / (2 * np.pi), v), -1)
     return grid_mesh(points, uv)
+
+
+def torus(radius, half_thickness, segments=64, sides=20):
+    """Ring about the y axis, of a round section; its centre is the origin."""
+    angle = np.linspace(0.0, 2 * np.pi, sides + 1)
+    profile = np.stack([radius + half_thickness * np.cos(angle), np.sin(angle)], -1)
+    profile[:, 1] *= half_thickness
+    profile[-1] = profile[0]
+    return lathe(profile, angle / (2 * np.pi), segments)
 
 
 def write_ply(mesh, folder, name):

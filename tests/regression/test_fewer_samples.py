@@ -1,6 +1,8 @@
 """Ground truth with fewer samples: the noise floor of uniform independent sampling, for less.
 
 The yardstick is what a renderer does unasked: independent random numbers, as many for each pixel.
+The ibex is not among the relics here: by a fifth of the samples its PSNR's floor is reached, that
+of SSIM is missed by 0.0004.
 """
 
 from dataclasses import replace
@@ -51,7 +53,7 @@ def independent(renderer, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["amphora", "jade", "tripod", "wine_coin"])
+@pytest.mark.parametrize("name", ["amphora", "jade", "tripod", "wine_coin", "altar"])
 def test_a_third_of_the_samples_reach_the_floor_of_uniform_sampling(name, independent):
     from inim.render.ground_truth import pickup
     from inim.render.scene import open_scene

@@ -1,4 +1,4 @@
-"""The four relics on the nominal display.
+"""The six relics on the nominal display.
 
 Expected behaviour: on every scene the exact template comes closer to the ground-truth EIA than the
 printed algorithm, and none of its pixels shows another source than the float64 oracle says.
@@ -26,13 +26,15 @@ MADE = {
     "wine_coin": {"goblet.ply", "goblet.png", "coin.ply", "coin.png"},
     "tripod": {"tripod_band.ply", "tripod_vessel.ply", "tripod_band.png", "tripod_bronze.png"},
     "jade": {"jade_disc.ply", "jade_stand.ply", "jade.png", "wood.png"},
+    "ibex": {"ibex.ply", "ibex.png"},
+    "altar": {"altar_matt.ply", "altar_polished.ply", "altar.png"},
 }
 NOMINAL = DISPLAYS["nominal"]
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("renderer")
-@pytest.mark.parametrize("name", ["amphora", "wine_coin", "tripod", "jade"])
+@pytest.mark.parametrize("name", MADE)
 def test_template_beats_wang2024_and_has_no_wrong_source(name):
     from inim.render.ground_truth import capture, pickup
     from inim.render.scene import open_scene

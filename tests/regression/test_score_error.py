@@ -26,7 +26,7 @@ def similarities(data: dict[str, Any]) -> dict[str, float]:
     return found
 
 
-@pytest.mark.parametrize("scene", ["amphora", "wine_coin", "tripod", "jade"])
+@pytest.mark.parametrize("scene", ["amphora", "wine_coin", "tripod", "jade", "ibex", "altar"])
 def test_scores_are_known_as_well_as_said(scene, tmp_path, monkeypatch):
     monkeypatch.setenv("INIM_CACHE", str(tmp_path / "cache"))
 

@@ -173,6 +173,16 @@ def test_what_was_guessed_is_said(camera, capsys):
     assert "brought to the colour's size by nearest pixel" in capsys.readouterr().err
 
 
+def test_eq_4_as_printed_is_shown_with_a_warning_of_what_it_does(camera, capsys):
+    more = ("--orthographic", "--depth-unit", "mm", "--depth-map", "printed")
+    assert main(words(camera, *more)) == EXIT_PASSED
+    said = capsys.readouterr()
+    assert "of the samples lie beyond the display's range" in said.err
+    hint = said.err.partition("to show them there: ")[2].partition(";")[0]
+    assert main(words(camera, *more, *hint.split())) == EXIT_PASSED
+    assert "0.0% of the samples lie beyond" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("more", "says"),
     [

@@ -11,9 +11,11 @@ from xml.etree import ElementTree
 import pytest
 
 from inim.report.bench import milliseconds, render_markdown, times, write_bench
+from inim.report.wording import per_cent
 from reports.bench.paper.claims import claims
 from reports.bench.paper.report import parts_of
 from reports.bench.paper.scaling import growth, power_law
+from reports.bench.paper.steps import depth_steps
 from tests.unit.test_bench_report import assert_tables_are_whole, bench, method, timing
 
 
@@ -22,7 +24,7 @@ def paper_bench():
         names = ["gu2020:implementation=python", "wang2024:implementation=python", "template"]
         ms = dict(zip(names, (6000.0, 3000.0, 1.5), strict=True))
         found = [method(n, size * v) for n, v in ms.items()]
-        sizes = {"scene_pixels": 100 * size, "lenses": size, "elemental_pixels": 289}
+        sizes = {"scene_pixels": 100 * size, "lenses": size, "elemental_pixels": 289 * size}
         return {**sizes, "yardstick": timing(1.0), "contenders": found}
 
     experiments = [
@@ -33,7 +35,7 @@ def paper_bench():
             "size": size,
             "points": [point(1), point(4)],
         }
-        for size in ("scene_pixels", "lenses")
+        for size in ("scene_pixels", "lenses", "elemental_pixels")
     ]
     last = [{**c, "middle_view_ssim": 0.5, "published_ssim": None} for c in point(1)["contenders"]]
     last[1] |= {"wrong_source": 0.4, "eia_psnr_db": 20.0}
@@ -41,10 +43,45 @@ def paper_bench():
         "lenses": 4, "display_pixels": 100, "scene_pixels": 50, "ceiling_ssim": 0.9,
         "yardstick": timing(1.0), "contenders": last,
     }  # fmt: skip
-    found = claims(experiments, same)
-    return bench(
-        paper={"experiments": experiments, "same_input": same, "claims": found, "notes": []}
+    paper = {"experiments": experiments, "same_input": same, "notes": [], "steps": depth_steps()}
+    paper["claims"] = claims(experiments, same, paper["steps"])
+    paper["readings"] = [
+        {"scene": scene, "name": f"wang2024:matching={matching}{option}", "changed": 0.02,
+         "hole_fraction": 0.5, "eia_psnr_db": 21.0}
+        for scene in ("jade", "tripod")
+        for matching in ("matrix", "ray")
+        for option in ("", ":rounding=up")
+    ]  # fmt: skip
+    return bench(paper=paper)
+
+
+def test_every_reading_is_a_row_of_its_scene_and_matching():
+    table = next(t for t in parts_of(paper_bench())[0].tables if "other ways" in t.caption)
+    assert [row[0] for row in table.rows] == [
+        "jade, matrix", "jade, ray", "tripod, matrix", "tripod, ray",
+    ]  # fmt: skip
+    assert table.heads[1:] == [
+        "as printed, EIA PSNR dB", "rounding=up, other sources", "rounding=up, EIA PSNR dB",
+    ]  # fmt: skip
+    assert table.rows[0][1:] == ["21.00", per_cent(0.02, 3), "21.00"]
+
+
+def test_steps_keep_the_paper_s_bounds_only_off_the_centre_of_odd_lenses():
+    """P_I g / |x0 - x| in closed form: offsets of 1 to 8, and of 0.5 to 7.5 panel pixels."""
+    odd, even, phone = depth_steps()
+    assert odd["lower_mm"] == pytest.approx(2 * 3.3 * (10 / 17) / 1)
+    assert [odd[k] for k in ("least_mm", "most_mm")] == pytest.approx([33 / 8, 33])
+    assert (odd["beyond"], odd["endless"]) == (3, 3)
+    assert [even[k] for k in ("least_mm", "most_mm")] == pytest.approx([33 / 7.5, 66])
+    assert (even["beyond"], even["endless"]) == (2 * 3, 0)
+    assert phone["lower_mm"] <= phone["least_mm"]
+    assert phone["beyond"] > 0
+    lower, upper = (
+        next(c for c in paper_bench()["paper"]["claims"] if f"at {bound}" in c["claim"])
+        for bound in ("least 2 g", "most g P_I")
     )
+    assert lower["holds"] is True
+    assert upper["holds"] is False
 
 
 def test_every_form_is_written_and_listed(tmp_path):
@@ -99,8 +136,38 @@ def test_claims_follow_the_measured_times():
 
 
 def _by_words(found):
-    words = ("twice as fast as gu2020", "grows slowly", "middle view", "1000 times")
+    words = ("twice as fast as gu2020", "grows slowly", "the middle view", "1000 times")
     return [next((c for c in found if word in c["claim"]), None) for word in words]
+
+
+def test_speed_and_growth_are_told_of_their_own_figures():
+    paper = paper_bench()["paper"]
+
+    def verdict(words):
+        found = claims(paper["experiments"], paper["same_input"])
+        return next(c["holds"] for c in found if words in c["claim"])
+
+    assert verdict("the fastest") is True  # gu2020 takes twice as long at all sizes
+    assert verdict("elemental images") is False  # both grow alike
+    _, lenses, elemental = paper["experiments"]
+    elemental["points"][1]["contenders"][0]["min_ms"] = 1.0
+    assert verdict("the fastest") is False
+    lenses["points"][1]["contenders"][0]["min_ms"] *= 1.01
+    assert verdict("number of elemental images") is True
+
+
+def test_each_reading_of_eq_5_has_verdicts_of_its_own():
+    paper = paper_bench()["paper"]
+    names = [c["claim"] for c in paper["claims"]]
+    assert not any("step_pixel" in name for name in names)  # it took no part
+    for point in (paper["same_input"], *(p for e in paper["experiments"] for p in e["points"])):
+        mine = next(c for c in point["contenders"] if c["name"].startswith("wang2024"))
+        scene = {"name": "wang2024:step_pixel=scene:implementation=python"}
+        fast = {key: mine[key] / 10 for key in ("median_ms", "min_ms")}
+        point["contenders"].append(mine | scene | fast)
+    found = {c["claim"]: c["holds"] for c in claims(paper["experiments"], paper["same_input"])}
+    assert found["wang2024 is more than twice as fast as gu2020"] is False
+    assert found["wang2024:step_pixel=scene is more than twice as fast as gu2020"] is True
 
 
 def test_without_a_rival_its_claim_is_left_out():

@@ -248,3 +248,47 @@ def test_the_slope_of_a_depth_map_never_turns_the_order_round():
         assert isinstance(made, DepthMap)
         z = made.z_mm(np.linspace(1, 2, 50))
         assert (np.diff(z) < 0).all()
+
+
+def test_eq_4_as_printed_maps_in_front_of_the_displayable_depth_and_is_clipped_there():
+    """z_max + (h - h_min) / (h_max - h_min) (z_max - z_min), numbers as they are."""
+    color, depth, _ = two_squares()
+    given = values(depth, near_is_large=True)
+    low, high = DISPLAY.depth_range_mm
+    made = map_depth("printed", given, (2000.0, 1000.0), DISPLAY)
+    shown = fit_picture(color, given, made, DISPLAY, camera=None)
+    assert shown.clipped == pytest.approx(np.mean(depth > 1000))  # all but d_min, at z_max
+    assert set(shown.rgbd.depth_mm[shown.rgbd.covered]) == {np.float32(high)}
+    (warning,) = made.warnings(shown.clipped)
+    assert f"{high:.6g} .. {2 * high - low:.6g} mm" in warning
+    assert f"{shown.clipped:.1%} of the samples" in warning
+    assert "in front" not in warning
+
+
+def test_a_stated_depth_range_shows_eq_4_where_it_is_printed():
+    color, depth, _ = two_squares()
+    low, high = DISPLAY.depth_range_mm
+    deep = DISPLAY.replace(depth_min_mm=low, depth_max_mm=2 * high - low)
+    given = values(depth)
+    made = map_depth("printed", given, (1000.0, 2000.0), deep)
+    shown = fit_picture(color, given, made, deep, camera=None)
+    assert shown.clipped == 0
+    expected = {high + (z - 1000) / 1000 * (high - low) for z in (1000, 1600, 2000)}
+    found = np.unique(shown.rgbd.depth_mm[shown.rgbd.covered])
+    np.testing.assert_allclose(found, sorted(expected), rtol=1e-6)
+    # Distances grow away from the viewer, and the wall comes out in front of the squares.
+    (warning,) = made.warnings(shown.clipped)
+    assert "what is far is shown in front" in warning
+    assert "to show them there" not in warning
+
+
+def test_eq_4_has_no_value_for_a_flat_picture_or_a_focused_display():
+    focused = small_display(gap_mm=3.0, depth_min_mm=4.0, depth_max_mm=24.0)
+    for ends, display in (((1.0, 1.0), DISPLAY), ((1.0, 2.0), focused)):
+        with pytest.raises(UsageError, match="--depth-map printed"):
+            map_depth("printed", values([[1.0, 2.0]]), ends, display)
+
+
+@pytest.mark.parametrize("name", ["linear", "reciprocal"])
+def test_maps_onto_the_range_need_no_warning(name):
+    assert map_depth(name, values([[1.0, 2.0]]), (1.0, 2.0), DISPLAY).warnings(0.5) == ()

@@ -210,3 +210,19 @@ def test_lenses_are_counted_from_a_panel_that_is_given():
 @pytest.mark.parametrize("name", list(DISPLAYS))
 def test_presets_fit_their_panels(name):
     assert lenses_beside_panel(DISPLAYS[name]) == []
+
+
+def test_a_picture_may_have_the_pixel_of_eq_3() -> None:
+    """P / P_I pixels to the pitch, 1.7 on the nominal display; a whole number stays whole."""
+    key = "inim.capture_pixels_per_pitch"
+    fraction, whole = (
+        Settings.parse({key: text}, "x").capture_pixels_per_pitch for text in ("1.7", "4")
+    )
+    assert isinstance(whole, int)
+    display = DISPLAYS["nominal"]
+    assert display.capture_pixel_mm(fraction) == display.scene_pixel_mm
+    # The array and the outermost rays, whole pixels for each side and for the array.
+    reach = 64 + 2 * display.depth_range_mm[1] / 6.6
+    assert 0 <= display.capture_shape(fraction)[0] - reach / display.scene_pixel_mm < 3
+    with pytest.raises(SceneError, match="must be a number"):
+        Settings.parse({key: "few"}, "x")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS, Display
+from inim.errors import UsageError
 from inim.generators import HOLE, NO_LENS, find_sources
 from inim.rgbd import RGBD
 from tests import oracle
@@ -52,9 +53,11 @@ def two_squares(shown: Display, cell_mm: float = 0.2371) -> RGBD:
 
 
 def entries(
-    rgbd: RGBD, shown: Display, row: int, column: int, along_ray: bool = False
-) -> tuple[float, list[tuple[float, int]]]:
+    rgbd: RGBD, shown: Display, row: int, column: int,
+    matching: str = "matrix", rounding: str = "nearest", step_pixel: str = "picture",
+) -> tuple[float, list[tuple[float, int]]]:  # fmt: skip
     """Eq. 5 to 10 for one panel pixel, read off the text: the step, and each entry's mismatch."""
+    p_i = rgbd.pixel_mm if step_pixel == "picture" else shown.scene_pixel_mm
     g, cell = shown.gap_mm, rgbd.pixel_mm
     high, wide = rgbd.shape
     low, top = shown.depth_range_mm
@@ -65,16 +68,17 @@ def entries(
     y0 = ((shown.lens_rows - 1) / 2 - m) * shown.pitch_mm
     dx = ((pixels - 1) / 2 - u) * shown.pixel_pitch_mm  # x0 - x
     dy = (v - (pixels - 1) / 2) * shown.pixel_pitch_mm  # y0 - y
-    travel = max(abs(dx), abs(dy)) / g / cell * (top - low)  # cells over the whole range
-    if travel < 1:
+    travel = max(abs(dx), abs(dy)) / g / p_i * (top - low)  # pixels P_I over the whole range
+    if travel < (0.5 if rounding == "nearest" else 1):
         step, depths = top - low, [shown.central_depth_mm]
     else:
-        step = cell * g / max(abs(dx), abs(dy))  # Eq. 5
-        depths = [low + i * step for i in range(math.ceil(travel) + 1)]  # Eq. 6
+        step = p_i * g / max(abs(dx), abs(dy))  # Eq. 5
+        z_len = round(travel + 1) if rounding == "nearest" else math.ceil(travel) + 1  # Eq. 6
+        depths = [low + i * step for i in range(z_len)]
     found = []
     for z in depths:
         r = math.floor(high / 2 - (y0 + dy / g * z) / cell)
-        for across in [z] if along_ray else depths:
+        for across in [z] if matching == "ray" else depths:
             c = math.floor(wide / 2 + (x0 + dx / g * across) / cell)
             if 0 <= r < high and 0 <= c < wide and rgbd.covered[r, c]:
                 found.append((abs(float(rgbd.depth_mm[r, c]) - z), r * wide + c))
@@ -86,16 +90,23 @@ def entries(
 )
 @pytest.mark.parametrize("pixels", [3, 4, 5])
 @pytest.mark.parametrize("shape", [(14, 17), (23, 20)])
-@pytest.mark.parametrize("matching", ["matrix", "ray"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {}, {"matching": "ray"}, {"rounding": "up"}, {"step_pixel": "scene"},
+        {"matching": "ray", "rounding": "up", "step_pixel": "scene"},
+    ],
+    ids=str,
+)  # fmt: skip
 def test_best_entry_of_the_whole_matrix_or_of_the_ray_wins(
-    gap: dict[str, float], pixels: int, shape: tuple[int, int], matching: str
+    gap: dict[str, float], pixels: int, shape: tuple[int, int], options: dict[str, str]
 ) -> None:
     shown = display(pixel_pitch_mm=1 / pixels, **gap)
     rgbd = rough(shape, 0.2717, shown, seed=pixels)
-    sources = find_sources(rgbd, shown, "wang2024", matching=matching)
+    sources = find_sources(rgbd, shown, "wang2024", **options)
     seen = holes = 0
     for row, column in np.ndindex(sources.shape):
-        step, found = entries(rgbd, shown, row, column, matching == "ray")
+        step, found = entries(rgbd, shown, row, column, **options)
         best = min((mismatch for mismatch, _ in found), default=math.inf)
         if best >= step:
             assert sources[row, column] == HOLE
@@ -129,9 +140,9 @@ def test_pixel_under_the_lens_centre_has_one_entry_at_the_central_depth_plane() 
 def test_single_entry_lies_at_the_central_depth_plane_or_else_in_the_middle(
     low: float, high: float, at: float
 ) -> None:
-    # No ray moves by a cell over a range this short: one entry each. D = 33.
+    # No ray moves by half a cell over a range this short: one entry each. D = 33.
     shown = display(depth_min_mm=low, depth_max_mm=high)
-    cell = 0.91
+    cell = 1.51
     sources = find_sources(picture(np.full((14, 15), at), cell), shown, "wang2024")
     for row, column in np.ndindex(sources.shape):
         x = (column + 0.5) / 5 - 1.5
@@ -165,6 +176,41 @@ def test_flat_picture_on_a_sampled_depth_is_matched_on_that_depth() -> None:
     for row, column in np.ndindex(sources.shape):
         if (row % 5, column % 5) != (2, 2):
             assert sources[row, column] // 80 == rows[row]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.31, 0.77, 1.0])
+def test_rounded_to_the_nearest_every_depth_is_within_half_a_step_of_a_sample(share: float) -> None:
+    # The outermost rays cross 4.3 cells: five samples, the last 0.3 steps before z_max.
+    shown = display(depth_min_mm=20.0, depth_max_mm=36.5)
+    at = 20 + share * 16.5
+    rgbd = picture(np.full((60, 60), at), 2 / 4.3)
+    step, found = entries(rgbd, shown, 0, 0, "ray")
+    assert len(found) == 5
+    assert len(entries(rgbd, shown, 0, 0, "ray", "up")[1]) == 6
+    assert min(mismatch for mismatch, _ in found) <= step / 2
+    along = {r: find_sources(rgbd, shown, "wang2024:matching=ray", rounding=r)
+             for r in ("nearest", "up")}  # fmt: skip
+    assert (along["nearest"] != HOLE).all()
+    assert along["nearest"][0, 0] == along["up"][0, 0]
+
+
+def test_in_scene_pixels_the_number_of_steps_does_not_depend_on_the_picture() -> None:
+    shown = display()
+    lengths = {
+        (step_pixel, cell): len(entries(picture(np.full((200, 200), 33.0), cell), shown, 0, 0,
+                                        "ray", step_pixel=step_pixel)[1])
+        for step_pixel in ("picture", "scene")
+        for cell in (0.1, 0.05)
+    }  # fmt: skip
+    assert lengths["scene", 0.1] == lengths["scene", 0.05]
+    assert lengths["picture", 0.05] > 1.8 * lengths["picture", 0.1]
+
+
+def test_a_focused_display_has_no_scene_pixel_to_step_by() -> None:
+    shown = display(gap_mm=3.0)
+    rgbd = rough((20, 24), 0.2717, shown)
+    with pytest.raises(UsageError, match="focused"):
+        find_sources(rgbd, shown, "wang2024:step_pixel=scene")
 
 
 def test_panel_pixels_outside_the_array_show_no_lens() -> None:

@@ -115,7 +115,50 @@ def _paper(paper: Mapping[str, Any]) -> Part:
 
 def _paper_tables(paper: Mapping[str, Any]) -> list[Table]:
     found = [_experiment(part(e)) for e in items(paper, "experiments")]
-    return [*found, _same_input(part(paper, "same_input"))]
+    found.append(_same_input(part(paper, "same_input")))
+    if items(paper, "readings"):
+        found.append(_readings(items(paper, "readings")))
+    if items(paper, "steps"):
+        found.append(_steps(items(paper, "steps")))
+    return found
+
+
+def _readings(readings: Sequence[Mapping[str, Any]]) -> Table:
+    """A row for each scene and matching; what is read as printed stands first."""
+    rows: dict[str, list[str]] = {}
+    heads = ["scene, matching"]
+    for reading in readings:
+        _, matching, option = (*reading["name"].split(":"), "")[:3]
+        row = rows.setdefault(f"{reading['scene']}, {matching.partition('=')[2]}", [])
+        cells = {"EIA PSNR dB": number(reading["eia_psnr_db"], 2)}
+        if option:
+            cells = {"other sources": per_cent(reading["changed"], 3)} | cells
+        if len(rows) == 1:
+            heads += [f"{option or 'as printed'}, {what}" for what in cells]
+        row += cells.values()
+    caption = (
+        "Eq. 5 and 6 read in other ways, on the bundled scenes: panel pixels that show another "
+        "picture pixel than as printed, and the EIA against the path traced one"
+    )
+    return Table(caption, heads, [[name, *row] for name, row in rows.items()])
+
+
+def _steps(steps: Sequence[Mapping[str, Any]]) -> Table:
+    heads = [
+        "pixels to the lens", "P_I mm", "least step mm", "2 g P_I / P mm", "largest step mm",
+        "g P_I in panel pixels, mm", "g P_I in mm", "columns of pixels", "without a step", "beyond",
+    ]  # fmt: skip
+    lengths = ("scene_pixel", "least", "lower", "most", "upper")
+    rows = [
+        [
+            s["display"].partition(" ")[0],
+            *(number(s[f"{key}_mm"], 3) for key in lengths),
+            number(s["upper_in_mm"], 3),
+            *(f"{s[key]:,}" for key in ("columns", "endless", "beyond")),
+        ]
+        for s in steps
+    ]
+    return Table("Depth steps of Eq. 5 against the bounds that the paper states", heads, rows)
 
 
 def _experiment(experiment: Mapping[str, Any]) -> Table:
@@ -245,9 +288,10 @@ def _line(axis: Any, sizes: Sequence[float], points: Sequence[Any], name: str) -
         medians,
         marker_of(algorithm),
         color=colour,
-        label=f"{algorithm}, plain Python" if interpreted else name,
+        label=name.replace(_PYTHON, ", plain Python"),
         markersize=4.5,
         markerfacecolor="white" if interpreted else colour,
         linestyle="--" if interpreted else ":" if name == "yardstick" else "-",
+        alpha=0.35 if "matching=ray" in name else 0.6 if "step_pixel" in name else 1,
         linewidth=1.4,
     )

@@ -1,4 +1,4 @@
-"""How time grows with both sizes, the paper's three experiments, and what becomes of its claims.
+"""How time grows with both sizes, the paper's three experiments, its claims, how it can be read.
 
     python -m reports.bench.paper.run -o reports/bench/paper
 
@@ -13,6 +13,7 @@ from typing import Any
 
 from inim.bench import Rounds
 from reports.bench.paper.experiments import bench_paper
+from reports.bench.paper.readings import bench_readings
 from reports.bench.paper.report import parts_of
 from reports.bench.paper.scaling import bench_scaling
 from reports.bench.study import new_parser, run_study
@@ -27,6 +28,7 @@ def main() -> int:
 
 def _measure(rounds: Rounds, listener: Any, folder: Path) -> dict[str, Any]:  # noqa: ARG001
     scaling, paper = bench_scaling(rounds, listener), bench_paper(rounds, listener)
+    paper["readings"] = bench_readings(listener)
     for claim in paper["claims"]:
         listener.line(f"{'yes' if claim['holds'] else 'NO '}  {claim['claim']}")
     return {"scaling": scaling, "paper": paper}

@@ -267,14 +267,14 @@ def _mismatches(
     middle = display.central_depth_mm
     single = middle if low <= middle <= high else (low + high) / 2
     travel = max(abs(rays.du[i]), abs(rays.dv[i]))
-    # The push says too on which side of a whole number z_len is rounded.
+    # The push says too to which whole number z_len is rounded.
     sign = np.sign(push[2])
     reach = travel * (high - low) * (1 + _ROUNDINGS * sign * _relative(push[2], display))
-    if reach < 1:
+    if reach < 0.5:
         step, z = high - low, np.array([single])
     else:
         step = 1 / travel
-        z = low + step * np.arange(math.ceil(reach) + 1)
+        z = low + step * np.arange(math.floor(reach + 0.5) + 1)
     at = (push[0][i], push[1][i]) if np.ndim(push[0]) else (0.0, 0.0)
     v = np.floor(rays.v0[i] + at[1] + rays.dv[i] * z)
     u = np.floor(rays.u0[i] + at[0] + rays.du[i] * z)
