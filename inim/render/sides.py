@@ -170,7 +170,7 @@ def _cut(front, back, pieces):  # type: ignore[no-untyped-def]
                 first, step = n, (front[k, r, c] - back[k, r, c]) / max(1, pieces[k, r, c])
                 for p in range(pieces[k, r, c]):
                     high = np.float32(front[k, r, c] - p * step)
-                    low = np.float32(high - step)
+                    low = np.float32(front[k, r, c] - (p + 1) * step)
                     if p == pieces[k, r, c] - 1:
                         low = back[k, r, c]
                     is_open = False
