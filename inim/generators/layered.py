@@ -18,8 +18,8 @@ from inim.generators.registry import algorithm
 
 __all__ = ["prepare"]
 
-# Of usual pictures: what tables are made for is not known before a picture comes.
-_LAYERS = 4
+# Of usual pictures, with sides: what tables are made for is not known before a picture comes.
+_LAYERS = 12
 
 
 @algorithm(exact=True, reads_layers=True, color="#6a51a3", marker="P")
