@@ -166,8 +166,8 @@ class _Inputs:
     noise_floor : dict
         See `noise_floor`.
     layers : dict or None
-        What the capture of layers found: `covered_shares`, nearest first, of the picture, and
-        `hidden_share` of what lies behind the front, which was left out.
+        What the capture of layers found: `covered_shares` of the picture by its solids, nearest
+        first, and `hidden_share` of what lies behind the front, which was left out.
     """
 
     rgbd: RGBD
@@ -206,7 +206,7 @@ def _render(plan: Plan, names: Sequence[str], renderer: Renderer) -> _Inputs:
     if capture.layered is not None:
         layered = display_ready(capture.layered)
         layers = {
-            "covered_shares": [float(layer.covered.mean()) for layer in capture.layered.layers],
+            "covered_shares": list(capture.covered_shares),
             "hidden_share": capture.hidden_share,
         }
     reference = make_reference(ready, truth.image, plan.display, views_of)

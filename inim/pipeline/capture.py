@@ -61,13 +61,16 @@ class Layers:
     Attributes
     ----------
     halves : (LayeredRGBD, LayeredRGBD)
+    covered_shares : tuple of float
+        Shares of the picture that the solids of each number cover, nearest first.
     cut_share, hidden_share : float
         See `inim.render.depth_peeling`.
     most : int
-        As many layers there may be.
+        As many solids there may be.
     """
 
     halves: tuple[LayeredRGBD, LayeredRGBD]
+    covered_shares: tuple[float, ...]
     cut_share: float
     hidden_share: float
     most: int
@@ -86,6 +89,8 @@ class Capture:
     layered : LayeredRGBD, optional
         With what lies behind the front, where a method reads it.
     layered_halves : (LayeredRGBD, LayeredRGBD) or ()
+    covered_shares : tuple of float
+        See `Layers`.
     hidden_share : float
         Share of what lies behind the front that no ray of the display meets, and is left out.
     checks : tuple of dict
@@ -97,6 +102,7 @@ class Capture:
     halves: tuple[RGBD, RGBD]
     layered: LayeredRGBD | None = None
     layered_halves: tuple[LayeredRGBD, ...] = ()
+    covered_shares: tuple[float, ...] = ()
     hidden_share: float = 0.0
     checks: tuple[dict[str, Any], ...] = ()
     warnings: tuple[str, ...] = ()
@@ -188,15 +194,16 @@ def capture_layers(camera: DepthCamera) -> Layers:
         )
         for half in (0, 1)
     )
-    return Layers((first, second), peeled.cut_share, peeled.hidden_share, MOST_LAYERS)
+    shares = tuple(float(solid.mean()) for solid in peeled.covered)
+    return Layers((first, second), shares, peeled.cut_share, peeled.hidden_share, MOST_LAYERS)
 
 
 def _with_layers(capture: Capture, found: Layers, run: Run) -> Capture:
     """The capture with its layers, their colours finite."""
     first, second = found.halves
     warnings = []
-    shares = ", ".join(f"{layer.covered.mean():.2%}" for layer in first.layers)
-    detail = f"they cover {shares} of the pixels, nearest first"
+    solids = ", ".join(f"{share:.2%}" for share in found.covered_shares)
+    detail = f"solids cover {solids} of the pixels, nearest first; the others are their sides"
     checks = [check("RGB-D: layers", float(len(first.layers)), ">=", 1, detail)]
     if found.hidden_share:
         run.skipped.add(
@@ -208,7 +215,7 @@ def _with_layers(capture: Capture, found: Layers, run: Run) -> Capture:
     if found.cut_share:
         warnings.append(
             f"RGB-D: {found.cut_share:.2%} of the covered pixels have more than {found.most} "
-            "layers; what lies behind those is left out"
+            "solids; what lies behind those is left out"
         )
     (one, other), more = finite("RGB-D layers", first.palette, second.palette)
     halves = _recoloured(first, one), _recoloured(second, other)
@@ -216,6 +223,7 @@ def _with_layers(capture: Capture, found: Layers, run: Run) -> Capture:
         capture,
         layered=_recoloured(first, np.float32(0.5) * (halves[0].palette + halves[1].palette)),
         layered_halves=halves,
+        covered_shares=found.covered_shares,
         hidden_share=found.hidden_share,
         checks=(*capture.checks, *checks, *more),
         warnings=(*capture.warnings, *warnings),

@@ -46,7 +46,7 @@ _EIA_BYTES = 150
 # RGB-D: float64 rays and points of the depth pass, colour sums.
 _CAPTURE_BYTES = 240
 # All layers that there may be: hits on a ray, and for each layer a mean and two halves with copies.
-_LAYERS_BYTES = 1600
+_LAYERS_BYTES = 3200
 # A view: float64 sums, rays of the coverage pass, the scorer's copies; and what each view keeps.
 _VIEW_BYTES = 400
 _KEPT_BYTES = 12

@@ -2,8 +2,8 @@
 
 A ray through a pixel's centre is followed through every surface, lights apart. What it enters by a
 front face and leaves by a back face is solid, and each solid that nothing solid covers in depth is
-a layer of that pixel: its front and its back. `inim.render.ground_truth.capture_layers` colours
-them.
+a layer of that pixel: its front and its back. Which of them show sides, `inim.render.sides` says;
+`inim.render.ground_truth.capture_layers` colours them.
 
 Which back belongs to which front:
 
@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import drjit as dr
@@ -38,6 +39,7 @@ from inim.render.culling import in_view
 from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
 from inim.render.sensors import make_sensor
+from inim.render.sides import Sides
 
 __all__ = ["MOST_LAYERS", "Peeled", "peel"]
 
@@ -58,6 +60,7 @@ class Peeled:
 
     Attributes
     ----------
+    display : Display
     rays : SeparableRays
         Of the camera.
     pixel_mm : float
@@ -76,6 +79,7 @@ class Peeled:
         it. Zero where nothing lies behind.
     """
 
+    display: Display
     rays: SeparableRays
     pixel_mm: float
     front_mm: NDArray[np.float32]
@@ -91,6 +95,11 @@ class Peeled:
     def covered(self) -> NDArray[np.bool_]:
         """(layers, rows, columns): where there is a layer."""
         return np.isfinite(self.front_mm)
+
+    @cached_property
+    def sides(self) -> Sides:
+        """What rays from the side meet of the layers."""
+        return Sides.of(self.front_mm, self.back_mm, self.display, self.pixel_mm)
 
 
 def peel(
@@ -128,6 +137,7 @@ def peel(
     _close_gaps(front, back, slope.reshape(shape), facing.reshape(shape), np.float32(pixel_mm))
     covered = int(np.count_nonzero(found))
     peeled = Peeled(
+        display,
         rays,
         pixel_mm,
         front,

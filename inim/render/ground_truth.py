@@ -14,7 +14,7 @@ from inim.display import Display
 from inim.display.pixels import SUBPIXELS
 from inim.display.viewpoint import Viewpoint
 from inim.observer import Observer
-from inim.render.depth_peeling import Peeled
+from inim.render.depth_peeling import MOST_LAYERS, Peeled
 from inim.render.rays import (
     NonSeparableRays,
     SeparableRays,
@@ -24,6 +24,7 @@ from inim.render.rays import (
 )
 from inim.render.scene import FittedScene
 from inim.render.sensors import make_sensor
+from inim.render.sides import side_light
 from inim.render.trace import Tracer, mean_light, scene_light, surface
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 
@@ -100,13 +101,34 @@ def capture_layers(
     """All layers of a peeled scene (`inim.render.depth_peeling`), coloured at `spp` samples each.
 
     Depth and coverage of the front are those of `capture`; its colour is not mixed with what lies
-    beside it.
+    beside it. A solid that shows its side (`inim.render.sides`) is a sheet, and the pieces of its
+    side are layers of their own behind it.
     """
-    color = _layer_colours(fitted, peeled, spp, seed, observer)
-    covered = peeled.covered
-    front = np.where(covered, peeled.front_mm, np.float32(0))
-    back = np.where(covered, peeled.back_mm, np.float32(0))
-    deeper = [Layer(color[k], front[k], back[k], covered[k]) for k in range(1, len(covered))]
+    solids, sides = peeled.covered, peeled.sides
+    first = np.zeros(solids.shape, np.int64)
+    np.add.at(first, (sides.solid, sides.row, sides.column), 1)
+    first = np.arange(len(solids))[:, None, None] + first.cumsum(axis=0) - first
+    layer = sides.solid + 1 + sides.order
+    layers = 1 + max(first[solids].max(initial=0), layer.max(initial=0))
+
+    def stacked(of_solids: np.ndarray, of_pieces: np.ndarray | bool) -> np.ndarray:
+        """(layers, rows, columns, ...): each solid, and behind it the pieces of its side."""
+        values = np.zeros((layers, *of_solids.shape[1:]), of_solids.dtype)
+        _, row, column = np.nonzero(solids)
+        values[first[solids], row, column] = of_solids[solids]
+        values[layer, sides.row, sides.column] = of_pieces
+        return values
+
+    light, seen = _side_colours(fitted, peeled, spp, seed, observer)
+    color = stacked(_layer_colours(fitted, peeled, spp, seed, observer), light)
+    covered, front = stacked(solids, True), stacked(peeled.front_mm, sides.front_mm)
+    ends, top = peeled.back_mm.copy(), sides.is_first
+    ends[sides.solid[top], sides.row[top], sides.column[top]] = sides.front_mm[top]
+    back = stacked(ends, sides.back_mm)
+    unseen = covered & ~stacked(solids, seen)
+    for k in range(1, layers):  # what no ray comes to looks like what is before it
+        color[k][unseen[k]] = color[k - 1][unseen[k]]
+    deeper = [Layer(color[k], front[k], back[k], covered[k]) for k in range(1, layers)]
     return LayeredRGBD(color[0], front[0], covered[0], peeled.pixel_mm, back[0], tuple(deeper))
 
 
@@ -135,6 +157,31 @@ def _layer_colours(
         )
         colours[layer][covered] = mean_light(tracer, spp)[0]
     return colours
+
+
+def _side_colours(
+    fitted: FittedScene, peeled: Peeled, spp: int, seed: int, observer: Observer | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Light of each piece of a side, (pieces, 3) float32, and whether any sample came to it.
+
+    The mean over the rays that come to it: the walls between its pixel and those beside weigh by
+    how many rays cross them.
+    """
+    sides = peeled.sides
+    color, weight = np.zeros((2, len(sides.row), 3))
+    if not len(sides.row):
+        return color, weight[:, 0] > 0
+    sensor = make_sensor(peeled.rays, fitted.fit.world_from_display)
+    light_of = side_light(fitted, sensor, peeled.rays, sides)
+    row, own = _Row(len(sides.walls)), np.random.SeedSequence((seed, MOST_LAYERS))
+    piece, beside = sides.walls.T
+    share = np.asarray(sides.slopes)[beside // 2] * (sides.high_mm - sides.low_mm)[piece, beside]
+    for seen_only, sums in ((False, color), (True, weight)):
+        tracer = Tracer(
+            light_of(seen_only), row, int(own.generate_state(1)[0]), observer, planned=False
+        )
+        np.add.at(sums, piece, mean_light(tracer, spp)[0] * share[:, None])
+    return np.divide(color, weight, out=color, where=weight > 0), weight[:, 0] > 0
 
 
 @dataclass(frozen=True)

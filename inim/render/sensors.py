@@ -138,14 +138,20 @@ def register() -> None:
             self, pixel: Any, within: Any, pupil: Any = None, active: Any = True
         ) -> Any:
             """World rays through film pixels; see `lines_through`."""
-            start, run = self.lines_through(pixel, within, pupil, active)
-            start.append(self.start)
-            origin = [dr.dot(mi.Vector3f(*row), mi.Vector3f(*start)) for row in self.linear]
-            towards = [dr.dot(mi.Vector3f(*row), mi.Vector3f(*run, -1.0)) for row in self.linear]
-            return mi.Ray3f(
-                mi.Point3f(*(o + s for o, s in zip(origin, self.shift, strict=True))),
-                dr.normalize(mi.Vector3f(*towards)),
+            return self.world_rays(*self.lines_through(pixel, within, pupil, active))[0]
+
+        def world_rays(self, start: list[Any], run: list[Any]) -> tuple[Any, Any]:
+            """World rays of `lines_through`, and how long they are for each mm of depth."""
+            place, towards = [*start, self.start], [*run, -1.0]
+            origin = [dr.dot(mi.Vector3f(*row), mi.Vector3f(*place)) for row in self.linear]
+            along = mi.Vector3f(
+                *(dr.dot(mi.Vector3f(*row), mi.Vector3f(*towards)) for row in self.linear)
             )
+            ray = mi.Ray3f(
+                mi.Point3f(*(o + s for o, s in zip(origin, self.shift, strict=True))),
+                dr.normalize(along),
+            )
+            return ray, dr.norm(along)
 
         def sample_ray(
             self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True

@@ -24,6 +24,7 @@ __all__ = [
     "Light",
     "Surface",
     "Tracer",
+    "first_not_light",
     "limit_rays",
     "mean_light",
     "scene_light",
@@ -215,7 +216,7 @@ def surface(scene: Any, sensor: Any, observer: Observer | None = None) -> Surfac
     lane = dr.arange(mi.UInt32, rows * columns)
     width = dr.opaque(mi.UInt32, columns)
     ray = sensor.rays_through(mi.Point2u(lane % width, lane // width), mi.Point2f(0.5))
-    hit = _first_not_light(scene, ray)
+    hit = first_not_light(scene, ray)
     distance = dr.select(hit.is_valid(), hit.t, dr.inf)
     shape = (rows, columns)
     found = Surface(
@@ -229,7 +230,7 @@ def surface(scene: Any, sensor: Any, observer: Observer | None = None) -> Surfac
     return found
 
 
-def _first_not_light(scene: Any, ray: Any) -> Any:
+def first_not_light(scene: Any, ray: Any) -> Any:
     """Nearest hit that is no light. Lights are hidden from cameras here as in the colour."""
     hit = scene.ray_intersect_preliminary(ray)
     start = mi.Float(0.0)

@@ -96,5 +96,6 @@ def test_an_observer_hears_of_every_planned_ray_and_counts_those_traced(open_fit
     layers = peel(fitted, display, pixels_per_pitch=2, observer=progress)
     capture_layers(fitted, layers, spp=4, seed=1, observer=progress)
     assert progress.done == whole
-    assert progress.samples - before == 4 * layers.covered.sum()
+    # Walls of sides twice: what they show, and whether anything comes to them.
+    assert progress.samples - before == 4 * (layers.covered.sum() + 2 * len(layers.sides.walls))
     assert progress.render_seconds > seconds > 0

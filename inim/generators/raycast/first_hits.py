@@ -22,8 +22,8 @@ from inim.generators.raycast.supersampling import averaged
 
 __all__ = ["first_hits"]
 
-# Layers of usual pictures: what tables are made for is not known before a picture comes.
-_LAYERS = 4
+# Of usual pictures, with sides: what tables are made for is not known before a picture comes.
+_LAYERS = 12
 
 
 def first_hits(
