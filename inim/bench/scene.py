@@ -47,6 +47,7 @@ _DEFAULT = (
     "template",
     "template:samples=2",
     "template:samples=4",
+    "template:columns=solid",
     "wang2024",
     "wang2024:matching=ray",
     "gu2020",
