@@ -170,7 +170,7 @@ def test_baseline_is_small_and_says_why_and_when(bench: Bench) -> None:
     assert set(files) == {"baseline.json", "baseline.npz"}
     assert sum(files.values()) < 100_000
     data = read_document(bench.folder / "base" / "baseline.json")
-    assert (data["schema"], data["reason"]) == ("inim.baseline/1", "the first")
+    assert (data["schema"], data["reason"]) == ("inim.baseline/2", "the first")
     assert data["accepted"].startswith("20")
 
 
