@@ -63,8 +63,8 @@ def render_summary(data: Mapping[str, Any]) -> str:
         _verdict_line(data),
         _scores_table(data),
         "SSIM on the relic to the ceiling, in brackets to the scene; then both of the whole "
-        "picture. The ceiling is what perfect elemental images would show; no difference beyond "
-        "the noise floor means anything.",
+        "picture, all free of noise but the EIA's and the noise floor. The ceiling is what perfect "
+        "elemental images would show.",
         *_criteria(data),
         *_regression(data),
         *_failures(data),

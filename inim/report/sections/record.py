@@ -68,8 +68,8 @@ _MEANINGS = (
     ),
     (
         "Noise floor",
-        "The score of the ground truth against itself with another seed. Differences "
-        "between algorithms that are smaller than its distance from 1 mean nothing.",
+        "The score of the ground truth against itself, one half of its samples against the other. "
+        "Plain scores, such as the EIA's, mean nothing beyond it; of those free of noise ± tells.",
     ),
     (
         "On the relic",

@@ -60,8 +60,7 @@ _SCORES = (
     "Each number is a mean over the viewpoints. Large: SSIM on the relic to the ceiling, what the "
     "algorithm keeps of what this display can show. Small: the same to the scene, what the viewer "
     "gets; and to the ceiling of the whole picture. Rows are not to be compared with one "
-    "another: scores depend on what a scene shows. No digit beyond the noise floor's distance "
-    "from 1 means anything."
+    "another: scores depend on what a scene shows."
 )
 _PARETO = (
     "Down and left is better; a point is the mean over the scenes. Coloured: no other is as fast "
