@@ -12,13 +12,6 @@ __all__ = ["FLIP_REACH", "flip", "flip_map", "metric"]
 
 # A view at about arm's length on an ordinary monitor (0.7 m, 0.7 m wide, 3840 pixels).
 _PIXELS_PER_DEGREE = 67.0
-# Arguments of flip_evaluator.evaluate.
-_SETTINGS = {
-    "inputsRGB": True,
-    "applyMagma": False,
-    "computeMeanError": False,
-    "parameters": {"ppd": _PIXELS_PER_DEGREE},
-}
 #: How far its filters reach at that, in pixels: three sigma of the blue-yellow contrast
 #: sensitivity, the widest, `sqrt(0.04 / (2 pi^2))` degrees.
 FLIP_REACH = math.ceil(3 * math.sqrt(0.04 / 2) / math.pi * _PIXELS_PER_DEGREE)
@@ -28,7 +21,15 @@ def _error(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
     import flip_evaluator
 
     # Floats: 8-bit input silently scores 0.
-    local, _, _ = flip_evaluator.evaluate(reference, test, "LDR", **_SETTINGS)
+    local, _, _ = flip_evaluator.evaluate(
+        reference,
+        test,
+        "LDR",
+        inputsRGB=True,
+        applyMagma=False,
+        computeMeanError=False,
+        parameters={"ppd": _PIXELS_PER_DEGREE},
+    )
     return np.asarray(local, np.float32).reshape(reference.shape[:2])
 
 
@@ -40,7 +41,7 @@ metric = Metric(
     reference="Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström and Fairchild, HPG 2020",
     on_relic=True,
     reach=FLIP_REACH,
-    settings=_SETTINGS,
+    settings={"ppd": _PIXELS_PER_DEGREE},
 )
 
 

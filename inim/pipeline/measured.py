@@ -95,6 +95,7 @@ class Measured:
             (name, view, key, result.statistics.scores[f"{name}/{view}"][key], scores[key])
             for name, result in self.results.items()
             for view, scores in self.ceiling.items()
+            if f"{name}/{view}" in result.statistics.scores
             for key in keys
         ]
         return [

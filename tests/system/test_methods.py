@@ -427,7 +427,9 @@ def test_name_with_options_works_in_every_form_of_the_report(evaluated: Finished
     assert 'class="missing"' not in page
     assert HALF in (evaluated.out / "summary.md").read_text(encoding="utf-8")
     cases = ElementTree.parse(evaluated.out / "junit.xml").getroot().findall(".//testcase")
-    assert f"{HALF}/centre: SSIM to ceiling" in {case.get("name") for case in cases}
+    assert f"{HALF}/centre: SSIM on the relic, to the ceiling" in {
+        case.get("name") for case in cases
+    }
     assert [line.split()[0] for line in evaluated.ended.stdout.splitlines()[:-1]] == NAMES
 
 

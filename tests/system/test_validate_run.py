@@ -248,7 +248,7 @@ def test_limit_not_met_ends_with_1_and_a_failed_check(replaced: tuple[Finished, 
     verdict = second.data["verdict"]
     assert verdict["passed"] is False
     failed = [check["name"] for check in verdict["checks"] if not check["passed"]]
-    assert failed == ["template/centre: SSIM to ceiling"]
+    assert failed == ["template/centre: SSIM on the relic, to the ceiling"]
 
 
 def test_quiet_prints_nothing_even_when_a_check_failed(replaced: tuple[Finished, Path]) -> None:

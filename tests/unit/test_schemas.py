@@ -54,7 +54,7 @@ LATER = {"view_psnr_to_ceiling_db", "view_flip_to_ceiling"}
 OPTIONAL = {
     "report": {"regression", "algorithms/a/yardsticks", *CHECK},
     "picture": CHECK,
-    "compare": {"conditions/panel pixels"},
+    "compare": {"conditions/panel pixels", "verdict/checks/0/criterion"},
     "baseline": {"conditions/panel pixels"},
     "bench": {
         *SCENE, "scores", "captured_layers", "contenders/0/averaged_share",

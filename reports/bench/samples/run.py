@@ -199,7 +199,12 @@ def _figure(groups: Mapping[str, Sequence[Mapping[str, Any]]]) -> Any:
             for point in points:
                 draw_point(axis, "free of noise" if marked else "plain", *point, marked)
             draw_front(axis, points)
-        style(axis, f"{name}: grey plain, coloured free of noise", "processor seconds", "rms error of SSIM")
+        style(
+            axis,
+            f"{name}: grey plain, coloured free of noise",
+            "processor seconds",
+            "rms error of SSIM",
+        )
         axis.set_xscale("log")
         axis.set_yscale("log")
         plain_ticks(axis)
