@@ -70,8 +70,8 @@ def bench_samples(
     -------
     dict
         Under the names of bench.json: of each validation `seconds`, from start to end of its
-        process, `processor_seconds` of all its processes, and of each score `plain`, `value`, half the width of its interval, and the
-        reference's value.
+        process, `processor_seconds` of all its processes, and of each score `plain`, `value`, half
+        the width of its interval, and the reference's value.
     """
 
     def validate(scene: Path, seed: int, settings: Mapping[str, int]) -> dict[str, Any]:
@@ -100,8 +100,9 @@ def bench_samples(
                     score["reference"] = reference[name]["value"]
                 runs.append({"scene": scene.stem, "seed": seed, **settings, **found})
                 listener.line(
-                    f"{scene.stem:12} {eia_spp:4} {view_spp:4}  {found['processor_seconds']:6.1f} s  rms "
-                    f"error {_rms([runs[-1]], 'plain', 'ssim'):.4f} plain, "
+                    f"{scene.stem:12} {eia_spp:4} {view_spp:4}  "
+                    f"{found['processor_seconds']:6.1f} s  rms error "
+                    f"{_rms([runs[-1]], 'plain', 'ssim'):.4f} plain, "
                     f"{_rms([runs[-1]], 'value', 'ssim'):.4f} free of noise"
                 )
     return {"algorithm": ALGORITHM, "reference": _REFERENCE, "runs": runs}
@@ -151,9 +152,9 @@ def parts_of(data: Mapping[str, Any]) -> list[Part]:
     )
     tables = [_table(name, group) for name, group in groups.items()]
     remark = (
-        "Processor seconds of all processes of a validation, without the result cache; one view and "
-        "one algorithm. The machine did other work meanwhile: wall-clock times, in bench.json, are "
-        "of no use."
+        "Processor seconds of all processes of a validation, without the result cache; one view "
+        "and one algorithm. The machine did other work meanwhile: the wall-clock times of "
+        "bench.json are of no use."
     )
     return [Part("samples", "Samples", lead, tables, "samples", _figure(groups), [remark])]
 
