@@ -22,8 +22,8 @@ from inim.report.wording import (
     HEADLINE_TO_SCENE,
     HEADLINE_WORDS,
     best_algorithm,
-    has_criteria,
     suggested_criteria,
+    verdict,
 )
 from inim.worker.output import publish
 
@@ -92,5 +92,5 @@ def _print_scores(observer: Observer, data: Mapping[str, Any]) -> None:
             )
     if best is not None and len(data["algorithms"]) > 1:
         observer.line(f"best: {best}, by its mean {HEADLINE_WORDS}")
-    if not has_criteria(data) and (wanted := suggested_criteria(data)):
+    if verdict(data) == "ran clean" and (wanted := suggested_criteria(data)):
         observer.line(f"no criteria set; for later runs: -D 'inim.min_ssim_to_ceiling={wanted}'")

@@ -17,7 +17,6 @@ from inim.report.wording import (
     check_sentence,
     check_value,
     checks,
-    has_criteria,
     is_number,
     items,
     number,
@@ -89,7 +88,7 @@ def render_checks(data: Mapping[str, Any]) -> str:
 
 def _criteria(data: Mapping[str, Any]) -> list[str]:
     """What to ask of later runs, where nothing was asked of this one."""
-    wanted = "" if has_criteria(data) else suggested_criteria(data)
+    wanted = suggested_criteria(data) if verdict(data) == "ran clean" else ""
     return [f"To set criteria: `-D 'inim.min_ssim_to_ceiling={wanted}'`."] if wanted else []
 
 

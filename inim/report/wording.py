@@ -31,7 +31,6 @@ __all__ = [
     "check_sentence",
     "check_value",
     "checks",
-    "has_criteria",
     "headlines",
     "is_number",
     "items",
@@ -253,11 +252,6 @@ def _is_infinite(check: Mapping[str, Any]) -> bool:
     return check.get("value", MISSING) is None and _may_be_infinite(_metric_of(check))
 
 
-def has_criteria(data: Mapping[str, Any]) -> bool:
-    """Whether any check is of quality: against a limit that somebody set, or a baseline."""
-    return any("criterion" in check or "kind" in check for check in checks(data))
-
-
 def verdict(data: Mapping[str, Any]) -> str:
     """The verdict in a word or two.
 
@@ -273,7 +267,9 @@ def verdict(data: Mapping[str, Any]) -> str:
         return "no verdict"
     if not all(map(check_passed, checks(data))):
         return "failed"
-    return "passed" if has_criteria(data) else "ran clean"
+    # Of quality: against a limit that somebody set, or a baseline.
+    judged = any("criterion" in check or "kind" in check for check in checks(data))
+    return "passed" if judged else "ran clean"
 
 
 def verdict_words(data: Mapping[str, Any]) -> str:

@@ -17,7 +17,6 @@ from inim.report.wording import (
     check_passed,
     check_value,
     checks,
-    has_criteria,
     is_number,
     items,
     number,
@@ -25,6 +24,7 @@ from inim.report.wording import (
     per_cent,
     relation,
     suggested_criteria,
+    verdict,
 )
 
 __all__ = ["SECTIONS", "check_list"]
@@ -105,7 +105,7 @@ def check_list(data: Mapping[str, Any]) -> str:
 
 def _no_criteria(data: Mapping[str, Any]) -> str:
     """What the checks do not say, and criteria to set; empty where there are some."""
-    if has_criteria(data) or not checks(data):
+    if verdict(data) != "ran clean":
         return ""
     words = element("p", text(_NO_CRITERIA), class_="lead")
     wanted = suggested_criteria(data)

@@ -30,7 +30,7 @@ __all__ = ["bench_samples", "parts_of"]
 ALGORITHM = "template"
 # Samples a pixel of the true EIA and of the true view.
 LEVELS = ((16, 32), (32, 64), (64, 256))
-_REFERENCE = {"eia_spp": 256, "view_spp": 1024, "capture_spp": 256, "reconstruction_spp": 256}
+_REFERENCE = {"eia_spp": 128, "view_spp": 512, "capture_spp": 128, "reconstruction_spp": 128}
 _SEEDS = (1,)
 # Scores of a view, by who is scored.
 SCORES = {
@@ -148,7 +148,7 @@ def parts_of(data: Mapping[str, Any]) -> list[Part]:
         "Whole validations from the centre, by the number of samples a pixel of the true EIA and "
         "of the true view. Errors are root mean squares over seeds and scores on the relic, of "
         f"{ALGORITHM} to ceiling and scene and of the ceiling to the scene, from the values free "
-        "of noise of a validation with four times the most samples here."
+        "of noise of a validation with twice the most samples here."
     )
     tables = [_table(name, group) for name, group in groups.items()]
     remark = (
