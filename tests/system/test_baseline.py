@@ -495,7 +495,7 @@ def test_workflow_s_commands_plan_runs_that_its_baselines_can_be_compared_with(
     for step in steps():
         words = shlex.split(step.get("run", "").replace("$SMALL", small))
         if words[:3] == ["python", "-m", "inim.validate"]:
-            assert main(["validate", *words[3:]]) == EXIT_PASSED
+            assert main(["validate", "--quiet", *words[3:]]) == EXIT_PASSED
     assert [plan.request.baseline.name for plan in planned] == ["jade", "wine_coin"]
     assert all(plan.baseline is not None for plan in planned)
 
