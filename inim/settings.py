@@ -99,10 +99,10 @@ class Settings:
     )
     capture_spp: int = _setting(64, "samples per RGB-D pixel", low=1, high=_MOST_SAMPLES)
     eia_spp: int = _setting(
-        64, "samples per ground-truth EIA pixel, both passes", low=2, high=_MOST_SAMPLES
+        32, "samples per ground-truth EIA pixel, both passes", low=2, high=_MOST_SAMPLES
     )
     view_spp: int = _setting(
-        256, "samples per ground-truth view pixel, both passes", low=2, high=_MOST_SAMPLES
+        64, "samples per ground-truth view pixel, both passes", low=2, high=_MOST_SAMPLES
     )
     reconstruction_spp: int = _setting(
         64, "samples per reconstructed view pixel", low=1, high=_MOST_SAMPLES
@@ -115,7 +115,9 @@ class Settings:
     )
     seed: int = _setting(0, "random seed of the ground truth", low=0)
     min_ssim_to_ceiling: str = _setting(
-        "", "criterion: least SSIM to the ceiling, '0.9' for all or 'template:0.9, wang2024:0.5'"
+        "",
+        "criterion: least SSIM on the relic to the ceiling, '0.9' for all or "
+        "'template:0.9, wang2024:0.5'",
     )
 
     @classmethod

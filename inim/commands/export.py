@@ -27,7 +27,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
     add_display(parser)
-    add("--name", help="of a report's EIAs, which one (the first algorithm's)")
+    add("--name", help="of a report's EIAs, which one (the best algorithm's)")
     add("--pdf", type=Path, metavar="FILE", help="a PDF that prints at true size")
     add("--views", type=Path, metavar="DIR", help="folder for view_ROW_COLUMN.png")
     add(
@@ -96,12 +96,14 @@ def _eia(args: argparse.Namespace) -> tuple[np.ndarray, Display]:
 def _of_report(folder: Path, name: str | None) -> tuple[Path, Display]:
     from inim.display import Display
     from inim.report import Report
+    from inim.report.wording import best_algorithm
 
     report = Report.load(folder)
     names = list(report.data["algorithms"])
-    chosen = name if name is not None else next(iter(names), None)
+    chosen = name if name is not None else best_algorithm(report.data)
     if chosen not in names:
-        raise UsageError(f"--name {name}: {folder} has {', '.join(names) or 'no EIA'}")
+        said = "--name" if name is None else f"--name {name}"
+        raise UsageError(f"{said}: {folder} has {', '.join(names) or 'no EIA'}")
     return folder / "eia" / f"{chosen}.png", Display(**report.data["display"]["given"])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -95,8 +96,17 @@ def _run(args: argparse.Namespace) -> int:
     else:
         passed, out = _validate_scene(args)
     if not args.quiet:
-        print_outcome(f"{'passed' if passed else 'FAILED'}; report: {out / 'report.html'}")
+        print_outcome(f"{_words(passed, out)}; report: {out / 'report.html'}")
     return EXIT_PASSED if passed else EXIT_CHECK_FAILED
+
+
+def _words(passed: bool, out: Path) -> str:
+    """The verdict as its report has it; "FAILED" stands out."""
+    from inim.report.wording import verdict_words
+
+    if not passed:
+        return "FAILED"
+    return verdict_words(json.loads((out / "report.json").read_text("utf-8")))
 
 
 def _check_words(args: argparse.Namespace) -> None:

@@ -14,7 +14,7 @@ scenes.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from threading import Lock
@@ -32,6 +32,7 @@ from inim.metrics.ssim import metric as _ssim
 from inim.plugins import announced, blame, identity, load
 
 __all__ = [
+    "RELIC_MARGIN_PX",
     "SSIM_WINDOW",
     "Metric",
     "all_metrics",
@@ -41,13 +42,15 @@ __all__ = [
     "flip_map",
     "foreign_identities",
     "psnr_db",
+    "relic_region",
     "score",
     "score_maps",
-    "scores_of",
     "ssim",
     "ssim_map",
 ]
 
+#: Pixels around the relic that its scores count, too: half of SSIM's window.
+RELIC_MARGIN_PX = SSIM_WINDOW // 2
 _OWN = (_ssim, _psnr, _flip)
 _ENTRY_POINTS = "inim.metrics"
 # Other packages' functions need not bear being called from several threads.
@@ -152,29 +155,43 @@ def score_maps(
     return maps_of([metrics[key] for key in (metrics if keys is None else keys)], reference, test)
 
 
-def scores_of(maps: Mapping[str, np.ndarray], mask: np.ndarray | None = None) -> dict[str, float]:
-    """Scores from `score_maps`; with a (rows, columns) bool mask, SSIM on the relic too."""
-    metrics = [metric for metric in all_metrics() if metric.key in maps]
-    scores = {metric.key: metric.score(maps[metric.key]) for metric in metrics}
-    if mask is not None:
-        for metric in metrics:
-            if metric.on_relic and maps[metric.key].ndim:
-                scores[metric.on_relic_key] = metric.score(maps[metric.key], mask)
-    return scores
-
-
 def score(
-    reference: np.ndarray, test: np.ndarray, mask: np.ndarray | None = None
+    reference: np.ndarray, test: np.ndarray, region: np.ndarray | None = None
 ) -> dict[str, float]:
-    """Every metric's score under its key; with a mask, SSIM on the relic too.
+    """Every metric's score under its key; with a region, those on the relic too.
 
     Parameters
     ----------
     reference, test : (rows, columns, 3) float32, linear RGB
-    mask : (rows, columns) bool, optional
+    region : (rows, columns) bool, optional
+        The relic's; see `relic_region`.
+    """
+    maps = score_maps(reference, test)
+    metrics = all_metrics()
+    scores = {metric.key: metric.score(maps[metric.key]) for metric in metrics}
+    if region is not None:
+        for metric in metrics:
+            if metric.on_relic and maps[metric.key].ndim:
+                scores[metric.on_relic_key] = metric.score(maps[metric.key], region)
+    return scores
+
+
+def relic_region(relic: np.ndarray) -> np.ndarray:
+    """The relic's region in a view: its pixels, and all within `RELIC_MARGIN_PX` of one.
+
+    Every pixel into whose SSIM the relic enters, by scikit-image's window; on the ground beyond,
+    pictures of a relic before black are equal.
+
+    Parameters
+    ----------
+    relic : (rows, columns) bool
         Where the relic is.
     """
-    return scores_of(score_maps(reference, test), mask)
+    from scipy.ndimage import maximum_filter
+
+    side = 2 * RELIC_MARGIN_PX + 1
+    region: np.ndarray = maximum_filter(relic, side, mode="constant", cval=False)
+    return region
 
 
 def eia_scores(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from inim.buffers import row_bands
 from inim.color import srgb_from_linear
 from inim.errors import UsageError
 
-__all__ = ["Metric", "check_alike", "maps_of", "mean_of"]
+__all__ = ["Metric", "check_alike", "maps_of"]
 
 _NAME = re.compile(r"[a-z][a-z0-9]*")
 _UNIT = re.compile(r"[A-Za-z]*")
@@ -50,7 +50,9 @@ class Metric:
     of_eia : bool
         Whether it says something of a panel's pixels, too, which is no picture to a viewer.
     on_relic : bool
-        Whether the mean over the relic's pixels is reported, too. It needs a map.
+        Whether the score of the relic's region alone is reported, too. It needs a map.
+    border : int
+        Pixels along each side of a picture whose map's values do not count.
     of_mean : callable, optional
         From a map's mean to the score and its derivative, where the score is not the mean itself;
         derivative 0 where it has none.
@@ -65,6 +67,8 @@ class Metric:
         Of the map, with `reach`.
     least_px : int
         Least side of a picture that the function takes.
+    settings : mapping of str to JSON value
+        What it is pinned to, for whoever computes it again.
     """
 
     name: str
@@ -79,12 +83,14 @@ class Metric:
     reference: str = ""
     of_eia: bool = False
     on_relic: bool = False
+    border: int = 0
     of_mean: Callable[[float], tuple[float, float]] | None = None
     whole: Callable[[np.ndarray, np.ndarray], float] | None = None
     reach: int | None = None
     where_equal: float = 0.0
     dtype: type = np.float32
     least_px: int = 1
+    settings: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         """Raise `UsageError` unless the declaration makes sense."""
@@ -108,32 +114,47 @@ class Metric:
     @property
     def key(self) -> str:
         """Name of its score in reports and tables, with the unit: ``psnr_db``."""
-        return "_".join(filter(None, (self.name, self.unit.lower())))
+        return self._named()
 
     @property
     def to_ceiling_key(self) -> str:
         """The same of a score against the ceiling: ``psnr_to_ceiling_db``."""
-        return "_".join(filter(None, (self.name, "to_ceiling", self.unit.lower())))
+        return self._named("to_ceiling")
 
     @property
     def on_relic_key(self) -> str:
-        """The same of a score over the relic's pixels alone: ``ssim_on_relic``."""
-        return "_".join(filter(None, (self.name, "on_relic", self.unit.lower())))
+        """The same of a score of the relic's region alone: ``psnr_on_relic_db``."""
+        return self._named("on_relic")
 
-    def score(self, local: np.ndarray, mask: np.ndarray | None = None) -> float:
+    @property
+    def on_relic_to_ceiling_key(self) -> str:
+        """The same against the ceiling: ``psnr_on_relic_to_ceiling_db``."""
+        return self._named("on_relic", "to_ceiling")
+
+    def _named(self, *of: str) -> str:
+        return "_".join(filter(None, (self.name, *of, self.unit.lower())))
+
+    def counted(self, shape: tuple[int, int], region: np.ndarray | None = None) -> np.ndarray:
+        """The pixels of a map that count, (rows, columns) bool: all but the border, of a region."""
+        counted = np.zeros(shape, bool)
+        counted[self._inner] = True if region is None else region[self._inner]
+        return counted
+
+    @property
+    def _inner(self) -> tuple[slice, slice]:
+        side = slice(self.border, -self.border or None)
+        return side, side
+
+    def score(self, local: np.ndarray, region: np.ndarray | None = None) -> float:
         """The score from a map, (rows, columns), or from the score itself, ().
 
-        With a (rows, columns) bool mask, from the pixels that it picks.
+        With a (rows, columns) bool region, from the pixels that it picks; NaN of no pixel.
         """
-        mean = mean_of(local, mask)
+        if local.ndim:
+            inner = local[self._inner]
+            local = inner if region is None else inner[region[self._inner]]
+        mean = float(local.mean(dtype=np.float64)) if local.size else math.nan
         return mean if self.of_mean is None else self.of_mean(mean)[0]
-
-
-def mean_of(local: np.ndarray, mask: np.ndarray | None = None) -> float:
-    """Mean of a map in float64, over a mask if one is given; NaN of no pixel."""
-    if mask is not None:
-        local = local[mask]
-    return float(local.mean(dtype=np.float64)) if local.size else math.nan
 
 
 # Rows and columns of a picture.

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from inim.metrics.base import Metric, maps_of, mean_of
+from inim.metrics.base import Metric, maps_of
 
 __all__ = ["FLIP_REACH", "flip", "flip_map", "metric"]
 
@@ -39,7 +39,9 @@ metric = Metric(
     better="lower",
     tolerance=0.005,  # as SSIM's
     reference="Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström and Fairchild, HPG 2020",
+    on_relic=True,
     reach=FLIP_REACH,
+    settings={"ppd": _PIXELS_PER_DEGREE},
 )
 
 
@@ -57,4 +59,4 @@ def flip_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
 
 def flip(reference: np.ndarray, test: np.ndarray) -> float:
     """Mean of `flip_map`."""
-    return mean_of(flip_map(reference, test))
+    return metric.score(flip_map(reference, test))

@@ -53,8 +53,10 @@ metric = Metric(
     digits=2,
     tolerance=0.1,  # below a tenth of a decibel no one sees it
     of_eia=True,
+    on_relic=True,
     of_mean=_decibels,
     whole=psnr_db,
     reach=0,
     dtype=np.float64,
+    settings={"data_range": 1.0},
 )

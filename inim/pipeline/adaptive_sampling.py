@@ -121,14 +121,14 @@ def known_within(scores: Mapping[str, ScoreEstimate], before: Mapping[str, Score
         now, then = scores[name], before[name]
         flatter = abs(then.bias) - abs(now.bias)
         if flatter > 0:
-            bends[name] = abs(now.value - then.value) / flatter
+            bends[name] = abs(now.plain - then.plain) / flatter
     usual = max([1.0, *bends.values()]) if bends else _USUAL_BEND
     found = []
     for name, score in scores.items():
         bias = abs(score.bias) * max(1.0, bends.get(name, usual))
         if name in before and name not in bends:
             # No noise to speak of, or so much that the score no longer answers to it.
-            bias = max(bias, abs(score.value - before[name].value))
+            bias = max(bias, abs(score.plain - before[name].plain))
         found.append(bias + _half_width(score))
     known = bool(before) and bool(found) and not any(map(math.isnan, found))
     return max(found) if known else math.inf

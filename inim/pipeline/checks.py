@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from inim.buffers import row_bands
+from inim.regression import ScoreEstimate, score_interval
 
 __all__ = [
     "BLACK",
     "CLIPPED_SHARE",
     "any_colour",
     "check",
+    "criterion",
     "finite",
     "missing_viewpoints",
     "share_outside",
@@ -57,6 +59,12 @@ def check(
         "detail": detail,
     }
     return row if interval is None else row | {"interval": list(interval)}
+
+
+def criterion(name: str, score: ScoreEstimate, limit: float) -> dict[str, Any]:
+    """A row on quality: a score, free of noise, against the least that somebody asked for."""
+    row = check(name, score.value, ">=", limit, interval=score_interval(score))
+    return row | {"criterion": True}
 
 
 def finite(name: str, *images: np.ndarray) -> tuple[list[np.ndarray], list[dict[str, Any]]]:

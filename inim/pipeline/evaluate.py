@@ -12,7 +12,14 @@ import numpy as np
 from inim import metrics
 from inim.buffers import HalfBuffers
 from inim.parallel import Submit, threads
-from inim.pipeline.checks import BLACK, CLIPPED_SHARE, check, missing_viewpoints, share_outside
+from inim.pipeline.checks import (
+    BLACK,
+    CLIPPED_SHARE,
+    check,
+    criterion,
+    missing_viewpoints,
+    share_outside,
+)
 from inim.pipeline.generate import GeneratedEIA, Reference
 from inim.pipeline.ground_truth import GroundTruth
 from inim.pipeline.plan import Plan
@@ -20,21 +27,23 @@ from inim.pipeline.reconstruct import ReconstructedView
 from inim.pipeline.stage import SCORING, Run, stage
 from inim.pipeline.statistics import Half, Statistics, eia_statistics, view_statistics
 from inim.regression import HalfBuffer, ScoreEstimate, score_interval, view_scores
+from inim.report.wording import HEADLINE, HEADLINE_WORDS
 
 __all__ = [
     "MethodResult",
-    "ViewScores",
+    "Scores",
     "ceiling_scores",
     "evaluate",
     "noise_floor",
     "score_view",
+    "scores_data",
     "truth_statistics",
 ]
 
 # A score takes some 100 bytes a pixel while it is made: 0.4 GB for all of them together.
 _PIXELS_AT_ONCE = 2**22
-# Estimates of a view against the scene are kept of this one only.
-_TO_SCENE = "ssim"
+# Scores by their names in report.json.
+Scores = dict[str, ScoreEstimate]
 
 
 class Sampled(Protocol):
@@ -51,22 +60,6 @@ class Sampled(Protocol):
     @property
     def second(self) -> np.ndarray:
         """By the other."""
-
-
-@dataclass(frozen=True)
-class ViewScores:
-    """How like its reference a view is.
-
-    Attributes
-    ----------
-    values : dict of str to float
-        As `inim.metrics.score` returns them.
-    estimates : dict of str to ScoreEstimate
-        The same values, of those asked for, and how sure they are.
-    """
-
-    values: dict[str, float]
-    estimates: dict[str, ScoreEstimate]
 
 
 @dataclass(frozen=True)
@@ -92,30 +85,24 @@ class MethodResult:
     warnings: tuple[str, ...] = ()
 
 
-@stage("scores of a view", code=SCORING, makes=(ViewScores, ScoreEstimate))
-def score_view(
-    reference: Sampled, test: Sampled, mask: np.ndarray | None, estimated: tuple[str, ...]
-) -> ViewScores:
-    """Scores of a view.
+@stage("scores of a view", code=SCORING, makes=(ScoreEstimate,))
+def score_view(reference: Sampled, test: Sampled, region: np.ndarray) -> Scores:
+    """Scores of a view, of the whole and on the relic.
 
     Parameters
     ----------
     reference, test : Sampled
-    mask : (rows, columns) bool, optional
-        Where the relic is.
-    estimated : tuple of str
-        The scores whose errors are wanted; see `inim.regression.view_scores`.
+    region : (rows, columns) bool
+        The relic's; see `inim.metrics.relic_region`.
     """
     truth, shown = ((one.image, one.first, one.second) for one in (reference, test))
-    maps = metrics.score_maps(truth[0], shown[0])
-    estimates = view_scores(truth, shown, estimated, maps)
-    return ViewScores(metrics.scores_of(maps, mask), estimates)
+    return view_scores(truth, shown, region)
 
 
 @stage("scores of two halves", code=SCORING)
-def _score_halves(halves: HalfBuffers) -> dict[str, float]:
+def _score_halves(halves: HalfBuffers, region: np.ndarray) -> dict[str, float]:
     """One half of the samples against the other, by every metric."""
-    return metrics.score(halves.first, halves.second)
+    return metrics.score(halves.first, halves.second, region)
 
 
 @stage("scores of an EIA", code=SCORING)
@@ -161,11 +148,11 @@ def evaluate(
         found = {view: one.result() for view, one in pending.items()}
         scores = {
             "eia": whole.result() | {"hole_fraction": made.hole_fraction},
-            "views": {view: one.values() for view, one in found.items()},
+            **scores_data(found),
             "seconds": made.seconds,
         }
-        estimates = {f"{name}/{view}": one.estimates() for view, one in found.items()}
-        kept = Statistics(statistics.result(), estimates, prints)
+        judged = {f"{name}/{view}": one for view, one in found.items()}
+        kept = Statistics(statistics.result(), judged, prints)
     eyes = [eye.name for eye in plan.viewpoints]
     checks = [
         *made.checks,
@@ -177,36 +164,30 @@ def evaluate(
     return MethodResult(scores, kept, reference, tuple(checks), tuple(warnings))
 
 
-@dataclass(frozen=True)
-class _Against:
+def scores_data(views: Mapping[str, Scores]) -> dict[str, Any]:
+    """Scores by viewpoint, as in report.json: `views`, free of noise, and their `precision`."""
+    return {
+        "views": {
+            view: {k: one.value for k, one in found.items()} for view, found in views.items()
+        },
+        "precision": {
+            view: {
+                key: {"plain": one.plain, "interval": list(score_interval(one))}
+                for key, one in found.items()
+            }
+            for view, found in views.items()
+        },
+    }
+
+
+def _against(truth: GroundTruth, name: str, view: ReconstructedView, run: Run) -> Scores:
     """Scores of a view against the rendered view, and against the ceiling's."""
-
-    scene: ViewScores
-    ceiling: ViewScores
-
-    def values(self) -> dict[str, float]:
-        """As in report.json."""
-        return self.scene.values | {
-            metric.to_ceiling_key: self.ceiling.values[metric.key]
-            for metric in metrics.all_metrics()
-        }
-
-    def estimates(self) -> dict[str, ScoreEstimate]:
-        """Those that later runs are compared with, and how sure they are."""
-        to_ceiling = {
-            metric.to_ceiling_key: self.ceiling.estimates[metric.key]
-            for metric in metrics.all_metrics()
-        }
-        return to_ceiling | {f"{_TO_SCENE}_to_scene": self.scene.estimates[_TO_SCENE]}
-
-
-def _against(truth: GroundTruth, name: str, view: ReconstructedView, run: Run) -> _Against:
-    scene, relic, ceiling = truth.views[name], truth.relic[name], truth.ceiling[name]
-    every = tuple(metric.key for metric in metrics.all_metrics())
-    return _Against(
-        score_view(scene, view, relic, (_TO_SCENE,), run=run),
-        score_view(ceiling, view, None, every, run=run),
-    )
+    region = truth.regions[name]
+    to_scene = score_view(truth.views[name], view, region, run=run)
+    to_ceiling = score_view(truth.ceiling[name], view, region, run=run)
+    names = {metric.key: metric.to_ceiling_key for metric in metrics.all_metrics()}
+    names |= {m.on_relic_key: m.on_relic_to_ceiling_key for m in metrics.all_metrics()}
+    return to_scene | {names[key]: one for key, one in to_ceiling.items()}
 
 
 def _eia_scores(
@@ -223,11 +204,11 @@ def _eia_scores(
     return dict(_score_eia(truth.eia.image, eia, run=run))
 
 
-def ceiling_scores(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, ViewScores]:
+def ceiling_scores(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Scores]:
     """What perfect elemental images show, against the rendered view, by viewpoint."""
     with run.observer.timed("score"), scoring_threads(plan) as submit:
         pending = {
-            name: submit(score_view, view, truth.ceiling[name], None, (_TO_SCENE,), run=run)
+            name: submit(score_view, view, truth.ceiling[name], truth.regions[name], run=run)
             for name, view in truth.views.items()
         }
         return {name: one.result() for name, one in pending.items()}
@@ -237,13 +218,16 @@ def noise_floor(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Any]:
     """The ground truth against itself, one half of its samples against the other."""
     with run.observer.timed("score"), scoring_threads(plan) as submit:
         whole = submit(_eia_scores, truth, run)
-        pending = {n: submit(_score_halves, view, run=run) for n, view in truth.views.items()}
+        pending = {
+            name: submit(_score_halves, view, truth.regions[name], run=run)
+            for name, view in truth.views.items()
+        }
         views = {name: one.result() for name, one in pending.items()}
         return {"eia": whole.result(), "views": views}
 
 
 def truth_statistics(
-    truth: GroundTruth, ceiling: Mapping[str, ViewScores], plan: Plan, *, run: Run
+    truth: GroundTruth, ceiling: Mapping[str, Scores], plan: Plan, *, run: Run
 ) -> Statistics:
     """Statistics of the ground truth, and scores of the ceiling, by viewpoint."""
     with scoring_threads(plan) as submit:
@@ -253,11 +237,7 @@ def truth_statistics(
         pending = {n: submit(view_statistics, view, run) for n, view in truth.views.items()}
         views = {f"truth/{name}": one.result() for name, one in pending.items()}
         pictures = whole.result() | views
-    scores = {
-        f"ceiling/{name}": {f"{_TO_SCENE}_to_scene": found.estimates[_TO_SCENE]}
-        for name, found in ceiling.items()
-    }
-    return Statistics(pictures, scores)
+    return Statistics(pictures, {f"ceiling/{name}": found for name, found in ceiling.items()})
 
 
 def scoring_threads(plan: Plan) -> AbstractContextManager[Submit]:
@@ -286,14 +266,11 @@ def _too_bright(name: str, eia: np.ndarray, truth: GroundTruth) -> list[str]:
     ]
 
 
-def _limits(name: str, plan: Plan, found: Mapping[str, _Against]) -> list[dict[str, Any]]:
-    """Each view's SSIM to the ceiling against the least that was asked for."""
+def _limits(name: str, plan: Plan, found: Mapping[str, Scores]) -> list[dict[str, Any]]:
+    """Each view's headline score against the least that was asked for."""
     if name not in plan.ssim_limits:
         return []
-    rows = []
-    for view, one in found.items():
-        estimate = one.estimates()["ssim_to_ceiling"]
-        value, known = one.values()["ssim_to_ceiling"], score_interval(estimate)
-        label = f"{name}/{view}: SSIM to ceiling"
-        rows.append(check(label, value, ">=", plan.ssim_limits[name], interval=known))
-    return rows
+    return [
+        criterion(f"{name}/{view}: {HEADLINE_WORDS}", scores[HEADLINE], plan.ssim_limits[name])
+        for view, scores in found.items()
+    ]

@@ -12,6 +12,7 @@ import numpy as np
 from inim.buffers import HalfBuffers
 from inim.display import Display, Viewpoint
 from inim.display.pixels import SUBPIXELS
+from inim.metrics import relic_region
 from inim.pipeline.capture import Capture
 from inim.pipeline.checks import (
     BLACK,
@@ -233,8 +234,8 @@ class GroundTruth:
         Share of its pixels that no panel shows.
     views : dict of str to HalfBuffers
         The scene itself, by viewpoint; finite.
-    relic : dict of str to (rows, columns) bool
-        Where the relic is in each view.
+    regions : dict of str to (rows, columns) bool
+        The relic's in each view: the same for all methods, as it is known without them.
     ceiling : dict of str to ReconstructedView
         Views of the ground-truth EIA.
     checks : tuple of dict
@@ -245,7 +246,7 @@ class GroundTruth:
     whole: bool
     clipped: float
     views: dict[str, HalfBuffers]
-    relic: dict[str, np.ndarray]
+    regions: dict[str, np.ndarray]
     ceiling: dict[str, ReconstructedView]
     checks: tuple[dict[str, Any], ...] = ()
     warnings: tuple[str, ...] = ()
@@ -285,7 +286,7 @@ def collect_truth(
         whole,
         share_outside(image),
         {name: one.halves for name, one in true.items()},
-        {name: one.relic for name, one in views.items()},
+        {name: relic_region(one.relic) for name, one in views.items()},
         ceiling,
         tuple(checks),
         tuple(warnings),

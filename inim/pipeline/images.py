@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -69,10 +70,14 @@ class Images:
         self._submit(write, rgbd.color.nbytes)
 
     def save_truth(self, truth: GroundTruth) -> None:
-        """Write the true EIA, the true views and the ceiling's."""
+        """Write the true EIA, the true views, the relic's regions in them, the ceiling's views."""
         self.save("truth/eia", truth.eia.image)
         for name, view in truth.views.items():
             self.save(f"truth/{name}", view.image)
+            region = truth.regions[name]
+            white = np.repeat(region[..., None], 3, axis=-1).astype(np.float32)
+            path = self.folder / "truth" / "relic" / f"{name}.png"
+            self._submit(partial(write_png, path, white), white.nbytes)
         self.save_views("ceiling", truth.ceiling)
 
     def save_views(self, name: str, views: Mapping[str, Any]) -> None:

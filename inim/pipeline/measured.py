@@ -7,12 +7,13 @@ from typing import Any
 
 from inim.backend import Backend
 from inim.pipeline.capture import Capture
-from inim.pipeline.evaluate import MethodResult, ViewScores
+from inim.pipeline.evaluate import MethodResult, Scores
 from inim.pipeline.generate import Reference
 from inim.pipeline.ground_truth import GroundTruth
 from inim.pipeline.plan import Plan
 from inim.pipeline.stage import Run
-from inim.regression import ScoreEstimate
+from inim.regression import ScoreEstimate, is_above
+from inim.report.wording import HEADLINE_TO_SCENE, MAIN
 
 __all__ = ["Measured"]
 
@@ -32,8 +33,8 @@ class Measured:
         What the report says of the scene: number of shapes, fit.
     capture : Capture
     truth : GroundTruth
-    ceiling : dict of str to ViewScores
-        By viewpoint.
+    ceiling : dict of str to dict of str to ScoreEstimate
+        By viewpoint, by name.
     results : dict of str to MethodResult
         By method.
     more_warnings : tuple of str
@@ -46,7 +47,7 @@ class Measured:
     scene: dict[str, Any]
     capture: Capture
     truth: GroundTruth
-    ceiling: dict[str, ViewScores]
+    ceiling: dict[str, Scores]
     results: dict[str, MethodResult]
     more_warnings: tuple[str, ...] = ()
 
@@ -64,11 +65,15 @@ class Measured:
     @property
     def similarities(self) -> dict[str, ScoreEstimate]:
         """Every SSIM, by what it is of."""
-        found = {f"ceiling/{name}": view.estimates["ssim"] for name, view in self.ceiling.items()}
+        views = {f"ceiling/{name}": found for name, found in self.ceiling.items()}
         for result in self.results.values():
-            for view, scores in result.statistics.scores.items():
-                found |= {f"{view} {n}": one for n, one in scores.items() if n.startswith("ssim")}
-        return found
+            views |= result.statistics.scores
+        return {
+            f"{view} {name}": one
+            for view, scores in views.items()
+            for name, one in scores.items()
+            if name.startswith("ssim")
+        }
 
     @property
     def checks(self) -> list[dict[str, Any]]:
@@ -80,4 +85,23 @@ class Measured:
     def warnings(self) -> list[str]:
         """Of capture, ground truth, methods and sampling, in this order."""
         own = [text for result in self.results.values() for text in result.warnings]
-        return [*self.capture.warnings, *self.truth.warnings, *own, *self.more_warnings]
+        before = [*self.capture.warnings, *self.truth.warnings, *own]
+        return [*before, *self._above_the_ceiling(), *self.more_warnings]
+
+    def _above_the_ceiling(self) -> list[str]:
+        """Where a view is more like the scene than the ceiling's, and noise does not explain it."""
+        keys = (HEADLINE_TO_SCENE, MAIN.key)
+        pairs = [
+            (name, view, key, result.statistics.scores[f"{name}/{view}"][key], scores[key])
+            for name, result in self.results.items()
+            for view, scores in self.ceiling.items()
+            if f"{name}/{view}" in result.statistics.scores
+            for key in keys
+        ]
+        return [
+            f"{name}/{view}: {MAIN.label} to the scene{' on the relic' * (key != MAIN.key)}, "
+            f"{own.value:.4f}, is above the ceiling's, {best.value:.4f}, by more than noise: the "
+            "ceiling is no bound here"
+            for name, view, key, own, best in pairs
+            if is_above(own, best, len(pairs))
+        ]

@@ -32,6 +32,7 @@ from inim.pipeline.stage import Run
 from inim.pipeline.warp import warped
 from inim.provenance import backend_data, versions
 from inim.report.without_scene import SCHEMA, write_picture_report
+from inim.report.wording import MAIN
 from inim.rgbd import RGBD
 from inim.scene.file import chosen_display
 from inim.version import __version__
@@ -48,7 +49,7 @@ __all__ = ["EXACT", "PictureRequest", "run_picture", "work"]
 EXACT = "template:samples=4"
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
 _NOT_SCORED = (
-    "Views against the scene, on the relic, to the ceiling: there is no scene, only its picture.",
+    "Views against the scene, and to the ceiling: there is no scene, only its picture.",
     "The EIA against ground truth, and its noise floor: nobody knows what the camera did not see.",
 )
 
@@ -264,6 +265,8 @@ def _scored(
     run.observer.stage("views")
     front = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
     direct = {v.name: warped(front, display, v, s.view_pixels_per_lens) for v in viewpoints}
+    # What the picture covers, seen from each eye: known without any algorithm.
+    regions = {name: metrics.relic_region(met > 0) for name, (_, met) in direct.items()}
     for viewpoint, (picture, _) in direct.items():
         write_png(folder / "views" / "picture" / f"{viewpoint}.png", picture)
     best = views_of("exact", generate(front, display, EXACT))
@@ -274,8 +277,8 @@ def _scored(
         eia, made = _made(generator, rgbd, exact, folder)
         made["views"] = {
             viewpoint: {
-                "to_picture": metrics.score(direct[viewpoint][0], view),
-                "to_exact": metrics.score(best[viewpoint], view),
+                "to_picture": metrics.score(direct[viewpoint][0], view, regions[viewpoint]),
+                "to_exact": metrics.score(best[viewpoint], view, regions[viewpoint]),
             }
             for viewpoint, view in views_of(name, eia).items()
         }
@@ -285,7 +288,9 @@ def _scored(
     return {
         "viewpoints": [{"name": v.name, "position_mm": list(v.position_mm)} for v in viewpoints],
         "oracle_pixels": max((len(hits.sources) for hits in exact.values()), default=0),
-        "exact": {name: metrics.score(direct[name][0], view) for name, view in best.items()},
+        "exact": {
+            name: metrics.score(direct[name][0], view, regions[name]) for name, view in best.items()
+        },
         "met_fraction": {name: float(met.mean()) for name, (_, met) in direct.items()},
         "algorithms": algorithms,
         "not_scored": [*_NOT_SCORED, *([] if why is None else [f"Wrong sources: {why}."])],
@@ -332,8 +337,8 @@ def _checks(generator: GeneratorHandle, made: Mapping[str, Any]) -> list[dict[st
 def _line(name: str, made: Mapping[str, Any]) -> str:
     wrong = "     –" if made["wrong_source"] is None else f"{made['wrong_source']:6.2%}"
     views = made["views"].values()
-    ssim = [np.mean([v[to]["ssim"] for v in views]) for to in ("to_picture", "to_exact")]
+    ssim = [np.mean([v[to][MAIN.on_relic_key] for v in views]) for to in ("to_picture", "to_exact")]
     return (
-        f"{name:24}  wrong source {wrong}  view SSIM to the picture {ssim[0]:.4f}, to the exact "
-        f"EIA's view {ssim[1]:.4f}"
+        f"{name:24}  wrong source {wrong}  SSIM on what the picture covers {ssim[0]:.4f} to it, "
+        f"{ssim[1]:.4f} to the exact EIA's view"
     )

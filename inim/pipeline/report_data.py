@@ -9,13 +9,16 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from inim import metrics
 from inim.accuracy_limits import accuracy_warnings, lenses_beside_panel
 from inim.pipeline.baseline import Comparison
+from inim.pipeline.evaluate import scores_data
 from inim.pipeline.measured import Measured
 from inim.pipeline.plan import Plan
 from inim.provenance import backend_data, versions
 from inim.regression import yardsticks
 from inim.report import SCHEMA, Report
+from inim.report.wording import HEADLINE
 from inim.rgbd import RGBD
 from inim.version import __version__
 
@@ -71,7 +74,8 @@ def report_of(
         ],
         "rgbd": _rgbd(found.capture.rgbd),
         "noise_floor": noise_floor,
-        "ceiling": {"views": {name: scores.values for name, scores in found.ceiling.items()}},
+        "scoring": _scoring(),
+        "ceiling": scores_data(found.ceiling),
         "algorithms": algorithms,
         "timings": found.run.observer.timings,
         "skipped": found.run.skipped.rows,
@@ -90,6 +94,18 @@ def _outside_limits(plan: Plan) -> list[str]:
         viewpoints=plan.viewpoints,
         pixel_mm=plan.capture_pixel_mm,
     )
+
+
+def _scoring() -> dict[str, Any]:
+    """What decides scores, for whoever computes them again from the report's EXR pictures."""
+    return {
+        "headline": HEADLINE,
+        "relic_margin_px": metrics.RELIC_MARGIN_PX,
+        "metrics": {
+            metric.name: {"border_px": metric.border, "arguments": dict(metric.settings)}
+            for metric in metrics.all_metrics()
+        },
+    }
 
 
 def _rgbd(rgbd: RGBD) -> dict[str, Any]:

@@ -17,6 +17,14 @@ from inim.pipeline.scene import Renderer
 from inim.pipeline.stage import Run
 from inim.pipeline.validate import validate
 from inim.report import Report
+from inim.report.wording import (
+    HEADLINE,
+    HEADLINE_TO_SCENE,
+    HEADLINE_WORDS,
+    best_algorithm,
+    suggested_criteria,
+    verdict,
+)
 from inim.worker.output import publish
 
 __all__ = ["run", "work"]
@@ -71,12 +79,18 @@ def setup(
 
 
 def _print_scores(observer: Observer, data: Mapping[str, Any]) -> None:
-    width = max(len(name) for name in data["algorithms"])
+    """Each view's scores on the relic, the whole picture's beside them, and what to ask of them."""
+    width, best = max(len(name) for name in data["algorithms"]), best_algorithm(data)
     for name, result in data["algorithms"].items():
         for view, score in result["views"].items():
             ceiling = data["ceiling"]["views"][view]
             observer.line(
-                f"{name:{width}}  {view:8}  SSIM {score['ssim']:.4f} (ceiling "
-                f"{ceiling['ssim']:.4f})  to ceiling {score['ssim_to_ceiling']:.4f}  "
-                f"PSNR {score['psnr_db']:.2f} dB  FLIP {score['flip']:.4f}"
+                f"{name:{width}}  {view:8}  SSIM on the relic to ceiling {score[HEADLINE]:.4f}, "
+                f"to scene {score[HEADLINE_TO_SCENE]:.4f} (ceiling "
+                f"{ceiling[HEADLINE_TO_SCENE]:.4f})  whole {score['ssim_to_ceiling']:.4f}, "
+                f"{score['ssim']:.4f} ({ceiling['ssim']:.4f})"
             )
+    if best is not None and len(data["algorithms"]) > 1:
+        observer.line(f"best: {best}, by its mean {HEADLINE_WORDS}")
+    if verdict(data) == "ran clean" and (wanted := suggested_criteria(data)):
+        observer.line(f"no criteria set; for later runs: -D 'inim.min_ssim_to_ceiling={wanted}'")

@@ -5,7 +5,7 @@ Pure: nothing here renders, prints or writes a report. What is compared, and how
 | what                    | kept in the baseline           | verdict                           |
 | ----------------------- | ------------------------------ | --------------------------------- |
 | rendered pictures, EIAs | tiles' means, power, errors    | Welch's t-test per tile, Sidak    |
-| scores                  | value, error, bias             | t-interval of the change          |
+| scores                  | plain score, error, bias       | t-interval of the change          |
 | noise of ground truth   | tiles' errors                  | median ratio                      |
 | generators' EIAs        | SHA-256, a sample of pixels    | equality, or share that changed   |
 | times                   | ratios to the yardstick        | rank-sum interval of the slowdown |
@@ -32,7 +32,7 @@ from inim.regression.run_statistics import (
     read_statistics,
     write_statistics,
 )
-from inim.regression.scores import ScoreEstimate, score_interval, view_scores
+from inim.regression.scores import ScoreEstimate, is_above, score_interval, view_scores
 from inim.regression.tiles import HalfBuffer, TileStatistics, eia_tile, tile_statistics, view_tile
 from inim.regression.times import is_steady, log_ratios, yardsticks
 from inim.regression.verdict import Verdict, all_passed
@@ -56,6 +56,7 @@ __all__ = [
     "drift",
     "eia_tile",
     "fingerprint",
+    "is_above",
     "is_steady",
     "log_ratios",
     "read_statistics",

@@ -1,7 +1,7 @@
 """Run statistics: what later runs are compared with.
 
 Every report has one (`regression/candidate.json` and `.npz`); accepted, with a reason, it is a
-baseline (`baseline.json` and `.npz`). Both are of the schema `inim.baseline/1`.
+baseline (`baseline.json` and `.npz`). Both are of the schema `inim.baseline/2`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = [
     "write_statistics",
 ]
 
-SCHEMA = "inim.baseline/1"
+SCHEMA = "inim.baseline/2"
 #: Names of the files, without what follows the dot.
 BASELINE, CANDIDATE = "baseline", "candidate"
 

@@ -1,25 +1,28 @@
-"""Scores with their standard errors, from the two independent halves of a run's samples.
+"""Scores free of noise, with their standard errors, from the two halves of a run's samples.
 
 A score is the mean of a local map m (SSIM's, FLIP's, or the squared error of PSNR). The run is
 split into two halves a, b that share no random number: ground truth, capture, reconstruction.
-Their difference is noise and nothing else, so pictures moved a little along it, by
-``h (a - b) / 2`` either way, tell how the score answers to noise of the run's own kind, at the
+Their difference is noise and nothing else, so pictures moved along it, by ``h (a - b) / 2`` either
+way, tell how the score answers to noise of the run's own kind. A small step h = 1/4 tells it at the
 run's own level:
 
     D = (m(+h) - m(-h)) / h                   expectation 0 in every block, either sign alike
     error^2 = c sum over blocks (sum of D in the block)^2 / (4 N^2)
     bias = (mean of m(+h) + mean of m(-h) - 2 mean of m) / (2 h^2)
 
-That is the infinitesimal jackknife (Jaeckel, Bell Laboratories MM 72-1215-11, 1972); with h = 1 the
-moved pictures would be the halves themselves, whose greater noise makes SSIM answer less than the
-whole picture's does. Blocks are wider than what SSIM's window and a lens couple; `c` makes up for
-what they couple across the blocks' borders.
+That is the infinitesimal jackknife (Jaeckel, Bell Laboratories MM 72-1215-11, 1972). Blocks are
+wider than what SSIM's window and a lens couple; `c` makes up for what they couple across the
+blocks' borders.
 
-The bias is by how much the score moves as the noise's variance grows by its own amount, SSIM of
-noisy pictures being too low. That is all that noise adds to it where the map is smooth; FLIP takes
-a root of small errors, and noise has added more. Runs of unlike sample counts are compared free of
-it: a score is expected to move by ``bias (r^2 - 1)`` where the ground truth's standard errors grew
-r times.
+Moved pictures have ``1 + h^2`` times the noise's variance. So the bias is by how much the score
+moves as the variance grows by its own amount, SSIM of noisy pictures being too low. The score free
+of noise is found by going the other way, to none: it is the mean of m less the bias, whose error
+to first order is the same. With h = 1 that would be twice the score of all samples, less the mean
+of the halves'; the small step leaves half of the second order (docs/theory/scores.md).
+
+Runs are compared by the scores of their pictures as they are, which scatter least: of unlike sample
+counts, a score is expected to move by ``bias (r^2 - 1)`` where the ground truth's standard errors
+grew r times.
 
 A score that is no mean of a map answers as a whole. There D^2 is the mean over some patterns of
 signs, drawn once and for all, by which the blocks are moved: its expectation over all patterns is
@@ -30,7 +33,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -46,7 +49,7 @@ from inim.regression.verdict import (
     within,
 )
 
-__all__ = ["ScoreEstimate", "compare_scores", "score_interval", "view_scores"]
+__all__ = ["ScoreEstimate", "compare_scores", "is_above", "score_interval", "view_scores"]
 
 #: Confidence of the interval shown beside a single score.
 SHOWN_LEVEL = 0.05
@@ -71,89 +74,113 @@ class ScoreEstimate:
 
     Attributes
     ----------
-    value : float
-        As reported.
+    plain : float
+        Of the pictures as they are, with their noise.
     error : float
-        Its standard error.
+        Standard error, of `plain` and of `value`.
     freedom : float
         Degrees of freedom of `error`.
     bias : float
-        What as much noise again would add to `value`.
+        What as much noise again would add to `plain`.
     """
 
-    value: float
+    plain: float
     error: float
     freedom: float
     bias: float
 
+    @property
+    def value(self) -> float:
+        """The score: what `plain` would be without noise, to first order in its variance."""
+        return self.plain - self.bias
+
     def as_data(self) -> dict[str, float | None]:
         """For JSON: what is not finite is null."""
-        found = {"value": self.value, "error": self.error, "freedom": self.freedom}
-        found["bias"] = self.bias
-        return {k: v if math.isfinite(v) else None for k, v in found.items()}
+        return {k: v if math.isfinite(v) else None for k, v in vars(self).items()}
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> ScoreEstimate:
         """From `as_data`; null is NaN, which passes nothing."""
-        names = ("value", "error", "freedom", "bias")
-        return cls(*(math.nan if data[n] is None else float(data[n]) for n in names))
+        found = (data[one.name] for one in fields(cls))
+        return cls(*(math.nan if one is None else float(one) for one in found))
+
+
+#: A picture, and the two halves it is the mean of: (rows, columns, 3) float32, linear RGB.
+Halved = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def view_scores(
-    reference: tuple[np.ndarray, np.ndarray, np.ndarray],
-    test: tuple[np.ndarray, np.ndarray, np.ndarray],
+    reference: Halved,
+    test: Halved,
+    region: np.ndarray | None = None,
     keys: Sequence[str] | None = None,
-    maps: Mapping[str, np.ndarray] | None = None,
 ) -> dict[str, ScoreEstimate]:
-    """Scores of a view, with their errors.
+    """Scores of a view, with their errors, by `inim.metrics.Metric.key`.
 
     Parameters
     ----------
     reference, test : three (rows, columns, 3) float32, linear RGB
         The picture, and the two halves it is the mean of.
+    region : (rows, columns) bool, optional
+        The relic's: scores of it, too, by `on_relic_key`.
     keys : sequence of str, optional
         `inim.metrics.Metric.key` of those wanted; all metrics without.
-    maps : mapping of str to array, optional
-        `inim.metrics.score_maps` of the pictures, if they are made already.
     """
     metrics = [m for m in all_metrics() if keys is None or m.key in keys]
-    keys = [metric.key for metric in metrics]
-    whole = score_maps(reference[0], test[0], keys) if maps is None else maps
-    local = [key for key in keys if whole[key].ndim]
+    maps = score_maps(reference[0], test[0], [metric.key for metric in metrics])
+    local = [metric for metric in metrics if maps[metric.key].ndim]
+
     plus, minus = (
-        score_maps(_moved(*reference, sign), _moved(*test, sign), local)
-        for sign in (np.float32(1), np.float32(-1))
+        score_maps(_moved(*reference, by), _moved(*test, by), [metric.key for metric in local])
+        for by in (np.float32(_STEP), np.float32(-_STEP))
     )
-    found = {key: _estimate(whole[key], plus[key], minus[key]) for key in local}
-    others = [key for key in keys if key not in found]
-    found |= _without_maps(reference, test, {key: float(whole[key]) for key in others})
-    return {metric.key: _of_mean(metric, found[metric.key]) for metric in metrics}
+    others = {m.key: float(maps[m.key]) for m in metrics if m not in local}
+    means = _without_maps(reference, test, others)
+    found = {}
+    for metric in metrics:
+        key = metric.key
+        areas: dict[str, np.ndarray | None] = {key: None}
+        if metric.on_relic and region is not None and metric in local:
+            areas[metric.on_relic_key] = region
+        for name, area in areas.items():
+            mean = means.get(key) or _estimate(
+                maps[key], plus[key], minus[key], metric.counted(maps[key].shape, area)
+            )
+            found[name] = _of_mean(metric, mean)
+    return found
 
 
 def _moved(
-    whole: np.ndarray, first: np.ndarray, second: np.ndarray, sign: np.ndarray | np.float32
+    whole: np.ndarray, first: np.ndarray, second: np.ndarray, by: np.ndarray | np.float32
 ) -> np.ndarray:
-    """The picture, a step towards either half: everywhere, or by a (rows, columns, 1) sign."""
-    moved: np.ndarray = whole + sign * np.float32(_STEP / 2) * (first - second)
+    """The picture, so many steps towards its first half: everywhere, or by (rows, columns, 1)."""
+    moved: np.ndarray = whole + by / 2 * (first - second)
     return moved
 
 
-def _estimate(whole: np.ndarray, plus: np.ndarray, minus: np.ndarray) -> ScoreEstimate:
-    """See the module."""
-    blocks = (plus.astype(np.float64) - minus) / _STEP
+def _estimate(
+    whole: np.ndarray, plus: np.ndarray, minus: np.ndarray, counted: np.ndarray
+) -> ScoreEstimate:
+    """Of the pixels that count; see the module."""
+    size = np.count_nonzero(counted)
+    if not size:
+        return ScoreEstimate(math.nan, math.nan, 1.0, math.nan)
+    blocks = np.where(counted, (plus.astype(np.float64) - minus) / _STEP, 0.0)
     for axis in (0, 1):
         blocks = np.add.reduceat(blocks, np.arange(0, blocks.shape[axis], _BLOCK_PX), axis=axis)
     squares = np.square(blocks)
     freedom = freedom_of_sum(squares.sum(), np.square(squares).sum())
-    error = math.sqrt(_COUPLING * float(squares.sum())) / (2 * whole.size)
-    value, above, below = (float(m.mean(dtype=np.float64)) for m in (whole, plus, minus))
-    return ScoreEstimate(value, error, float(freedom), (above + below - 2 * value) / (2 * _STEP**2))
+    error = math.sqrt(_COUPLING * float(squares.sum())) / (2 * size)
+
+    plain, above, below = (
+        float(one[counted].mean(dtype=np.float64)) for one in (whole, plus, minus)
+    )
+    bias = (above + below - 2 * plain) / (2 * _STEP**2)
+    return ScoreEstimate(plain, error, float(freedom), bias)
 
 
 def _without_maps(
-    reference: tuple[np.ndarray, np.ndarray, np.ndarray],
-    test: tuple[np.ndarray, np.ndarray, np.ndarray],
-    values: Mapping[str, float],
+    reference: Halved, test: Halved, values: Mapping[str, float]
 ) -> dict[str, ScoreEstimate]:
     """Estimates of scores that have no map, from blocks moved with signs by chance; see the module.
 
@@ -170,40 +197,46 @@ def _without_maps(
     blocks = math.ceil(rows / _BLOCK_PX), math.ceil(columns / _BLOCK_PX)
     moved: dict[str, list[tuple[float, float]]] = {key: [] for key in values}
     for _ in range(_PATTERNS):
-        drawn = random.choice(np.array([-1, 1], np.float32), blocks)
-        signs = np.repeat(np.repeat(drawn, _BLOCK_PX, 0), _BLOCK_PX, 1)[:rows, :columns, None]
+        drawn = random.choice(np.array([-_STEP, _STEP], np.float32), blocks)
+        steps = np.repeat(np.repeat(drawn, _BLOCK_PX, 0), _BLOCK_PX, 1)[:rows, :columns, None]
         plus, minus = (
-            score_maps(_moved(*reference, sign), _moved(*test, sign), [*values])
-            for sign in (signs, -signs)
+            score_maps(_moved(*reference, by), _moved(*test, by), [*values])
+            for by in (steps, -steps)
         )
         for key, pairs in moved.items():
             pairs.append((float(plus[key]), float(minus[key])))
     return {key: _by_patterns(values[key], np.array(pairs)) for key, pairs in moved.items()}
 
 
-def _by_patterns(value: float, moved: np.ndarray) -> ScoreEstimate:
+def _by_patterns(plain: float, moved: np.ndarray) -> ScoreEstimate:
     """From the score and what it was with either sign of each pattern, (patterns, 2)."""
     answers = (moved[:, 0] - moved[:, 1]) / _STEP
     error = math.sqrt(_COUPLING * float(np.square(answers).mean())) / 2
-    bias = (float(moved.sum(axis=1).mean()) - 2 * value) / (2 * _STEP**2)
-    return ScoreEstimate(value, error, float(len(moved)), bias)
+    bias = (float(moved.mean()) - plain) / _STEP**2
+    return ScoreEstimate(plain, error, float(len(moved)), bias)
 
 
 def _of_mean(metric: Metric, mean: ScoreEstimate) -> ScoreEstimate:
-    """From a map's mean to the score that is made of it, errors to first order."""
+    """From a map's mean to the score that is made of it, errors and bias to first order."""
     if metric.of_mean is None:
         return mean
-    value, slope = metric.of_mean(mean.value)
+    plain, slope = metric.of_mean(mean.plain)
     if not slope:
-        return ScoreEstimate(value, 0.0, 1.0, 0.0)
-    return ScoreEstimate(value, abs(slope) * mean.error, mean.freedom, slope * mean.bias)
+        return ScoreEstimate(plain, 0.0, 1.0, 0.0)
+    return ScoreEstimate(plain, abs(slope) * mean.error, mean.freedom, slope * mean.bias)
 
 
 def score_interval(score: ScoreEstimate, level: float = SHOWN_LEVEL) -> tuple[float, float]:
     """Where the score would lie with fresh seeds, at confidence ``1 - level``."""
-    sure = ScoreEstimate(score.value, 0.0, 1.0, 0.0)
+    sure = ScoreEstimate(score.plain, 0.0, 1.0, 0.0)
     half = float(welch_half_width(*_sides(sure, score), level))
     return score.value - half, score.value + half
+
+
+def is_above(score: ScoreEstimate, other: ScoreEstimate, tests: int = 1) -> bool:
+    """Whether a score lies above another by more than the noise of both, in one of some tests."""
+    half = welch_half_width(*_sides(other, score), sidak(SHOWN_LEVEL, tests))
+    return bool(score.value - other.value > half)
 
 
 def _sides(
@@ -257,25 +290,24 @@ def _verdict(
     if new is None or metric is None:
         detail = "the score is missing" if metric else "its metric is not installed"
         return within(label, "score", math.nan, math.nan, smallest, unit=unit, detail=detail)
-    if old.value == new.value == math.inf:
+    if old.plain == new.plain == math.inf:
         # Both show the very reference: no difference is left to have an error.
         return within(label, "score", 0.0, 0.0, smallest, unit=unit, detail="identical pictures")
     expected = (old.bias + new.bias / scale) / 2 * (scale - 1)
-    change = new.value - old.value - expected
+    change = new.plain - old.plain - expected
     sides = _sides(old, new)
     half = float(welch_half_width(*sides, level)) if math.isfinite(change) else math.nan
     p = float(welch_p_value(np.asarray(change), *sides)) if math.isfinite(change) else None
-    detail = f"{new.value:.4f}, baseline {old.value:.4f}"
+    detail = f"{new.plain:.4f}, baseline {old.plain:.4f}"
     if abs(expected) > smallest / 10:
         detail += f", of which {expected:+.4f} by the number of samples"
     return within(label, "score", change, half, smallest, unit=unit, p_value=p, detail=detail)
 
 
 def _words(name: str) -> str:
-    """Words for a score's name: ``psnr_to_ceiling_db`` is "PSNR to ceiling"."""
+    """Words for a score's name: ``psnr_on_relic_to_ceiling_db`` is "PSNR on relic to ceiling"."""
     metric = find(name)
-    first, _, against = name.partition("_")
-    if metric is None:
-        return f"{first.upper()} {against.replace('_', ' ')}".strip()
-    against = against.removesuffix(metric.unit.lower()).replace("_", " ")
-    return f"{metric.label} {against}".strip()
+    first, _, rest = name.partition("_")
+    words = rest.removesuffix(metric.unit.lower() if metric else "").replace("_", " ").strip()
+    against = [] if words.endswith("to ceiling") else ["to scene"]
+    return " ".join(filter(None, [metric.label if metric else first.upper(), words, *against]))

@@ -46,7 +46,7 @@ class Report:
     @property
     def passed(self) -> bool:
         """Whether every check passed; False too when there is no verdict or no check at all."""
-        return verdict(self.data) == "passed"
+        return verdict(self.data) in ("passed", "ran clean")
 
     @property
     def html_path(self) -> Path:

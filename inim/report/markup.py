@@ -23,7 +23,7 @@ __all__ = [
     "void",
 ]
 
-_SIGNS = {"passed": "✓", "failed": "✕"}
+_SIGNS = {"passed": "✓", "ran clean": "–", "failed": "✕"}
 
 
 def text(value: object) -> str:

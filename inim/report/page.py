@@ -183,7 +183,8 @@ def badge(word: str, *lines: str) -> str:
 def check_badge(data: Mapping[str, Any]) -> str:
     """The verdict on a report's checks, with links to its sections `checks` and `warnings`."""
     passed, total = sum(map(check_passed, checks(data))), len(checks(data))
-    lines = [f'<a href="#checks">{passed} of {total} checks passed</a>']
+    none = "; no criteria set" * (verdict(data) == "ran clean")
+    lines = [f'<a href="#checks">{passed} of {total} checks passed{none}</a>']
     if warnings := len(items(data, "warnings")):
         lines.append(f'<a href="#warnings">{warnings} warning{"s" * (warnings > 1)}</a>')
     return badge(verdict(data), *lines)

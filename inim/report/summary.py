@@ -8,8 +8,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from inim.report.wording import (
+    HEADLINE,
+    HEADLINE_TO_SCENE,
     MAIN,
     MISSING,
+    best_algorithm,
     check_passed,
     check_sentence,
     check_value,
@@ -21,7 +24,9 @@ from inim.report.wording import (
     plain,
     relation,
     score,
+    suggested_criteria,
     verdict,
+    verdict_words,
     viewpoint_names,
 )
 
@@ -53,11 +58,13 @@ def render_summary(data: Mapping[str, Any]) -> str:
         The contents of report.json, schema ``inim.report/1``.
     """
     blocks = [
-        f"## {markdown_text(data.get('title', 'Untitled'))}: {verdict(data)}",
+        f"## {markdown_text(data.get('title', 'Untitled'))}: {verdict_words(data)}",
         _verdict_line(data),
         _scores_table(data),
-        "SSIM to the ceiling, in brackets SSIM to the scene. The ceiling is what perfect "
-        "elemental images would show; no difference beyond the noise floor means anything.",
+        "SSIM on the relic to the ceiling, in brackets to the scene; then both of the whole "
+        "picture, all free of noise but the EIA's and the noise floor. The ceiling is what perfect "
+        "elemental images would show.",
+        *_criteria(data),
         *_regression(data),
         *_failures(data),
         *_warnings(data),
@@ -77,6 +84,12 @@ def render_checks(data: Mapping[str, Any]) -> str:
     head = f"## {markdown_text(data.get('title', 'Untitled'))}: {verdict(data)}"
     line = f"{_sign(data)} {passed} of {len(checks(data))} comparisons passed."
     return "\n\n".join([head, line, *_regression(data), *_failures(data)]) + "\n"
+
+
+def _criteria(data: Mapping[str, Any]) -> list[str]:
+    """What to ask of later runs, where nothing was asked of this one."""
+    wanted = suggested_criteria(data) if verdict(data) == "ran clean" else ""
+    return [f"To set criteria: `-D 'inim.min_ssim_to_ceiling={wanted}'`."] if wanted else []
 
 
 _KINDS = {
@@ -154,14 +167,22 @@ def _scores_table(data: Mapping[str, Any]) -> str:
 def _algorithm_row(data: Mapping[str, Any], name: str, names: list[str]) -> list[str]:
     run = part(data, "algorithms", name)
     views = [part(run, "views", v) for v in names]
-    cells = [f"{score(v, MAIN.to_ceiling_key)} ({score(v, MAIN.key)})" for v in views]
+    cells = [
+        f"{score(v, HEADLINE)} ({score(v, HEADLINE_TO_SCENE)}); "
+        f"{score(v, MAIN.to_ceiling_key)} ({score(v, MAIN.key)})"
+        for v in views
+    ]
+    label = markdown_text(name)
+    if name == best_algorithm(data) and len(part(data, "algorithms")) > 1:
+        label += ", best"
     eia = part(run, "eia")
     last = [score(eia, MAIN.key), score(eia, "hole_fraction"), number(run.get("seconds"), 2)]
-    return [markdown_text(name), *cells, *last]
+    return [label, *cells, *last]
 
 
 def _reference_row(label: str, scores: Mapping[str, Any], names: list[str]) -> list[str]:
-    cells = [f"({score(part(scores, 'views', name), MAIN.key)})" for name in names]
+    views = [part(scores, "views", name) for name in names]
+    cells = [f"({score(v, HEADLINE_TO_SCENE)}); ({score(v, MAIN.key)})" for v in views]
     return [label, *cells, score(part(scores, "eia"), MAIN.key), MISSING, MISSING]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from inim.metrics import all_metrics
+from inim.metrics import RELIC_MARGIN_PX, all_metrics
 from inim.report.files import list_files, write_forms
 from inim.report.images import ENCODINGS, Images
 from inim.report.markup import bullets, element, figure, text, text_table
@@ -27,7 +27,7 @@ from inim.report.wording import (
     part,
     per_cent,
     score,
-    verdict,
+    verdict_words,
     viewpoint_names,
 )
 
@@ -43,7 +43,8 @@ _LEAD = (
     "their ray meets, by rational arithmetic. The picture, warped: as the eye would see it by its "
     "own depth, with no display between; every display blurs that. The exact EIA's view: what the "
     "EIA of the exact first hits, four rays a pixel, shows through the same lenses: all that an "
-    "algorithm can get out of this picture."
+    "algorithm can get out of this picture. Covered: of the pixels that the picture, warped, meets "
+    f"and those within {RELIC_MARGIN_PX} pixels of one."
 )
 
 
@@ -62,9 +63,8 @@ def write_picture_report(data: Mapping[str, Any], folder: Path) -> None:
 
 def _scores(data: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """Heads and rows: an algorithm and a viewpoint each, and the exact EIA's own."""
-    metrics = [" ".join(filter(None, (m.label, m.unit))) for m in all_metrics()]
     heads = ["algorithm", "viewpoint", "wrong source", "holes"]
-    heads += [f"{metric} to {to}" for to in _REFERENCES.values() for metric in metrics]
+    heads += [f"{label} to {to}" for to in _REFERENCES.values() for label, _ in _columns()]
     rows = [
         ["exact first hits", name, MISSING, MISSING, *_cells(own), *_cells({})]
         for name, own in part(data, "exact").items()
@@ -77,8 +77,20 @@ def _scores(data: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     return heads, rows
 
 
+def _columns() -> list[tuple[str, str]]:
+    """Label and name of every score: on what the picture covers, then of the whole view."""
+    found = []
+    for on_relic in (True, False):
+        for metric in all_metrics():
+            if metric.on_relic or not on_relic:
+                label = " ".join(filter(None, (metric.label, metric.unit)))
+                own = (f"{label}, covered", metric.on_relic_key)
+                found.append(own if on_relic else (label, metric.key))
+    return found
+
+
 def _cells(scores: Mapping[str, Any]) -> list[str]:
-    return [score(scores, metric.key) for metric in all_metrics()]
+    return [score(scores, key) for _, key in _columns()]
 
 
 def _remarks(data: Mapping[str, Any]) -> list[str]:
@@ -99,7 +111,7 @@ def _remarks(data: Mapping[str, Any]) -> list[str]:
 def _markdown(data: Mapping[str, Any]) -> str:
     lines = [*map(str, items(data, "warnings")), *_remarks(data)]
     blocks = [
-        f"## {markdown_text(data.get('title'))}: {verdict(data)}",
+        f"## {markdown_text(data.get('title'))}: {verdict_words(data)}",
         markdown_table(*_scores(data)),
         "\n".join(f"* {markdown_text(line, len(line))}" for line in lines),
     ]
@@ -129,7 +141,7 @@ def _page(data: Mapping[str, Any], folder: Path) -> str:
             Section("warnings", "Warnings", bullets(items(data, "warnings"), "cautions")),
             how_to_reproduce(data),
         ],
-        window_title=f"{title}: {verdict(data)} – inim",
+        window_title=f"{title}: {verdict_words(data)} – inim",
         footer=data_note(data, "report.json"),
         verdict_badge=check_badge(data),
         style=_STYLE,

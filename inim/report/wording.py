@@ -2,7 +2,8 @@
 
 A number is written the same way in the page, the Markdown and the JUnit file, and whatever is
 missing, of another type or not a number shows as "–" and passes nothing. What is shown of scores
-follows the metrics that `inim.metrics` knows; `MAIN` is the one by which algorithms are ranked.
+follows the metrics that `inim.metrics` knows. `MAIN` on the relic, to the ceiling, is the headline:
+the score by which algorithms are ranked, everywhere.
 """
 
 from __future__ import annotations
@@ -16,16 +17,21 @@ from inim.metrics import Metric, all_metrics, find
 from inim.metrics.ssim import metric as MAIN  # noqa: N812
 
 __all__ = [
+    "HEADLINE",
+    "HEADLINE_TO_SCENE",
+    "HEADLINE_WORDS",
     "MAIN",
     "MISSING",
     "NBSP",
     "best_algorithm",
+    "by_noise",
     "check_finding",
     "check_interval",
     "check_passed",
     "check_sentence",
     "check_value",
     "checks",
+    "headlines",
     "is_number",
     "items",
     "metric_scores",
@@ -37,11 +43,17 @@ __all__ = [
     "relation",
     "score",
     "short",
+    "suggested_criteria",
     "verdict",
+    "verdict_words",
     "viewpoint_names",
 ]
 
-ScoreKind = Literal["scene", "ceiling", "relic", "eia"]
+ScoreKind = Literal["scene", "ceiling", "relic", "relic to ceiling", "eia"]
+
+#: Name of the headline score, and of the same to the scene.
+HEADLINE, HEADLINE_TO_SCENE = MAIN.on_relic_to_ceiling_key, MAIN.on_relic_key
+HEADLINE_WORDS = f"{MAIN.label} on the relic, to the ceiling"
 
 MISSING = "–"
 INFINITE = "∞"
@@ -135,15 +147,21 @@ def metric_scores(scores: Mapping[str, Any], kind: ScoreKind = "scene") -> list[
     ----------
     scores : mapping
         By key.
-    kind : {"scene", "ceiling", "relic", "eia"}
-        A view's to the scene, to the ceiling, or to the scene over the relic's pixels; an EIA's to
-        the ground truth.
+    kind : {"scene", "ceiling", "relic", "relic to ceiling", "eia"}
+        A view's to the scene or to the ceiling, of the whole or on the relic; an EIA's to the
+        ground truth.
     """
     found = []
     for metric in all_metrics():
-        if (kind == "relic" and not metric.on_relic) or (kind == "eia" and not metric.of_eia):
+        if (kind.startswith("relic") and not metric.on_relic) or (
+            kind == "eia" and not metric.of_eia
+        ):
             continue
-        keys = {"ceiling": metric.to_ceiling_key, "relic": metric.on_relic_key}
+        keys = {
+            "ceiling": metric.to_ceiling_key,
+            "relic": metric.on_relic_key,
+            "relic to ceiling": metric.on_relic_to_ceiling_key,
+        }
         shown = score(scores, keys.get(kind, metric.key))
         unit = f"{NBSP}{metric.unit}" if metric.unit and shown != MISSING else ""
         found.append((metric.label, shown + unit))
@@ -235,25 +253,72 @@ def _is_infinite(check: Mapping[str, Any]) -> bool:
 
 
 def verdict(data: Mapping[str, Any]) -> str:
-    """`"passed"`, `"failed"`, or `"no verdict"` where nothing was checked."""
+    """The verdict in a word or two.
+
+    Returns
+    -------
+    {"passed", "ran clean", "failed", "no verdict"}
+        "ran clean" where all checks passed, but none is of quality; "no verdict" where nothing was
+        checked.
+    """
     if part(data, "verdict").get("passed") is not True:
         return "failed"
     if not checks(data):
         return "no verdict"
-    return "passed" if all(map(check_passed, checks(data))) else "failed"
+    if not all(map(check_passed, checks(data))):
+        return "failed"
+    # Of quality: against a limit that somebody set, or a baseline.
+    judged = any("criterion" in check or "kind" in check for check in checks(data))
+    return "passed" if judged else "ran clean"
+
+
+def verdict_words(data: Mapping[str, Any]) -> str:
+    """The same, and that nobody said how good is good enough, where that is so."""
+    found = verdict(data)
+    return f"{found}; no criteria set" if found == "ran clean" else found
+
+
+def headlines(data: Mapping[str, Any], algorithm: str) -> list[float]:
+    """The headline scores of an algorithm's views, as far as there are any."""
+    views = part(data, "algorithms", algorithm, "views")
+    values = [part(views, name).get(HEADLINE) for name in viewpoint_names(data)]
+    return [float(value) for value in values if is_number(value) and math.isfinite(value)]
 
 
 def best_algorithm(data: Mapping[str, Any]) -> str | None:
-    """The algorithm with the best mean main score to the ceiling; the first one named on a tie.
+    """The algorithm with the best mean headline score; the first one named on a tie.
 
-    One that lacks any of the scores is never the best while another has them all.
+    One that lacks any of the scores is never the best while another has them all; None without any
+    score.
     """
-    names = viewpoint_names(data)
 
     def rank(algorithm: str) -> tuple[int, float]:
-        views = part(data, "algorithms", algorithm, "views")
-        values = [part(views, name).get(MAIN.to_ceiling_key) for name in names]
-        known = [float(v) for v in values if is_number(v) and math.isfinite(v)]
+        known = headlines(data, algorithm)
         return len(known), sum(known) / len(known) if known else 0.0
 
-    return max(part(data, "algorithms"), key=rank, default=None)
+    best = max(part(data, "algorithms"), key=rank, default=None)
+    return best if best is not None and rank(best)[0] else None
+
+
+def by_noise(run: Mapping[str, Any], view: str, key: str) -> float | None:
+    """Half the width of a score's interval, from its algorithm's or the ceiling's data."""
+    ends = items(part(run, "precision", view, key), "interval")
+    if len(ends) != 2 or not all(map(is_number, ends)) or not all(map(math.isfinite, ends)):
+        return None
+    return (float(ends[1]) - float(ends[0])) / 2
+
+
+def suggested_criteria(data: Mapping[str, Any]) -> str:
+    """A value of `inim.min_ssim_to_ceiling` that this run would just pass; empty without scores.
+
+    Of each algorithm its worst view's headline, less what noise and the smallest change that counts
+    may take from it, rounded down to a hundredth.
+    """
+    limits = []
+    for name in part(data, "algorithms"):
+        run, found = part(data, "algorithms", name), headlines(data, name)
+        if found and len(found) == len(viewpoint_names(data)):
+            noise = max(by_noise(run, v, HEADLINE) or 0.0 for v in viewpoint_names(data))
+            least = math.floor(100 * (min(found) - noise - MAIN.tolerance)) / 100
+            limits.append(f"{name}:{max(least, 0.0):.2f}")
+    return ", ".join(limits)

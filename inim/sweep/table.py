@@ -56,12 +56,14 @@ def view_columns() -> dict[str, Metric]:
 
 def ceiling_columns() -> dict[str, Metric]:
     """Columns of a view's scores against the ceiling's view, likewise."""
-    return {metric.to_ceiling_key: metric for metric in all_metrics()}
+    metrics = all_metrics()
+    on_relic = {metric.on_relic_to_ceiling_key: metric for metric in metrics if metric.on_relic}
+    return {metric.to_ceiling_key: metric for metric in metrics} | on_relic
 
 
 def reference_columns(reference: str) -> dict[str, Metric]:
     """Columns of the scores of one of `REFERENCES`, likewise."""
-    return {f"{reference}_{metric.key}": metric for metric in all_metrics()}
+    return {f"{reference}_{key}": metric for key, metric in view_columns().items()}
 
 
 def eia_columns(start: str = "eia") -> dict[str, Metric]:
@@ -110,7 +112,7 @@ def result_of(
         row |= {key: found["views"][name].get(key) for key in (*view_columns(), *ceiling_columns())}
         for reference in REFERENCES:
             scores = data[reference]["views"][name]
-            row |= {key: scores.get(m.key) for key, m in reference_columns(reference).items()}
+            row |= {f"{reference}_{key}": scores.get(key) for key in view_columns()}
         rows.append(row | common)
     made = {key: data[key] for key in ("created", "inim_version", "versions", "backend")}
     return {"made": made, "rows": rows}

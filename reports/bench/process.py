@@ -47,7 +47,8 @@ def run_measured(words: Sequence[str], variables: Mapping[str, str]) -> dict[str
     Returns
     -------
     dict
-        `seconds` from start to end; `peak_bytes`, largest resident size of the command's largest
+        `seconds` from start to end; `processor_seconds`, of it and all that it waited for;
+        `peak_bytes`, largest resident size of the command's largest
         process; `code`, its exit code; `said`, the last line on its stderr.
 
     Raises
@@ -87,6 +88,7 @@ def _measure(words: Sequence[str]) -> dict[str, Any]:
     process.returncode = os.waitstatus_to_exitcode(status)
     return {
         "seconds": perf_counter() - started,
+        "processor_seconds": usage.ru_utime + usage.ru_stime,
         "peak_bytes": resident_bytes(usage),
         "code": process.returncode,
         "said": said[-1] if said else "",

@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from inim.report.wording import HEADLINE, HEADLINE_TO_SCENE
+
 __all__ = ["gallery_page"]
 
 _LINE = 76
@@ -19,8 +21,8 @@ has the command that made it. All was made by `python -m reports.gallery.run`; r
 are in `reports/gallery`.
 
 SSIM to the scene is what the viewer gets. SSIM to the ceiling is what the algorithm keeps of what
-the display can show; the ceiling is the ground-truth EIA through the same lenses. Both are of the
-view from the centre.
+the display can show; the ceiling is the ground-truth EIA through the same lenses. Both are on
+the relic, from the centre.
 """
 
 
@@ -81,10 +83,11 @@ def _folded(commands: str) -> str:
 def _scores_by_algorithm(report: Mapping[str, Any]) -> str:
     """The worst first; the ceiling last."""
     views = [(name, found["views"]["centre"]) for name, found in report["algorithms"].items()]
-    views.sort(key=lambda each: each[1]["ssim_to_ceiling"])
-    rows = [(f"`{n}`", _ssim(v["ssim"]), _ssim(v["ssim_to_ceiling"])) for n, v in views]
-    rows.append(("ceiling", _ssim(report["ceiling"]["views"]["centre"]["ssim"]), ""))
-    return _table(("SSIM", "to the scene", "to the ceiling"), rows)
+    views.sort(key=lambda each: each[1][HEADLINE])
+    rows = [(f"`{n}`", _ssim(v[HEADLINE_TO_SCENE]), _ssim(v[HEADLINE])) for n, v in views]
+    own = report["ceiling"]["views"]["centre"][HEADLINE_TO_SCENE]
+    rows.append(("ceiling", _ssim(own), ""))
+    return _table(("SSIM on the relic", "to the scene", "to the ceiling"), rows)
 
 
 def _scores_by_run(reports: Mapping[str, Mapping[str, Any]]) -> str:
@@ -92,9 +95,14 @@ def _scores_by_run(reports: Mapping[str, Mapping[str, Any]]) -> str:
     rows = []
     for label, report in reports.items():
         view = report["algorithms"]["template"]["views"]["centre"]
-        ceiling = report["ceiling"]["views"]["centre"]["ssim"]
-        rows.append((label, *map(_ssim, (view["ssim"], view["ssim_to_ceiling"], ceiling))))
-    heads = ("SSIM", "`template` to the scene", "to the ceiling", "ceiling to the scene")
+        ceiling = report["ceiling"]["views"]["centre"][HEADLINE_TO_SCENE]
+        rows.append((label, *map(_ssim, (view[HEADLINE_TO_SCENE], view[HEADLINE], ceiling))))
+    heads = (
+        "SSIM on the relic",
+        "`template` to the scene",
+        "to the ceiling",
+        "ceiling to the scene",
+    )
     return _table(heads, rows)
 
 

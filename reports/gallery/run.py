@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from inim.report.wording import HEADLINE
 from reports.gallery.entries import ENTRIES, EYE, Entry
 from reports.gallery.eye import eye_viewpoints, film_beyond_zone, film_eye, photograph_report
 from reports.gallery.pictures import LENSES_MAGNIFIED, keep, magnified, middle
@@ -95,10 +96,7 @@ def file_name(*words: str) -> str:
 def pictures_of_run(run: Path, folder: Path, entry: Entry) -> list[Picture]:
     """The scene, the ceiling, elemental images, and each algorithm, the worst first."""
     data = json.loads((run / "report.json").read_text("utf-8"))
-    score = {
-        name: found["views"]["centre"]["ssim_to_ceiling"]
-        for name, found in data["algorithms"].items()
-    }
+    score = {name: found["views"]["centre"][HEADLINE] for name, found in data["algorithms"].items()}
     order = sorted(score, key=score.__getitem__)
     ceiling = middle(run / "views/ceiling/centre.png")
     shown = {

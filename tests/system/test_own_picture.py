@@ -68,7 +68,7 @@ def test_exact_first_hits_are_never_wrong_and_others_sometimes(finished):
 
 
 def test_views_are_scored_against_the_picture_and_the_exact_eia(finished):
-    metrics = {"ssim", "psnr_db", "flip"}
+    metrics = {"ssim", "psnr_db", "flip", "ssim_on_relic", "psnr_on_relic_db", "flip_on_relic"}
     for made in finished[1]["algorithms"].values():
         for view in made["views"].values():
             assert view["to_picture"].keys() == view["to_exact"].keys() == metrics

@@ -21,11 +21,15 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
+from PIL import Image
 
 import inim
 from inim.cli import main
+from inim.color import srgb_from_linear
 from inim.errors import EXIT_BACKEND, EXIT_CHECK_FAILED, EXIT_INTERNAL, EXIT_PASSED
+from inim.files.image import read_exr
 from tests.conftest import scene_text, sphere
 from tests.schemas import read_document
 from tests.system.conftest import (
@@ -44,6 +48,7 @@ FILES = {
     "report.html", "report.json", "junit.xml", "summary.md",
     "rgbd.exr", "rgbd_color.png", "rgbd_depth.png",
     "regression/candidate.json", "regression/candidate.npz",
+    *(f"truth/relic/{view}.png" for view in VIEWS),
     *(f"{name}.{kind}" for kind in ("png", "exr") for name in (
         "truth/eia", *(f"truth/{view}" for view in VIEWS),
         *(f"eia/{algorithm}" for algorithm in ALGORITHMS),
@@ -53,12 +58,14 @@ FILES = {
 SCHEMA_KEYS = {
     "schema", "title", "created", "inim_version", "versions", "command", "scene", "settings",
     "display", "backend", "lens_model", "viewpoints", "rgbd", "noise_floor", "ceiling",
-    "algorithms", "timings", "warnings", "verdict", "files",
+    "algorithms", "scoring", "timings", "warnings", "verdict", "files",
 }  # fmt: skip
 SCORES = {
-    "ssim", "psnr_db", "flip", "ssim_on_relic", "ssim_to_ceiling", "psnr_to_ceiling_db",
-    "flip_to_ceiling",
-}  # fmt: skip
+    f"{name}{on}{to}{unit}"
+    for name, unit in (("ssim", ""), ("psnr", "_db"), ("flip", ""))
+    for on in ("", "_on_relic")
+    for to in ("", "_to_ceiling")
+}
 
 
 def files_in(folder: Path) -> set[str]:
@@ -138,6 +145,10 @@ def test_report_has_the_fields_of_its_schema(finished: Finished) -> None:
         assert {"eia", "views", "seconds"} <= result.keys()
         assert {"ssim", "psnr_db", "hole_fraction"} <= result["eia"].keys()
         assert [result["views"][view].keys() for view in VIEWS] == [SCORES, SCORES]
+        for view in VIEWS:
+            for key, sure in result["precision"][view].items():
+                low, high = sure["interval"]
+                assert low < result["views"][view][key] < high
     assert (data["display"]["given"]["lens_columns"], data["display"]["given"]["lens_rows"]) == (
         8,
         6,
@@ -150,6 +161,32 @@ def test_all_numbers_are_finite(finished: Finished, part: str) -> None:
     numbers = dict(numbers_in(finished.data[part], part))
     assert numbers
     assert {k: v for k, v in numbers.items() if v is None or not math.isfinite(v)} == {}
+
+
+def test_ssim_computed_again_from_the_report_s_pictures_is_the_plain_one(
+    finished: Finished,
+) -> None:
+    from skimage.metrics import structural_similarity
+
+    arguments = finished.data["scoring"]["metrics"]["ssim"]["arguments"]
+    border = finished.data["scoring"]["metrics"]["ssim"]["border_px"]
+    for view in VIEWS:
+        mask = Image.open(finished.out / "truth" / "relic" / f"{view}.png")
+        region = np.asarray(mask)[..., 0] > 0
+        region[:border] = region[-border:] = False
+        region[:, :border] = region[:, -border:] = False
+        for place, scores in (
+            ("ceiling", finished.data["ceiling"]),
+            ("template", finished.data["algorithms"]["template"]),
+        ):
+            pair = (
+                srgb_from_linear(read_exr(finished.out / f"{name}.exr"))
+                for name in (f"truth/{view}", f"views/{place}/{view}")
+            )
+            mean, local = structural_similarity(*pair, full=True, **arguments)
+            sure = scores["precision"][view]
+            assert sure["ssim"]["plain"] == pytest.approx(mean, abs=1e-6)
+            assert sure["ssim_on_relic"]["plain"] == pytest.approx(local[region].mean(), abs=1e-6)
 
 
 def test_scores_lie_where_scores_lie(finished: Finished) -> None:
@@ -190,10 +227,12 @@ def test_report_says_how_to_repeat_it(finished: Finished) -> None:
 
 
 def test_one_line_for_each_algorithm_and_viewpoint_in_order(finished: Finished) -> None:
-    *scores, verdict = finished.ended.stdout.splitlines()
+    *scores, best, criteria, verdict = finished.ended.stdout.splitlines()
+    assert best.startswith("best: ")
+    assert criteria.startswith("no criteria set; for later runs: -D 'inim.min_ssim_to_ceiling=")
     wanted = [[algorithm, view] for algorithm in ALGORITHMS for view in VIEWS]
     assert [line.split()[:2] for line in scores] == wanted
-    assert verdict == "passed; report: deep/o u't/report.html"
+    assert verdict == "ran clean; no criteria set; report: deep/o u't/report.html"
 
 
 def test_nothing_on_stderr_where_it_is_no_terminal(finished: Finished) -> None:
@@ -209,7 +248,7 @@ def test_limit_not_met_ends_with_1_and_a_failed_check(replaced: tuple[Finished, 
     verdict = second.data["verdict"]
     assert verdict["passed"] is False
     failed = [check["name"] for check in verdict["checks"] if not check["passed"]]
-    assert failed == ["template/centre: SSIM to ceiling"]
+    assert failed == ["template/centre: SSIM on the relic, to the ceiling"]
 
 
 def test_quiet_prints_nothing_even_when_a_check_failed(replaced: tuple[Finished, Path]) -> None:

@@ -105,7 +105,7 @@ def test_swapped_views_fail_their_limit(
     run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with_views(monkeypatch, lambda seen: {"down": seen["right"], "right": seen["down"]})
-    wanted = {f"template/{view}: SSIM to ceiling" for view in ("down", "right")}
+    wanted = {f"template/{view}: SSIM on the relic, to the ceiling" for view in ("down", "right")}
     assert wanted <= failed(run())
 
 
@@ -132,7 +132,7 @@ def test_eia_in_another_range_fails_its_limit(
         return (np.float32(factor) * eia, *rest)
 
     monkeypatch.setattr(generating, "run_generator", scaled)
-    assert any("SSIM to ceiling" in name for name in failed(run()))
+    assert any("SSIM on the relic" in name for name in failed(run()))
 
 
 def test_radiance_that_is_not_finite_is_counted_and_fails_a_check(

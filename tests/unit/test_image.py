@@ -11,6 +11,7 @@ from inim import metrics
 from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.errors import FileError, UsageError
 from inim.files import image
+from inim.regression import view_scores
 from inim.rgbd import RGBD
 from inim.worker.output import open_staging, publish
 
@@ -136,6 +137,46 @@ def test_ssim_is_the_oracle_s():
     c1, c2 = 0.01**2, 0.03**2
     local = ((2 * mx * my + c1) * (2 * vxy + c2)) / ((mx**2 + my**2 + c1) * (vx + vy + c2))
     assert np.allclose(metrics.ssim_map(a, b), local.mean(axis=-1), atol=1e-4)
+
+
+@pytest.mark.parametrize("shape", [(11, 11), (40, 57), (256, 200)])
+def test_ssim_is_scikit_image_s_own_number(shape):
+    from skimage.metrics import structural_similarity
+
+    rng = np.random.default_rng(3)
+    a, b = (rng.random((*shape, 3)).astype(np.float32) for _ in range(2))
+    b[3:-2, : shape[1] // 2] = a[3:-2, : shape[1] // 2]
+    shown = srgb_from_linear(a), srgb_from_linear(b)
+    (ssim,) = (metric for metric in metrics.all_metrics() if metric.name == "ssim")
+    wanted = structural_similarity(*shown, **ssim.settings)
+    assert metrics.ssim(a, b) == pytest.approx(wanted, abs=1e-6)
+    assert metrics.score(a, b)["ssim"] == metrics.eia_scores(a, b)["ssim"] == metrics.ssim(a, b)
+    both = (a, a, a), (b, b, b)
+    assert view_scores(*both, keys=["ssim"])["ssim"].value == pytest.approx(wanted, abs=1e-6)
+    assert abs(metrics.ssim_map(a, b).mean() - wanted) > 1e-4, "its map's mean is another number"
+
+
+def test_relic_s_region_is_what_its_pixels_enter_by_ssim_s_window():
+    relic = np.zeros((30, 40), bool)
+    relic[14, 20] = relic[0, 39] = True
+    a = picture(30, 40)
+    b = a.copy()
+    b[relic] += 0.5
+    region = metrics.relic_region(relic)
+    assert np.array_equal(region, metrics.ssim_map(a, b) < 1)
+    assert region.sum() == 11 * 11 + 6 * 6
+    assert metrics.score(a, b, region)["ssim_on_relic"] < metrics.score(a, b)["ssim"]
+
+
+def test_score_on_the_relic_leaves_out_the_border_that_the_whole_one_does():
+    rng = np.random.default_rng(4)
+    a, b = (rng.random((40, 40, 3)).astype(np.float32) for _ in range(2))
+    everywhere = metrics.score(a, b, np.ones((40, 40), bool))
+    for metric in metrics.all_metrics():
+        assert everywhere[metric.on_relic_key] == pytest.approx(everywhere[metric.key], rel=1e-12)
+    border = np.ones((40, 40), bool)
+    border[5:-5, 5:-5] = False
+    assert math.isnan(metrics.ssim(a, b, border))
 
 
 def test_scores_of_equal_pictures_are_perfect_and_worse_ones_lower():

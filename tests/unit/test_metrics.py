@@ -190,8 +190,11 @@ def test_eia_has_scores_of_those_metrics_that_say_something_of_it(announce: Anno
 
 def test_keys_carry_the_unit() -> None:
     angle = lower("hue", absolute, unit="deg", range=(0, 180))
-    names = angle.key, angle.to_ceiling_key, angle.on_relic_key, angle.label
-    assert names == ("hue_deg", "hue_to_ceiling_deg", "hue_on_relic_deg", "HUE")
+    names = angle.key, angle.to_ceiling_key, angle.on_relic_key, angle.on_relic_to_ceiling_key
+    assert names == (
+        "hue_deg", "hue_to_ceiling_deg", "hue_on_relic_deg", "hue_on_relic_to_ceiling_deg"
+    )  # fmt: skip
+    assert angle.label == "HUE"
     own = [(m.key, m.to_ceiling_key) for m in metrics.all_metrics()]
     assert own == [
         ("ssim", "ssim_to_ceiling"),
@@ -217,8 +220,8 @@ def test_score_without_a_map_is_as_sure_as_the_same_with_one(announce: Announce)
     ratios = []
     for _ in range(12):
         pair = halves(rng, scene, 0.03), halves(rng, made, 0.03)
-        found = view_scores(*pair, ["plain", "local"])
-        assert found["plain"].value == pytest.approx(found["local"].value, rel=1e-6)
+        found = view_scores(*pair, keys=["plain", "local"])
+        assert found["plain"].plain == pytest.approx(found["local"].plain, rel=1e-6)
         assert found["plain"].bias == pytest.approx(found["local"].bias, rel=0.5)
         assert found["plain"].freedom == 8
         ratios.append((found["plain"].error / found["local"].error) ** 2)

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from inim.regression import log_ratios, score_interval, tile_statistics, view_scores, view_tile
+from inim.metrics import find
+from inim.regression import (
+    is_above,
+    log_ratios,
+    score_interval,
+    tile_statistics,
+    view_scores,
+    view_tile,
+)
 from inim.regression.comparison import codes_from_linear, compare_noise, compare_pictures
 from inim.regression.fingerprints import (
     compare_fingerprints,
@@ -270,26 +279,88 @@ def seen(rng, scene, noise):
 @pytest.mark.parametrize(
     "names", [("ssim", "psnr_db"), pytest.param(("flip",), marks=pytest.mark.slow)]
 )
-def test_score_s_error_is_as_large_as_the_score_really_varies(scene, names):
+@pytest.mark.parametrize(("noise", "kind"), [(0.03, "plain"), (0.005, "value")])
+def test_score_s_error_is_as_large_as_the_score_really_varies(scene, names, noise, kind):
     """Rather too large than too small: these pixels are not coupled by lenses."""
     rng = np.random.default_rng(13)
     big = np.tile(scene, (2, 2, 1))
     made = np.roll(big, 1, axis=0)
-    found = [view_scores(seen(rng, big, 0.03), seen(rng, made, 0.03), names) for _ in range(40)]
+    found = [
+        view_scores(seen(rng, big, noise), seen(rng, made, noise), keys=names) for _ in range(40)
+    ]
     for name in names:
-        values = [one[name].value for one in found]
         errors = [one[name].error for one in found]
+        values = [getattr(one[name], kind) for one in found]
         assert 0.85 < np.sqrt(np.mean(np.square(errors))) / np.std(values) < 1.6, name
+
+
+@pytest.mark.parametrize(
+    "names", [("ssim", "psnr_db"), pytest.param(("flip",), marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("on_relic", [False, True])
+def test_score_free_of_noise_is_that_of_pictures_without(scene, names, on_relic):
+    """Of SSIM less than a tenth of what noise did is left, of FLIP less than half.
+
+    PSNR's logarithm is straightened; FLIP takes a root of small errors.
+    """
+    rng = np.random.default_rng(16)
+    made = np.roll(scene, 1, axis=0)
+    region = np.zeros(scene.shape[:2], bool)
+    region[20:50, 10:40] = True
+    clean = view_scores((scene,) * 3, (made,) * 3, region, names)
+    found = [
+        view_scores(seen(rng, scene, 0.005), seen(rng, made, 0.005), region, names)
+        for _ in range(30)
+    ]
+    for metric in map(find, names):
+        key = metric.on_relic_key if on_relic else metric.key
+        lost, left = (
+            np.mean([getattr(one[key], kind) for one in found]) - clean[key].plain
+            for kind in ("plain", "value")
+        )
+        share = {"ssim": 0.1, "psnr": 0.2, "flip": 0.5}[metric.name]
+        assert abs(left) < share * abs(lost), key
+
+
+def test_interval_holds_the_score_of_pictures_without_noise(scene):
+    """Of little noise, which is lost to first order: fewer than 34 of 40 have a chance of 0.01."""
+    rng = np.random.default_rng(17)
+    big = np.tile(scene, (2, 2, 1))
+    made = np.roll(big, 1, axis=0)
+    clean = view_scores((big,) * 3, (made,) * 3, keys=["ssim"])["ssim"].value
+    held = 0
+    for _ in range(40):
+        pair = seen(rng, big, 0.002), seen(rng, made, 0.002)
+        score = view_scores(*pair, keys=["ssim"])["ssim"]
+        low, high = score_interval(score)
+        held += low <= clean <= high
+    assert held >= 34
+
+
+def test_score_is_above_another_by_more_than_the_noise_of_both():
+    low, high = (ScoreEstimate(value, 0.001, 30, 0.0) for value in (0.900, 0.904))
+    assert is_above(high, low)
+    assert not is_above(low, high)
+    assert not is_above(high, low, tests=100)
+    assert not is_above(replace(high, bias=0.002), low), "what noise did to it does not count"
+
+
+def test_region_without_a_pixel_has_no_score(scene):
+    none = view_scores((scene,) * 3, (scene,) * 3, np.zeros(scene.shape[:2], bool), ["ssim"])
+    assert math.isnan(none["ssim_on_relic"].value)
+    assert none["ssim"].value == 1
 
 
 def test_score_s_bias_is_what_noise_adds_to_it(scene):
     rng = np.random.default_rng(14)
     made = np.roll(scene, 1, axis=0)
     names = ("ssim", "psnr_db")
-    clean = view_scores((scene, scene, scene), (made, made, made), names)
-    found = [view_scores(seen(rng, scene, 0.01), seen(rng, made, 0.01), names) for _ in range(30)]
+    clean = view_scores((scene, scene, scene), (made, made, made), keys=names)
+    found = [
+        view_scores(seen(rng, scene, 0.01), seen(rng, made, 0.01), keys=names) for _ in range(30)
+    ]
     for name in names:
-        gap = np.mean([one[name].value for one in found]) - clean[name].value
+        gap = np.mean([one[name].plain for one in found]) - clean[name].plain
         assert np.mean([one[name].bias for one in found]) == pytest.approx(gap, rel=0.3)
 
 
@@ -307,9 +378,9 @@ def test_bias_predicts_what_fewer_samples_do_to_flip(scene, noise, repeats):
 
     def scores(noise):
         rng = np.random.default_rng(15)  # of either noise the same draws: their difference is sure
-        found = [view_scores(seen(rng, scene, noise), seen(rng, made, noise), ["flip"])
+        found = [view_scores(seen(rng, scene, noise), seen(rng, made, noise), keys=["flip"])
                  for _ in range(repeats)]  # fmt: skip
-        return (np.mean([getattr(one["flip"], key) for one in found]) for key in ("value", "bias"))
+        return (np.mean([getattr(one["flip"], key) for one in found]) for key in ("plain", "bias"))
 
     (old, old_bias), (new, new_bias) = scores(noise), scores(noise * math.sqrt(1.25))
     expected = (old_bias + new_bias / 1.25) / 2 * 0.25

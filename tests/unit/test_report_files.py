@@ -46,7 +46,7 @@ def write(folder: Path, content: dict[str, Any]) -> dict[str, Any]:
 
 def shown_psnr(folder: Path) -> str | None:
     page = html.unescape((folder / "report.html").read_text(encoding="utf-8"))
-    found = re.search(r"<dt>To ceiling</dt>.*?PSNR <b>(.*?)</b>", page)
+    found = re.search(r"<dt>Whole to ceiling</dt>.*?PSNR <b>(.*?)</b>", page)
     return found and found[1].replace("\u00a0", " ")
 
 

@@ -78,8 +78,8 @@ def scores(ssim: float | None) -> dict[str, Any]:
 
 
 def view_scores(ssim: float) -> dict[str, Any]:
-    own = {"ssim_to_ceiling": ssim, "psnr_to_ceiling_db": 31.0, "flip_to_ceiling": 0.02}
-    return {**scores(0.8), **own, "ssim_on_relic": 0.75}
+    own = {"ssim_to_ceiling": 0.98, "psnr_to_ceiling_db": 31.0, "flip_to_ceiling": 0.02}
+    return {**scores(0.8), **own, "ssim_on_relic": 0.75, "ssim_on_relic_to_ceiling": ssim}
 
 
 def report(algorithms: dict[str, float], views: tuple[str, ...] = VIEWS) -> dict[str, Any]:
@@ -303,7 +303,8 @@ def test_eia_crop_shows_the_same_busiest_lenses_of_every_array_unscaled(folder):
 
 def test_missing_scores_are_dashes_and_the_psnr_of_identical_pictures_is_infinite(folder):
     data = report({"template": 0.9}, views=("centre",))
-    data["algorithms"]["template"]["views"]["centre"] |= {"ssim_to_ceiling": None, "ssim": math.nan}
+    none = {"ssim_on_relic_to_ceiling": None, "ssim_to_ceiling": None, "ssim": math.nan}
+    data["algorithms"]["template"]["views"]["centre"] |= none
     data["algorithms"]["template"]["views"]["centre"] |= {"psnr_to_ceiling_db": None}
     data["algorithms"]["template"]["seconds"] = None
     text = Page(render_html(data, folder)).text
@@ -324,6 +325,10 @@ def test_check_without_a_number_never_passes(folder, value):
 
 def test_verdict_is_a_word_and_not_only_a_colour(folder):
     data = report(ALGORITHMS)
+    text = Page(render_html(data, folder)).text
+    assert "– Ran clean 1 of 1 checks passed; no criteria set" in text
+    assert "-D 'inim.min_ssim_to_ceiling=" in text
+    data["verdict"]["checks"][0]["criterion"] = True
     assert "✓ Passed 1 of 1 checks passed" in Page(render_html(data, folder)).text
     data["verdict"] = {"passed": False, "checks": [check("template: SSIM", 0.85, passed=False)]}
     text = Page(render_html(data, folder)).text
@@ -348,7 +353,7 @@ def test_first_pictures_are_ground_truth_ceiling_and_best_algorithm(folder):
 
 def test_algorithm_that_lacks_scores_is_not_the_best(folder):
     data = report({"wang2024": 0.99, "template": 0.9})
-    data["algorithms"]["wang2024"]["views"]["left"]["ssim_to_ceiling"] = None
+    data["algorithms"]["wang2024"]["views"]["left"]["ssim_on_relic_to_ceiling"] = None
     assert "template best mean" in Page(render_html(data, folder)).text
 
 
@@ -519,8 +524,8 @@ def test_time_against_error_names_every_algorithm_and_says_its_numbers(folder):
     data["algorithms"]["wang2024"]["seconds"] = 12.0
     page = Page(render_html(data, folder))
     alt = next(i["alt"] for i in page.all("img") if i["alt"].startswith("Time against error"))
-    assert "template 0.5 seconds, 1 − SSIM to the ceiling 0.027" in alt
-    assert "wang2024 12 seconds, 1 − SSIM to the ceiling 0.079" in alt
+    assert "template 0.5 seconds, 1 − SSIM on the relic, to the ceiling 0.027" in alt
+    assert "wang2024 12 seconds, 1 − SSIM on the relic, to the ceiling 0.079" in alt
     words = plot_words(page)
     assert words.count("template") == words.count("wang2024") == 2
     assert "noise floor" in words

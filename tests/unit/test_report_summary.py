@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from inim.report import Report
 from inim.report.summary import render_summary
 from inim.report.wording import (
     best_algorithm,
@@ -14,15 +16,22 @@ from inim.report.wording import (
     check_value,
     number,
     score,
+    suggested_criteria,
     verdict,
+    verdict_words,
 )
 
 HOSTILE = "<script>alert(1)</script> | `x` *b* [a](b)\n# 双耳陶罐 \x00"
 
 
 def report(**changes: Any) -> dict[str, Any]:
-    views = {"centre": {"ssim": 0.86, "ssim_to_ceiling": 0.9731}}
-    views["left"] = {"ssim": 0.84, "ssim_to_ceiling": 0.9612}
+    views = {
+        name: {
+            "ssim": whole, "ssim_to_ceiling": whole + 0.1,
+            "ssim_on_relic": whole - 0.1, "ssim_on_relic_to_ceiling": kept,
+        }
+        for name, whole, kept in (("centre", 0.86, 0.9731), ("left", 0.84, 0.9612))
+    }  # fmt: skip
     eia = {"ssim": 0.9712, "hole_fraction": 0.0142}
     return {
         "title": "Painted amphora",
@@ -39,6 +48,7 @@ def report(**changes: Any) -> dict[str, Any]:
 
 def check(**changes: Any) -> dict[str, Any]:
     usual = {"name": "SSIM", "value": 0.97, "limit": 0.9, "relation": ">=", "passed": True}
+    usual["criterion"] = True
     return {**usual, **changes}
 
 
@@ -53,14 +63,14 @@ def test_summary_has_the_verdict_and_a_row_for_each_reference():
     assert "✅ **Passed**: 1 of 1 checks passed." in summary
     table = rows(summary)
     assert table["template"] == [
-        "0.9731 (0.8600)",
-        "0.9612 (0.8400)",
+        "0.9731 (0.7600); 0.9600 (0.8600)",
+        "0.9612 (0.7400); 0.9400 (0.8400)",
         "0.9712",
         "1.42\u00a0%",
         "0.42",
     ]
-    assert table["*ceiling*"][:2] == ["(0.8810)", "(0.8750)"]
-    assert table["*noise floor*"] == ["(0.9962)", "(–)", "0.9931", "–", "–"]
+    assert table["*ceiling*"][:2] == ["(–); (0.8810)", "(–); (0.8750)"]
+    assert table["*noise floor*"] == ["(–); (0.9962)", "(–); (–)", "0.9931", "–", "–"]
 
 
 def test_failed_checks_are_listed_with_what_was_asked():
@@ -146,12 +156,34 @@ def test_verdict_fails_with_any_check_that_does_not_count():
     assert verdict(report(verdict={"passed": False, "checks": []})) == "failed"
 
 
+def test_run_without_criteria_ran_clean_and_suggests_some():
+    own = check()
+    del own["criterion"]
+    data = report(verdict={"passed": True, "checks": [own]})
+    assert verdict_words(data) == "ran clean; no criteria set"
+    assert Report(Path(), data).passed
+    assert suggested_criteria(data) == "template:0.95"  # 0.9612 less 0.005, rounded down
+    assert "min_ssim_to_ceiling=template:0.95" in render_summary(data)
+    assert "min_ssim_to_ceiling" not in render_summary(report())
+    noisy = {"centre": {"ssim_on_relic_to_ceiling": {"plain": 0.9, "interval": [0.9, 1.0]}}}
+    data["algorithms"]["template"]["precision"] = noisy
+    assert suggested_criteria(data) == "template:0.90"
+    assert suggested_criteria(report(viewpoints=[{"name": "nowhere"}])) == ""
+
+
+def test_comparison_with_a_baseline_is_a_criterion():
+    data = report(verdict={"passed": True, "checks": [check(kind="score")]})
+    del data["verdict"]["checks"][0]["criterion"]
+    assert verdict(data) == "passed"
+
+
 def test_best_algorithm_has_the_highest_mean_over_all_viewpoints():
     def run(*values: float | None) -> dict[str, Any]:
         names = ("centre", "left")
-        views = {n: {"ssim_to_ceiling": v} for n, v in zip(names, values, strict=True)}
+        views = {n: {"ssim_on_relic_to_ceiling": v} for n, v in zip(names, values, strict=True)}
         return {"views": views}
 
     algorithms = {"a": run(0.9, 0.8), "b": run(0.89, 0.9), "c": run(0.99, None), "d": {}}
     assert best_algorithm(report(algorithms=algorithms)) == "b"
     assert best_algorithm(report(algorithms={})) is None
+    assert best_algorithm(report(algorithms={"d": {}})) is None

@@ -63,7 +63,7 @@ def test_score_that_is_no_number_stays_none(statistics, tmp_path):
     wrong = {"template/left": {"ssim_to_ceiling": ScoreEstimate(math.nan, 0.1, 1.0, 0.0)}}
     write_statistics(tmp_path, BASELINE, replace(statistics, scores=wrong))
     found = read_statistics(tmp_path, BASELINE)
-    assert math.isnan(found.scores["template/left"]["ssim_to_ceiling"].value)
+    assert math.isnan(found.scores["template/left"]["ssim_to_ceiling"].plain)
     assert not all(v.passed for v in compare(statistics, found, "here"))
 
 

@@ -48,13 +48,13 @@ SCHEMAS = {
     "inspect": output.SCHEMA,
 }
 # Keys that need not be there; the last two of a bench are not in those of earlier versions.
-CHECK = {f"verdict/checks/0/{key}" for key in ("interval", "p_value", "unit", "kind")}
+CHECK = {f"verdict/checks/0/{key}" for key in ("interval", "p_value", "unit", "kind", "criterion")}
 SCENE = {"scene", "display", "viewpoints", "picture", "yardstick", "noise_floor"}
 LATER = {"view_psnr_to_ceiling_db", "view_flip_to_ceiling"}
 OPTIONAL = {
     "report": {"regression", "algorithms/a/yardsticks", *CHECK},
     "picture": CHECK,
-    "compare": {"conditions/panel pixels"},
+    "compare": {"conditions/panel pixels", "verdict/checks/0/criterion"},
     "baseline": {"conditions/panel pixels"},
     "bench": {
         *SCENE, "scores", "captured_layers", "contenders/0/averaged_share",

@@ -20,7 +20,7 @@ from inim.parallel import threads
 from inim.report.images import ENCODINGS, Images
 from inim.report.markup import text
 from inim.report.page import Section, Widget, check_badge, data_note, render_page, timestamp
-from inim.report.wording import MISSING, part, verdict
+from inim.report.wording import MISSING, part, verdict_words
 
 __all__ = ["LARGEST_PAGE_BYTES", "ReportSection", "all_sections", "render_html"]
 
@@ -94,7 +94,7 @@ def _page(data: Mapping[str, Any], images: Images) -> str:
         title,
         _facts(data),
         [Section(s.anchor, s.title, body) for s, body in zip(listed, bodies, strict=True)],
-        window_title=f"{title}: {verdict(data)} – inim report",
+        window_title=f"{title}: {verdict_words(data)} – inim report",
         footer=data_note(data, "report.json"),
         verdict_badge=check_badge(data),
         widgets=[section.widget for section in listed if section.widget],

@@ -9,9 +9,13 @@ from inim.report.images import Images, is_wide
 from inim.report.markup import element, figure, table, text
 from inim.report.sections import ReportSection
 from inim.report.wording import (
+    HEADLINE,
+    HEADLINE_TO_SCENE,
+    HEADLINE_WORDS,
     MAIN,
     MISSING,
     best_algorithm,
+    by_noise,
     check_finding,
     check_passed,
     checks,
@@ -25,8 +29,9 @@ __all__ = ["SECTIONS", "overview"]
 
 _FAILURES_ON_TOP = 3
 _NOTE = (
-    "Large: SSIM to the ceiling, what the algorithm keeps of what this display can show. "
-    "Small: SSIM to the scene, what the viewer gets. "
+    "Large: SSIM on the relic to the ceiling, what the algorithm keeps of what this display can "
+    "show; ± is noise. Small: the same to the scene, what the viewer gets; and both of the whole "
+    "picture, most of which may be ground. "
 )
 
 
@@ -62,9 +67,7 @@ def _scores(data: Mapping[str, Any]) -> str:
     ]
     rows.append(_reference_row("Ceiling", "to scene", part(data, "ceiling"), names))
     rows.append(_reference_row("Noise floor", "to itself", part(data, "noise_floor"), names))
-    return table(
-        f"{MAIN.label} to the ceiling, per viewpoint", [text(h) for h in heads], rows, "scores"
-    )
+    return table(f"{HEADLINE_WORDS}, per viewpoint", [text(h) for h in heads], rows, "scores")
 
 
 def _algorithm_row(
@@ -74,9 +77,12 @@ def _algorithm_row(
     views = [part(run, "views", viewpoint) for viewpoint in names]
     label = text(name) + (element("small", "best mean") if is_best else "")
     cells = [
-        element("span", text(score(v, MAIN.to_ceiling_key)))
-        + element("small", text(f"{score(v, MAIN.key)} scene"))
-        for v in views
+        element("span", text(score(scores, HEADLINE)))
+        + _noise(run, view, HEADLINE)
+        + element("small", text(f"{score(scores, HEADLINE_TO_SCENE)} scene"))
+        + element("small", text(f"{score(scores, MAIN.to_ceiling_key)} whole"))
+        + element("small", text(f"{score(scores, MAIN.key)} whole, scene"))
+        for view, scores in zip(names, views, strict=True)
     ]
     eia = part(run, "eia")
     last = [score(eia, MAIN.key), score(eia, "hole_fraction"), number(run.get("seconds"), 2)]
@@ -86,10 +92,21 @@ def _algorithm_row(
 def _reference_row(
     label: str, against: str, scores: Mapping[str, Any], names: Sequence[str]
 ) -> list[str]:
-    cells = [element("span", text(score(part(scores, "views", name), MAIN.key))) for name in names]
+    views = [part(scores, "views", name) for name in names]
+    cells = [
+        element("span", text(score(own, HEADLINE_TO_SCENE)))
+        + _noise(scores, view, HEADLINE_TO_SCENE)
+        + element("small", text(f"{score(own, MAIN.key)} whole"))
+        for view, own in zip(names, views, strict=True)
+    ]
     eia = score(part(scores, "eia"), MAIN.key)
     head = element("em", text(label)) + " " + element("span", text(against), class_="aside")
     return [head, *cells, text(eia), MISSING, MISSING]
+
+
+def _noise(run: Mapping[str, Any], view: str, key: str) -> str:
+    half = by_noise(run, view, key)
+    return "" if half is None else element("small", text(f"± {number(half, MAIN.digits)}"))
 
 
 def _hero(data: Mapping[str, Any], images: Images) -> str:
@@ -100,7 +117,8 @@ def _hero(data: Mapping[str, Any], images: Images) -> str:
     view = "centre" if "centre" in names else names[0]
     truth = images.read("truth", f"{view}.png")
     shots = [_shot(images, truth, view, "Ground truth", f"from {view}: the scene itself")]
-    ceiling = f"{MAIN.label} {score(part(data, 'ceiling', 'views', view), MAIN.key)} to the scene"
+    own = score(part(data, "ceiling", "views", view), HEADLINE_TO_SCENE)
+    ceiling = f"{MAIN.label} {own} on the relic to the scene"
     shown = images.read("views", "ceiling", f"{view}.png")
     shots.append(_shot(images, shown, view, "Ceiling", ceiling))
     if best is not None:
@@ -112,7 +130,7 @@ def _hero(data: Mapping[str, Any], images: Images) -> str:
 def _best_words(data: Mapping[str, Any], best: str, view: str) -> str:
     scores = part(data, "algorithms", best, "views", view)
     several = len(part(data, "algorithms")) > 1
-    words = f"{MAIN.label} {score(scores, MAIN.to_ceiling_key)} to the ceiling"
+    words = f"{MAIN.label} {score(scores, HEADLINE)} on the relic to the ceiling"
     return f"{words}, best on average" if several else words
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeGuard
 
-from inim.metrics import all_metrics
+from inim.metrics import RELIC_MARGIN_PX, all_metrics
 from inim.report.markup import bullets, element, mark, table, text, text_table
 from inim.report.page import how_to_reproduce
 from inim.report.sections import ReportSection
@@ -23,12 +23,19 @@ from inim.report.wording import (
     part,
     per_cent,
     relation,
+    suggested_criteria,
+    verdict,
 )
 
 __all__ = ["SECTIONS", "check_list"]
 
 _TOTAL, _RENDER = "total", "mitsuba_render"
 _EXACT = "Every score on this page is what it would be, had nothing been skipped."
+_NO_CRITERIA = (
+    "These checks are of the run: pictures there, finite and not black. As no criteria are set, "
+    "they say nothing of quality. inim.min_ssim_to_ceiling sets the least SSIM on the relic to the "
+    "ceiling, --baseline compares with an accepted run. What this run would just pass:"
+)
 _SAMPLES = (
     "Samples ended when every SSIM had the precision that inim.score_error requires: with all "
     "of them, some would differ by no more than that. Nothing else that was skipped changes a "
@@ -45,13 +52,14 @@ _MEANINGS = (
         "Ceiling",
         "The view through this display's lenses of the ground-truth elemental images: "
         "what a perfect algorithm would show on it. What lies between ceiling and scene is lost "
-        "by the display, not by an algorithm. It holds noise of its own, so that an algorithm can "
-        "come out slightly above it when both are compared with the scene.",
+        "by the display, not by an algorithm. No algorithm is above it by more than noise, unless "
+        "a warning says so.",
     ),
     (
         "SSIM to ceiling",
         "Likeness of a reconstructed view and the ceiling, from structure: 1 is "
-        "identical. It isolates what the algorithm lost, and is the main score.",
+        "identical. It isolates what the algorithm lost. On the relic it is the headline: the "
+        "best algorithm is the one with the highest mean over the viewpoints.",
     ),
     (
         "SSIM to scene",
@@ -60,13 +68,20 @@ _MEANINGS = (
     ),
     (
         "Noise floor",
-        "The score of the ground truth against itself with another seed. Differences "
-        "between algorithms that are smaller than its distance from 1 mean nothing.",
+        "The score of the ground truth against itself, one half of its samples against the other. "
+        "Plain scores, such as the EIA's, mean nothing beyond it; of those free of noise ± tells.",
     ),
     (
-        "SSIM on the relic",
-        "SSIM to the scene, averaged over the relic's pixels only: an empty "
-        "background is easy and flatters every algorithm.",
+        "On the relic",
+        "Of the relic's pixels in the true view and those within "
+        f"{RELIC_MARGIN_PX} pixels of one, alike for all algorithms. An empty background is easy, "
+        "flatters every algorithm, and can decide which is best.",
+    ),
+    (
+        "Free of noise",
+        "Noise of the samples makes pictures less alike. What it took is estimated from the two "
+        "halves of the samples and given back; ± is the 95 % interval. report.json has the plain "
+        "scores of the noisy pictures beside them.",
     ),
     ("PSNR", "Peak signal-to-noise ratio in dB, higher is better; ∞ for identical images."),
     ("FLIP", "Difference an eye would notice when flipping between two images: 0 is none."),
@@ -86,6 +101,18 @@ def check_list(data: Mapping[str, Any]) -> str:
     rows = [_check_row(check) for check in sorted(checks(data), key=check_passed)]
     heads = ["Check", "Value", "Relation", "Limit", "Interval of the value", "Verdict"]
     return table("Every check, the failed ones first", heads, rows, "checks")
+
+
+def _no_criteria(data: Mapping[str, Any]) -> str:
+    """What the checks do not say, and criteria to set; empty where there are some."""
+    if verdict(data) != "ran clean":
+        return ""
+    words = element("p", text(_NO_CRITERIA), class_="lead")
+    wanted = suggested_criteria(data)
+    if not wanted:
+        return words
+    line = f"-D 'inim.min_ssim_to_ceiling={wanted}'"
+    return words + element("pre", element("code", text(line)), tabindex=0)
 
 
 def _check_row(check: Mapping[str, Any]) -> list[str]:
@@ -166,7 +193,7 @@ def _meanings() -> str:
 
 
 SECTIONS = (
-    ReportSection(100, "checks", "Checks", lambda data, _: check_list(data)),
+    ReportSection(100, "checks", "Checks", lambda data, _: _no_criteria(data) + check_list(data)),
     ReportSection(110, "timings", "Timings", lambda data, _: _timings(data)),
     ReportSection(120, "skipped", "What was skipped", lambda data, _: _skipped(data)),
     ReportSection(130, "warnings", "Warnings", lambda data, _: _warnings(data)),

@@ -29,7 +29,7 @@ from inim.report.plots import (
     svg,
 )
 from inim.report.sections import ReportSection
-from inim.report.wording import MAIN, is_number, part, plain, viewpoint_names
+from inim.report.wording import HEADLINE_WORDS, headlines, is_number, part, plain, viewpoint_names
 
 __all__ = ["SECTIONS", "time_against_error"]
 
@@ -59,8 +59,7 @@ def time_against_error(data: Mapping[str, Any], _images: Images) -> str:
     known_floor = float(floor) if is_number(floor) and math.isfinite(floor) else None
     drawn = _cached_drawing(tuple(views), tuple(eias), unit, known_floor)
     words = "; ".join(
-        f"{name} {time:.2g} {unit}, 1 − {MAIN.label} to the ceiling {error:.3f}"
-        for name, time, error in views
+        f"{name} {time:.2g} {unit}, 1 − {HEADLINE_WORDS} {error:.3f}" for name, time, error in views
     )
     alt = f"Time against error. {words}" if words else "Time against error"
     if unit == _YARDSTICKS:
@@ -89,9 +88,7 @@ def _view_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_P
     names = viewpoint_names(data)
     points = []
     for name, time in times.items():
-        views = part(data, "algorithms", name, "views")
-        values = [part(views, view).get(MAIN.to_ceiling_key) for view in names]
-        known = [v for v in values if is_number(v)]
+        known = headlines(data, name)
         if names and len(known) == len(names):
             points.append((plain(name), time, 1 - math.fsum(known) / len(known)))
     return points
@@ -130,7 +127,7 @@ def _drawing(
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2, sharex=True)
     panels = (
-        ("Views", views, 1.0, f"1 − {MAIN.label} to the ceiling, mean", None),
+        ("Views", views, 1.0, f"1 − {HEADLINE_WORDS}, mean", None),
         ("Elemental images", eias, -1.0, f"EIA {PSNR.label} to ground truth, {PSNR.unit}", floor),
     )
     written = []

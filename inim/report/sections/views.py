@@ -168,21 +168,25 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
             _TRUTH,
             "the scene itself",
             [shown(_TRUTH, truth)],
-            [("To itself", metric_scores(floor))],
+            [("On the relic to itself", metric_scores(floor, "relic"))],
         ),
         captioned(
             _CEILING,
             "compared with ground truth",
             against_truth,
-            [("To scene", metric_scores(own))],
+            [
+                ("On the relic to scene", metric_scores(own, "relic")),
+                ("Whole to scene", metric_scores(own)),
+            ],
         ),
     ]
     for name in part(data, "algorithms"):
         scores = part(data, "algorithms", name, "views", view)
         facts = [
-            ("To ceiling", metric_scores(scores, "ceiling")),
-            ("To scene", metric_scores(scores)),
-            ("On the relic", metric_scores(scores, "relic")),
+            ("On the relic to ceiling", metric_scores(scores, "relic to ceiling")),
+            ("On the relic to scene", metric_scores(scores, "relic")),
+            ("Whole to ceiling", metric_scores(scores, "ceiling")),
+            ("Whole to scene", metric_scores(scores)),
         ]
         made = compared(name, images.read("views", name, f"{view}.png"), "ceiling", ceiling)
         figures.append(captioned(name, "compared with ceiling", made, facts))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,14 @@ from inim.report.sweep.results import (
     settings_of,
     varied_settings,
 )
-from inim.report.wording import MAIN, MISSING, number
+from inim.report.wording import (
+    HEADLINE,
+    HEADLINE_TO_SCENE,
+    HEADLINE_WORDS,
+    MAIN,
+    MISSING,
+    number,
+)
 
 __all__ = ["PAGE", "render_sweep", "write_page"]
 
@@ -49,10 +57,10 @@ _STYLE = """
 .lead { max-width: 90ch; }
 """
 _SCORES = (
-    "Each number is a mean over the viewpoints. Large: SSIM to the ceiling, what the algorithm "
-    "keeps of what this display can show. Small: SSIM to the scene, "
-    "what the viewer gets. Rows are not to be compared with one another: scores depend on what a "
-    "scene shows. No digit beyond the noise floor's distance from 1 means anything."
+    "Each number is a mean over the viewpoints. Large: SSIM on the relic to the ceiling, what the "
+    "algorithm keeps of what this display can show. Small: the same to the scene, what the viewer "
+    "gets; and to the ceiling of the whole picture. Rows are not to be compared with one "
+    "another: scores depend on what a scene shows."
 )
 _PARETO = (
     "Down and left is better; a point is the mean over the scenes. Coloured: no other is as fast "
@@ -64,12 +72,12 @@ _TIMES = {
     "the study for ratios to the yardstick.",
 }
 _BEST = (
-    "What a viewer gets of a relic from the best algorithm on each display: the mean SSIM to the "
-    "scene, next to the ceiling, which only noise takes an algorithm above. Each display's views "
+    "What a viewer gets of a relic from the best algorithm on each display: the mean SSIM on the "
+    "relic to the scene, next to the ceiling. Each display's views "
     "have as many pixels as it has lenses to fill them, so a display is judged at its own "
     "resolution; FLIP weighs differences as an eye does."
 )
-_QUERY = """SELECT scene, display, algorithm, avg(ssim_to_ceiling) AS kept
+_QUERY = """SELECT scene, display, algorithm, avg(ssim_on_relic_to_ceiling) AS kept
 FROM 'sweep.parquet' WHERE status = 'ok'
 GROUP BY ALL ORDER BY scene, display, kept DESC;"""
 
@@ -164,7 +172,7 @@ def _points(results: Sequence[Result], display: str, column: str) -> dict[str, t
     for name in names_of(own, "algorithm"):
         runs = [c for c in own if c.algorithm == name and not c.failed]
         time = mean(c.scores[column] for c in runs)
-        score = mean(c.scores[MAIN.to_ceiling_key] for c in runs)
+        score = mean(c.scores[HEADLINE] for c in runs)
         if time is not None and score is not None and time > 0:
             points[name] = (time, 1 - score)
     return points
@@ -184,7 +192,7 @@ def _drawing(panels: Mapping[str, Mapping[str, tuple[float, float]]], unit: str)
         for name, point in points.items():
             draw_point(axis, name, *point, name in front)
         draw_front(axis, [points[name] for name in front])
-        style(axis, display, f"{unit} per EIA (↙ better)", f"1 − {MAIN.label} to the ceiling")
+        style(axis, display, f"{unit} per EIA (↙ better)", f"1 − {HEADLINE_WORDS}")
         axis.set_xscale("log")
         axis.margins(0.24, 0.14)
     for axis, *_ in drawn:
@@ -202,7 +210,7 @@ def matrix(display: str, settings: str, results: Sequence[Result]) -> str:
     rows = []
     for scene in names_of(results, "scene"):
         own = {c.algorithm: c for c in results if c.scene == scene}
-        kept = (c.scores[MAIN.to_ceiling_key] for c in own.values() if not c.failed)
+        kept = (c.scores[HEADLINE] for c in own.values() if not c.failed)
         best = max((value for value in kept if value is not None), default=None)
         cells = [_cell(own.get(name), best) for name in algorithms]
         rows.append([text(scene), *cells, *_reference(list(own.values()))])
@@ -215,11 +223,12 @@ def _cell(result: Result | None, best: float | None) -> str:
         return MISSING
     if result.failed:
         return element("a", "failed", href="#failures")
-    value = result.scores[MAIN.to_ceiling_key]
+    value = result.scores[HEADLINE]
     is_best = value is not None and value == best
-    small = f"{'best · ' if is_best else ''}{number(result.scores[MAIN.key], 4)} scene"
+    small = f"{'best · ' if is_best else ''}{number(result.scores[HEADLINE_TO_SCENE], 4)} scene"
+    whole = f"{number(result.scores[MAIN.to_ceiling_key], 4)} whole"
     shown = element("span", text(number(value, 4)), class_="best" if is_best else None)
-    return shown + element("small", text(small))
+    return shown + element("small", text(small)) + element("small", text(whole))
 
 
 def _reference(results: Sequence[Result]) -> list[str]:
@@ -231,13 +240,13 @@ def _reference(results: Sequence[Result]) -> list[str]:
 
 
 def best_displays(results: Sequence[Result]) -> str:
-    """For each relic, its displays by the main score to the scene of the best algorithm on each."""
+    """For each relic, its displays by what a viewer gets of the best algorithm on each."""
     if all(result.failed for result in results):
         return ""
     several = len(names_of(results, "settings")) > 1
     others = [metric for metric in all_metrics() if metric.key != MAIN.key]
-    columns = [(MAIN.key, MAIN.digits), (REFERENCES[0], MAIN.digits)]
-    columns += [(metric.key, metric.digits) for metric in others]
+    columns = [(HEADLINE_TO_SCENE, MAIN.digits), (REFERENCES[0], MAIN.digits)]
+    columns += [(m.on_relic_key if m.on_relic else m.key, m.digits) for m in others]
     rows = []
     for scene in names_of(results, "scene"):
         found = _ranking([c for c in results if c.scene == scene and not c.failed])
@@ -251,21 +260,28 @@ def best_displays(results: Sequence[Result]) -> str:
                     *(text(number(result.scores[key], digits)) for key, digits in columns),
                 ]
             )
-    heads = ["Relic", "Display", "Best algorithm on it", f"{MAIN.label} to scene", "Its ceiling"]
+    heads = [
+        "Relic",
+        "Display",
+        "Best algorithm on it",
+        f"{MAIN.label} on the relic to scene",
+        "Its ceiling",
+    ]
     heads += [metric.label for metric in others]
     listed = table("Displays by relic, the best first", [text(h) for h in heads], rows, "sweep")
     return element("p", text(_BEST), class_="lead") + listed
 
 
 def _ranking(results: Sequence[Result]) -> list[Result]:
-    """The best result of each display, in falling order."""
+    """The best algorithm's result on each display, in falling order of what a viewer gets."""
     best: dict[tuple[str, str], tuple[float, Result]] = {}
     for result in results:
-        value = result.scores[MAIN.key]
+        value = result.scores[HEADLINE]
         place = (result.display, result.settings)
         if value is not None and (place not in best or value > best[place][0]):
             best[place] = (value, result)
-    return [result for _, result in sorted(best.values(), key=lambda found: -found[0])]
+    found = [result for _, result in best.values()]
+    return sorted(found, key=lambda one: -(one.scores[HEADLINE_TO_SCENE] or -math.inf))
 
 
 def cost_table(results: Sequence[Result]) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from inim.metrics import all_metrics
-from inim.report.wording import MAIN, is_number
+from inim.report.wording import HEADLINE, HEADLINE_TO_SCENE, MAIN, is_number
 
 __all__ = [
     "REFERENCES",
@@ -28,8 +28,8 @@ __all__ = [
 
 Row = Mapping[str, Any]
 
-#: Columns of the main score of the ceiling, and of the truth against itself.
-REFERENCES = (f"ceiling_{MAIN.key}", f"noise_floor_{MAIN.key}")
+#: Columns of the main score on the relic of the ceiling, and of the truth against itself.
+REFERENCES = (f"ceiling_{HEADLINE_TO_SCENE}", f"noise_floor_{HEADLINE_TO_SCENE}")
 _COSTS = ("seconds", "yardsticks", "unit_seconds")
 
 #: Settings that tell rows of one scene, display, algorithm and viewpoint apart.
@@ -74,7 +74,8 @@ class Result:
 def results_of(rows: Sequence[Row]) -> list[Result]:
     """The rows by result, in the table's order."""
     varied = varied_settings(rows)
-    columns = [*(m.key for m in all_metrics()), MAIN.to_ceiling_key, *REFERENCES, *_COSTS]
+    own = [key for m in all_metrics() for key in (m.key, m.on_relic_key)]
+    columns = [*own, MAIN.to_ceiling_key, HEADLINE, *REFERENCES, *_COSTS]
     groups: dict[tuple[str, str, str, str], list[Row]] = {}
     for row in rows:
         settings = settings_of(row, varied)

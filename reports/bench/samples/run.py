@@ -1,0 +1,232 @@
+"""What samples buy: time of whole validations against the error of their scores, plain and not.
+
+    python -m reports.bench.samples.run scenes/amphora.xml scenes/jade.xml -o reports/bench/samples
+
+Every scene is validated with several numbers of samples, by several seeds, from the centre, and
+once with many more. The scores free of noise of that one are what the others' are compared with.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from inim.cache.store import FOLDER_VARIABLE
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
+from inim.report.bench import Part, Table
+from inim.report.plots import draw_front, draw_point, new_figure, plain_ticks, style
+from inim.report.wording import items, number, part
+from reports.bench.process import run_measured
+from reports.bench.study import new_parser, run_study
+
+__all__ = ["bench_samples", "parts_of"]
+
+ALGORITHM = "template"
+# Samples a pixel of the true EIA and of the true view.
+LEVELS = ((16, 32), (32, 64), (64, 256))
+_REFERENCE = {"eia_spp": 128, "view_spp": 512, "capture_spp": 128, "reconstruction_spp": 128}
+_SEEDS = (1,)
+# Scores of a view, by who is scored.
+SCORES = {
+    ALGORITHM: (
+        "ssim_on_relic_to_ceiling", "ssim_on_relic", "flip_on_relic_to_ceiling", "flip_on_relic"
+    ),
+    "ceiling": ("ssim_on_relic", "flip_on_relic"),
+}  # fmt: skip
+
+
+def bench_samples(
+    scenes: Sequence[Path],
+    listener: Any,
+    folder: Path,
+    variables: Mapping[str, str],
+    levels: Sequence[tuple[int, int]] = LEVELS,
+    seeds: Sequence[int] = _SEEDS,
+    words: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Validate every scene at every level by every seed.
+
+    Parameters
+    ----------
+    scenes : sequence of Path
+    listener : Observer
+    folder : Path
+        Empty; for reports.
+    variables : mapping of str to str
+        The environment of the validations.
+    levels : sequence of (int, int)
+    seeds : sequence of int
+        The reference has seed 0.
+    words : sequence of str
+        More of the command line.
+
+    Returns
+    -------
+    dict
+        Under the names of bench.json: of each validation `seconds`, from start to end of its
+        process, `processor_seconds` of all its processes, and of each score `plain`, `value`, half
+        the width of its interval, and the reference's value.
+    """
+
+    def validate(scene: Path, seed: int, settings: Mapping[str, int]) -> dict[str, Any]:
+        listener.stage(f"{scene.stem}: {settings['eia_spp']}, {settings['view_spp']}, seed {seed}")
+        out = folder / "report"
+        shutil.rmtree(out, ignore_errors=True)
+        command = [sys.executable, "-m", "inim.validate", str(scene), "-o", str(out), *words]
+        command += ["--algorithms", ALGORITHM, "--viewpoints", "centre", "--quiet"]
+        for name, value in {**settings, "seed": seed}.items():
+            command += ["-D", f"inim.{name}={value}"]
+        found = run_measured(command, {**variables, FOLDER_VARIABLE: "off"})
+        if found["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
+            raise WorkerError(f"samples: {scene} ended with code {found['code']}: {found['said']}")
+        report = json.loads((out / "report.json").read_text("utf-8"))
+        taken = {key: found[key] for key in ("seconds", "processor_seconds")}
+        return {**taken, "scores": _scores(report)}
+
+    runs = []
+    for scene in scenes:
+        reference = validate(scene, 0, _REFERENCE)["scores"]
+        for eia_spp, view_spp in levels:
+            for seed in seeds:
+                settings = {"eia_spp": eia_spp, "view_spp": view_spp}
+                found = validate(scene, seed, settings)
+                for name, score in found["scores"].items():
+                    score["reference"] = reference[name]["value"]
+                runs.append({"scene": scene.stem, "seed": seed, **settings, **found})
+                listener.line(
+                    f"{scene.stem:12} {eia_spp:4} {view_spp:4}  "
+                    f"{found['processor_seconds']:6.1f} s  rms error "
+                    f"{_rms([runs[-1]], 'plain', 'ssim'):.4f} plain, "
+                    f"{_rms([runs[-1]], 'value', 'ssim'):.4f} free of noise"
+                )
+    return {"algorithm": ALGORITHM, "reference": _REFERENCE, "runs": runs}
+
+
+def _scores(report: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """Of the centre view, by ``NAME SCORE``."""
+    found = {}
+    for name, keys in SCORES.items():
+        run = report["ceiling"] if name == "ceiling" else report["algorithms"][name]
+        for key in keys:
+            sure = run["precision"]["centre"][key]
+            low, high = sure["interval"]
+            found[f"{name} {key}"] = {
+                "plain": sure["plain"],
+                "value": run["views"]["centre"][key],
+                "half_width": (high - low) / 2,
+            }
+    return found
+
+
+def _rms(runs: Iterable[Mapping[str, Any]], kind: str, metric: str) -> float:
+    """Root mean square over runs and a metric's scores: of errors, or of half widths."""
+    values = [
+        score[kind] - (0.0 if kind == "half_width" else score["reference"])
+        for run in runs
+        for name, score in run["scores"].items()
+        if f" {metric}_" in name
+    ]
+    return math.sqrt(math.fsum(value**2 for value in values) / len(values))
+
+
+# -- the report ---------------------------------------------------------------------------------
+
+
+def parts_of(data: Mapping[str, Any]) -> list[Part]:
+    """A table for each scene, one of all, and time against error."""
+    found = part(data, "samples")
+    runs = items(found, "runs")
+    scenes = list(dict.fromkeys(run["scene"] for run in runs))
+    groups = {"All scenes": runs} | {s: [r for r in runs if r["scene"] == s] for s in scenes}
+    lead = (
+        "Whole validations from the centre, by the number of samples a pixel of the true EIA and "
+        "of the true view. Errors are root mean squares over seeds and scores on the relic, of "
+        f"{ALGORITHM} to ceiling and scene and of the ceiling to the scene, from the values free "
+        "of noise of a validation with twice the most samples here."
+    )
+    tables = [_table(name, group) for name, group in groups.items()]
+    remark = (
+        "Processor seconds of all processes of a validation, without the result cache; one view "
+        "and one algorithm. The machine did other work meanwhile: the wall-clock times of "
+        "bench.json are of no use."
+    )
+    return [Part("samples", "Samples", lead, tables, "samples", _figure(groups), [remark])]
+
+
+def _levels(runs: Iterable[Mapping[str, Any]]) -> dict[tuple[int, int], list[Mapping[str, Any]]]:
+    found: dict[tuple[int, int], list[Mapping[str, Any]]] = {}
+    for run in runs:
+        found.setdefault((run["eia_spp"], run["view_spp"]), []).append(run)
+    return found
+
+
+def _seconds(runs: Sequence[Mapping[str, Any]]) -> float:
+    """Mean over scenes of each one's least processor time: what else the machine did only adds."""
+    least: dict[str, float] = {}
+    for run in runs:
+        least[run["scene"]] = min(run["processor_seconds"], least.get(run["scene"], math.inf))
+    return math.fsum(least.values()) / len(least)
+
+
+def _table(name: str, runs: Sequence[Mapping[str, Any]]) -> Table:
+    heads = ["EIA, view", "processor seconds"]
+    kinds = {"plain": "plain", "value": "free of noise", "half_width": "half interval"}
+    for metric in ("SSIM", "FLIP"):
+        heads += [f"{metric}, {words}" for words in kinds.values()]
+    rows = [
+        [
+            f"{eia}, {view}",
+            number(_seconds(own), 1),
+            *(number(_rms(own, kind, metric), 4) for metric in ("ssim", "flip") for kind in kinds),
+        ]
+        for (eia, view), own in _levels(runs).items()
+    ]
+    return Table(name, heads, rows)
+
+
+def _figure(groups: Mapping[str, Sequence[Mapping[str, Any]]]) -> Any:
+    """Time against the error of SSIM, a panel for each scene."""
+    scenes = {name: runs for name, runs in groups.items() if name != "All scenes"}
+    figure, axes = new_figure(len(scenes), 4.0, sharey=True)
+    for axis, (name, runs) in zip(axes, scenes.items(), strict=True):
+        for kind, marked in (("plain", False), ("value", True)):
+            points = [(_seconds(own), _rms(own, kind, "ssim")) for own in _levels(runs).values()]
+            for point in points:
+                draw_point(axis, "free of noise" if marked else "plain", *point, marked)
+            draw_front(axis, points)
+        style(
+            axis,
+            f"{name}: grey plain, coloured free of noise",
+            "processor seconds",
+            "rms error of SSIM",
+        )
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        plain_ticks(axis)
+    return figure
+
+
+# -- the command --------------------------------------------------------------------------------
+
+
+def main() -> int:
+    """Carry out the study; the exit code."""
+    variables = dict(os.environ)  # before the backend adds its own: as a user's commands have them
+    parser = new_parser(__doc__, "bench-samples")
+    parser.add_argument("scenes", type=Path, nargs="+", help="Mitsuba scenes (.xml)")
+    args = parser.parse_args()
+
+    def measure(rounds: Any, listener: Any, folder: Path) -> dict[str, Any]:  # noqa: ARG001
+        return {"samples": bench_samples(args.scenes, listener, folder, variables)}
+
+    return run_study(args, "reports.bench.samples.run", "Bench: samples", measure, parts_of)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
