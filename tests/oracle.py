@@ -229,21 +229,26 @@ def _first_cell(
 
 
 def float_sources(
-    rgbd: RGBD, display: Display, push: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rgbd: RGBD,
+    display: Display,
+    push: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    columns: str = "surface",
 ) -> np.ndarray:
     """Source map in float64, the picture moved by `push` (rows, columns, mm of depth)."""
     pixels = lensed_pixels(display)
     found = np.full(display.eia_shape, NO_LENS, np.int32)
     rays = rays_over(display, rgbd, pixels)
     moved = (push[1], push[0], push[2])
-    found[tuple(pixels.T)] = first_hits(rays, rgbd, display, moved)
+    found[tuple(pixels.T)] = first_hits(rays, rgbd, display, moved, columns)
     return found
 
 
-def doubtful(rgbd: RGBD, display: Display, push: float = 1e-7) -> np.ndarray:
+def doubtful(
+    rgbd: RGBD, display: Display, push: float = 1e-7, columns: str = "surface"
+) -> np.ndarray:
     """Pixels whose source changes when the picture moves by `push` of a cell or of a mm."""
     answers = [
-        float_sources(rgbd, display, (a * push, b * push, c * push))
+        float_sources(rgbd, display, (a * push, b * push, c * push), columns)
         for a in (-1, 1)
         for b in (-1.0, 1.1)
         for c in (-1, 1)

@@ -162,7 +162,7 @@ def test_columns_that_reach_the_back_are_the_template_s(open_fitted):
     _, found = peeled(open_fitted, scene_text(sphere((0, 0, 0), 5.0)))
     front = np.where(found.covered, found.front_mm, 0)[0]
     plain = RGBD(np.zeros((*front.shape, 3)), front, found.covered[0], found.pixel_mm)
-    expected = find_sources(plain, DISPLAY, "template")
+    expected = find_sources(plain, DISPLAY, "template:columns=solid")
     assert np.array_equal(sources(found, np.full_like(found.back_mm, -np.inf)), expected)
     solid = sources(found, found.back_mm)
     assert (solid != expected).any(), "rays pass behind the sphere"

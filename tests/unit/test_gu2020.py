@@ -118,8 +118,8 @@ def test_wrong_sources_fade_as_the_step_does() -> None:
     random = np.random.default_rng(4)
     depth = random.uniform(20, 45, (60, 66))
     rgbd = picture(depth, 0.2371, random.random(depth.shape) < 0.5)
-    right = oracle.float_sources(rgbd, NOMINAL)
-    clear = ~oracle.doubtful(rgbd, NOMINAL)
+    right = oracle.float_sources(rgbd, NOMINAL, columns="solid")
+    clear = ~oracle.doubtful(rgbd, NOMINAL, columns="solid")
     assert clear.mean() > 0.9
     steps = (8.0, 2.0, 0.5, 0.125, 0.03125, 0.005)
     wrong = [
