@@ -2,7 +2,7 @@
 
     python -m reports.one_picture.run scenes/*.xml MORE.xml ... -o reports/one_picture
 
-Each scene is validated by `inim.validate`, with the settings it has. A scanned relic becomes a
+Each scene is validated by `inim.validate`, from three eyes, with the settings it has. A scanned relic becomes a
 scene by `inim new-scene`. A run that is there already, below ``out/one_picture``, is taken as it
 is: remove it after a change.
 """
@@ -23,6 +23,7 @@ _ONE, _FOUR = "template", "template:samples=4"
 _SOLID, _SOLID_FOUR = "template:columns=solid", "template:columns=solid:samples=4"
 _RIVALS = ("wang2024", "wang2024:matching=ray", "gu2020", "li2012")
 _LAYERED = "layered"
+_EYES = "centre,right,up"
 _ALGORITHMS = (_FOUR, _ONE, _SOLID_FOUR, _SOLID, *_RIVALS, _LAYERED)
 _SCORES = {"eia_psnr_db": "EIA PSNR, dB", "relic_ssim": "SSIM on the relic, to the ceiling"}
 # How far `layered` may be from the noise floor.
@@ -34,7 +35,7 @@ def validated(scene: Path) -> dict[str, Any]:
     folder = RUNS / scene.stem
     if not (folder / "report.json").is_file():
         command = ["-m", "inim.validate", str(scene), "--algorithms", ",".join(_ALGORITHMS)]
-        command += ["-o", folder.as_posix(), "--quiet"]
+        command += ["--viewpoints", _EYES, "-o", folder.as_posix(), "--quiet"]
         print(scene.stem, flush=True)
         subprocess.run([sys.executable, *command], check=True)
     report: dict[str, Any] = json.loads((folder / "report.json").read_text("utf-8"))
