@@ -2,9 +2,9 @@
 
     python -m reports.one_picture.run scenes/*.xml MORE.xml ... -o reports/one_picture
 
-Each scene is validated by `inim.validate`, from three eyes, with the settings it has. A scanned relic becomes a
-scene by `inim new-scene`. A run that is there already, below ``out/one_picture``, is taken as it
-is: remove it after a change.
+Each scene is validated by `inim.validate`, from three eyes, with the settings it has. A scanned
+relic becomes a scene by `inim new-scene`. A run that is there already, below ``out/one_picture``,
+is taken as it is: remove it after a change.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ from inim.sweep import table, task
 from tests.schemas import FOLDER, STUDY, assert_schema, file_of, read_document, validator
 
 ROOT = Path(__file__).parents[2]
-# Of the gallery only its reports are documents; the rest is what its page is made of. Studies of the
-# project's own have tables of their own.
+# Of the gallery only its reports are documents; the rest is what its page is made of. Studies of
+# the project's own have tables of their own.
 OWN_KIND = {
     STUDY,
     ROOT / "reports/light_fields/light_fields.json",
