@@ -140,9 +140,11 @@ class Supersampled(SourceGenerator):
             return out
         # Light adds up, code values do not: average linear light, then encode again.
         light, opacity, *encoding = _transfer()
-        linear = np.empty(palette.shape, np.float32)
-        _decode(palette, light, opacity, linear)
-        words = palette.view(np.uint32)[:, 0]
+        # A hole's colour comes first.
+        words = np.zeros(len(palette) + 1, np.uint32)
+        linear = np.zeros((len(words), 4), np.float32)
+        words[1:] = palette.view(np.uint32)[:, 0]
+        _decode(palette, light, opacity, linear[1:])
         mean = out.view(np.uint32)[..., 0]
         _mean_codes(self.samples(rgbd), words, linear, *encoding, mean)
         return out
@@ -261,28 +263,52 @@ def _decode(codes, light, opacity, linear):  # type: ignore[no-untyped-def]
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def _mean_codes(sources, words, linear, step_code, code_begins, mean):  # type: ignore[no-untyped-def]
-    """Mean RGBA words over (rays, rows, columns) sources of colours, in their light (n, 4)."""
+    """Mean RGBA words over (2 or 4, rows, columns) sources of colours, in their light (n, 4).
+
+    A source's colour is one on from it: a hole's is the first. Of two rays the other two are taken
+    to be holes, which add nothing.
+    """
     rays, rows, columns = sources.shape
-    share, white, steps = np.float32(1 / rays), np.float32(255), np.float32(_STEPS)
+    share = np.float32(1 / rays)
     for row in numba.prange(rows):
+        third, fourth = sources[rays - 2, row], sources[rays - 1, row]
         for column in range(columns):
-            first, same = sources[0, row, column], True
-            for ray in range(1, rays):
-                same &= sources[ray, row, column] == first
-            if same:
-                mean[row, column] = words[first] if first >= 0 else np.uint32(0)
+            a = _colour(sources[0, row, column])
+            b = _colour(sources[1, row, column])
+            c, d = _colour(third[column]), _colour(fourth[column])
+            word = words[a]
+            if words[b] == word and words[c] == word and words[d] == word:
+                mean[row, column] = word
                 continue
-            red = green = blue = alpha = np.float32(0)
-            for ray in range(rays):
-                source = sources[ray, row, column]
-                if source >= 0:
-                    red += share * linear[source, 0]
-                    green += share * linear[source, 1]
-                    blue += share * linear[source, 2]
-                    alpha += share * linear[source, 3]
-            word = np.uint32(np.rint(alpha * white)) << np.uint32(24)
-            for shift, total in ((0, red), (8, green), (16, blue)):
-                code = np.uint32(step_code[np.uintp(total * steps)])
-                code += np.uint32(total >= code_begins[code])
-                word |= code << np.uint32(shift)
+            if rays == 2:
+                c = d = np.uintp(0)
+            word = _opacity(_sum(linear, a, b, c, d, 3, share)) << np.uint32(24)
+            for channel in range(3):
+                total = _sum(linear, a, b, c, d, channel, share)
+                code = np.uint32(step_code[np.uintp(total * np.float32(_STEPS))])
+                code += np.uint32(total >= code_begins[np.uintp(code)])
+                word |= code << np.uint32(8 * channel)
             mean[row, column] = word
+
+
+@numba.njit(cache=True, nogil=True)
+def _colour(source):  # type: ignore[no-untyped-def]
+    """Where a source's colour is."""
+    return np.uintp(max(source, -1) + 1)
+
+
+@numba.njit(cache=True, nogil=True)
+def _sum(linear, a, b, c, d, channel, share):  # type: ignore[no-untyped-def]
+    return (
+        share * linear[a, channel]
+        + share * linear[b, channel]
+        + share * linear[c, channel]
+        + share * linear[d, channel]
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _opacity(alpha):  # type: ignore[no-untyped-def]
+    """The code of an opacity, to the nearest and the even one, without a call of the C library."""
+    whole = np.float32(2**23)
+    return np.uint32((alpha * np.float32(255) + whole) - whole)
