@@ -66,9 +66,9 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     gains = [r["eia_psnr_db"][_FOUR] - r["eia_psnr_db"][_SOLID_FOUR] for r in rows]
     to_floor = [r["eia_psnr_db"][_LAYERED] - r["noise_floor_db"] for r in rows]
     ahead = {
-        f"{algorithm}, {score}": sum(lead(r, score, algorithm) > 0 for r in rows)
+        f"`{algorithm}`, {title}:": sum(lead(r, score, algorithm) > 0 for r in rows)
         for algorithm in (_FOUR, _ONE)
-        for score in _SCORES
+        for score, title in _SCORES.items()
     }
     return {
         "relics": len(rows),
@@ -89,9 +89,8 @@ def page(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], command: s
         "",
         f"Made by `{command}`, whose docstring says how. The worst relic first.",
         "",
-        f"* Above all of {', '.join(f'`{a}`' for a in _RIVALS)}, of {n} relics: "
-        + "; ".join(f"{k} on {v}" for k, v in found["ahead_of_all_rivals"].items())
-        + ".",
+        f"* Above all of {', '.join(f'`{a}`' for a in _RIVALS)}, of {n} relics:",
+        *(f"  {k} on {v}" for k, v in found["ahead_of_all_rivals"].items()),
         f"* `{_FOUR}` over `{_SOLID_FOUR}`: {found['mean_gain_over_solid_db']:.1f} dB in the mean, "
         f"{found['least_gain_over_solid_db']:.1f} dB at least.",
         f"* `layered` is {low:+.1f} to {high:+.1f} dB from the noise floor, on "
