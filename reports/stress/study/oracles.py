@@ -144,19 +144,37 @@ def first_hits(
     (n,) int64
         ``(layer * H + row) * W + column``, or `HOLE`.
     """
+    return _followed(rays, rgbd, display, push, columns)[0]
+
+
+def _lost(rays: Rays, rgbd: RGBD, display: Display, band: tuple) -> np.ndarray:  # noqa: ARG001
+    """Rays that met nothing behind a column.
+
+    What they show may hang on a cell that is visited for no depth at all, at a corner: moved by a
+    band to any side, all such rays visit one.
+    """
+    return _followed(rays, rgbd, display, _STILL, "surface")[1]
+
+
+def _followed(
+    rays: Rays, rgbd: RGBD, display: Display, push: tuple, columns: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sources, and which rays passed behind a column and met nothing."""
     low, high = display.depth_range_mm
     layers, continues = column_layers(rgbd, columns)
     fronts = np.stack([framed(layer.front_mm, layer.covered, push[2]) for layer in layers])
     backs = np.stack([framed(layer.back_mm, layer.covered, push[2]) for layer in layers])
     v0, u0 = rays.v0 + push[1], rays.u0 + push[0]
-    found = np.empty(len(u0), np.int64)
+    found, lost = np.empty(len(u0), np.int64), np.empty(len(u0), bool)
     reach = np.abs([rays.du, rays.dv]).max(initial=0) * (high - low)
     step = max(1, int(_CHUNK // (len(fronts) * (2 * reach + 6))))
     for begin in range(0, len(u0), step):
         part = slice(begin, begin + step)
         down, across = (v0[part], rays.dv[part]), (u0[part], rays.du[part])
-        found[part] = _hits(down, across, fronts, backs, continues, rgbd.shape, low, high)
-    return found
+        found[part], lost[part] = _hits(
+            down, across, fronts, backs, continues, rgbd.shape, low, high
+        )
+    return found, lost
 
 
 def framed(depth_mm: np.ndarray, covered: np.ndarray, push: float) -> np.ndarray:
@@ -174,7 +192,7 @@ def _hits(
     shape: tuple[int, int],
     low: float,
     high: float,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     ends = np.broadcast_to([high, low], (len(down[0]), 2))
     met = [_crossings(start, slope, low, high) for start, slope in (down, across)]
     z = np.concatenate([ends, *met], axis=1)
@@ -190,16 +208,14 @@ def _hits(
     first, each = np.argmax(hit, axis=1), np.arange(len(hit))
     layer = np.argmax(reached[:, each, first], axis=0)
     source: np.ndarray = (layer * shape[0] + r[each, first]) * shape[1] + c[each, first]
-    if not continues:
-        return np.where(hit.any(axis=1), source, HOLE)
     # Of rays that passed behind something and met nothing: the last cell that they passed over.
     inside = (r >= 0) & (r < shape[0]) & (c >= 0) & (c < shape[1]) & (top > end)
     over = inside & (fronts[0, r + 1, c + 1] < end)
-    behind = (inside & ~over).any(axis=1) & over.any(axis=1)
+    lost = continues & (inside & ~over).any(axis=1) & ~hit.any(axis=1)
     last = over.shape[1] - 1 - np.argmax(over[:, ::-1], axis=1)
-    shown = behind & np.isfinite(fronts[0, r + 1, c + 1][each, last])
+    shown = lost & over.any(axis=1) & np.isfinite(fronts[0, r + 1, c + 1][each, last])
     passed = np.where(shown, r[each, last] * shape[1] + c[each, last], HOLE)
-    return np.where(hit.any(axis=1), source, passed)
+    return np.where(hit.any(axis=1), source, passed), lost
 
 
 def cell_of(place: np.ndarray, cells: int) -> np.ndarray:
@@ -440,6 +456,7 @@ _ORACLES: dict[str, _Find] = {
     "li2012": _li2012,
 }
 _CLOSE_CALLS = {
+    "template": _lost,
     "wang2024": _wang_close(along_ray=False),
     "wang2024:matching=ray": _wang_close(along_ray=True),
     "li2012": _li_close,
