@@ -227,7 +227,7 @@ def first_hits_of(
         See `exact_hits`.
     display : Display
     """
-    low, high = map(Fraction, display.depth_range_mm)
+    low, high = map(stated, display.depth_range_mm)
     met = column_layers(rgbd, columns)
     return np.array([_first_hit(line, *met, low, high) for line in lines], np.int64)
 
