@@ -34,7 +34,7 @@ LANDING_PIXELS = 0.01
 #: Panel pixels along one side: beyond, float32 places are too coarse.
 WIDEST_PANEL_PIXELS = 170_000
 #: Largest share of a noise picture's pixels that lengths of too many digits changed.
-CHANGED_BY_ROUNDING = 0.43
+CHANGED_BY_ROUNDING = 0.40
 #: The same of hexagonal, turned and tilted arrays, whose rays are float64 and meet corners there.
 CHANGED_BY_TIES = 0.44
 #: Degrees off every multiple of `_REGULAR_TURN_DEG` from which only rays near the axis meet any.
