@@ -11,9 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from inim.display import Display
-from inim.errors import UsageError
 from inim.generators.base import PictureShape, SourceGenerator
-from inim.generators.raycast.cells import check_ray_length
 from inim.generators.registry import algorithm
 
 __all__ = ["prepare"]
@@ -45,7 +43,4 @@ def prepare(
     from inim.generators.raycast.columns import LAYERS
     from inim.generators.raycast.first_hits import first_hits
 
-    if str(samples) not in ("1", "2", "4"):
-        raise UsageError(f"layered: samples = {samples!r}; use 1, 2 or 4")
-    check_ray_length("layered", display, shape, pixel_mm)
-    return first_hits(display, shape, pixel_mm, LAYERS, int(samples), mask)
+    return first_hits("layered", display, shape, pixel_mm, LAYERS, samples, mask)

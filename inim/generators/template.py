@@ -35,9 +35,7 @@ from __future__ import annotations
 import numpy as np
 
 from inim.display import Display
-from inim.errors import UsageError
 from inim.generators.base import PictureShape, SourceGenerator
-from inim.generators.raycast.cells import check_ray_length
 from inim.generators.registry import algorithm, one_of
 
 __all__ = ["prepare", "ray_by_ray"]
@@ -78,13 +76,10 @@ def prepare(
     from inim.generators.raycast.columns import SEEN, SURFACE
     from inim.generators.raycast.first_hits import first_hits
 
-    if str(samples) not in ("1", "2", "4"):
-        raise UsageError(f"template: samples = {samples!r}; use 1, 2 or 4")
     rule = one_of("template: columns", columns, ("surface", "solid"))
-    check_ray_length("template", display, shape, pixel_mm)
     if leave_holes and rule == SURFACE:
         rule = SEEN
-    return first_hits(display, shape, pixel_mm, rule, int(samples), mask)
+    return first_hits("template", display, shape, pixel_mm, rule, samples, mask)
 
 
 def ray_by_ray(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:

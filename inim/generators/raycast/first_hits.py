@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from inim.display import Display
+from inim.errors import UsageError
 from inim.generators.base import PictureShape, PixelList, SourceGenerator, for_mask
-from inim.generators.raycast.cells import Aside
+from inim.generators.raycast.cells import Aside, check_ray_length
 from inim.generators.raycast.columns import LAYERS
 from inim.generators.raycast.direction_lists import shares_directions
 from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
@@ -27,23 +28,34 @@ _LAYERS = 12
 
 
 def first_hits(
+    name: str,
     display: Display,
     shape: PictureShape,
     pixel_mm: float,
     rule: str,
-    samples: int,
+    samples: int | str,
     mask: np.ndarray | None,
 ) -> SourceGenerator:
     """The generator of first hits in the columns of pictures.
 
     Parameters
     ----------
+    name : str
+        Of the algorithm, for errors.
     display, shape, pixel_mm, mask :
         See `inim.generators.prepare`.
     rule : str
         What the columns are; see `raycast.columns`.
     samples : {1, 2, 4}
+
+    Raises
+    ------
+    UsageError
+        Another number of samples, or rays so long that they are a slip.
     """
+    if str(samples) not in ("1", "2", "4"):
+        raise UsageError(f"{name}: samples = {samples!r}; use 1, 2 or 4")
+    check_ray_length(name, display, shape, pixel_mm)
     layers = _LAYERS if rule == LAYERS else 1
     shared = shares_directions(display)
     # Deeper layers are laid out for shared directions alone.
@@ -59,6 +71,6 @@ def first_hits(
                 return SharedDirections(display, shape, pixel_mm, rule, aside)
             return NonIntegerPitch(display, shape, pixel_mm, rule, aside)
 
-        return averaged(display, samples, through)
+        return averaged(display, int(samples), through)
 
     return for_mask(mask, display, made, dense_in_full=tables)
