@@ -36,6 +36,8 @@ class BenchRequest:
     runs, warmups : int
     threads : int, optional
         All there are if None.
+    allow_folders : tuple of Path
+        As of a validation.
     """
 
     scene: Path
@@ -46,6 +48,7 @@ class BenchRequest:
     runs: int = Rounds.runs
     warmups: int = Rounds.warmups
     threads: int | None = None
+    allow_folders: tuple[Path, ...] = ()
 
     @property
     def rounds(self) -> Rounds:
@@ -54,13 +57,15 @@ class BenchRequest:
 
     def plan(self) -> Plan:
         """The plan of a validation of the scene: its display, viewpoints and sampling."""
-        return scene_plan(self.scene, self.out, self.definitions, self.display)
+        return scene_plan(self.scene, self.out, self.definitions, self.display, self.allow_folders)
 
     def command(self) -> list[str]:
         """The command line that repeats this request."""
         words = ["python", "-m", "inim.bench", str(self.scene), "-o", str(self.out)]
         for item in self.definitions:
             words += ["-D", item]
+        for folder in self.allow_folders:
+            words += ["--allow-folder", str(folder)]
         for name in ("display", "algorithms", "threads"):
             if getattr(self, name) is not None:
                 words += [f"--{name}", str(getattr(self, name))]

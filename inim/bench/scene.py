@@ -91,7 +91,11 @@ def choose_algorithms(text: str | None) -> tuple[Sequence[str], list[str]]:
 
 
 def scene_plan(
-    scene: Path, out: Path, definitions: Sequence[str] = (), display: str | None = None
+    scene: Path,
+    out: Path,
+    definitions: Sequence[str] = (),
+    display: str | None = None,
+    allow_folders: Sequence[Path] = (),
 ) -> Plan:
     """The plan of a validation of a scene: its display, viewpoints and sampling.
 
@@ -102,10 +106,20 @@ def scene_plan(
         `key=value` overrides, as after -D.
     display : str, optional
         A preset's name.
+    allow_folders : sequence of Path
+        As of a validation.
     """
     # Methods are chosen apart: their options are not settings.
-    request = Request(scene, out, tuple(definitions), display, algorithms="template")
-    return make_plan(request)
+    return make_plan(
+        Request(
+            scene,
+            out,
+            tuple(definitions),
+            display,
+            algorithms="template",
+            allow_folders=tuple(allow_folders),
+        )
+    )
 
 
 def bench_scene(

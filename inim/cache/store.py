@@ -3,8 +3,9 @@
 A record's address is the digest of all that decides it (`inim.cache.digest`): scene and mesh bytes,
 display, viewpoint, seed, samples, versions; no file names and no times. So there is nothing to
 invalidate. Records are npz files, written beside their place and moved there, so that a run that
-is killed leaves none half written, and read against their checksums, so that a damaged one is
-found out, removed and made again. Any number of processes may share a folder.
+is killed leaves none half written, and read against their checksums and the address that they hold,
+so that a damaged one, or one under another's name, is found out, removed and made again. Any number
+of processes may share a folder.
 
 The folder is `inim` in the user's cache, or what the variable INIM_CACHE names; "off" is none.
 Beyond a size, 8 GiB or INIM_CACHE_GIB, what was not used for longest goes first.
@@ -156,7 +157,9 @@ class Store:
                     name.removesuffix(".npy"): _array(archive.read(name))  # checks its CRC-32
                     for name in archive.namelist()
                 }
-            facts = json.loads(bytes(arrays.pop(_FACTS)))
+            own, facts = json.loads(bytes(arrays.pop(_FACTS)))
+            if own != address:
+                raise ValueError(f"the record of {own}")
             os.utime(path)  # when it was last of use
         except FileNotFoundError:
             return None
@@ -172,7 +175,7 @@ class Store:
 
     def keep(self, address: str, record: Record) -> bool:
         """Keep a record; False where the folder takes none: a store is a help, not a need."""
-        facts = np.frombuffer(json.dumps(record.facts).encode(), np.uint8)
+        facts = np.frombuffer(json.dumps([address, record.facts]).encode(), np.uint8)
         path = self.folder / (address + _RECORD)
         try:
             self._make_room(sum(a.nbytes for a in record.arrays.values()))

@@ -5,7 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from inim.commands.options import Command, add_definitions, add_exit_codes, add_quiet, print_outcome
+from inim.commands.options import (
+    Command,
+    add_allow_folder,
+    add_definitions,
+    add_exit_codes,
+    add_quiet,
+    print_outcome,
+)
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
 __all__ = ["COMMANDS"]
@@ -21,6 +28,7 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
     parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-bench)")
     add_definitions(parser)
+    add_allow_folder(parser)
     parser.add_argument("--display", help="display preset: nominal or phone")
     parser.add_argument(
         "--algorithms",
@@ -40,6 +48,7 @@ def _bench(args: argparse.Namespace) -> int:
         out=args.out or default_out(args.scene, "bench"),
         scene=args.scene,
         definitions=tuple(args.definitions),
+        allow_folders=tuple(args.allow_folders),
         display=args.display,
         algorithms=args.algorithms,
         runs=args.runs,
@@ -66,6 +75,7 @@ def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-stress)")
     add_definitions(parser)
+    add_allow_folder(parser)
     parser.add_argument(
         "--algorithms",
         default="",
@@ -84,6 +94,7 @@ def _stress(args: argparse.Namespace) -> int:
         out=args.out or default_out(args.scene, "stress"),
         scene=args.scene,
         definitions=tuple(args.definitions),
+        allow_folders=tuple(args.allow_folders),
         algorithms=args.algorithms,
         quick=args.quick,
     )

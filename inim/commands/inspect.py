@@ -59,7 +59,7 @@ def _run(args: argparse.Namespace) -> int:
 def _settings(display: str, items: list[str]) -> Settings:
     """The settings of a scene file or, for a preset, those of the command line alone."""
     from inim.display import DISPLAYS
-    from inim.scene.file import parse_definitions, read_scene_file
+    from inim.scene.file import parse_definitions, read_scene_settings
     from inim.settings import PREFIX, Settings
 
     definitions = parse_definitions(items)
@@ -71,7 +71,7 @@ def _settings(display: str, items: list[str]) -> Settings:
             f"{display}: neither a scene file nor a preset; give a .xml file or "
             f"{' or '.join(DISPLAYS)}, and change single values with -D {PREFIX}KEY=VALUE"
         )
-    return Settings.parse(read_scene_file(path, definitions).settings, display)
+    return Settings.parse(read_scene_settings(path, definitions), display)
 
 
 def _of_preset(name: str, definitions: Mapping[str, str]) -> dict[str, str]:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Command",
+    "add_allow_folder",
     "add_debug",
     "add_definitions",
     "add_display",
@@ -70,6 +71,19 @@ def add_definitions(parser: _Options, of: str = " or a scene parameter") -> None
         default=[],
         metavar="KEY=VALUE",
         help=f"override an inim.* setting{of}; may be repeated",
+    )
+
+
+def add_allow_folder(parser: _Options) -> None:
+    """`--allow-folder DIR`, into `allow_folders`."""
+    parser.add_argument(
+        "--allow-folder",
+        dest="allow_folders",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="DIR",
+        help="files that the scene names may lie in this folder, too; may be repeated",
     )
 
 

@@ -7,7 +7,13 @@ import signal
 import sys
 from pathlib import Path
 
-from inim.commands.options import Command, add_exit_codes, add_quiet, print_outcome
+from inim.commands.options import (
+    Command,
+    add_allow_folder,
+    add_exit_codes,
+    add_quiet,
+    print_outcome,
+)
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
 __all__ = ["COMMANDS"]
@@ -39,6 +45,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dry-run", action="store_true", help="say what is there and what would be run, and stop"
     )
+    add_allow_folder(parser)
     add_quiet(parser)
 
 
@@ -53,6 +60,7 @@ def _run(args: argparse.Namespace) -> int:
         args.scheduler,
         args.workers,
         args.threads,
+        tuple(args.allow_folders),
     )
     if args.dry_run:
         print("\n".join(plan_sweep(request).lines()))

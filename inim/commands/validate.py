@@ -10,6 +10,7 @@ from pathlib import Path
 
 from inim.commands.options import (
     Command,
+    add_allow_folder,
     add_definitions,
     add_exit_codes,
     add_picture,
@@ -22,6 +23,9 @@ from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 __all__ = ["COMMANDS"]
 
 
+_REPEATED = ("definitions", "eias", "allow_folders")
+
+
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Render a scene, generate its elemental image array with each algorithm, "
@@ -32,6 +36,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add("scene", type=Path, nargs="?", help="Mitsuba scene (.xml) with inim.* settings")
     add("-o", "--out", type=Path, help="folder for the report (default: SCENE-report)")
     add_definitions(parser)
+    add_allow_folder(parser)
     add("--display", help="display preset: nominal or phone")
     add(
         "--algorithms",
@@ -127,7 +132,7 @@ def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
 
     given = {f.name: getattr(args, f.name) for f in fields(Request)}
     given |= {"out": args.out or default_out(args.scene, "report")}
-    given |= {name: tuple(getattr(args, name)) for name in ("definitions", "eias")}
+    given |= {name: tuple(getattr(args, name)) for name in _REPEATED}
     request = Request(**given)
     return validate_in_worker(request, quiet=args.quiet, debug=args.debug), request.out
 
@@ -139,9 +144,9 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
         raise UsageError(f"{args.scene}: a scene and a picture; validate one of them")
     if args.rgbd is not None and (args.color is not None or args.depth is not None):
         raise UsageError("--rgbd: is a fitted picture; leave --color and --depth out, or --rgbd")
-    for option in ("eias", "misalign", "baseline", "time", "lazy"):
+    for option in ("eias", "misalign", "baseline", "time", "lazy", "allow_folders"):
         if getattr(args, option):
-            shown = f"--{option.removesuffix('s')}"
+            shown = f"--{option.removesuffix('s').replace('_', '-')}"
             raise UsageError(f"{shown}: needs the ground truth of a scene; leave it out")
     request = PictureRequest(
         picture_of(args),

@@ -18,17 +18,28 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from inim.errors import FileError
-from inim.files.image import check_exr, check_unfolding
+from inim.files.image import check_exr, check_unfolding, read_exr_texture
 
-__all__ = ["check_picture", "check_png", "check_volume", "is_exr", "open_picture", "read_pfm"]
+__all__ = [
+    "check_picture",
+    "check_png",
+    "check_volume",
+    "is_exr",
+    "open_picture",
+    "read_pfm",
+    "read_texture",
+]
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HEAD_BYTES = 16
-# Mitsuba's readers of BMP, TGA and PPM trust what they read.
-_FORMATS = ("PNG", "JPEG")
+_FORMATS = ("PNG", "JPEG", "BMP", "TGA", "PPM")
+# How those open that Mitsuba reads itself; its readers of BMP, TGA and PPM trust what they read.
+_READ_BY_MITSUBA = (b"\x89PNG", b"\xff\xd8", b"#?", b"PF", b"Pf")
 # A texture becomes floats.
 _SAMPLE_BYTES = 4
-_UNKNOWN = "not a picture that inim reads (EXR, PNG, JPEG, HDR, PFM); save it as PNG or EXR"
+_UNKNOWN = (
+    "not a picture that inim reads (EXR, PNG, JPEG, HDR, PFM, BMP, TGA, PPM); save it as PNG or EXR"
+)
 
 
 def check_picture(path: Path) -> None:
@@ -37,7 +48,7 @@ def check_picture(path: Path) -> None:
     Parameters
     ----------
     path : Path
-        EXR, PNG, JPEG, Radiance HDR or PFM.
+        EXR, PNG, JPEG, Radiance HDR, PFM, BMP, TGA or PPM.
 
     Raises
     ------
@@ -58,6 +69,31 @@ def check_picture(path: Path) -> None:
     elif not is_pfm(head) and not is_radiance(head):
         with open_picture(path, _FORMATS, _SAMPLE_BYTES, _UNKNOWN) as picture:
             picture.load()
+
+
+def read_texture(path: Path) -> np.ndarray | None:
+    """The pixels of a checked picture that Mitsuba's own reader had better not open.
+
+    Returns
+    -------
+    (H, W, 3 or 1) float32 of an EXR, (H, W, 3) or (H, W) uint8 of BMP, TGA and PPM, or None
+        None of those that Mitsuba reads well. Its reader of EXR is an old one that ends the process
+        on some of what OpenEXR reads, and it takes a palette's numbers for colours.
+
+    Raises
+    ------
+    FileError
+        Damaged, as for `check_picture`.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    if head.startswith(_READ_BY_MITSUBA):
+        return None
+    if head.startswith(_EXR_MAGIC):
+        return read_exr_texture(path)
+    with open_picture(path, _FORMATS, _SAMPLE_BYTES, _UNKNOWN) as picture:
+        is_grey = picture.mode in ("1", "L", "LA") or picture.mode.startswith("I")
+        return np.array(picture.convert("L" if is_grey else "RGB"))
 
 
 def is_exr(path: Path) -> bool:

@@ -137,7 +137,9 @@ def make_plan(request: Request) -> Plan:
     InimError
         Of the kind that fits: every error here costs no rendering time.
     """
-    file = read_scene_file(request.scene, parse_definitions(list(request.definitions)))
+    file = read_scene_file(
+        request.scene, parse_definitions(list(request.definitions)), request.allow_folders
+    )
     source = str(request.scene)
     settings = Settings.parse(file.settings, source)
     for name in SHORTHANDS:

@@ -33,6 +33,8 @@ class Request:
         Make and render only the panel pixels that the viewpoints observe.
     no_skip : bool
         Do everything, also what changes no result; use no store.
+    allow_folders : tuple of Path
+        Folders besides the scene's own where files that it names may lie.
     """
 
     scene: Path
@@ -49,12 +51,15 @@ class Request:
     time: bool = False
     lazy: bool = False
     no_skip: bool = False
+    allow_folders: tuple[Path, ...] = ()
 
     def command(self) -> list[str]:
         """The command line that repeats this request, after `python -m inim.validate`."""
         words = [str(self.scene), "-o", str(self.out)]
         for item in self.definitions:
             words += ["-D", item]
+        for folder in self.allow_folders:
+            words += ["--allow-folder", str(folder)]
         for name in SHORTHANDS:
             value = getattr(self, name)
             if value is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,6 +71,7 @@ def validate(
     time: bool = False,
     lazy: bool = False,
     no_skip: bool = False,
+    allow_folders: Sequence[str | Path] = (),
 ) -> Report:
     """Validate a scene in a worker process, as `python -m inim.validate` does.
 
@@ -96,6 +97,8 @@ def validate(
         scores of views, and none of the EIA as a whole.
     no_skip : bool
         Do everything, also what changes no result, and use no store (`inim cache`).
+    allow_folders : sequence of path
+        Folders besides the scene's own where files that it names may lie.
 
     Returns
     -------
@@ -123,6 +126,7 @@ def validate(
         time=time,
         lazy=lazy,
         no_skip=no_skip,
+        allow_folders=tuple(map(Path, allow_folders)),
     )
     validate_in_worker(request)
     from inim.report import Report

@@ -12,9 +12,8 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import FileError, SceneError
-from inim.files.image import read_exr_texture
 from inim.files.mesh import check_mesh_file
-from inim.files.picture import check_picture, check_volume, is_exr
+from inim.files.picture import check_picture, check_volume, read_texture
 from inim.observer import Observer
 from inim.render.culling import BoundsGrid, box_corners
 from inim.scene.file import SceneFile
@@ -29,6 +28,8 @@ _FLAT = 1e-6
 # Integrators that return radiance ray by ray, and know `hide_emitters`. Others trace from the
 # lights, or return depth or moments, which would be scored as colour.
 _INTEGRATORS = ("path", "direct", "volpath", "volpathmis")
+# Those that hold another, and return its radiance with something more.
+_WRAPPERS = ("aov", "moment")
 # What some plugins need so much that Mitsuba dies without a word where it is missing.
 _NEEDS = {"bitmap": "filename", "blendbsdf": "weight"}
 _DEFAULT_INTEGRATOR = {"type": "path", "max_depth": 8, "hide_emitters": True}
@@ -85,20 +86,23 @@ def open_scene(
     Raises
     ------
     FileError
-        A mesh that is damaged, or whatever Mitsuba refuses.
+        A mesh that is damaged, whatever Mitsuba refuses, or a file that was saved since its scan.
     SceneError
         A scene with nothing to show.
     """
-    for plugin, mesh in file.meshes:
-        check_mesh_file(mesh, plugin)
-    for picture in file.pictures:
-        check_picture(picture)
-    for grid in file.volumes:
-        check_volume(grid)
-    started = time.perf_counter()
-    scene = _load(file)
-    if observer:
-        observer.rendered(time.perf_counter() - started)
+    try:
+        for plugin, mesh in file.meshes:
+            check_mesh_file(mesh, plugin)
+        for picture in file.pictures:
+            check_picture(picture)
+        for grid in file.volumes:
+            check_volume(grid)
+        started = time.perf_counter()
+        scene = _load(file)
+        if observer:
+            observer.rendered(time.perf_counter() - started)
+    finally:  # what is wrong with a file that is just being saved is no matter
+        file.check_unchanged()
     relic = [shape for shape in scene.shapes() if not shape.is_emitter()]
     if not relic:
         raise SceneError(f"{file.path}: nothing to show: the scene has no shape but lights")
@@ -125,9 +129,10 @@ def _load(file: SceneFile) -> Any:
         for node in state.nodes:
             _check_needs(file, node.props)
             _settle_file(file, node.props)
-            if node.type == mi.ObjectType.Integrator:
-                _check_integrator(file, node.props.plugin_name())
-                node.props["hide_emitters"] = True
+        for node in _children(state, state.root, mi.ObjectType.Integrator):
+            _unwrap(state, node)
+            _check_integrator(file, node.props.plugin_name())
+            node.props["hide_emitters"] = True
         mi.parser.transform_all(config, state)
         loaded = mi.parser.instantiate(config, state)
     except (FileError, SceneError):
@@ -140,6 +145,23 @@ def _load(file: SceneFile) -> Any:
     return loaded[0] if isinstance(loaded, list) else loaded
 
 
+def _children(state: Any, node: Any, kind: Any) -> list[Any]:
+    """The nodes of a kind that a node holds."""
+    reference = mi.Properties.Type.ResolvedReference
+    held = [name for name in node.props if node.props.type(name) == reference]
+    nodes = [state.nodes[node.props[name].index()] for name in held]
+    return [one for one in nodes if one.type == kind]
+
+
+def _unwrap(state: Any, node: Any) -> None:
+    """Let an integrator that wraps others be the first of them."""
+    while node.props.plugin_name() in _WRAPPERS:
+        held = _children(state, node, mi.ObjectType.Integrator)
+        if not held:
+            return
+        node.props = held[0].props
+
+
 def _check_needs(file: SceneFile, properties: Any) -> None:
     need = _NEEDS.get(properties.plugin_name())
     if need and need not in properties:
@@ -149,19 +171,17 @@ def _check_needs(file: SceneFile, properties: Any) -> None:
 
 
 def _settle_file(file: SceneFile, properties: Any) -> None:
-    """Let a plugin open the very file that was scanned; an EXR is handed over decoded.
-
-    The EXR reader inside Mitsuba is an old one that ends the process on some of what OpenEXR reads.
-    """
+    """Let a plugin open the very file that was scanned; some pictures are handed over decoded."""
     if "filename" not in properties:
         return
     name = properties["filename"]
     if name not in file.named:
         raise SceneError(f"{file.path}: {name!r} was not found when the scene was scanned")
     path = file.named[name]
-    if path in file.pictures and is_exr(path):
+    pixels = read_texture(path) if path in file.pictures else None
+    if pixels is not None:
         del properties["filename"]
-        properties["bitmap"] = mi.Bitmap(read_exr_texture(path))
+        properties["bitmap"] = mi.Bitmap(pixels)
     else:
         properties["filename"] = str(path)
 

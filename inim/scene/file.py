@@ -8,20 +8,26 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 from inim.errors import FileError, SceneError, UsageError
-from inim.scene.parameters import SceneFolder, SceneParameters
+from inim.scene.parameters import Content, SceneFolder, SceneParameters, content_of
 from inim.settings import PREFIX, Settings
 
 if TYPE_CHECKING:
     from inim.display import Display
 
-__all__ = ["SceneFile", "chosen_display", "parse_definitions", "read_scene_file"]
+__all__ = [
+    "SceneFile",
+    "chosen_display",
+    "parse_definitions",
+    "read_scene_file",
+    "read_scene_settings",
+]
 
 # Generous for scenes written by people or exporters, small against what harms: Mitsuba overflows
 # its stack near 20,000 levels, and include fan-out grows as a power.
@@ -60,6 +66,10 @@ class SceneFile:
         and allocate what a header says.
     named : dict of str to Path
         By the name in the scene, every file that it names and where that is.
+    contents : dict of Path to tuple
+        Of the XML and all files it names, what was read: SHA-256, size and times of change.
+    definitions, allowed : dict, tuple of Path
+        With which it was scanned.
     sha256 : str
         Over the XML and all files it names.
     rendered_sha256 : str
@@ -74,8 +84,22 @@ class SceneFile:
     pictures: tuple[Path, ...]
     volumes: tuple[Path, ...]
     named: dict[str, Path]
+    contents: dict[Path, Content]
+    definitions: Mapping[str, str]
+    allowed: tuple[Path, ...]
     sha256: str
-    rendered_sha256: str = ""
+    rendered_sha256: str
+
+    def check_unchanged(self) -> None:
+        """Raise `FileError` where a file is not as it was scanned; for whoever has loaded them all.
+
+        Files are loaded by name: one that is saved meanwhile would be taken for the one scanned,
+        and its pictures kept in the result cache under a digest that is not theirs.
+        """
+        now = read_scene_file(self.path, self.definitions, self.allowed).contents
+        changed = [p for p in {**self.contents, **now} if self.contents.get(p) != now.get(p)]
+        if changed:
+            raise FileError(f"{changed[0]}: was saved while the run read it; run it again")
 
 
 def parse_definitions(items: list[str]) -> dict[str, str]:
@@ -97,7 +121,9 @@ def parse_definitions(items: list[str]) -> dict[str, str]:
     return parsed
 
 
-def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) -> SceneFile:
+def read_scene_file(
+    path: Path, definitions: Mapping[str, str] | None = None, allowed: Iterable[Path] = ()
+) -> SceneFile:
     """Scan a scene and everything it includes.
 
     Parameters
@@ -106,42 +132,50 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
         Mitsuba XML.
     definitions : mapping of str to str, optional
         The command line's `-D key=value`.
+    allowed : iterable of Path
+        Folders besides its own where files that it names may lie.
 
     Raises
     ------
     FileError
         Missing, unreadable or broken XML, or a file it names that is not there.
     SceneError
-        Too deep, too large, or naming files outside its own folder; an unknown `-D` key.
+        Too deep, too large, or naming files elsewhere; an unknown `-D` key.
     """
-    definitions = dict(definitions or {})
-    try:
-        folder = path.resolve().parent
-    except OSError as error:  # a relative path, and the current folder was deleted
-        raise FileError(f"{path}: cannot be found ({error.strerror}); give its full path") from None
-    scan = _Scan(folder, definitions)
-    scan.read(path, shown=str(path), level=0)
+    definitions, allowed = dict(definitions or {}), tuple(allowed)
+    scan = _scan(path, definitions, allowed)
     scan.folder.check_whole(str(path))
-    own = {k: v for k, v in definitions.items() if k.startswith(PREFIX)}
-    for key in definitions.keys() - own.keys() - scan.defaults.keys():
-        if key in Settings.__dataclass_fields__:
-            raise SceneError(f"{path}: -D {key}: the setting is called {PREFIX}{key}")
-        known = ", ".join(k for k in scan.defaults if not k.startswith(PREFIX)) or "none"
-        raise SceneError(f"{path}: -D {key}: the scene has no such parameter (it has: {known})")
     # Mitsuba refuses parameters that a scene does not use; the inim.* ones mostly are not.
-    wanted = {k: v for k, v in definitions.items() if k not in own or k in scan.parameters.used}
-    in_file = {k: v for k, v in scan.defaults.items() if k.startswith(PREFIX)}
+    wanted = {
+        k: v
+        for k, v in definitions.items()
+        if not k.startswith(PREFIX) or k in scan.parameters.used
+    }
     return SceneFile(
         path,
-        {**in_file, **own},
+        scan.settings,
         wanted,
         tuple((kind, file) for kind, file in scan.files if kind in _MESH_TYPES),
         tuple(file for kind, file in scan.files if kind in _PICTURE_TYPES),
         tuple(file for kind, file in scan.files if kind in _VOLUME_TYPES),
         scan.folder.named,
+        scan.folder.contents,
+        definitions,
+        allowed,
         scan.hash.hexdigest(),
         scan.rendered(wanted),
     )
+
+
+def read_scene_settings(path: Path, definitions: Mapping[str, str] | None = None) -> dict[str, str]:
+    """The `inim.*` texts of a scene, the command line's over the file's.
+
+    Raises
+    ------
+    FileError, SceneError
+        As `read_scene_file`, but that meshes and pictures are not looked for.
+    """
+    return _scan(path, dict(definitions or {}), (), files=False).settings
 
 
 def chosen_display(
@@ -171,7 +205,7 @@ def chosen_display(
     """
     given = parse_definitions(definitions)
     if display is not None and display.lower().endswith(".xml"):
-        settings = Settings.parse(read_scene_file(Path(display), given).settings, display)
+        settings = Settings.parse(read_scene_settings(Path(display), given), display)
         return settings.make_display(display), settings
     for key in given:
         if not key.startswith(PREFIX):
@@ -182,11 +216,34 @@ def chosen_display(
     return settings.make_display(command), settings
 
 
-class _Scan:
-    """State of one scan over a scene and its includes."""
+def _scan(
+    path: Path, definitions: dict[str, str], allowed: Iterable[Path], *, files: bool = True
+) -> _Scan:
+    """A scan of a whole scene, whose `-D` keys are all known."""
+    for one in allowed:
+        if not one.is_dir():
+            raise UsageError(f"--allow-folder {one}: is no folder; name one that is there")
+    try:
+        folder = SceneFolder(path.resolve().parent, [one.resolve() for one in allowed])
+    except OSError as error:  # a relative path, and the current folder was deleted
+        raise FileError(f"{path}: cannot be found ({error.strerror}); give its full path") from None
+    scan = _Scan(folder, definitions, files)
+    scan.read(path, shown=str(path), level=0)
+    for key in definitions:
+        if key.startswith(PREFIX) or key in scan.defaults:
+            continue
+        if key in Settings.__dataclass_fields__:
+            raise SceneError(f"{path}: -D {key}: the setting is called {PREFIX}{key}")
+        known = ", ".join(k for k in scan.defaults if not k.startswith(PREFIX)) or "none"
+        raise SceneError(f"{path}: -D {key}: the scene has no such parameter (it has: {known})")
+    return scan
 
-    def __init__(self, folder: Path, definitions: Mapping[str, str]) -> None:
-        self.folder = SceneFolder(folder)
+
+class _Scan:
+    """State of one scan over a scene and its includes; of the files it names, if they matter."""
+
+    def __init__(self, folder: SceneFolder, definitions: Mapping[str, str], files: bool) -> None:
+        self.folder, self._definitions, self._look_for_files = folder, definitions, files
         try:
             self.parameters = SceneParameters(definitions)
         except ValueError as error:
@@ -196,6 +253,12 @@ class _Scan:
         self.hash = hashlib.sha256()
         self._rendered = hashlib.sha256()
         self.elements = self.plugins = self.includes = self.xml_bytes = 0
+
+    @property
+    def settings(self) -> dict[str, str]:
+        """The `inim.*` texts, the command line's over the file's."""
+        given = {**self.defaults, **self._definitions}
+        return {k: v for k, v in given.items() if k.startswith(PREFIX)}
 
     def rendered(self, parameters: Mapping[str, str]) -> str:
         """See `SceneFile.rendered_sha256`; the parameters are those handed to the renderer."""
@@ -252,14 +315,17 @@ class _Scan:
             if not path.is_file():
                 reason = "is a folder" if path.is_dir() else "no such file"
                 raise FileError(f"{shown}: {reason}; name a Mitsuba scene (.xml)")
-            self.xml_bytes += path.stat().st_size
+            found = path.stat()
+            self.xml_bytes += found.st_size
             if self.xml_bytes > _LARGEST_BYTES:
                 raise SceneError(
                     f"{shown}: {self.xml_bytes} bytes of XML; at most {_LARGEST_BYTES}"
                 )
-            return path.read_bytes()
+            text = path.read_bytes()
         except OSError as error:
             raise FileError(f"{shown}: cannot be read ({error.strerror})") from None
+        self.folder.contents[path.resolve()] = content_of(hashlib.sha256(text).digest(), found)
+        return text
 
     def _substituted(self, attributes: dict[str, str], where: str) -> dict[str, str]:
         try:
@@ -325,6 +391,8 @@ class _Scan:
 
     def _names_file(self, name: str, kind: str, where: str) -> str:
         """Take note of a file; the digest of what is in it."""
+        if not self._look_for_files:
+            return ""
         path, digest = self.folder.file(name, where)
         self.files.setdefault((kind, path))
         self.hash.update(digest)

@@ -2,7 +2,7 @@
 
 Mitsuba looks a file name up in the folders of the files it reads, in `<path>`s and in the current
 folder, for plugins as well; so a name must mean one file only, wherever it is looked for, and none
-may lie outside the scene's folder.
+may lie outside the scene's folder and those that its reader allows.
 
 `$name` in the attributes of a scene's XML is substituted as Mitsuba 3.9 does it: the scan of a
 scene is worth what it knows of the file names Mitsuba will open. So this repeats Mitsuba's own
@@ -12,13 +12,19 @@ rules (longest name first, a backslash escapes), in bounded length and time.
 from __future__ import annotations
 
 import hashlib
+import os
 import re
-from collections.abc import Mapping
+import shlex
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from inim.errors import FileError, SceneError
 
-__all__ = ["SceneFolder", "SceneParameters"]
+__all__ = ["Content", "SceneFolder", "SceneParameters", "content_of"]
+
+#: A file's SHA-256, size, and times [ns] of the last changes of its content, and of its name or
+#: rights: what was changed and changed back has other times.
+Content = tuple[bytes, int, int, int]
 
 # Places where files are looked for (folders of included files, <path> elements), and files named.
 _MOST_PLACES = 64
@@ -34,14 +40,18 @@ class SceneFolder:
     Parameters
     ----------
     folder : Path
-        Of the scene's XML, resolved; every file must lie in it.
+        Of the scene's XML, resolved.
+    allowed : iterable of Path
+        Folders, resolved, besides it: every file must lie in one of them.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, allowed: Iterable[Path] = ()) -> None:
         self._folder = folder
+        self._allowed = (folder, *allowed)
         self._places = {folder: None}
         self._named: dict[str, tuple[Path, str]] = {}
-        self._digests: dict[Path, bytes] = {}
+        #: Of every file, XML included, what was read.
+        self.contents: dict[Path, Content] = {}
         self._bytes = 0
 
     @property
@@ -81,9 +91,9 @@ class SceneFolder:
         self._named.setdefault(name, (path, where))
         if len(self._named) > _MOST_FILES:
             raise SceneError(f"{where}: names more than {_MOST_FILES} files; simplify the scene")
-        if path not in self._digests:
-            self._digests[path] = self._digest(path, name, where)
-        return path, self._digests[path]
+        if path not in self.contents:
+            self.contents[path] = self._content(path, name, where)
+        return path, self.contents[path][0]
 
     def check_whole(self, shown: str) -> None:
         """Refuse what only the whole scene shows: a name of two files, plugins in its folders."""
@@ -98,10 +108,11 @@ class SceneFolder:
                     "folder 'plugins' elsewhere"
                 )
 
-    def _digest(self, path: Path, name: str, where: str) -> bytes:
+    def _content(self, path: Path, name: str, where: str) -> Content:
         digest = hashlib.sha256()
         try:
-            self._bytes += path.stat().st_size
+            found = path.stat()
+            self._bytes += found.st_size
             if self._bytes > _MOST_BYTES:
                 raise SceneError(
                     f"{where}: with {name!r}, the scene's files hold {self._bytes} bytes; at "
@@ -112,29 +123,50 @@ class SceneFolder:
                     digest.update(block)
         except OSError as error:
             raise FileError(f"{where}: {name!r} cannot be read ({error.strerror})") from None
-        return digest.digest()
+        return content_of(digest.digest(), found)
 
     def _found(self, name: str, where: str) -> Path | None:
         """The one file or folder that a name can mean; None where there is none."""
-        places = [self._inside(place, name, where) for place in self._places]
+        paths = [self._resolved(place, name, where) for place in self._places]
         try:
-            there = {path for path in places if path.exists()}
+            there = {path for path in paths if path.exists()}
         except OSError as error:
             raise _unusable(name, where, error) from None
+        # What is not there cannot be opened; it matters where the file should have been.
+        for path in there or paths:
+            self._check_inside(path, name, where)
         if len(there) > 1:
             raise SceneError(f"{where}: {name!r} names several files; rename all but one")
         return there.pop() if there else None
 
     def _inside(self, place: Path, name: str, where: str) -> Path:
+        path = self._resolved(place, name, where)
+        self._check_inside(path, name, where)
+        return path
+
+    def _resolved(self, place: Path, name: str, where: str) -> Path:
         try:
-            path = (place / name).resolve()
+            return (place / name).resolve()
         except (OSError, ValueError, RuntimeError) as error:
             raise _unusable(name, where, error) from None
-        if not path.is_relative_to(self._folder):
+
+    def _check_inside(self, path: Path, name: str, where: str) -> None:
+        if not any(path.is_relative_to(folder) for folder in self._allowed):
             raise SceneError(
-                f"{where}: {name!r} lies outside the scene's folder; copy it beside the scene"
+                f"{where}: {name!r} lies outside the scene's folder; copy it beside the scene, or "
+                f"add --allow-folder {shlex.quote(str(self._to_allow(path)))}"
             )
-        return path
+
+    def _to_allow(self, path: Path) -> Path:
+        """The folder to propose: the first below what the file and the scene have in common."""
+        folder, top = path if path.is_dir() else path.parent, Path(path.anchor)
+        common = next((one for one in self._folder.parents if folder.is_relative_to(one)), top)
+        return folder if common in (top, folder) else common / folder.relative_to(common).parts[0]
+
+
+def content_of(sha256: bytes, found: os.stat_result) -> Content:
+    """What a file held when this was found of it."""
+    return sha256, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
 
 def _unusable(name: str, where: str, error: Exception) -> FileError:

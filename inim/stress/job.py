@@ -58,6 +58,8 @@ class StressRequest:
         Separated by commas, with options if need be; empty: all.
     quick : bool
         Fewer and smaller cases.
+    allow_folders : tuple of Path
+        As of a validation.
     """
 
     out: Path
@@ -65,6 +67,7 @@ class StressRequest:
     definitions: tuple[str, ...] = ()
     algorithms: str = ""
     quick: bool = False
+    allow_folders: tuple[Path, ...] = ()
 
     def command(self) -> list[str]:
         """The command line that repeats this request, after `python -m inim.stress`."""
@@ -72,6 +75,8 @@ class StressRequest:
         words += ["-o", str(self.out)]
         for item in self.definitions:
             words += ["-D", item]
+        for folder in self.allow_folders:
+            words += ["--allow-folder", str(folder)]
         if self.algorithms:
             words += ["--algorithms", self.algorithms]
         return [*words, "--quick"] if self.quick else words
@@ -98,7 +103,15 @@ class StressRequest:
     def plan(self) -> Plan:
         """The plan of a validation of the scene: its display and sampling."""
         assert self.scene is not None
-        return make_plan(Request(self.scene, self.out, self.definitions, algorithms="template"))
+        return make_plan(
+            Request(
+                self.scene,
+                self.out,
+                self.definitions,
+                algorithms="template",
+                allow_folders=self.allow_folders,
+            )
+        )
 
     def check(self) -> None:
         """Raise the `InimError` that fits where a request cannot be carried out."""

@@ -37,6 +37,8 @@ class SweepRequest:
         Of the pool, at once.
     threads : int, optional
         Of each worker.
+    allow_folders : tuple of Path
+        As of a validation, for all scenes: a study cannot allow itself any.
     """
 
     study: Path
@@ -44,6 +46,7 @@ class SweepRequest:
     scheduler: str | None = None
     workers: int | None = None
     threads: int | None = None
+    allow_folders: tuple[Path, ...] = ()
 
     def command(self) -> str:
         """The command line that repeats this request."""
@@ -51,6 +54,8 @@ class SweepRequest:
         for name in ("scheduler", "workers", "threads"):
             if getattr(self, name) is not None:
                 words += [f"--{name}", str(getattr(self, name))]
+        for folder in self.allow_folders:
+            words += ["--allow-folder", str(folder)]
         return shlex.join(words)
 
 
@@ -98,7 +103,8 @@ def plan_sweep(request: SweepRequest, threads: int | None = None) -> SweepPlan:
     # A cluster's workers stand elsewhere.
     scenes = {name: path.absolute() for name, path in study.scenes.items()}
     results = Results(request.out.absolute())
-    units = expand(replace(study, scenes=scenes), results.out)
+    allowed = tuple(folder.absolute() for folder in request.allow_folders)
+    units = expand(replace(study, scenes=scenes), results.out, allowed)
     return SweepPlan(study, results, units, _tasks(study, units, results, threads))
 
 

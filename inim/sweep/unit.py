@@ -92,17 +92,26 @@ class Unit:
         )
 
 
-def expand(study: Study, out: Path) -> list[Unit]:
+def expand(study: Study, out: Path, allow_folders: tuple[Path, ...] = ()) -> list[Unit]:
     """All units, in the study's order: scene by scene, display by display.
+
+    Parameters
+    ----------
+    study : Study
+    out : Path
+        The sweep's folder.
+    allow_folders : tuple of Path
+        As of a validation.
 
     Raises
     ------
     InimError
         That of the first unit, where not one can be carried out.
     """
-    units = [_unit(*names, request, display) for names, request, display in _requests(study, out)]
+    requests = list(_requests(study, out, allow_folders))
+    units = [_unit(*names, request, display) for names, request, display in requests]
     if all(unit.plan is None for unit in units):
-        _planned(*next((request, display) for _, request, display in _requests(study, out)))
+        _planned(*requests[0][1:])
     return units
 
 
@@ -114,7 +123,9 @@ def _unit(scene: str, variation: str, request: Request, display: NamedDisplay) -
     return Unit(scene, display.name, variation, request, plan, unit_hash(key_of(plan)))
 
 
-def _requests(study: Study, out: Path) -> Iterator[tuple[tuple[str, str], Request, NamedDisplay]]:
+def _requests(
+    study: Study, out: Path, allow_folders: tuple[Path, ...]
+) -> Iterator[tuple[tuple[str, str], Request, NamedDisplay]]:
     for scene, path in study.scenes.items():
         for display in study.displays:
             for variation, words in study.variations.items():
@@ -126,6 +137,7 @@ def _requests(study: Study, out: Path) -> Iterator[tuple[tuple[str, str], Reques
                     viewpoints=study.viewpoints,
                     backend=study.backend,
                     time=study.time,
+                    allow_folders=allow_folders,
                 )
                 yield (scene, variation), request, display
 

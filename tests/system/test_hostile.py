@@ -9,18 +9,21 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import struct
 import time
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from inim.errors import EXIT_PASSED, FileError, InimError, SceneError
+from inim.color import linear_from_srgb
+from inim.errors import EXIT_PASSED, FileError, InimError, SceneError, UsageError
 from inim.files.eia_file import read_eia
 from inim.files.image import check_exr, read_exr, write_exr
 from inim.files.mesh import check_mesh_file, read_mesh
@@ -35,10 +38,11 @@ SHAPE = '<shape type="{}"><string name="filename" value="{}"/></shape>'
 TEXTURE = '<texture type="bitmap"><string name="filename" value="{}"/></texture>'
 
 
-def scanned(folder: Path, body: str, name: str = "s.xml") -> SceneFile:
+def scanned(folder: Path, body: str, allowed: Sequence[Path] = ()) -> SceneFile:
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / name).write_text(f'<scene version="3.0.0">{body}</scene>', encoding="utf-8")
-    return read_scene_file(folder / name)
+    path = folder / "s.xml"
+    path.write_text(f'<scene version="3.0.0">{body}</scene>', encoding="utf-8")
+    return read_scene_file(path, allowed=allowed)
 
 
 def assert_quick(started: float, seconds: float = 5) -> None:
@@ -71,6 +75,40 @@ def test_no_way_of_writing_a_name_leads_outside(tmp_path: Path, body: str) -> No
         (tmp_path / "in" / decoy).write_text("decoy")
     with pytest.raises(SceneError, match="outside the scene's folder"):
         scanned(tmp_path / "in", body)
+
+
+def test_a_folder_can_be_allowed(tmp_path: Path) -> None:
+    """As the message says, which proposes the highest folder that is not the scene's own."""
+    for name in ("common/meshes/deep", "scenes/one"):
+        (tmp_path / name).mkdir(parents=True)
+    for name in ("common/meshes/deep/a.ply", "other.ply"):
+        (tmp_path / name).write_text("ply")
+    folder = tmp_path / "scenes/one"
+    body = '<path value="../../common"/>' + SHAPE.format("ply", "meshes/deep/a.ply")
+    with pytest.raises(SceneError, match=f"--allow-folder {tmp_path / 'common'}$"):
+        scanned(folder, body)
+    found = read_scene_file(folder / "s.xml", allowed=[tmp_path / "common"])
+    assert found.meshes == (("ply", tmp_path / "common/meshes/deep/a.ply"),)
+    both = body + SHAPE.format("ply", "../../other.ply")
+    with pytest.raises(SceneError, match=f"'../../other.ply' .* --allow-folder {tmp_path}$"):
+        scanned(folder, both, [tmp_path / "common"])
+    assert len(scanned(folder, both, [tmp_path]).meshes) == 2
+    (tmp_path / "common/plugins").mkdir()
+    (tmp_path / "common/plugins/evil.so").write_text("")
+    with pytest.raises(SceneError, match=r"evil\.so would be loaded"):
+        read_scene_file(folder / "s.xml", allowed=[tmp_path])
+    with pytest.raises(UsageError, match=r"--allow-folder .*nowhere: is no folder"):
+        read_scene_file(folder / "s.xml", allowed=[tmp_path / "nowhere"])
+
+
+def test_a_link_does_not_lead_out_of_an_allowed_folder(tmp_path: Path) -> None:
+    for name in ("in", "common"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "secret.txt").write_text("400 1")
+    (tmp_path / "common/a.txt").symlink_to("../secret.txt")
+    body = '<spectrum name="a" filename="../common/a.txt"/>'
+    with pytest.raises(SceneError, match="outside the scene's folder"):
+        scanned(tmp_path / "in", body, [tmp_path / "common"])
 
 
 def test_mesh_named_by_parameters_is_still_checked(tmp_path: Path) -> None:
@@ -433,12 +471,74 @@ def test_radiance_line_without_its_mark_is_refused(tmp_path: Path) -> None:
             check_picture(path)
 
 
-@pytest.mark.parametrize("start", [b"BM", b"P6\n2 2\n255\n", b"\0\0\x0a"])
-def test_kinds_whose_readers_trust_their_headers_are_refused(tmp_path: Path, start: bytes) -> None:
+@pytest.mark.parametrize("start", [b"BM", b"P6\n20 20\n255\n", b"\0\0\x0a"])
+def test_kinds_whose_readers_trust_their_headers_are_checked(tmp_path: Path, start: bytes) -> None:
     path = tmp_path / "a.png"
     path.write_bytes(start + bytes(200) + b"TRUEVISION-XFILE.\0")
-    with pytest.raises(FileError, match="save it as PNG or EXR"):
+    with pytest.raises(FileError, match=r"a\.png: not a .*picture.* save it"):
         check_picture(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "mode", "options"),
+    [
+        ("a.bmp", "RGB", {}),
+        ("a.bmp", "P", {}),
+        ("a.tga", "RGB", {}),
+        ("a.tga", "RGBA", {"compression": "tga_rle"}),
+        ("a.tga", "L", {}),
+        ("a.ppm", "RGB", {}),
+        ("a.exr", "RGB", {}),
+    ],
+)
+def test_textures_in_every_format_show_the_same(
+    tmp_path: Path, open_fitted: Any, name: str, mode: str, options: dict[str, str]
+) -> None:
+    """As the PNG of the same pixels does, which the renderer reads itself; palettes, too."""
+    pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
+    picture = Image.fromarray(pixels).quantize(8) if mode == "P" else Image.fromarray(pixels)
+    picture = picture.convert(mode)
+    picture.convert("L" if mode == "L" else "RGB").save(tmp_path / "a.png")
+    if name == "a.exr":
+        write_exr(tmp_path / name, linear_from_srgb(pixels / 255))
+    else:
+        picture.save(tmp_path / name, **options)
+    import mitsuba as mi
+
+    found = []
+    for file in ("a.png", name):
+        texture = TEXTURE.format(file).replace("<texture", '<texture name="reflectance"', 1)
+        bsdf = f'<bsdf type="diffuse">{texture}</bsdf>'
+        fitted = open_fitted(scene_text(f'<shape type="rectangle">{bsdf}</shape>'), small_display())
+        view = mi.render(fitted.scene, integrator=fitted.integrator, spp=4, seed=1)
+        found.append(np.asarray(view))
+    assert found[0].max() > 0.1
+    np.testing.assert_allclose(found[1], found[0], atol=1e-4)
+
+
+@pytest.mark.parametrize("wrapper", ["aov", "moment"])
+def test_an_integrator_that_wraps_another_is_unwrapped(
+    tmp_path: Path, open_fitted: Any, wrapper: str
+) -> None:
+    """Twice, too; what is inside must give radiance as any other."""
+    aovs = '<string name="aovs" value="d:depth"/>' if wrapper == "aov" else ""
+    inside = '<integrator type="{}"><integer name="max_depth" value="3"/></integrator>'
+    wrapped = f'<integrator type="moment"><integrator type="{wrapper}">{aovs}{inside}</integrator>'
+
+    def opened(integrator: str) -> Any:
+        text = scene_text('<shape type="sphere"/>')
+        whole = re.sub('<integrator type="path">.*?</integrator>', integrator, text, flags=re.S)
+        return open_fitted(whole, small_display())
+
+    fitted = opened(wrapped.format("path") + "</integrator>")
+    assert "PathIntegrator" in str(fitted.integrator)
+    assert "max_depth = 3" in str(fitted.integrator)
+    for bad in ("depth", "ptracer"):
+        with pytest.raises(SceneError, match=f"{bad}.*gives no radiance"):
+            opened(wrapped.format(bad) + "</integrator>")
+    empty = '<integrator type="aov"><string name="aovs" value="d:depth"/></integrator>'
+    with pytest.raises(SceneError, match="'aov' gives no radiance"):
+        opened(empty)
 
 
 def test_infinite_pixel_size_names_the_file(tmp_path: Path) -> None:

@@ -58,13 +58,23 @@ def test_a_damaged_record_is_made_again_never_read(store):
         assert not path.exists()
 
 
+def test_a_record_under_anothers_name_is_found_out(store):
+    """Copied, renamed or linked: whole as it is, it is not what was asked for."""
+    store.keep("x", Record({"a": picture(1)}, 1))
+    store.keep("y", Record({"a": picture(2)}, 2))
+    (store.folder / "y.npz").write_bytes((store.folder / "x.npz").read_bytes())
+    assert store.load("y") is None
+    assert not (store.folder / "y.npz").exists()
+    assert store.load("x").facts == 1
+
+
 def test_no_pickle_is_ever_loaded(store, tmp_path):
     class Bomb:
         def __reduce__(self):
             return os.mkdir, (str(tmp_path / "exploded"),)
 
     store.folder.mkdir(parents=True)
-    facts = np.frombuffer(b"null", np.uint8)
+    facts = np.frombuffer(b'["x", null]', np.uint8)
     np.savez(store.folder / "x.npz", facts=facts, a=np.array([Bomb()], object))
     assert store.load("x") is None
     assert not (tmp_path / "exploded").exists()
