@@ -35,7 +35,6 @@ __all__ = [
     "Record",
     "Store",
     "StoreInfo",
-    "clear_partials",
     "open_store",
     "remembered",
     "use_store",
