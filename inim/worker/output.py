@@ -17,12 +17,12 @@ from typing import BinaryIO
 from inim import interruption
 from inim.errors import FileError
 
-__all__ = ["default_out", "list_name", "open_staging", "publish", "remove_folder"]
+__all__ = ["SCHEMA", "default_out", "list_name", "open_staging", "publish", "remove_folder"]
 
 _MARKER = "report.json"
 #: What a report has at its top, whatever else it has: the data, which mark a whole one, first.
 REPORT = (_MARKER, "report.html", "junit.xml", "summary.md", "eia/", "truth/", "views/")
-_SCHEMA = "inim.files/1"
+SCHEMA = "inim.files/1"
 _MOST_LIST_BYTES = 2**26
 _BLOCK_BYTES = 2**20
 _PARTIAL = ".partial"
@@ -147,7 +147,7 @@ def _each(digests: Mapping[str, str]) -> dict[str, set[str]]:
 
 def _write_list(path: Path, digests: Mapping[str, Set[str]]) -> None:
     files = {name: sorted(digests[name]) for name in sorted(digests)}
-    text = json.dumps({"schema": _SCHEMA, "files": files}, indent=1)
+    text = json.dumps({"schema": SCHEMA, "files": files}, indent=1)
     path.write_text(text + "\n", "utf-8")
 
 
@@ -162,7 +162,7 @@ def _read_list(folder: int, listed: str, out: Path) -> dict[str, set[str]]:
     try:
         with _open_file(listed, folder) as file:
             content = json.loads(file.read(_MOST_LIST_BYTES))
-        if content["schema"] != _SCHEMA:
+        if content["schema"] != SCHEMA:
             raise ValueError
         return {name: {*map(str, found)} for name, found in content["files"].items()}
     except FileNotFoundError:
