@@ -82,11 +82,11 @@ def test_signal_after_the_outcome_was_said_is_an_ordinary_end(number: int) -> No
 def test_interrupt_of_the_group_while_the_worker_starts_is_one_line(tmp_path: Path) -> None:
     """Python's own start would answer with a traceback."""
     scene = write_scene(tmp_path)
-    for wait_s in (0, 0.01, 0.02, 0.04):
+    for wait_ms in range(0, 150, 15):
         run = Run(command(scene, "-o", "out", **SMALLEST), tmp_path)
         while not run.children():
             time.sleep(0.001)
-        time.sleep(wait_s)
+        time.sleep(wait_ms / 1000)
         run.end(signal.SIGINT, "all")
         assert (run.code, run.said) == (130, LINE)
         assert list(tmp_path.iterdir()) == [scene]
@@ -152,9 +152,7 @@ class Bench:
             "TMPDIR": str(self.folder / "tmp"),
         }
         (self.folder / "tmp").mkdir()
-        started = time.perf_counter()
         self.run_to_the_end()
-        self.seconds = time.perf_counter() - started
 
     def start(self) -> Run:
         self.seed += 1
@@ -162,8 +160,10 @@ class Bench:
         return Run(words, self.folder, **self.places)
 
     def run_to_the_end(self) -> None:
+        started = time.perf_counter()
         run = self.start()
         said = run.process.communicate(timeout=120)[1]
+        self.seconds = time.perf_counter() - started
         assert (run.process.returncode, said) == (EXIT_PASSED, "")
         assert self.found() == self.seed
         self.assert_nothing_left()
@@ -191,15 +191,19 @@ class Bench:
         late, whole = self.rng.uniform(0.8, 1.05), self.rng.uniform(0, 1.05)
         return self.rng.choice((late * self.seconds, whole * self.seconds, 0.3 * whole))
 
-    def end_one(self, number: signal.Signals, whom: str) -> str:
-        """End a run; what came of it, in a word."""
+    def end_at_random(self, number: signal.Signals, whom: str) -> str:
+        """End a run, with or without a report to replace and results kept; what came of it."""
         if self.rng.random() < 0.4:
             shutil.rmtree(self.out, ignore_errors=True)  # else there is a report to replace
         if self.rng.random() < 0.5:
             for name in ("cache", "home"):  # what is found there need not be tried and rendered
                 shutil.rmtree(self.folder / name, ignore_errors=True)
+        return self.end_one(number, whom, self.moment())
+
+    def end_one(self, number: signal.Signals, whom: str, after_s: float) -> str:
+        """End a run; what came of it, in a word."""
         before, run = self.found(), self.start()
-        time.sleep(self.moment())
+        time.sleep(after_s)
         run.end(number, whom)
         after = self.found()
         if number == signal.SIGKILL:
@@ -232,9 +236,8 @@ CHOICES = [
 def test_runs_ended_at_some_moment_leave_what_was_there_or_their_own(tmp_path: Path) -> None:
     """One of each that finds a report to replace; many in the slow tests."""
     bench = Bench(tmp_path, random.Random(1))
-    bench.rng.random = lambda: 0.9  # type: ignore[method-assign]  # nothing is removed before
-    bench.end_one(signal.SIGINT, "all")
-    bench.end_one(signal.SIGKILL, "all")
+    assert bench.end_one(signal.SIGINT, "all", 0.4 * bench.seconds) == "ended"
+    assert bench.end_one(signal.SIGKILL, "all", 0.4 * bench.seconds) == "old"
     bench.run_to_the_end()
 
 
@@ -247,8 +250,8 @@ def test_runs_ended_at_random_moments_leave_nothing_behind(
     bench = Bench(tmp_path, random.Random(f"{number} {whom}"))
     ends = []
     for count in range(30):
-        ends.append(bench.end_one(number, whom))
-        if count % 5 == 0 or number == signal.SIGKILL:
+        ends.append(bench.end_at_random(number, whom))
+        if count % 4 == 0 or number == signal.SIGKILL:
             bench.run_to_the_end()
     print({end: ends.count(end) for end in ends})
     assert len({*ends}) > 1, "the moments were not random"
