@@ -46,8 +46,8 @@ _NOTHING = "; nothing was written"
 _undo: dict[object, Callable[[], object]] = {}
 # Threads that are inside a block which no end may cut in two.
 _inside: list[int] = []
-# The exit code that was asked for, and the thread that is carrying it out.
-_asked: int | None = None
+# The exit code that was asked for, 0 if none was, and the thread that is carrying it out.
+_asked = 0
 _ender: int | None = None
 _words = _NOTHING
 _is_worker = False
@@ -142,20 +142,22 @@ def _whole() -> Iterator[None]:
     finally:
         if me in _inside:
             _inside.remove(me)
-        if _asked is not None and threading.current_thread() is threading.main_thread():
+        if _asked and threading.current_thread() is threading.main_thread():
             _end_unless_inside()
 
 
 def _handle(number: int, _: object) -> None:
     global _asked
-    if _asked is None:
+    if not _asked:
         _asked = 128 + number
+        # A block may wait for somebody else, who has stopped.
+        signal.signal(signal.SIGALRM, lambda *_: end(_asked))
+        signal.setitimer(signal.ITIMER_REAL, WAIT_S)
     _end_unless_inside()
 
 
 def _end_unless_inside() -> None:
     if threading.get_ident() not in _inside:  # else at the end of the block
-        assert _asked is not None
         end(_asked)
 
 
@@ -166,7 +168,7 @@ def end(code: int) -> NoReturn:
     if threading.current_thread() is threading.main_thread():
         too_late()
     patience = time.monotonic() + WAIT_S
-    while _inside and time.monotonic() < patience:
+    while {*_inside} - {_ender} and time.monotonic() < patience:
         time.sleep(0.001)
     for undo in reversed(list(_undo.values())):
         with suppress(BaseException):

@@ -106,6 +106,13 @@ def test_publishing_that_fails_ends_the_program_all_the_same() -> None:
     assert ended(code) == (130, "", "inim: interrupted\n")
 
 
+def test_block_that_does_not_end_is_not_waited_for_for_ever() -> None:
+    """A lock whose holder was stopped, say; the alarm is set to half a second here."""
+    code = "interruption.WAIT_S = 0.5\nwith temporary('a'), publishing():\n"
+    code += "    interrupt()\n    time.sleep(60)"
+    assert ended(code) == (130, "undone a ", "inim: interrupted\n")
+
+
 def test_own_words_stay() -> None:
     code = "interruption.say('results are kept')\nwith publishing(): pass\ninterrupt()"
     assert ended(code) == (130, "", "inim: interrupted; results are kept\n")
