@@ -87,7 +87,8 @@ def test_what_cannot_be_scored_is_named_with_the_reason(finished):
 
 def test_every_file_listed_is_there_and_nothing_else(finished):
     out = finished[0] / "out"
-    assert files_in(out) == set(finished[1]["files"])
+    files = files_in(out)
+    assert files == set(finished[1]["files"])
     assert {"eia/template.png", "views/picture/l.png", "views/exact/r.png", "rgbd.exr"} <= files
     assert nothing_left(finished[0])
 
