@@ -167,6 +167,7 @@ def end(code: int) -> NoReturn:
     _ender = threading.get_ident()
     if threading.current_thread() is threading.main_thread():
         too_late()
+        signal.setitimer(signal.ITIMER_REAL, 0)
     patience = time.monotonic() + WAIT_S
     while {*_inside} - {_ender} and time.monotonic() < patience:
         time.sleep(0.001)
