@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import resource
 import shutil
 import subprocess
@@ -25,6 +26,7 @@ from inim.backend import numba_cache
 from inim.errors import EXIT_BACKEND, EXIT_PASSED, FileError
 from inim.observer import Observer
 from inim.worker.output import open_staging, publish
+from tests.schemas import read_document
 from tests.system.conftest import (
     ALONE,
     SMALLEST,
@@ -299,21 +301,34 @@ def test_memory_limit_of_the_shell_counts(tmp_path: Path) -> None:
 # --- Two at once --------------------------------------------------------------------------------
 
 
-def test_two_runs_into_one_folder_leave_one_report(tmp_path: Path) -> None:
-    scene = write_scene(tmp_path)
-    different = [SMALLEST, SMALLEST | {"algorithms": "wang2024", "viewpoints": "left"}]
-    runs = [
-        subprocess.Popen(
-            command(scene, "-o", "out", **settings), cwd=tmp_path,
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-        )
-        for settings in different
-    ]  # fmt: skip
+def assert_two_leave_one_report(folder: Path, apart_s: float = 0.0) -> None:
+    """Two runs with different files, the second some time after the first."""
+    scene, runs = write_scene(folder), []
+    for settings in (SMALLEST, SMALLEST | {"algorithms": "wang2024", "viewpoints": "left"}):
+        runs.append(
+            subprocess.Popen(
+                command(scene, "-o", "out", **settings), cwd=folder,
+                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+            )
+        )  # fmt: skip
+        time.sleep(apart_s)
     said = [run.communicate(timeout=120)[1] for run in runs]
     assert [run.returncode for run in runs] == [EXIT_PASSED, EXIT_PASSED], said
-    data = assert_whole(tmp_path / "out")
-    assert files_in(tmp_path / "out") == set(data["files"])
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["out", scene.name]
+    data = assert_whole(folder / "out")
+    listed = read_document(folder / "out" / ".report-files.json")["files"]
+    assert files_in(folder / "out") == set(data["files"]) == listed.keys()
+    assert sorted(p.name for p in folder.iterdir()) == ["out", scene.name]
+
+
+def test_two_runs_into_one_folder_leave_one_report(tmp_path: Path) -> None:
+    assert_two_leave_one_report(tmp_path)
+
+
+@pytest.mark.slow
+def test_two_runs_into_one_folder_leave_one_report_whenever_they_begin(tmp_path: Path) -> None:
+    rng = random.Random(3)
+    for _ in range(15):
+        assert_two_leave_one_report(tmp_path, rng.uniform(0, 0.5))
 
 
 MOVES = """

@@ -307,6 +307,18 @@ def test_read_only_disk_is_refused_before_rendering(
         refused(capsys, tmp_path, tiny_scene, "-o", out, says=(str(out), "Read-only", "-o"))
 
 
+@pytest.mark.parametrize("name", ["eia", "views", "report.json"])
+def test_link_below_the_folder_is_refused_before_rendering(
+    tiny_scene: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str
+) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).symlink_to(tmp_path)
+    refused(
+        capsys, tmp_path, tiny_scene, "-o", tmp_path / "out",
+        says=(f"out/{name}: is in the way", "choose another folder with -o"),
+    )  # fmt: skip
+
+
 def test_deleted_current_folder_is_one_line(tiny_scene: Path, run_process: Run) -> None:
     gone = ("sh", "-c", 'mkdir gone; cd gone; rmdir ../gone; exec "$@"', "sh")
     ended = run_process("tiny.xml", "-o", "out", folder=tiny_scene.parent, prefix=gone)
