@@ -257,7 +257,7 @@ def test_runs_ended_at_random_moments_leave_nothing_behind(
 ) -> None:
     bench = Bench(tmp_path, random.Random(f"{number} {whom}"))
     ends = []
-    for count in range(30):
+    for count in range(20):
         ends.append(bench.end_at_random(number, whom))
         if count % 4 == 0 or number == signal.SIGKILL:
             bench.run_to_the_end()
