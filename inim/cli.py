@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import io
 import os
-import signal
 import sys
 import traceback
 from importlib import import_module
@@ -73,8 +72,6 @@ def main(argv: list[str] | None = None) -> int:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     argv = sys.argv[1:] if argv is None else argv
     args = _parser(argv[0] if argv else None).parse_args(argv)
-    # An end from outside takes workers and half-written files along, as Ctrl-C does.
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         return int(args.run(args))
     except InimError as error:
@@ -82,9 +79,6 @@ def main(argv: list[str] | None = None) -> int:
             traceback.print_exception(error.__cause__)
         print(f"inim: error: {_one_line(str(error))}", file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        print("inim: interrupted; nothing was written", file=sys.stderr)
-        return 130
     except BrokenPipeError:  # the reader of our output left; that is its right
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_PASSED

@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from inim import interruption
 from inim.commands.options import Command
 from inim.errors import FileError, UsageError
 
@@ -251,17 +252,22 @@ def _write_all(out: Path, files: dict[Path, Mesh], xml: str, leftovers: Sequence
 
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".new-scene-", dir=out.parent) as folder:
+        with interruption.undone_afterwards(
+            lambda: tempfile.TemporaryDirectory(prefix=".new-scene-", dir=out.parent),
+            lambda made: made.cleanup(),
+        ) as made:
+            folder = Path(made.name)
             for path, part in files.items():
                 if path.suffix == ".png":
-                    _write_texture(Path(folder) / path.name, part)
+                    _write_texture(folder / path.name, part)
                 else:
-                    write_ply(Path(folder) / path.name, part)
-            (Path(folder) / out.name).write_text(xml, encoding="utf-8")
-            for path in (*files, out):
-                (Path(folder) / path.name).replace(path)
-        for path in leftovers:
-            path.unlink(missing_ok=True)
+                    write_ply(folder / path.name, part)
+            (folder / out.name).write_text(xml, encoding="utf-8")
+            with interruption.publishing():
+                for path in (*files, out):
+                    (folder / path.name).replace(path)
+                for path in leftovers:
+                    path.unlink(missing_ok=True)
     except OSError as error:
         raise FileError(
             f"{out}: cannot be written ({error.strerror or error}); choose another folder with -o"

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from inim import interruption
 from inim.cache.digest import value_digest
 from inim.cache.store import remembered
 from inim.color import srgb_codes
@@ -53,16 +54,16 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp{path.suffix}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(temporary)
-        temporary.replace(path)
+        with interruption.undone_afterwards(lambda: temporary, interruption.remove_file):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write(temporary)
+            interruption.written()
+            temporary.replace(path)
     except OSError as error:
         raise FileError(
             f"{path}: cannot be written ({error.strerror or error}); "
             "free some space or choose another folder with -o"
         ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_png(path: Path, linear: np.ndarray) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from inim import interruption
 from inim.display import Display
 from inim.display.misalignment import mounted
 from inim.display.viewpoint import eye_path
@@ -162,7 +163,8 @@ def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     film = staging / f"film{out.suffix.lower()}"
     write_film(film, _frames(request, observer), request.frames_per_second)
     try:
-        film.replace(out)
+        with interruption.publishing():
+            film.replace(out)
     except OSError as error:
         raise _unwritable(out, error) from None
     return True

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from inim import interruption
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
 from inim.observer import Observer
 from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
@@ -237,12 +238,13 @@ def work(task: Task, staging: Path, observer: Observer) -> bool:
     _check_same(task, plan)
     report = _validated(task, plan, staging, observer)
     times = _times(staging)
-    if task.keep_report:  # before the results: they say that nothing is left to do
-        publish(staging, _report_folder(task))
     results = Results(task.request.out)
-    for name in task.algorithms:
-        content = {"making": making_of(plan, name), "key": task.key}
-        results.write(task.unit, name, content | result_of(report.data, times, name))
+    with interruption.publishing():
+        if task.keep_report:  # before the results: they say that nothing is left to do
+            publish(staging, _report_folder(task))
+        for name in task.algorithms:
+            content = {"making": making_of(plan, name), "key": task.key}
+            results.write(task.unit, name, content | result_of(report.data, times, name))
     return True
 
 

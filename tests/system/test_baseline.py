@@ -33,6 +33,7 @@ from tests.schemas import read_document
 from tests.system.conftest import (
     Ended,
     assert_one_line,
+    files_in,
     nothing_left,
     worker_here,
     write_scene,
@@ -418,7 +419,7 @@ def test_compare_gives_the_verdicts_of_the_baseline_check(
     assert data["schema"] == "inim.compare/1"
     failed = {check["name"] for check in data["verdict"]["checks"] if not check["passed"]}
     assert failed == noisy.failed("noisy")
-    assert set(data["files"]) == {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
+    assert set(data["files"]) == files_in(out)
     page = (out / "compare.html").read_text(encoding="utf-8")
     assert "What changed" in page
     assert page.count("data:image/") == 3
