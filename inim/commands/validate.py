@@ -106,12 +106,15 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _words(passed: bool, out: Path) -> str:
-    """The verdict as its report has it; "FAILED" stands out."""
-    from inim.report.wording import verdict_words
+    """The verdict as its report has it; "FAILED" stands out, below the checks that did."""
+    from inim.report.wording import check_passed, check_sentence, checks, verdict_words
 
-    if not passed:
-        return "FAILED"
-    return verdict_words(json.loads((out / "report.json").read_text("utf-8")))
+    data = json.loads((out / "report.json").read_text("utf-8"))
+    if passed:
+        return verdict_words(data)
+    failed = [c for c in checks(data) if not check_passed(c)]
+    lines = [f"failed: {check['name']}: {check_sentence(check)}" for check in failed]
+    return "\n".join([*lines, "FAILED"])
 
 
 def _check_words(args: argparse.Namespace) -> None:
