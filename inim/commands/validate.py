@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -129,10 +130,16 @@ def _check_words(args: argparse.Namespace) -> None:
 
 
 def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
+    from inim.files.triangle_mesh import MESH_SUFFIXES
     from inim.pipeline.request import Request
     from inim.pipeline.validation import validate_in_worker
     from inim.worker.output import default_out
 
+    if args.scene.suffix.lower() in MESH_SUFFIXES and args.scene.is_file():
+        raise UsageError(
+            f"{args.scene}: is a mesh; make a scene of it first: inim new-scene "
+            f"{shlex.quote(str(args.scene))}"
+        )
     given = {f.name: getattr(args, f.name) for f in fields(Request)}
     given |= {"out": args.out or default_out(args.scene, "report")}
     given |= {name: tuple(getattr(args, name)) for name in _REPEATED}
