@@ -8,6 +8,7 @@ The scene is plain Mitsuba: `mi.load_file` opens it, and the display travels in 
 from __future__ import annotations
 
 import re
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["COMMANDS", "new_scene"]
 
 _UNITS = ("mm", "cm", "m", "in")
+_PLAUSIBLE_MM = (2.0, 30_000.0)
 _AXES = {
     f"{sign}{axis}": tuple((-1 if sign else 1) * (axis == other) for other in "xyz")
     for sign in ("", "-")
@@ -59,7 +61,7 @@ def new_scene(
     Parameters
     ----------
     source : Path
-        PLY, OBJ, STL, GLB or glTF.
+        PLY, OBJ, OFF, STL, GLB or glTF.
     out : Path
         The scene's XML; `<stem>.ply` and `<stem>.png` go into the same folder.
     unit : str or None
@@ -101,6 +103,7 @@ def new_scene(
     files = _part_files(out, parts)
     _check_targets(source, [out, *files], force)
     low, high = bounds(parts)
+    _check_size(source, high - low, warn)
     xml = scene_xml(files, (high - low) / 2, title or source.stem, display)
     leftovers = [path for path in _leftovers(out, files) if not path.samefile(source)]
     _write_all(out, files, xml, leftovers)
@@ -109,8 +112,8 @@ def new_scene(
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("mesh", type=Path, metavar="MESH", help="PLY, OBJ, STL, GLB or glTF file")
-    add("-o", "--out", type=Path, required=True, metavar="XML", help="scene to write")
+    add("mesh", type=Path, metavar="MESH", help="PLY, OBJ, OFF, STL, GLB or glTF file")
+    add("-o", "--out", type=Path, metavar="XML", help="scene to write (default: MESH-scene.xml)")
     add("--unit", choices=_UNITS, help="length of one unit of the mesh (glTF: metres)")
     axes = f"{', '.join(_AXES)}; write a negative one as --up=-z"
     add("--up", metavar="AXIS", help=f"axis of the mesh that points up: {axes} (glTF: y)")
@@ -123,7 +126,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     path = new_scene(
         args.mesh,
-        args.out,
+        args.out or Path(f"{args.mesh.stem}-scene.xml"),
         unit=args.unit,
         up=args.up,
         front=args.front,
@@ -131,7 +134,7 @@ def _run(args: argparse.Namespace) -> int:
         display=args.display,
         force=args.force,
     )
-    print(f"wrote {path}")
+    print(f"wrote {path}; next: inim validate {shlex.quote(str(path))}")
     return 0
 
 
@@ -177,6 +180,14 @@ def _unit_and_up(
             "along x, y, z"
         )
     return unit, up
+
+
+def _check_size(source: Path, size_mm: np.ndarray, warn: Callable[[str], object]) -> None:
+    """Ask about a unit that makes a relic smaller than a bead or larger than a temple."""
+    largest = float(size_mm.max())
+    if not _PLAUSIBLE_MM[0] <= largest <= _PLAUSIBLE_MM[1]:
+        shown = f"{largest:.3g} mm" if largest < 1000 else f"{largest / 1000:.3g} m"
+        warn(f"{source}: is {shown} large; is --unit right? Pictures do not depend on it")
 
 
 def _turn(up: str, front: str) -> np.ndarray:

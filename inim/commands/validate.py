@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -106,12 +107,15 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _words(passed: bool, out: Path) -> str:
-    """The verdict as its report has it; "FAILED" stands out."""
-    from inim.report.wording import verdict_words
+    """The verdict as its report has it; "FAILED" stands out, below the checks that did."""
+    from inim.report.wording import check_passed, check_sentence, checks, verdict_words
 
-    if not passed:
-        return "FAILED"
-    return verdict_words(json.loads((out / "report.json").read_text("utf-8")))
+    data = json.loads((out / "report.json").read_text("utf-8"))
+    if passed:
+        return verdict_words(data)
+    failed = [c for c in checks(data) if not check_passed(c)]
+    lines = [f"failed: {check['name']}: {check_sentence(check)}" for check in failed]
+    return "\n".join([*lines, "FAILED"])
 
 
 def _check_words(args: argparse.Namespace) -> None:
@@ -126,10 +130,16 @@ def _check_words(args: argparse.Namespace) -> None:
 
 
 def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
+    from inim.files.triangle_mesh import MESH_SUFFIXES
     from inim.pipeline.request import Request
     from inim.pipeline.validation import validate_in_worker
     from inim.worker.output import default_out
 
+    if args.scene.suffix.lower() in MESH_SUFFIXES and args.scene.is_file():
+        raise UsageError(
+            f"{args.scene}: is a mesh; make a scene of it first: inim new-scene "
+            f"{shlex.quote(str(args.scene))}"
+        )
     given = {f.name: getattr(args, f.name) for f in fields(Request)}
     given |= {"out": args.out or default_out(args.scene, "report")}
     given |= {name: tuple(getattr(args, name)) for name in _REPEATED}

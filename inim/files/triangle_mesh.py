@@ -15,6 +15,7 @@ import numpy as np
 from inim.errors import FileError
 
 __all__ = [
+    "MESH_SUFFIXES",
     "MOST_BYTES",
     "Mesh",
     "check_area",
@@ -65,6 +66,8 @@ def usable_normals(normals: np.ndarray | None) -> np.ndarray | None:
     return unit
 
 
+#: Of the mesh files that are read.
+MESH_SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
 # Scans of a hundred million triangles are decimated before they are rendered.
 MOST_BYTES = 2**31
 # Squares of coordinates must stay finite in float32 (largest 3.4e38).

@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import sys
 from collections.abc import Mapping, Sequence
@@ -20,7 +19,7 @@ from typing import Any
 
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import is_file_safe
-from inim.errors import FileError, InimError, UsageError
+from inim.errors import FileError, InimError, UsageError, known_words
 from inim.lens import lens_models
 from inim.pipeline.method import parse_methods
 from inim.settings import PREFIX, Settings
@@ -196,9 +195,7 @@ class _Reader:
                 place = _ELSEWHERE.get(name, "a [[display]]")
                 raise self.wrong(f"settings.{name}", f"belongs to {place}")
             if name not in known:
-                near = difflib.get_close_matches(name, known, n=1)
-                hint = f"did you mean {near[0]}?" if near else f"use {', '.join(known)}"
-                raise self.wrong(f"{before}{name}", f"unknown key; {hint}")
+                raise self.wrong(f"{before}{name}", f"unknown key; {known_words(name, known)}")
 
     def text(self, key: str, value: Any) -> str:
         """A text that is not empty."""
@@ -225,7 +222,7 @@ class _Reader:
     def one_of(self, key: str, value: Any, known: Sequence[str]) -> str:
         """One of a few words."""
         if value not in known:
-            raise self.wrong(key, f"{_shown(value)}: use {' or '.join(known)}")
+            raise self.wrong(key, f"{_shown(value)}: {known_words(value, known)}")
         return str(value)
 
     def required(self, name: str) -> Any:

@@ -293,9 +293,9 @@ def test_five_percent_fewer_samples_pass_and_half_as_many_do_not(bench: Bench) -
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"gap_mm": "3.2"}, ["display"]),
+        ({"gap_mm": "3.2"}, ["display: gap_mm 3.2, baseline 3.3"]),
         ({"viewpoints": "left"}, ["viewpoints"]),
-        ({"lens_model": "pinhole"}, ["lens model", "pinhole"]),
+        ({"lens_model": "pinhole"}, ["lens model pinhole, baseline thick"]),
         ({"algorithms": "planted,wang2024"}, ["algorithms", "wang2024"]),
         ({"misalign": "rotation_deg=1"}, ["mounted"]),
         ({"view_pixels_per_lens": "3"}, ["view pixels"]),

@@ -51,6 +51,15 @@ def refused(
     assert sorted(folder.rglob("*")) == before
 
 
+def test_a_mesh_in_place_of_a_scene_is_told_what_makes_one(
+    tmp_path: Path, run_inim: Callable[..., Ended]
+) -> None:
+    (tmp_path / "my pot.PLY").write_bytes(b"ply\n")
+    ended = run_inim("my pot.PLY", folder=tmp_path)
+    assert ended.code == EXIT_USAGE
+    assert_one_line(ended.stderr, ["is a mesh", "inim new-scene 'my pot.PLY'"])
+
+
 # --- Settings -----------------------------------------------------------------------------------
 
 SETTINGS = [
@@ -68,7 +77,7 @@ SETTINGS = [
     ("inim.pitch_mm=inf", "inim.pitch_mm = 'inf': must be finite"),
     ("inim.pitch_mm=1e308", "inim.pitch_mm = '1e308': must be finite and below"),
     ("inim.pitch_mm=", "inim.pitch_mm = '': must be a number"),
-    ("inim.pitch_mm=1,5", "inim.pitch_mm = '1,5': must be a number"),
+    ("inim.pitch_mm=1,5", "inim.pitch_mm = '1,5': must be a number; write 1.5"),
     ("inim.pixel_pitch_mm=2", "exceeds pitch_mm"),
     ("inim.gap_mm=3", "state depth_min_mm and depth_max_mm"),
     ("inim.depth_min_mm=5", "both depth_min_mm and depth_max_mm"),
@@ -84,6 +93,10 @@ SETTINGS = [
     ("inim.display=tv", "nominal or phone"),
     ("inim.lens_model=fresnel", "use pinhole"),
     ("inim.algorithms=foo", "algorithm 'foo': use template or "),
+    ("inim.algorithms=templat", "algorithm 'templat': did you mean template?"),
+    ("inim.display=phones", "did you mean phone?"),
+    ("inim.lens_model=thik", "lens model 'thik': did you mean thick?"),
+    ("inim.viewpoints=lefft", "viewpoint 'lefft': did you mean left?"),
     ("inim.algorithms=,", "name at least one"),
     ("inim.algorithms=template,template", "algorithm 'template' is given twice"),
     ("inim.fit_share=0", "inim.fit_share = 0: must be at least"),
@@ -92,7 +105,7 @@ SETTINGS = [
     ("inim.view_spp=1000000000000", "inim.view_spp = 1000000000000: must be at most"),
     ("inim.seed=-1", "inim.seed = -1: must be at least 0"),
     ("inim.viewpoints=", "viewpoints: none given"),
-    ("inim.viewpoints=middle", "not one of centre, left, right, up, down"),
+    ("inim.viewpoints=middle", "use centre or left or right or up or down, or give a position"),
     ("inim.viewpoints=centre,centre", "viewpoint 'centre' is given twice"),
     ("inim.viewpoints=a=1", "give 'name=x y' or 'name=x y z'"),
     ("inim.viewpoints=a=nan 0", "viewpoint a"),
