@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -102,11 +101,13 @@ def _run(args: argparse.Namespace) -> int:
 
 def _words(passed: bool, out: Path) -> str:
     """The verdict as its report has it; "FAILED" stands out."""
+    from inim.files.json_file import read_json
     from inim.report.wording import verdict_words
 
     if not passed:
         return "FAILED"
-    return verdict_words(json.loads((out / "report.json").read_text("utf-8")))
+    path = out / "report.json"
+    return verdict_words(read_json(path, "run it again", "report", "picture"))
 
 
 def _check_words(args: argparse.Namespace) -> None:

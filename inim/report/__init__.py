@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
@@ -10,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from inim.errors import FileError
+from inim.files.json_file import read_json
 from inim.report.files import from_strict, write_forms
 from inim.report.wording import verdict
 
 __all__ = ["SCHEMA", "Report"]
 
 SCHEMA = "inim.report/1"
+_WAY_OUT = "make it anew with inim validate"
 # Tall enough for verdict, scores and images; the rest scrolls.
 _NOTEBOOK_HEIGHT_PX = 900
 
@@ -60,26 +61,19 @@ class Report:
         Raises
         ------
         FileError
-            No report there, or one of another schema.
+            No report there, or not one as its schema says.
         """
         path = Path(folder) / "report.json"
-        try:
-            data = json.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise FileError(f"{path}: cannot be read ({error.strerror})") from None
-        except ValueError as error:
-            raise FileError(f"{path}: not a JSON report ({error})") from None
-        if isinstance(data, dict) and data.get("schema") == "inim.picture/1":
+        data = read_json(path, _WAY_OUT, "report", "picture")
+        if data["schema"] != SCHEMA:
             raise FileError(
                 f"{path}: is of a picture without a scene; take one of its EIAs, such as "
                 f"{path.parent / 'eia'}, with --display"
             )
-        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-            raise FileError(f"{path}: not of schema {SCHEMA}; make it anew with inim validate")
         try:
             return cls(path.parent, from_strict(data))
         except ValueError as error:
-            raise FileError(f"{path}: {error}; make it anew with inim validate") from None
+            raise FileError(f"{path}: {error}; {_WAY_OUT}") from None
 
     def write(self) -> None:
         """Write all four forms into the folder, `report.json` last: it marks a whole report."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 from inim.errors import FileError, SceneError, UsageError
+from inim.files.regular_file import read_file
 from inim.scene.parameters import SceneFolder, SceneParameters
 from inim.settings import PREFIX, Settings
 
@@ -248,18 +249,10 @@ class _Scan:
             raise FileError(f"{shown}: unreadable XML ({error})") from None
 
     def _bytes(self, path: Path, shown: str) -> bytes:
-        try:
-            if not path.is_file():
-                reason = "is a folder" if path.is_dir() else "no such file"
-                raise FileError(f"{shown}: {reason}; name a Mitsuba scene (.xml)")
-            self.xml_bytes += path.stat().st_size
-            if self.xml_bytes > _LARGEST_BYTES:
-                raise SceneError(
-                    f"{shown}: {self.xml_bytes} bytes of XML; at most {_LARGEST_BYTES}"
-                )
-            return path.read_bytes()
-        except OSError as error:
-            raise FileError(f"{shown}: cannot be read ({error.strerror})") from None
+        left = _LARGEST_BYTES - self.xml_bytes
+        text = read_file(path, left, shown=shown, way_out="name a Mitsuba scene (.xml)")
+        self.xml_bytes += len(text)
+        return text
 
     def _substituted(self, attributes: dict[str, str], where: str) -> dict[str, str]:
         try:

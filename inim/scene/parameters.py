@@ -12,11 +12,13 @@ rules (longest name first, a backslash escapes), in bounded length and time.
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from inim.errors import FileError, SceneError
+from inim.files.regular_file import open_file
 
 __all__ = ["SceneFolder", "SceneParameters"]
 
@@ -100,19 +102,20 @@ class SceneFolder:
 
     def _digest(self, path: Path, name: str, where: str) -> bytes:
         digest = hashlib.sha256()
-        try:
-            self._bytes += path.stat().st_size
-            if self._bytes > _MOST_BYTES:
-                raise SceneError(
-                    f"{where}: with {name!r}, the scene's files hold {self._bytes} bytes; at "
-                    f"most {_MOST_BYTES}"
-                )
-            with path.open("rb") as file:
-                while block := file.read(_BLOCK_BYTES):
-                    digest.update(block)
-        except OSError as error:
-            raise FileError(f"{where}: {name!r} cannot be read ({error.strerror})") from None
+        with open_file(path, shown=f"{where}: {name!r}") as file:
+            self._check_bytes(os.fstat(file.fileno()).st_size, name, where)
+            while block := file.read(_BLOCK_BYTES):
+                self._bytes += len(block)
+                self._check_bytes(0, name, where)
+                digest.update(block)
         return digest.digest()
+
+    def _check_bytes(self, more: int, name: str, where: str) -> None:
+        if self._bytes + more > _MOST_BYTES:
+            raise SceneError(
+                f"{where}: with {name!r}, the scene's files hold {self._bytes + more} bytes; at "
+                f"most {_MOST_BYTES}"
+            )
 
     def _found(self, name: str, where: str) -> Path | None:
         """The one file or folder that a name can mean; None where there is none."""

@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import re
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -21,6 +23,7 @@ from typing import Any
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import is_file_safe
 from inim.errors import FileError, InimError, UsageError
+from inim.files.regular_file import check_file, read_file
 from inim.lens import lens_models
 from inim.pipeline.method import parse_methods
 from inim.settings import PREFIX, Settings
@@ -63,6 +66,7 @@ _BACKENDS = ("auto", "llvm", "cuda")
 # More than this is a slip: a day of work at ten seconds each.
 _MOST_UNITS = 10_000
 _LARGEST_BYTES = 2**20
+_MOST_PARTS = 4
 
 
 @dataclass(frozen=True)
@@ -159,17 +163,62 @@ def read_study(path: Path) -> Study:
 
 
 def _toml(path: Path) -> dict[str, Any]:
+    data = read_file(path, _LARGEST_BYTES, way_out="name a study (.toml)")
     try:
-        if path.stat().st_size > _LARGEST_BYTES:
-            raise FileError(f"{path}: above {_LARGEST_BYTES} bytes; name a study (.toml)")
-        return dict(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise FileError(
-            f"{path}: cannot be read ({error.strerror}); name a study (.toml)"
-        ) from None
+        text = data.decode("utf-8")
+        _check_keys(text)
+        return dict(tomllib.loads(text))
     except (ValueError, RecursionError) as error:
         words = " ".join(str(error).split())[:200]
         raise FileError(f"{path}: no TOML ({words})") from None
+
+
+_TOKEN = re.compile(r"[\n=,\[\]{}.#\"']")
+_ENDS = {
+    '"': re.compile(r'["\\\n]'),
+    "'": re.compile(r"['\n]"),
+    '"""': re.compile(r'"""|\\'),
+    "'''": re.compile(r"'''"),
+}
+
+
+def _check_keys(text: str) -> None:
+    """Raise ValueError for a key of many dotted parts: in memory, they grow as their square.
+
+    One pass over what is no text and no comment. Nothing but keys has so many dots.
+    """
+    at = dots = 0
+    while token := _TOKEN.search(text, at):
+        mark, at = token[0], token.end()
+        if mark == ".":
+            dots += 1
+            if dots >= _MOST_PARTS:
+                line = text.count("\n", 0, at) + 1
+                raise ValueError(f"line {line}: a key of more than {_MOST_PARTS} parts")
+        elif mark in "\"'":
+            at = _text_end(text, token.start())
+        elif mark == "#":
+            at = text.find("\n", at) % (len(text) + 1)
+        else:
+            dots = 0
+
+
+def _text_end(text: str, at: int) -> int:
+    """Where a quoted text ends; of one that does not, the end of all, where reading ends, too."""
+    quote = text[at]
+    mark = 3 * quote if text.startswith(3 * quote, at) else quote
+    at += len(mark)
+    while found := _ENDS[mark].search(text, at):
+        at = found.end()
+        if found[0] == mark:
+            # Up to two quotes may stand before those that end a text of several lines.
+            while len(mark) == 3 and at < found.end() + 2 and text.startswith(quote, at):
+                at += 1
+            return at
+        if found[0] == "\n":
+            break
+        at += 1  # what a backslash makes ordinary
+    return len(text)
 
 
 class _Reader:
@@ -211,9 +260,9 @@ class _Reader:
         if not isinstance(value, list) or not value:
             raise self.wrong(key, f"must be a list of texts, not {_shown(value)}")
         found = [self.text(key, one) for one in value]
-        for one in found:
-            if found.count(one) > 1:
-                raise self.wrong(key, f"{one!r} is given twice; drop one")
+        for one, count in Counter(found).items():
+            if count > 1:
+                raise self.wrong(key, f"{_shown(one)} is given twice; drop one")
         return found
 
     def switch(self, key: str, value: Any) -> bool:
@@ -238,14 +287,18 @@ class _Reader:
         """Scenes by name: the file's, or where two are alike the path as written."""
         written = self.texts("study.scenes", self.required("scenes"))
         stems = [Path(one).stem for one in written]
+        shared = Counter(stems)
         found = {}
         for one, stem in zip(written, stems, strict=True):
             scene = self.path.parent / one
-            if not scene.is_file():
+            try:
+                check_file(scene)
+            except FileError as error:
+                why = str(error).removeprefix(f"{scene}: ")
                 raise self.wrong(
-                    "study.scenes", f"{one!r} is not there; paths start at the study's folder"
-                )
-            found[stem if stems.count(stem) == 1 else one] = scene
+                    "study.scenes", f"{_shown(one)}: {why}; paths start at the study's folder"
+                ) from None
+            found[stem if shared[stem] == 1 else one] = scene
         return found
 
     def algorithms(self) -> tuple[str, ...]:
