@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from inim.commands.options import Command, add_debug
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
+from inim.regular_file import check_file
 
 if TYPE_CHECKING:
     import argparse
@@ -81,8 +82,7 @@ def _check(args: argparse.Namespace) -> None:
         raise FileError(f"{args.out}: is a folder; name a file with -o")
     if args.out.resolve() == args.photo.resolve():
         raise UsageError(f"-o {args.out}: is the photograph; give it another name")
-    if not args.photo.is_file():
-        raise FileError(f"{args.photo}: no such file")
+    check_file(args.photo)
     if args.says not in _KINDS:
         raise UsageError(f"--says {args.says}: use {', '.join(_KINDS[:-1])} or {_KINDS[-1]}")
     if not 1 < args.ratio < math.inf:

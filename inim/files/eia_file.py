@@ -21,7 +21,7 @@ from inim.display import Display
 from inim.errors import FileError
 from inim.files.image import exr_size, read_exr_channels, write_atomically
 from inim.files.picture import check_png
-from inim.files.regular_file import check_file, open_file
+from inim.regular_file import check_file, open_file
 from inim.version import __version__
 
 __all__ = ["EIA_SUFFIXES", "check_eia_name", "read_eia", "write_eia", "write_true_size_pdf"]

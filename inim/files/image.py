@@ -18,7 +18,7 @@ from inim.cache.digest import value_digest
 from inim.cache.store import remembered
 from inim.color import srgb_codes
 from inim.errors import FileError, UsageError
-from inim.files.regular_file import check_file
+from inim.regular_file import check_file
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 from inim.version import __version__
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inim.errors import FileError
-from inim.files.regular_file import read_file
+from inim.regular_file import read_file
 from inim.schemas import schema
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from inim.display.pixels import PixelAxis
 from inim.errors import FileError, UsageError
 from inim.files.image import write_atomically
 from inim.files.picture import open_picture, read_pfm
-from inim.files.regular_file import read_file
+from inim.regular_file import read_file
 
 __all__ = [
     "LightField",
@@ -300,8 +300,11 @@ def write_quilt(
 
 def _is_of_display(folder: Path) -> bool:
     """Whether `write_hci` had a display; the file was read before, for the grid."""
+    path = folder / _PARAMETERS
+    if not path.exists():
+        return False
     parser = configparser.ConfigParser(interpolation=None)
-    parser.read(folder / _PARAMETERS, encoding="utf-8")
+    parser.read_string(read_file(path, _MOST_PARAMETER_BYTES).decode("utf-8"))
     return parser.get("inim", "projection", fallback="") == "parallel"
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from inim.errors import FileError
 from inim.files.image import check_exr, check_unfolding, hushed
-from inim.files.regular_file import open_file, read_file
+from inim.regular_file import open_file, read_file
 
 __all__ = ["check_picture", "check_png", "check_volume", "is_exr", "open_picture", "read_pfm"]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from inim.errors import FileError
-from inim.files.regular_file import read_file
+from inim.regular_file import read_file
 
 __all__ = [
     "MOST_BYTES",

@@ -20,7 +20,7 @@ from inim.files.image import (
     write_atomically,
 )
 from inim.files.picture import is_exr, open_picture, read_pfm
-from inim.files.regular_file import check_file
+from inim.regular_file import check_file
 from inim.version import __version__
 
 __all__ = ["DepthFile", "read_color", "read_depth", "write_depth"]

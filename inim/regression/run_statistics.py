@@ -20,10 +20,10 @@ import numpy as np
 from inim.errors import BaselineError, FileError
 from inim.files.image import write_atomically
 from inim.files.json_file import read_json
-from inim.files.regular_file import read_file
 from inim.regression.fingerprints import Fingerprint
 from inim.regression.scores import ScoreEstimate
 from inim.regression.tiles import TileStatistics
+from inim.regular_file import read_file
 
 __all__ = [
     "BASELINE",

@@ -10,6 +10,7 @@ from typing import Any
 
 from inim.errors import FileError
 from inim.files.json_file import read_json
+from inim.regular_file import read_file
 from inim.report.files import from_strict, write_forms
 from inim.report.wording import verdict
 
@@ -19,6 +20,7 @@ SCHEMA = "inim.report/1"
 _WAY_OUT = "make it anew with inim validate"
 # Tall enough for verdict, scores and images; the rest scrolls.
 _NOTEBOOK_HEIGHT_PX = 900
+_MOST_PAGE_BYTES = 2**28
 
 
 @dataclass(frozen=True)
@@ -95,8 +97,8 @@ class Report:
         policy allows no script but the report's.
         """
         try:
-            page = self.html_path.read_text(encoding="utf-8")
-        except OSError:
+            page = read_file(self.html_path, _MOST_PAGE_BYTES).decode("utf-8")
+        except (FileError, ValueError):
             return None
         # Without a base of its own, a framed page's links are relative to the notebook.
         page = page.replace("<head>", '<head><base href="about:srcdoc">', 1)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 from inim.errors import FileError, SceneError, UsageError
-from inim.files.regular_file import read_file
+from inim.regular_file import read_file
 from inim.scene.parameters import SceneFolder, SceneParameters
 from inim.settings import PREFIX, Settings
 

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from inim.errors import FileError, SceneError
-from inim.files.regular_file import open_file
+from inim.regular_file import open_file
 
 __all__ = ["SceneFolder", "SceneParameters"]
 

@@ -23,9 +23,9 @@ from typing import Any
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import is_file_safe
 from inim.errors import FileError, InimError, UsageError
-from inim.files.regular_file import check_file, read_file
 from inim.lens import lens_models
 from inim.pipeline.method import parse_methods
+from inim.regular_file import check_file, read_file
 from inim.settings import PREFIX, Settings
 
 if sys.version_info >= (3, 11):
@@ -67,6 +67,9 @@ _BACKENDS = ("auto", "llvm", "cuda")
 _MOST_UNITS = 10_000
 _LARGEST_BYTES = 2**20
 _MOST_PARTS = 4
+# Of algorithms or displays; each is made to be checked.
+_MOST_NAMED = 256
+_MOST_SHOWN = 40
 
 
 @dataclass(frozen=True)
@@ -247,7 +250,7 @@ class _Reader:
             if name not in known:
                 near = difflib.get_close_matches(name, known, n=1)
                 hint = f"did you mean {near[0]}?" if near else f"use {', '.join(known)}"
-                raise self.wrong(f"{before}{name}", f"unknown key; {hint}")
+                raise self.wrong(f"{before}{name[:_MOST_SHOWN]}", f"unknown key; {hint}")
 
     def text(self, key: str, value: Any) -> str:
         """A text that is not empty."""
@@ -255,15 +258,21 @@ class _Reader:
             raise self.wrong(key, f"must be a text, not {_shown(value)}")
         return value.strip()
 
-    def texts(self, key: str, value: Any) -> list[str]:
+    def texts(self, key: str, value: Any, most: int = _MOST_NAMED) -> list[str]:
         """A list of texts, none twice."""
         if not isinstance(value, list) or not value:
             raise self.wrong(key, f"must be a list of texts, not {_shown(value)}")
+        self.check_count(key, value, most)
         found = [self.text(key, one) for one in value]
         for one, count in Counter(found).items():
             if count > 1:
                 raise self.wrong(key, f"{_shown(one)} is given twice; drop one")
         return found
+
+    def check_count(self, key: str, values: Sequence[object], most: int) -> None:
+        """Refuse more than a study can mean."""
+        if len(values) > most:
+            raise self.wrong(key, f"{len(values)} of them; at most {most}: split the study")
 
     def switch(self, key: str, value: Any) -> bool:
         """True or false."""
@@ -285,7 +294,7 @@ class _Reader:
 
     def scenes(self) -> dict[str, Path]:
         """Scenes by name: the file's, or where two are alike the path as written."""
-        written = self.texts("study.scenes", self.required("scenes"))
+        written = self.texts("study.scenes", self.required("scenes"), _MOST_UNITS)
         stems = [Path(one).stem for one in written]
         shared = Counter(stems)
         found = {}
@@ -306,7 +315,9 @@ class _Reader:
         written = self.texts("study.algorithms", self.required("algorithms"))
         for one in written:
             if "," in one:
-                raise self.wrong("study.algorithms", f"{one!r}: write one algorithm in each text")
+                raise self.wrong(
+                    "study.algorithms", f"{_shown(one)}: write one algorithm in each text"
+                )
         try:
             return tuple(c.name for c in parse_methods(",".join(written), ()))
         except InimError as error:
@@ -334,7 +345,7 @@ class _Reader:
             if name not in known:
                 raise self.wrong(
                     "study.displays",
-                    f"{name!r} is unknown; use {', '.join(known)}, or add a [[display]] so named",
+                    f"{_shown(name)} is unknown; use {', '.join(known)}, or add a [[display]] so named",
                 )
         return tuple(known[name] for name in names)
 
@@ -342,12 +353,13 @@ class _Reader:
         tables = self.tables.get("display", [])
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             raise self.wrong("display", "write each display as a table of its own, [[display]]")
+        self.check_count("display", tables, _MOST_NAMED)
         found: dict[str, NamedDisplay] = {}
         for table in tables:
             name = self.text("display.name", table.get("name"))
             if not is_file_safe(name) or name in (AS_SCENE, *DISPLAYS, *found):
                 why = "is taken" if is_file_safe(name) else "use 1 to 64 letters, digits or . _ + -"
-                raise self.wrong("display.name", f"{name!r}: {why}")
+                raise self.wrong("display.name", f"{_shown(name)}: {why}")
             parameters = {k: v for k, v in table.items() if k not in ("name", "preset")}
             self.check_names(f"display {name!r}: ", parameters, _PARAMETERS)
             preset = self.one_of(
@@ -407,4 +419,4 @@ def _definitions(words: Mapping[str, str]) -> tuple[str, ...]:
 
 def _shown(value: Any) -> str:
     """A value as the study's author may have written it, in a few characters."""
-    return repr(value)[:40]
+    return repr(value)[:_MOST_SHOWN]

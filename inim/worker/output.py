@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from inim.errors import FileError
+from inim.regular_file import read_file
 
 __all__ = ["default_out", "open_staging", "publish"]
 
@@ -19,6 +20,7 @@ _MARKER = "report.json"
 # While files move: those of the run before and of this one, should it be killed meanwhile.
 _MOVING = ".moving.json"
 _PARTIAL = ".partial"
+_MOST_MARKER_BYTES = 2**24
 # The staging folders of this process, each with a descriptor that locks it: a lock ends with its
 # process, however that ends.
 _locks: dict[Path, int] = {}
@@ -141,9 +143,9 @@ def _escaped(text: str) -> str:
 def _files_of_earlier_run(out: Path, marker: str) -> set[str]:
     """Files that the report in `out` lists as its own, and that lie inside `out`."""
     try:
-        listed = json.loads((out / marker).read_text(encoding="utf-8"))["files"]
+        listed = json.loads(read_file(out / marker, _MOST_MARKER_BYTES))["files"]
         names = {str(name) for name in listed}
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (FileError, ValueError, KeyError, TypeError, RecursionError):
         return set()
     root = out.resolve()
     return {

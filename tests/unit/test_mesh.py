@@ -348,7 +348,7 @@ def test_what_is_no_surface_is_refused_in_one_line(
 
 
 def test_folder_and_missing_file_are_refused(tmp_path: Path) -> None:
-    assert "no such file" in refusal(tmp_path)
+    assert "is a folder" in refusal(tmp_path)
     assert "no such file" in refusal(tmp_path / "none.ply")
 
 
