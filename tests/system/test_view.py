@@ -508,7 +508,7 @@ def test_view_of_a_report_has_all_its_panels(tab, page, tmp_path):
     shutil.copytree(page.parent, folder)
     from inim.report import Report
 
-    whole = completed("report", report_data())
+    whole = completed("report", report_data() | {"misalign": ""})
     whole["scene"]["sha256"] = "0" * 64
     Report(folder, whole).write()
     ended = view("OUT", folder=tmp_path)
