@@ -188,6 +188,9 @@ def _array(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
 
 
 def _statistics(data: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> RunStatistics:
+    for name in data["pictures"]:  # pictures of what changed are written under it
+        if ".." in name.split("/") or name.startswith("/") or not name.isprintable():
+            raise ValueError(f"picture {name[:40]!a} lies outside the report")
     pictures = {
         name: TileStatistics.of(
             _pair(about["tile"]),

@@ -8,7 +8,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from inim.errors import FileError
+from inim.display import Display
+from inim.errors import FileError, InimError
 from inim.files.json_file import read_json
 from inim.regular_file import read_file
 from inim.report.files import from_strict, write_forms
@@ -73,9 +74,23 @@ class Report:
                 f"{path.parent / 'eia'}, with --display"
             )
         try:
+            _check_names(data)
             return cls(path.parent, from_strict(data))
         except ValueError as error:
             raise FileError(f"{path}: {error}; {_WAY_OUT}") from None
+
+    def design(self) -> Display:
+        """The display as designed.
+
+        Raises
+        ------
+        FileError
+            The report's parameters describe no possible display.
+        """
+        try:
+            return Display(**self.data["display"]["given"])
+        except InimError as error:
+            raise FileError(f"{self.folder / 'report.json'}: {error}; {_WAY_OUT}") from None
 
     def write(self) -> None:
         """Write all four forms into the folder, `report.json` last: it marks a whole report."""
@@ -106,3 +121,19 @@ class Report:
             f'<iframe srcdoc="{escape(page)}" title="inim report" sandbox="allow-scripts" '
             f'style="width:100%;height:{_NOTEBOOK_HEIGHT_PX}px;border:0"></iframe>'
         )
+
+
+def _check_names(data: Mapping[str, Any]) -> None:
+    """Raise ValueError for a name that leads out of the folder, or a view from nowhere.
+
+    Algorithms and viewpoints name files; scores are of the report's own viewpoints.
+    """
+    viewpoints = {one["name"] for one in data["viewpoints"]}
+    for name in (*viewpoints, *data["algorithms"]):
+        if not name or name.startswith(".") or any(c in "/\\" or not c.isprintable() for c in name):
+            raise ValueError(f"{name[:40]!a} names no file of the report")
+    scored = {f"algorithms.{n}": one for n, one in data["algorithms"].items()}
+    for place, one in {**scored, "ceiling": data["ceiling"]}.items():
+        for name in (*one["views"], *one["precision"]):
+            if name not in viewpoints:
+                raise ValueError(f"{place}: has scores of {name[:40]!a}, which is no viewpoint")

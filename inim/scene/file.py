@@ -118,8 +118,10 @@ def read_scene_file(path: Path, definitions: Mapping[str, str] | None = None) ->
     definitions = dict(definitions or {})
     try:
         folder = path.resolve().parent
-    except OSError as error:  # a relative path, and the current folder was deleted
-        raise FileError(f"{path}: cannot be found ({error.strerror}); give its full path") from None
+    # A relative path, and the current folder was deleted; or a circle of links.
+    except (OSError, RuntimeError) as error:
+        why = getattr(error, "strerror", None) or "its links form a circle"
+        raise FileError(f"{path}: cannot be found ({why}); give its full path") from None
     scan = _Scan(folder, definitions)
     scan.read(path, shown=str(path), level=0)
     scan.folder.check_whole(str(path))

@@ -345,7 +345,8 @@ class _Reader:
             if name not in known:
                 raise self.wrong(
                     "study.displays",
-                    f"{_shown(name)} is unknown; use {', '.join(known)}, or add a [[display]] so named",
+                    f"{_shown(name)} is unknown; use {', '.join(known)}, or add a [[display]] "
+                    "so named",
                 )
         return tuple(known[name] for name in names)
 

@@ -148,8 +148,13 @@ def _files_of_earlier_run(out: Path, marker: str) -> set[str]:
     except (FileError, ValueError, KeyError, TypeError, RecursionError):
         return set()
     root = out.resolve()
-    return {
-        name
-        for name in names
-        if (root / name).is_file() and (root / name).resolve().is_relative_to(root)
-    }
+    return {name for name in names if _is_in(root, name)}
+
+
+def _is_in(root: Path, name: str) -> bool:
+    """Whether a name is that of a file in a folder, whatever it is made of."""
+    try:
+        path = (root / name).resolve()
+        return path.is_file() and path.is_relative_to(root)
+    except (OSError, ValueError, RuntimeError):  # too long, no text, or a circle of links
+        return False
