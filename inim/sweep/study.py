@@ -67,8 +67,8 @@ _BACKENDS = ("auto", "llvm", "cuda")
 _MOST_UNITS = 10_000
 _LARGEST_BYTES = 2**20
 _MOST_PARTS = 4
-# Of algorithms or displays; each is made to be checked.
-_MOST_NAMED = 256
+# Of algorithms, displays or lens models; each is looked up or made, to be checked.
+_MOST_NAMED = 100
 _MOST_SHOWN = 40
 
 
@@ -380,9 +380,11 @@ class _Reader:
         axes = {
             name: value if isinstance(value, list) else [value] for name, value in table.items()
         }
-        models = self.table("study").get("lens_model", [])
-        for model in models if isinstance(models, list) else [models]:
-            self.one_of("study.lens_model", model, tuple(lens_models()))
+        given = self.table("study").get("lens_model", [])
+        models, known = given if isinstance(given, list) else [given], tuple(lens_models())
+        self.check_count("study.lens_model", models, _MOST_NAMED)
+        for model in models:
+            self.one_of("study.lens_model", model, known)
             axes.setdefault("lens_model", []).append(model)
         for name, values in axes.items():
             if not values:
