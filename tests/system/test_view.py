@@ -508,8 +508,12 @@ def test_view_of_a_report_has_all_its_panels(tab, page, tmp_path):
     shutil.copytree(page.parent, folder)
     from inim.report import Report
 
-    whole = completed("report", report_data() | {"misalign": ""})
+    whole = completed(
+        "report", report_data() | {"misalign": "", "ceiling": {"views": {}, "precision": {}}}
+    )
     whole["scene"]["sha256"] = "0" * 64
+    for one in whole["algorithms"].values():
+        one["precision"] = {}
     Report(folder, whole).write()
     ended = view("OUT", folder=tmp_path)
     assert (ended.code, ended.stdout) == (0, "OUT/virtual-display.html\n"), ended.stderr

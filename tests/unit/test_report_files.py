@@ -25,7 +25,8 @@ def data(psnr: float, check_value: float = 40.0, **changes: Any) -> dict[str, An
     made = {
         "title": "Coin",
         "viewpoints": [{"name": "centre", "position_mm": [0.0, 0.0, 400.0]}],
-        "algorithms": {"template": {"views": {"centre": scores}}},
+        "algorithms": {"template": {"views": {"centre": scores}, "precision": {}}},
+        "ceiling": {"views": {}, "precision": {}},
         "verdict": {"passed": True, "checks": [check]},
         **changes,
     }
