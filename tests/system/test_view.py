@@ -92,6 +92,16 @@ def report_data(display: Display = DISPLAY) -> dict[str, Any]:
     return data
 
 
+def whole_report_data() -> dict[str, Any]:
+    """The same with all that a report's readers ask for."""
+    bare = {"misalign": "", "ceiling": {"views": {}, "precision": {}}}
+    whole = completed("report", report_data() | bare)
+    whole["scene"]["sha256"] = "0" * 64
+    for one in whole["algorithms"].values():
+        one["precision"] = {}
+    return whole
+
+
 def report_folder(folder: Path, display: Display = DISPLAY) -> Path:
     """A report's pictures: three different EIAs, and views of them."""
     for seed, place in enumerate(("truth/eia", "eia/template", "eia/wang2024")):
@@ -508,13 +518,7 @@ def test_view_of_a_report_has_all_its_panels(tab, page, tmp_path):
     shutil.copytree(page.parent, folder)
     from inim.report import Report
 
-    whole = completed(
-        "report", report_data() | {"misalign": "", "ceiling": {"views": {}, "precision": {}}}
-    )
-    whole["scene"]["sha256"] = "0" * 64
-    for one in whole["algorithms"].values():
-        one["precision"] = {}
-    Report(folder, whole).write()
+    Report(folder, whole_report_data()).write()
     ended = view("OUT", folder=tmp_path)
     assert (ended.code, ended.stdout) == (0, "OUT/virtual-display.html\n"), ended.stderr
     show(tab, folder / "virtual-display.html")
