@@ -75,6 +75,10 @@ class WorkerError(InimError):
     """The worker process ended without a result (crash in native code, kill)."""
 
 
+# Looking for a likeness takes as long as a word is.
+_LONGEST_WORD = 80
+
+
 def known_words(word: object, known: Iterable[str], otherwise: str = "", prefix: str = "") -> str:
     """The way out where nobody knows a word: "did you mean X?", or all there are.
 
@@ -90,7 +94,7 @@ def known_words(word: object, known: Iterable[str], otherwise: str = "", prefix:
     import difflib
 
     known = list(known)
-    near = difflib.get_close_matches(str(word), known, n=1)
+    near = difflib.get_close_matches(str(word)[:_LONGEST_WORD], known, n=1)
     if near:
         return f"did you mean {prefix}{near[0]}?"
     return otherwise or f"use {' or '.join(known)}"

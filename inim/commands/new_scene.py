@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from inim import interruption
 from inim.commands.options import Command
 from inim.errors import FileError, UsageError
+from inim.regular_file import read_file
 
 if TYPE_CHECKING:
     import argparse
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMANDS", "new_scene"]
 
+# As `inim.scene` reads.
+_MOST_SCENE_BYTES = 2**26
 _UNITS = ("mm", "cm", "m", "in")
 _PLAUSIBLE_MM = (2.0, 30_000.0)
 _AXES = {
@@ -237,9 +240,10 @@ def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
     """
     from inim.scene.relic_scene import attribute
 
-    if not out.is_file():
+    try:
+        text = read_file(out, _MOST_SCENE_BYTES).decode("utf-8", errors="replace")
+    except FileError:  # none, or none that was written here
         return []
-    text = out.read_text("utf-8", errors="replace")
     ours = re.compile(re.escape(_stem(out)) + r"-\d+\.(?:ply|png)")
     return [
         path

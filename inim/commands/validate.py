@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import sys
 from dataclasses import fields
@@ -108,9 +107,10 @@ def _run(args: argparse.Namespace) -> int:
 
 def _words(passed: bool, out: Path) -> str:
     """The verdict as its report has it; "FAILED" stands out, below the checks that did."""
+    from inim.files.json_file import read_json
     from inim.report.wording import check_passed, check_sentence, checks, verdict_words
 
-    data = json.loads((out / "report.json").read_text("utf-8"))
+    data = read_json(out / "report.json", "run it again", "report", "picture")
     if passed:
         return verdict_words(data)
     failed = [c for c in checks(data) if not check_passed(c)]

@@ -155,7 +155,7 @@ def _stl_size(count: int) -> int:
 _MOST_SHARING = 16
 _MOST_NODES = 100_000
 # What a tree raises that is not built as a glTF's is.
-_WRONG_KINDS = (ValueError, AttributeError, TypeError, RecursionError)
+_WRONG_KINDS = (ValueError, AttributeError, TypeError, RuntimeError, OSError)
 
 
 def check_gltf(path: Path, data: bytes) -> None:

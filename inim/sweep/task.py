@@ -20,6 +20,7 @@ from typing import Any
 
 from inim import interruption
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
+from inim.files.json_file import read_json
 from inim.observer import Observer
 from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
 from inim.pipeline.request import Request
@@ -55,12 +56,12 @@ class Results:
     def read(self, unit: str, algorithm: str, making: Mapping[str, Any]) -> dict[str, Any] | None:
         """A result; None where there is none of this making that can be read."""
         try:
-            found = json.loads(self.path(unit, algorithm).read_text(encoding="utf-8"))
+            found = read_json(self.path(unit, algorithm), "", "unit")
             key = {"schema": SCHEMA, "unit": unit, "algorithm": algorithm, "making": dict(making)}
             if any(found[name] != value for name, value in key.items()) or not found["rows"]:
                 return None
             return from_strict(found)
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        except (FileError, ValueError):
             return None
 
     def write(self, unit: str, algorithm: str, content: Mapping[str, Any]) -> None:

@@ -231,7 +231,7 @@ def task_of(plan: Plan, folder: Path) -> Task:
     ("name", "says"),
     [
         ("gone.png", "gone.png: no such file"),
-        ("folder.png", "folder.png: no such file"),
+        ("folder.png", "folder.png: is a folder"),
         ("gone.exr", "gone.exr: no such file"),
         ("mine.tif", "is a .png"),
         ("text.png", "text.png: not a readable PNG"),

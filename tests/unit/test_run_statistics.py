@@ -23,9 +23,17 @@ from inim.regression import (
 )
 from inim.regression.comparison import differing_conditions
 from tests.conftest import small_display
+from tests.schemas import completed
 
 DISPLAY = small_display(12, 10, 8)
-CONDITIONS = {"display": {"pitch_mm": 1.0}, "viewpoints": {"left": [0.0, 0.0, 400.0]}}
+MADE = completed(
+    "baseline",
+    {
+        "conditions": {"viewpoints": {"left": [0.0, 0.0, 400.0, 0.0, None]}},
+        "circumstances": {"seed": 0, "title": 'A "b" 鼎'},
+    },
+)
+CONDITIONS = MADE["conditions"]
 
 
 @pytest.fixture
@@ -36,7 +44,7 @@ def statistics():
     eia = rng.random((*DISPLAY.eia_shape, 3), np.float32)
     return RunStatistics(
         conditions=CONDITIONS,
-        circumstances={"seed": 0, "title": 'A "b" 鼎'},
+        circumstances=MADE["circumstances"],
         pictures={"truth/left": tile_statistics(*halves, (8, 8))},
         scores={"template/left": {"ssim_to_ceiling": ScoreEstimate(0.9, 0.001, 12.0, -0.01)}},
         fingerprints={"template": fingerprint(rgbd, eia, DISPLAY, exact=True)},
@@ -79,7 +87,7 @@ def test_run_compared_with_itself_passes_every_verdict(statistics):
         ({"display": {"pitch_mm": 1.1}}, "display is"),
         ({"display": {"pitch_mm": 1.0, "gap_mm": 3.0}}, "display is"),
         ({"viewpoints": {"right": [0.0, 0.0, 400.0]}}, "viewpoints is"),
-        ({"lens model": "thin"}, 'lens model is "thin", the baseline\'s not there'),
+        ({"mine": "thin"}, 'mine is "thin", the baseline\'s not there'),
     ],
 )
 def test_other_conditions_are_named(other, words):
@@ -88,7 +96,7 @@ def test_other_conditions_are_named(other, words):
 
 
 def test_last_bits_of_a_length_are_no_other_condition():
-    near = {"viewpoints": {"left": [0.0, 1e-12, 400.0 * (1 + 1e-15)]}}
+    near = {"viewpoints": {"left": [0.0, 1e-12, 400.0 * (1 + 1e-15), 0.0, None]}}
     assert differing_conditions(CONDITIONS, CONDITIONS | near) == []
 
 

@@ -27,7 +27,17 @@ from inim.schemas import NAMES, schema
 from inim.settings import Settings
 from inim.sweep import table, task
 from inim.worker import output as worker_output
-from tests.schemas import FOLDER, STUDY, assert_schema, file_of, read_document, validator
+from tests.schemas import (
+    FOLDER,
+    STUDY,
+    assert_schema,
+    example,
+    file_of,
+    flat,
+    members,
+    read_document,
+    validator,
+)
 
 ROOT = Path(__file__).parents[2]
 # Of the gallery only its reports are documents; the rest is what its page is made of. Studies of
@@ -76,42 +86,6 @@ PARTLY = ("conditions/display/", "display/given/")
 
 At = tuple[str | int, ...]
 every = pytest.mark.parametrize("name", NAMES)
-
-
-def flat(part: dict[str, Any], name: str) -> dict[str, Any]:
-    """A part of a schema with what it refers to in its place."""
-    if "$ref" not in part:
-        return part
-    meant = flat(schema(name)["$defs"][part["$ref"].removeprefix("#/$defs/")], name)
-    required = [*meant.get("required", ()), *part.get("required", ())]
-    return meant | part | ({"required": required} if required else {})
-
-
-def example(part: dict[str, Any], name: str) -> Any:
-    """A value of a schema with all that it allows, and one of each where it allows any number."""
-    part = flat(part, name)
-    if "const" in part:
-        return part["const"]
-    for chosen in ("examples", "enum"):
-        if chosen in part:
-            return part[chosen][0]
-    kind = part["type"] if isinstance(part["type"], str) else part["type"][0]
-    if kind == "object":
-        return {key: example(one, name) for key, one in members(part)}
-    if kind == "array":
-        items = part.get("prefixItems") or [part["items"]] * part.get("minItems", 1)
-        return [example(one, name) for one in items]
-    return {"string": "text", "number": 0.5, "integer": 1, "boolean": True}[kind]
-
-
-def members(part: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """The keys of an example of an object, each with its schema."""
-    allows = Draft202012Validator(part.get("propertyNames", True)).is_valid
-    found = [(key, one) for key, one in part.get("properties", {}).items() if allows(key)]
-    if part.get("additionalProperties"):
-        key = next(filter(allows, ("a", "a_to_ceiling")))
-        found.append((key, part["additionalProperties"]))
-    return found + [("eia_a", one) for one in part.get("patternProperties", {}).values()]
 
 
 @cache
