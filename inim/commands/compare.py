@@ -83,16 +83,15 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     FileError
         No report there, or `out` cannot be written.
     """
-    from inim.pipeline.baseline import FOLDER, regression_data, verdict_lines
-    from inim.regression import CANDIDATE, all_passed, compare, read_statistics
-    from inim.report import Report
+    from inim.pipeline.baseline import read_run, regression_data, verdict_lines
+    from inim.regression import all_passed, compare
     from inim.report.compare import SCHEMA, write_comparison
     from inim.worker.output import open_staging, publish, remove_folder
 
-    reports = [Report.load(folder) for folder in (before, after)]
+    (report, old), (other, new) = read_run(before), read_run(after)
+    reports = [report, other]
     if out.exists() and any(out.samefile(folder) for folder in (before, after)):
         raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
-    old, new = (read_statistics(report.folder / FOLDER, CANDIDATE) for report in reports)
     verdicts = compare(old, new, str(before))
     with interruption.undone_afterwards(
         lambda: open_staging(out, _FILES), remove_folder

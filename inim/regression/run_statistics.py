@@ -6,6 +6,7 @@ baseline (`baseline.json` and `.npz`). Both are of the schema `inim.baseline/2`.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import math
@@ -110,13 +111,15 @@ def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list
         "times": {name: list(ratios) for name, ratios in statistics.times.items()},
         "reported": statistics.reported,
     }
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **_arrays(statistics))  # type: ignore[arg-type]
+    packed = stream.getvalue()
+    data["arrays_sha256"] = hashlib.sha256(packed).hexdigest()
     text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     coded = text.encode(errors="backslashreplace")
     # The JSON last: it marks a whole one.
     names = [f"{stem}.json", f"{stem}.npz"]
-    packed = io.BytesIO()
-    np.savez_compressed(packed, **_arrays(statistics))  # type: ignore[arg-type]
-    write_atomically(folder / names[1], lambda p: p.write_bytes(packed.getvalue()))
+    write_atomically(folder / names[1], lambda p: p.write_bytes(packed))
     write_atomically(folder / names[0], lambda p: p.write_bytes(coded))
     return names
 
@@ -142,6 +145,8 @@ def read_statistics(folder: Path, stem: str) -> RunStatistics:
     try:
         data = read_json(path, way_out, "baseline")
         packed = read_file(folder / f"{stem}.npz", _LARGEST_BYTES, way_out=way_out)
+        if hashlib.sha256(packed).hexdigest() != data["arrays_sha256"]:
+            raise ValueError("which is of another run; one that is just being replaced?")
         return _statistics(data, _arrays_in(packed))
     except FileError as error:
         raise BaselineError(str(error)) from None

@@ -17,7 +17,15 @@ from typing import BinaryIO
 from inim import interruption
 from inim.errors import FileError
 
-__all__ = ["SCHEMA", "default_out", "list_name", "open_staging", "publish", "remove_folder"]
+__all__ = [
+    "SCHEMA",
+    "default_out",
+    "list_name",
+    "open_staging",
+    "publish",
+    "remove_folder",
+    "undisturbed",
+]
 
 _MARKER = "report.json"
 #: What a report has at its top, whatever else it has: the data, which mark a whole one, first.
@@ -270,6 +278,15 @@ def _open_file(name: str, place: int) -> Iterator[BinaryIO]:
 
 
 # --- One at a time ------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def undisturbed(out: Path) -> Iterator[None]:
+    """Let no run publish into a folder while several of its files are read."""
+    with contextlib.ExitStack() as opened:
+        with contextlib.suppress(OSError):  # no such folder: whoever reads it says so
+            opened.enter_context(_alone(out.parent))
+        yield
 
 
 @contextlib.contextmanager
