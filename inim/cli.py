@@ -16,13 +16,14 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from inim.commands.options import add_exit_codes
-from inim.errors import EXIT_INTERNAL, EXIT_PASSED, EXIT_USAGE, InimError
+from inim.errors import EXIT_INTERNAL, EXIT_PASSED, EXIT_USAGE, InimError, known_words
 from inim.version import __version__
 
 __all__ = ["COMMANDS", "main"]
 
 #: In the order of the help; each with its module in `inim.commands`.
 COMMANDS = {
+    "demo": "validate",
     "validate": "validate",
     "baseline": "compare",
     "compare": "compare",
@@ -71,7 +72,17 @@ def main(argv: list[str] | None = None) -> int:
         except OSError:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     argv = sys.argv[1:] if argv is None else argv
-    args = _parser(argv[0] if argv else None).parse_args(argv)
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks how a word goes on
+        from inim.completion import complete
+
+        complete(_parser(None))
+    if not argv:
+        argv = ["--help"]
+    parser = _parser(argv[0])
+    if argv[0] not in COMMANDS and not argv[0].startswith("-"):
+        known = known_words(argv[0], COMMANDS, f"there are {', '.join(COMMANDS)}")
+        parser.error(f"{argv[0]}: no such command; {known}")
+    args = parser.parse_args(argv)
     try:
         return int(args.run(args))
     except InimError as error:

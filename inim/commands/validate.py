@@ -18,7 +18,7 @@ from inim.commands.options import (
     picture_of,
     print_outcome,
 )
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, FileError, UsageError
 
 __all__ = ["COMMANDS"]
 
@@ -172,10 +172,40 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
     return run_picture(request, quiet=args.quiet, debug=args.debug)
 
 
+def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Validate the amphora that comes with inim, and say where its report lies."
+    add_exit_codes(parser)
+    parser.add_argument("-o", "--out", type=Path, help="folder for the report (amphora-report)")
+    add_quiet(parser)
+
+
+def _demo(args: argparse.Namespace) -> int:
+    whole = argparse.ArgumentParser()
+    _add_arguments(whole)
+    words = [str(_demo_scene()), *(["-o", str(args.out)] if args.out else [])]
+    given = whole.parse_args(words)
+    given.quiet, given.debug = args.quiet, args.debug
+    return _run(given)
+
+
+def _demo_scene() -> Path:
+    """In an installed package, or in a clone's own folder."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "demo", package.parent / "scenes"):
+        if (folder / "amphora.xml").is_file():
+            return folder / "amphora.xml"
+    raise FileError(f"{package / 'demo'}: the amphora is not there; install inim again")
+
+
 COMMANDS = {
+    "demo": Command(
+        "validate the amphora that comes with inim: the first thing to type",
+        _add_demo_arguments,
+        _demo,
+    ),
     "validate": Command(
         "render a scene, generate its EIA with each algorithm, score every view",
         _add_arguments,
         _run,
-    )
+    ),
 }

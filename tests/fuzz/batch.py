@@ -317,6 +317,9 @@ def main(kinds: Sequence[str], first: int, end: int, channel: Any) -> None:
 
 def _read_format(kind: str, first: int, end: int, channel: Any) -> None:
     suffix, make = SPECIMENS[kind]
+    # Some specimens are made by the program itself, which needs more than a file may.
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         specimens = make(folder)
