@@ -150,9 +150,9 @@ def _handle(number: int, _: object) -> None:
     global _asked
     if not _asked:
         _asked = 128 + number
-        # A block may wait for somebody else, who has stopped.
-        signal.signal(signal.SIGALRM, lambda *_: end(_asked))
-        signal.setitimer(signal.ITIMER_REAL, WAIT_S)
+        if hasattr(signal, "SIGALRM"):  # a block may wait for somebody else, who has stopped
+            signal.signal(signal.SIGALRM, lambda *_: end(_asked))
+            signal.setitimer(signal.ITIMER_REAL, WAIT_S)
     _end_unless_inside()
 
 
@@ -167,7 +167,8 @@ def end(code: int) -> NoReturn:
     _ender = threading.get_ident()
     if threading.current_thread() is threading.main_thread():
         too_late()
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        if hasattr(signal, "SIGALRM"):
+            signal.setitimer(signal.ITIMER_REAL, 0)
     patience = time.monotonic() + WAIT_S
     while {*_inside} - {_ender} and time.monotonic() < patience:
         time.sleep(0.001)

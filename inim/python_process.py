@@ -80,6 +80,8 @@ def _deaf(words: Sequence[str], options: dict[str, Any]) -> subprocess.Popen[Any
     """Start it with SIGINT blocked: a child has its parent's mask from its first instruction on."""
     import subprocess
 
+    if not hasattr(signal, "pthread_sigmask"):
+        return subprocess.Popen(words, **options)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         return subprocess.Popen(words, **options)
@@ -92,7 +94,12 @@ def end_process(process: subprocess.Popen[Any]) -> None:
 
     Its `wait` would take a lock that the thread which a signal has interrupted may hold.
     """
-    for number, seconds in ((signal.SIGTERM, interruption.WAIT_S), (signal.SIGKILL, math.inf)):
+    if not hasattr(os, "WNOHANG"):  # where no signal's handler could need it either
+        process.kill()
+        process.wait()
+        return
+    by_force = getattr(signal, "SIGKILL", signal.SIGTERM)
+    for number, seconds in ((signal.SIGTERM, interruption.WAIT_S), (by_force, math.inf)):
         patience = time.monotonic() + seconds
         if process.returncode is None:
             with suppress(ProcessLookupError):

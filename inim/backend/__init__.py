@@ -19,7 +19,7 @@ from inim.backend.choice import (
     known_bad,
     private_folders,
 )
-from inim.backend.machine import memory_limit_bytes
+from inim.backend.machine import memory_limit_bytes, peak_bytes
 from inim.backend.trial import Verdict, probe
 
 __all__ = [
@@ -34,6 +34,7 @@ __all__ = [
     "environment",
     "known_bad",
     "memory_limit_bytes",
+    "peak_bytes",
     "private_folders",
     "probe",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -87,7 +88,7 @@ def _usual_folders() -> Iterator[Path]:
     for prefix in (os.environ.get("CONDA_PREFIX"), sys.prefix):
         if prefix:
             yield Path(prefix) / "lib"
-    multiarch = getattr(sys.implementation, "_multiarch", "") or f"{os.uname().machine}-linux-gnu"
+    multiarch = getattr(sys.implementation, "_multiarch", "") or f"{platform.machine()}-linux-gnu"
     yield Path("/usr/lib") / multiarch
     yield from Path("/usr/lib").glob("llvm-*/lib")
     yield from (Path("/usr/lib64"), Path("/usr/local/lib"))
@@ -109,7 +110,7 @@ def known_bad(version: tuple[int, ...] | None) -> str:
     if version and version[0] <= 14:
         return f"LLVM {version[0]} is too old for Dr.Jit"
     # Their x86 code generator cannot select float minimum and maximum, and aborts.
-    if version and version[0] <= 16 and os.uname().machine in ("x86_64", "AMD64", "i686"):
+    if version and version[0] <= 16 and platform.machine() in ("x86_64", "AMD64", "i686"):
         return f"LLVM {version[0]} aborts the process on x86 CPUs"
     return ""
 

@@ -102,7 +102,7 @@ def install_llvm(
         raise UsageError(f"{SEARCH_VARIABLE} limits where libLLVM is looked for: unset it first")
     if not all(map(shutil.which, ("apt-get", "apt-cache", "dpkg-deb"))):
         raise BackendError(f"there is no apt to fetch libLLVM with; {BY_HAND}")
-    if prefix is None and os.geteuid() == 0:
+    if prefix is None and hasattr(os, "geteuid") and os.geteuid() == 0:
         try:
             return _install_for_all(report, run)
         except BackendError as error:

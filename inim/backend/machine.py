@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import platform
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,6 +15,7 @@ __all__ = [
     "cpu_text",
     "linker_cache",
     "memory_limit_bytes",
+    "peak_bytes",
     "user_folder",
 ]
 
@@ -24,7 +27,7 @@ def cpu_text() -> str:
         with Path("/proc/cpuinfo").open("rb", buffering=0) as file:
             first = file.read(8192).decode(errors="replace").split("\n\n")[0]
     except OSError:
-        return " ".join(os.uname())
+        return " ".join(platform.uname())
     keep = ("model name", "flags", "Features", "CPU part")
     return "\n".join(line for line in first.splitlines() if line.startswith(keep))
 
@@ -34,7 +37,7 @@ def cpu_model() -> str:
     for line in cpu_text().splitlines():
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
-    return os.uname().machine
+    return platform.machine()
 
 
 def cpu_count() -> int:
@@ -45,7 +48,12 @@ def cpu_count() -> int:
 
 
 def memory_limit_bytes() -> int:
-    """The memory this process may use [bytes]: the machine's, a container's or a shell's limit."""
+    """The memory this process may use [bytes]: the machine's, a container's or a shell's limit.
+
+    0 where the system does not say.
+    """
+    if not hasattr(os, "sysconf"):
+        return 0
     import resource
 
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -54,6 +62,15 @@ def memory_limit_bytes() -> int:
     addresses = resource.getrlimit(resource.RLIMIT_AS)[0]
     limits.append(None if addresses == resource.RLIM_INFINITY else addresses)
     return min([total, *(limit for limit in limits if limit)])
+
+
+def peak_bytes(*, of_children: bool = False) -> int:
+    """The most memory that this process, or one of its ended children, ever filled [bytes]."""
+    import resource
+
+    whose = resource.RUSAGE_CHILDREN if of_children else resource.RUSAGE_SELF
+    # In KiB by Linux, in bytes by macOS.
+    return resource.getrusage(whose).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 def _limit_files(membership: Path, root: Path = Path("/sys/fs/cgroup")) -> Iterator[Path]:

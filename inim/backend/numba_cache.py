@@ -36,7 +36,7 @@ def settle_cache(package: Path) -> None:
     """
     if os.environ.get(_VARIABLE) or any(map(_can_hold, (package / "__pycache__", _user_cache()))):
         return
-    folder = Path(tempfile.gettempdir()) / f"inim-{os.getuid()}"
+    folder = Path(tempfile.gettempdir()) / f"inim-{_user()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
     except OSError as error:
@@ -111,7 +111,12 @@ def _can_hold(folder: Path) -> bool:
     return folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
 
 
+def _user() -> int:
+    """The user's number; 0, as of all files, where users have none."""
+    return os.getuid() if hasattr(os, "getuid") else 0
+
+
 def _is_private(folder: Path) -> bool:
     found = folder.lstat()
-    ours = found.st_uid == os.getuid() and not found.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
+    ours = found.st_uid == _user() and not found.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
     return stat.S_ISDIR(found.st_mode) and ours

@@ -12,7 +12,6 @@ import json
 import logging
 import os
 import pickle
-import resource
 import sys
 import threading
 import traceback
@@ -162,7 +161,7 @@ def answer(job: Job, channel: Any, work: Work) -> None:
 
 
 def _out_of_memory() -> str:
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    peak = backends.peak_bytes()
     limit = backends.memory_limit_bytes()
     return (
         f"out of memory with {peak / 2**30:.1f} GiB in use of {limit / 2**30:.1f} GiB; use a "

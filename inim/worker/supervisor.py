@@ -14,7 +14,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import resource
 import signal
 import subprocess
 from collections.abc import Callable, Mapping
@@ -188,7 +187,7 @@ class _Worker:
 
 def _death(code: int, stage: str, memory_limit: int) -> InimError:
     """The error for a worker that ended without a word."""
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
+    peak = backends.peak_bytes(of_children=True)
     if memory_limit and peak > _MEMORY_SHARE * memory_limit:
         return OutOfMemoryError(
             f"the worker was killed during '{stage}' with {peak / 2**30:.1f} GiB in use of "

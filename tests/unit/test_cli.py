@@ -86,7 +86,11 @@ def test_without_a_word_there_is_help(capsys):
         ("inim validate a.xml --display ph", {"phone "}, {"nominal"}),
         ("inim inspect phone --lens-model thi", {"thin", "thick"}, {"full"}),
         ("inim validate a.xml --viewpoints le", {"left "}, {"right"}),
-        ("inim validate a.xml -D inim.pitch", {"inim.pitch_mm=", "inim.pitch_y_mm="}, {"inim.gap_mm="}),
+        (
+            "inim validate a.xml -D inim.pitch",
+            {"inim.pitch_mm=", "inim.pitch_y_mm="},
+            {"inim.gap_mm="},
+        ),
         ("inim validate a.xml --all", {"--allow-folder "}, {"--lazy"}),
     ],
 )

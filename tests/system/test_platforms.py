@@ -1,0 +1,114 @@
+"""Systems without what Linux and macOS have: each command works, or says in one line what it needs.
+
+Played here by taking away the modules and names that Windows lacks, in a process of its own.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inim.display import DISPLAYS
+from inim.errors import EXIT_BACKEND
+from inim.files.image import read_exr, write_png, write_rgbd
+from inim.rgbd import RGBD
+from tests.system.conftest import Ended, assert_one_line, write_scene
+
+WITHOUT_POSIX = """
+import os, signal, sys
+for name in ("fcntl", "resource", "pwd", "grp", "termios"):
+    sys.modules[name] = None
+for place, names in {
+    os: "getuid geteuid sysconf O_DIRECTORY O_NOFOLLOW O_NONBLOCK O_NOCTTY "
+        "sched_getaffinity fork",
+    signal: "SIGALRM setitimer pthread_sigmask SIGKILL",
+}.items():
+    for name in names.split():
+        if hasattr(place, name):
+            delattr(place, name)
+from inim.program import run
+run()
+"""
+
+
+@pytest.fixture
+def inim(tmp_path: Path) -> Callable[..., Ended]:
+    """Run a command in a folder with a scene, an RGB-D picture and a photograph."""
+    write_scene(tmp_path)
+    display = DISPLAYS["nominal"]
+    shape = (display.lens_rows, display.lens_columns)
+    color = np.full((*shape, 3), 0.5, np.float32)
+    depth = np.full(shape, 1.0, np.float32)
+    write_rgbd(tmp_path / "rgbd.exr", RGBD(color, depth, depth > 0, display.pitch_mm))
+    write_png(tmp_path / "color.png", color)
+
+    def run(*words: str) -> Ended:
+        ended = subprocess.run(
+            [sys.executable, "-c", WITHOUT_POSIX, *words],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        return Ended(ended.returncode, ended.stdout, ended.stderr)
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--help",),
+        ("settings",),
+        ("algorithms",),
+        ("cache", "info"),
+        ("inspect", "phone"),
+        ("new-scene", "ball.ply", "--unit", "mm", "--up", "y"),
+    ],
+)
+def test_commands_that_need_no_worker_work(
+    inim: Callable[..., Ended], tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    text += "property float z\nelement face 1\nproperty list uchar int vertex_indices\n"
+    (tmp_path / "ball.ply").write_text(text + "end_header\n0 0 0\n9 0 0\n0 9 1\n3 0 1 2\n")
+    ended = inim(*words)
+    assert (ended.code, ended.stderr) == (0, "")
+
+
+def test_an_eia_is_generated_and_exported(inim: Callable[..., Ended], tmp_path: Path) -> None:
+    np.save(tmp_path / "depth.npy", np.tile(np.linspace(300, 400, 64), (64, 1)))
+    words = ("--color", "color.png", "--depth", "depth.npy", "--depth-unit", "mm")
+    ended = inim("generate", *words, "--orthographic", "--far-is-large", "-o", "eia.exr")
+    assert ended.code == 0, ended.stderr
+    assert np.ptp(read_exr(tmp_path / "eia.exr")) > 0.4
+    ended = inim("export", "eia.exr", "--views", "views")
+    assert ended.code == 0, ended.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("validate", "tiny.xml"),
+        ("validate", "--rgbd", "rgbd.exr"),
+        ("demo",),
+        ("bench", "tiny.xml"),
+        ("stress", "--quick"),
+        ("compare", "a", "b"),
+        ("baseline", "accept", "a", "--reason", "why"),
+        ("film", "a"),
+        ("sweep", "study.toml"),
+    ],
+)
+def test_commands_with_workers_say_what_they_need(
+    inim: Callable[..., Ended], words: tuple[str, ...]
+) -> None:
+    ended = inim(*words)
+    assert ended.code == EXIT_BACKEND
+    assert_one_line(ended.stderr, ["need Linux or macOS", "WSL"])
