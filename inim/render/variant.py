@@ -117,5 +117,7 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
     """Register the plugins anew: they belong to the variant they were made in."""
     if mi.variant() is None:
         return
-    for plugins in (counter_sampler, sensors, display_emitter):
+    if not mi.variant().startswith("scalar"):
+        counter_sampler.register()
+    for plugins in (sensors, display_emitter):
         plugins.register()

@@ -63,7 +63,8 @@ def test_without_mitsuba_before_the_variant_used_stays(inim_first: dict) -> None
         "import mitsuba",
         "import drjit",
         "import mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
-        "import mitsuba as mi; mi.set_variant('llvm_ad_spectral'); mi.set_log_level(mi.LogLevel.Info)",
+        "import mitsuba as mi; mi.set_log_level(mi.LogLevel.Info)"
+        "; mi.set_variant('llvm_ad_spectral')",
         "import mitsuba as mi; mi.set_variant('llvm_ad_mono_polarized')",
         "import mitsuba as mi, drjit as dr; mi.set_variant('scalar_rgb'); dr.set_thread_count(1)",
         "import mitsuba as mi; mi.set_variant('scalar_spectral_polarized')",
