@@ -36,7 +36,7 @@ __all__ = ["make_sensor", "register"]
 _EYE = ("x_mm", "y_mm", "z_mm", "pupil_mm", "focus_mm")
 _STOCK = ("to_world", "shutter_open", "shutter_close")
 # A view without a film of its own.
-_PIXELS_PER_LENS = 4
+_PIXELS_PER_PITCH = 4
 
 
 def make_sensor(rays: SeparableRays | NonSeparableRays, world_from_display: np.ndarray) -> Any:
@@ -88,6 +88,10 @@ def _viewpoint(values: dict[str, Any], display: Display) -> Viewpoint:
         raise SceneError(f"inim_eye: {error}") from None
 
 
+def _value(number: float) -> Any:
+    return dr.opaque(mi.Float, float(number))
+
+
 def register() -> None:
     """Define and register the classes anew: plugins belong to the variant they were made in."""
     if not mi.variant().endswith("_ad_rgb"):
@@ -106,16 +110,13 @@ def register() -> None:
         def set_rays(self, rays: SeparableRays | NonSeparableRays) -> None:
             """Take the rays as run-time values, not as literals of the kernel."""
 
-            def value(number: float) -> Any:
-                return dr.opaque(mi.Float, number)
-
             def table(numbers: np.ndarray) -> Any:
                 return mi.Float(np.asarray(numbers, np.float32).reshape(-1))
 
             self.size = mi.Vector2u(
                 dr.opaque(mi.UInt32, rays.columns), dr.opaque(mi.UInt32, rays.rows)
             )
-            self.start = value(rays.start_mm)
+            self.start = _value(rays.start_mm)
             self.has_pupil = rays.has_pupil
             self.m_needs_sample_3 = rays.has_pupil
             self.separable = isinstance(rays, SeparableRays)
@@ -123,16 +124,16 @@ def register() -> None:
                 self.centres = [table(rays.x0_mm), table(rays.y0_mm)]
                 self.asides = [table(rays.aside_x_mm), table(rays.aside_y_mm)]
                 self.gaps = table(rays.gap_mm)
-                self.steps = [value(rays.step_x_mm), value(rays.step_y_mm)]
-                self.tilts = [value(rays.tilt_x), value(rays.tilt_y)]
+                self.steps = [_value(rays.step_x_mm), _value(rays.step_y_mm)]
+                self.tilts = [_value(rays.tilt_x), _value(rays.tilt_y)]
             else:
                 axes = (rays.x, rays.y)
                 self.places = [table(axis.place_mm) for axis in axes]
                 self.slopes = [table(axis.slope) for axis in axes]
-                self.place_steps = [value(axis.place_step_mm) for axis in axes]
-                self.slope_steps = [value(axis.slope_step) for axis in axes]
-                self.pupil_place = value(rays.pupil_place_mm)
-                self.pupil_slope = value(rays.pupil_slope)
+                self.place_steps = [_value(axis.place_step_mm) for axis in axes]
+                self.slope_steps = [_value(axis.slope_step) for axis in axes]
+                self.pupil_place = _value(rays.pupil_place_mm)
+                self.pupil_slope = _value(rays.pupil_slope)
 
         def to_world_matrix(self) -> np.ndarray:
             """`to_world`, (4, 4) float64."""
@@ -140,13 +141,9 @@ def register() -> None:
 
         def place(self, world_from_display: np.ndarray) -> None:
             """Take the map from the display frame to the world."""
-
-            def value(number: float) -> Any:
-                return dr.opaque(mi.Float, number)
-
-            matrix = world_from_display
-            self.linear = [[value(matrix[i, j]) for j in range(3)] for i in range(3)]
-            self.shift = [value(matrix[i, 3]) for i in range(3)]
+            rows = np.asarray(world_from_display)[:3]
+            self.linear = [[_value(number) for number in row[:3]] for row in rows]
+            self.shift = [_value(row[3]) for row in rows]
 
         def lines_through(
             self, pixel: Any, within: Any, pupil: Any = None, active: Any = True
@@ -293,9 +290,9 @@ def register() -> None:
 
         def rays(self, values: dict[str, Any], props: Any) -> SeparableRays | NonSeparableRays:
             display = self.display
-            lenses = (display.lens_rows, display.lens_columns)
-            rows, columns = _film_of(props, *(n * _PIXELS_PER_LENS for n in lenses))
             half_x, half_y = half_extent_mm(display)
+            per_mm = _PIXELS_PER_PITCH / display.pitch_mm
+            rows, columns = _film_of(props, *(round(2 * h * per_mm) for h in (half_y, half_x)))
             if abs(columns * half_y / half_x - rows) >= 1:
                 raise SceneError(
                     f"inim_eye: a film of {columns} x {rows} pixels has not the proportion of the "

@@ -155,8 +155,8 @@ ENTRIES = {
     ),
     "museum_room": Entry(
         "In a room of a museum",
-        "A display is a light source in any scene of Mitsuba's: the amphora on its plinth, and on a "
-        "phone before it, whose EIA the command below made. The room is "
+        "A display is a light source in any scene of Mitsuba's: the amphora on its plinth, and on "
+        "a phone before it, whose EIA the command below made. The room is "
         "`scenes/museum_room/room.xml`; [how such scenes are made](how-to/mitsuba-scenes.md).",
         "scenes/amphora.xml",
         {

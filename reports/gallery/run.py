@@ -25,7 +25,7 @@ from PIL import Image
 from inim.report.wording import HEADLINE
 from reports.gallery.entries import ENTRIES, EYE, ROOM, Entry
 from reports.gallery.eye import eye_viewpoints, film_beyond_zone, film_eye, photograph_report
-from reports.gallery.pictures import LENSES_MAGNIFIED, keep, magnified, middle
+from reports.gallery.pictures import LENSES_MAGNIFIED, keep, magnified, middle, picture
 
 HERE = Path(__file__).parent
 RUNS = Path("out", "gallery")
