@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from inim.backend import choose_backend
 from inim.display import Display
+from inim.errors import BackendError
 
 LIT = """
 <integrator type="path"><integer name="max_depth" value="2"/></integrator>
@@ -59,6 +61,15 @@ def small_display(columns: int = 12, rows: int = 10, pixels: int = 8, **changes:
         "lens_rows": rows,
     }
     return Display(**(values | changes))  # type: ignore[arg-type]
+
+
+def no_cuda() -> str:
+    """Why CUDA cannot be used here; empty if it can."""
+    try:
+        choose_backend("cuda")
+    except BackendError as error:
+        return str(error)
+    return ""
 
 
 @pytest.fixture(scope="session")

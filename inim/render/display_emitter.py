@@ -233,7 +233,7 @@ def register() -> None:
             model = find_lens_model(name)
             model.check(self.display)
             self.refused = False
-            self.brightness = mi.Float(_brightness(values))
+            self.brightness = dr.opaque(mi.Float, _brightness(values))
             self.eia = mi.TensorXf(_picture(values, self.display))
             self.panel = LensedPanel(self.eia, self.display, name)
             self.half_extent = [dr.opaque(mi.Float, half) for half in half_extent_mm(self.display)]
