@@ -25,7 +25,6 @@ from inim.errors import SceneError
 from inim.files.eia_file import read_eia
 from inim.lens import (
     LensArray,
-    LensTraits,
     Ops,
     channel_indices,
     lens_array,
@@ -41,54 +40,11 @@ from inim.render.plugin_properties import (
     refusing,
 )
 
-__all__ = ["LensedPanel", "display_shape", "register"]
+__all__ = ["LensedPanel", "register"]
 
 PLUGIN = "inim_display"
 _OWN = ("filename", "bitmap", "eia", "lens_model", "brightness")
 _PICTURES = ("filename", "bitmap", "eia")
-
-
-def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[str, Any]:
-    """The scene dictionary of a display showing an EIA, in a world that is the display frame.
-
-    Parameters
-    ----------
-    eia : (rows, columns, 3) float32
-        Linear RGB, row 0 on top.
-    display : Display
-    lens_model : str
-        One of `inim.lens.lens_models` that is no mesh.
-    """
-    half_x, half_y = half_extent_mm(display)
-    given = {k: v for k, v in display.given().items() if v is not None and k != "name"}
-    return {
-        "type": "rectangle",
-        "to_world": mi.ScalarTransform4f().scale([half_x, half_y, 1]),
-        "emitter": {
-            "type": PLUGIN,
-            "eia": mi.TensorXf(np.ascontiguousarray(eia, np.float32)),
-            "lens_model": lens_model,
-            **given,
-        },
-    }
-
-
-def _parameters(display: Display, lens_model: str) -> dict[str, Any]:
-    """What a panel needs to know of its display: numbers, words and flags."""
-    indices = channel_indices(display)
-    # What a display does not have is not compiled: one index for all colours means one ray.
-    colored = len(set(indices)) > 1 and find_lens_model(lens_model).refracts
-    patterned = display.subpixels != "none" or display.pixel_fill < 1
-    return {
-        "pixel_mm": display.pixel_pitch_mm,
-        "pixel_fill": display.pixel_fill,
-        "subpixels": display.subpixels if patterned else "",
-        "lens_model": lens_model,
-        "colored": colored,
-        **{f"index_{name}": n for name, n in zip("rgb", indices, strict=True)},
-        **{f"array_{name}": value for name, value in lens_array(display)._asdict().items()},
-        **{f"trait_{name}": value for name, value in lens_traits(display)._asdict().items()},
-    }
 
 
 _OPS = Ops(dr.sqrt, dr.floor, dr.select, dr.abs)
@@ -105,28 +61,31 @@ class LensedPanel:
     """
 
     def __init__(self, eia: Any, display: Display, lens_model: str) -> None:
-        self._set_up(eia.shape, _parameters(display, lens_model))
+        self._set_up(display, lens_model)
         self.picture = mi.Float(eia.array)
 
-    def _set_up(self, shape: tuple[int, ...], parameters: Any) -> None:
-        self.rows = dr.opaque(mi.Float, shape[0])
-        self.columns = dr.opaque(mi.Float, shape[1])
-        self.pixel_mm = dr.opaque(mi.Float, parameters["pixel_mm"])
-        self.fill = dr.opaque(mi.Float, parameters["pixel_fill"])
-        self.subpixels = SUBPIXELS[parameters["subpixels"]] if parameters["subpixels"] else None
-        self.trace = find_lens_model(parameters["lens_model"]).function
-        # Run-time values: a literal would compile the kernel anew for every display.
-        self.indices = [dr.opaque(mi.Float, parameters[f"index_{name}"]) for name in "rgb"]
-        if not parameters["colored"]:
-            self.indices = self.indices[:1]
-        self.array = LensArray(
-            *(dr.opaque(mi.Float, parameters[f"array_{name}"]) for name in LensArray._fields)
-        )
-        self.traits = LensTraits(*(parameters[f"trait_{name}"] for name in LensTraits._fields))
+    def _set_up(self, display: Display, lens_model: str) -> None:
+        """Run-time values all: a literal would compile the kernel anew for every display."""
+
+        def value(number: float) -> Any:
+            return dr.opaque(mi.Float, number)
+
+        model, indices = find_lens_model(lens_model), channel_indices(display)
+        # What a display does not have is not compiled: one index for all colours means one ray.
+        colored = len(set(indices)) > 1 and model.refracts
+        patterned = display.subpixels != "none" or display.pixel_fill < 1
+        self.rows, self.columns = map(value, display.eia_shape)
+        self.pixel_mm = value(display.pixel_pitch_mm)
+        self.fill = value(display.pixel_fill)
+        self.subpixels = SUBPIXELS[display.subpixels] if patterned else None
+        self.trace = model.function
+        self.indices = [value(index) for index in (indices if colored else indices[:1])]
+        self.array = LensArray(*map(value, lens_array(display)))
+        self.traits = lens_traits(display)
 
     @classmethod
     def of(cls, eia: np.ndarray, display: Display, lens_model: str) -> LensedPanel:
-        """As `display_shape`, without a plugin, a shape or a scene."""
+        """Of a picture (rows, columns, 3) float32, row 0 on top."""
         tensor = mi.TensorXf(np.ascontiguousarray(eia, np.float32))
         return cls(tensor, display, lens_model)
 
@@ -134,7 +93,7 @@ class LensedPanel:
     def dark(cls, display: Display, lens_model: str) -> LensedPanel:
         """A panel without a picture: where light would come from."""
         panel = object.__new__(cls)
-        panel._set_up(display.eia_shape, _parameters(display, lens_model))
+        panel._set_up(display, lens_model)
         return panel
 
     def leaving(self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True) -> Any:
