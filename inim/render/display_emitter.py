@@ -186,16 +186,18 @@ def register() -> None:
             if "to_world" in props:
                 raise SceneError(f"{PLUGIN}: has no to_world of its own; give it to the rectangle")
             values = read_properties(PLUGIN, props, _OWN, ("sampling_weight",))
+            display, lens_model = display_of(PLUGIN, values), values.get("lens_model", "thick")
+            find_lens_model(lens_model).check(display)
+            brightness = _brightness(values)
+            eia = mi.TensorXf(_picture(values, display))
+            panel = LensedPanel(eia, display, lens_model)
+            panel.leaving(*(mi.Float(0.0),) * 4)  # another package's model may fail
+            # From here on kernels are recorded of it, whatever scene is rendered: nothing may fail.
             super().__init__(props)
-            self.display = display_of(PLUGIN, values)
-            name = values.get("lens_model", "thick")
-            model = find_lens_model(name)
-            model.check(self.display)
             self.refused = False
-            self.brightness = dr.opaque(mi.Float, _brightness(values))
-            self.eia = mi.TensorXf(_picture(values, self.display))
-            self.panel = LensedPanel(self.eia, self.display, name)
-            self.half_extent = [dr.opaque(mi.Float, half) for half in half_extent_mm(self.display)]
+            self.display, self.eia, self.panel = display, eia, panel
+            self.brightness = dr.opaque(mi.Float, brightness)
+            self.half_extent = [dr.opaque(mi.Float, half) for half in half_extent_mm(display)]
             self.m_needs_sample_2 = True
             self.m_needs_sample_3 = True
             self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying

@@ -244,7 +244,8 @@ def register() -> None:
             rays = self.rays(values, props)
             super().__init__(props)
             self.set_rays(rays)
-            self.to_world: Any = self.m_to_world
+            # A copy: what the base class hands out would keep the sensor alive for good.
+            self.to_world: Any = mi.AffineTransform4f(self.m_to_world)
             self.parameters_changed([])
 
         def traverse(self, callback: Any) -> None:

@@ -184,8 +184,26 @@ def test_an_array_may_lie_turned_and_shifted_on_its_panel():
 def test_what_is_wrong_is_said_in_one_line(changes, says):
     import mitsuba as mi
 
-    with pytest.raises(RuntimeError, match=says):
-        loaded(panel=panel(mi.ScalarTransform4f(), **changes))
+    world = mi.ScalarTransform4f()
+    with pytest.raises(RuntimeError, match=says) as raised:
+        loaded(panel=panel(world, **changes))
+    assert before(world).mean() > 0.2, f"other scenes are none the worse for {raised}"
+
+
+def test_a_lens_model_that_fails_is_refused_when_the_scene_is_loaded(monkeypatch):
+    import mitsuba as mi
+
+    from inim.errors import UsageError
+    from inim.lens import LensModel
+    from inim.render import display_emitter
+
+    def trace(*_):
+        raise UsageError("lens model 'broken' traced a ray to nowhere")
+
+    broken = LensModel("broken", summary="", trace=trace)
+    monkeypatch.setattr(display_emitter, "find_lens_model", lambda name: broken)
+    with pytest.raises(RuntimeError, match="'broken' traced a ray to nowhere"):
+        loaded(panel=panel(mi.ScalarTransform4f(), lens_model="broken"))
 
 
 @pytest.mark.parametrize(
@@ -639,3 +657,27 @@ def test_cuda_shows_the_same():
         assert np.abs(before(turned("all")) - expected).mean() < 1e-3
     finally:
         mi.set_variant(active)
+
+
+def test_scenes_leave_nothing_behind():
+    """Kernels are recorded of all emitters there are: they must go with their scenes."""
+    import gc
+
+    def alive() -> int:
+        gc.collect()
+        kinds = ("DisplayEmitter", "EyeSensor", "PickupSensor")
+        return sum(type(one).__name__ in kinds for one in gc.get_objects())
+
+    def used() -> None:
+        import mitsuba as mi
+
+        world = turned("all")
+        scene = loaded(panel=panel(world), eye=eye(world))
+        rendered(scene, 1)
+        mi.traverse(scene).update()
+        mi.load_dict({"type": "inim_pickup", "to_world": rectangle(world), **told()})
+
+    count = alive()
+    for _ in range(3):
+        used()
+    assert alive() == count
