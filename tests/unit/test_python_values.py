@@ -20,7 +20,8 @@ from tests.conftest import scene_text, sphere
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Path:
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
     path = tmp_path / "ball.xml"
     path.write_text(scene_text(sphere((0, 0, 0), 10)), encoding="utf-8")
     return path
