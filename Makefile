@@ -53,7 +53,7 @@ clean:
 	find inim tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.installed: $(VENV)/.made pyproject.toml
-	@echo "installing inim and what it needs into $(VENV) (some 200 MB, a minute or two)"
+	@echo "installing inim and what it needs into $(VENV) (some 700 MB on disk, a minute or two)"
 	@$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 

@@ -6,12 +6,13 @@ loaded when first used.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
-
 from inim.version import __version__
 
+# A program that imports nothing else here heeds signals some milliseconds earlier.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from inim.display import DISPLAYS as DISPLAYS
     from inim.display import Display as Display
     from inim.display.viewpoint import Viewpoint as Viewpoint
@@ -42,7 +43,9 @@ __all__ = [*_HOME, "__version__"]
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'inim' has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOME[name]), name)
+    from importlib import import_module
+
+    value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value
     return value
 

@@ -10,20 +10,20 @@ from __future__ import annotations
 import argparse
 import io
 import os
-import signal
 import sys
 import traceback
 from importlib import import_module
 from typing import Any, NoReturn
 
 from inim.commands.options import add_exit_codes
-from inim.errors import EXIT_INTERNAL, EXIT_PASSED, EXIT_USAGE, InimError
+from inim.errors import EXIT_INTERNAL, EXIT_PASSED, EXIT_USAGE, InimError, known_words
 from inim.version import __version__
 
 __all__ = ["COMMANDS", "main"]
 
 #: In the order of the help; each with its module in `inim.commands`.
 COMMANDS = {
+    "demo": "validate",
     "validate": "validate",
     "baseline": "compare",
     "compare": "compare",
@@ -72,9 +72,17 @@ def main(argv: list[str] | None = None) -> int:
         except OSError:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     argv = sys.argv[1:] if argv is None else argv
-    args = _parser(argv[0] if argv else None).parse_args(argv)
-    # An end from outside takes workers and half-written files along, as Ctrl-C does.
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks how a word goes on
+        from inim.completion import complete
+
+        complete(_parser(None))
+    if not argv:
+        argv = ["--help"]
+    parser = _parser(argv[0])
+    if argv[0] not in COMMANDS and not argv[0].startswith("-"):
+        known = known_words(argv[0], COMMANDS, f"there are {', '.join(COMMANDS)}")
+        parser.error(f"{argv[0]}: no such command; {known}")
+    args = parser.parse_args(argv)
     try:
         return int(args.run(args))
     except InimError as error:
@@ -82,9 +90,6 @@ def main(argv: list[str] | None = None) -> int:
             traceback.print_exception(error.__cause__)
         print(f"inim: error: {_one_line(str(error))}", file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        print("inim: interrupted; nothing was written", file=sys.stderr)
-        return 130
     except BrokenPipeError:  # the reader of our output left; that is its right
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_PASSED

@@ -7,6 +7,8 @@ failed, code 1, is a verdict and no exception.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 EXIT_PASSED = 0
 EXIT_CHECK_FAILED = 1
 EXIT_USAGE = 2
@@ -71,3 +73,28 @@ class BaselineError(InimError):
 
 class WorkerError(InimError):
     """The worker process ended without a result (crash in native code, kill)."""
+
+
+# Looking for a likeness takes as long as a word is.
+_LONGEST_WORD = 80
+
+
+def known_words(word: object, known: Iterable[str], otherwise: str = "", prefix: str = "") -> str:
+    """The way out where nobody knows a word: "did you mean X?", or all there are.
+
+    Parameters
+    ----------
+    word : object
+    known : iterable of str
+    otherwise : str
+        What to say instead of "use A or B" where no known word is like it.
+    prefix : str
+        Stands before the word that is meant.
+    """
+    import difflib
+
+    known = list(known)
+    near = difflib.get_close_matches(str(word)[:_LONGEST_WORD], known, n=1)
+    if near:
+        return f"did you mean {prefix}{near[0]}?"
+    return otherwise or f"use {' or '.join(known)}"

@@ -1,20 +1,34 @@
-"""What `python -m inim` and its kin run: the command line, without the current folder's modules.
+"""What `inim`, `python -m inim` and its kin run: the command line, as a process of its own.
 
-Nothing but `sys` is imported before that folder is off the path.
+Nothing is imported before SIGINT is heeded, and nothing of the current folder.
 """
 
-from __future__ import annotations
-
+import os
 import sys
-from typing import NoReturn
+
+TYPE_CHECKING = False  # `typing` takes longer to load than all else here
+if TYPE_CHECKING:
+    from typing import NoReturn
 
 __all__ = ["run"]
 
 
-def run(*words: str) -> NoReturn:
+def run(*words: str) -> "NoReturn":
     """Carry out the command that these words and the process's own arguments name, and exit."""
-    if not getattr(sys.flags, "safe_path", False):
+    import _signal  # type: ignore[import-not-found]  # built in; `signal` loads a dozen modules
+
+    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:  # else it is ignored
+        _signal.signal(_signal.SIGINT, lambda number, _: os._exit(128 + number))
+    by_module = sys.modules["__main__"].__spec__ is not None
+    if by_module and not getattr(sys.flags, "safe_path", False):
         del sys.path[0]  # the current folder, where `python -m` looks first
+    from inim import interruption
+
+    interruption.install()
     from inim.cli import main
 
-    sys.exit(main([*words, *sys.argv[1:]]))
+    try:
+        code = main([*words, *sys.argv[1:]])
+    finally:
+        interruption.too_late()
+    sys.exit(code)

@@ -1,4 +1,4 @@
-"""How Python is started for a child process: nothing that lies in the current folder is imported.
+"""How a child process is started and ended; Python imports nothing that lies in the current folder.
 
 `python -m` and `python -c` put the current folder before the standard library, and there lies
 whatever a user keeps beside a scene: a `numpy.py` would be executed. What `PYTHONPATH` names is the
@@ -7,14 +7,24 @@ user's own choice, and stays.
 
 from __future__ import annotations
 
+import math
 import os
+import signal
 import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib.machinery import PathFinder
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import inim
+from inim import interruption
 
-__all__ = ["child_environment", "python_code", "python_module"]
+if TYPE_CHECKING:
+    import subprocess
+
+__all__ = ["child_environment", "end_process", "python_code", "python_module", "started"]
 
 _HAS_SAFE_PATH = sys.version_info >= (3, 11)
 
@@ -47,3 +57,52 @@ def child_environment() -> dict[str, str]:
         return dict(os.environ)
     places = [str(home), *filter(None, [os.environ.get("PYTHONPATH")])]
     return os.environ | {"PYTHONPATH": os.pathsep.join(places)}
+
+
+@contextmanager
+def started(words: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[Any]]:
+    """A child process, ended with the block if it still runs, and with the program.
+
+    It never hears of SIGINT, which a terminal sends to all: Python's own start would answer with a
+    traceback.
+
+    Parameters
+    ----------
+    words : sequence of str
+    **options
+        Of `subprocess.Popen`.
+    """
+    with interruption.undone_afterwards(lambda: _deaf(words, options), end_process) as process:
+        yield process
+
+
+def _deaf(words: Sequence[str], options: dict[str, Any]) -> subprocess.Popen[Any]:
+    """Start it with SIGINT blocked: a child has its parent's mask from its first instruction on."""
+    import subprocess
+
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return subprocess.Popen(words, **options)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def end_process(process: subprocess.Popen[Any]) -> None:
+    """End a child that still runs, and wait for it; by force where it takes too long.
+
+    Its `wait` would take a lock that the thread which a signal has interrupted may hold.
+    """
+    for number, seconds in ((signal.SIGTERM, interruption.WAIT_S), (signal.SIGKILL, math.inf)):
+        patience = time.monotonic() + seconds
+        if process.returncode is None:
+            with suppress(ProcessLookupError):
+                os.kill(process.pid, number)
+        while process.returncode is None and time.monotonic() < patience:
+            try:
+                found, status = os.waitpid(process.pid, os.WNOHANG)
+            except ChildProcessError:  # another thread has waited for it just now
+                return
+            if found:
+                process.returncode = os.waitstatus_to_exitcode(status)
+            else:
+                time.sleep(0.002)

@@ -6,14 +6,14 @@ ignores, and are overridden by ``-D inim.KEY=VALUE``. Text in, a checked `Settin
 
 from __future__ import annotations
 
-import difflib
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 from inim.display import DISPLAYS, Display
-from inim.errors import DisplayError, SceneError
+from inim.errors import DisplayError, SceneError, known_words
 
 __all__ = ["DISPLAY_KEYS", "PREFIX", "Settings", "setting_table"]
 
@@ -21,6 +21,7 @@ PREFIX = "inim."
 
 # Far above any sensible length, count or seed, and far below where arithmetic overflows.
 _LARGEST = 1e18
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 # More samples than this per pixel is a slip of the keyboard that would run for days.
 _MOST_SAMPLES = 2**20
 
@@ -141,8 +142,7 @@ class Settings:
         for key, text in values.items():
             name = key.removeprefix(PREFIX)
             if name not in known:
-                near = difflib.get_close_matches(name, known, n=1)
-                hint = f"did you mean {PREFIX}{near[0]}?" if near else "see `inim settings`"
+                hint = known_words(name, known, "see `inim settings`", PREFIX)
                 raise SceneError(f"{source}: unknown setting {key!r}; {hint}")
             parsed[name] = _read(key, text, str(known[name].type), source)
             low = known[name].metadata["low"]
@@ -165,8 +165,8 @@ class Settings:
         """
         if self.display not in DISPLAYS:
             raise SceneError(
-                f"{source}: {PREFIX}display = {self.display!r}; use {' or '.join(DISPLAYS)}, "
-                "and change single values with their own keys"
+                f"{source}: {PREFIX}display = {self.display!r}: no such preset; "
+                f"{known_words(self.display, DISPLAYS)} Single values have keys of their own"
             )
         preset = DISPLAYS[self.display]
         given = {key: getattr(self, key) for key in DISPLAY_KEYS if getattr(self, key) is not None}
@@ -226,6 +226,8 @@ def _read(key: str, text: str, kind: str, source: str) -> Any:
         value = int(text) if whole else float(text)
     except ValueError:
         wanted = "a whole number" if whole else "a number"
+        if not whole and _DECIMAL_COMMA.fullmatch(text.strip()):
+            wanted += f"; write {text.strip().replace(',', '.')}"
         raise SceneError(f"{source}: {key} = {text[:40]!r}: must be {wanted}") from None
     if not abs(value) < _LARGEST:
         raise SceneError(f"{source}: {key} = {text[:40]!r}: must be finite and below {_LARGEST:g}")

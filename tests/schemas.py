@@ -13,6 +13,7 @@ from jsonschema.exceptions import best_match
 from referencing import Registry, Resource
 
 import inim.schemas
+from inim.schemas import schema
 
 FOLDER = Path(inim.schemas.__file__).parent
 #: Of the study of accuracy, whose stress.json is not that of the command.
@@ -72,3 +73,57 @@ def _files() -> dict[str, dict[str, Any]]:
 
 def _read(path: Path) -> dict[str, Any]:
     return dict(json.loads(path.read_text("utf-8")))
+
+
+def flat(part: dict[str, Any], name: str) -> dict[str, Any]:
+    """A part of a schema with what it refers to in its place."""
+    if "$ref" not in part:
+        return part
+    meant = flat(schema(name)["$defs"][part["$ref"].removeprefix("#/$defs/")], name)
+    required = [*meant.get("required", ()), *part.get("required", ())]
+    return meant | part | ({"required": required} if required else {})
+
+
+def example(part: dict[str, Any], name: str) -> Any:
+    """A value of a schema with all that it allows, and one of each where it allows any number."""
+    part = flat(part, name)
+    if "const" in part:
+        return part["const"]
+    for chosen in ("examples", "enum"):
+        if chosen in part:
+            return part[chosen][0]
+    kind = part["type"] if isinstance(part["type"], str) else part["type"][0]
+    if kind == "object":
+        return {key: example(one, name) for key, one in members(part)}
+    if kind == "array":
+        items = part.get("prefixItems") or [part["items"]] * part.get("minItems", 1)
+        return [example(one, name) for one in items]
+    return {"string": "text", "number": 0.5, "integer": 1, "boolean": True}[kind]
+
+
+def members(part: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """The keys of an example of an object, each with its schema."""
+    allows = Draft202012Validator(part.get("propertyNames", True)).is_valid
+    found = [(key, one) for key, one in part.get("properties", {}).items() if allows(key)]
+    if part.get("additionalProperties"):
+        key = next(filter(allows, ("a", "a_to_ceiling")))
+        found.append((key, part["additionalProperties"]))
+    return found + [("eia_a", one) for one in part.get("patternProperties", {}).values()]
+
+
+def completed(name: str, document: Mapping[str, Any]) -> dict[str, Any]:
+    """A document with an example of whatever its schema requires and it lacks."""
+    found: dict[str, Any] = _completed(schema(name), name, document)
+    return found
+
+
+def _completed(part: dict[str, Any], name: str, value: Any) -> Any:
+    part = flat(part, name)
+    if isinstance(value, Mapping):
+        own, others = part.get("properties", {}), part.get("additionalProperties")
+        needed = {key: example(own[key], name) for key in part.get("required", ())}
+        known = {key: own.get(key, others or {}) for key in value}
+        return needed | {k: _completed(known[k], name, v) for k, v in value.items()}
+    if isinstance(value, list) and "items" in part and "prefixItems" not in part:
+        return [_completed(part["items"], name, one) for one in value]
+    return value

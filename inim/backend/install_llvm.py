@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from inim import interruption
 from inim.backend import (
     LLVM_VARIABLE,
     PRIVATE_MARKER,
@@ -27,6 +28,7 @@ from inim.backend import (
     private_folders,
 )
 from inim.errors import BackendError, FileError, InimError, UsageError
+from inim.python_process import started
 
 Report = Callable[[str], object]
 Run = Callable[[Sequence[str]], "subprocess.CompletedProcess[str]"]
@@ -47,7 +49,7 @@ BY_HAND = (
 def run_command(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
     """Run a command without a terminal, in English, and keep what it says."""
     quiet = {"LC_ALL": "C", "DEBIAN_FRONTEND": "noninteractive"}
-    return subprocess.run(
+    with started(
         command,
         env={**os.environ, **quiet},
         stdin=subprocess.DEVNULL,
@@ -55,8 +57,9 @@ def run_command(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
         stderr=subprocess.STDOUT,
         text=True,
         errors="replace",
-        check=False,
-    )
+    ) as child:
+        output, _ = child.communicate()
+    return subprocess.CompletedProcess(command, child.returncode, output)
 
 
 def install_llvm(
@@ -172,8 +175,11 @@ def _install_private(prefix: Path | None, report: Report, run: Run) -> Path:
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         # Beside its destination: half a gigabyte that /tmp may not have.
-        with tempfile.TemporaryDirectory(prefix=".inim-llvm-", dir=folder.parent) as name:
-            return _fetch_private(folder, Path(name), prefix is not None, report, run)
+        with interruption.undone_afterwards(
+            lambda: tempfile.TemporaryDirectory(prefix=".inim-llvm-", dir=folder.parent),
+            lambda made: made.cleanup(),
+        ) as made:
+            return _fetch_private(folder, Path(made.name), prefix is not None, report, run)
     except OSError as error:
         raise FileError(f"{folder} cannot be written: {error}; give --prefix FOLDER") from error
 
@@ -255,10 +261,11 @@ def unpack(archives: Sequence[Path], folder: Path, scratch: Path, run: Run) -> N
     _flatten(scratch / "root", flat)
     packages = [path.name for path in wanted]
     (flat / PRIVATE_MARKER).write_text(json.dumps({"packages": packages}, indent=1), "utf-8")
-    if (folder / PRIVATE_MARKER).is_file():
-        shutil.rmtree(folder)
-    # An empty folder is replaced; anything else in the way is the user's, and an error.
-    flat.rename(folder)
+    with interruption.publishing():
+        if (folder / PRIVATE_MARKER).is_file():
+            shutil.rmtree(folder)
+        # An empty folder is replaced; anything else in the way is the user's, and an error.
+        flat.rename(folder)
 
 
 def _flatten(root: Path, flat: Path) -> None:

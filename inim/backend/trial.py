@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from inim import interruption
 from inim.backend import machine
-from inim.python_process import python_code
+from inim.python_process import python_code, started
 
 __all__ = ["REMEMBERED", "Verdict", "cache_file", "probe", "verdict_on"]
 
@@ -94,18 +95,19 @@ def probe(variant: str, variables: dict[str, str], seconds: float = _PROBE_SECON
     import subprocess
 
     try:
-        child = subprocess.run(
+        with started(
             python_code(PROBE, variant),
             env={**os.environ, **variables},
             stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=seconds,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
             errors="replace",
-        )
+        ) as child:
+            output, errors = child.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:
         return Verdict(False, f"it hung for {seconds:g} s", lasting=False)
-    return _read_answer(child.returncode, child.stdout, child.stderr)
+    return _read_answer(child.returncode, output, errors)
 
 
 def _read_answer(code: int, output: str, errors: str) -> Verdict:
@@ -223,7 +225,10 @@ def _write_cache(entries: dict[str, Any]) -> None:
         return
     newest = dict(list(entries.items())[-REMEMBERED:])
     partial = path.with_name(f"{path.name}.{os.getpid()}")
-    with contextlib.suppress(OSError):
+    with (
+        contextlib.suppress(OSError),
+        interruption.undone_afterwards(lambda: partial, interruption.remove_file),
+    ):
         path.parent.mkdir(parents=True, exist_ok=True)
         partial.write_text(json.dumps(newest, indent=1), "utf-8")
         partial.replace(path)

@@ -21,6 +21,7 @@ from inim.worker.supervisor import run_in_worker
 __all__ = ["BenchRequest", "run_bench", "work"]
 
 _MARKER = "bench.json"
+_FILES = (_MARKER, "bench.html", "bench.md")
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False)
     run_in_worker(
         "inim.bench.job:work",
         (request, load_average()),  # before the worker starts to load: what others do
-        lambda: open_staging(request.out),
+        lambda: open_staging(request.out, _FILES),
         check=lambda: _check(request),
         backend="llvm",
         quiet=quiet,

@@ -28,17 +28,23 @@ from typing import Any
 
 import numpy as np
 
+from inim import interruption
+from inim.cache.folder import PARTIAL, store_folder
 from inim.errors import UsageError
 
-__all__ = ["Record", "Store", "StoreInfo", "open_store", "remembered", "use_store"]
+__all__ = [
+    "Record",
+    "Store",
+    "StoreInfo",
+    "open_store",
+    "remembered",
+    "use_store",
+]
 
-FOLDER_VARIABLE = "INIM_CACHE"
 SIZE_VARIABLE = "INIM_CACHE_GIB"
-_OFF = "off"
 _DEFAULT_GIB = 8.0
 _RECORD = ".npz"
 _REASONS = ".json"
-_PARTIAL = ".partial"
 _FACTS = "facts"
 # A file half written that nobody has touched for a day is nobody's.
 _STALE_SECONDS = 86_400
@@ -60,17 +66,6 @@ class StoreInfo:
     records: int
     size_bytes: int
     limit_bytes: int
-
-
-def store_folder() -> Path | None:
-    """Where results are kept; None where they are not, or nobody knows the user's home."""
-    named = os.environ.get(FOLDER_VARIABLE, "")
-    if named:
-        return None if named.lower() == _OFF else Path(named)
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    if not Path(base).is_absolute():
-        base = os.path.expanduser("~/.cache")  # noqa: PTH111 (stays as it is where there is none)
-    return Path(base) / "inim" if Path(base).is_absolute() else None
 
 
 def open_store() -> Store | None:
@@ -220,15 +215,19 @@ class Store:
     def _writing(self, path: Path) -> Any:
         """A file that appears whole or not at all."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        descriptor, name = tempfile.mkstemp(suffix=_PARTIAL, dir=self.folder)
-        try:
+
+        def make() -> tuple[int, Path]:
+            prefix = f"{os.getpid()}."  # see `clear_partials`
+            descriptor, name = tempfile.mkstemp(PARTIAL, prefix, self.folder)
+            return descriptor, Path(name)
+
+        def remove(made: tuple[int, Path]) -> None:
+            interruption.remove_file(made[1])
+
+        with interruption.undone_afterwards(make, remove) as (descriptor, partial):
             with os.fdopen(descriptor, "wb") as file:
                 yield file
-            Path(name).replace(path)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                Path(name).unlink()
-            raise
+            partial.replace(path)
 
     def _make_room(self, needed: int) -> None:
         """Remove what was not used for longest until so much fits."""
@@ -254,9 +253,9 @@ class Store:
             for path in self.folder.iterdir():
                 with contextlib.suppress(OSError):  # it may go at any time
                     status = path.stat()
-                    if path.suffix == _PARTIAL and not _is_stale(status.st_mtime):
+                    if path.suffix == PARTIAL and not _is_stale(status.st_mtime):
                         continue
-                    if path.suffix in (_RECORD, _REASONS, _PARTIAL):
+                    if path.suffix in (_RECORD, _REASONS, PARTIAL):
                         found.append((path, status.st_size, status.st_mtime))
         return found
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from inim import interruption
 from inim.commands.options import Command, add_exit_codes
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 
@@ -39,6 +39,7 @@ def _baseline(args: argparse.Namespace) -> int:
 
 
 _MARKER = "compare.json"
+_FILES = (_MARKER, "compare.html", "junit.xml", "summary.md")
 
 
 def _add_compare_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,19 +83,19 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     FileError
         No report there, or `out` cannot be written.
     """
-    from inim.pipeline.baseline import FOLDER, regression_data, verdict_lines
-    from inim.regression import CANDIDATE, all_passed, compare, read_statistics
-    from inim.report import Report
+    from inim.pipeline.baseline import read_run, regression_data, verdict_lines
+    from inim.regression import all_passed, compare
     from inim.report.compare import SCHEMA, write_comparison
-    from inim.worker.output import open_staging, publish
+    from inim.worker.output import open_staging, publish, remove_folder
 
-    reports = [Report.load(folder) for folder in (before, after)]
+    (report, old), (other, new) = read_run(before), read_run(after)
+    reports = [report, other]
     if out.exists() and any(out.samefile(folder) for folder in (before, after)):
         raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
-    old, new = (read_statistics(report.folder / FOLDER, CANDIDATE) for report in reports)
     verdicts = compare(old, new, str(before))
-    staging = open_staging(out)
-    try:
+    with interruption.undone_afterwards(
+        lambda: open_staging(out, _FILES), remove_folder
+    ) as staging:
         failed = [v.name for v in verdicts if v.kind == "picture" and not v.passed]
         names = [n for n in old.pictures if any(f.startswith(f"{n}: ") for f in failed)]
         pictures = [n for n in names if _copy_pictures(reports, n, staging)]
@@ -113,8 +114,6 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
         }
         write_comparison(data, staging)
         publish(staging, out, _MARKER)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
     return all_passed(verdicts), verdict_lines(verdicts)
 
 

@@ -12,11 +12,13 @@ Nothing of this is installed with inim itself: the extra is ``inim[depth]``.
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inim.commands.options import Command, add_debug
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
+from inim.regular_file import check_file
 
 if TYPE_CHECKING:
     import argparse
@@ -79,10 +81,9 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError(f"-o {args.out}: depth is written as .exr or .npy")
     if args.out.is_dir():
         raise FileError(f"{args.out}: is a folder; name a file with -o")
-    if args.out.resolve() == args.photo.resolve():
+    check_file(args.photo)
+    if os.path.realpath(args.out) == os.path.realpath(args.photo):
         raise UsageError(f"-o {args.out}: is the photograph; give it another name")
-    if not args.photo.is_file():
-        raise FileError(f"{args.photo}: no such file")
     if args.says not in _KINDS:
         raise UsageError(f"--says {args.says}: use {', '.join(_KINDS[:-1])} or {_KINDS[-1]}")
     if not 1 < args.ratio < math.inf:

@@ -94,7 +94,6 @@ def _eia(args: argparse.Namespace) -> tuple[np.ndarray, Display]:
 
 
 def _of_report(folder: Path, name: str | None) -> tuple[Path, Display]:
-    from inim.display import Display
     from inim.report import Report
     from inim.report.wording import best_algorithm
 
@@ -104,7 +103,7 @@ def _of_report(folder: Path, name: str | None) -> tuple[Path, Display]:
     if chosen not in names:
         said = "--name" if name is None else f"--name {name}"
         raise UsageError(f"{said}: {folder} has {', '.join(names) or 'no EIA'}")
-    return folder / "eia" / f"{chosen}.png", Display(**report.data["display"]["given"])
+    return folder / "eia" / f"{chosen}.png", report.design()
 
 
 def _write_views(

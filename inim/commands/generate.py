@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from pathlib import Path
@@ -135,7 +136,7 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
     if one_of("--fill", args.fill, FILLS) != "none" and args.true_views:
         raise UsageError("--fill: the true views have no algorithm's holes; leave it out")
     suffixes = (("-o", args.out, EIA_SUFFIXES), ("--pdf", args.pdf, (".pdf",)))
-    outputs: dict[Path, str] = {}
+    outputs: dict[str, str] = {}
     for option, path, allowed in (*suffixes, ("--rgbd", args.rgbd, (".exr",))):
         if path is None:
             continue
@@ -143,8 +144,8 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
             raise UsageError(f"{option} {path}: name a {' or '.join(allowed)} file")
         if path.is_dir():
             raise FileError(f"{path}: is a folder; name a file with {option}")
-        place = path.resolve()
-        inputs = [p.resolve() for p in (args.color, args.depth) if p is not None]
+        place = os.path.realpath(path)
+        inputs = [os.path.realpath(p) for p in (args.color, args.depth) if p is not None]
         if place in inputs or place in outputs:
             raise UsageError(
                 f"{option} {path}: is also {outputs.get(place, 'what is read')}; give it another "

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inim.commands.options import Command, add_debug, add_definitions, add_exit_codes
-from inim.errors import EXIT_PASSED, FileError, UsageError
+from inim.errors import EXIT_PASSED, FileError, UsageError, known_words
 
 if TYPE_CHECKING:
     from inim.inspect.findings import Findings
@@ -68,8 +68,8 @@ def _settings(display: str, items: list[str]) -> Settings:
     path = Path(display)
     if path.suffix.lower() != ".xml" and not path.exists():
         raise UsageError(
-            f"{display}: neither a scene file nor a preset; give a .xml file or "
-            f"{' or '.join(DISPLAYS)}, and change single values with -D {PREFIX}KEY=VALUE"
+            f"{display}: neither a scene file nor a preset; give a .xml file, or "
+            f"{known_words(display, DISPLAYS)}; and change single values with -D {PREFIX}KEY=VALUE"
         )
     return Settings.parse(read_scene_settings(path, definitions), display)
 

@@ -8,12 +8,15 @@ The scene is plain Mitsuba: `mi.load_file` opens it, and the display travels in 
 from __future__ import annotations
 
 import re
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from inim import interruption
 from inim.commands.options import Command
 from inim.errors import FileError, UsageError
+from inim.regular_file import read_file
 
 if TYPE_CHECKING:
     import argparse
@@ -25,7 +28,10 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMANDS", "new_scene"]
 
+# As `inim.scene` reads.
+_MOST_SCENE_BYTES = 2**26
 _UNITS = ("mm", "cm", "m", "in")
+_PLAUSIBLE_MM = (2.0, 30_000.0)
 _AXES = {
     f"{sign}{axis}": tuple((-1 if sign else 1) * (axis == other) for other in "xyz")
     for sign in ("", "-")
@@ -58,7 +64,7 @@ def new_scene(
     Parameters
     ----------
     source : Path
-        PLY, OBJ, STL, GLB or glTF.
+        PLY, OBJ, OFF, STL, GLB or glTF.
     out : Path
         The scene's XML; `<stem>.ply` and `<stem>.png` go into the same folder.
     unit : str or None
@@ -100,6 +106,7 @@ def new_scene(
     files = _part_files(out, parts)
     _check_targets(source, [out, *files], force)
     low, high = bounds(parts)
+    _check_size(source, high - low, warn)
     xml = scene_xml(files, (high - low) / 2, title or source.stem, display)
     leftovers = [path for path in _leftovers(out, files) if not path.samefile(source)]
     _write_all(out, files, xml, leftovers)
@@ -108,8 +115,8 @@ def new_scene(
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("mesh", type=Path, metavar="MESH", help="PLY, OBJ, STL, GLB or glTF file")
-    add("-o", "--out", type=Path, required=True, metavar="XML", help="scene to write")
+    add("mesh", type=Path, metavar="MESH", help="PLY, OBJ, OFF, STL, GLB or glTF file")
+    add("-o", "--out", type=Path, metavar="XML", help="scene to write (default: MESH-scene.xml)")
     add("--unit", choices=_UNITS, help="length of one unit of the mesh (glTF: metres)")
     axes = f"{', '.join(_AXES)}; write a negative one as --up=-z"
     add("--up", metavar="AXIS", help=f"axis of the mesh that points up: {axes} (glTF: y)")
@@ -122,7 +129,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     path = new_scene(
         args.mesh,
-        args.out,
+        args.out or Path(f"{args.mesh.stem}-scene.xml"),
         unit=args.unit,
         up=args.up,
         front=args.front,
@@ -130,7 +137,7 @@ def _run(args: argparse.Namespace) -> int:
         display=args.display,
         force=args.force,
     )
-    print(f"wrote {path}")
+    print(f"wrote {path}; next: inim validate {shlex.quote(str(path))}")
     return 0
 
 
@@ -176,6 +183,14 @@ def _unit_and_up(
             "along x, y, z"
         )
     return unit, up
+
+
+def _check_size(source: Path, size_mm: np.ndarray, warn: Callable[[str], object]) -> None:
+    """Ask about a unit that makes a relic smaller than a bead or larger than a temple."""
+    largest = float(size_mm.max())
+    if not _PLAUSIBLE_MM[0] <= largest <= _PLAUSIBLE_MM[1]:
+        shown = f"{largest:.3g} mm" if largest < 1000 else f"{largest / 1000:.3g} m"
+        warn(f"{source}: is {shown} large; is --unit right? Pictures do not depend on it")
 
 
 def _turn(up: str, front: str) -> np.ndarray:
@@ -225,9 +240,10 @@ def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
     """
     from inim.scene.relic_scene import attribute
 
-    if not out.is_file():
+    try:
+        text = read_file(out, _MOST_SCENE_BYTES).decode("utf-8", errors="replace")
+    except FileError:  # none, or none that was written here
         return []
-    text = out.read_text("utf-8", errors="replace")
     ours = re.compile(re.escape(_stem(out)) + r"-\d+\.(?:ply|png)")
     return [
         path
@@ -251,17 +267,22 @@ def _write_all(out: Path, files: dict[Path, Mesh], xml: str, leftovers: Sequence
 
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".new-scene-", dir=out.parent) as folder:
+        with interruption.undone_afterwards(
+            lambda: tempfile.TemporaryDirectory(prefix=".new-scene-", dir=out.parent),
+            lambda made: made.cleanup(),
+        ) as made:
+            folder = Path(made.name)
             for path, part in files.items():
                 if path.suffix == ".png":
-                    _write_texture(Path(folder) / path.name, part)
+                    _write_texture(folder / path.name, part)
                 else:
-                    write_ply(Path(folder) / path.name, part)
-            (Path(folder) / out.name).write_text(xml, encoding="utf-8")
-            for path in (*files, out):
-                (Path(folder) / path.name).replace(path)
-        for path in leftovers:
-            path.unlink(missing_ok=True)
+                    write_ply(folder / path.name, part)
+            (folder / out.name).write_text(xml, encoding="utf-8")
+            with interruption.publishing():
+                for path in (*files, out):
+                    (folder / path.name).replace(path)
+                for path in leftovers:
+                    path.unlink(missing_ok=True)
     except OSError as error:
         raise FileError(
             f"{out}: cannot be written ({error.strerror or error}); choose another folder with -o"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from pathlib import Path
 
+from inim import interruption
 from inim.commands.options import (
     Command,
     add_allow_folder,
@@ -17,9 +17,6 @@ from inim.commands.options import (
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
 __all__ = ["COMMANDS"]
-
-# As shells have it: 128 and the signal's number.
-_INTERRUPTED = 128 + signal.SIGINT
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,11 +62,8 @@ def _run(args: argparse.Namespace) -> int:
     if args.dry_run:
         print("\n".join(plan_sweep(request).lines()))
         return EXIT_PASSED
-    try:
-        outcome = run_sweep(request, quiet=args.quiet, debug=args.debug)
-    except KeyboardInterrupt:
-        print("inim: interrupted; results are kept: run it again to go on", file=sys.stderr)
-        return _INTERRUPTED
+    interruption.say("results are kept: run it again to go on")
+    outcome = run_sweep(request, quiet=args.quiet, debug=args.debug)
     if args.quiet:  # else each was printed when it happened
         for label, error in outcome.failed.items():
             print(f"inim: failed: {label}: {error}", file=sys.stderr)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import json
+import shlex
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -18,7 +18,7 @@ from inim.commands.options import (
     picture_of,
     print_outcome,
 )
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, FileError, UsageError
 
 __all__ = ["COMMANDS"]
 
@@ -106,12 +106,16 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _words(passed: bool, out: Path) -> str:
-    """The verdict as its report has it; "FAILED" stands out."""
-    from inim.report.wording import verdict_words
+    """The verdict as its report has it; "FAILED" stands out, below the checks that did."""
+    from inim.files.json_file import read_json
+    from inim.report.wording import check_passed, check_sentence, checks, verdict_words
 
-    if not passed:
-        return "FAILED"
-    return verdict_words(json.loads((out / "report.json").read_text("utf-8")))
+    data = read_json(out / "report.json", "run it again", "report", "picture")
+    if passed:
+        return verdict_words(data)
+    failed = [c for c in checks(data) if not check_passed(c)]
+    lines = [f"failed: {check['name']}: {check_sentence(check)}" for check in failed]
+    return "\n".join([*lines, "FAILED"])
 
 
 def _check_words(args: argparse.Namespace) -> None:
@@ -126,10 +130,16 @@ def _check_words(args: argparse.Namespace) -> None:
 
 
 def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
+    from inim.files.triangle_mesh import MESH_SUFFIXES
     from inim.pipeline.request import Request
     from inim.pipeline.validation import validate_in_worker
     from inim.worker.output import default_out
 
+    if args.scene.suffix.lower() in MESH_SUFFIXES and args.scene.is_file():
+        raise UsageError(
+            f"{args.scene}: is a mesh; make a scene of it first: inim new-scene "
+            f"{shlex.quote(str(args.scene))}"
+        )
     given = {f.name: getattr(args, f.name) for f in fields(Request)}
     given |= {"out": args.out or default_out(args.scene, "report")}
     given |= {name: tuple(getattr(args, name)) for name in _REPEATED}
@@ -162,10 +172,40 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
     return run_picture(request, quiet=args.quiet, debug=args.debug)
 
 
+def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Validate the amphora that comes with inim, and say where its report lies."
+    add_exit_codes(parser)
+    parser.add_argument("-o", "--out", type=Path, help="folder for the report (amphora-report)")
+    add_quiet(parser)
+
+
+def _demo(args: argparse.Namespace) -> int:
+    whole = argparse.ArgumentParser()
+    _add_arguments(whole)
+    words = [str(_demo_scene()), *(["-o", str(args.out)] if args.out else [])]
+    given = whole.parse_args(words)
+    given.quiet, given.debug = args.quiet, args.debug
+    return _run(given)
+
+
+def _demo_scene() -> Path:
+    """In an installed package, or in a clone's own folder."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "demo", package.parent / "scenes"):
+        if (folder / "amphora.xml").is_file():
+            return folder / "amphora.xml"
+    raise FileError(f"{package / 'demo'}: the amphora is not there; install inim again")
+
+
 COMMANDS = {
+    "demo": Command(
+        "validate the amphora that comes with inim: the first thing to type",
+        _add_demo_arguments,
+        _demo,
+    ),
     "validate": Command(
         "render a scene, generate its EIA with each algorithm, score every view",
         _add_arguments,
         _run,
-    )
+    ),
 }

@@ -224,23 +224,29 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _film(args: argparse.Namespace) -> int:
+    from inim.lens import lens_models
     from inim.pipeline.film import FilmRequest, make_film
     from inim.report import Report
     from inim.report.wording import best_algorithm
 
     report = Report.load(args.folder)
     best = best_algorithm(report.data)
-    settings = report.data.get("settings") or {}
+    model = args.lens_model or report.data["lens_model"]
+    if not args.lens_model and model not in lens_models():
+        raise FileError(
+            f"{args.folder}: its report's lens model {model[:40]!r} is not known here; give "
+            "--lens-model"
+        )
     request = FilmRequest(
         folder=str(args.folder),
         out=str(args.out or args.folder / _FILM),
         show=tuple(args.show or [_TRUTH, *([best] if best else [])]),
         path=args.path,
-        lens_model=args.lens_model or str(report.data.get("lens_model")),
+        lens_model=model,
         frames=args.frames,
         frames_per_second=args.rate,
         spp=args.spp,
-        pixels_per_lens=int(settings.get("view_pixels_per_lens") or 4),
+        pixels_per_lens=report.data["settings"]["view_pixels_per_lens"],
         allow_flips=args.allow_flips,
     )
     make_film(request, quiet=args.quiet, debug=args.debug)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
-
 from inim.display.display import Display
-from inim.errors import DisplayError, UsageError
+from inim.errors import DisplayError, UsageError, known_words
 
 __all__ = ["MISALIGNMENTS", "mounted"]
 
@@ -42,8 +40,7 @@ def mounted(display: Display, misalignment: str) -> Display:
     for item in filter(None, (part.strip() for part in misalignment.split(","))):
         key, equals, text = (part.strip() for part in item.partition("="))
         if not equals or key not in MISALIGNMENTS:
-            near = difflib.get_close_matches(key, MISALIGNMENTS, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"use {', '.join(MISALIGNMENTS)}"
+            hint = known_words(key, MISALIGNMENTS)
             raise UsageError(f"misalign {item!r}: write KEY=NUMBER; {hint}")
         if key in off:
             raise UsageError(f"misalign: {key} is given twice; keep one")

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inim.display.display import Display
-from inim.errors import UsageError, ViewpointError
+from inim.errors import UsageError, ViewpointError, known_words
 
 __all__ = [
     "DEFAULT_VIEWPOINTS",
@@ -159,8 +159,8 @@ def named_viewpoint(name: str, display: Display, distance_mm: float) -> Viewpoin
     """One of `DEFAULT_VIEWPOINTS` placed inside this display's viewing zone."""
     if name not in DEFAULT_VIEWPOINTS:
         raise ViewpointError(
-            f"viewpoint {name!r}: not one of {', '.join(DEFAULT_VIEWPOINTS)}; "
-            "give a position as 'name=x y' or 'name=x y z' (mm)"
+            f"viewpoint {name!r}: {known_words(name, DEFAULT_VIEWPOINTS)}, or give a position as "
+            "'name=x y' or 'name=x y z' (mm)"
         )
     across, up = DEFAULT_VIEWPOINTS[name]
     limit_x, limit_y = display.flip_limit_mm(distance_mm)

@@ -21,6 +21,7 @@ from inim.display import Display
 from inim.errors import FileError
 from inim.files.image import exr_size, read_exr_channels, write_atomically
 from inim.files.picture import check_png
+from inim.regular_file import check_file, open_file
 from inim.version import __version__
 
 __all__ = ["EIA_SUFFIXES", "check_eia_name", "read_eia", "write_eia", "write_true_size_pdf"]
@@ -30,14 +31,13 @@ _GREY_16 = ("I;16", "I;16B", "I")
 
 
 def check_eia_name(path: Path) -> None:
-    """Raise `FileError` for a file that is missing or of another kind; it is not opened.
+    """Raise `FileError` for a file that is missing or of another kind; it is not read.
 
     Decoders are native code: only a worker under supervision lets them at a file.
     """
     if path.suffix.lower() not in (".png", ".exr"):
         raise FileError(f"{path}: a finished EIA is a .png (sRGB) or an .exr (linear)")
-    if not path.is_file():
-        raise FileError(f"{path}: no such file")
+    check_file(path)
 
 
 def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | None]:
@@ -99,17 +99,18 @@ def _read_png(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | No
     from PIL import Image
 
     check_png(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # on sizes, which are checked below
-            with Image.open(path, formats=["PNG"]) as picture:
-                _check_size(path, picture.size, display)
-                return _linear(picture)
-    except FileError:
-        raise
-    except Exception as error:
-        cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-        raise FileError(f"{path}: not a readable PNG ({cause})") from error
+    with open_file(path) as file:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # on sizes, which are checked below
+                with Image.open(file, formats=["PNG"]) as picture:
+                    _check_size(path, picture.size, display)
+                    return _linear(picture)
+        except FileError:
+            raise
+        except Exception as error:
+            cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
+            raise FileError(f"{path}: not a readable PNG ({cause})") from error
 
 
 def _linear(picture: Any) -> tuple[np.ndarray, np.ndarray | None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib import metadata
@@ -13,10 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from inim import interruption
 from inim.cache.digest import value_digest
 from inim.cache.store import remembered
 from inim.color import srgb_codes
 from inim.errors import FileError, UsageError
+from inim.regular_file import check_file
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 from inim.version import __version__
 
@@ -25,6 +28,7 @@ __all__ = [
     "check_unfolding",
     "encoded",
     "exr_size",
+    "hushed",
     "read_exr",
     "read_exr_channels",
     "read_exr_texture",
@@ -53,16 +57,16 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp{path.suffix}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(temporary)
-        temporary.replace(path)
+        with interruption.undone_afterwards(lambda: temporary, interruption.remove_file):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write(temporary)
+            interruption.written()
+            temporary.replace(path)
     except OSError as error:
         raise FileError(
             f"{path}: cannot be written ({error.strerror or error}); "
             "free some space or choose another folder with -o"
         ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_png(path: Path, linear: np.ndarray) -> None:
@@ -247,7 +251,8 @@ def exr_size(path: Path) -> tuple[int, int]:
     FileError
         Missing or damaged.
     """
-    with _exr_errors(path), _hushed():
+    check_file(path)
+    with _exr_errors(path), hushed():
         import OpenEXR
 
         return _size(OpenEXR.File(str(path), header_only=True).parts[0].header)
@@ -306,9 +311,8 @@ def _read_parts(path: Path) -> list[tuple[dict[str, np.ndarray], dict[str, Any]]
 
 def _decoded(path: Path) -> list[tuple[dict[str, np.ndarray], dict[str, Any]]]:
     """Channels and header of each part, checked: OpenEXR does not raise on truncated files."""
-    if not path.is_file():
-        raise FileError(f"{path}: no such file")
-    with _exr_errors(path), _hushed():
+    check_file(path)
+    with _exr_errors(path), hushed():
         import OpenEXR
 
         header = OpenEXR.File(str(path), header_only=True)
@@ -338,22 +342,41 @@ def _exr_errors(path: Path) -> Iterator[None]:
         raise FileError(f"{path}: not a readable EXR ({cause})") from error
 
 
-@contextlib.contextmanager
-def _hushed() -> Iterator[None]:
-    """Keep OpenEXR's own words, hundreds of lines on a damaged file, off stdout and stderr.
+# Descriptor 2 and `sys.stdout` belong to the whole process, so that all threads that ask share one
+# silence: the first begins it, the last ends it. What others say meanwhile is lost, too.
+_silence = threading.Lock()
+_asking = 0
+_undo = contextlib.ExitStack()
 
-    Python's `print` carries some, descriptor 2 the others.
+
+@contextlib.contextmanager
+def hushed() -> Iterator[None]:
+    """Keep a decoder's own words, hundreds of lines on a damaged file, off stdout and stderr.
+
+    Python's `print` carries some of OpenEXR's, descriptor 2 its others and all of libtiff's.
     """
+    global _asking
+    with _silence:
+        if not _asking:
+            _begin_silence()
+        _asking += 1
+    try:
+        yield
+    finally:
+        with _silence:
+            _asking -= 1
+            if not _asking:
+                _undo.close()
+
+
+def _begin_silence() -> None:
     kept = os.dup(2)
+    _undo.callback(os.close, kept)
+    _undo.callback(os.dup2, kept, 2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
     os.close(nowhere)
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):
-            yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+    _undo.enter_context(contextlib.redirect_stdout(io.StringIO()))
 
 
 def _check_size(path: Path, header: Mapping[str, Any]) -> int:

@@ -29,7 +29,8 @@ from inim.display import Display
 from inim.display.pixels import PixelAxis
 from inim.errors import FileError, UsageError
 from inim.files.image import write_atomically
-from inim.files.picture import read_pfm
+from inim.files.picture import open_picture, read_pfm
+from inim.regular_file import read_file
 
 __all__ = [
     "LightField",
@@ -48,6 +49,7 @@ _PARAMETERS = "parameters.cfg"
 _QUILT_NAME = re.compile(r"_qs(\d{1,3})x(\d{1,3})a(\d+(?:\.\d+)?)$")
 _MOST_VIEWS = 10_000
 _MOST_BYTES = 2**32
+_MOST_PARAMETER_BYTES = 2**20
 
 
 @dataclass(frozen=True)
@@ -298,24 +300,28 @@ def write_quilt(
 
 def _is_of_display(folder: Path) -> bool:
     """Whether `write_hci` had a display; the file was read before, for the grid."""
+    path = folder / _PARAMETERS
+    if not path.exists():
+        return False
     parser = configparser.ConfigParser(interpolation=None)
-    parser.read(folder / _PARAMETERS, encoding="utf-8")
+    parser.read_string(read_file(path, _MOST_PARAMETER_BYTES).decode("utf-8"))
     return parser.get("inim", "projection", fallback="") == "parallel"
 
 
 def _grid(folder: Path, count: int) -> tuple[int, int]:
     path = folder / _PARAMETERS
-    if not path.is_file():
+    if not path.exists():
         side = round(count**0.5)
         if side * side != count:
             raise FileError(f"{path}: missing, and {count} views make no square; state num_cams_x")
         return side, side
+    text = read_file(path, _MOST_PARAMETER_BYTES)
     try:
         parser = configparser.ConfigParser(interpolation=None)
-        parser.read_string(path.read_text(encoding="utf-8"))
+        parser.read_string(text.decode("utf-8"))
         down = parser.getint("extrinsics", "num_cams_y")
         across = parser.getint("extrinsics", "num_cams_x")
-    except (OSError, ValueError, configparser.Error) as error:
+    except (ValueError, configparser.Error) as error:
         cause = str(error).partition("\n")[0]
         raise FileError(f"{path}: not readable ({cause}); state num_cams_x and _y") from error
     if down < 1 or across < 1 or down * across != count:
@@ -324,14 +330,8 @@ def _grid(folder: Path, count: int) -> tuple[int, int]:
 
 
 def _read_view(path: Path) -> NDArray[np.uint8]:
-    from PIL import Image
-
-    try:
-        with Image.open(path, formats=["PNG"]) as picture:
-            return np.asarray(picture.convert("RGB"))
-    except Exception as error:
-        cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-        raise FileError(f"{path}: not a readable PNG ({cause})") from error
+    with open_picture(path, ("PNG",), 1) as picture:
+        return np.asarray(picture.convert("RGB"))
 
 
 def _disparity(folder: Path, views: np.ndarray) -> NDArray[np.float32] | None:

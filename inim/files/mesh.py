@@ -1,4 +1,4 @@
-"""Triangle meshes in and out: PLY, OBJ, STL and glTF read with suspicion, PLY written for Mitsuba.
+"""Triangle meshes in and out: PLY, OBJ, OFF, STL, glTF read with suspicion, PLY written.
 
 `read_mesh` gives arrays to convert; `check_mesh_file` says whether a file that a scene
 names may go to Mitsuba as it is: its loaders trust counts and indices, and a PLY whose face index
@@ -22,6 +22,7 @@ import numpy as np
 from inim.errors import FileError
 from inim.files.ply import check_ply, is_ply, read_ply, write_ply
 from inim.files.triangle_mesh import (
+    MESH_SUFFIXES,
     MOST_BYTES,
     Mesh,
     check_area,
@@ -154,7 +155,7 @@ def _stl_size(count: int) -> int:
 _MOST_SHARING = 16
 _MOST_NODES = 100_000
 # What a tree raises that is not built as a glTF's is.
-_WRONG_KINDS = (ValueError, AttributeError, TypeError, RecursionError)
+_WRONG_KINDS = (ValueError, AttributeError, TypeError, RuntimeError, OSError)
 
 
 def check_gltf(path: Path, data: bytes) -> None:
@@ -258,13 +259,27 @@ def _inflate_mesh(data: bytes, version: int) -> tuple[np.ndarray, np.ndarray]:
     return vertices.astype(np.float32), faces.astype(np.int64)
 
 
+# `STOFF`, `COFF`, `NOFF`: with texture coordinates, colours, normals, which are not read.
+_OFF = re.compile(rb"(?:ST)?C?N?OFF\b(?!\s*BINARY)")
+# Read as lines of text, in some twenty times as much memory.
+_MOST_OFF_BYTES = 2**28
+
+
+def check_off(path: Path, data: bytes) -> None:
+    """An OFF is text in three dimensions, and of a size that can be split into lines."""
+    if not _OFF.match(data):
+        raise FileError(f"{path}: not an OFF of text in three dimensions; export it as PLY")
+    if len(data) > _MOST_OFF_BYTES:
+        raise FileError(f"{path}: an OFF of {len(data)} bytes; export it as PLY")
+
+
 # Millimetres in one unit of length.
 UNIT_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
-SUFFIXES = (".ply", ".obj", ".stl", ".glb", ".gltf")
 
 # What a file must pass before trimesh may read it; PLY passes while its header is read.
 _BEFORE_TRIMESH: dict[str, Callable[[Path, bytes], object]] = {
     "obj": scan_obj,
+    "off": check_off,
     "stl": check_stl,
     "glb": check_gltf,
     "gltf": check_gltf,
@@ -278,7 +293,7 @@ def _silent(_: str) -> None:
 
 
 def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]:
-    """Read every triangle mesh of a PLY, OBJ, STL, GLB or glTF file, node transforms applied.
+    """Read every triangle mesh of a PLY, OBJ, OFF, STL, GLB or glTF file, node transforms applied.
 
     Parameters
     ----------
@@ -338,7 +353,7 @@ def check_mesh_file(path: Path, plugin: str | None = None) -> None:
 
 
 def mesh_kind(path: Path, data: bytes) -> str:
-    """`ply`, `obj`, `stl`, `glb` or `gltf`: by the content first, by the suffix where text."""
+    """A suffix of `MESH_SUFFIXES` without its dot: by the content first, where text by the name."""
     suffix = path.suffix.lower()
     start = data[:1024].lstrip()
     if is_ply(data):
@@ -349,11 +364,11 @@ def mesh_kind(path: Path, data: bytes) -> str:
         return "stl"
     if start.startswith(b"{") and b'"asset"' in data:
         return "gltf"
-    if suffix == ".obj":
-        return "obj"
-    if suffix in SUFFIXES:
+    if suffix in (".obj", ".off"):
+        return suffix[1:]
+    if suffix in MESH_SUFFIXES:
         raise FileError(f"{path}: is named {suffix} but its content is not; export it again")
     raise FileError(
-        f"{path}: not a mesh that inim reads ({', '.join(SUFFIXES)}); convert it in Blender or "
-        "MeshLab first"
+        f"{path}: not a mesh that inim reads ({', '.join(MESH_SUFFIXES)}); convert it in Blender "
+        "or MeshLab first"
     )

@@ -7,6 +7,7 @@ run-length coded; so every line of one is checked.
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 import warnings
@@ -18,7 +19,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from inim.errors import FileError
-from inim.files.image import check_exr, check_unfolding, read_exr_texture
+from inim.files.image import check_exr, check_unfolding, hushed, read_exr_texture
+from inim.regular_file import open_file, read_file
 
 __all__ = [
     "check_picture",
@@ -55,18 +57,14 @@ def check_picture(path: Path) -> None:
     FileError
         Missing, damaged, cut short, of another kind, or unfolding to far more than its size.
     """
-    try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
-        if is_pfm(head):
-            check_pfm(path, path.read_bytes())
-        elif is_radiance(head):
-            check_radiance(path, path.read_bytes())
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror})") from None
-    if head.startswith(_EXR_MAGIC):
+    head = _head(path)
+    if is_pfm(head):
+        check_pfm(path, read_file(path, _MOST_PFM_BYTES))
+    elif is_radiance(head):
+        check_radiance(path, read_file(path, _MOST_RADIANCE_BYTES, way_out="save it as EXR"))
+    elif head.startswith(_EXR_MAGIC):
         check_exr(path)
-    elif not is_pfm(head) and not is_radiance(head):
+    else:
         with open_picture(path, _FORMATS, _SAMPLE_BYTES, _UNKNOWN) as picture:
             picture.load()
 
@@ -85,8 +83,7 @@ def read_texture(path: Path) -> np.ndarray | None:
     FileError
         Damaged, as for `check_picture`.
     """
-    with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
+    head = _head(path)
     if head.startswith(_READ_BY_MITSUBA):
         return None
     if head.startswith(_EXR_MAGIC):
@@ -98,8 +95,12 @@ def read_texture(path: Path) -> np.ndarray | None:
 
 def is_exr(path: Path) -> bool:
     """Whether a file opens as an EXR, whatever it is called."""
-    with path.open("rb") as file:
-        return file.read(len(_EXR_MAGIC)) == _EXR_MAGIC
+    return _head(path).startswith(_EXR_MAGIC)
+
+
+def _head(path: Path) -> bytes:
+    with open_file(path) as file:
+        return file.read(_HEAD_BYTES)
 
 
 @contextmanager
@@ -121,25 +122,26 @@ def open_picture(
     Raises
     ------
     FileError
-        Damaged, cut short, of another kind, or unfolding to far more than its size.
+        Missing, damaged, cut short, of another kind, or unfolding to far more than its size.
     """
     from PIL import Image
 
     check_png(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # on sizes, which are checked below
-            with Image.open(path, formats=formats) as picture:
-                samples = picture.width * picture.height * len(picture.getbands())
-                check_unfolding(path, sample_bytes * samples)
-                yield picture
-    except FileError:
-        raise
-    except Exception as error:
-        if unknown and isinstance(error, Image.UnidentifiedImageError):
-            raise FileError(f"{path}: {unknown}") from error
-        cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-        raise FileError(f"{path}: not a readable picture ({cause}); save it anew") from error
+    with open_file(path) as file, hushed():
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # on sizes, which are checked below
+                with Image.open(file, formats=formats) as picture:
+                    samples = picture.width * picture.height * len(picture.getbands())
+                    check_unfolding(path, sample_bytes * samples)
+                    yield picture
+        except FileError:
+            raise
+        except Exception as error:
+            if unknown and isinstance(error, Image.UnidentifiedImageError):
+                raise FileError(f"{path}: {unknown}") from error
+            cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
+            raise FileError(f"{path}: not a readable picture ({cause}); save it anew") from error
 
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -155,12 +157,9 @@ def check_png(path: Path) -> None:
     FileError
         Cut short or damaged, or it cannot be read.
     """
-    try:
-        with path.open("rb") as file:
-            if file.read(len(_PNG_SIGNATURE)) == _PNG_SIGNATURE:
-                _check_chunks(path, file, path.stat().st_size)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror})") from None
+    with open_file(path) as file:
+        if file.read(len(_PNG_SIGNATURE)) == _PNG_SIGNATURE:
+            _check_chunks(path, file, os.fstat(file.fileno()).st_size)
 
 
 def _check_chunks(path: Path, file: BinaryIO, size: int) -> None:
@@ -185,6 +184,8 @@ _FORMAT = re.compile(rb"^FORMAT=32-bit_rle_(?:rgbe|xyze)$", re.M)
 _PFM_OF_SCENE = re.compile(rb"(P[Ff])\n(\d{1,5}) (\d{1,5})\n[-+]?\d{1,9}(?:\.\d{0,9})?\n")
 # By the format's own rule, lines of other lengths are not run-length coded.
 _SHORTEST_CODED, _LONGEST_CODED = 8, 0x7FFF
+# Of three floats in each of 2^28 pixels, with a header.
+_MOST_PFM_BYTES = 12 * 2**28 + 2**10
 # Going through a file costs about a second for each 10 MiB at worst.
 _MOST_RADIANCE_BYTES = 48 * 2**20
 
@@ -215,8 +216,6 @@ def check_pfm(path: Path, data: bytes) -> None:
 
 def check_radiance(path: Path, data: bytes) -> None:
     """Raise `FileError` unless every scan line of a Radiance HDR is whole."""
-    if len(data) > _MOST_RADIANCE_BYTES:
-        raise FileError(f"{path}: Radiance HDR of {len(data)} bytes; save it as EXR")
     header = _HEADER.match(data)
     if not header or not _FORMAT.search(data, 0, header.end()):
         raise FileError(f"{path}: its Radiance header makes no sense; save it as EXR")
@@ -270,7 +269,7 @@ def read_pfm(path: Path) -> np.ndarray:
     FileError
         Damaged, of another length than its header says, or in colour.
     """
-    data = path.read_bytes()
+    data = read_file(path, _MOST_PFM_BYTES)
     header = _PFM.match(data)
     if not header:
         raise FileError(f"{path}: its PFM header makes no sense; save it as EXR or .npy")
@@ -299,12 +298,8 @@ def check_volume(path: Path) -> None:
     FileError
         Missing, of another kind, or not as long as it declares.
     """
-    try:
-        size = path.stat().st_size
-        with path.open("rb") as file:
-            head = file.read(_VOLUME_HEAD.size)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror})") from None
+    with open_file(path) as file:
+        size, head = os.fstat(file.fileno()).st_size, file.read(_VOLUME_HEAD.size)
     if len(head) < _VOLUME_HEAD.size:
         raise FileError(f"{path}: not a grid of Mitsuba's .vol format; it is cut short")
     magic, version, kind, x, y, z, channels, *_ = _VOLUME_HEAD.unpack(head)

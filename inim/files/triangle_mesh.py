@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from inim.errors import FileError
+from inim.regular_file import read_file
 
 __all__ = [
+    "MESH_SUFFIXES",
     "MOST_BYTES",
     "Mesh",
     "check_area",
@@ -65,6 +67,8 @@ def usable_normals(normals: np.ndarray | None) -> np.ndarray | None:
     return unit
 
 
+#: Of the mesh files that are read.
+MESH_SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
 # Scans of a hundred million triangles are decimated before they are rendered.
 MOST_BYTES = 2**31
 # Squares of coordinates must stay finite in float32 (largest 3.4e38).
@@ -76,15 +80,7 @@ _FACES_AT_ONCE = 65536
 
 def read_bytes(path: Path) -> bytes:
     """The content of a mesh file that is there, of a sane size and not blank, or a FileError."""
-    try:
-        if not path.is_file():
-            raise FileError(f"{path}: no such file")
-        size = path.stat().st_size
-        if size > MOST_BYTES:
-            raise FileError(f"{path}: {size / 2**30:.1f} GiB; decimate the mesh below 2 GiB first")
-        data = path.read_bytes()
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror or error})") from error
+    data = read_file(path, MOST_BYTES)
     if not data.strip(b" \t\r\n\0"):
         raise FileError(f"{path}: the file is empty; export the mesh again")
     return data

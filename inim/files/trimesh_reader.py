@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import io
+import itertools
 import logging
 import mimetypes
+import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +19,7 @@ from PIL import Image
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.errors import FileError
 from inim.files.triangle_mesh import Mesh, check_indices, first_line, usable_normals
+from inim.regular_file import open_file, read_file
 
 __all__ = ["read_with_trimesh"]
 
@@ -36,6 +40,7 @@ class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
     """
 
     def __init__(self, path: Path) -> None:
+        self._counted = itertools.count()
         super().__init__(str(path))
         self._folder = path.parent
         self.lacking: dict[str, None] = {}
@@ -43,17 +48,32 @@ class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
     def get(self, name: str) -> Any:
         """Bytes of a companion file; trimesh catches what this raises."""
         try:
-            named = self._folder / name
-            # A pipe would keep us waiting for ever, a sparse file fill the memory.
-            if not named.is_file() or named.stat().st_size > _MOST_COMPANION_BYTES:
-                raise ValueError(f"{name[:120]!r} is no file of a sane size")
-            data = super().get(name)
+            data = self._read(name)
             if (mimetypes.guess_type(name)[0] or "").startswith("image/"):
                 Image.open(io.BytesIO(data)).close()
         except Exception:
             self.lacking[name] = None
             raise
         return data
+
+    def _read(self, name: str) -> bytes:
+        """From one of the places where trimesh looks."""
+        for candidate in (name.strip(), name.strip().lstrip("/"), os.path.split(name)[-1]):
+            with suppress(ValueError, FileError):
+                return read_file(self.absolute(candidate), _MOST_COMPANION_BYTES)
+        raise ValueError(f"{name[:120]!r} is no file that is read")
+
+    @property
+    def file_name(self) -> str:
+        """Another one at each call: trimesh calls surfaces without a material so.
+
+        Of one name, it would look for a free one among all others, in quadratic time.
+        """
+        return f"surface-{next(self._counted)}"
+
+    @file_name.setter
+    def file_name(self, _: str) -> None:
+        """Ignored; trimesh sets it."""
 
 
 def read_with_trimesh(path: Path, kind: str, warn: Callable[[str], object]) -> list[Mesh]:
@@ -71,7 +91,7 @@ def read_with_trimesh(path: Path, kind: str, warn: Callable[[str], object]) -> l
     try:
         companions = _Companions(path)
         # No processing: merging vertices drops texture seams, and NaN must be seen, not mended.
-        with path.open("rb") as file:
+        with open_file(path) as file:
             scene = trimesh.load_scene(file, file_type=kind, resolver=companions, process=False)
         for name in companions.lacking:
             warn(

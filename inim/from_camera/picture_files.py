@@ -20,6 +20,7 @@ from inim.files.image import (
     write_atomically,
 )
 from inim.files.picture import is_exr, open_picture, read_pfm
+from inim.regular_file import check_file
 from inim.version import __version__
 
 __all__ = ["DepthFile", "read_color", "read_depth", "write_depth"]
@@ -67,8 +68,6 @@ def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
     FileError
         Missing, damaged or of another kind.
     """
-    if not path.is_file():
-        raise FileError(f"{path}: no such file")
     if is_exr(path):
         linear = read_exr_texture(path)
         if not np.isfinite(linear).all():
@@ -131,8 +130,7 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
         raise FileError(
             f"{path}: a depth picture is a .png, .pgm, .tif, .exr, .pfm or .npy; save it as one"
         )
-    if not path.is_file():
-        raise FileError(f"{path}: no such file")
+    check_file(path)
     stored = readers[suffix](path) if suffix in readers else _decoded_depth(path)
     if stored.ndim == 3 and stored.shape[2] == 1:
         stored = stored[..., 0]

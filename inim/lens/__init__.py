@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.errors import DisplayError, UsageError
+from inim.errors import DisplayError, UsageError, known_words
 from inim.lens import full, pinhole, thick, thin
 from inim.lens.array import (
     NUMPY_OPS,
@@ -99,7 +99,7 @@ def lens_model(name: str) -> LensModel:
     if name in _OWN:
         return _OWN[name]
     if name not in lens_models():
-        raise UsageError(f"lens model {name!r}: use {' or '.join(lens_models())}")
+        raise UsageError(f"lens model {name!r}: {known_words(name, lens_models())}")
     what, found = f"lens model {name!r}", load(_ENTRY_POINTS, name, "lens model")
     if not isinstance(found, LensModel):
         raise UsageError(f"{what} is a {type(found).__name__}; announce an inim.lens.LensModel")

@@ -36,6 +36,7 @@ from inim.regression import (
 )
 from inim.regression.comparison import changed_pixels, tile_pictures
 from inim.report import Report
+from inim.worker.output import undisturbed
 
 __all__ = [
     "FOLDER",
@@ -43,6 +44,7 @@ __all__ = [
     "accept",
     "default_baseline",
     "judge",
+    "read_run",
     "regression_data",
     "verdict_lines",
     "write_difference",
@@ -156,6 +158,18 @@ def default_baseline(title: str) -> Path:
     return BASELINES / (re.sub(r"[^\w.+-]+", "-", title).strip("-.") or "scene")
 
 
+def read_run(out: Path) -> tuple[Report, RunStatistics]:
+    """A report and its statistics, of one run, though another may just be published there.
+
+    Raises
+    ------
+    FileError, BaselineError
+        One of the two is missing or damaged.
+    """
+    with undisturbed(out):
+        return Report.load(out), read_statistics(out / FOLDER, CANDIDATE)
+
+
 def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
     """Make the run in `out` the baseline; its folder.
 
@@ -177,13 +191,12 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
     """
     if not reason.strip():
         raise UsageError("--reason is empty; say in a line why this is the new baseline")
-    report = Report.load(out)
+    report, candidate = read_run(out)
     own = [c for c in report.data["verdict"]["checks"] if "kind" not in c and not c["passed"]]
     if own:
         raise UsageError(
             f"{out}: failed {len(own)} checks of its own ({own[0]['name']}); mend that first"
         )
-    candidate = read_statistics(out / FOLDER, CANDIDATE)
     _check_whole(candidate, out)
     if folder is None:
         compared = report.data.get("regression")

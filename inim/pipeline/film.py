@@ -15,10 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from inim import interruption
 from inim.display import Display
 from inim.display.misalignment import mounted
 from inim.display.viewpoint import eye_path
-from inim.errors import FileError, UsageError
+from inim.errors import FileError, InimError, UsageError
 from inim.lens import check_lens_model
 from inim.observer import Observer
 from inim.pipeline.reconstruct import Optics, ShownEIA
@@ -118,7 +119,6 @@ def _check(request: FilmRequest) -> None:
         if not 1 <= value <= high:
             raise UsageError(f"{name} {value:g}: must lie in 1..{high}")
     display, design = _display(request)
-    check_lens_model(request.lens_model, display)
     eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
     _panels(request, display)
 
@@ -127,14 +127,14 @@ def _display(request: FilmRequest) -> tuple[Display, Display]:
     """The report's display as its array lies, and as designed."""
     from inim.report import Report
 
-    data = Report.load(request.folder).data
+    report = Report.load(request.folder)
+    design = report.design()
     try:
-        design = Display(**data["display"]["given"])
-    except (KeyError, TypeError):
-        raise FileError(
-            f"{request.folder}: its report says no display; make it anew with inim validate"
-        ) from None
-    return mounted(design, str(data.get("misalign") or "")), design
+        display = mounted(design, report.data["misalign"])
+        check_lens_model(request.lens_model, display)
+    except InimError as error:
+        raise FileError(f"{request.folder}: {error}") from None
+    return display, design
 
 
 def _panels(request: FilmRequest, display: Display) -> list[np.ndarray]:
@@ -142,8 +142,7 @@ def _panels(request: FilmRequest, display: Display) -> list[np.ndarray]:
     from inim.files.eia_file import read_eia
     from inim.report import Report
 
-    data = Report.load(request.folder).data
-    names = list(data.get("algorithms") or {})
+    names = list(Report.load(request.folder).data["algorithms"])
     panels = []
     for name in request.show:
         if name != _TRUTH and name not in names:
@@ -162,7 +161,8 @@ def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     film = staging / f"film{out.suffix.lower()}"
     write_film(film, _frames(request, observer), request.frames_per_second)
     try:
-        film.replace(out)
+        with interruption.publishing():
+            film.replace(out)
     except OSError as error:
         raise _unwritable(out, error) from None
     return True

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from inim.display.viewpoint import is_file_safe
-from inim.errors import InimError, UsageError
+from inim.errors import InimError, UsageError, known_words
 from inim.files.eia_file import check_eia_name, read_eia
 from inim.generators import (
     PICKUP,
@@ -212,7 +212,7 @@ def _parse_algorithm(text: str) -> Method:
     if name == PICKUP:
         return pickup_method(label, _pickup_samples(label, options))
     if name not in (names := algorithm_names()):
-        raise UsageError(f"algorithm {name!r}: use {' or '.join([*names, PICKUP])}")
+        raise UsageError(f"algorithm {name!r}: {known_words(name, [*names, PICKUP])}")
     check_algorithm(text)
     if not _LABEL.fullmatch(label):
         raise UsageError(

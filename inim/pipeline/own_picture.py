@@ -47,6 +47,7 @@ __all__ = ["EXACT", "PictureRequest", "run_picture", "work"]
 
 #: Its EIA shows just what the picture says: all that can be asked for without a ground truth.
 EXACT = "template:samples=4"
+_FILES = ("report.json", "report.html", "summary.md", "eia/", "views/")
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
 _NOT_SCORED = (
     "Views against the scene, and to the ceiling: there is no scene, only its picture.",
@@ -134,7 +135,7 @@ def run_picture(
     passed = run_in_worker(
         "inim.pipeline.own_picture:work",
         (request, warnings),
-        lambda: open_staging(request.folder),
+        lambda: open_staging(request.folder, _FILES),
         fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
         backend=request.backend,
         quiet=quiet,

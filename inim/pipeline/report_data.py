@@ -121,6 +121,6 @@ def _rgbd(rgbd: RGBD) -> dict[str, Any]:
 
 
 def _listed_files(folder: Path) -> list[str]:
-    """Every file of the report, so that a later run can tell its own from the user's."""
+    """Every file of the report."""
     pictures = (str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
     return sorted([*pictures, "report.html", "report.json", "junit.xml", "summary.md"])

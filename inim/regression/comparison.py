@@ -228,18 +228,34 @@ _BRIGHTER, _DARKER = np.array([1.0, 0.25, 0.05]), np.array([0.05, 0.3, 1.0])
 _SAME_LENGTH = 1e-9
 # A value of conditions longer than this is not printed in an error.
 _LONGEST_SHOWN = 60
+_SHA256_DIGITS = 64
+# Values of one condition.
+_MOST_SHOWN = 3
+_FOLLOWS = {"display as derived": "display"}
 _TIME_CONDITIONS = ("processor", "threads")
 _ALWAYS_NEW = ("created",)
 
 
 def differing_conditions(baseline: Mapping[str, Any], candidate: Mapping[str, Any]) -> list[str]:
-    """What the two do not share, one phrase for each condition; empty if they can be compared."""
+    """What the two do not share, one phrase for each condition; empty if they can be compared.
+
+    Such as "display: gap_mm 3.2, baseline 3.3".
+    """
     names = [*baseline, *(name for name in candidate if name not in baseline)]
-    return [
-        f"{name} is {_shown(candidate.get(name))}, the baseline's {_shown(baseline.get(name))}"
-        for name in names
-        if not _same(baseline.get(name), candidate.get(name))
-    ]
+    changed = [n for n in names if not _same(baseline.get(n), candidate.get(n))]
+    # What follows from others says nothing new.
+    told = [n for n in changed if _FOLLOWS.get(n) not in changed]
+    return [f"{name}{_difference(candidate.get(name), baseline.get(name))}" for name in told]
+
+
+def _difference(new: Any, old: Any) -> str:
+    """The values that differ; of tables, those in them."""
+    if not (isinstance(new, Mapping) and isinstance(old, Mapping)):
+        return f" {_shown(new)}, baseline {_shown(old)}"
+    names = [name for name in {**old, **new} if not _same(new.get(name), old.get(name))]
+    rows = [f"{name}{_difference(new.get(name), old.get(name))}" for name in names]
+    more = f" and {len(rows) - _MOST_SHOWN} more" if len(rows) > _MOST_SHOWN else ""
+    return f": {', '.join(rows[:_MOST_SHOWN])}{more}"
 
 
 def _same(a: Any, b: Any) -> bool:
@@ -254,6 +270,8 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def _shown(value: Any) -> str:
+    if isinstance(value, str):
+        return f"{value[:12]}…" if len(value) == _SHA256_DIGITS else value[:_LONGEST_SHOWN]
     text = "not there" if value is None else json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 1]}…"
 

@@ -6,8 +6,10 @@ baseline (`baseline.json` and `.npz`). Both are of the schema `inim.baseline/2`.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
+import math
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -16,11 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from inim.errors import BaselineError
+from inim.errors import BaselineError, FileError
 from inim.files.image import write_atomically
+from inim.files.json_file import read_json
 from inim.regression.fingerprints import Fingerprint
 from inim.regression.scores import ScoreEstimate
 from inim.regression.tiles import TileStatistics
+from inim.regular_file import read_file
 
 __all__ = [
     "BASELINE",
@@ -37,6 +41,12 @@ BASELINE, CANDIDATE = "baseline", "candidate"
 
 # More than any picture has tiles, or any file of ours bytes.
 _LARGEST_BYTES = 2**26
+_MOST_ARRAYS = 20_000
+_ZIP_ENTRY = b"PK\1\2"
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 
 
 @dataclass(frozen=True)
@@ -101,13 +111,15 @@ def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list
         "times": {name: list(ratios) for name, ratios in statistics.times.items()},
         "reported": statistics.reported,
     }
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **_arrays(statistics))  # type: ignore[arg-type]
+    packed = stream.getvalue()
+    data["arrays_sha256"] = hashlib.sha256(packed).hexdigest()
     text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     coded = text.encode(errors="backslashreplace")
     # The JSON last: it marks a whole one.
     names = [f"{stem}.json", f"{stem}.npz"]
-    packed = io.BytesIO()
-    np.savez_compressed(packed, **_arrays(statistics))  # type: ignore[arg-type]
-    write_atomically(folder / names[1], lambda p: p.write_bytes(packed.getvalue()))
+    write_atomically(folder / names[1], lambda p: p.write_bytes(packed))
     write_atomically(folder / names[0], lambda p: p.write_bytes(coded))
     return names
 
@@ -129,23 +141,18 @@ def read_statistics(folder: Path, stem: str) -> RunStatistics:
     BaselineError
         Missing, damaged, or of another schema, with the way out.
     """
-    path = folder / f"{stem}.json"
+    path, way_out = folder / f"{stem}.json", _way_out(stem)
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-            said = data.get("schema") if isinstance(data, dict) else None
-            raise BaselineError(f"{path}: schema is {said!r}, not {SCHEMA}; {_way_out(stem)}")
-        arrays = _read_arrays(folder / f"{stem}.npz")
-        return _statistics(data, arrays)
-    except OSError as error:
-        raise BaselineError(
-            f"{error.filename or path}: cannot be read ({error.strerror}); {_way_out(stem)}"
-        ) from None
-    except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        data = read_json(path, way_out, "baseline")
+        packed = read_file(folder / f"{stem}.npz", _LARGEST_BYTES, way_out=way_out)
+        if hashlib.sha256(packed).hexdigest() != data["arrays_sha256"]:
+            raise ValueError("which is of another run; one that is just being replaced?")
+        return _statistics(data, _arrays_in(packed))
+    except FileError as error:
+        raise BaselineError(str(error)) from None
+    except (KeyError, ValueError) as error:
         words = " ".join(str(error).split())[:200]
-        raise BaselineError(
-            f"{path}: damaged ({type(error).__name__}: {words}); {_way_out(stem)}"
-        ) from None
+        raise BaselineError(f"{path}: damaged with its .npz ({words}); {way_out}") from None
 
 
 def _way_out(stem: str) -> str:
@@ -154,20 +161,41 @@ def _way_out(stem: str) -> str:
     return "make the report anew with inim validate"
 
 
-def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    if path.stat().st_size > _LARGEST_BYTES:
-        raise ValueError(f"{path.name} has {path.stat().st_size} bytes")
+def _arrays_in(data: bytes) -> dict[str, np.ndarray]:
+    """The arrays of an .npz; a ValueError where it is none, or unpacks to more than it may."""
+    if data.count(_ZIP_ENTRY) > _MOST_ARRAYS:
+        raise ValueError(f"more than {_MOST_ARRAYS} arrays")
     try:
-        with zipfile.ZipFile(path) as packed:
+        with zipfile.ZipFile(io.BytesIO(data)) as packed:
             if sum(one.file_size for one in packed.infolist()) > _LARGEST_BYTES:
-                raise ValueError(f"{path.name} unpacks to more than {_LARGEST_BYTES} bytes")
-        with np.load(path, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except zipfile.BadZipFile as error:
-        raise ValueError(f"{path.name}: {error}") from None
+                raise ValueError(f"unpacks to more than {_LARGEST_BYTES} bytes")
+            return {
+                one.filename.removesuffix(".npy"): _array(packed, one) for one in packed.infolist()
+            }
+    except Exception as error:  # of any kind: an array's header is read as Python
+        raise ValueError(f"no readable arrays: {error}") from None
+
+
+def _array(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
+    """One array of plain numbers, of the size that its header declares."""
+    with packed.open(entry) as file:
+        version = np.lib.format.read_magic(file)
+        read = _HEADERS.get(version)
+        if read is None:
+            raise ValueError(f"{entry.filename} is of version {version}")
+        shape, _, dtype = read(file)
+        if dtype.kind not in "fu" or min(shape, default=1) < 0:
+            raise ValueError(f"{entry.filename} holds {dtype} of shape {shape}")
+        values = file.read()
+    if math.prod(shape) * dtype.itemsize != len(values):
+        raise ValueError(f"{entry.filename} has {len(values)} bytes for the shape {shape}")
+    return np.frombuffer(values, dtype).reshape(shape)
 
 
 def _statistics(data: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> RunStatistics:
+    for name in data["pictures"]:  # pictures of what changed are written under it
+        if ".." in name.split("/") or name.startswith("/") or not name.isprintable():
+            raise ValueError(f"picture {name[:40]!a} lies outside the report")
     pictures = {
         name: TileStatistics.of(
             _pair(about["tile"]),

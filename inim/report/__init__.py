@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from inim.errors import FileError
+from inim.display import Display
+from inim.errors import FileError, InimError
+from inim.files.json_file import read_json
+from inim.regular_file import read_file
 from inim.report.files import from_strict, write_forms
 from inim.report.wording import verdict
 
 __all__ = ["SCHEMA", "Report"]
 
 SCHEMA = "inim.report/1"
+_WAY_OUT = "make it anew with inim validate"
 # Tall enough for verdict, scores and images; the rest scrolls.
 _NOTEBOOK_HEIGHT_PX = 900
+_MOST_PAGE_BYTES = 2**28
 
 
 @dataclass(frozen=True)
@@ -69,26 +73,33 @@ class Report:
         Raises
         ------
         FileError
-            No report there, or one of another schema.
+            No report there, or not one as its schema says.
         """
         path = Path(folder) / "report.json"
-        try:
-            data = json.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise FileError(f"{path}: cannot be read ({error.strerror})") from None
-        except ValueError as error:
-            raise FileError(f"{path}: not a JSON report ({error})") from None
-        if isinstance(data, dict) and data.get("schema") == "inim.picture/1":
+        data = read_json(path, _WAY_OUT, "report", "picture")
+        if data["schema"] != SCHEMA:
             raise FileError(
                 f"{path}: is of a picture without a scene; take one of its EIAs, such as "
                 f"{path.parent / 'eia'}, with --display"
             )
-        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-            raise FileError(f"{path}: not of schema {SCHEMA}; make it anew with inim validate")
         try:
+            _check_names(data)
             return cls(path.parent, from_strict(data))
         except ValueError as error:
-            raise FileError(f"{path}: {error}; make it anew with inim validate") from None
+            raise FileError(f"{path}: {error}; {_WAY_OUT}") from None
+
+    def design(self) -> Display:
+        """The display as designed.
+
+        Raises
+        ------
+        FileError
+            The report's parameters describe no possible display.
+        """
+        try:
+            return Display(**self.data["display"]["given"])
+        except InimError as error:
+            raise FileError(f"{self.folder / 'report.json'}: {error}; {_WAY_OUT}") from None
 
     def write(self) -> None:
         """Write all four forms into the folder, `report.json` last: it marks a whole report."""
@@ -110,8 +121,8 @@ class Report:
         policy allows no script but the report's.
         """
         try:
-            page = self.html_path.read_text(encoding="utf-8")
-        except OSError:
+            page = read_file(self.html_path, _MOST_PAGE_BYTES).decode("utf-8")
+        except (FileError, ValueError):
             return None
         # Without a base of its own, a framed page's links are relative to the notebook.
         page = page.replace("<head>", '<head><base href="about:srcdoc">', 1)
@@ -119,3 +130,19 @@ class Report:
             f'<iframe srcdoc="{escape(page)}" title="inim report" sandbox="allow-scripts" '
             f'style="width:100%;height:{_NOTEBOOK_HEIGHT_PX}px;border:0"></iframe>'
         )
+
+
+def _check_names(data: Mapping[str, Any]) -> None:
+    """Raise ValueError for a name that leads out of the folder, or a view from nowhere.
+
+    Algorithms and viewpoints name files; scores are of the report's own viewpoints.
+    """
+    viewpoints = {one["name"] for one in data["viewpoints"]}
+    for name in (*viewpoints, *data["algorithms"]):
+        if not name or name.startswith(".") or any(c in "/\\" or not c.isprintable() for c in name):
+            raise ValueError(f"{name[:40]!a} names no file of the report")
+    scored = {f"algorithms.{n}": one for n, one in data["algorithms"].items()}
+    for place, one in {**scored, "ceiling": data["ceiling"]}.items():
+        for name in (*one["views"], *one["precision"]):
+            if name not in viewpoints:
+                raise ValueError(f"{place}: has scores of {name[:40]!a}, which is no viewpoint")

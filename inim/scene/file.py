@@ -7,6 +7,7 @@ nesting; so a scene is scanned first, in bounded time, and refused with one line
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 from inim.errors import FileError, SceneError, UsageError
+from inim.regular_file import open_file, read_file
 from inim.scene.parameters import Content, SceneFolder, SceneParameters, content_of
 from inim.settings import PREFIX, Settings
 
@@ -43,6 +45,7 @@ _VOLUME_TYPES = frozenset({"gridvolume", "sdfgrid"})
 _PICTURE_TYPES = frozenset({"bitmap", "envmap"})
 # What Mitsuba's own XML reader takes as the same text.
 _ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin1", "utf-16")
+_NAME_A_SCENE = "name a Mitsuba scene (.xml)"
 # What only leads to other elements, or to their parameters.
 _UNSEEN = frozenset({"default", "include", "path"})
 _PLUGIN = re.compile(r"\w+", re.ASCII)
@@ -225,8 +228,10 @@ def _scan(
             raise UsageError(f"--allow-folder {one}: is no folder; name one that is there")
     try:
         folder = SceneFolder(path.resolve().parent, [one.resolve() for one in allowed])
-    except OSError as error:  # a relative path, and the current folder was deleted
-        raise FileError(f"{path}: cannot be found ({error.strerror}); give its full path") from None
+    # A relative path, and the current folder was deleted; or a circle of links.
+    except (OSError, RuntimeError) as error:
+        why = getattr(error, "strerror", None) or "its links form a circle"
+        raise FileError(f"{path}: cannot be found ({why}); give its full path") from None
     scan = _Scan(folder, definitions, files)
     scan.read(path, shown=str(path), level=0)
     for key in definitions:
@@ -311,20 +316,12 @@ class _Scan:
             raise FileError(f"{shown}: unreadable XML ({error})") from None
 
     def _bytes(self, path: Path, shown: str) -> bytes:
-        try:
-            if not path.is_file():
-                reason = "is a folder" if path.is_dir() else "no such file"
-                raise FileError(f"{shown}: {reason}; name a Mitsuba scene (.xml)")
-            found = path.stat()
-            self.xml_bytes += found.st_size
-            if self.xml_bytes > _LARGEST_BYTES:
-                raise SceneError(
-                    f"{shown}: {self.xml_bytes} bytes of XML; at most {_LARGEST_BYTES}"
-                )
-            text = path.read_bytes()
-        except OSError as error:
-            raise FileError(f"{shown}: cannot be read ({error.strerror})") from None
-        self.folder.contents[path.resolve()] = content_of(hashlib.sha256(text).digest(), found)
+        left = _LARGEST_BYTES - self.xml_bytes
+        with open_file(path, shown=shown, way_out=_NAME_A_SCENE) as file:
+            before = os.fstat(file.fileno())
+        text = read_file(path, left, shown=shown, way_out=_NAME_A_SCENE)
+        self.xml_bytes += len(text)
+        self.folder.contents[path.resolve()] = content_of(hashlib.sha256(text).digest(), before)
         return text
 
     def _substituted(self, attributes: dict[str, str], where: str) -> dict[str, str]:

@@ -19,6 +19,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from inim.errors import FileError, SceneError
+from inim.regular_file import open_file
 
 __all__ = ["Content", "SceneFolder", "SceneParameters", "content_of"]
 
@@ -110,20 +111,21 @@ class SceneFolder:
 
     def _content(self, path: Path, name: str, where: str) -> Content:
         digest = hashlib.sha256()
-        try:
-            found = path.stat()
-            self._bytes += found.st_size
-            if self._bytes > _MOST_BYTES:
-                raise SceneError(
-                    f"{where}: with {name!r}, the scene's files hold {self._bytes} bytes; at "
-                    f"most {_MOST_BYTES}"
-                )
-            with path.open("rb") as file:
-                while block := file.read(_BLOCK_BYTES):
-                    digest.update(block)
-        except OSError as error:
-            raise FileError(f"{where}: {name!r} cannot be read ({error.strerror})") from None
+        with open_file(path, shown=f"{where}: {name!r}") as file:
+            found = os.fstat(file.fileno())
+            self._check_bytes(found.st_size, name, where)
+            while block := file.read(_BLOCK_BYTES):
+                self._bytes += len(block)
+                self._check_bytes(0, name, where)
+                digest.update(block)
         return content_of(digest.digest(), found)
+
+    def _check_bytes(self, more: int, name: str, where: str) -> None:
+        if self._bytes + more > _MOST_BYTES:
+            raise SceneError(
+                f"{where}: with {name!r}, the scene's files hold {self._bytes + more} bytes; at "
+                f"most {_MOST_BYTES}"
+            )
 
     def _found(self, name: str, where: str) -> Path | None:
         """The one file or folder that a name can mean; None where there is none."""

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from inim.color import linear_from_srgb
 from inim.files.mesh import Mesh
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    import numpy as np
-
-    from inim.files.mesh import Mesh
 
 __all__ = ["attribute", "bounds", "merged", "placed", "scene_xml", "xml_text"]
 
@@ -68,6 +66,9 @@ def placed(meshes: Sequence[Mesh], turn: np.ndarray, scale_mm: float) -> list[Me
 
 # Linear RGB of weathered plaster, for a relic that has no colour of its own.
 STONE = (0.60, 0.57, 0.52)
+# The lamps are made for it: on a perpendicular face of it they come to 0.74, and to white where it
+# shines at the rim. They are dimmed for a relic whose brightest hundredth is brighter.
+_BRIGHTEST_QUANTILE = 0.99
 # A camera far enough off for a natural perspective, and the air around the relic in its picture.
 _FIELD_OF_VIEW_DEG = 20.0
 _AIR = 1.12
@@ -75,9 +76,9 @@ _AIR = 1.12
 # see past the relic; squares of half the side, in the same unit. Direction, half side, radiance.
 _LAMP_DISTANCE = 12.0
 _LAMPS = {
-    "key, up left": ((-0.80, 0.85, 0.55), 2.5, (22.0, 21.0, 19.8)),
-    "fill, right": ((0.85, 0.10, 0.50), 3.0, (4.0, 4.1, 4.4)),
-    "top": ((0.10, 1.00, -0.15), 3.0, (6.5, 6.5, 6.5)),
+    "key, up left": ((-0.80, 0.85, 0.55), 2.5, (17.6, 16.8, 15.8)),
+    "fill, right": ((0.85, 0.10, 0.50), 3.0, (3.2, 3.3, 3.5)),
+    "top": ((0.10, 1.00, -0.15), 3.0, (5.2, 5.2, 5.2)),
 }
 
 
@@ -103,12 +104,24 @@ def scene_xml(files: Mapping[Path, Mesh], half_mm: np.ndarray, title: str, displ
     lines += ["", '    <boolean name="embree_use_robust_intersections" value="true"/>']
     lines += ['    <integrator type="path">', '        <integer name="max_depth" value="6"/>']
     lines += ["    </integrator>", "", *_camera_xml(half_mm, radius), ""]
-    for name, lamp in _LAMPS.items():
-        lines += [f"    <!-- {name} -->", *_lamp_xml(*lamp, radius), ""]
+    share = min(1.0, max(STONE) / max(map(_brightest, files.values())))
+    for name, (direction, half_side, radiance) in _LAMPS.items():
+        light = tuple(share * r for r in radiance)
+        lines += [f"    <!-- {name} -->", *_lamp_xml(direction, half_side, light, radius), ""]
     for path in files:
         if path.suffix == ".ply":
             lines += [*_relic_xml(path, files[path]), ""]
     return "\n".join([*lines[:-1], "</scene>", ""])
+
+
+def _brightest(part: Mesh) -> float:
+    """Linear light that the brightest hundredth of a part sends back of what falls on it."""
+    if part.texture is not None:
+        code = np.quantile(part.texture.max(axis=-1), _BRIGHTEST_QUANTILE)
+        return float(linear_from_srgb(code / 255))
+    if part.color is not None:
+        return float(np.quantile(part.color.max(axis=-1), _BRIGHTEST_QUANTILE))
+    return max(STONE)
 
 
 def _camera_xml(half: np.ndarray, radius: float) -> list[str]:

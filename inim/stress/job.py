@@ -36,6 +36,7 @@ __all__ = [
 ]
 
 _MARKER = "stress.json"
+_FILES = (_MARKER, "stress.html", "stress.md")
 _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
 # What is run unless algorithms are named; with it all that other packages announce.
 _DEFAULT = ("template", "layered", "gu2020", "wang2024", "wang2024:matching=ray", "li2012")
@@ -138,7 +139,7 @@ def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = Fals
     return run_in_worker(
         "inim.stress.job:work",
         request,
-        lambda: open_staging(request.out),
+        lambda: open_staging(request.out, _FILES),
         check=request.check,
         backend="llvm",
         quiet=quiet,

@@ -10,9 +10,10 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
+import re
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -20,9 +21,10 @@ from typing import Any
 
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import is_file_safe
-from inim.errors import FileError, InimError, UsageError
+from inim.errors import FileError, InimError, UsageError, known_words
 from inim.lens import lens_models
 from inim.pipeline.method import parse_methods
+from inim.regular_file import check_file, read_file
 from inim.settings import PREFIX, Settings
 
 if sys.version_info >= (3, 11):
@@ -63,6 +65,10 @@ _BACKENDS = ("auto", "llvm", "cuda")
 # More than this is a slip: a day of work at ten seconds each.
 _MOST_UNITS = 10_000
 _LARGEST_BYTES = 2**20
+_MOST_PARTS = 4
+# Of algorithms, displays or lens models; each is looked up or made, to be checked.
+_MOST_NAMED = 100
+_MOST_SHOWN = 40
 
 
 @dataclass(frozen=True)
@@ -159,17 +165,62 @@ def read_study(path: Path) -> Study:
 
 
 def _toml(path: Path) -> dict[str, Any]:
+    data = read_file(path, _LARGEST_BYTES, way_out="name a study (.toml)")
     try:
-        if path.stat().st_size > _LARGEST_BYTES:
-            raise FileError(f"{path}: above {_LARGEST_BYTES} bytes; name a study (.toml)")
-        return dict(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise FileError(
-            f"{path}: cannot be read ({error.strerror}); name a study (.toml)"
-        ) from None
+        text = data.decode("utf-8")
+        _check_keys(text)
+        return dict(tomllib.loads(text))
     except (ValueError, RecursionError) as error:
         words = " ".join(str(error).split())[:200]
         raise FileError(f"{path}: no TOML ({words})") from None
+
+
+_TOKEN = re.compile(r"[\n=,\[\]{}.#\"']")
+_ENDS = {
+    '"': re.compile(r'["\\\n]'),
+    "'": re.compile(r"['\n]"),
+    '"""': re.compile(r'"""|\\'),
+    "'''": re.compile(r"'''"),
+}
+
+
+def _check_keys(text: str) -> None:
+    """Raise ValueError for a key of many dotted parts: in memory, they grow as their square.
+
+    One pass over what is no text and no comment. Nothing but keys has so many dots.
+    """
+    at = dots = 0
+    while token := _TOKEN.search(text, at):
+        mark, at = token[0], token.end()
+        if mark == ".":
+            dots += 1
+            if dots >= _MOST_PARTS:
+                line = text.count("\n", 0, at) + 1
+                raise ValueError(f"line {line}: a key of more than {_MOST_PARTS} parts")
+        elif mark in "\"'":
+            at = _text_end(text, token.start())
+        elif mark == "#":
+            at = text.find("\n", at) % (len(text) + 1)
+        else:
+            dots = 0
+
+
+def _text_end(text: str, at: int) -> int:
+    """Where a quoted text ends; of one that does not, the end of all, where reading ends, too."""
+    quote = text[at]
+    mark = 3 * quote if text.startswith(3 * quote, at) else quote
+    at += len(mark)
+    while found := _ENDS[mark].search(text, at):
+        at = found.end()
+        if found[0] == mark:
+            # Up to two quotes may stand before those that end a text of several lines.
+            while len(mark) == 3 and at < found.end() + 2 and text.startswith(quote, at):
+                at += 1
+            return at
+        if found[0] == "\n":
+            break
+        at += 1  # what a backslash makes ordinary
+    return len(text)
 
 
 class _Reader:
@@ -196,9 +247,8 @@ class _Reader:
                 place = _ELSEWHERE.get(name, "a [[display]]")
                 raise self.wrong(f"settings.{name}", f"belongs to {place}")
             if name not in known:
-                near = difflib.get_close_matches(name, known, n=1)
-                hint = f"did you mean {near[0]}?" if near else f"use {', '.join(known)}"
-                raise self.wrong(f"{before}{name}", f"unknown key; {hint}")
+                key = f"{before}{name[:_MOST_SHOWN]}"
+                raise self.wrong(key, f"unknown key; {known_words(name, known)}")
 
     def text(self, key: str, value: Any) -> str:
         """A text that is not empty."""
@@ -206,15 +256,21 @@ class _Reader:
             raise self.wrong(key, f"must be a text, not {_shown(value)}")
         return value.strip()
 
-    def texts(self, key: str, value: Any) -> list[str]:
+    def texts(self, key: str, value: Any, most: int = _MOST_NAMED) -> list[str]:
         """A list of texts, none twice."""
         if not isinstance(value, list) or not value:
             raise self.wrong(key, f"must be a list of texts, not {_shown(value)}")
+        self.check_count(key, value, most)
         found = [self.text(key, one) for one in value]
-        for one in found:
-            if found.count(one) > 1:
-                raise self.wrong(key, f"{one!r} is given twice; drop one")
+        for one, count in Counter(found).items():
+            if count > 1:
+                raise self.wrong(key, f"{_shown(one)} is given twice; drop one")
         return found
+
+    def check_count(self, key: str, values: Sequence[object], most: int) -> None:
+        """Refuse more than a study can mean."""
+        if len(values) > most:
+            raise self.wrong(key, f"{len(values)} of them; at most {most}: split the study")
 
     def switch(self, key: str, value: Any) -> bool:
         """True or false."""
@@ -225,7 +281,7 @@ class _Reader:
     def one_of(self, key: str, value: Any, known: Sequence[str]) -> str:
         """One of a few words."""
         if value not in known:
-            raise self.wrong(key, f"{_shown(value)}: use {' or '.join(known)}")
+            raise self.wrong(key, f"{_shown(value)}: {known_words(value, known)}")
         return str(value)
 
     def required(self, name: str) -> Any:
@@ -236,16 +292,20 @@ class _Reader:
 
     def scenes(self) -> dict[str, Path]:
         """Scenes by name: the file's, or where two are alike the path as written."""
-        written = self.texts("study.scenes", self.required("scenes"))
+        written = self.texts("study.scenes", self.required("scenes"), _MOST_UNITS)
         stems = [Path(one).stem for one in written]
+        shared = Counter(stems)
         found = {}
         for one, stem in zip(written, stems, strict=True):
             scene = self.path.parent / one
-            if not scene.is_file():
+            try:
+                check_file(scene)
+            except FileError as error:
+                why = str(error).removeprefix(f"{scene}: ")
                 raise self.wrong(
-                    "study.scenes", f"{one!r} is not there; paths start at the study's folder"
-                )
-            found[stem if stems.count(stem) == 1 else one] = scene
+                    "study.scenes", f"{_shown(one)}: {why}; paths start at the study's folder"
+                ) from None
+            found[stem if shared[stem] == 1 else one] = scene
         return found
 
     def algorithms(self) -> tuple[str, ...]:
@@ -253,7 +313,9 @@ class _Reader:
         written = self.texts("study.algorithms", self.required("algorithms"))
         for one in written:
             if "," in one:
-                raise self.wrong("study.algorithms", f"{one!r}: write one algorithm in each text")
+                raise self.wrong(
+                    "study.algorithms", f"{_shown(one)}: write one algorithm in each text"
+                )
         try:
             return tuple(c.name for c in parse_methods(",".join(written), ()))
         except InimError as error:
@@ -281,7 +343,8 @@ class _Reader:
             if name not in known:
                 raise self.wrong(
                     "study.displays",
-                    f"{name!r} is unknown; use {', '.join(known)}, or add a [[display]] so named",
+                    f"{_shown(name)} is unknown; use {', '.join(known)}, or add a [[display]] "
+                    "so named",
                 )
         return tuple(known[name] for name in names)
 
@@ -289,12 +352,13 @@ class _Reader:
         tables = self.tables.get("display", [])
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             raise self.wrong("display", "write each display as a table of its own, [[display]]")
+        self.check_count("display", tables, _MOST_NAMED)
         found: dict[str, NamedDisplay] = {}
         for table in tables:
             name = self.text("display.name", table.get("name"))
             if not is_file_safe(name) or name in (AS_SCENE, *DISPLAYS, *found):
                 why = "is taken" if is_file_safe(name) else "use 1 to 64 letters, digits or . _ + -"
-                raise self.wrong("display.name", f"{name!r}: {why}")
+                raise self.wrong("display.name", f"{_shown(name)}: {why}")
             parameters = {k: v for k, v in table.items() if k not in ("name", "preset")}
             self.check_names(f"display {name!r}: ", parameters, _PARAMETERS)
             preset = self.one_of(
@@ -314,9 +378,11 @@ class _Reader:
         axes = {
             name: value if isinstance(value, list) else [value] for name, value in table.items()
         }
-        models = self.table("study").get("lens_model", [])
-        for model in models if isinstance(models, list) else [models]:
-            self.one_of("study.lens_model", model, tuple(lens_models()))
+        given = self.table("study").get("lens_model", [])
+        models, known = given if isinstance(given, list) else [given], tuple(lens_models())
+        self.check_count("study.lens_model", models, _MOST_NAMED)
+        for model in models:
+            self.one_of("study.lens_model", model, known)
             axes.setdefault("lens_model", []).append(model)
         for name, values in axes.items():
             if not values:
@@ -354,4 +420,4 @@ def _definitions(words: Mapping[str, str]) -> tuple[str, ...]:
 
 def _shown(value: Any) -> str:
     """A value as the study's author may have written it, in a few characters."""
-    return repr(value)[:40]
+    return repr(value)[:_MOST_SHOWN]

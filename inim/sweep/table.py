@@ -12,6 +12,7 @@ from typing import Any
 from inim.errors import UsageError
 from inim.files.image import write_atomically
 from inim.metrics import Metric, all_metrics
+from inim.regular_file import check_file
 from inim.report.sweep.results import SETTING_COLUMNS
 from inim.report.wording import check_finding, check_passed, checks, part
 from inim.scene.file import parse_definitions
@@ -314,5 +315,6 @@ def read_table(path: Path) -> list[dict[str, Any]]:
     """The rows of a table that `write_table` wrote."""
     from pyarrow import parquet
 
+    check_file(path)
     rows: list[dict[str, Any]] = parquet.ParquetFile(path).read().to_pylist()
     return rows

@@ -18,7 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from inim import interruption
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
+from inim.files.json_file import read_json
 from inim.observer import Observer
 from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
 from inim.pipeline.request import Request
@@ -54,12 +56,12 @@ class Results:
     def read(self, unit: str, algorithm: str, making: Mapping[str, Any]) -> dict[str, Any] | None:
         """A result; None where there is none of this making that can be read."""
         try:
-            found = json.loads(self.path(unit, algorithm).read_text(encoding="utf-8"))
+            found = read_json(self.path(unit, algorithm), "", "unit")
             key = {"schema": SCHEMA, "unit": unit, "algorithm": algorithm, "making": dict(making)}
             if any(found[name] != value for name, value in key.items()) or not found["rows"]:
                 return None
             return from_strict(found)
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        except (FileError, ValueError):
             return None
 
     def write(self, unit: str, algorithm: str, content: Mapping[str, Any]) -> None:
@@ -237,12 +239,13 @@ def work(task: Task, staging: Path, observer: Observer) -> bool:
     _check_same(task, plan)
     report = _validated(task, plan, staging, observer)
     times = _times(staging)
-    if task.keep_report:  # before the results: they say that nothing is left to do
-        publish(staging, _report_folder(task))
     results = Results(task.request.out)
-    for name in task.algorithms:
-        content = {"making": making_of(plan, name), "key": task.key}
-        results.write(task.unit, name, content | result_of(report.data, times, name))
+    with interruption.publishing():
+        if task.keep_report:  # before the results: they say that nothing is left to do
+            publish(staging, _report_folder(task))
+        for name in task.algorithms:
+            content = {"making": making_of(plan, name), "key": task.key}
+            results.write(task.unit, name, content | result_of(report.data, times, name))
     return True
 
 

@@ -13,8 +13,6 @@ import logging
 import os
 import pickle
 import resource
-import shutil
-import signal
 import sys
 import threading
 import traceback
@@ -25,9 +23,11 @@ from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
+from inim import interruption
 from inim.backend.numba_cache import go_without_cache, is_cache_fault
 from inim.errors import InimError
 from inim.observer import Observer
+from inim.worker.output import remove_folder
 
 __all__ = ["ConsoleObserver", "Job", "Work", "answer", "read_job", "serve"]
 
@@ -215,19 +215,18 @@ class _OwnWords:
         return getattr(self._stream, name)
 
 
-def _end_with_parent(staging: Path) -> None:
+def _end_with_parent() -> None:
     """Wait for the parent's end of stdin to close: it died, and nobody else would clear away."""
     while os.read(0, 1):
         pass
-    shutil.rmtree(staging, ignore_errors=True)
-    os._exit(1)
+    interruption.end(1)
 
 
 def serve(job: Job, channel: int, work: Work) -> None:
     """A worker's whole life: carry out the job under an observer, in silence but for results."""
     os.environ.update(job.variables)  # this process has begun before they were known
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to both; the parent acts
-    threading.Thread(target=_end_with_parent, args=(job.staging,), daemon=True).start()
+    interruption.this_is_a_worker()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     sys.stdout = _Patient(sys.stdout)
     if not job.debug:
         # What libraries mutter would break the one-line promise; our own stderr stays.
@@ -240,6 +239,7 @@ def serve(job: Job, channel: int, work: Work) -> None:
         os.close(silence)
     # What a supervisor that died has not read is written once more when the channel closes.
     with (
+        interruption.undone_afterwards(lambda: job.staging, remove_folder),
         contextlib.suppress(BrokenPipeError),
         os.fdopen(channel, "w", encoding="utf-8") as outcome_channel,
     ):

@@ -15,7 +15,6 @@ import contextlib
 import json
 import os
 import resource
-import shutil
 import signal
 import subprocess
 from collections.abc import Callable, Mapping
@@ -23,9 +22,11 @@ from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
-from inim import errors
+from inim import errors, interruption
+from inim.cache.folder import clear_partials
 from inim.errors import InimError, OutOfMemoryError, WorkerError
-from inim.python_process import child_environment, python_module
+from inim.python_process import child_environment, end_process, python_module, started
+from inim.worker.output import remove_folder
 from inim.worker.serve import Job
 
 __all__ = ["OnStage", "OnStart", "outcome_of", "run_in_worker"]
@@ -101,17 +102,18 @@ def run_in_worker(
         if check is not None:
             check()
         chosen = backends.environment(backends.choose_backend(backend))
-        staging = open_folder()
-        try:
+
+        def remove(staging: Path) -> None:
+            worker.end()  # before what it writes goes
+            remove_folder(staging)
+
+        with interruption.undone_afterwards(open_folder, remove) as staging:
             if fill is not None:
                 fill(staging)
             if on_start is not None:
                 on_start(worker.process)
             job = Job(request, staging, chosen, quiet, debug)
             return outcome_of(worker.carry_out(job, on_stage))
-        finally:
-            worker.end()  # before what it writes goes
-            shutil.rmtree(staging, ignore_errors=True)
 
 
 def outcome_of(said: dict[str, Any]) -> bool:
@@ -126,29 +128,33 @@ class _Worker:
 
     def __init__(self, target: str, variables: Mapping[str, str], about: str) -> None:
         read_end, write_end = os.pipe()
-        self.process = subprocess.Popen(
+        self._messages = os.fdopen(read_end, encoding="utf-8")
+        self._started = started(
             python_module("inim.worker", target, str(write_end), about),
             env={**child_environment(), **variables},
             stdin=subprocess.PIPE,
             pass_fds=(write_end,),
         )
+        self.process = self._started.__enter__()
         os.close(write_end)
-        self._messages = os.fdopen(read_end, encoding="utf-8")
 
     def __enter__(self) -> _Worker:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.end()
+    def __exit__(self, *error: Any) -> None:
+        self._started.__exit__(*error)
         with contextlib.suppress(OSError):  # of a job that was never read
             self._stdin.close()
         self._messages.close()
 
     def end(self) -> None:
-        """End the process where it still runs."""
-        if self.process.poll() is None:
-            self.process.terminate()
-        self.process.wait()
+        """End the process where it still runs, and clear away what it was just keeping."""
+        end_process(self.process)
+        code = self.process.returncode
+        if code is None or code >= 0:  # it ended by itself, perhaps with a result
+            interruption.written()
+        else:
+            clear_partials(self.process.pid)
 
     @property
     def _stdin(self) -> Any:

@@ -93,7 +93,7 @@ def run_study(
     load = load_average()  # before anything is loaded: what others do
     try:
         rounds = Rounds(args.runs, args.warmups, args.threads)
-        staging = open_staging(args.out)
+        staging = open_staging(args.out, ("bench.json", "bench.html", "bench.md"))
         try:
             from inim.render import variant
 

@@ -7,21 +7,33 @@ read and answered for afterwards, so the parent knows which one did it.
 
 from __future__ import annotations
 
+import io
 import os
 import resource
+import shutil
 import signal
 import sys
 import tempfile
 import time
 import zlib
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 from inim import backend
-from inim.errors import EXIT_USAGE, InimError, OutOfMemoryError
+from inim.errors import (
+    EXIT_BASELINE,
+    EXIT_CHECK_FAILED,
+    EXIT_INTERNAL,
+    EXIT_PASSED,
+    EXIT_USAGE,
+    InimError,
+    OutOfMemoryError,
+)
+from tests.fuzz.documents import mutated_document
 from tests.fuzz.mutations import mutated
-from tests.fuzz.specimens import DISPLAY, SPECIMENS
+from tests.fuzz.specimens import DISPLAY, SPECIMENS, TINY
 
 # What one file may cost: the issue's own limits.
 MOST_SECONDS = 10
@@ -96,6 +108,85 @@ def _color(path: Path) -> None:
     read_color(path)
 
 
+class EndedError(InimError):
+    """A command that did not succeed: its exit code and what it said."""
+
+    def __init__(self, code: int, said: str) -> None:
+        super().__init__(said)
+        self.exit_code = code
+
+
+def _command(place: str, *words: str) -> Read:
+    """A command that reads the file where it is put, beside the others of its run."""
+
+    def read(path: Path) -> None:
+        from inim.cli import main
+        from inim.pipeline import film
+
+        # Frames are no matter of a document; what is looked at before them is.
+        film.run_in_worker = lambda *_, check, **__: check()
+        folder = path.parent
+        target = folder / place
+        sound = target.read_bytes()
+        shutil.copyfile(path, target)
+        said = io.StringIO()
+        try:
+            os.chdir(folder)
+            with redirect_stdout(said), redirect_stderr(said):
+                code = main(list(words))
+        finally:
+            os.chdir(_ROOT)
+            target.write_bytes(sound)
+        if code not in (EXIT_PASSED, EXIT_CHECK_FAILED):
+            text = said.getvalue()
+            raise EndedError(code if text.count("\n") == 1 else EXIT_INTERNAL, text)
+
+    return read
+
+
+def _baseline(place: str) -> Read:
+    """A plan with the baseline, and the verdict of a run on it."""
+
+    def read(path: Path) -> None:
+        from inim.pipeline.baseline import judge
+        from inim.pipeline.plan import make_plan
+        from inim.pipeline.request import Request
+        from inim.regression import CANDIDATE, read_statistics
+        from inim.report.files import json_text, to_strict
+
+        folder = path.parent
+        sound = (folder / place).read_bytes()
+        shutil.copyfile(path, folder / place)
+        try:
+            words = tuple(f"inim.{key}={value}" for key, value in TINY.items())
+            out = folder / "again"
+            plan = make_plan(Request(folder / "scene.xml", out, words, baseline=folder / "base"))
+            candidate = read_statistics(folder / "OUT/regression", CANDIDATE)
+            found = judge(plan, out, candidate, {})
+            json_text(to_strict({"data": found.data, "checks": found.checks}))
+        finally:
+            (folder / place).write_bytes(sound)
+
+    return read
+
+
+def _read_study(path: Path) -> None:
+    from inim.sweep.study import read_study
+
+    read_study(path)
+
+
+def _plan(path: Path) -> None:
+    from inim.pipeline.plan import make_plan
+    from inim.pipeline.request import Request
+
+    make_plan(Request(path, path.parent / "out"))
+
+
+_REPORT, _CANDIDATE = "OUT/report.json", "OUT/regression/candidate"
+_ROOT = Path(__file__).parents[2]
+_ACCEPT = ("baseline", "accept", "OUT", "--reason", "because", "--to", "made")
+
 #: By format: all doors by which a user's file comes in.
 DOORS: dict[str, tuple[Read, ...]] = {
     "exr-rgbd": (_rgbd,),
@@ -115,9 +206,33 @@ DOORS: dict[str, tuple[Read, ...]] = {
     **{f"depth-{kind}": (_depth,) for kind in ("exr", "png", "ppm", "tiff", "npy", "pfm")},
     "color": (_color,),
     "xml": (_open_scene,),
+    "document-report": (
+        _command(_REPORT, "export", "OUT", "--quilt", "quilt.png", "--pdf", "eia.pdf"),
+        _command(_REPORT, *_ACCEPT),
+        _command(_REPORT, "film", "OUT"),
+        _command(_REPORT, "view", "OUT"),
+        _command(_REPORT, "compare", "OUT", "OUT", "-o", "made"),
+    ),
+    "document-baseline": (
+        _baseline("base/baseline.json"),
+        _command(f"{_CANDIDATE}.json", *_ACCEPT),
+        _command(f"{_CANDIDATE}.json", "compare", "OUT", "OTHER", "-o", "made"),
+    ),
+    "document-arrays": (
+        _baseline("base/baseline.npz"),
+        _command(f"{_CANDIDATE}.npz", *_ACCEPT),
+        _command(f"{_CANDIDATE}.npz", "compare", "OTHER", "OUT", "-o", "made"),
+    ),
+    "document-study": (_read_study,),
+    "document-scene": (_plan,),
 }
 
-_WITHOUT_RENDERER = (_new_scene, _eia, _rgbd, _depth, _color)
+_WITHOUT_RENDERER = (
+    *(_new_scene, _eia, _rgbd, _depth, _color),
+    *(door for kind, doors in DOORS.items() if kind.startswith("document") for door in doors),
+)
+#: What a refusal may name besides the file itself.
+_NAMED = ("scene.xml", "OUT", "OTHER", "base", "display nominal")
 
 
 def outcome(read: Read, path: Path) -> str:
@@ -139,9 +254,10 @@ def _wrong_refusal(error: InimError, path: Path) -> str:
         cause = cause.__cause__ or cause.__context__
     text = str(error)
     # A scene may ask for a display too large for this machine: code 3, found out beforehand.
-    if error.exit_code != EXIT_USAGE and not isinstance(error, OutOfMemoryError):
+    codes = (EXIT_USAGE, EXIT_BASELINE)
+    if error.exit_code not in codes and not isinstance(error, OutOfMemoryError):
         return f"WRONG: exit code {error.exit_code}: {text}"
-    named = path.name in text or "scene.xml" in text or path.suffix == ".xml"
+    named = any(name in text for name in (path.name, *_NAMED)) or path.suffix == ".xml"
     if len(text) > 1500 or not named:
         return f"WRONG: no clear line: {text[:1500]}"
     return ""
@@ -150,6 +266,8 @@ def _wrong_refusal(error: InimError, path: Path) -> str:
 def specimen_bytes(kind: str, specimens: tuple[bytes, ...], index: int) -> bytes:
     """The mutation of that number."""
     seed = f"{kind}-{index}"
+    if kind.startswith("document"):
+        return mutated_document(SPECIMENS[kind][0].removeprefix("."), specimens, seed)
     if kind != "serialized" or index % 2:
         return mutated(specimens, seed, kind.partition("-")[0])
     # Mutated inside its zlib stream, which any change outside it breaks.
@@ -199,6 +317,9 @@ def main(kinds: Sequence[str], first: int, end: int, channel: Any) -> None:
 
 def _read_format(kind: str, first: int, end: int, channel: Any) -> None:
     suffix, make = SPECIMENS[kind]
+    # Some specimens are made by the program itself, which needs more than a file may.
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         specimens = make(folder)

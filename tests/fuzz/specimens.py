@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import atexit
 import base64
 import io
 import json
+import os
+import shutil
 import struct
+import subprocess
+import sys
+import tempfile
 import zlib
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +27,9 @@ from inim.rgbd import RGBD
 from inim.stress.pictures import solids_of
 from tests.conftest import scene_text, small_display, sphere, square
 
-__all__ = ["DISPLAY", "SPECIMENS"]
+__all__ = ["DISPLAY", "SPECIMENS", "TINY"]
+
+_ROOT = str(Path(__file__).parents[2])
 
 #: The display that EIAs are made for and scenes are planned for.
 DISPLAY: Display = small_display(4, 3, 8)
@@ -297,6 +306,71 @@ def _depth(folder: Path, kind: str) -> tuple[bytes, ...]:
     return (_saved(grey, kind.upper()),)
 
 
+TINY = {
+    "lens_columns": 8,
+    "lens_rows": 6,
+    "capture_spp": 2,
+    "eia_spp": 2,
+    "view_spp": 2,
+    "reconstruction_spp": 4,
+}
+STUDY = """
+[study]
+title = "A study"
+scenes = ["scene.xml"]
+displays = ["mine", "nominal", "scene"]
+algorithms = ["template", "wang2024:matching=ray"]
+viewpoints = ["centre", "left"]
+lens_model = ["thin", "thick"]
+backend = "auto"
+time = false
+keep_reports = false
+
+[settings]
+capture_spp = [2, 4]
+seed = 1
+pupil_mm = 0.5
+
+[[display]]
+name = "mine"
+preset = "nominal"
+pitch_mm = 0.8
+lens_columns = 12
+lens_rows = 10
+"""
+
+
+def _scene(folder: Path) -> Path:
+    path = folder / "scene.xml"
+    path.write_bytes(_xml(folder)[0])
+    return path
+
+
+@cache
+def _run() -> Path:
+    """A finished run's folder with its scene, its report in `OUT`, and its baseline in `base`."""
+    folder = Path(tempfile.mkdtemp(prefix="inim-fuzz-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    words = [f"-Dinim.{key}={value}" for key, value in TINY.items()]
+    run = [sys.executable, "-m", "inim", "validate", _scene(folder).name, "-o", "OUT", "--quiet"]
+    accept = ["baseline", "accept", "OUT", "--reason", "a specimen", "--to", "base"]
+    for command in ([*run, *words], [sys.executable, "-m", "inim", *accept]):
+        subprocess.run(command, cwd=folder, check=True, env=os.environ | {"PYTHONPATH": _ROOT})
+    return folder
+
+
+def _of_run(folder: Path, name: str) -> tuple[bytes, ...]:
+    """A document of the run, whose folders come along."""
+    shutil.copytree(_run(), folder, dirs_exist_ok=True)
+    shutil.copytree(folder / "OUT", folder / "OTHER", dirs_exist_ok=True)
+    return ((folder / name).read_bytes(),)
+
+
+def _study(folder: Path) -> tuple[bytes, ...]:
+    _scene(folder)
+    return (STUDY.encode(),)
+
+
 #: By format: the suffix its files get, and what makes sound ones, given a folder for companions.
 SPECIMENS = {
     "exr-rgbd": (".exr", _rgbd),
@@ -321,4 +395,9 @@ SPECIMENS = {
     "depth-pfm": (".pfm", lambda folder: _depth(folder, "pfm")),
     "color": (".png", lambda folder: (*_png(folder)[:2], _png(folder)[3], *_exr(folder)[:3])),
     "xml": (".xml", _xml),
+    "document-report": (".json", lambda folder: _of_run(folder, "OUT/report.json")),
+    "document-baseline": (".json", lambda folder: _of_run(folder, "base/baseline.json")),
+    "document-arrays": (".npz", lambda folder: _of_run(folder, "base/baseline.npz")),
+    "document-study": (".toml", _study),
+    "document-scene": (".xml", _xml),
 }

@@ -2,7 +2,8 @@
 
 Expected: each of the mutated files is read or refused in one clear line (exit code 2), within 10 s
 and 1 GiB, in a process that lives on. The fast run tries fifty of each format, the slow one
-2,000; `tests/fuzz/batch.py` says by which doors.
+2,000; `tests/fuzz/batch.py` says by which doors. Reports, studies, scenes and baselines are also
+changed by their structure (`tests/fuzz/documents.py`): 10,000 of them in the slow run.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import json
 import os
-import signal
+import re
 import subprocess
 import sys
 import threading
@@ -21,14 +21,21 @@ from importlib import import_module, invalidate_caches
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
 from inim.cli import main
+from inim.files.image import check_exr
 from inim.worker import supervisor
 from inim.worker.serve import answer
 from tests.conftest import scene_text, sphere, square
+from tests.schemas import read_document
 
+ALONE = {"algorithms": "template", "viewpoints": "centre"}
+#: As small as a run can be that writes every kind of file.
+SMALLEST = ALONE | {"pixel_pitch_mm": "0.125", "view_pixels_per_lens": "2"}
+SMALLEST |= {"capture_pixels_per_pitch": "4", "lens_model": "pinhole"}
 TINY = {
     "inim.lens_columns": "8",
     "inim.lens_rows": "6",
@@ -77,6 +84,29 @@ def assert_one_line(text: str, words: Sequence[str]) -> None:
 def nothing_left(folder: Path) -> bool:
     """Whether no half-written folder or file is left."""
     return not [p for p in folder.rglob("*") if p.name.endswith((".partial", ".tmp"))]
+
+
+def files_in(folder: Path) -> set[str]:
+    """Names of all files, but for the lists of what was put there."""
+    found = (str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+    return {name for name in found if not re.fullmatch(r"\.\w+-files\.json", name)}
+
+
+def assert_whole(out: Path) -> dict:
+    """Every file that the report lists is there and can be read to its end."""
+    from PIL import Image
+
+    data = read_document(out / "report.json")
+    for name in data["files"]:
+        path = out / name
+        assert path.stat().st_size > 0, name
+        if path.suffix == ".exr":
+            check_exr(path)
+        elif path.suffix == ".png":
+            Image.open(path).load()
+    assert (out / "report.html").read_text("utf-8").rstrip().endswith("</html>")
+    ElementTree.parse(out / "junit.xml")
+    return data
 
 
 class WorkerHere:
@@ -135,7 +165,7 @@ def run_here(
 ) -> Ended:
     """Run `inim WORDS` in this process, in a folder and with environment variables of its own."""
     out, err = io.StringIO(), io.StringIO()
-    before, terminated = Path.cwd(), signal.getsignal(signal.SIGTERM)
+    before = Path.cwd()
     changed = dict(variables or {})
     paths = (changed.pop("PYTHONPATH", None) or "").split(os.pathsep)
     os.chdir(folder)
@@ -158,7 +188,6 @@ def run_here(
                 code = int(end.code or 0)
     finally:
         os.chdir(before)
-        signal.signal(signal.SIGTERM, terminated)
     return Ended(code, out.getvalue(), err.getvalue())
 
 

@@ -21,6 +21,7 @@ from tests.system.conftest import (
     Ended,
     assert_one_line,
     definitions,
+    files_in,
     nothing_left,
     run_here,
     write_scene,
@@ -104,8 +105,7 @@ def finished(tmp_path_factory, site):
 
 def test_every_file_is_there_and_the_stranger_s_too(finished):
     _, folder, data = finished
-    names = {p.name for p in (folder / "out").iterdir()}
-    assert names == FILES | {"notes.txt"}
+    assert files_in(folder / "out") == FILES | {"notes.txt"}
     assert set(data["files"]) == FILES
     assert nothing_left(folder)
 

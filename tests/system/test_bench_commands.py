@@ -13,7 +13,7 @@ import pytest
 from inim.errors import EXIT_PASSED
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
 from tests.schemas import read_document
-from tests.system.conftest import TINY, definitions, write_scene
+from tests.system.conftest import TINY, definitions, files_in, write_scene
 from tests.system.test_bench_layers import run_study
 
 SMALL = TINY | {"inim.lens_model": "thin", "inim.viewpoints": "centre,left"}
@@ -97,7 +97,7 @@ def check_parts(whole, parts):
 @pytest.mark.slow
 def test_page_plot_and_command(finished):
     folder, data = finished
-    assert {p.name for p in (folder / "out").iterdir()} == {
+    assert files_in(folder / "out") == {
         "bench.html", "bench.json", "bench.md", "commands.png", "commands.svg",
     }  # fmt: skip
     assert "reports.bench.commands.run tiny.xml" in data["command"]

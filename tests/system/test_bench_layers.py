@@ -12,7 +12,7 @@ import pytest
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from tests.conftest import sphere
 from tests.schemas import read_document
-from tests.system.conftest import TINY, definitions, write_scene
+from tests.system.conftest import TINY, definitions, files_in, write_scene
 from tests.unit.test_depth_peeling import cube
 
 ROOT = Path(__file__).parents[2]
@@ -74,7 +74,7 @@ def test_shares_of_what_is_captured(finished):
 @pytest.mark.slow
 def test_page_plot_and_command(finished):
     folder, data = finished
-    assert {p.name for p in (folder / "out").iterdir()} == {
+    assert files_in(folder / "out") == {
         "bench.html", "bench.json", "bench.md", "layers.png", "layers.svg",
     }  # fmt: skip
     assert "reports.bench.layered.run a.xml b.xml" in data["command"]

@@ -14,7 +14,7 @@ from inim.files.image import write_exr
 from inim.metrics import ssim
 from inim.report import Report
 from tests.system.conftest import Ended, assert_one_line, nothing_left, run_here
-from tests.system.test_view import DISPLAY, report_data, tilted_plane
+from tests.system.test_view import DISPLAY, tilted_plane, whole_report_data
 
 PATH = "-12 0 180, 12 0 180"
 
@@ -25,7 +25,7 @@ def folder(tmp_path: Path) -> Path:
     folder = tmp_path / "OUT"
     for seed, place in enumerate(("truth/eia", "eia/template", "eia/wang2024")):
         write_exr(folder / f"{place}.exr", panel(seed))
-    Report(folder, report_data() | {"lens_model": "pinhole"}).write()
+    Report(folder, whole_report_data() | {"lens_model": "pinhole"}).write()
     return folder
 
 

@@ -231,7 +231,7 @@ def task_of(plan: Plan, folder: Path) -> Task:
     ("name", "says"),
     [
         ("gone.png", "gone.png: no such file"),
-        ("folder.png", "folder.png: no such file"),
+        ("folder.png", "folder.png: is a folder"),
         ("gone.exr", "gone.exr: no such file"),
         ("mine.tif", "is a .png"),
         ("text.png", "text.png: not a readable PNG"),
@@ -492,10 +492,10 @@ def test_picture_that_cannot_be_scored_fails_a_check(
     words = ("-o", "out", "--algorithms", f"faulty:how={how}", "--viewpoints", "centre")
     ended = run_inim(tiny_scene, *words, folder=tiny_scene.parent, variables=others)
     assert (ended.code, ended.stderr) == (EXIT_CHECK_FAILED, "generating\n")
-    assert [line.split()[0] for line in ended.stdout.splitlines()] == [
-        f"faulty:how={how}",
-        "FAILED;",
-    ]
+    lines = ended.stdout.splitlines()
+    assert lines[0].startswith(f"faulty:how={how} ")
+    assert lines[1].startswith("failed: ") and f"faulty:how={how}: {check}: " in lines[1]
+    assert lines[2].startswith("FAILED; report: ")
     (failed,) = failed_checks(tiny_scene.parent / "out")
     assert f"faulty:how={how}: {check}" in failed["name"]
 

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.commands.new_scene import COMMANDS, new_scene
 from inim.errors import FileError, UsageError
 from inim.files.mesh import Mesh, check_mesh_file, read_mesh, write_ply
 from inim.files.triangle_mesh import smoothed
+from inim.scene.relic_scene import STONE, scene_xml
 
 
 @pytest.fixture(scope="module")
@@ -274,6 +278,64 @@ def test_lamps_are_out_of_sight_within_25_degrees(tmp_path: Path, mi: Any) -> No
     assert not seen.any()
 
 
+@pytest.mark.parametrize("kind", ["colour", "texture"])
+def test_a_white_relic_is_not_clipped(tmp_path: Path, mi: Any, kind: str) -> None:
+    """As bright as plaster of its shape; a dark one is not brightened."""
+    seen = {}
+    for name, value in {"white": 1.0, "plaster": max(STONE), "dark": 0.3}.items():
+        mesh = sphere()
+        count = len(mesh.vertices)
+        if kind == "colour":
+            mesh = replace(mesh, color=np.full((count, 3), value, np.float32))
+        else:
+            code = srgb_to_uint8(srgb_from_linear(np.full((2, 2, 3), value)))
+            mesh = replace(mesh, uv=np.zeros((count, 2), np.float32), texture=code)
+        lines = scene_xml({tmp_path / "a.ply": mesh}, np.ones(3), "", "nominal")
+        seen[name] = [float(x) for x in re.findall(r'name="radiance" value="([\d.]+)', lines)]
+    np.testing.assert_allclose(
+        np.array(seen["white"]), max(STONE) * np.array(seen["plaster"]), rtol=1e-2
+    )
+    assert seen["dark"] == pytest.approx(seen["plaster"], rel=1e-2)
+
+
+def test_white_relics_of_the_command_stay_below_white(tmp_path: Path, mi: Any) -> None:
+    mesh = sphere()
+    white = replace(mesh, color=np.ones((len(mesh.vertices), 3), np.float32))
+    out = new_scene(saved(tmp_path, white), tmp_path / "a.xml", unit="m", up="y")
+    picture = render(mi, out, 64)
+    shown = picture.max(axis=2)[picture.max(axis=2) > 0]
+    assert np.mean(shown > 1.0) < 5e-3  # where a lamp behind it shines along the rim
+    assert np.quantile(shown, 0.99) > 0.7
+
+
+def test_off_is_read(tmp_path: Path) -> None:
+    """Triangles and quads; what is binary or of another kind is refused in one line."""
+    text = "OFF\n# a pyramid\n5 5 0\n-1 0 -1\n1 0 -1\n1 0 1\n-1 0 1\n0 2 0\n"
+    text += "3 0 1 4\n3 1 2 4\n3 2 3 4\n3 3 0 4\n4 3 2 1 0\n"
+    (tmp_path / "a.off").write_text(text)
+    (mesh,) = read_mesh(tmp_path / "a.off")
+    assert (len(mesh.vertices), len(mesh.faces)) == (5, 6)
+    out = new_scene(tmp_path / "a.off", tmp_path / "a.xml", unit="mm", up="y")
+    assert np.ptp(read_mesh(out.with_suffix(".ply"))[0].vertices, axis=0).tolist() == [2, 2, 2]
+    for bad in ("OFF BINARY\n", "4OFF\n1 1 1\n", "OFF\n9 9 9\n", text.replace("4 3 2", "4 9 2")):
+        (tmp_path / "bad.off").write_text(bad)
+        with pytest.raises(FileError, match=r"bad\.off: .*(not a|export)"):
+            read_mesh(tmp_path / "bad.off")
+
+
+@pytest.mark.parametrize(("unit", "asked"), [("mm", True), ("cm", False), ("m", False)])
+def test_a_size_that_is_hardly_a_relics_is_asked_about(
+    tmp_path: Path, unit: str, asked: bool
+) -> None:
+    said: list[str] = []
+    mesh = saved(tmp_path, box((0.8, 0.6, 0.4)))
+    new_scene(mesh, tmp_path / "a.xml", unit=unit, up="y", warn=said.append)
+    assert [("0.8 mm" in line and "--unit" in line) for line in said] == [True] * asked
+    large = saved(tmp_path, box((40, 3, 3)))
+    new_scene(large, tmp_path / "b.xml", unit="m", up="y", warn=said.append)
+    assert "40 m large" in said[-1]
+
+
 def test_robust_intersections_and_defaults_are_in_the_scene(tmp_path: Path) -> None:
     out = new_scene(saved(tmp_path, sphere()), tmp_path / "a.xml", unit="m", up="y", title="T")
     text = out.read_text(encoding="utf-8")
@@ -370,7 +432,8 @@ def test_command_line_writes_the_scene(tmp_path: Path, capsys: pytest.CaptureFix
     source = saved(tmp_path, box((1, 2, 3)))
     line = [str(source), "--unit", "mm", "--up=-z", "--front", "x", "-o", str(tmp_path / "a.xml")]
     assert COMMANDS["new-scene"].run(parser.parse_args(line)) == 0
-    assert str(tmp_path / "a.xml") in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert said == f"wrote {tmp_path / 'a.xml'}; next: inim validate {tmp_path / 'a.xml'}\n"
     assert (tmp_path / "a.ply").is_file()
 
 

@@ -22,7 +22,7 @@ from inim.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
 from tests.schemas import read_document
-from tests.system.conftest import assert_one_line, nothing_left, worker_here
+from tests.system.conftest import assert_one_line, files_in, nothing_left, worker_here
 from tests.system.test_generate import (
     CAMERA,
     DISPLAY,
@@ -87,7 +87,7 @@ def test_what_cannot_be_scored_is_named_with_the_reason(finished):
 
 def test_every_file_listed_is_there_and_nothing_else(finished):
     out = finished[0] / "out"
-    files = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
+    files = files_in(out)
     assert files == set(finished[1]["files"])
     assert {"eia/template.png", "views/picture/l.png", "views/exact/r.png", "rgbd.exr"} <= files
     assert nothing_left(finished[0])

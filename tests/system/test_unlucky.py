@@ -11,7 +11,6 @@ import os
 import random
 import resource
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -19,54 +18,30 @@ from collections.abc import Callable
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
-from xml.etree import ElementTree
 
 import pytest
 
 import inim
 from inim.backend import numba_cache
 from inim.errors import EXIT_BACKEND, EXIT_PASSED, FileError
-from inim.files.image import check_exr
 from inim.observer import Observer
 from inim.worker.output import open_staging, publish
 from tests.schemas import read_document
 from tests.system.conftest import (
+    ALONE,
+    SMALLEST,
     TINY,
     Ended,
     assert_one_line,
+    assert_whole,
     command,
+    files_in,
     nothing_left,
-    run_here,
     small_disk,
     write_scene,
 )
 
 Run = Callable[..., Ended]
-ALONE = {"algorithms": "template", "viewpoints": "centre"}
-#: As small as a run can be that writes every kind of file.
-SMALLEST = ALONE | {"pixel_pitch_mm": "0.125", "view_pixels_per_lens": "2"}
-SMALLEST |= {"capture_pixels_per_pitch": "4", "lens_model": "pinhole"}
-
-
-def assert_whole(out: Path) -> dict:
-    """Every file that the report lists is there and can be read to its end."""
-    from PIL import Image
-
-    data = read_document(out / "report.json")
-    for name in data["files"]:
-        path = out / name
-        assert path.stat().st_size > 0, name
-        if path.suffix == ".exr":
-            check_exr(path)
-        elif path.suffix == ".png":
-            Image.open(path).load()
-    assert (out / "report.html").read_text("utf-8").rstrip().endswith("</html>")
-    ElementTree.parse(out / "junit.xml")
-    return data
-
-
-def files_in(folder: Path) -> set[str]:
-    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
 
 
 # --- Caches -------------------------------------------------------------------------------------
@@ -247,9 +222,10 @@ def test_read_only_package_and_no_home_is_enough(tmp_path: Path) -> None:
 def from_the_next_century(folder: Path) -> Path:
     """A scene and a report's folder, with times far ahead of the clock."""
     scene = write_scene(folder)
-    (folder / "out").mkdir()
-    (folder / "out" / "report.json").write_text(json.dumps({"files": ["old.png"]}))
-    (folder / "out" / "old.png").write_text("old")
+    staging = open_staging(folder / "out")
+    for name in ("report.json", "old.png"):
+        (staging / name).write_text("old")
+    publish(staging, folder / "out")
     for path in (scene, folder / "out", folder / "out" / "report.json", folder):
         os.utime(path, (4e9, 4e9))
     return scene
@@ -325,21 +301,34 @@ def test_memory_limit_of_the_shell_counts(tmp_path: Path) -> None:
 # --- Two at once --------------------------------------------------------------------------------
 
 
-def test_two_runs_into_one_folder_leave_one_report(tmp_path: Path) -> None:
-    scene = write_scene(tmp_path)
-    different = [SMALLEST, SMALLEST | {"algorithms": "wang2024", "viewpoints": "left"}]
-    runs = [
-        subprocess.Popen(
-            command(scene, "-o", "out", **settings), cwd=tmp_path,
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-        )
-        for settings in different
-    ]  # fmt: skip
+def assert_two_leave_one_report(folder: Path, apart_s: float = 0.0) -> None:
+    """Two runs with different files, the second some time after the first."""
+    scene, runs = write_scene(folder), []
+    for settings in (SMALLEST, SMALLEST | {"algorithms": "wang2024", "viewpoints": "left"}):
+        runs.append(
+            subprocess.Popen(
+                command(scene, "-o", "out", **settings), cwd=folder,
+                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+            )
+        )  # fmt: skip
+        time.sleep(apart_s)
     said = [run.communicate(timeout=120)[1] for run in runs]
     assert [run.returncode for run in runs] == [EXIT_PASSED, EXIT_PASSED], said
-    data = assert_whole(tmp_path / "out")
-    assert files_in(tmp_path / "out") == set(data["files"])
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["out", scene.name]
+    data = assert_whole(folder / "out")
+    listed = read_document(folder / "out" / ".report-files.json")["files"]
+    assert files_in(folder / "out") == set(data["files"]) == listed.keys()
+    assert sorted(p.name for p in folder.iterdir()) == ["out", scene.name]
+
+
+def test_two_runs_into_one_folder_leave_one_report(tmp_path: Path) -> None:
+    assert_two_leave_one_report(tmp_path)
+
+
+@pytest.mark.slow
+def test_two_runs_into_one_folder_leave_one_report_whenever_they_begin(tmp_path: Path) -> None:
+    rng = random.Random(3)
+    for _ in range(15):
+        assert_two_leave_one_report(tmp_path, rng.uniform(0, 0.5))
 
 
 MOVES = """
@@ -387,110 +376,7 @@ def test_staging_folder_of_a_dead_run_is_cleared_away_and_of_a_living_one_is_not
     assert sorted(tmp_path.iterdir()) == sorted([mine, again, others])
 
 
-def test_run_killed_while_it_moved_its_files_is_cleared_up_by_the_next(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "notes.txt").write_text("mine")
-    for name in ("old.png", "new.png"):
-        (out / name).write_text(name)
-    (out / ".moving.json").write_text(json.dumps({"files": ["old.png", "new.png"]}))
-    staging = open_staging(out)
-    (staging / "report.json").write_text('{"files": ["report.json"]}')
-    publish(staging, out)
-    assert files_in(out) == {"notes.txt", "report.json"}
-
-
-class Killer:
-    """Starts runs and kills them, or some of their processes, at random moments."""
-
-    def __init__(self, folder: Path, seed: int) -> None:
-        self.folder, self.rng = folder, random.Random(seed)
-        self.words = command(write_scene(folder), "-o", "out", **SMALLEST)
-        started = time.perf_counter()
-        self.run_to_the_end()
-        self.seconds = time.perf_counter() - started
-
-    def run_to_the_end(self) -> None:
-        """In this process, but for the first, whose time is taken."""
-        if hasattr(self, "seconds"):
-            ended = run_here("validate", *self.words[3:], folder=self.folder)
-            code = ended.code
-        else:
-            ended = subprocess.run(
-                self.words, cwd=self.folder, capture_output=True, text=True, timeout=120
-            )
-            code = ended.returncode
-        assert (code, ended.stderr) == (EXIT_PASSED, "")
-        data = assert_whole(self.folder / "out")
-        assert files_in(self.folder / "out") == set(data["files"])
-        assert sorted(p.name for p in self.folder.iterdir()) == ["out", "tiny.xml"]
-
-    def kill(self) -> str:
-        """Kill a run; whether it left a report, which is then whole."""
-        # Half of them near the end, when files move.
-        share = self.rng.choice((self.rng.random(), self.rng.uniform(0.8, 1.05)))
-        run = subprocess.Popen(
-            self.words, cwd=self.folder, start_new_session=True,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        time.sleep(share * self.seconds)
-        whom = self.rng.choice(("all", "all", "parent", "worker"))
-        children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
-        try:
-            worker = int(children.read_text().split()[0])
-        except (OSError, IndexError):
-            worker = run.pid
-        try:
-            if whom == "all":
-                os.killpg(run.pid, signal.SIGKILL)
-            else:
-                os.kill(run.pid if whom == "parent" else worker, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
-        run.wait(timeout=60)
-        self.wait_for_all(run.pid)
-        if (self.folder / "out" / "report.json").exists():
-            assert_whole(self.folder / "out")
-            return "whole"
-        return "none"
-
-    def wait_for_all(self, group: int) -> None:
-        """Until no process of the group is left: a worker notices its parent's end by itself."""
-        end = time.monotonic() + 30
-        while time.monotonic() < end:
-            try:
-                os.killpg(group, 0)
-            except ProcessLookupError:
-                return
-            time.sleep(0.02)
-        raise AssertionError("a worker outlived its parent by half a minute")
-
-
-def kills_and_reruns(folder: Path, count: int, seed: int, first: int = 0) -> list[str]:
-    killer = Killer(folder, seed)
-    left = []
-    for number in range(first, first + count):
-        if number % 3 == 0:  # else there is a report to replace
-            shutil.rmtree(folder / "out")
-        left.append(killer.kill())
-        killer.run_to_the_end()
-    return left
-
-
 on_linux = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds it in /proc")
-
-
-@on_linux
-def test_killed_run_leaves_no_corrupt_report_and_its_rerun_completes(tmp_path: Path) -> None:
-    """One kill that finds a report to replace; a hundred in the slow tests."""
-    assert len(kills_and_reruns(tmp_path, 1, seed=1, first=1)) == 1
-
-
-@on_linux
-@pytest.mark.slow
-def test_hundred_kills_leave_no_corrupt_report_and_every_rerun_completes(tmp_path: Path) -> None:
-    left = kills_and_reruns(tmp_path, 100, seed=2)
-    assert 5 < left.count("whole") < 95, "the moments were not random"
 
 
 # --- Many in one process ------------------------------------------------------------------------

@@ -6,17 +6,15 @@ renderer are checked in this process, where one costs milliseconds.
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from inim.cli import main
-from inim.errors import EXIT_BACKEND, EXIT_USAGE, FileError, OutOfMemoryError, ViewpointError
+from inim.errors import EXIT_BACKEND, EXIT_USAGE, OutOfMemoryError, ViewpointError
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.worker.output import open_staging, publish
 from tests.conftest import LIT, scene_text, sphere
 from tests.system.conftest import (
     SHAPES,
@@ -32,13 +30,6 @@ TEXTURED = (
     '<shape type="rectangle"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
     '<string name="filename" value="{}"/></texture></bsdf></shape>'
 )
-
-
-@pytest.fixture(autouse=True)
-def _signals_as_before() -> Iterator[None]:
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
 
 
 def refused(
@@ -60,6 +51,15 @@ def refused(
     assert sorted(folder.rglob("*")) == before
 
 
+def test_a_mesh_in_place_of_a_scene_is_told_what_makes_one(
+    tmp_path: Path, run_inim: Callable[..., Ended]
+) -> None:
+    (tmp_path / "my pot.PLY").write_bytes(b"ply\n")
+    ended = run_inim("my pot.PLY", folder=tmp_path)
+    assert ended.code == EXIT_USAGE
+    assert_one_line(ended.stderr, ["is a mesh", "inim new-scene 'my pot.PLY'"])
+
+
 # --- Settings -----------------------------------------------------------------------------------
 
 SETTINGS = [
@@ -77,7 +77,7 @@ SETTINGS = [
     ("inim.pitch_mm=inf", "inim.pitch_mm = 'inf': must be finite"),
     ("inim.pitch_mm=1e308", "inim.pitch_mm = '1e308': must be finite and below"),
     ("inim.pitch_mm=", "inim.pitch_mm = '': must be a number"),
-    ("inim.pitch_mm=1,5", "inim.pitch_mm = '1,5': must be a number"),
+    ("inim.pitch_mm=1,5", "inim.pitch_mm = '1,5': must be a number; write 1.5"),
     ("inim.pixel_pitch_mm=2", "exceeds pitch_mm"),
     ("inim.gap_mm=3", "state depth_min_mm and depth_max_mm"),
     ("inim.depth_min_mm=5", "both depth_min_mm and depth_max_mm"),
@@ -93,6 +93,10 @@ SETTINGS = [
     ("inim.display=tv", "nominal or phone"),
     ("inim.lens_model=fresnel", "use pinhole"),
     ("inim.algorithms=foo", "algorithm 'foo': use template or "),
+    ("inim.algorithms=templat", "algorithm 'templat': did you mean template?"),
+    ("inim.display=phones", "did you mean phone?"),
+    ("inim.lens_model=thik", "lens model 'thik': did you mean thick?"),
+    ("inim.viewpoints=lefft", "viewpoint 'lefft': did you mean left?"),
     ("inim.algorithms=,", "name at least one"),
     ("inim.algorithms=template,template", "algorithm 'template' is given twice"),
     ("inim.fit_share=0", "inim.fit_share = 0: must be at least"),
@@ -101,7 +105,7 @@ SETTINGS = [
     ("inim.view_spp=1000000000000", "inim.view_spp = 1000000000000: must be at most"),
     ("inim.seed=-1", "inim.seed = -1: must be at least 0"),
     ("inim.viewpoints=", "viewpoints: none given"),
-    ("inim.viewpoints=middle", "not one of centre, left, right, up, down"),
+    ("inim.viewpoints=middle", "use centre or left or right or up or down, or give a position"),
     ("inim.viewpoints=centre,centre", "viewpoint 'centre' is given twice"),
     ("inim.viewpoints=a=1", "give 'name=x y' or 'name=x y z'"),
     ("inim.viewpoints=a=nan 0", "viewpoint a"),
@@ -298,70 +302,6 @@ def test_pictures_too_small_to_score_are_refused(tmp_path: Path, run_inim: Run) 
 # --- Output folders -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("out", "says"),
-    [("file", "file: is a file"), ("file/out", "cannot be written"), ("link", "is a file"),
-     ("n" * 300, "File name too long")],
-)  # fmt: skip
-def test_place_that_cannot_hold_a_folder_is_refused_at_once(
-    tmp_path: Path, out: str, says: str
-) -> None:
-    (tmp_path / "file").write_text("mine")
-    (tmp_path / "link").symlink_to("nowhere")
-    with pytest.raises(FileError, match=says):
-        open_staging(tmp_path / out)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "link"]
-    assert (tmp_path / "file").read_text() == "mine"
-
-
-def finished(out: Path, **files: str) -> Path:
-    """A staging folder as a run leaves it."""
-    staging = open_staging(out)
-    for name, text in {"report.json": '{"files": []}', **files}.items():
-        (staging / name).parent.mkdir(parents=True, exist_ok=True)
-        (staging / name).write_text(text)
-    return staging
-
-
-def test_longest_name_a_file_system_allows_can_be_written(tmp_path: Path) -> None:
-    out = tmp_path / ("n" * 255)
-    publish(finished(out), out)
-    assert (out / "report.json").is_file()
-
-
-@pytest.mark.parametrize(("mine", "theirs"), [("views", "views/a"), ("page/mine", "page")])
-def test_file_in_the_way_is_named_and_nothing_is_touched(
-    tmp_path: Path, mine: str, theirs: str
-) -> None:
-    out = tmp_path / "out"
-    (out / mine).parent.mkdir(parents=True)
-    (out / mine).write_text("mine")
-    (out / "report.json").write_text('{"files": ["eia.png"]}')
-    (out / "eia.png").write_text("earlier")
-    staging = finished(out, **{theirs: "new"})
-    with pytest.raises(FileError, match=f"{theirs.split('/')[0]}: is in the way"):
-        publish(staging, out)
-    assert (out / mine).read_text() == "mine"
-    assert (out / "eia.png").read_text() == "earlier"
-    assert (out / "report.json").read_text() == '{"files": ["eia.png"]}'
-
-
-@pytest.mark.parametrize(
-    "listed",
-    ['{"files": ["../mine", "sub", ".", "", "a\\u0000b"]}', "[" * 100_000, "[",
-     '{"files": 3}', "{}", "[]", "\0"],
-)  # fmt: skip
-def test_list_of_earlier_files_is_not_trusted(tmp_path: Path, listed: str) -> None:
-    out = tmp_path / "out"
-    (out / "sub").mkdir(parents=True)
-    (out / "sub" / "mine").write_text("mine")
-    (tmp_path / "mine").write_text("mine")
-    (out / "report.json").write_text(listed)
-    publish(finished(out), out)
-    assert (out / "report.json").read_text() == '{"files": []}'
-    assert (tmp_path / "mine").read_text() == (out / "sub" / "mine").read_text() == "mine"
-
-
 def test_full_disk_is_one_line_and_leaves_nothing(
     tiny_scene: Path, run_process: Run, tmp_path: Path
 ) -> None:
@@ -378,6 +318,18 @@ def test_read_only_disk_is_refused_before_rendering(
     with small_disk(tmp_path / "disk", "200k", read_only=True) as disk:
         out = disk / "out"
         refused(capsys, tmp_path, tiny_scene, "-o", out, says=(str(out), "Read-only", "-o"))
+
+
+@pytest.mark.parametrize("name", ["eia", "views", "report.json"])
+def test_link_below_the_folder_is_refused_before_rendering(
+    tiny_scene: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str
+) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).symlink_to(tmp_path)
+    refused(
+        capsys, tmp_path, tiny_scene, "-o", tmp_path / "out",
+        says=(f"out/{name}: is in the way", "choose another folder with -o"),
+    )  # fmt: skip
 
 
 def test_deleted_current_folder_is_one_line(tiny_scene: Path, run_process: Run) -> None:

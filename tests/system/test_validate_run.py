@@ -37,6 +37,7 @@ from tests.system.conftest import (
     Ended,
     assert_one_line,
     command,
+    files_in,
     nothing_left,
     write_scene,
 )
@@ -66,10 +67,6 @@ SCORES = {
     for on in ("", "_on_relic")
     for to in ("", "_to_ceiling")
 }
-
-
-def files_in(folder: Path) -> set[str]:
-    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
 
 
 def numbers_in(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:

@@ -25,6 +25,7 @@ from inim.report.virtual_display.still import still_view
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
 from tests.frame_rate import COUNT_WORK, drag_about
+from tests.schemas import completed
 from tests.system.conftest import Ended, assert_one_line, run_here
 from tests.unit.test_report_html import report
 
@@ -89,6 +90,16 @@ def report_data(display: Display = DISPLAY) -> dict[str, Any]:
     places = {"centre": (0, 0), "left": (-20, 0), "right": (20, 0), "up": (0, 15), "down": (0, -15)}
     data["viewpoints"] = [{"name": n, "position_mm": [*p, 180.0]} for n, p in places.items()]
     return data
+
+
+def whole_report_data() -> dict[str, Any]:
+    """The same with all that a report's readers ask for."""
+    bare = {"misalign": "", "ceiling": {"views": {}, "precision": {}}}
+    whole = completed("report", report_data() | bare)
+    whole["scene"]["sha256"] = "0" * 64
+    for one in whole["algorithms"].values():
+        one["precision"] = {}
+    return whole
 
 
 def report_folder(folder: Path, display: Display = DISPLAY) -> Path:
@@ -507,7 +518,7 @@ def test_view_of_a_report_has_all_its_panels(tab, page, tmp_path):
     shutil.copytree(page.parent, folder)
     from inim.report import Report
 
-    Report(folder, report_data()).write()
+    Report(folder, whole_report_data()).write()
     ended = view("OUT", folder=tmp_path)
     assert (ended.code, ended.stdout) == (0, "OUT/virtual-display.html\n"), ended.stderr
     show(tab, folder / "virtual-display.html")
@@ -537,7 +548,7 @@ def test_view_takes_the_display_from_a_settings_file(tmp_path):
         (["eia.png", *display_words(), "-o", "."], ["is a folder", "-o"]),
         (["text.txt"], ["text.txt", ".png"]),
         (["broken.png", *display_words()], ["broken.png", "not a readable PNG"]),
-        (["."], ["report.json", "cannot be read"]),
+        (["."], ["report.json", "no such file"]),
         ([".", "--display", "phone"], ["its own display"]),
     ],
 )

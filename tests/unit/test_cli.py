@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pkgutil
 import subprocess
 import sys
@@ -56,10 +57,54 @@ def test_only_the_named_command_is_imported():
     assert loaded == {"inim.commands.installation", "inim.commands.options"}
 
 
-def test_unknown_command_is_one_line_that_names_those_there_are(capsys):
+@pytest.mark.parametrize(
+    ("word", "says"),
+    [("validat", "did you mean validate?"), ("xyz", "new-scene"), ("", "validate")],
+)
+def test_unknown_command_is_one_line_that_names_those_there_are(capsys, word, says):
     with pytest.raises(SystemExit) as ended:
-        main(["validat"])
+        main([word])
     assert ended.value.code == EXIT_USAGE
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("inim: error: ")
-    assert "new-scene" in line
+    assert line.startswith(f"inim: error: {word}: no such command; ")
+    assert says in line
+
+
+def test_without_a_word_there_is_help(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert ended.value.code == 0
+    assert "new-scene" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("line", "proposed", "not_proposed"),
+    [
+        ("inim val", {"validate "}, {"view"}),
+        ("inim validate a.xml --algorithms tem", {"template", "template_jit"}, {"wang2024"}),
+        ("inim validate a.xml --algorithms gu2020,tem", {"gu2020,template"}, {"template"}),
+        ("inim validate a.xml --display ph", {"phone "}, {"nominal"}),
+        ("inim inspect phone --lens-model thi", {"thin", "thick"}, {"full"}),
+        ("inim validate a.xml --viewpoints le", {"left "}, {"right"}),
+        ("inim validate a.xml -D inim.pitch", {"inim.pitch_mm=", "inim.pitch_y_mm="}, {"inim.gap_mm="}),
+        ("inim validate a.xml --all", {"--allow-folder "}, {"--lazy"}),
+    ],
+)
+def test_a_shell_is_told_how_a_word_goes_on(tmp_path, line, proposed, not_proposed):
+    answer = tmp_path / "answer"
+    variables = {
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(answer),
+        "_ARGCOMPLETE_IFS": "\n",
+        "_ARGCOMPLETE_SUPPRESS_SPACE": "0",
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+        "COMP_TYPE": "9",
+    }
+    ended = subprocess.run(
+        [sys.executable, "-m", "inim"], env=os.environ | variables, capture_output=True, check=False
+    )
+    assert (ended.stdout, ended.stderr) == (b"", b"")
+    found = set(answer.read_text().split("\n"))
+    assert proposed <= found
+    assert not found & not_proposed

@@ -13,7 +13,6 @@ from inim.errors import FileError, UsageError
 from inim.files import image
 from inim.regression import view_scores
 from inim.rgbd import RGBD
-from inim.worker.output import open_staging, publish
 
 RANDOM = np.random.default_rng(3)
 
@@ -96,25 +95,6 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
         image.write_atomically(tmp_path / "a.png", fail)
     assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
     assert (tmp_path / "a.png").read_text() == "old"
-
-
-def test_publishing_replaces_one_s_own_files_and_keeps_others(tmp_path):
-    out = tmp_path / "out"
-    for names in (("a.png", "sub/b.png"), ("a.png", "sub/c.png")):
-        staging = open_staging(out)
-        for name in names:
-            (staging / name).parent.mkdir(exist_ok=True)
-            (staging / name).write_text(names[1])
-        listed = ", ".join(f'"{n}"' for n in (*names, "report.json", "../precious"))
-        (staging / "report.json").write_text(f'{{"files": [{listed}]}}')
-        publish(staging, out)
-        (out / "notes.txt").write_text("mine")
-        (tmp_path / "precious").write_text("mine")
-    found = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
-    assert found == {"a.png", "sub/c.png", "report.json", "notes.txt"}
-    assert (out / "a.png").read_text() == "sub/c.png"
-    assert (tmp_path / "precious").exists(), "a report cannot name files outside its folder"
-    assert not list(tmp_path.glob(".*partial"))
 
 
 def test_ssim_is_the_oracle_s():

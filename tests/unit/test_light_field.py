@@ -136,7 +136,7 @@ def test_an_hci_folder_s_disparity_is_that_of_its_centre_view(tmp_path):
          "4 x 4 cameras, but there are 6 views"),
         (lambda d: (d / "parameters.cfg").write_text("x"), "not readable"),
         (lambda d: (d / "parameters.cfg").unlink(), "6 views make no square"),
-        (lambda d: (d / "input_Cam001.png").write_bytes(b"no"), "not a readable PNG"),
+        (lambda d: (d / "input_Cam001.png").write_bytes(b"no"), "not a readable picture"),
         (lambda d: Image.new("RGB", (3, 3)).save(d / "input_Cam001.png"), "3 x 3 pixels"),
     ],
 )  # fmt: skip

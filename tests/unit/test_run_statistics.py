@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import threading
+import time
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -23,9 +27,17 @@ from inim.regression import (
 )
 from inim.regression.comparison import differing_conditions
 from tests.conftest import small_display
+from tests.schemas import completed
 
 DISPLAY = small_display(12, 10, 8)
-CONDITIONS = {"display": {"pitch_mm": 1.0}, "viewpoints": {"left": [0.0, 0.0, 400.0]}}
+MADE = completed(
+    "baseline",
+    {
+        "conditions": {"viewpoints": {"left": [0.0, 0.0, 400.0, 0.0, None]}},
+        "circumstances": {"seed": 0, "title": 'A "b" 鼎'},
+    },
+)
+CONDITIONS = MADE["conditions"]
 
 
 @pytest.fixture
@@ -36,7 +48,7 @@ def statistics():
     eia = rng.random((*DISPLAY.eia_shape, 3), np.float32)
     return RunStatistics(
         conditions=CONDITIONS,
-        circumstances={"seed": 0, "title": 'A "b" 鼎'},
+        circumstances=MADE["circumstances"],
         pictures={"truth/left": tile_statistics(*halves, (8, 8))},
         scores={"template/left": {"ssim_to_ceiling": ScoreEstimate(0.9, 0.001, 12.0, -0.01)}},
         fingerprints={"template": fingerprint(rgbd, eia, DISPLAY, exact=True)},
@@ -59,6 +71,42 @@ def test_what_is_written_is_read_back(statistics, tmp_path):
     )
 
 
+def test_arrays_of_another_run_are_found_out(statistics, tmp_path):
+    write_statistics(tmp_path, BASELINE, statistics)
+    old = (tmp_path / "baseline.json").read_bytes()
+    other = {"truth/left": tile_statistics(*np.full((2, 40, 48, 3), 0.5), (8, 8))}
+    write_statistics(tmp_path, BASELINE, replace(statistics, pictures=other))
+    (tmp_path / "baseline.json").write_bytes(old)
+    with pytest.raises(BaselineError, match="of another run; one that is just being replaced"):
+        read_statistics(tmp_path, BASELINE)
+
+
+def test_a_baseline_that_is_replaced_meanwhile_is_one_of_the_two(statistics, tmp_path):
+    """Read at any moment: the old one, the new one, or a line."""
+    pictures = {"truth/left": tile_statistics(*np.full((2, 40, 48, 3), 0.5), (8, 8))}
+    versions = [statistics, replace(statistics, pictures=pictures)]
+    means = [one.pictures["truth/left"].mean for one in versions]
+    write_statistics(tmp_path, BASELINE, versions[0])
+    ends = time.monotonic() + 1
+
+    def write() -> None:
+        for version in itertools.cycle((1, 0)):
+            kept = versions[version].accept(str(version), "2026-01-01")
+            write_statistics(tmp_path, BASELINE, kept)
+            if time.monotonic() > ends and not version:
+                return
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    found = []
+    while writer.is_alive():
+        with suppress(BaselineError):
+            found.append(read_statistics(tmp_path, BASELINE))
+    assert len(found) > 3
+    for one in found:
+        np.testing.assert_array_equal(one.pictures["truth/left"].mean, means[int(one.reason or 0)])
+
+
 def test_score_that_is_no_number_stays_none(statistics, tmp_path):
     wrong = {"template/left": {"ssim_to_ceiling": ScoreEstimate(math.nan, 0.1, 1.0, 0.0)}}
     write_statistics(tmp_path, BASELINE, replace(statistics, scores=wrong))
@@ -76,10 +124,10 @@ def test_run_compared_with_itself_passes_every_verdict(statistics):
 @pytest.mark.parametrize(
     ("other", "words"),
     [
-        ({"display": {"pitch_mm": 1.1}}, "display is"),
-        ({"display": {"pitch_mm": 1.0, "gap_mm": 3.0}}, "display is"),
-        ({"viewpoints": {"right": [0.0, 0.0, 400.0]}}, "viewpoints is"),
-        ({"lens model": "thin"}, 'lens model is "thin", the baseline\'s not there'),
+        ({"display": {"pitch_mm": 1.1}}, "display: pitch_mm 1.1, baseline "),
+        ({"display": {"pitch_mm": 1.0, "gap_mm": 3.0}}, ", gap_mm 3.0, baseline "),
+        ({"viewpoints": {"right": [0.0, 0.0, 400.0]}}, "right [0.0, 0.0, 400.0], baseline not the"),
+        ({"mine": "thin"}, "mine thin, baseline not there"),
     ],
 )
 def test_other_conditions_are_named(other, words):
@@ -88,7 +136,7 @@ def test_other_conditions_are_named(other, words):
 
 
 def test_last_bits_of_a_length_are_no_other_condition():
-    near = {"viewpoints": {"left": [0.0, 1e-12, 400.0 * (1 + 1e-15)]}}
+    near = {"viewpoints": {"left": [0.0, 1e-12, 400.0 * (1 + 1e-15), 0.0, None]}}
     assert differing_conditions(CONDITIONS, CONDITIONS | near) == []
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from inim.errors import EXIT_USAGE, InimError
+from inim.errors import EXIT_USAGE, FileError, InimError
 from inim.report.sweep.results import SETTING_COLUMNS
 from inim.settings import Settings
-from inim.sweep.study import AS_SCENE, read_study
+from inim.sweep.study import AS_SCENE, _check_keys, read_study, tomllib
 from inim.sweep.table import DISPLAY_COLUMNS, columns, failed_rows
 from inim.sweep.unit import expand, key_of, making_of, unit_hash
 from tests.conftest import scene_text, sphere
@@ -199,3 +201,103 @@ def test_rows_of_what_failed_have_all_that_is_known(written):
 def test_columns_are_settings_and_displays_by_their_own_names():
     fields = Settings.__dataclass_fields__.keys()
     assert fields >= {*SETTING_COLUMNS, *DISPLAY_COLUMNS}
+
+
+# --- Studies made to be read for ever -----------------------------------------------------------
+
+MOST = 2**20 - 1000
+
+
+def lines(make, most=MOST):
+    """As many lines as a study may have bytes."""
+    found, size = [], 0
+    for number in range(most):
+        found.append(make(number))
+        size += len(found[-1])
+        if size > most:
+            return "".join(found[:-1])
+    return "".join(found)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a" + ".a" * (MOST // 2) + " = 1",
+        "[a" + ".a" * (MOST // 2) + "]",
+        "[[a" + " . a" * (MOST // 4) + "]]",
+        "a = {b = 1, a" + ".a" * (MOST // 2) + " = 1}",
+        '"a"' + '."a"' * (MOST // 4) + " = 1",
+        "'a'" + ".'.'" * (MOST // 4) + " = 1",
+        "a = [\n1, {a" + ".a" * (MOST // 2) + " = 1}]",
+        'x = """\n"""""\n' + "a" + ".a" * (MOST // 2) + " = 1",
+        'x = "\\"" # "\n' + "a" + ".a" * (MOST // 2) + " = 1",
+    ],
+    ids=["key", "table", "list", "inline", "quoted", "literal", "in a list", "lines", "escaped"],
+)
+def test_a_key_of_many_parts_is_refused_before_it_is_read(tmp_path, text, monkeypatch):
+    """Expected: half a million parts, of a kilobyte each in memory, never come to the reader."""
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    monkeypatch.setattr("inim.sweep.study.tomllib.loads", lambda _: pytest.fail("was read"))
+    with pytest.raises(FileError, match=r"study\.toml: no TOML \(line \d: a key of more than 4"):
+        read_study(path)
+
+
+@pytest.mark.parametrize(
+    "title",
+    [
+        '"a.b.c.d.e.f.g.h"',
+        "'a.b.c.d.e.f.g.h'",
+        '"""a.b.c.d\n.e.f.g.h"x"."""',
+        "'''a.b.c.d.e.f.g.h'.'.'.'.'.'.'.'''",
+        '"\\"a.b.c.d.e.f.g.h" # a.b.c.d.e.f.g.h.i',
+        '"""x.""""" # a.b.c.d.e.f.g.h.i',
+        "\"\" # '''a.b.c.d.e.f.g",
+    ],
+)
+def test_dots_in_texts_and_comments_are_no_key(title):
+    """Expected: what the scan lets pass is what TOML lets pass."""
+    text = f"[study]\ntitle = {title}\nsettings = [1.5, 2.5, 3.5, 4.5, 5.5, 6.5]\n"
+    tomllib.loads(text)
+    _check_keys(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        lines(lambda k: f"[{k:x}.a.a.a]\n"),
+        lines(lambda k: f"{k:x}.a.a.a=1\n"),
+        '"""\\' * (MOST // 4),
+        "'''" * (MOST // 3),
+        "a = " + "[" * MOST,
+        "a = " + "{a=" * (MOST // 3),
+        "[study]\nalgorithms = ['template']\nscenes = ["
+        + lines(lambda k: f"'{k:x}',")
+        + "'a']",
+        "[study]\nlens_model = [" + "'thin'," * (MOST // 7) + "]",
+        lines(lambda k: f"[[display]]\nname = 'd{k}'\n"),
+        "x" * MOST + " = 1",
+    ],
+    ids=["tables", "keys", "open", "quotes", "lists", "inline", "scenes", "lenses", "displays",
+         "long"],
+)  # fmt: skip
+def test_the_largest_study_is_refused_within_seconds_and_a_gigabyte(tmp_path, text):
+    """In a process of its own, whose memory is limited to half of that."""
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    code = (
+        "import resource, sys\n"
+        "from pathlib import Path\n"
+        "from inim.errors import InimError\n"
+        "from inim.sweep.study import read_study\n"
+        "used = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (used + 2**29, used + 2**29))\n"
+        "try:\n    read_study(Path(sys.argv[1]))\n"
+        "except InimError as error:\n    print(str(error).count(chr(10)), len(str(error)))\n"
+    )
+    words = [sys.executable, "-c", code, str(path)]
+    root = Path(__file__).parents[2]
+    ended = subprocess.run(words, cwd=root, capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 0, ended.stderr[-500:]
+    breaks, length = map(int, ended.stdout.split())
+    assert breaks == 0 and length < len(str(path)) + 300

@@ -618,5 +618,6 @@ def test_hole_fraction_counts_lensed_pixels_only() -> None:
 
 def test_unknown_algorithm_is_refused_with_its_name_and_the_known_ones() -> None:
     shown = display()
-    with pytest.raises(UsageError, match=r"'li2013'.*template.*wang2024"):
-        find_sources(rough((4, 4), 1.0, shown), shown, "li2013")
+    for name, words in (("li2013", "did you mean li2012?"), ("x", "use template or .* wang2024")):
+        with pytest.raises(UsageError, match=rf"'{name}': {words}"):
+            find_sources(rough((4, 4), 1.0, shown), shown, name)

@@ -1,0 +1,265 @@
+"""SIGINT, SIGTERM and SIGKILL at any moment of a run, to the process alone and to its whole group.
+
+Expected: at once, with 130 or 143, and one line or none; no process, staging folder, temporary file
+or half a record is left, but by SIGKILL, and then the next run clears it away; the report's folder
+holds the report of before or the new one, whole, or after SIGKILL, none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from inim.errors import EXIT_PASSED
+from tests.schemas import read_document
+from tests.system.conftest import SMALLEST, assert_whole, command, files_in, write_scene
+from tests.unit.test_interruption import LINE, hear
+
+on_linux = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds it in /proc")
+
+# --- At chosen moments --------------------------------------------------------------------------
+
+#: Sends SIGINT when a module is looked for, with Python's own `KeyboardInterrupt` until then.
+AT_IMPORT = """
+import os, signal, sys
+wanted = sys.argv.pop(1)
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == wanted:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from inim.program import run
+run()
+"""
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "inim.cli",
+        "argparse",
+        "inim.commands.validate",
+        "numpy",
+        "numpy.linalg",
+        "inim.worker.supervisor",
+    ],
+)
+def test_interrupt_while_modules_load_is_one_line(tmp_path: Path, module: str) -> None:
+    """Some libraries turn what is raised while they load into errors of their own."""
+    scene = write_scene(tmp_path)
+    words = [sys.executable, "-c", AT_IMPORT, module, *command(scene, "-o", "out")[2:]]
+    words[4] = "validate"
+    ended = subprocess.run(
+        words, cwd=tmp_path, capture_output=True, text=True, timeout=60, preexec_fn=hear
+    )
+    assert (ended.returncode, ended.stderr) == (130, LINE)
+    assert list(tmp_path.iterdir()) == [scene]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_after_the_outcome_was_said_is_an_ordinary_end(number: int) -> None:
+    code = "import atexit, os, signal, sys\nfrom inim.program import run\nimport inim.cli\n"
+    code += f"atexit.register(os.kill, os.getpid(), {int(number)})\nrun('algorithms')"
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, preexec_fn=hear
+    )
+    assert (ended.returncode, ended.stderr) == (EXIT_PASSED, "")
+    assert "template" in ended.stdout
+
+
+@on_linux
+def test_interrupt_of_the_group_while_the_worker_starts_is_one_line(tmp_path: Path) -> None:
+    """Python's own start would answer with a traceback."""
+    scene = write_scene(tmp_path)
+    for wait_ms in range(0, 150, 15):
+        run = Run(command(scene, "-o", "out", **SMALLEST), tmp_path)
+        while not run.children():
+            time.sleep(0.001)
+        time.sleep(wait_ms / 1000)
+        run.end(signal.SIGINT, "all")
+        assert (run.code, run.said) == (130, LINE)
+        assert list(tmp_path.iterdir()) == [scene]
+
+
+# --- At random moments --------------------------------------------------------------------------
+
+
+class Run:
+    """A run in a process group of its own."""
+
+    def __init__(self, words: list[str], folder: Path, **variables: str) -> None:
+        self.process = subprocess.Popen(
+            words, cwd=folder, start_new_session=True, preexec_fn=hear, text=True,
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            env={**os.environ, **variables},
+        )  # fmt: skip
+
+    def children(self) -> list[int]:
+        pid = self.process.pid
+        try:
+            return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+        except OSError:
+            return []
+
+    def end(self, number: int, whom: str) -> None:
+        """Send a signal to all, the parent or the worker, and wait until no process is left."""
+        pid, workers = self.process.pid, self.children()
+        try:
+            if whom == "all":
+                os.killpg(pid, number)
+            else:
+                os.kill(workers[0] if whom == "worker" and workers else pid, number)
+        except ProcessLookupError:
+            pass
+        self.said = self.process.communicate(timeout=60)[1]
+        self.code = self.process.returncode
+        patience = time.monotonic() + (30 if number == signal.SIGKILL else 0.5)
+        while time.monotonic() < patience:  # a worker notices its parent's end by itself
+            try:
+                os.killpg(pid, 0)
+            except ProcessLookupError:
+                return
+            time.sleep(0.02)
+        raise AssertionError("a process has outlived the program")
+
+
+@dataclass
+class Bench:
+    """Runs into one folder, ended at random moments; seeds tell their reports apart."""
+
+    folder: Path
+    rng: random.Random
+    seed: int = 0
+    seconds: float = 0.0
+    digests: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.scene = write_scene(self.folder)
+        self.out = self.folder / "out"
+        self.places = {
+            "INIM_CACHE": str(self.folder / "cache"),
+            "XDG_CACHE_HOME": str(self.folder / "home"),
+            "TMPDIR": str(self.folder / "tmp"),
+        }
+        (self.folder / "tmp").mkdir()
+        self.run_to_the_end()
+
+    def start(self) -> Run:
+        self.seed += 1
+        words = command(self.scene, "-o", "out", seed=str(self.seed), **SMALLEST)
+        return Run(words, self.folder, **self.places)
+
+    def run_to_the_end(self) -> None:
+        started = time.perf_counter()
+        run = self.start()
+        said = run.process.communicate(timeout=120)[1]
+        self.seconds = time.perf_counter() - started
+        assert (run.process.returncode, said) == (EXIT_PASSED, "")
+        assert self.found() == self.seed
+        self.assert_nothing_left()
+
+    def found(self) -> int | None:
+        """Which run's report is there: whole, every file of it that run's; None where none is."""
+        if not (self.out / "report.json").exists():
+            return None
+        data = assert_whole(self.out)
+        kept = read_document(self.out / ".report-files.json")["files"]
+        assert files_in(self.out) == set(data["files"]) == kept.keys()
+        found = {n: hashlib.sha256((self.out / n).read_bytes()).hexdigest() for n in kept}
+        for name, digests in kept.items():
+            # Killed just before its list was moved, a new report has one of both runs beside it.
+            of_this = {*digests} - {self.digests.get(name)} if len(digests) == 2 else {*digests}
+            assert of_this == {found[name]}, name
+        self.digests = found
+        return int(data["settings"]["seed"])
+
+    def assert_nothing_left(self) -> None:
+        names = {p.name for p in self.folder.iterdir()}
+        assert names <= {"out", "cache", "home", "tmp", self.scene.name}
+        left = [p for name in ("cache", "home") for p in (self.folder / name).rglob("*")]
+        assert not [p for p in left if p.suffix not in ("", ".npz", ".json", ".nbi", ".nbc")]
+        assert not list((self.folder / "tmp").glob("*.partial"))
+
+    def moment(self) -> float:
+        """Some while Python starts, some near the end, when files move."""
+        late, whole = self.rng.uniform(0.8, 1.05), self.rng.uniform(0, 1.05)
+        return self.rng.choice((late * self.seconds, whole * self.seconds, 0.3 * whole))
+
+    def end_at_random(self, number: signal.Signals, whom: str) -> str:
+        """End a run, with or without a report to replace and results kept; what came of it."""
+        if self.rng.random() < 0.4:
+            shutil.rmtree(self.out, ignore_errors=True)  # else there is a report to replace
+        if self.rng.random() < 0.5:
+            for name in ("cache", "home"):  # what is found there need not be tried and rendered
+                shutil.rmtree(self.folder / name, ignore_errors=True)
+        return self.end_one(number, whom, self.moment())
+
+    def end_one(self, number: signal.Signals, whom: str, after_s: float) -> str:
+        """End a run; what came of it, in a word."""
+        before, run = self.found(), self.start()
+        time.sleep(after_s)
+        run.end(number, whom)
+        after = self.found()
+        if number == signal.SIGKILL:
+            assert after in (before, self.seed, None)
+            if whom == "all":  # a record half written is left to the store, for a day
+                for path in (self.folder / "cache").glob("*.partial"):
+                    path.unlink()
+            return "none" if after is None else "old" if after == before else "new"
+        assert after in (before, self.seed), "the report of before is gone"
+        self.assert_nothing_left()
+        if run.code == EXIT_PASSED:
+            assert (after, run.said) == (self.seed, "")
+            return "passed"
+        if run.code == 128 + number:
+            said = {LINE} if after == before else {"inim: interrupted\n"}
+            assert run.said in (said if number == signal.SIGINT else {""}), (after, before)
+            return "ended"
+        # Until the program's first line Python itself answers.
+        assert run.code in (-number, 1), run.said
+        assert "/inim/cli.py" not in run.said
+        assert "interruption.py" not in run.said
+        return "Python's start"
+
+
+CHOICES = [
+    (number, whom)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+    for whom in ("all", "parent")
+] + [(signal.SIGKILL, "worker")]
+
+
+@on_linux
+def test_runs_ended_at_some_moment_leave_what_was_there_or_their_own(tmp_path: Path) -> None:
+    """One of each that finds a report to replace; many in the slow tests."""
+    bench = Bench(tmp_path, random.Random(1))
+    assert bench.end_one(signal.SIGINT, "all", 0.4 * bench.seconds) == "ended"
+    assert bench.end_one(signal.SIGKILL, "all", 0.4 * bench.seconds) == "old"
+    bench.run_to_the_end()
+
+
+@on_linux
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "whom"), CHOICES)
+def test_runs_ended_at_random_moments_leave_nothing_behind(
+    tmp_path: Path, number: signal.Signals, whom: str
+) -> None:
+    bench = Bench(tmp_path, random.Random(f"{number} {whom}"))
+    ends = []
+    for count in range(20):
+        ends.append(bench.end_at_random(number, whom))
+        if count % 4 == 0 or number == signal.SIGKILL:
+            bench.run_to_the_end()
+    print({end: ends.count(end) for end in ends})
+    assert len({*ends}) > 1, "the moments were not random"
