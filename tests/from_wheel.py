@@ -107,6 +107,12 @@ assert "aside" in str(report) and "-D inim.gap_mm=3.2" in report.data["command"]
 assert repr(report).startswith("Report('out': ")
 """
 
+_DEMO = """
+import pathlib, subprocess, sys
+subprocess.run([sys.executable, "-m", "inim", "demo", "-o", "demo"], check=True)
+assert (pathlib.Path("demo") / "report.html").is_file()
+"""
+
 PROGRAMS = {
     "inim first": f"{_HEAD}\n{_ANY_ORDER.format(variant='llvm_ad_rgb')}",
     **{
@@ -115,6 +121,7 @@ PROGRAMS = {
     },
     "a display in a room": f"{_HEAD}\n{_ROOM}",
     "Python values": f"{_HEAD}\n{_VALUES}",
+    "the demonstration": _DEMO,
 }
 
 
