@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from inim.generators import generate as generate
     from inim.pipeline.validation import validate as validate
     from inim.render.reconstruct import reconstruct as reconstruct
+    from inim.render.variant import register_plugins as register_plugins
     from inim.report import Report as Report
     from inim.rgbd import RGBD as RGBD
 
@@ -32,6 +33,7 @@ _HOME = {
     "generate": "inim.generators",
     "read_rgbd": "inim.files.image",
     "reconstruct": "inim.render.reconstruct",
+    "register_plugins": "inim.render.variant",
     "validate": "inim.pipeline.validation",
 }
 

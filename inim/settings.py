@@ -15,7 +15,7 @@ from typing import Any
 from inim.display import DISPLAYS, Display
 from inim.errors import DisplayError, SceneError, known_words
 
-__all__ = ["PREFIX", "Settings", "setting_table"]
+__all__ = ["DISPLAY_KEYS", "PREFIX", "Settings", "setting_table"]
 
 PREFIX = "inim."
 
@@ -25,8 +25,8 @@ _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 # More samples than this per pixel is a slip of the keyboard that would run for days.
 _MOST_SAMPLES = 2**20
 
-# Settings that go to `Display` under the same name.
-_DISPLAY_KEYS = tuple(f.name for f in fields(Display) if f.name != "name")
+#: Settings that go to `Display` under the same name.
+DISPLAY_KEYS = tuple(f.name for f in fields(Display) if f.name != "name")
 
 
 def _setting(
@@ -169,7 +169,7 @@ class Settings:
                 f"{known_words(self.display, DISPLAYS)} Single values have keys of their own"
             )
         preset = DISPLAYS[self.display]
-        given = {key: getattr(self, key) for key in _DISPLAY_KEYS if getattr(self, key) is not None}
+        given = {key: getattr(self, key) for key in DISPLAY_KEYS if getattr(self, key) is not None}
         if not given:
             return preset
         if not {"panel_columns", "panel_rows"} & given.keys() and (
@@ -239,7 +239,7 @@ def setting_table() -> str:
     """The table of settings as Markdown, for the documents and `inim settings`."""
     rows = ["| key | default | meaning |", "| --- | --- | --- |"]
     for f in fields(Settings):
-        default = "preset" if f.default is None and f.name in _DISPLAY_KEYS else f.default
+        default = "preset" if f.default is None and f.name in DISPLAY_KEYS else f.default
         shown = "" if default in (None, "") else f"`{default}`"
         rows.append(f"| `{PREFIX}{f.name}` | {shown} | {f.metadata['meaning']} |")
     return "\n".join(rows)

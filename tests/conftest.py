@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from inim.backend import choose_backend
 from inim.display import Display
+from inim.errors import BackendError
 
 LIT = """
 <integrator type="path"><integer name="max_depth" value="2"/></integrator>
@@ -59,6 +63,30 @@ def small_display(columns: int = 12, rows: int = 10, pixels: int = 8, **changes:
         "lens_rows": rows,
     }
     return Display(**(values | changes))  # type: ignore[arg-type]
+
+
+def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[str, Any]:
+    """The scene dictionary of a display showing an EIA, in a world that is the display frame."""
+    import mitsuba as mi
+
+    from inim.render.plugin_properties import half_extent_mm
+
+    told = {k: v for k, v in display.given().items() if v is not None and k != "name"}
+    picture = mi.TensorXf(np.ascontiguousarray(eia, np.float32))
+    return {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f().scale([*half_extent_mm(display), 1]),
+        "emitter": {"type": "inim_display", "eia": picture, "lens_model": lens_model, **told},
+    }
+
+
+def no_cuda() -> str:
+    """Why CUDA cannot be used here; empty if it can."""
+    try:
+        choose_backend("cuda")
+    except BackendError as error:
+        return str(error)
+    return ""
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,8 @@
 
 Nothing here imports Mitsuba or Dr.Jit. A bad libLLVM does not raise, it aborts the
 process (LLVM 15 and 16 on x86), so each candidate is tried in a child process first and
-the verdict is remembered. Call `activate` before Mitsuba is first imported.
+the verdict is remembered. `activate` makes this process use one: any, if Dr.Jit is not loaded yet,
+else the one that Dr.Jit has found.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from inim.backend import machine
 from inim.backend.trial import Verdict, verdict_on
@@ -142,23 +142,36 @@ def environment(backend: Backend) -> dict[str, str]:
 
 
 def activate(backend: Backend) -> None:
-    """Make this process use `backend`. To be called before Mitsuba is first imported.
+    """Make this process use `backend`.
+
+    Dr.Jit looks for its libraries once, when it is imported: where it is loaded already, what it
+    found is asked, and serves as well if it is no version that is known to fail.
 
     Raises
     ------
     BackendError
-        Dr.Jit is loaded already and was set up for another libLLVM.
+        Dr.Jit is loaded already, without what `backend` needs.
     """
-    variables = environment(backend)
-    wanted = variables.get(LLVM_VARIABLE)
-    if "drjit" in sys.modules and wanted and os.environ.get(LLVM_VARIABLE) != wanted:
-        raise BackendError(
-            f"{wanted} cannot be used: Dr.Jit is loaded already, with "
-            f"{os.environ.get(LLVM_VARIABLE) or 'a libLLVM of its own choice'}; "
-            f"call inim.backend.activate before importing mitsuba"
-        )
+    drjit = sys.modules.get("drjit")
+    if drjit is not None:
+        _check_loaded(drjit, backend.name)
+        return
     _preload(_companions(backend.libllvm))
-    os.environ.update(variables)
+    os.environ.update(environment(backend))
+
+
+def _check_loaded(drjit: Any, name: str) -> None:
+    """Raise `BackendError` unless Dr.Jit, as it is loaded, can use CUDA or LLVM."""
+    way_out = "import inim.render, which chooses one, before mitsuba and drjit"
+    if name == "cuda":
+        if not drjit.has_backend(drjit.JitBackend.CUDA):
+            raise BackendError("Dr.Jit is loaded already, and found no CUDA then; import it anew")
+        return
+    if not drjit.has_backend(drjit.JitBackend.LLVM):
+        raise BackendError(f"Dr.Jit is loaded already, and found no usable libLLVM; {way_out}")
+    reason = known_bad(drjit.detail.llvm_version())
+    if reason:
+        raise BackendError(f"Dr.Jit is loaded already, and {reason}; {way_out}")
 
 
 def variables_for(library: Path | None) -> dict[str, str]:

@@ -15,6 +15,7 @@ __all__ = [
     "DEFAULT_VIEWPOINTS",
     "Viewpoint",
     "check_viewpoint",
+    "default_distance_mm",
     "eye_path",
     "focus_distance_mm",
     "is_file_safe",

@@ -19,7 +19,7 @@ __all__ = ["prepare"]
 def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
     """Exact first hits, compiled by Dr.Jit: on the GPU where there is one.
 
-    Runs on the variant that is active; if none is, on CUDA where it works, else on LLVM.
+    Runs on the backend whose variant is active; if none is, on CUDA where it works, else on LLVM.
 
     Parameters
     ----------

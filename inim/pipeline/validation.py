@@ -6,11 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from inim.errors import UsageError
 from inim.pipeline.request import Request
 from inim.worker.output import default_out, open_staging
 from inim.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
+    from inim.display import Display
+    from inim.display.viewpoint import Viewpoint
     from inim.report import Report
 
 __all__ = ["validate", "validate_in_worker"]
@@ -60,20 +63,23 @@ def validate(
     out: str | Path | None = None,
     *,
     definitions: Mapping[str, Any] | None = None,
-    display: str | None = None,
-    algorithms: str | None = None,
-    viewpoints: str | None = None,
+    display: str | Display | None = None,
+    algorithms: str | Sequence[str | Mapping[str, Any]] | Mapping[str, Any] | None = None,
+    viewpoints: str | Viewpoint | Sequence[str | Viewpoint] | None = None,
     lens_model: str | None = None,
-    misalign: str | None = None,
+    misalign: str | Mapping[str, float] | None = None,
     eias: Mapping[str, str | Path] | None = None,
     backend: str = "auto",
     baseline: str | Path | None = None,
     time: bool = False,
     lazy: bool = False,
     no_skip: bool = False,
-    allow_folders: Sequence[str | Path] = (),
+    allow_folders: str | Path | Sequence[str | Path] = (),
 ) -> Report:
     """Validate a scene in a worker process, as `python -m inim.validate` does.
+
+    What the command takes as text may be text here, too, or Python values: they are written as that
+    text, so the report's `command` repeats them, and equal requests find each other's results.
 
     Parameters
     ----------
@@ -82,9 +88,21 @@ def validate(
     out : path, optional
         Folder for the report; `<scene>-report` in the current folder otherwise.
     definitions : mapping, optional
-        Settings and scene parameters to override, like ``{"inim.pitch_mm": 0.5}``.
-    display, algorithms, viewpoints, lens_model, misalign : str, optional
-        Shorthands for the settings of those names.
+        Settings and scene parameters to override, like ``{"inim.pitch_mm": 0.5}``: text or
+        numbers.
+    display : str or Display, optional
+        A preset's name; or a display, whatever the scene says of its own. Reports call a display
+        that is no preset after the nearest one: "nominal, changed".
+    algorithms : str, sequence or mapping, optional
+        Text as after ``--algorithms``; names, with options (``"template:samples=2"``) or without;
+        or options by name: ``{"template": {"samples": 2}, "wang2024": {}}``.
+    viewpoints : str, Viewpoint or sequence, optional
+        Text as after ``--viewpoints``; or named ones (``"left"``), texts and `Viewpoint` objects.
+        The pupil and focus of the objects hold for all.
+    lens_model : str, optional
+        One of `inim.lens.lens_models`.
+    misalign : str or mapping, optional
+        What the array is off by: ``"rotation_deg=0.5"``, or ``{"rotation_deg": 0.5}``.
     eias : mapping, optional
         Finished EIAs to score beside the algorithms: ``{"mine": "mine.png"}``.
     backend : {"auto", "llvm", "cuda"}
@@ -97,7 +115,7 @@ def validate(
         scores of views, and none of the EIA as a whole.
     no_skip : bool
         Do everything, also what changes no result, and use no store (`inim cache`).
-    allow_folders : sequence of path
+    allow_folders : path or sequence of path
         Folders besides the scene's own where files that it names may lie.
 
     Returns
@@ -108,25 +126,33 @@ def validate(
     Raises
     ------
     InimError
-        Of the kind that fits, with the line the command would print.
+        Of the kind that fits, with the line the command would print; a `UsageError` for values of
+        a wrong type.
     """
-    scene = Path(scene)
+    from inim.pipeline.python_values import path, paths, request_values
+
+    scene = path("scene", scene)
+    if eias is not None and not isinstance(eias, Mapping):
+        raise UsageError(f"eias: is a {type(eias).__name__}; give a mapping of names to paths")
     request = Request(
         scene=scene,
-        out=default_out(scene, "report") if out is None else Path(out),
-        definitions=tuple(f"{k}={v}" for k, v in (definitions or {}).items()),
-        display=display,
-        algorithms=algorithms,
-        viewpoints=viewpoints,
-        lens_model=lens_model,
-        misalign=misalign,
-        eias=tuple(f"{name}={path}" for name, path in (eias or {}).items()),
+        out=default_out(scene, "report") if out is None else path("out", out),
+        eias=tuple(f"{name}={path(f'eias[{name!r}]', eia)}" for name, eia in (eias or {}).items()),
         backend=backend,
-        baseline=None if baseline is None else Path(baseline),
+        baseline=None if baseline is None else path("baseline", baseline),
         time=time,
         lazy=lazy,
         no_skip=no_skip,
-        allow_folders=tuple(map(Path, allow_folders)),
+        allow_folders=paths("allow_folders", allow_folders),
+        **request_values(
+            scene,
+            definitions=definitions,
+            display=display,
+            algorithms=algorithms,
+            viewpoints=viewpoints,
+            lens_model=lens_model,
+            misalign=misalign,
+        ),
     )
     validate_in_worker(request)
     from inim.report import Report

@@ -1,8 +1,9 @@
 """`inim_display`: the panel behind its lens array, as an area emitter on a rectangle.
 
 Radiance depends on where and in which direction a ray leaves the array, so any stock camera and
-integrator sees the display as an eye would. The world of such a scene is the display frame: the
-rectangle lies in z = 0, scaled by half the array's size, and faces +z.
+integrator sees the display as an eye would, and it lights what stands before it. The rectangle is
+the array as it lies (see `inim.render.plugin_properties`), wherever its `to_world` puts it: where
+a ray arrives comes from the rectangle's own coordinates, its slopes from the rectangle's frame.
 
 The array is one shape and the lens is analytic: thousands of instances hang the renderer, and
 its spawned rays would move by most of a display pixel.
@@ -10,6 +11,8 @@ its spawned rays would move by most of a display pixel.
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -18,9 +21,10 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS, shining
+from inim.errors import SceneError
+from inim.files.eia_file import read_eia
 from inim.lens import (
     LensArray,
-    LensTraits,
     Ops,
     channel_indices,
     lens_array,
@@ -28,59 +32,19 @@ from inim.lens import (
     through_array,
 )
 from inim.lens import lens_model as find_lens_model
+from inim.render.plugin_properties import (
+    display_of,
+    display_place,
+    half_extent_mm,
+    read_properties,
+    refusing,
+)
 
-__all__ = ["LensedPanel", "display_shape", "register"]
+__all__ = ["LensedPanel", "register"]
 
-
-def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[str, Any]:
-    """The scene dictionary of a display showing an EIA.
-
-    Parameters
-    ----------
-    eia : (rows, columns, 3) float32
-        Linear RGB, row 0 on top.
-    display : Display
-    lens_model : str
-        One of `inim.lens.lens_models` that is no mesh.
-    """
-    half_x, half_y = _half_extent_mm(display)
-    return {
-        "type": "rectangle",
-        "to_world": mi.ScalarTransform4f().scale([half_x, half_y, 1]),
-        "emitter": {
-            "type": "inim_display",
-            "eia": mi.TensorXf(np.ascontiguousarray(eia, np.float32)),
-            **_parameters(display, lens_model),
-        },
-    }
-
-
-def _parameters(display: Display, lens_model: str) -> dict[str, Any]:
-    """The plugin's parameters: numbers, words and flags, as scene files have them."""
-    indices = channel_indices(display)
-    # What a display does not have is not compiled: one index for all colours means one ray.
-    colored = len(set(indices)) > 1 and find_lens_model(lens_model).refracts
-    patterned = display.subpixels != "none" or display.pixel_fill < 1
-    return {
-        "pixel_mm": display.pixel_pitch_mm,
-        "pixel_fill": display.pixel_fill,
-        "subpixels": display.subpixels if patterned else "",
-        "lens_model": lens_model,
-        "colored": colored,
-        **{f"index_{name}": n for name, n in zip("rgb", indices, strict=True)},
-        **{f"array_{name}": value for name, value in lens_array(display)._asdict().items()},
-        **{f"trait_{name}": value for name, value in lens_traits(display)._asdict().items()},
-    }
-
-
-def _half_extent_mm(display: Display) -> tuple[float, float]:
-    """Half the width and height, about the panel's centre, that hold the array as it lies."""
-    array = lens_array(display)
-    c, s = abs(array.cosine), abs(array.sine)
-    half_x, half_y = display.width_mm / 2, display.height_mm / 2
-    return c * half_x + s * half_y + abs(array.shift_x), c * half_y + s * half_x + abs(
-        array.shift_y
-    )
+PLUGIN = "inim_display"
+_OWN = ("filename", "bitmap", "eia", "lens_model", "brightness")
+_PICTURES = ("filename", "bitmap", "eia")
 
 
 _OPS = Ops(dr.sqrt, dr.floor, dr.select, dr.abs)
@@ -92,41 +56,44 @@ class LensedPanel:
     Parameters
     ----------
     eia : (rows, columns, 3) tensor
-    parameters : mapping
-        The plugin's, as `display_shape` gives them.
+    display : Display
+    lens_model : str
     """
 
-    def __init__(self, eia: Any, parameters: Any) -> None:
-        self._set_up(eia.shape, parameters)
+    def __init__(self, eia: Any, display: Display, lens_model: str) -> None:
+        self._set_up(display, lens_model)
         self.picture = mi.Float(eia.array)
 
-    def _set_up(self, shape: tuple[int, ...], parameters: Any) -> None:
-        self.rows = dr.opaque(mi.Float, shape[0])
-        self.columns = dr.opaque(mi.Float, shape[1])
-        self.pixel_mm = dr.opaque(mi.Float, parameters["pixel_mm"])
-        self.fill = dr.opaque(mi.Float, parameters["pixel_fill"])
-        self.subpixels = SUBPIXELS[parameters["subpixels"]] if parameters["subpixels"] else None
-        self.trace = find_lens_model(parameters["lens_model"]).function
-        # Run-time values: a literal would compile the kernel anew for every display.
-        self.indices = [dr.opaque(mi.Float, parameters[f"index_{name}"]) for name in "rgb"]
-        if not parameters["colored"]:
-            self.indices = self.indices[:1]
-        self.array = LensArray(
-            *(dr.opaque(mi.Float, parameters[f"array_{name}"]) for name in LensArray._fields)
-        )
-        self.traits = LensTraits(*(parameters[f"trait_{name}"] for name in LensTraits._fields))
+    def _set_up(self, display: Display, lens_model: str) -> None:
+        """Run-time values all: a literal would compile the kernel anew for every display."""
+
+        def value(number: float) -> Any:
+            return dr.opaque(mi.Float, number)
+
+        model, indices = find_lens_model(lens_model), channel_indices(display)
+        # What a display does not have is not compiled: one index for all colours means one ray.
+        colored = len(set(indices)) > 1 and model.refracts
+        patterned = display.subpixels != "none" or display.pixel_fill < 1
+        self.rows, self.columns = map(value, display.eia_shape)
+        self.pixel_mm = value(display.pixel_pitch_mm)
+        self.fill = value(display.pixel_fill)
+        self.subpixels = SUBPIXELS[display.subpixels] if patterned else None
+        self.trace = model.function
+        self.indices = [value(index) for index in (indices if colored else indices[:1])]
+        self.array = LensArray(*map(value, lens_array(display)))
+        self.traits = lens_traits(display)
 
     @classmethod
     def of(cls, eia: np.ndarray, display: Display, lens_model: str) -> LensedPanel:
-        """As `display_shape`, without a plugin, a shape or a scene."""
+        """Of a picture (rows, columns, 3) float32, row 0 on top."""
         tensor = mi.TensorXf(np.ascontiguousarray(eia, np.float32))
-        return cls(tensor, _parameters(display, lens_model))
+        return cls(tensor, display, lens_model)
 
     @classmethod
     def dark(cls, display: Display, lens_model: str) -> LensedPanel:
         """A panel without a picture: where light would come from."""
         panel = object.__new__(cls)
-        panel._set_up(display.eia_shape, _parameters(display, lens_model))
+        panel._set_up(display, lens_model)
         return panel
 
     def leaving(self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True) -> Any:
@@ -174,30 +141,137 @@ class LensedPanel:
         return place, weight, lit
 
 
+def _brightness(values: dict[str, Any]) -> float:
+    brightness = values.get("brightness", 1.0)
+    if isinstance(brightness, bool) or not isinstance(brightness, (int, float)):
+        raise SceneError(f"{PLUGIN}: brightness = {brightness!r}: must be a number")
+    if not (math.isfinite(brightness) and brightness >= 0):
+        raise SceneError(f"{PLUGIN}: brightness = {brightness:g}: must be finite and not negative")
+    return float(brightness)
+
+
+def _picture(values: dict[str, Any], display: Display) -> np.ndarray:
+    """The EIA that the parameters name or hold, (rows, columns, 3) float32."""
+    given = [name for name in _PICTURES if name in values]
+    if len(given) != 1:
+        shown = f"both {' and '.join(given)}" if given else "no EIA"
+        raise SceneError(f"{PLUGIN}: has {shown}; give one of {', '.join(_PICTURES)}")
+    found = values[given[0]]
+    if given[0] == "filename":
+        return read_eia(Path(str(mi.file_resolver().resolve(found))), display)[0]
+    if given[0] == "bitmap":
+        if not isinstance(found, mi.Bitmap):
+            raise SceneError(f"{PLUGIN}: bitmap is a {type(found).__name__}; give an mi.Bitmap")
+        found = found.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
+    picture = np.array(found, np.float32)
+    rows, columns = display.eia_shape
+    if picture.shape != (rows, columns, 3):
+        raise SceneError(
+            f"{PLUGIN}: {given[0]} has shape {picture.shape}; the display needs "
+            f"{(rows, columns, 3)}"
+        )
+    return picture
+
+
 def register() -> None:
     """Define and register the class anew: plugins belong to the variant they were made in."""
+    if not mi.variant().endswith("_ad_rgb"):
+        mi.register_emitter(PLUGIN, refusing(PLUGIN, mi.Emitter))
+        return
 
     class DisplayEmitter(mi.Emitter):  # type: ignore[misc]
         """See the module's text."""
 
         def __init__(self, props: Any) -> None:
+            if "to_world" in props:
+                raise SceneError(f"{PLUGIN}: has no to_world of its own; give it to the rectangle")
+            values = read_properties(PLUGIN, props, _OWN, ("sampling_weight",))
+            display, lens_model = display_of(PLUGIN, values), values.get("lens_model", "thick")
+            find_lens_model(lens_model).check(display)
+            brightness = _brightness(values)
+            eia = mi.TensorXf(_picture(values, display))
+            panel = LensedPanel(eia, display, lens_model)
+            panel.leaving(*(mi.Float(0.0),) * 4)  # another package's model may fail
+            # From here on kernels are recorded of it, whatever scene is rendered: nothing may fail.
             super().__init__(props)
-            self.panel = LensedPanel(props["eia"], props)
+            self.refused = False
+            self.display, self.eia, self.panel = display, eia, panel
+            self.brightness = dr.opaque(mi.Float, brightness)
+            self.half_extent = [dr.opaque(mi.Float, half) for half in half_extent_mm(display)]
             self.m_needs_sample_2 = True
             self.m_needs_sample_3 = True
             self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
 
-        def radiance(self, point: Any, towards_viewer: Any, active: Any) -> Any:
-            """Radiance leaving a point of the array in a direction, both in the display frame."""
-            steep = towards_viewer.z > 1e-6  # a ray along the array never enters it
-            depth = dr.select(steep, towards_viewer.z, 1.0)
-            sx, sy = -towards_viewer.x / depth, -towards_viewer.y / depth
-            return self.panel.leaving(point.x, point.y, sx, sy, active & steep)
+        def traverse(self, callback: Any) -> None:
+            super().traverse(callback)
+            callback.put("eia", self.eia, mi.ParamFlags.Differentiable)
+            callback.put("brightness", self.brightness, mi.ParamFlags.Differentiable)
+
+        def parameters_changed(self, keys: list[str]) -> None:
+            super().parameters_changed(keys)
+            self.refused = True
+            if self.problem():
+                raise SceneError(self.problem())
+            self.refused = False
+
+        def problem(self) -> str:
+            """Why it cannot be shown as it is, or an empty string."""
+            shape = self.get_shape()
+            if shape is not None and shape.shape_type() != int(mi.ShapeType.Rectangle):
+                return f"{PLUGIN}: stands on a 'rectangle' only; it is the lens array"
+            if self.eia.shape != (*self.display.eia_shape, 3):
+                return (
+                    f"{PLUGIN}: eia has shape {self.eia.shape}; the display needs "
+                    f"{(*self.display.eia_shape, 3)}"
+                )
+            if shape is not None:
+                matrix = mi.traverse(shape)["to_world"].matrix
+                # Entry by entry: a kernel is being recorded, and nothing may be computed meanwhile.
+                entries = [[float(dr.detach(matrix[i, j])[0]) for j in range(4)] for i in range(4)]
+                try:
+                    display_place(PLUGIN, np.array(entries), self.display)
+                except SceneError as error:
+                    return str(error)
+            return ""
+
+        def can_be_shown(self) -> bool:
+            """Whether it stands as a display can.
+
+            The shape is not known when a scene is loaded, so this is asked when the display is
+            first seen. Raises then if not; later it is black, with a warning: kernels are recorded
+            of all emitters there are, and this one must not spoil others' scenes.
+            """
+            problem = self.problem()
+            if problem and not self.refused:
+                self.refused = True
+                raise SceneError(problem)
+            if problem:
+                mi.Log(mi.LogLevel.Warn, f"{problem}; it is black")
+            return not problem
+
+        def radiance(self, uv: Any, towards_viewer: Any, active: Any) -> Any:
+            """Radiance leaving a point of the rectangle in a world direction."""
+            shape = self.get_shape()
+            if shape is None or not self.can_be_shown():
+                return mi.Spectrum(0.0)
+            self.panel.picture = self.eia.array  # with its gradients
+            place = shape.eval_parameterization(uv, active=active)
+            right, up, depth = (
+                dr.dot(dr.normalize(axis), towards_viewer)
+                for axis in (place.dp_du, place.dp_dv, place.sh_frame.n)
+            )
+            steep = depth > 1e-6  # a ray along the array never enters it
+            depth = dr.select(steep, depth, 1.0)
+            x, y = (dr.fma(2.0, c, -1.0) * h for c, h in zip(uv, self.half_extent, strict=True))
+            light = self.panel.leaving(x, y, -right / depth, -up / depth, active & steep)
+            return self.brightness * light
 
         def eval(self, si: Any, active: Any = True) -> Any:
-            return self.radiance(si.p, si.to_world(si.wi), active & (si.wi.z > 0))
+            return self.radiance(si.uv, si.to_world(si.wi), active & (si.wi.z > 0))
 
         def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+            if self.get_shape() is None:
+                return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0.0)
             ds = self.get_shape().sample_direction(it, sample, active)
             active = active & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
             value = self.eval_direction(it, ds, active)
@@ -205,13 +279,37 @@ def register() -> None:
             return ds, dr.select(active, value / ds.pdf, 0.0)
 
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            if self.get_shape() is None:
+                return mi.Float(0.0)
             seen = active & (dr.dot(ds.d, ds.n) < 0)
             return dr.select(seen, self.get_shape().pdf_direction(it, ds, seen), 0.0)
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            return self.radiance(ds.p, -ds.d, active & (dr.dot(ds.d, ds.n) < 0))
+            return self.radiance(ds.uv, -ds.d, active & (dr.dot(ds.d, ds.n) < 0))
+
+        def sample_position(self, time: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+            if self.get_shape() is None:
+                return dr.zeros(mi.PositionSample3f), mi.Float(0.0)
+            ps = self.get_shape().sample_position(time, sample, active)
+            return ps, dr.select(active & (ps.pdf > 0), dr.rcp(ps.pdf), 0.0)
+
+        def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+            return mi.Color0f(), self.radiance(si.uv, si.wi, active)
+
+        def sample_ray(
+            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        ) -> tuple[Any, Any]:
+            ps, weight = self.sample_position(time, sample2, active)
+            # Cosine and density cancel, but for pi.
+            along = mi.Frame3f(ps.n).to_world(mi.warp.square_to_cosine_hemisphere(sample3))
+            light = self.radiance(ps.uv, along, active)
+            ray = mi.SurfaceInteraction3f(ps, mi.Color0f()).spawn_ray(along)
+            return ray, light * (weight * dr.pi)
+
+        def bbox(self) -> Any:
+            return self.get_shape().bbox()
 
         def to_string(self) -> str:
-            return "DisplayEmitter"
+            return f"DisplayEmitter[{self.display.name}]"
 
-    mi.register_emitter("inim_display", DisplayEmitter)
+    mi.register_emitter(PLUGIN, DisplayEmitter)

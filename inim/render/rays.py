@@ -36,6 +36,7 @@ __all__ = [
     "SeparableRays",
     "capture_rays",
     "eye_rays",
+    "frustum_rays",
     "pickup_rays",
 ]
 
@@ -71,7 +72,6 @@ class SeparableRays:
     eye's pupil to its edge; both 0 where there is no pupil.
     """
 
-    plugin: str
     start_mm: float
     x: AxisRays
     y: AxisRays
@@ -104,7 +104,6 @@ class NonSeparableRays:
 
     Attributes
     ----------
-    plugin : str
     start_mm : float
         Plane that the rays start from.
     x0_mm, y0_mm :
@@ -119,7 +118,6 @@ class NonSeparableRays:
         Growth of the gap per millimetre.
     """
 
-    plugin: str
     start_mm: float
     x0_mm: np.ndarray
     y0_mm: np.ndarray
@@ -155,7 +153,7 @@ def capture_rays(display: Display, pixels_per_pitch: float, start_mm: float) -> 
     def axis(count: int, sign: int) -> AxisRays:
         return AxisRays(_centres(count, sign * pixel_mm), np.zeros(count), sign * pixel_mm)
 
-    return SeparableRays("inim_capture", start_mm, axis(columns, +1), axis(rows, -1))
+    return SeparableRays(start_mm, axis(columns, +1), axis(rows, -1))
 
 
 def pickup_rays(
@@ -184,7 +182,6 @@ def pickup_rays(
         )
 
     return SeparableRays(
-        "inim_pickup",
         start_mm,
         axis(display.columns, +1, right, width),
         axis(display.rows, -1, 0.0, height),
@@ -211,7 +208,6 @@ def _non_separable(
         return np.concatenate([of(rays).astype(np.float32) for rays in blocks])
 
     return NonSeparableRays(
-        "inim_pickup",
         start_mm,
         table(lambda rays: rays.x0),
         table(lambda rays: rays.y0),
@@ -228,7 +224,7 @@ def _non_separable(
 def eye_rays(
     display: Display, viewpoint: Viewpoint, pixels_per_lens: int, start_mm: float
 ) -> SeparableRays:
-    """From an eye through the lens array, which fills the film: an off-axis frustum.
+    """From an eye through the lens array, which fills the film: `frustum_rays` of square lenses.
 
     Parameters
     ----------
@@ -238,16 +234,40 @@ def eye_rays(
     pixels_per_lens : int
     start_mm : float
     """
-    x, y, distance = viewpoint.position_mm
-    focus, pupil_mm = focus_distance_mm(viewpoint, display), viewpoint.pupil_mm
     # Staggered rows make the array half a pitch wider than its lenses.
     cell_x = display.pitch_mm
     if display.lattice == "hexagonal":
         cell_x = display.width_mm / display.lens_columns
+    columns, rows = (n * pixels_per_lens for n in (display.lens_columns, display.lens_rows))
+    steps = (cell_x / pixels_per_lens, display.row_pitch_mm / pixels_per_lens)
+    return frustum_rays((rows, columns), steps, display, viewpoint, start_mm)
 
-    def axis(lenses: int, cell: float, eye: float, sign: int) -> AxisRays:
-        step = cell / pixels_per_lens
-        on_array = _centres(lenses * pixels_per_lens, sign * step)
+
+def frustum_rays(
+    shape: tuple[int, int],
+    pixel_mm: tuple[float, float],
+    display: Display,
+    viewpoint: Viewpoint,
+    start_mm: float,
+) -> SeparableRays:
+    """From an eye through a film that lies on the array: an off-axis frustum.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of the film.
+    pixel_mm : tuple of float
+        Width and height of its pixels, on the array.
+    display : Display
+        Where the eye is focused, if it does not say.
+    viewpoint : Viewpoint
+    start_mm : float
+    """
+    x, y, distance = viewpoint.position_mm
+    focus, pupil_mm = focus_distance_mm(viewpoint, display), viewpoint.pupil_mm
+
+    def axis(count: int, step: float, eye: float, sign: int) -> AxisRays:
+        on_array = _centres(count, sign * step)
         slope = (on_array - eye) / distance
         return AxisRays(
             on_array - slope * start_mm,
@@ -257,10 +277,9 @@ def eye_rays(
         )
 
     return SeparableRays(
-        "inim_eye",
         start_mm,
-        axis(display.lens_columns, cell_x, x, +1),
-        axis(display.lens_rows, display.row_pitch_mm, y, -1),
+        axis(shape[1], pixel_mm[0], x, +1),
+        axis(shape[0], pixel_mm[1], y, -1),
         pupil_mm / 2 * (1 - (distance - start_mm) / focus),
         -pupil_mm / 2 / focus,
     )

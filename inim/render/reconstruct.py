@@ -185,6 +185,8 @@ def reconstruct(
 ) -> np.ndarray:
     """The view of a display from one eye position, ray traced through its lens array.
 
+    In a program that uses Mitsuba itself, its variant and thread count are as before afterwards.
+
     Parameters
     ----------
     eia : (rows, columns, 3) float array
@@ -211,10 +213,10 @@ def reconstruct(
     ------
     UsageError, ViewpointError, DisplayError, BackendError
     """
-    variant.use(backend)
     check_viewpoint(viewpoint, display, allow_flips=allow_flips)
-    scene = DisplayScene(eia, display, lens_model)
-    return scene.view(viewpoint, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed)
+    with variant.borrowed(backend):
+        scene = DisplayScene(eia, display, lens_model)
+        return scene.view(viewpoint, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed)
 
 
 def observed_pixels(

@@ -138,11 +138,17 @@ def _load(file: SceneFile) -> Any:
     except (FileError, SceneError):
         raise
     except Exception as error:  # Mitsuba raises bare RuntimeErrors for everything
-        cause = " ".join(str(error).split())
+        cause = " ".join(_cause(error).split())
         raise FileError(f"{file.path}: the renderer refuses it: {cause[:400]}") from error
     finally:
         del resolver[0]
     return loaded[0] if isinstance(loaded, list) else loaded
+
+
+def _cause(error: Exception) -> str:
+    """What Mitsuba says; of a plugin in Python it quotes the whole traceback, whose end matters."""
+    text = str(error).strip()
+    return text.splitlines()[-1] if "Traceback (most recent call last)" in text else text
 
 
 def _children(state: Any, node: Any, kind: Any) -> list[Any]:

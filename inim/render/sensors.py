@@ -1,11 +1,14 @@
-"""Sensor plugins `inim_capture`, `inim_pickup` and `inim_eye`: the rays of `inim.render.rays`.
+"""Sensor plugins `inim_eye` and `inim_pickup`, and `inim_rays`: the rays of `inim.render.rays`.
 
 The rays come as float64 tables, so the float32 rays carry one rounding and no cancellation; and as
-the tables are run-time values, the three sensors share one kernel, and the path tracer is compiled
-once instead of three times. Non-separable rays are traced by a kernel of their own.
+the tables are run-time values, all share one kernel, and the path tracer is compiled once for all.
+Non-separable rays are traced by a kernel of their own.
 
-`to_world` is the display-to-world map, any invertible affine: it keeps lines and their order, so a
-picture squeezed into the display's depth range is exact geometry, lit in its own world.
+`inim_rays` is given its rays by `make_sensor`. Its `to_world` is the display-to-world map, any
+invertible affine: it keeps lines and their order, so a picture squeezed into the display's depth
+range is exact geometry, lit in its own world. The two others stand in anybody's scene: they have a
+display's parameters, make their rays of them, and their `to_world` is that of its rectangle
+(`inim.render.plugin_properties`).
 """
 
 from __future__ import annotations
@@ -16,37 +19,88 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from inim.render.rays import NonSeparableRays, SeparableRays
+from inim.display import Display
+from inim.display.viewpoint import Viewpoint, default_distance_mm
+from inim.errors import SceneError, ViewpointError
+from inim.render.plugin_properties import (
+    display_of,
+    display_place,
+    half_extent_mm,
+    read_properties,
+    refusing,
+)
+from inim.render.rays import NonSeparableRays, SeparableRays, frustum_rays, pickup_rays
 
 __all__ = ["make_sensor", "register"]
+
+_EYE = ("x_mm", "y_mm", "z_mm", "pupil_mm", "focus_mm")
+_STOCK = ("to_world", "shutter_open", "shutter_close")
+# A view without a film of its own.
+_PIXELS_PER_PITCH = 4
 
 
 def make_sensor(rays: SeparableRays | NonSeparableRays, world_from_display: np.ndarray) -> Any:
     """The Mitsuba sensor of a ray family, with a float32 box-filtered film of its size."""
-    film = {
+    sensor = mi.load_dict(
+        {
+            "type": "inim_rays",
+            "to_world": mi.ScalarTransform4f(np.asarray(world_from_display, np.float64)),
+            "film": _film(rays.rows, rays.columns),
+        }
+    )
+    sensor.set_rays(rays)
+    sensor.place(sensor.to_world_matrix())
+    return sensor
+
+
+def _film(rows: int, columns: int) -> dict[str, Any]:
+    """A float32 film, whose pixels are means over their areas."""
+    return {
         "type": "hdrfilm",
-        "width": rays.columns,
-        "height": rays.rows,
+        "width": columns,
+        "height": rows,
         "pixel_format": "rgb",
         "component_format": "float32",
         "rfilter": {"type": "box"},
     }
-    sensor = mi.load_dict(
-        {
-            "type": rays.plugin,
-            "to_world": mi.ScalarTransform4f(np.asarray(world_from_display, np.float64)),
-            "film": film,
-        }
-    )
-    sensor.set_rays(rays)
-    return sensor
+
+
+def _film_of(props: Any, rows: int, columns: int) -> tuple[int, int]:
+    """Rows and columns of a sensor's film; the sensor is given one where it has none."""
+    for name in props:
+        if props.type(name) == mi.Properties.Type.Object and isinstance(props[name], mi.Film):
+            width, height = props[name].size()
+            return int(height), int(width)
+    props["film"] = mi.load_dict(_film(rows, columns))
+    return rows, columns
+
+
+def _viewpoint(values: dict[str, Any], display: Display) -> Viewpoint:
+    """The eye that the parameters describe; on the axis, at the usual distance, by default."""
+    numbers = {name: values[name] for name in _EYE if name in values}
+    for name, number in numbers.items():
+        if isinstance(number, bool) or not isinstance(number, (int, float)):
+            raise SceneError(f"inim_eye: {name} = {number!r}: must be a number")
+    usual = {"x_mm": 0.0, "y_mm": 0.0, "z_mm": default_distance_mm(display)}
+    try:
+        return Viewpoint("eye", **(usual | numbers))
+    except ViewpointError as error:
+        raise SceneError(f"inim_eye: {error}") from None
+
+
+def _value(number: float) -> Any:
+    return dr.opaque(mi.Float, float(number))
 
 
 def register() -> None:
     """Define and register the classes anew: plugins belong to the variant they were made in."""
+    if not mi.variant().endswith("_ad_rgb"):
+        for plugin in ("inim_rays", "inim_pickup", "inim_eye"):
+            mi.register_sensor(plugin, refusing(plugin, mi.Sensor))
+        return
 
     class LensFrameSensor(mi.Sensor):  # type: ignore[misc]
-        """Common part of the three sensors; they differ in their `SeparableRays` alone."""
+        """`inim_rays`, and the common part of the others; they differ in their rays alone."""
 
         def __init__(self, props: Any) -> None:
             super().__init__(props)
@@ -56,16 +110,13 @@ def register() -> None:
         def set_rays(self, rays: SeparableRays | NonSeparableRays) -> None:
             """Take the rays as run-time values, not as literals of the kernel."""
 
-            def value(number: float) -> Any:
-                return dr.opaque(mi.Float, number)
-
             def table(numbers: np.ndarray) -> Any:
                 return mi.Float(np.asarray(numbers, np.float32).reshape(-1))
 
             self.size = mi.Vector2u(
                 dr.opaque(mi.UInt32, rays.columns), dr.opaque(mi.UInt32, rays.rows)
             )
-            self.start = value(rays.start_mm)
+            self.start = _value(rays.start_mm)
             self.has_pupil = rays.has_pupil
             self.m_needs_sample_3 = rays.has_pupil
             self.separable = isinstance(rays, SeparableRays)
@@ -73,19 +124,26 @@ def register() -> None:
                 self.centres = [table(rays.x0_mm), table(rays.y0_mm)]
                 self.asides = [table(rays.aside_x_mm), table(rays.aside_y_mm)]
                 self.gaps = table(rays.gap_mm)
-                self.steps = [value(rays.step_x_mm), value(rays.step_y_mm)]
-                self.tilts = [value(rays.tilt_x), value(rays.tilt_y)]
+                self.steps = [_value(rays.step_x_mm), _value(rays.step_y_mm)]
+                self.tilts = [_value(rays.tilt_x), _value(rays.tilt_y)]
             else:
                 axes = (rays.x, rays.y)
                 self.places = [table(axis.place_mm) for axis in axes]
                 self.slopes = [table(axis.slope) for axis in axes]
-                self.place_steps = [value(axis.place_step_mm) for axis in axes]
-                self.slope_steps = [value(axis.slope_step) for axis in axes]
-                self.pupil_place = value(rays.pupil_place_mm)
-                self.pupil_slope = value(rays.pupil_slope)
-            matrix = np.asarray(self.world_transform().matrix, np.float64).reshape(4, 4)
-            self.linear = [[value(matrix[i, j]) for j in range(3)] for i in range(3)]
-            self.shift = [value(matrix[i, 3]) for i in range(3)]
+                self.place_steps = [_value(axis.place_step_mm) for axis in axes]
+                self.slope_steps = [_value(axis.slope_step) for axis in axes]
+                self.pupil_place = _value(rays.pupil_place_mm)
+                self.pupil_slope = _value(rays.pupil_slope)
+
+        def to_world_matrix(self) -> np.ndarray:
+            """`to_world`, (4, 4) float64."""
+            return np.asarray(self.m_to_world.matrix, np.float64).reshape(4, 4)
+
+        def place(self, world_from_display: np.ndarray) -> None:
+            """Take the map from the display frame to the world."""
+            rows = np.asarray(world_from_display)[:3]
+            self.linear = [[_value(number) for number in row[:3]] for row in rows]
+            self.shift = [_value(row[3]) for row in rows]
 
         def lines_through(
             self, pixel: Any, within: Any, pupil: Any = None, active: Any = True
@@ -156,8 +214,10 @@ def register() -> None:
         def sample_ray(
             self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
         ) -> tuple[Any, Any]:
-            place = sample2 * mi.Vector2f(self.size)
-            pixel = dr.minimum(mi.Point2u(place), mi.Point2u(self.size) - 1)
+            film = self.film()
+            first, crop = mi.Vector2u(film.crop_offset()), mi.Vector2u(film.crop_size())
+            place = sample2 * mi.Vector2f(crop) + mi.Vector2f(first)
+            pixel = dr.minimum(mi.Point2u(place), mi.Point2u(first + crop) - 1)
             pupil = mi.warp.square_to_uniform_disk_concentric(sample3) if self.has_pupil else None
             ray = self.rays_through(pixel, place - mi.Point2f(pixel), pupil, active)
             ray.time = time
@@ -172,15 +232,78 @@ def register() -> None:
         def to_string(self) -> str:
             return type(self).__name__
 
-    class CaptureSensor(LensFrameSensor):
-        """`inim_capture`."""
+    class BeforeDisplay(LensFrameSensor):
+        """Makes its rays of a display, which its `to_world` puts into a world."""
 
-    class PickupSensor(LensFrameSensor):
-        """`inim_pickup`."""
+        plugin: str
+        own: tuple[str, ...]
 
-    class EyeSensor(LensFrameSensor):
-        """`inim_eye`."""
+        def __init__(self, props: Any) -> None:
+            values = read_properties(self.plugin, props, self.own, _STOCK)
+            self.display = display_of(self.plugin, values)
+            rays = self.rays(values, props)
+            super().__init__(props)
+            self.set_rays(rays)
+            # A copy: what the base class hands out would keep the sensor alive for good.
+            self.to_world: Any = mi.AffineTransform4f(self.m_to_world)
+            self.parameters_changed([])
 
-    mi.register_sensor("inim_capture", CaptureSensor)
+        def traverse(self, callback: Any) -> None:
+            super().traverse(callback)
+            callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
+
+        def rays(self, values: dict[str, Any], props: Any) -> SeparableRays | NonSeparableRays:
+            """The rays that the parameters describe; checks the film, or adds one."""
+            raise NotImplementedError
+
+        def parameters_changed(self, keys: list[str]) -> None:
+            super().parameters_changed(keys)
+            self.m_to_world = self.to_world
+            self.place(display_place(self.plugin, self.to_world_matrix(), self.display))
+
+    class PickupSensor(BeforeDisplay):
+        """`inim_pickup`: each panel pixel's light, through the centre of its lens."""
+
+        plugin, own = "inim_pickup", ("start_mm",)
+
+        def rays(self, values: dict[str, Any], props: Any) -> SeparableRays | NonSeparableRays:
+            display = self.display
+            if display.subpixels != "none":
+                raise SceneError(
+                    f"inim_pickup: subpixels = {display.subpixels!r}: its colours have rays of "
+                    "their own, and a sensor has one for all; leave subpixels out"
+                )
+            shape = display.eia_shape
+            if _film_of(props, *shape) != shape:
+                raise SceneError(
+                    f"inim_pickup: its film is the panel, {shape[1]} x {shape[0]} pixels; give it "
+                    "that width and height, or no film"
+                )
+            start = values.get("start_mm", display.depth_range_mm[1])
+            if isinstance(start, bool) or not isinstance(start, (int, float)):
+                raise SceneError(f"inim_pickup: start_mm = {start!r}: must be a number")
+            return pickup_rays(display, float(start))
+
+    class EyeSensor(BeforeDisplay):
+        """`inim_eye`: a pupil before the array, which fills the film."""
+
+        plugin, own = "inim_eye", _EYE
+
+        def rays(self, values: dict[str, Any], props: Any) -> SeparableRays | NonSeparableRays:
+            display = self.display
+            half_x, half_y = half_extent_mm(display)
+            per_mm = _PIXELS_PER_PITCH / display.pitch_mm
+            rows, columns = _film_of(props, *(round(2 * h * per_mm) for h in (half_y, half_x)))
+            if abs(columns * half_y / half_x - rows) >= 1:
+                raise SceneError(
+                    f"inim_eye: a film of {columns} x {rows} pixels has not the proportion of the "
+                    f"array, {2 * half_x:g} x {2 * half_y:g} mm; make it "
+                    f"{columns} x {max(1, round(columns * half_y / half_x))}"
+                )
+            eye = _viewpoint(values, display)
+            pixel = (2 * half_x / columns, 2 * half_y / rows)
+            return frustum_rays((rows, columns), pixel, display, eye, eye.z_mm)
+
+    mi.register_sensor("inim_rays", LensFrameSensor)
     mi.register_sensor("inim_pickup", PickupSensor)
     mi.register_sensor("inim_eye", EyeSensor)

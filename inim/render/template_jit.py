@@ -32,9 +32,8 @@ _NOWHERE = HOLE % 2**32
 
 def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
     """See `inim.generators.template_jit.prepare`, which checks the display."""
-    if not (mi.variant() or "").startswith(("cuda", "llvm")):
-        variant.use()
-    return _TemplateJit(display, shape, pixel_mm)
+    with variant.borrowed():
+        return _TemplateJit(display, shape, pixel_mm)
 
 
 @dataclass(frozen=True)
@@ -111,21 +110,24 @@ class _TemplateJit(SourceGenerator):
             return super().generate(rgbd, out)
         self.check(rgbd)
         out = self.place(rgbd, out)
-        words = mi.UInt32(rgbd.color.view(np.uint32).reshape(-1))
+        words = rgbd.color.view(np.uint32).reshape(-1)
         out.view(np.uint32)[..., 0] = self._show(rgbd, words).numpy().reshape(out.shape[:2])
         return out
 
-    def _show(self, rgbd: RGBD, words: Any) -> Any:
-        """Of the picture's `words`, (H * W,) UInt32, the one that each panel pixel shows, or 0.
+    def _show(self, rgbd: RGBD, words: np.ndarray | None) -> Any:
+        """Of the picture's `words`, (H * W,) uint32, the one that each panel pixel shows, or 0.
 
         Without words its source, or `_NOWHERE`: (rows * columns,) UInt32 on the device, either way.
         """
-        front, back = (_uploaded(depth) for depth in _ends(rgbd))
-        rows, columns = self.display.eia_shape
-        lane = dr.arange(mi.UInt32, rows * columns)
-        across, down = self._columns.at(lane % columns), self._rows.at(lane // columns)
-        found = self._first_hit(front, back, across, down)
-        return found if words is None else dr.gather(mi.UInt32, words, found, found != _NOWHERE)
+        with variant.borrowed():
+            front, back = (_uploaded(depth) for depth in _ends(rgbd))
+            rows, columns = self.display.eia_shape
+            lane = dr.arange(mi.UInt32, rows * columns)
+            across, down = self._columns.at(lane % columns), self._rows.at(lane // columns)
+            found = self._first_hit(front, back, across, down)
+            if words is None:
+                return found
+            return dr.gather(mi.UInt32, mi.UInt32(words), found, found != _NOWHERE)
 
     def _first_hit(self, front: Any, back: Any, across: _Axis, down: _Axis) -> Any:
         """`inim.generators.raycast.ray_by_ray.first_hit` of each lane's ray."""

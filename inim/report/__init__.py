@@ -57,6 +57,15 @@ class Report:
         """The file to open in a browser."""
         return self.folder / "report.html"
 
+    def __repr__(self) -> str:
+        return f"Report({str(self.folder)!r}: {verdict(self.data)})"
+
+    def __str__(self) -> str:
+        """The scores of each algorithm and view as a small table, and the verdict."""
+        from inim.report.summary import render_text
+
+        return render_text(self.data)
+
     @classmethod
     def load(cls, folder: Path | str) -> Report:
         """Read a report from its folder.

@@ -39,6 +39,7 @@ __all__ = [
     "render_checks",
     "render_junit",
     "render_summary",
+    "render_text",
 ]
 
 _SUITE = "inim.validate"
@@ -70,6 +71,33 @@ def render_summary(data: Mapping[str, Any]) -> str:
         *_warnings(data),
     ]
     return "\n\n".join(blocks) + "\n"
+
+
+def render_text(data: Mapping[str, Any]) -> str:
+    """The headline scores as a table of plain text, for a terminal.
+
+    Parameters
+    ----------
+    data : mapping
+        The contents of report.json, schema ``inim.report/1``.
+    """
+    names = viewpoint_names(data)
+    rows = [["", *names]]
+    for name, run in part(data, "algorithms").items():
+        views = [part(run, "views", view) for view in names]
+        rows.append(
+            [name, *(f"{score(v, HEADLINE)} ({score(v, HEADLINE_TO_SCENE)})" for v in views)]
+        )
+    views = [part(data, "ceiling", "views", view) for view in names]
+    rows.append(["ceiling", *(f"({score(v, HEADLINE_TO_SCENE)})" for v in views)])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [
+        "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(cells))
+        for cells in (zip(row, widths, strict=True) for row in rows)
+    ]
+    head = f"{data.get('title', 'Untitled')}: {verdict_words(data)}"
+    of = f"{MAIN.label} on the relic to the ceiling, in brackets to the scene"
+    return plain("\n".join([head, of, *(line.rstrip() for line in lines)]))
 
 
 def render_checks(data: Mapping[str, Any]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["ENTRIES", "EYE", "Entry"]
+__all__ = ["ENTRIES", "EYE", "ROOM", "Entry"]
 
 _TWO = ("--algorithms", "template,layered")
 _ANGLES = (0.25, 0.5, 1)
@@ -153,7 +153,24 @@ ENTRIES = {
         "scenes/wine_coin.xml",
         {"": _TWO},
     ),
+    "museum_room": Entry(
+        "In a room of a museum",
+        "A display is a light source in any scene of Mitsuba's: the amphora on its plinth, and on "
+        "a phone before it, whose EIA the command below made. The room is "
+        "`scenes/museum_room/room.xml`; [how such scenes are made](how-to/mitsuba-scenes.md).",
+        "scenes/amphora.xml",
+        {
+            "": (
+                *("--display", "phone", "-D", "inim.lens_columns=68", "-D", "inim.lens_rows=152"),
+                *("-D", "inim.panel_columns=1080", "-D", "inim.panel_rows=2400"),
+                *("-D", "inim.fit_share=0.9", "--algorithms", "layered", "--viewpoints", "centre"),
+            )
+        },
+    ),
 }
+
+#: The room's picture, beside what `scenes/museum_room/room.xml` says.
+ROOM = {"scene": "scenes/museum_room/room.xml", "eia": "eia/layered.png", "spp": "256"}
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@
 
 Each entry keeps the reports of its runs, as they were written, and a few small pictures. The runs
 themselves are made below out/gallery. `docs/generate.py` makes the page of what is kept.
-`zone` and `readme` need Chromium.
+`zone` and `readme` need Chromium; `museum_room` takes some minutes.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ import numpy as np
 from PIL import Image
 
 from inim.report.wording import HEADLINE
-from reports.gallery.entries import ENTRIES, EYE, Entry
+from reports.gallery.entries import ENTRIES, EYE, ROOM, Entry
 from reports.gallery.eye import eye_viewpoints, film_beyond_zone, film_eye, photograph_report
-from reports.gallery.pictures import LENSES_MAGNIFIED, keep, magnified, middle
+from reports.gallery.pictures import LENSES_MAGNIFIED, keep, magnified, middle, picture
 
 HERE = Path(__file__).parent
 RUNS = Path("out", "gallery")
@@ -75,6 +75,9 @@ def make_entry(name: str) -> None:
         far, end = film_beyond_zone(runs[""], folder / "zone.webp", RUNS / "profile")
         words = f"the eye goes {far:.0f} mm to the right and back; the zone ends at {end:.1f} mm"
         shown.pictures.append(Picture("zone.webp", words))
+    elif name == "museum_room":
+        render_room(runs[""], folder / "room.webp")
+        shown.pictures.append(Picture("room.webp", "the room, path traced with the display in it"))
     elif "" in runs:
         shown.pictures.extend(pictures_of_run(runs[""], folder, entry))
     else:
@@ -118,6 +121,20 @@ def pictures_of_run(run: Path, folder: Path, entry: Entry) -> list[Picture]:
     for name, (image, _) in shown.items():
         keep(image, folder / f"{name}.webp")
     return [Picture(f"{name}.webp", caption) for name, (_, caption) in shown.items()]
+
+
+def render_room(run: Path, out: Path) -> None:
+    """The museum's room, a run's EIA on its phone."""
+    import inim
+
+    inim.register_plugins()
+    import mitsuba as mi
+
+    mi.set_variant("llvm_ad_rgb")
+    room = mi.load_file(ROOM["scene"], eia=str((run / ROOM["eia"]).resolve()), spp=ROOM["spp"])
+    shot = run / "room.png"
+    mi.util.write_bitmap(str(shot), mi.render(room), write_async=False)
+    keep(picture(shot), out)
 
 
 def make_readme() -> None:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -441,12 +442,41 @@ def test_activate_sets_this_process(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     assert os.environ["DRJIT_LIBLLVM_PATH"] == str(tmp_path / "libLLVM.so.19.1")
 
 
-def test_activate_refuses_to_be_late(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(sys.modules, "drjit", sys)
-    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/other/libLLVM.so")
-    with pytest.raises(BackendError, match=r"Dr.Jit is loaded already, with /other/libLLVM.so"):
+class Loaded:
+    """Dr.Jit as it may be found loaded."""
+
+    class JitBackend:
+        CUDA, LLVM = "cuda", "llvm"
+
+    def __init__(self, version: tuple[int, ...], *has: str) -> None:
+        self.detail, self._has = SimpleNamespace(llvm_version=lambda: version), has
+
+    def has_backend(self, name: str) -> bool:
+        return name in self._has
+
+
+def test_a_library_that_is_loaded_already_serves(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "drjit", Loaded((19, 1, 7), "llvm"))
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
+    backend.activate(chosen(tmp_path / "libLLVM.so.21.1"))
+    assert "DRJIT_LIBLLVM_PATH" not in os.environ
+
+
+@pytest.mark.parametrize(
+    ("loaded", "says"),
+    [
+        (Loaded((-1, -1, -1)), "found no usable libLLVM; import inim.render"),
+        (Loaded((14, 0, 6), "llvm"), "LLVM 14 is too old for Dr.Jit; import inim.render"),
+    ],
+)
+def test_activate_refuses_to_be_late(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, loaded: Loaded, says: str
+) -> None:
+    monkeypatch.setitem(sys.modules, "drjit", loaded)
+    with pytest.raises(BackendError, match=f"Dr.Jit is loaded already, and {says}"):
         backend.activate(chosen(tmp_path / "libLLVM.so.19.1"))
-    backend.activate(chosen(Path("/other/libLLVM.so")))
 
 
 def test_preloading_goes_on_past_what_cannot_be_loaded(

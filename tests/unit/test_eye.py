@@ -182,9 +182,9 @@ def test_a_view_needs_no_scene(model, pupil):
     """The formula alone and the emitter in a scene, met by traced rays, give one picture."""
     import mitsuba as mi
 
-    from inim.render.display_emitter import display_shape
     from inim.render.sensors import make_sensor
     from inim.render.trace import Tracer, mean_light, scene_light
+    from tests.conftest import display_shape
 
     display = small_display()
     eia = random_eia(display)

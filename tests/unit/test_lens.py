@@ -341,8 +341,7 @@ def test_the_renderer_s_emitter_sees_what_numpy_traces(renderer, name, side):
     import mitsuba as mi
 
     from inim.lens import channel_indices
-    from inim.render.display_emitter import display_shape
-    from tests.conftest import small_display
+    from tests.conftest import display_shape, small_display
 
     display = small_display(8, 8, pixels=8, curved_side=side, **KINDS[name])
     random = np.random.default_rng(10)

@@ -187,3 +187,22 @@ def test_best_algorithm_has_the_highest_mean_over_all_viewpoints():
     assert best_algorithm(report(algorithms=algorithms)) == "b"
     assert best_algorithm(report(algorithms={})) is None
     assert best_algorithm(report(algorithms={"d": {}})) is None
+
+
+def test_a_report_prints_as_a_small_table() -> None:
+    data = report()
+    data["ceiling"] = {"views": {"centre": {"ssim_on_relic": 0.891}, "left": {}}}
+    printed = str(Report(Path("out/amphora"), data))
+    assert printed.splitlines() == [
+        "Painted amphora: passed",
+        "SSIM on the relic to the ceiling, in brackets to the scene",
+        "                   centre             left",
+        "template  0.9731 (0.7600)  0.9612 (0.7400)",
+        "ceiling          (0.8910)              (–)",
+    ]
+    assert repr(Report(Path("out/amphora"), data)) == "Report('out/amphora': passed)"
+
+
+def test_what_is_missing_prints_too() -> None:
+    assert "\x00" not in str(Report(Path(), report(title=HOSTILE)))
+    assert str(Report(Path(), {})).startswith("Untitled: failed")

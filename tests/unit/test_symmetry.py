@@ -187,7 +187,7 @@ def test_the_reconstruction_shows_the_eia_upright_and_unmirrored(lens_model):
 def test_a_stock_camera_sees_the_display_as_our_eye_does():
     import mitsuba as mi
 
-    from inim.render.display_emitter import display_shape
+    from tests.conftest import display_shape
 
     display = small_display(12, 12, pixels=8)
     random = np.random.default_rng(5)
@@ -225,7 +225,7 @@ def test_the_display_lights_a_scene_by_its_closed_form():
     """Direction sampling of the emitter: a uniform white panel is a uniform area light."""
     import mitsuba as mi
 
-    from inim.render.display_emitter import display_shape
+    from tests.conftest import display_shape
 
     display = small_display(8, 8, pixels=8)
     white = np.ones((*display.eia_shape, 3), np.float32)

@@ -5,29 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.backend import choose_backend
 from inim.display import DISPLAYS, Display
-from inim.errors import BackendError, UsageError
+from inim.errors import UsageError
 from inim.generators import HOLE, NO_LENS, find_sources, generate, prepare
 from inim.generators.raycast.cells import cell_rays
 from inim.rgbd import RGBD
 from tests import oracle
-from tests.conftest import small_display
+from tests.conftest import no_cuda, small_display
 from tests.unit.test_template_forms import STRADDLING, VIRTUAL, picture
 
 pytestmark = pytest.mark.usefixtures("renderer")
 
 CONVERGING = {"elemental_pitch_mm": 1.001}
 FEW_PIXELS = {"panel_columns": 150, "panel_rows": 100}  # more than the array covers
-
-
-def no_cuda() -> str:
-    """Why CUDA cannot be used here; empty if it can."""
-    try:
-        choose_backend("cuda")
-    except BackendError as error:
-        return str(error)
-    return ""
 
 
 def assert_same(display: Display, rgbd: RGBD) -> np.ndarray:

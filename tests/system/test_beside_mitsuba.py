@@ -1,0 +1,114 @@
+"""In a program that uses Mitsuba itself: any order, any variant, and all as it was afterwards."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+PROGRAM = """
+import json, random, sys
+import numpy as np
+{before}
+import inim
+
+def state():
+    import drjit as dr
+    import mitsuba as mi
+    return [mi.variant(), dr.thread_count(), str(mi.log_level()),
+            np.random.get_state()[1].tolist(), list(random.getstate()[1])]
+
+display = inim.Display(pitch_mm=1, focal_length_mm=3, gap_mm=3.3, pixel_pitch_mm=0.125,
+                       lens_columns=4, lens_rows=3)
+eia = np.linspace(0, 1, 24 * 32 * 3, dtype=np.float32).reshape(24, 32, 3)
+eye = inim.Viewpoint("eye", 1, 2, 200)
+was = state() if "mitsuba" in sys.modules else None
+view = inim.reconstruct(eia, display, eye, spp=4)
+after = state()
+try:
+    inim.reconstruct(eia, display, eye, "{wrong_model}", spp=4)
+except inim.errors.InimError:
+    failed = state()
+{more}
+print(json.dumps({{"before": was, "after": after, "failed": failed, "view": view.tolist()}}))
+"""
+NOT_MADE = "no such lens model"
+
+
+def run(before: str, more: str = "") -> dict:
+    code = PROGRAM.format(before=before, more=more, wrong_model=NOT_MADE)
+    code = code.replace("import inim\n", "import inim, inim.errors\n", 1)
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=180, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    return json.loads(ended.stdout.splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def inim_first() -> dict:
+    return run("")
+
+
+def test_without_mitsuba_before_the_variant_used_stays(inim_first: dict) -> None:
+    assert inim_first["before"] is None
+    assert inim_first["after"][0].endswith("_ad_rgb")
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        "import mitsuba",
+        "import drjit",
+        "import mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
+        "import mitsuba as mi; mi.set_log_level(mi.LogLevel.Info)"
+        "; mi.set_variant('llvm_ad_spectral')",
+        "import mitsuba as mi; mi.set_variant('llvm_ad_mono_polarized')",
+        "import mitsuba as mi, drjit as dr; mi.set_variant('scalar_rgb'); dr.set_thread_count(1)",
+        "import mitsuba as mi; mi.set_variant('scalar_spectral_polarized')",
+    ],
+)
+def test_all_is_as_before(before: str, inim_first: dict) -> None:
+    found = run(before)
+    if found["before"] and found["before"][0]:
+        assert found["after"] == found["before"], "a variant was active"
+        assert found["failed"] == found["before"], "after an error, too"
+    elif found["before"]:
+        assert found["after"][1:] == found["before"][1:], "there is no way back to no variant"
+    assert found["view"] == inim_first["view"], "the same view, to the bit"
+
+
+def test_a_program_s_own_objects_and_plugins_live_on() -> None:
+    before = """
+import mitsuba as mi
+mi.set_variant("llvm_ad_spectral")
+class Mine(mi.BSDF):
+    pass
+mi.register_bsdf("mine", Mine)
+scene = mi.load_dict({"type": "scene", "light": {"type": "constant"}, "ball": {"type": "sphere"},
+                      "sensor": {"type": "perspective", "film": {"type": "hdrfilm", "width": 4,
+                                 "height": 4}}, "integrator": {"type": "path"}})
+image = np.array(mi.render(scene, spp=4))
+"""
+    more = """
+assert np.array_equal(np.array(mi.render(scene, spp=4)), image)
+assert type(mi.load_dict({"type": "mine"})).__name__ == "Mine"
+"""
+    run(before, more)
+
+
+def test_a_compiled_generator_leaves_a_scalar_variant() -> None:
+    more = """
+import mitsuba as mi
+from tests.conftest import small_display
+d = small_display(4, 3)
+rows, columns = d.capture_shape(5)
+z = np.full((rows, columns), d.central_depth_mm, np.float32)
+picture = inim.RGBD(np.ones((rows, columns, 3), np.float32), z, z > 0, d.capture_pixel_mm(5))
+made = inim.generate(picture, d, algorithm="template_jit")
+assert np.array_equal(made, inim.generate(picture, d, algorithm="template"))
+assert mi.variant() == "scalar_rgb", mi.variant()
+"""
+    run("import mitsuba as mi; mi.set_variant('scalar_rgb')", more)

@@ -1,0 +1,683 @@
+"""The plugins in anybody's scene: `inim_display`, `inim_eye`, `inim_pickup`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inim.color import srgb_codes
+from inim.display import DISPLAYS, Viewpoint
+from inim.errors import FileError, SceneError
+from tests.conftest import no_cuda, small_display, square
+
+ROOT = Path(__file__).parents[2]
+WHY_NO_CUDA = no_cuda()
+pytestmark = pytest.mark.usefixtures("renderer")
+
+DISPLAY = small_display(12, 10, pixels=8)
+HALF = (6.0, 5.0)
+
+
+def told(display=DISPLAY) -> dict:
+    """A display's parameters."""
+    return {k: v for k, v in display.given().items() if v is not None and k != "name"}
+
+
+def picture(seed: int = 1, display=DISPLAY) -> np.ndarray:
+    rows, columns = display.eia_shape
+    random = np.random.default_rng(seed).random((rows // 16, columns // 16, 3), np.float32)
+    return random.repeat(16, axis=0).repeat(16, axis=1)
+
+
+def turned(name: str):
+    """A world: what is done to a display at the origin, in millimetres."""
+    import mitsuba as mi
+
+    world = mi.ScalarTransform4f()
+    axis = [1 / 14**0.5, 2 / 14**0.5, 3 / 14**0.5]
+    return {
+        "as it is": world,
+        "moved": world.translate([1000, 0, 0]),
+        "turned": world.rotate(axis, 77),
+        "in metres": world.scale(1e-3),
+        "in micrometres": world.scale(1e3),
+        "all": world.translate([1, -0.3, 0.2]).rotate(axis, 130).scale(1e-3),
+    }[name]
+
+
+def rectangle(world, half=HALF):
+    import mitsuba as mi
+
+    return world @ mi.ScalarTransform4f().scale([*half, 1])
+
+
+def panel(world, **changes) -> dict:
+    import mitsuba as mi
+
+    emitter = {
+        "type": "inim_display",
+        **told(),
+        "eia": mi.TensorXf(picture()),
+    }
+    emitter = {k: v for k, v in (emitter | changes).items() if v is not None}
+    return {"type": "rectangle", "to_world": rectangle(world), "emitter": emitter}
+
+
+def eye(world, **changes) -> dict:
+    place = {"x_mm": 3.0, "y_mm": -2.0, "z_mm": 200.0}
+    return {"type": "inim_eye", "to_world": rectangle(world), **told(), **place, **changes}
+
+
+def loaded(*, integrator: str = "path", **parts):
+    import mitsuba as mi
+
+    return mi.load_dict({"type": "scene", "integrator": {"type": integrator}, **parts})
+
+
+def rendered(scene, spp: int = 64, **options) -> np.ndarray:
+    import mitsuba as mi
+
+    return np.array(mi.render(scene, spp=spp, **options))
+
+
+def before(world) -> np.ndarray:
+    return rendered(loaded(panel=panel(world), eye=eye(world)))
+
+
+@pytest.mark.parametrize("pupil", [0.0, 4.0])
+def test_the_eye_sees_what_reconstruct_shows(pupil):
+    import mitsuba as mi
+
+    from inim.render.reconstruct import reconstruct
+
+    world = mi.ScalarTransform4f()
+    scene = loaded(panel=panel(world), eye=eye(world, pupil_mm=pupil))
+    seen, again = (rendered(scene, spp=256, seed=seed) for seed in (0, 1))
+    viewpoint = Viewpoint("eye", 3, -2, 200, pupil_mm=pupil)
+    shown = reconstruct(picture(), DISPLAY, viewpoint, pixels_per_lens=4, spp=256)
+    assert seen.shape == shown.shape
+    noise = np.abs(seen - again).mean()
+    assert np.abs(seen - shown).mean() < 1.1 * noise < 0.01, "the bench's samples are better spread"
+    for other in (shown[::-1], shown[:, ::-1], shown[..., ::-1]):
+        assert np.abs(seen - other).mean() > 0.1, "the comparison can tell a flip"
+
+
+@pytest.mark.parametrize("name", ["moved", "turned", "in metres", "in micrometres", "all"])
+def test_display_and_eye_may_be_anywhere_in_any_unit(name):
+    """Rigid motion and uniform scale of both change the picture by float32's rounding alone.
+
+    A ray's place on the array is known to a few units in the last place (2^-24) of the largest
+    coordinate, some 1200 mm here. Where that takes a ray across the border of a panel pixel, of
+    which there are two in x and two in y, the sample shows its neighbour.
+    """
+    here, there = before(turned("as it is")), before(turned(name))
+    error_mm = 8 * 2.0**-24 * 1200
+    assert np.abs(here - there).mean() < 4 * error_mm / DISPLAY.pixel_pitch_mm
+    assert here.mean() > 0.2
+
+
+def test_an_array_may_lie_turned_and_shifted_on_its_panel():
+    """The rectangle holds the array as it lies; the product's formula sees the same."""
+    import mitsuba as mi
+
+    from inim.render.plugin_properties import half_extent_mm
+    from inim.render.reconstruct import DisplayScene
+
+    display = DISPLAY.replace(rotation_deg=20, shift_x_mm=0.5, tilt_y_deg=1.0)
+    half = half_extent_mm(display)
+    assert half[0] > HALF[0]
+    world = turned("all")
+    emitter = {"type": "inim_display", **told(), "misalign": "rotation_deg=20, shift_x_mm=0.5"}
+    emitter |= {"tilt_y_deg": 1.0, "eia": mi.TensorXf(picture())}
+    shape = {"type": "rectangle", "to_world": rectangle(world, half), "emitter": emitter}
+    sensor = {**eye(world), **told(display), "to_world": rectangle(world, half)}
+    width, height = 64, round(64 * half[1] / half[0])
+    sensor["film"] = {
+        "type": "hdrfilm",
+        "width": width,
+        "height": height,
+        "rfilter": {"type": "box"},
+    }
+    seen = rendered(loaded(panel=shape, eye=sensor), spp=128)
+    viewpoint = Viewpoint("eye", 3, -2, 200)
+    shown = DisplayScene(picture(), display, "thick").view(
+        viewpoint, pixels_per_lens=8, spp=128, seed=0
+    )
+    # The product's film is the array's own extent in the middle of the larger one.
+    assert seen.mean() * half[0] * half[1] >= shown.mean() * HALF[0] * HALF[1]
+    middle = seen[height // 2 - 8 : height // 2 + 8, width // 2 - 8 : width // 2 + 8]
+    rows, columns = shown.shape[:2]
+    high, wide = (
+        round(8 / n * h / w * m)
+        for n, h, w, m in (
+            (height / 2, half[1], HALF[1], rows / 2),
+            (width / 2, half[0], HALF[0], columns / 2),
+        )
+    )
+    same = shown[rows // 2 - high : rows // 2 + high, columns // 2 - wide : columns // 2 + wide]
+    assert middle.mean(axis=(0, 1)) == pytest.approx(same.mean(axis=(0, 1)), abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"gap_m": 3.0}, "unknown parameter 'gap_m'; did you mean 'gap_mm'?"),
+        ({"zzz": 3.0}, "unknown parameter 'zzz'; use filename, bitmap, eia, lens_model"),
+        ({"lens_model": "full"}, "'full' is traced by the renderer only; use 'thick' here"),
+        ({"lens_model": "fish"}, "lens model 'fish': use pinhole or thin"),
+        ({"preset": "tablet"}, "inim_display: preset = 'tablet'; use nominal or phone"),
+        ({"brightness": -1.0}, "inim_display: brightness = -1: must be finite and not negative"),
+        ({"brightness": "hell"}, "inim_display: brightness = 'hell': must be a number"),
+        ({"lens_columns": 13}, r"eia has shape \(80, 96, 3\); the display needs \(80, 104, 3\)"),
+        ({"gap_mm": "3"}, "inim_display: gap_mm = '3': must be a finite number"),
+        ({"pitch_mm": -1.0}, "inim_display: pitch_mm = -1.0: must be a positive length"),
+        ({"filename": "x.png"}, "both filename and eia; give one of"),
+        ({"eia": None}, "inim_display: has no EIA; give one of"),
+        ({"eia": None, "filename": "x.png"}, "x.png: no such file"),
+        ({"eia": None, "filename": "x.jpg"}, "a finished EIA is a .png"),
+        ({"misalign": "rotation=1"}, "did you mean rotation_deg?"),
+        ({"thick": True}, "unknown parameter 'thick'"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(changes, says):
+    import mitsuba as mi
+
+    world = mi.ScalarTransform4f()
+    with pytest.raises(RuntimeError, match=says) as raised:
+        loaded(panel=panel(world, **changes))
+    assert before(world).mean() > 0.2, f"other scenes are none the worse for {raised}"
+
+
+def test_a_lens_model_that_fails_is_refused_when_the_scene_is_loaded(monkeypatch):
+    import mitsuba as mi
+
+    from inim.errors import UsageError
+    from inim.lens import LensModel
+    from inim.render import display_emitter
+
+    def trace(*_):
+        raise UsageError("lens model 'broken' traced a ray to nowhere")
+
+    broken = LensModel("broken", summary="", trace=trace)
+    monkeypatch.setattr(display_emitter, "find_lens_model", lambda name: broken)
+    with pytest.raises(RuntimeError, match="'broken' traced a ray to nowhere"):
+        loaded(panel=panel(mi.ScalarTransform4f(), lens_model="broken"))
+
+
+@pytest.mark.parametrize(
+    ("scale", "says"),
+    [
+        ((6, 6, 1), "12 x 12 has not the proportion of the array, 12 x 10 mm"),
+        ((-6, 5, 1), "mirrors the display"),
+        ((6, 5, -1), "mirrors the display"),
+    ],
+)
+def test_a_rectangle_that_is_no_display_is_refused_when_it_is_first_seen(scale, says):
+    import mitsuba as mi
+
+    world = mi.ScalarTransform4f()
+    expected = before(world)
+    wrong = loaded(
+        panel=panel(world) | {"to_world": mi.ScalarTransform4f().scale(scale)}, eye=eye(world)
+    )
+    with pytest.raises(RuntimeError) as raised:
+        rendered(wrong, spp=1)
+    assert says in str(raised.value.__cause__)
+    assert np.array_equal(before(world), expected), "other scenes are none the worse"
+    assert not rendered(wrong, spp=1).any(), "with a warning"
+    with pytest.raises(RuntimeError, match=says):
+        mi.load_dict(eye(world) | {"to_world": mi.ScalarTransform4f().scale(scale)})
+
+
+def test_a_display_stands_on_a_rectangle_only():
+    import mitsuba as mi
+
+    world = mi.ScalarTransform4f()
+    shape = panel(world) | {"type": "disk"}
+    with pytest.raises(RuntimeError) as raised:
+        rendered(loaded(panel=shape, eye=eye(world)), spp=1)
+    assert "stands on a 'rectangle' only" in str(raised.value.__cause__)
+    with pytest.raises(RuntimeError, match="has no to_world of its own"):
+        loaded(panel=panel(world, to_world=world))
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"film": {"type": "hdrfilm", "width": 48, "height": 48}}, "make it 48 x 40"),
+        ({"z_mm": -1.0}, "must be finite with z > 0"),
+        ({"pupil_mm": "wide"}, "pupil_mm = 'wide': must be a number"),
+        ({"pupil": 3.0}, "did you mean 'pupil_mm'?"),
+        ({"fov": 30.0}, "unknown parameter 'fov'"),
+    ],
+)
+def test_an_eye_that_cannot_be_is_refused(changes, says):
+    import mitsuba as mi
+
+    with pytest.raises(RuntimeError, match=says):
+        mi.load_dict(eye(mi.ScalarTransform4f(), **changes))
+
+
+def test_a_crop_of_the_view_is_that_part_of_it():
+    import mitsuba as mi
+
+    world = mi.ScalarTransform4f()
+    film = {"type": "hdrfilm", "width": 48, "height": 40, "rfilter": {"type": "box"}}
+    crop = {"crop_offset_x": 8, "crop_offset_y": 4, "crop_width": 24, "crop_height": 12}
+    shape = panel(world)
+    whole = rendered(loaded(panel=shape, eye=eye(world, film=film)), spp=256)
+    part = rendered(loaded(panel=shape, eye=eye(world, film=film | crop)), spp=256)
+    assert np.abs(part - whole[4:16, 8:32]).mean() < 0.01
+    assert np.abs(part - whole[:12, :24]).mean() > 0.1
+
+
+def test_the_pickup_is_the_true_eia_of_what_stands_around(open_fitted):
+    """Squares in front of the array and behind it, by the bench's own sensor and by the plugin."""
+    import mitsuba as mi
+
+    from inim.render.rays import pickup_rays
+    from inim.render.sensors import make_sensor
+
+    light = {"type": "constant", "radiance": 1.0}
+    near = {
+        "type": "rectangle",
+        "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.8, 0.1, 0.1]}},
+    }
+    far = {
+        "type": "rectangle",
+        "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.1, 0.7, 0.2]}},
+    }
+
+    def scene(world):
+        places = {"near": (near, [1, 0.5, 20], 2), "far": (far, [-1, 1, -10], 4)}
+        shapes = {
+            name: shape | {"to_world": world @ mi.ScalarTransform4f().translate(at).scale(half)}
+            for name, (shape, at, half) in places.items()
+        }
+        return loaded(light=light, **shapes)
+
+    start = DISPLAY.depth_range_mm[1]
+    own = make_sensor(pickup_rays(DISPLAY, start), np.eye(4))
+    expected, again = (
+        np.array(mi.render(scene(turned("as it is")), sensor=own, spp=64, seed=seed))
+        for seed in (0, 1)
+    )
+    world = turned("all")
+    plugin = mi.load_dict({"type": "inim_pickup", "to_world": rectangle(world), **told()})
+    found = np.array(mi.render(scene(world), sensor=plugin, spp=64))
+    assert found.shape == (*DISPLAY.eia_shape, 3)
+    noise = np.abs(again - expected).mean()
+    assert np.abs(found - expected).mean() < 1.1 * noise < 0.02, "other samples of the sky's light"
+    for other in (found[::-1], found[:, ::-1]):
+        assert np.abs(other - expected).mean() > 5 * noise
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"film": {"type": "hdrfilm"}}, "its film is the panel, 96 x 80 pixels"),
+        ({"subpixels": "rgb-stripe"}, "leave subpixels out"),
+        ({"start_mm": "near"}, "start_mm = 'near': must be a number"),
+    ],
+)
+def test_a_pickup_that_cannot_be_is_refused(changes, says):
+    import mitsuba as mi
+
+    with pytest.raises(RuntimeError, match=says):
+        mi.load_dict(
+            {"type": "inim_pickup", **told(), "to_world": rectangle(turned("all"))} | changes
+        )
+
+
+XML = """
+<scene version="3.0.0">
+    <integrator type="path"/>
+    <default name="gap" value="3.3"/>
+    <shape type="rectangle">
+        <transform name="to_world"><scale x="6" y="5"/><translate x="1000"/></transform>
+        <bsdf type="diffuse"><rgb name="reflectance" value="0.1"/></bsdf>
+        <emitter type="inim_display">
+            <string name="filename" value="{file}"/>
+            {numbers}
+            <string name="lens_model" value="thin"/><float name="brightness" value="2"/>
+        </emitter>
+    </shape>
+    <sensor type="inim_eye">
+        <transform name="to_world"><scale x="6" y="5"/><translate x="1000"/></transform>
+        {numbers}<float name="z_mm" value="200"/><float name="pupil_mm" value="3"/>
+    </sensor>
+</scene>
+"""
+NUMBERS = """<float name="pixel_pitch_mm" value="0.125"/><float name="gap_mm" value="$gap"/>
+    <integer name="lens_columns" value="12"/><integer name="lens_rows" value="10"/>"""
+
+
+@pytest.mark.parametrize("form", ["png", "exr"])
+def test_a_file_beside_the_scene_s_is_shown(tmp_path, form):
+    import mitsuba as mi
+    from PIL import Image
+
+    from inim.files.image import write_exr
+    from inim.render.reconstruct import reconstruct
+
+    if form == "png":
+        Image.fromarray(srgb_codes(picture())).save(tmp_path / "eia.png")
+    else:
+        write_exr(tmp_path / "eia.exr", picture())
+    (tmp_path / "s.xml").write_text(XML.format(file=f"eia.{form}", numbers=NUMBERS))
+    seen = rendered(mi.load_file(str(tmp_path / "s.xml")), spp=128)
+    shown = reconstruct(picture(), DISPLAY, Viewpoint("e", 0, 0, 200, pupil_mm=3), "thin", spp=128)
+    assert np.abs(seen - 2 * shown).mean() < 0.02, "8 bits of a PNG, and noise"
+    with pytest.raises(RuntimeError, match=r"(?s)s\.xml.*line 6.*has 8 x 8 pixels.*needs 96 x 80"):
+        Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "eia.png")
+        (tmp_path / "s.xml").write_text(XML.format(file="eia.png", numbers=NUMBERS))
+        mi.load_file(str(tmp_path / "s.xml"))
+
+
+def test_bitmap_and_tensor_are_one():
+    import mitsuba as mi
+
+    world = mi.ScalarTransform4f()
+    codes = srgb_codes(picture())
+    by_bitmap = loaded(panel=panel(world), eye=eye(world))
+    for bitmap, limit in ((mi.Bitmap(picture()), 0.0), (mi.Bitmap(codes), 5e-3)):
+        shape = panel(world)
+        del shape["emitter"]["eia"]
+        shape["emitter"]["bitmap"] = bitmap
+        found = np.array(mi.traverse(loaded(panel=shape))["panel.emitter.eia"])
+        assert np.abs(found - picture()).max() <= limit
+    assert np.array_equal(np.array(mi.traverse(by_bitmap)["panel.emitter.eia"]), picture())
+
+
+def test_in_the_bench_s_own_scenes_its_errors_are_one_line(open_fitted):
+    wrong = XML.format(file="eia.png", numbers='<float name="gap_m" value="$gap"/>')
+    wrong = wrong.replace('<string name="filename" value="eia.png"/>', "")
+    with pytest.raises(FileError, match=r"refuses it: SceneError: inim_display: unknown .*gap_mm"):
+        open_fitted(wrong.replace("</scene>", square((0, 0, 0), 5, "0.5") + "</scene>"), DISPLAY)
+
+
+def test_what_it_shows_can_be_changed():
+    import mitsuba as mi
+
+    world = turned("all")
+    scene = loaded(panel=panel(world), eye=eye(world))
+    parameters = mi.traverse(scene)
+    first = rendered(scene, 4)
+    parameters["panel.emitter.brightness"] = 3.0
+    parameters.update()
+    assert rendered(scene, 4) == pytest.approx(3 * first, rel=1e-5)
+    parameters["panel.emitter.brightness"] = 1.0
+    parameters["panel.emitter.eia"] = mi.TensorXf(1 - picture())
+    parameters.update()
+    fresh = loaded(panel=panel(world, eia=mi.TensorXf(1 - picture())), eye=eye(world))
+    assert np.array_equal(rendered(scene, 4), rendered(fresh, 4))
+    parameters["panel.to_world"] = mi.Transform4f(rectangle(world.translate([0.3, 0, 0])))
+    parameters["eye.to_world"] = mi.Transform4f(rectangle(world.translate([0.3, 0, 0])))
+    parameters.update()
+    assert np.abs(rendered(scene, 4) - rendered(fresh, 4)).mean() < 2e-3, "both moved, one picture"
+    parameters["panel.emitter.eia"] = mi.TensorXf(np.zeros((4, 4, 3), np.float32))
+    with pytest.raises(SceneError, match=r"eia has shape \(4, 4, 3\)"):
+        parameters.update()
+    assert not rendered(scene, 4).any(), "with a warning"
+
+
+def test_an_emitter_without_a_shape_is_dark():
+    import mitsuba as mi
+
+    world = mi.ScalarTransform4f()
+    alone = mi.load_dict(panel(world)["emitter"])
+    assert before(world).mean() > 0.2
+    assert "small" not in alone.to_string()
+
+
+def lit_wall(integrator: dict):
+    """A wall on the display's axis, lit by it alone, as a stock camera sees it."""
+    import mitsuba as mi
+
+    look = mi.ScalarTransform4f().look_at
+    film = {"type": "hdrfilm", "width": 3, "height": 3, "rfilter": {"type": "box"}}
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": integrator,
+            "panel": panel(mi.ScalarTransform4f()),
+            "wall": {
+                "type": "rectangle",
+                "to_world": look([0, 0, 30], [0, 0, 0], [0, 1, 0])
+                @ mi.ScalarTransform4f().scale(10),
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.6}},
+            },
+            "camera": {
+                "type": "perspective",
+                "fov": 20.0,
+                "to_world": look([14, 0, 3], [0, 0, 30], [0, 1, 0]),
+                "film": film,
+            },
+        }
+    )
+
+
+def test_light_sampled_towards_it_and_found_by_chance_are_one():
+    """Next-event estimation is unbiased: it agrees with paths that merely meet the display."""
+    by_chance = {"type": "direct", "emitter_samples": 0, "bsdf_samples": 1}
+    aimed = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+    both = {"type": "path", "max_depth": 2}
+    found = {}
+    for name, integrator in {"chance": by_chance, "aimed": aimed, "both": both}.items():
+        scene = lit_wall(integrator)
+        runs = np.stack([rendered(scene, 2**12, seed=seed) for seed in range(8)]).mean(axis=(1, 2))
+        found[name] = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    for other in ("aimed", "both"):
+        (a, error_a), (b, error_b) = found["chance"], found[other]
+        assert (np.abs(a - b) < 5 * np.hypot(error_a, error_b)).all(), (other, found)
+    assert (found["aimed"][1] < 0.01 * found["aimed"][0]).all(), "and is known well enough"
+
+
+def test_light_can_be_traced_from_it():
+    """`ptracer` starts its paths at the display: the same wall, and the same display itself."""
+    import mitsuba as mi
+
+    look = mi.ScalarTransform4f().look_at([2, 1, 25], [0, 0, 0], [0, 1, 0])
+    film = {"type": "hdrfilm", "width": 3, "height": 3, "rfilter": {"type": "box"}}
+    stock = {"type": "perspective", "fov": 15.0, "to_world": look, "film": film}
+
+    def means(kind: str, sensor, spp: int) -> np.ndarray:
+        scene = lit_wall({"type": kind, "max_depth": 2})
+        return np.stack([rendered(scene, spp, seed=s, sensor=sensor) for s in range(8)]).mean(
+            (1, 2)
+        )
+
+    for sensor in (0, mi.load_dict(stock)):
+        a, b = means("path", sensor, 2**12), means("ptracer", sensor, 2**15)
+        error = np.hypot(a.std(axis=0, ddof=1), b.std(axis=0, ddof=1)) / np.sqrt(8)
+        assert (np.abs(a.mean(axis=0) - b.mean(axis=0)) < 5 * error).all(), (a, b)
+        assert (error < 0.03 * a.mean(axis=0)).all()
+
+
+def gradient_scene(integrator: str):
+    import mitsuba as mi
+
+    world = turned("all")
+    film = {"type": "hdrfilm", "width": 12, "height": 10, "rfilter": {"type": "box"}}
+    film["pixel_format"] = "rgb"
+    scene = loaded(integrator=integrator, panel=panel(world), eye=eye(world, film=film))
+    return scene, mi.traverse(scene), "panel.emitter.eia"
+
+
+@pytest.mark.parametrize("integrator", ["prb", "path", "direct"])
+def test_gradients_reach_the_eia(integrator):
+    """The image is linear in the EIA: J v is a difference, and <J v, w> = <v, J^T w>."""
+    import drjit as dr
+    import mitsuba as mi
+
+    random = np.random.default_rng(7)
+    step = random.normal(size=(*DISPLAY.eia_shape, 3)).astype(np.float32)
+    weights = random.normal(size=(10, 12, 3)).astype(np.float32)
+    scene, parameters, key = gradient_scene(integrator)
+    options = {"spp": 16, "seed": 5}
+
+    eia = mi.TensorXf(picture())
+    dr.enable_grad(eia)
+    parameters[key] = eia
+    parameters.update()
+    image = mi.render(scene, parameters, spp=16, seed=3, seed_grad=5)
+    dr.backward(dr.sum(image * mi.TensorXf(weights), axis=None))
+    adjoint = np.array(dr.grad(eia))
+
+    def shown(values: np.ndarray) -> np.ndarray:
+        parameters[key] = mi.TensorXf(values)
+        parameters.update()
+        return np.array(mi.render(scene, **options), np.float64)
+
+    difference = shown(picture() + step) - shown(picture())
+    forward = (difference * weights).sum()
+    backward = (adjoint.astype(np.float64) * step).sum()
+    # Sums of some thousand float32 terms of size one.
+    assert backward == pytest.approx(forward, abs=2e-3 * np.abs(difference * weights).sum())
+    row, column, channel = np.unravel_index(np.argmax(np.abs(adjoint)), adjoint.shape)
+    nudged = picture()
+    nudged[row, column, channel] += 0.5
+    one = ((shown(nudged) - shown(picture())) * weights).sum() / 0.5
+    assert adjoint[row, column, channel] == pytest.approx(one, rel=1e-3)
+
+
+@pytest.mark.parametrize("integrator", ["prb"])
+def test_forward_mode_is_the_same_derivative(integrator):
+    import drjit as dr
+    import mitsuba as mi
+
+    step = np.random.default_rng(8).normal(size=(*DISPLAY.eia_shape, 3)).astype(np.float32)
+    scene, parameters, key = gradient_scene(integrator)
+    amount = mi.Float(0.0)
+    dr.enable_grad(amount)
+    parameters[key] = mi.TensorXf(picture()) + mi.TensorXf(step) * amount
+    parameters.update()
+    image = mi.render(scene, parameters, spp=16, seed=3, seed_grad=5)
+    dr.forward(amount)
+    tangent = np.array(dr.grad(image))
+    parameters[key] = mi.TensorXf(picture() + step)
+    parameters.update()
+    there = np.array(mi.render(scene, spp=16, seed=5))
+    parameters[key] = mi.TensorXf(picture())
+    parameters.update()
+    assert tangent == pytest.approx(there - np.array(mi.render(scene, spp=16, seed=5)), abs=1e-4)
+
+
+def test_an_eia_can_be_optimised_through():
+    """From grey, towards a picture seen by the eye: each step of Adam's shows less error."""
+    import drjit as dr
+    import mitsuba as mi
+
+    scene, parameters, key = gradient_scene("prb")
+    goal = mi.TensorXf(np.array(mi.render(scene, spp=64, seed=9)))
+    optimizer = mi.ad.Adam(lr=0.1)
+    optimizer[key] = mi.TensorXf(np.full((*DISPLAY.eia_shape, 3), 0.5, np.float32))
+    losses = []
+    for turn in range(12):
+        parameters.update(optimizer)
+        image = mi.render(scene, parameters, spp=32, seed=turn)
+        loss = dr.mean(dr.square(image - goal), axis=None)
+        dr.backward(loss)
+        optimizer.step()
+        losses.append(float(loss.array[0]))
+    assert losses[-1] < 0.2 * losses[0], losses
+
+
+def test_presets_are_the_displays_of_that_name():
+    import mitsuba as mi
+
+    for name, display in DISPLAYS.items():
+        shape = {
+            "type": "rectangle",
+            "to_world": mi.ScalarTransform4f().scale(
+                [display.width_mm / 2, display.height_mm / 2, 1]
+            ),
+            "emitter": {
+                "type": "inim_display",
+                "preset": name,
+                "eia": mi.TensorXf(np.zeros((*display.eia_shape, 3), np.float32)),
+            },
+        }
+        scene = loaded(panel=shape)
+        assert scene.emitters()[0].display == display
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_spectral", "llvm_ad_mono"])
+def test_other_variants_are_told_so_and_plugins_come_back(variant):
+    import mitsuba as mi
+
+    active = mi.variant()
+    try:
+        mi.set_variant(variant)
+        for plugin in ("inim_display", "inim_eye", "inim_pickup"):
+            with pytest.raises(
+                RuntimeError, match=f"{plugin}: works in the variants .* not in {variant}"
+            ):
+                mi.load_dict({"type": plugin})
+    finally:
+        mi.set_variant(active)
+    assert before(turned("as it is")).mean() > 0.2
+
+
+def test_the_museum_s_room_shows_its_display_right_way_up(tmp_path):
+    """A panel red at the top left: the phone is portrait, upright, and lights the table."""
+    import mitsuba as mi
+    from PIL import Image
+
+    eia = np.full((2400, 1080, 3), 60, np.uint8)
+    eia[:1200, :540] = (250, 20, 20)
+    Image.fromarray(eia).save(tmp_path / "eia.png")
+    room = ROOT / "scenes" / "museum_room" / "room.xml"
+    parameters = {"eia": str(tmp_path / "eia.png"), "width": "96", "height": "72"}
+    scene = mi.load_file(str(room), **parameters)
+    seen = rendered(scene, 64)
+    red = seen[..., 0] > 3 * seen[..., 1] + 0.2
+    assert red.sum() > 40
+    rows, columns = np.nonzero(red)
+    across = slice(columns.min(), columns.max() + 1)
+    below = seen[rows.max() + 3 : rows.max() + 8, across]
+    beside = seen[rows.min() : rows.max() + 1, columns.max() + 2 : columns.max() + 5]
+    assert below.mean(axis=(0, 1)) == pytest.approx(beside.mean(axis=(0, 1)), rel=0.2)
+    values = mi.traverse(scene)
+    values["display.emitter.brightness"] = 0.0
+    values.update()
+    table = slice(60, 72), slice(36, 52)
+    assert seen[table].mean() > 1.02 * rendered(scene, 64)[table].mean(), "its light on the table"
+
+
+@pytest.mark.skipif(bool(WHY_NO_CUDA), reason=WHY_NO_CUDA)
+def test_cuda_shows_the_same():
+    import mitsuba as mi
+
+    active, expected = mi.variant(), before(turned("all"))
+    try:
+        mi.set_variant("cuda_ad_rgb")
+        assert np.abs(before(turned("all")) - expected).mean() < 1e-3
+    finally:
+        mi.set_variant(active)
+
+
+def test_scenes_leave_nothing_behind():
+    """Kernels are recorded of all emitters there are: they must go with their scenes."""
+    import gc
+
+    def alive() -> int:
+        gc.collect()
+        kinds = ("DisplayEmitter", "EyeSensor", "PickupSensor")
+        return sum(type(one).__name__ in kinds for one in gc.get_objects())
+
+    def used() -> None:
+        import mitsuba as mi
+
+        world = turned("all")
+        scene = loaded(panel=panel(world), eye=eye(world))
+        rendered(scene, 1)
+        mi.traverse(scene).update()
+        mi.load_dict({"type": "inim_pickup", "to_world": rectangle(world), **told()})
+
+    count = alive()
+    for _ in range(3):
+        used()
+    assert alive() == count
