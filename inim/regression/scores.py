@@ -6,7 +6,7 @@ Their difference is noise and nothing else, so pictures moved along it, by ``h (
 way, tell how the score answers to noise of the run's own kind. A small step h = 1/4 tells it at the
 run's own level:
 
-    D = (m(+h) - m(-h)) / h                   expectation 0 in every block, either sign alike
+    D(h) = (m(+h) - m(-h)) / h                expectation 0 in every block, either sign alike
     error^2 = c sum over blocks (sum of D in the block)^2 / (4 N^2)
     bias = (mean of m(+h) + mean of m(-h) - 2 mean of m) / (2 h^2)
 
@@ -16,9 +16,19 @@ blocks' borders.
 
 Moved pictures have ``1 + h^2`` times the noise's variance. So the bias is by how much the score
 moves as the variance grows by its own amount, SSIM of noisy pictures being too low. The score free
-of noise is found by going the other way, to none: it is the mean of m less the bias, whose error
-to first order is the same. With h = 1 that would be twice the score of all samples, less the mean
-of the halves'; the small step leaves half of the second order (docs/theory/scores.md).
+of noise is found by going the other way, to none, h^2 = -1: it is the mean of m less the bias. With
+h = 1 that would be twice the score of all samples, less the mean of the halves'; the small step
+leaves half of the second order (docs/theory/scores.md).
+
+The bias scatters, too, and not independently of the mean of m: where the pictures' noise bends m,
+it moves both. What error the score free of noise has, its own odd answer tells, from the same two
+steps h and 2 h and to the same end:
+
+    D(i) = D(h) - (1 + h^2) (D(2 h) - D(h)) / (3 h^2)         at h^2 = -1
+    value_error^2 = c sum over blocks (sum of D(i) in the block)^2 / (4 N^2)
+
+To third order in the noise that is its variance, no more and no less; error^2 is above the mean's
+by the bias' own.
 
 Runs are compared by the scores of their pictures as they are, which scatter least: of unlike sample
 counts, a score is expected to move by ``bias (r^2 - 1)`` where the ground truth's standard errors
@@ -33,7 +43,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -66,6 +76,10 @@ _COUPLING = (1 - 2.2 / _BLOCK_PX) ** -2
 _PATTERNS = 8
 # The step h: noise grows by h^2, and differences are far above float32's rounding.
 _STEP = 0.25
+# Where pictures are moved to.
+_STEPS = (_STEP, -_STEP, 2 * _STEP, -2 * _STEP)
+# Of an estimate, what comparisons of plain scores need.
+_COMPARED = ("plain", "error", "freedom", "bias")
 
 
 @dataclass(frozen=True)
@@ -77,17 +91,23 @@ class ScoreEstimate:
     plain : float
         Of the pictures as they are, with their noise.
     error : float
-        Standard error, of `plain` and of `value`.
+        Standard error of `plain`.
     freedom : float
         Degrees of freedom of `error`.
     bias : float
         What as much noise again would add to `plain`.
+    value_error : float
+        Standard error of `value`; infinite where it is not known, as in a baseline.
+    value_freedom : float
+        Degrees of freedom of `value_error`.
     """
 
     plain: float
     error: float
     freedom: float
     bias: float
+    value_error: float = math.inf
+    value_freedom: float = 1.0
 
     @property
     def value(self) -> float:
@@ -95,13 +115,14 @@ class ScoreEstimate:
         return self.plain - self.bias
 
     def as_data(self) -> dict[str, float | None]:
-        """For JSON: what is not finite is null."""
-        return {k: v if math.isfinite(v) else None for k, v in vars(self).items()}
+        """For a baseline's JSON, what is compared: `plain` and its error. Not finite is null."""
+        found = {name: getattr(self, name) for name in _COMPARED}
+        return {name: one if math.isfinite(one) else None for name, one in found.items()}
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> ScoreEstimate:
         """From `as_data`; null is NaN, which passes nothing."""
-        found = (data[one.name] for one in fields(cls))
+        found = (data[name] for name in _COMPARED)
         return cls(*(math.nan if one is None else float(one) for one in found))
 
 
@@ -130,10 +151,10 @@ def view_scores(
     maps = score_maps(reference[0], test[0], [metric.key for metric in metrics])
     local = [metric for metric in metrics if maps[metric.key].ndim]
 
-    plus, minus = (
+    moved = [
         score_maps(_moved(*reference, by), _moved(*test, by), [metric.key for metric in local])
-        for by in (np.float32(_STEP), np.float32(-_STEP))
-    )
+        for by in map(np.float32, _STEPS)
+    ]
     others = {m.key: float(maps[m.key]) for m in metrics if m not in local}
     means = _without_maps(reference, test, others)
     found = {}
@@ -144,7 +165,7 @@ def view_scores(
             areas[metric.on_relic_key] = region
         for name, area in areas.items():
             mean = means.get(key) or _estimate(
-                maps[key], plus[key], minus[key], metric.counted(maps[key].shape, area)
+                maps[key], [one[key] for one in moved], metric.counted(maps[key].shape, area)
             )
             found[name] = _of_mean(metric, mean)
     return found
@@ -158,25 +179,35 @@ def _moved(
     return moved
 
 
-def _estimate(
-    whole: np.ndarray, plus: np.ndarray, minus: np.ndarray, counted: np.ndarray
-) -> ScoreEstimate:
-    """Of the pixels that count; see the module."""
+def _odd_answers(moved: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """D(h) and D(i) of what was found at `_STEPS`; see the module."""
+    plus, minus, far_plus, far_minus = (one.astype(np.float64) for one in moved)
+    near, far = (plus - minus) / _STEP, (far_plus - far_minus) / (2 * _STEP)
+    return near, near - (1 + _STEP**2) / (3 * _STEP**2) * (far - near)
+
+
+def _estimate(whole: np.ndarray, moved: Sequence[np.ndarray], counted: np.ndarray) -> ScoreEstimate:
+    """Of the pixels that count, from the maps of the picture and at `_STEPS`; see the module."""
     size = np.count_nonzero(counted)
     if not size:
-        return ScoreEstimate(math.nan, math.nan, 1.0, math.nan)
-    blocks = np.where(counted, (plus.astype(np.float64) - minus) / _STEP, 0.0)
+        return ScoreEstimate(math.nan, math.nan, 1.0, math.nan, math.nan)
+    (error, freedom), (value_error, value_freedom) = (
+        _error_of_sum(np.where(counted, odd, 0.0)) for odd in _odd_answers(moved)
+    )
+    plain, above, below = (
+        float(one[counted].mean(dtype=np.float64)) for one in (whole, *moved[:2])
+    )
+    bias = (above + below - 2 * plain) / (2 * _STEP**2)
+    return ScoreEstimate(plain, error / size, freedom, bias, value_error / size, value_freedom)
+
+
+def _error_of_sum(blocks: np.ndarray) -> tuple[float, float]:
+    """Standard error of a map's sum by its odd answer, and its degrees of freedom."""
     for axis in (0, 1):
         blocks = np.add.reduceat(blocks, np.arange(0, blocks.shape[axis], _BLOCK_PX), axis=axis)
     squares = np.square(blocks)
     freedom = freedom_of_sum(squares.sum(), np.square(squares).sum())
-    error = math.sqrt(_COUPLING * float(squares.sum())) / (2 * size)
-
-    plain, above, below = (
-        float(one[counted].mean(dtype=np.float64)) for one in (whole, plus, minus)
-    )
-    bias = (above + below - 2 * plain) / (2 * _STEP**2)
-    return ScoreEstimate(plain, error, float(freedom), bias)
+    return math.sqrt(_COUPLING * float(squares.sum())) / 2, float(freedom)
 
 
 def _without_maps(
@@ -195,25 +226,27 @@ def _without_maps(
     random = np.random.default_rng(0)
     rows, columns = reference[0].shape[:2]
     blocks = math.ceil(rows / _BLOCK_PX), math.ceil(columns / _BLOCK_PX)
-    moved: dict[str, list[tuple[float, float]]] = {key: [] for key in values}
+    moved: dict[str, list[list[float]]] = {key: [] for key in values}
     for _ in range(_PATTERNS):
-        drawn = random.choice(np.array([-_STEP, _STEP], np.float32), blocks)
-        steps = np.repeat(np.repeat(drawn, _BLOCK_PX, 0), _BLOCK_PX, 1)[:rows, :columns, None]
-        plus, minus = (
+        drawn = random.choice(np.array([-1, 1], np.float32), blocks)
+        signs = np.repeat(np.repeat(drawn, _BLOCK_PX, 0), _BLOCK_PX, 1)[:rows, :columns, None]
+        found = [
             score_maps(_moved(*reference, by), _moved(*test, by), [*values])
-            for by in (steps, -steps)
-        )
-        for key, pairs in moved.items():
-            pairs.append((float(plus[key]), float(minus[key])))
-    return {key: _by_patterns(values[key], np.array(pairs)) for key, pairs in moved.items()}
+            for by in (np.float32(step) * signs for step in _STEPS)
+        ]
+        for key, patterns in moved.items():
+            patterns.append([float(one[key]) for one in found])
+    return {key: _by_patterns(values[key], np.array(one)) for key, one in moved.items()}
 
 
 def _by_patterns(plain: float, moved: np.ndarray) -> ScoreEstimate:
-    """From the score and what it was with either sign of each pattern, (patterns, 2)."""
-    answers = (moved[:, 0] - moved[:, 1]) / _STEP
-    error = math.sqrt(_COUPLING * float(np.square(answers).mean())) / 2
-    bias = (float(moved.mean()) - plain) / _STEP**2
-    return ScoreEstimate(plain, error, float(len(moved)), bias)
+    """From the score and what it was at `_STEPS` by each pattern, (patterns, 4)."""
+    error, value_error = (
+        math.sqrt(_COUPLING * float(np.square(odd).mean())) / 2 for odd in _odd_answers([*moved.T])
+    )
+    freedom = float(len(moved))
+    bias = (float(moved[:, :2].mean()) - plain) / _STEP**2
+    return ScoreEstimate(plain, error, freedom, bias, value_error, freedom)
 
 
 def _of_mean(metric: Metric, mean: ScoreEstimate) -> ScoreEstimate:
@@ -222,28 +255,32 @@ def _of_mean(metric: Metric, mean: ScoreEstimate) -> ScoreEstimate:
         return mean
     plain, slope = metric.of_mean(mean.plain)
     if not slope:
-        return ScoreEstimate(plain, 0.0, 1.0, 0.0)
-    return ScoreEstimate(plain, abs(slope) * mean.error, mean.freedom, slope * mean.bias)
+        return ScoreEstimate(plain, 0.0, 1.0, 0.0, 0.0)
+    return replace(
+        mean,
+        plain=plain,
+        error=abs(slope) * mean.error,
+        bias=slope * mean.bias,
+        value_error=abs(slope) * mean.value_error,
+    )
 
 
 def score_interval(score: ScoreEstimate, level: float = SHOWN_LEVEL) -> tuple[float, float]:
     """Where the score would lie with fresh seeds, at confidence ``1 - level``."""
-    sure = ScoreEstimate(score.plain, 0.0, 1.0, 0.0)
-    half = float(welch_half_width(*_sides(sure, score), level))
+    half = _half_width(level, 0.0, 1.0, score.value_error, score.value_freedom)
     return score.value - half, score.value + half
 
 
 def is_above(score: ScoreEstimate, other: ScoreEstimate, tests: int = 1) -> bool:
     """Whether a score lies above another by more than the noise of both, in one of some tests."""
-    half = welch_half_width(*_sides(other, score), sidak(SHOWN_LEVEL, tests))
-    return bool(score.value - other.value > half)
+    sides = other.value_error, other.value_freedom, score.value_error, score.value_freedom
+    return score.value - other.value > _half_width(sidak(SHOWN_LEVEL, tests), *sides)
 
 
-def _sides(
-    old: ScoreEstimate, new: ScoreEstimate
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    a, b, c, d = (np.asarray(x) for x in (old.error, old.freedom, new.error, new.freedom))
-    return a, b, c, d
+def _half_width(level: float, *sides: float) -> float:
+    """Of a difference's interval, by error and degrees of freedom of either side."""
+    error_a, freedom_a, error_b, freedom_b = map(np.asarray, sides)
+    return float(welch_half_width(error_a, freedom_a, error_b, freedom_b, level))
 
 
 def compare_scores(
@@ -295,9 +332,9 @@ def _verdict(
         return within(label, "score", 0.0, 0.0, smallest, unit=unit, detail="identical pictures")
     expected = (old.bias + new.bias / scale) / 2 * (scale - 1)
     change = new.plain - old.plain - expected
-    sides = _sides(old, new)
-    half = float(welch_half_width(*sides, level)) if math.isfinite(change) else math.nan
-    p = float(welch_p_value(np.asarray(change), *sides)) if math.isfinite(change) else None
+    sides = old.error, old.freedom, new.error, new.freedom
+    half = _half_width(level, *sides) if math.isfinite(change) else math.nan
+    p = float(welch_p_value(*map(np.asarray, (change, *sides)))) if math.isfinite(change) else None
     detail = f"{new.plain:.4f}, baseline {old.plain:.4f}"
     if abs(expected) > smallest / 10:
         detail += f", of which {expected:+.4f} by the number of samples"

@@ -11,10 +11,15 @@ from inim.regression import ScoreEstimate
 from inim.settings import Settings
 
 
+def estimate(plain: float, error: float, freedom: float, bias: float) -> ScoreEstimate:
+    """Of one error, with and without noise."""
+    return ScoreEstimate(plain, error, freedom, bias, error, freedom)
+
+
 def score(share: float, power: float = 1.0, size: float = 0.005, error: float = 1e-5):
     """Of a noiseless 0.9, by a bias that is a power of the noise's variance, 1 / share."""
     bias = size * share**-power
-    return {"a": ScoreEstimate(0.9 - bias, error / math.sqrt(share), 1e6, -power * bias)}
+    return {"a": estimate(0.9 - bias, error / math.sqrt(share), 1e6, -power * bias)}
 
 
 @pytest.mark.parametrize("power", [0.4, 0.7, 1.0])
@@ -31,27 +36,27 @@ def test_interval_counts_too():
 
 def test_slopes_that_do_not_fall_bind_by_the_change():
     """All similarity lost: the slope is small, and says nothing."""
-    lost = {"a": ScoreEstimate(0.1, 1e-6, 100, -0.001)}
-    found = {"a": ScoreEstimate(0.5, 1e-6, 100, -0.2)}
+    lost = {"a": estimate(0.1, 1e-6, 100, -0.001)}
+    found = {"a": estimate(0.5, 1e-6, 100, -0.2)}
     assert known_within(found, lost) >= 0.4
 
 
 def test_scores_without_noise_are_known():
-    sure = {"a": ScoreEstimate(1.0, 0.0, 1.0, 0.0)}
+    sure = {"a": estimate(1.0, 0.0, 1.0, 0.0)}
     assert known_within(sure, sure) == 0
     assert next_share(1 / 16, sure, 0.01) == 1 / 8
 
 
 def test_what_cannot_be_said_is_not_known():
-    nothing = {"a": ScoreEstimate(math.nan, 0.1, 1.0, 0.0)}
+    nothing = {"a": estimate(math.nan, 0.1, 1.0, 0.0)}
     assert known_within(score(1.0), {}) == math.inf
     assert known_within({}, {}) == math.inf
     assert known_within(nothing, nothing) == math.inf
-    assert next_share(1 / 16, {"a": ScoreEstimate(0.5, math.nan, 1.0, 0.0)}, 0.01) == 1
+    assert next_share(1 / 16, {"a": estimate(0.5, math.nan, 1.0, 0.0)}, 0.01) == 1
 
 
 def test_the_least_known_score_counts_and_new_ones_bend_as_the_others():
-    scores = score(1.0, 0.5) | {"b": ScoreEstimate(0.5, 1e-6, 1e6, -0.02)}
+    scores = score(1.0, 0.5) | {"b": estimate(0.5, 1e-6, 1e6, -0.02)}
     assert known_within(scores, score(0.5, 0.5)) == pytest.approx(0.04, rel=1e-2)
 
 
