@@ -10,12 +10,12 @@ from typing import Any
 from inim.display import Display
 from inim.display.misalignment import mounted
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.errors import OutOfMemoryError, SceneError
+from inim.errors import OutOfMemoryError, SceneError, UsageError
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW, all_metrics
 from inim.pipeline.method import Method, parse_methods
 from inim.pipeline.reconstruct import Optics
-from inim.pipeline.request import SHORTHANDS, Request
+from inim.pipeline.request import PREVIEW, SHORTHANDS, Request
 from inim.regression import BASELINE, RunStatistics, check_comparable, read_statistics
 from inim.scene.file import SceneFile, parse_definitions, read_scene_file
 from inim.settings import Settings
@@ -137,9 +137,11 @@ def make_plan(request: Request) -> Plan:
     InimError
         Of the kind that fits: every error here costs no rendering time.
     """
-    file = read_scene_file(
-        request.scene, parse_definitions(list(request.definitions)), request.allow_folders
-    )
+    if request.preview and request.baseline is not None:
+        raise UsageError("--preview: has too few samples for --baseline; leave one of them out")
+    given = parse_definitions(list(request.definitions))
+    given = PREVIEW | given if request.preview else given
+    file = read_scene_file(request.scene, given, request.allow_folders)
     source = str(request.scene)
     settings = Settings.parse(file.settings, source)
     for name in SHORTHANDS:

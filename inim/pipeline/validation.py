@@ -68,6 +68,7 @@ def validate(
     eias: Mapping[str, str | Path] | None = None,
     backend: str = "auto",
     baseline: str | Path | None = None,
+    preview: bool = False,
     time: bool = False,
     lazy: bool = False,
     no_skip: bool = False,
@@ -90,6 +91,9 @@ def validate(
     backend : {"auto", "llvm", "cuda"}
     baseline : path, optional
         Folder of a baseline that `inim baseline accept` made, to compare with.
+    preview : bool
+        A first look in seconds: one algorithm from one place, by few samples. Its report says so,
+        and is no baseline.
     time : bool
         Time the generators in yardsticks, too, and compare times where the baseline has them.
     lazy : bool
@@ -123,6 +127,7 @@ def validate(
         eias=tuple(f"{name}={path}" for name, path in (eias or {}).items()),
         backend=backend,
         baseline=None if baseline is None else Path(baseline),
+        preview=preview,
         time=time,
         lazy=lazy,
         no_skip=no_skip,

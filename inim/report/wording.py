@@ -275,7 +275,8 @@ def verdict(data: Mapping[str, Any]) -> str:
 def verdict_words(data: Mapping[str, Any]) -> str:
     """The same, and that nobody said how good is good enough, where that is so."""
     found = verdict(data)
-    return f"{found}; no criteria set" if found == "ran clean" else found
+    words = f"{found}; no criteria set" if found == "ran clean" else found
+    return f"preview, {words}" if part(data, "preview") else words
 
 
 def headlines(data: Mapping[str, Any], algorithm: str) -> list[float]:
@@ -312,8 +313,10 @@ def suggested_criteria(data: Mapping[str, Any]) -> str:
     """A value of `inim.min_ssim_to_ceiling` that this run would just pass; empty without scores.
 
     Of each algorithm its worst view's headline, less what noise and the smallest change that counts
-    may take from it, rounded down to a hundredth.
+    may take from it, rounded down to a hundredth. A preview's scores suggest none.
     """
+    if part(data, "preview"):
+        return ""
     limits = []
     for name in part(data, "algorithms"):
         run, found = part(data, "algorithms", name), headlines(data, name)
