@@ -114,6 +114,11 @@ class Plan:
         return capture + eias + view * per_view * len(self.viewpoints)
 
     @property
+    def is_short_of_memory(self) -> bool:
+        """Whether the renderer could trace more rays at once with more memory."""
+        return self.rays_in_flight < _MOST_RAYS
+
+    @property
     def reads_layers(self) -> bool:
         """Whether a method is given what lies behind the front surface, too."""
         return any(method.reads_layers for method in self.methods)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,21 +39,24 @@ def validate_in_worker(request: Request, *, quiet: bool = True, debug: bool = Fa
         What is wrong with the request or the scene; see `run_in_worker`.
     """
 
-    def check() -> None:
-        from inim.pipeline.plan import make_plan  # loaded while the worker loads
+    with ExitStack() as during:
 
-        make_plan(request)
+        def check() -> None:
+            from inim.pipeline.compile_ahead import compiling_ahead  # while the worker loads
+            from inim.pipeline.plan import make_plan
 
-    return run_in_worker(
-        "inim.pipeline.work:work",
-        request,
-        lambda: open_staging(request.out),
-        check=check,
-        backend=request.backend,
-        about=str(request.scene),
-        quiet=quiet,
-        debug=debug,
-    )
+            during.enter_context(compiling_ahead(make_plan(request)))
+
+        return run_in_worker(
+            "inim.pipeline.work:work",
+            request,
+            lambda: open_staging(request.out),
+            check=check,
+            backend=request.backend,
+            about=str(request.scene),
+            quiet=quiet,
+            debug=debug,
+        )
 
 
 def validate(
