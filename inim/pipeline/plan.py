@@ -99,19 +99,10 @@ class Plan:
         )
 
     @property
-    def rays(self) -> int:
-        """How many rays it will trace."""
-        s, d = self.settings, self.display
-        rows, columns = self.capture_shape
-        panel = d.eia_shape[0] * d.eia_shape[1]
-        capture = rows * columns * 2 * max(1, s.capture_spp // 2)
-        # Of the ground truth, and of each method that traces the scene, too.
-        traced = (m.spp or s.eia_spp for m in self.methods if m.spp is not None)
-        eias = sum(panel * 2 * max(1, spp // 2) for spp in (s.eia_spp, *traced))
-        view = d.lens_rows * d.lens_columns * s.view_pixels_per_lens**2
-        reconstructed = 3 * (len(self.methods) + 1) * self.optics.half_spp
-        per_view = 2 * max(1, s.view_spp // 2) + reconstructed
-        return capture + eias + view * per_view * len(self.viewpoints)
+    def view_pixels(self) -> int:
+        """Pixels of a view."""
+        rows, columns = _view_shape(self.display, self.settings.view_pixels_per_lens)
+        return rows * columns
 
     @property
     def is_short_of_memory(self) -> bool:

@@ -85,6 +85,6 @@ class Request:
             words += ["--backend", self.backend]
         if self.baseline is not None:
             words += ["--baseline", str(self.baseline)]
-        flags = {"--preview": self.preview, "--time": self.time, "--lazy": self.lazy, "--no-skip": self.no_skip}
-        words += [flag for flag, given in flags.items() if given]
+        flags = ("preview", "time", "lazy", "no_skip")
+        words += [f"--{name.replace('_', '-')}" for name in flags if getattr(self, name)]
         return words

@@ -38,7 +38,6 @@ def validate_in_worker(request: Request, *, quiet: bool = True, debug: bool = Fa
     InimError
         What is wrong with the request or the scene; see `run_in_worker`.
     """
-
     with ExitStack() as during:
 
         def check() -> None:
