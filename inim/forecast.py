@@ -14,6 +14,8 @@ _SKIPPED_BELOW = 0.05
 _MOST_BY_TIME = 0.9
 # This share of all is believed to go as fast as planned, until it is known better.
 _BELIEVED = 0.1
+# Until it is over, a late step tells of the rest no more than one that takes so many times its plan.
+_MOST_LATE = 2.0
 # Kernels are compiled before a step's first ray: of the step's pace, few rays tell nothing.
 _TELLS_FROM = 0.25
 
@@ -118,5 +120,7 @@ class Forecast:
         counted = step.rays and done > _TELLS_FROM * step.seconds
         if not counted and took < step.seconds * before:
             return before
+        if not counted:  # late, but perhaps by its own plan only
+            took = min(took, _MOST_LATE * step.seconds * before)
         believed = _BELIEVED * self._total
         return (believed + self._taken + took) / (believed + self._planned + done)

@@ -45,7 +45,7 @@ _DEFAULT = ("template", "layered", "gu2020", "wang2024", "wang2024:matching=ray"
 _LENSES = {False: 32, True: 16}
 
 # What its parts take for an algorithm, and the end: the progress bar moves by them.
-_PARTS_S = {"first hits": 4.0, "relations": 20.0}
+_PARTS_S = {"first hits": 10.0, "relations": 7.0}
 _JITTER_S, _WRITE_S = 2.0, 2.0
 
 
