@@ -14,7 +14,7 @@ _SKIPPED_BELOW = 0.05
 _MOST_BY_TIME = 0.9
 # This share of all is believed to go as fast as planned, until it is known better.
 _BELIEVED = 0.1
-# Until it is over, a late step tells of the rest no more than one that takes so many times its plan.
+# Until it is over, a late step tells of the rest as if it took so many times its plan at most.
 _MOST_LATE = 2.0
 # Kernels are compiled before a step's first ray: of the step's pace, few rays tell nothing.
 _TELLS_FROM = 0.25

@@ -54,6 +54,7 @@ def compiling_ahead(plan: Plan) -> Iterator[None]:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     ) as child:
+        assert child.stdin is not None
         with suppress(OSError):  # it has died already
             child.stdin.write(job)
             child.stdin.flush()

@@ -41,7 +41,9 @@ def compiling(algorithm: str) -> Iterator[bool]:
     bool
         False where another process is at it.
     """
-    with _mark(algorithm).open("ab") as mark:
+    path = _mark(algorithm)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("ab") as mark:
         mine = _locked(mark, fcntl.LOCK_EX)
         yield mine
         if mine:
