@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 import numpy as np
 
 from inim.backend.machine import cpu_count
+from inim.errors import InimError
 from inim.generators import is_own, parse_algorithm, properties
 from inim.pipeline.compiled_marks import compiling, is_compiled
 from inim.pipeline.generate import GeneratorHandle
@@ -36,17 +37,14 @@ _LENSES = 64
 def compiling_ahead(plan: Plan) -> Iterator[None]:
     """Compile a plan's generators in a child process, which ends with the block.
 
-    None is started where nothing is to be gained: on one processor, where memory is short, and
-    where all has been compiled before. Other packages' algorithms are run by nobody but the worker.
+    None is started where nothing is to be gained: on one processor, where memory is short, of a
+    panel that is made in part, and where all has been compiled before. Other packages' algorithms
+    are run by nobody but the worker.
     """
-    own = [m.name for m in plan.methods if m.times and is_own(parse_algorithm(m.name)[0])]
-    new = [name for name in own if not is_compiled(name)]
-    if not new or cpu_count() < 2 or plan.is_short_of_memory:
+    job = _job(plan)
+    if not job:
         yield
         return
-    lenses = {n: min(_LENSES, getattr(plan.display, n)) for n in ("lens_rows", "lens_columns")}
-    small = plan.display.replace(**lenses, panel_rows=None, panel_columns=None)
-    job = pickle.dumps((small, plan.settings.capture_pixels_per_pitch, new))
     with started(
         python_module("inim.pipeline.compile_ahead"),
         env=child_environment(),
@@ -63,6 +61,20 @@ def compiling_ahead(plan: Plan) -> Iterator[None]:
         child.stdin.close()
 
 
+def _job(plan: Plan) -> bytes:
+    """What the child is given; empty where it has nothing to do."""
+    if cpu_count() < 2 or plan.is_short_of_memory or plan.request.lazy:
+        return b""
+    own = [m.name for m in plan.methods if m.times and is_own(parse_algorithm(m.name)[0])]
+    new = [name for name in own if not is_compiled(name, plan.display)]
+    lenses = {n: min(_LENSES, getattr(plan.display, n)) for n in ("lens_rows", "lens_columns")}
+    try:
+        small = plan.display.replace(**lenses, panel_rows=None, panel_columns=None)
+    except InimError:
+        return b""
+    return pickle.dumps((small, plan.settings.capture_pixels_per_pitch, new)) if new else b""
+
+
 def _compile() -> None:
     """The child's whole life."""
     display, pixels_per_pitch, algorithms = pickle.load(sys.stdin.buffer)
@@ -71,7 +83,7 @@ def _compile() -> None:
     pixel_mm = display.capture_pixel_mm(pixels_per_pitch)
     picture = reference_input(display, shape, pixel_mm)
     for name in algorithms:
-        with compiling(name) as mine:
+        with compiling(name, display) as mine:
             if mine:
                 layers = properties(name).reads_layers
                 rgbd = _of_two_layers(picture) if layers else picture

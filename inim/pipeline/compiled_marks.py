@@ -14,6 +14,7 @@ from inim import generators
 from inim.backend.machine import cpu_model
 from inim.backend.numba_cache import kernel_folder
 from inim.cache.digest import code_digest, value_digest
+from inim.display import Display
 from inim.provenance import versions
 
 __all__ = ["compiling", "is_compiled", "wait_until_compiled"]
@@ -24,16 +25,16 @@ _POLL_S = 0.02
 _DONE = b"compiled\n"
 
 
-def is_compiled(algorithm: str) -> bool:
+def is_compiled(algorithm: str, display: Display) -> bool:
     """Whether a process has compiled all kernels of an algorithm, and said so."""
     try:
-        return _mark(algorithm).read_bytes() == _DONE
+        return _mark(algorithm, display).read_bytes() == _DONE
     except OSError:
         return False
 
 
 @contextmanager
-def compiling(algorithm: str) -> Iterator[bool]:
+def compiling(algorithm: str, display: Display) -> Iterator[bool]:
     """Let others know that an algorithm's kernels are being compiled, and have been afterwards.
 
     Yields
@@ -41,7 +42,7 @@ def compiling(algorithm: str) -> Iterator[bool]:
     bool
         False where another process is at it.
     """
-    path = _mark(algorithm)
+    path = _mark(algorithm, display)
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as mark:
         mine = _locked(mark, fcntl.LOCK_EX)
@@ -51,17 +52,18 @@ def compiling(algorithm: str) -> Iterator[bool]:
             mark.write(_DONE)
 
 
-def wait_until_compiled(algorithm: str) -> None:
+def wait_until_compiled(algorithm: str, display: Display) -> None:
     """Wait while another process compiles an algorithm's kernels: to do it again takes longer."""
     patience = time.monotonic() + _MOST_WAIT_S
-    with suppress(OSError), _mark(algorithm).open("rb") as mark:
+    with suppress(OSError), _mark(algorithm, display).open("rb") as mark:
         while not _locked(mark, fcntl.LOCK_SH) and time.monotonic() < patience:
             time.sleep(_POLL_S)
 
 
-def _mark(algorithm: str) -> Path:
-    """A file beside the kernels, locked while they are compiled."""
-    decided_by = [algorithm, sys.version, cpu_model(), code_digest("generators")]
+def _mark(algorithm: str, display: Display) -> Path:
+    """A file beside the kernels, locked while they are compiled; other forms take others."""
+    form = [display.is_separable, display.has_integer_ratio]
+    decided_by = [algorithm, form, sys.version, cpu_model(), code_digest("generators")]
     found = value_digest([*decided_by, versions(("llvmlite", "numba", "numpy"))])
     return kernel_folder(Path(generators.__file__).parent) / f"inim-{found}.compiled"
 

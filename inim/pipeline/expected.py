@@ -75,7 +75,7 @@ def _making(plan: Plan, method: Method) -> Step:
     if method.spp is not None:
         rays = _panel(plan) * _even(method.spp or plan.settings.eia_spp)
         return Step(name, rays * _PATH_S, rays)
-    compiling = _COMPILE_S if method.times and not is_compiled(method.name) else 0.0
+    compiling = _COMPILE_S if method.times and not is_compiled(method.name, plan.display) else 0.0
     return Step(name, compiling + 3 * _panel(plan) * _GENERATE_S_A_PIXEL)
 
 

@@ -183,7 +183,7 @@ def prepare_generator(
 
     def make(capture: Capture) -> GeneratedEIA:
         if not known:
-            wait_until_compiled(algorithm)
+            wait_until_compiled(algorithm, display)
         made = (
             generate(generator, capture, run=run) if own else generate.function(generator, capture)
         )

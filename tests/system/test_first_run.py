@@ -163,10 +163,10 @@ import time
 plan = make_plan(Request(Path(sys.argv[1]), Path("out"), algorithms="template"))
 with compiling_ahead(plan):
     end = time.monotonic() + 100
-    while not is_compiled("template") and time.monotonic() < end:
+    while not is_compiled("template", plan.display) and time.monotonic() < end:
         time.sleep(0.05)
-    wait_until_compiled("template")
-print(is_compiled("template"))
+    wait_until_compiled("template", plan.display)
+print(is_compiled("template", plan.display))
 """
 MAKE = """
 import sys, numba.core.event as event
@@ -237,7 +237,7 @@ def test_the_compiling_process_ends_with_the_run(
     assert children[0].returncode is not None
 
 
-@pytest.mark.parametrize("why", ["one processor", "short of memory", "compiled before"])
+@pytest.mark.parametrize("why", ["one processor", "short of memory", "a part", "compiled before"])
 def test_none_is_started_where_nothing_is_to_be_gained(
     why: str, plan: Plan, children: list[subprocess.Popen], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -245,8 +245,10 @@ def test_none_is_started_where_nothing_is_to_be_gained(
         monkeypatch.setattr(compile_ahead, "cpu_count", lambda: 1)
     elif why == "short of memory":
         plan = replace(plan, rays_in_flight=2**16)
+    elif why == "a part":
+        plan = replace(plan, request=replace(plan.request, lazy=True))
     else:
-        with compiled_marks.compiling("template"):
+        with compiled_marks.compiling("template", plan.display):
             pass
     with compiling_ahead(plan):
         assert not children
@@ -256,22 +258,24 @@ def test_who_needs_a_kernel_waits_for_who_compiles_it_and_no_longer(
     plan: Plan, tmp_path: Path
 ) -> None:
     code = (
-        "import time\nfrom inim.pipeline.compiled_marks import compiling\n"
-        "with compiling('template'):\n    print('at it', flush=True)\n    time.sleep(1)\n"
+        "import time\nfrom inim.display import DISPLAYS\n"
+        "from inim.pipeline.compiled_marks import compiling\n"
+        "with compiling('template', DISPLAYS['nominal']):\n"
+        "    print('at it', flush=True)\n    time.sleep(1)\n"
     )
     variables = child_environment() | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
     with subprocess.Popen(python_code(code), env=variables, stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         assert child.stdout.readline()
-        assert not compiled_marks.is_compiled("template")
+        assert not compiled_marks.is_compiled("template", plan.display)
         begun = time.monotonic()
-        compiled_marks.wait_until_compiled("template")
+        compiled_marks.wait_until_compiled("template", plan.display)
         assert time.monotonic() - begun < 30
-        assert compiled_marks.is_compiled("template")
-    compiled_marks.wait_until_compiled("layered")  # which nobody compiles
+        assert compiled_marks.is_compiled("template", plan.display)
+    compiled_marks.wait_until_compiled("layered", plan.display)  # which nobody compiles
 
 
 def test_a_failure_to_compile_leaves_no_mark(plan: Plan, tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), compiled_marks.compiling("template"):
+    with pytest.raises(RuntimeError), compiled_marks.compiling("template", plan.display):
         raise RuntimeError
-    assert not compiled_marks.is_compiled("template")
+    assert not compiled_marks.is_compiled("template", plan.display)
