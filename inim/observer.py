@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+
+from inim.forecast import Step
 
 __all__ = ["Observer"]
 
@@ -27,8 +29,8 @@ class Observer:
         self.render_seconds = 0.0
         self.samples = 0
 
-    def begin(self, total_rays: int) -> None:
-        """The number of rays the whole run will trace."""
+    def begin(self, steps: Sequence[Step]) -> None:
+        """What the run, or the rest of it, consists of."""
 
     def stage(self, name: str) -> None:
         """A stage begins."""

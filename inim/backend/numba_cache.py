@@ -15,7 +15,7 @@ from types import FrameType, TracebackType
 
 from inim.errors import FileError
 
-__all__ = ["go_without_cache", "is_cache_fault", "settle_cache"]
+__all__ = ["go_without_cache", "is_cache_fault", "kernel_folder", "settle_cache"]
 
 _VARIABLE = "NUMBA_CACHE_DIR"
 _CACHING = "numba.core.caching"
@@ -52,6 +52,12 @@ def settle_cache(package: Path) -> None:
     os.environ[_VARIABLE] = str(folder)
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
+
+
+def kernel_folder(package: Path) -> Path:
+    """Where compiled kernels of a package's modules, or folders of them, are kept."""
+    own = package / "__pycache__"
+    return Path(os.environ.get(_VARIABLE) or (own if _can_hold(own) else _user_cache()))
 
 
 def is_cache_fault(error: BaseException) -> bool:

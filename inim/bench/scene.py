@@ -19,8 +19,10 @@ from inim.bench.evaluate import (
 )
 from inim.display import Display
 from inim.errors import SceneError, UsageError
+from inim.forecast import Step
 from inim.generators import algorithm_names, check_algorithm, is_own, properties
 from inim.pipeline.capture import DepthCamera, capture_relic
+from inim.pipeline.expected import capture_steps
 from inim.pipeline.ground_truth import pick_up_truth
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.reconstruct import reconstruct_views
@@ -55,6 +57,8 @@ _DEFAULT = (
     "li2012",
     "li2012:fill=hidden",
 )
+# What the parts of a bench take at the nominal display, for its progress bar.
+_OPEN_S, _RUN_S, _SCORE_S, _WRITE_S = 0.4, 0.4, 3.0, 2.0
 # What a name is tried on: as small as a display gets.
 _TRIAL = Display(1.0, 3.0, 3.3, 0.25, 1, 1)
 _TRIAL_RGBD = RGBD(
@@ -141,7 +145,11 @@ def bench_scene(
     dict
         The keys of bench.json that a scene adds.
     """
-    inputs, observer = _render(plan, names, renderer), renderer.observer
+    observer = renderer.observer
+    scores = [Step("score", _SCORE_S * len(names)), Step("write", _WRITE_S)]
+    taking = Step("time", _RUN_S * len(names) * (rounds.runs + rounds.warmups))
+    observer.begin([Step("open scene", _OPEN_S), *capture_steps(plan), taking, *scores])
+    inputs = _render(plan, names, renderer)
     observer.stage("time")
     methods = [
         prepare_method(name, inputs.input(layers=properties(name).reads_layers), plan.display)
@@ -201,9 +209,6 @@ def _render(plan: Plan, names: Sequence[str], renderer: Renderer) -> _Inputs:
     s, run = plan.settings, Run(observer=renderer.observer)
     scene = Scene(plan.file, plan.display, s.fit_share, renderer)
     camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
-    panel, picture = plan.display.eia_shape, plan.capture_shape
-    rays = picture[0] * picture[1] * s.capture_spp + panel[0] * panel[1] * s.eia_spp
-    run.observer.begin(rays)
     reads_layers = any(properties(name).reads_layers for name in names)
     capture = capture_relic(camera, layers=reads_layers, run=run)
     if not capture.rgbd.covered.any():

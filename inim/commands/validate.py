@@ -65,6 +65,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="compare with this baseline, made by `inim baseline accept`; a change fails",
     )
+    _add_preview(parser)
     add(
         "--time",
         action="store_true",
@@ -90,6 +91,15 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     picture.add_argument("--rgbd", type=Path, metavar="FILE", help="fitted colour and depth, .exr")
     add_picture(picture)
+
+
+def _add_preview(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--preview",
+        action="store_true",
+        help="a first look in seconds: template alone, from the centre, by few samples; -D and "
+        "the options above override it",
+    )
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -154,7 +164,7 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
         raise UsageError(f"{args.scene}: a scene and a picture; validate one of them")
     if args.rgbd is not None and (args.color is not None or args.depth is not None):
         raise UsageError("--rgbd: is a fitted picture; leave --color and --depth out, or --rgbd")
-    for option in ("eias", "misalign", "baseline", "time", "lazy", "allow_folders"):
+    for option in ("eias", "misalign", "baseline", "preview", "time", "lazy", "allow_folders"):
         if getattr(args, option):
             shown = f"--{option.removesuffix('s').replace('_', '-')}"
             raise UsageError(f"{shown}: needs the ground truth of a scene; leave it out")
@@ -176,6 +186,7 @@ def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = "Validate the amphora that comes with inim, and say where its report lies."
     add_exit_codes(parser)
     parser.add_argument("-o", "--out", type=Path, help="folder for the report (amphora-report)")
+    _add_preview(parser)
     add_quiet(parser)
 
 
@@ -184,7 +195,7 @@ def _demo(args: argparse.Namespace) -> int:
     _add_arguments(whole)
     words = [str(_demo_scene()), *(["-o", str(args.out)] if args.out else [])]
     given = whole.parse_args(words)
-    given.quiet, given.debug = args.quiet, args.debug
+    given.preview, given.quiet, given.debug = args.preview, args.quiet, args.debug
     return _run(given)
 
 

@@ -22,6 +22,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from inim.pipeline.expected import expected_steps
 from inim.pipeline.images import Images
 from inim.pipeline.measured import Measured
 from inim.pipeline.plan import Plan
@@ -48,12 +49,16 @@ def measure_until_known(
 ) -> Measured:
     """Measure with as many samples as the scores need; with all of them where no error is given."""
     wanted, error = plan.settings, plan.settings.score_error if renderer.skip else 0.0
+    observer = run.observer
     if not error:
+        observer.begin(expected_steps(plan))
         return measure(plan, renderer, images, run)
 
     def measure_with(share: float, eyes: int | None = None) -> Measured:
         settings = with_share(wanted, share)
         fewer = replace(plan, settings=settings, viewpoints=plan.viewpoints[:eyes])
+        # Nobody knows how many rounds it takes; the first is as good as always not the last.
+        observer.begin(expected_steps(fewer) + (expected_steps(plan) if eyes else []))
         return measure(fewer, renderer, images, run.for_round())
 
     share = FIRST_SHARE

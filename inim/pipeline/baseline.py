@@ -185,13 +185,18 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
     Raises
     ------
     UsageError
-        No reason, or a run that failed on its own: no baseline excuses that.
+        No reason, a preview, or a run that failed on its own: no baseline excuses that.
     BaselineError, FileError
         No report, or one without a candidate.
     """
     if not reason.strip():
         raise UsageError("--reason is empty; say in a line why this is the new baseline")
     report, candidate = read_run(out)
+    if "preview" in report.data:
+        raise UsageError(
+            f"{out}: is a preview, of too few samples to compare with; make the full report: "
+            f"{report.data['preview']['full_command']}"
+        )
     own = [c for c in report.data["verdict"]["checks"] if "kind" not in c and not c["passed"]]
     if own:
         raise UsageError(

@@ -20,6 +20,7 @@ from inim.display import Display
 from inim.display.misalignment import mounted
 from inim.display.viewpoint import eye_path
 from inim.errors import FileError, InimError, UsageError
+from inim.forecast import Step
 from inim.lens import check_lens_model
 from inim.observer import Observer
 from inim.pipeline.reconstruct import Optics, ShownEIA
@@ -34,6 +35,8 @@ _WEBP_QUALITY = 90
 _TRUTH = "truth"
 # Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
 _LEAST_ROWS_PX = 384
+# Of a ray through thick lenses, and of writing a frame: the bar moves by them.
+_RAY_S, _WRITE_S = 1.5e-8, 0.1
 _SPACE_BETWEEN_PX = 8
 _MOST_FRAMES = 2000
 
@@ -156,10 +159,11 @@ def _panels(request: FilmRequest, display: Display) -> list[np.ndarray]:
 def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     """The worker's side: look from every place, write the film, put it where it belongs."""
     observer.stage("start")
-    observer.stage("film")
     out = Path(request.out)
     film = staging / f"film{out.suffix.lower()}"
-    write_film(film, _frames(request, observer), request.frames_per_second)
+    frames = _frames(request, observer)
+    observer.stage("write")
+    write_film(film, frames, request.frames_per_second)
     try:
         with interruption.publishing():
             film.replace(out)
@@ -177,7 +181,9 @@ def _frames(request: FilmRequest, observer: Observer) -> list[np.ndarray]:
     optics = Optics(display, request.lens_model, request.pixels_per_lens, 2 * request.spp, seed=0)
     shown = [ShownEIA(eia, None, optics, renderer) for eia in _panels(request, display)]
     pixels = display.lens_rows * display.lens_columns * request.pixels_per_lens**2
-    observer.begin(pixels * request.spp * len(eyes) * len(shown))
+    rays = pixels * request.spp * len(eyes) * len(shown)
+    observer.begin([Step("film", rays * _RAY_S, rays), Step("write", len(eyes) * _WRITE_S)])
+    observer.stage("film")
     return [_frame([one.view(eye, half=0) for one in shown]) for eye in eyes]
 
 

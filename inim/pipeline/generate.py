@@ -15,6 +15,7 @@ import numpy as np
 from inim.display import Display
 from inim.generators import Generator, prepare, properties
 from inim.pipeline.capture import Capture, DepthCamera
+from inim.pipeline.compiled_marks import wait_until_compiled
 from inim.pipeline.plugin_guard import blamed, run_generator
 from inim.pipeline.stage import GENERATING, Run, stage
 from inim.regression import Fingerprint, fingerprint, reference_input
@@ -173,13 +174,16 @@ def prepare_generator(
     display = camera.scene.display
     generator = GeneratorHandle(algorithm, display, camera.shape, camera.pixel_mm, mask)
     own = generator.properties.own
-    if not (own and generate.is_known(generator, camera, run=run)):
+    known = own and generate.is_known(generator, camera, run=run)
+    if not known:
         _ = generator.generator
 
     def fingerprint_once() -> Fingerprint:
         return _fingerprint(generator, run=run) if own else _fingerprint.function(generator)
 
     def make(capture: Capture) -> GeneratedEIA:
+        if not known:
+            wait_until_compiled(algorithm, display)
         made = (
             generate(generator, capture, run=run) if own else generate.function(generator, capture)
         )

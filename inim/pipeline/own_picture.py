@@ -16,6 +16,7 @@ from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import FileError
 from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
+from inim.forecast import Step
 from inim.from_camera.picture import CameraPicture
 from inim.generators import SourceGenerator, check_algorithm, generate
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
@@ -49,6 +50,8 @@ __all__ = ["EXACT", "PictureRequest", "run_picture", "work"]
 EXACT = "template:samples=4"
 _FILES = ("report.json", "report.html", "summary.md", "eia/", "views/")
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
+# What its parts take at the nominal display, for the progress bar.
+_ORACLE_S, _MADE_S, _VIEW_S, _WRITE_S = 3.0, 2.0, 0.5, 1.5
 _NOT_SCORED = (
     "Views against the scene, and to the ceiling: there is no scene, only its picture.",
     "The EIA against ground truth, and its noise floor: nobody knows what the camera did not see.",
@@ -256,12 +259,15 @@ def _scored(
             write_png(folder / "views" / name / f"{viewpoint}.png", view.image)
         return {viewpoint: view.image for viewpoint, view in seen.items()}
 
+    names = _algorithms(s.algorithms)
+    eyes = [Step("reconstruct views", _VIEW_S)] * len(viewpoints)
+    each = [step for name in names for step in (Step(name, _MADE_S), *eyes)]
+    parts = [Step("exact oracle", _ORACLE_S), Step("views", _MADE_S), *eyes, *each]
+    run.observer.begin([*parts, Step("write", _WRITE_S)])
     run.observer.stage("exact oracle")
     why = why_no_oracle(rgbd, display)
     # Of algorithms that are no first hits in columns of their own: those of the surface.
-    rules = {
-        p.columns if p.exact else "surface" for p in map(properties, _algorithms(s.algorithms))
-    }
+    rules = {p.columns if p.exact else "surface" for p in map(properties, names)}
     exact = {rule: exact_hits(rgbd, display, rule) for rule in rules if why is None}
     run.observer.stage("views")
     front = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
@@ -272,7 +278,7 @@ def _scored(
         write_png(folder / "views" / "picture" / f"{viewpoint}.png", picture)
     best = views_of("exact", generate(front, display, EXACT))
     algorithms, checks = {}, []
-    for name in _algorithms(s.algorithms):
+    for name in names:
         run.observer.stage(name)
         generator = GeneratorHandle(name, display, rgbd.shape, rgbd.pixel_mm)
         eia, made = _made(generator, rgbd, exact, folder)

@@ -10,12 +10,12 @@ from typing import Any
 from inim.display import Display
 from inim.display.misalignment import mounted
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.errors import OutOfMemoryError, SceneError
+from inim.errors import OutOfMemoryError, SceneError, UsageError
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW, all_metrics
 from inim.pipeline.method import Method, parse_methods
 from inim.pipeline.reconstruct import Optics
-from inim.pipeline.request import SHORTHANDS, Request
+from inim.pipeline.request import PREVIEW, SHORTHANDS, Request
 from inim.regression import BASELINE, RunStatistics, check_comparable, read_statistics
 from inim.scene.file import SceneFile, parse_definitions, read_scene_file
 from inim.settings import Settings
@@ -99,19 +99,15 @@ class Plan:
         )
 
     @property
-    def rays(self) -> int:
-        """How many rays it will trace."""
-        s, d = self.settings, self.display
-        rows, columns = self.capture_shape
-        panel = d.eia_shape[0] * d.eia_shape[1]
-        capture = rows * columns * 2 * max(1, s.capture_spp // 2)
-        # Of the ground truth, and of each method that traces the scene, too.
-        traced = (m.spp or s.eia_spp for m in self.methods if m.spp is not None)
-        eias = sum(panel * 2 * max(1, spp // 2) for spp in (s.eia_spp, *traced))
-        view = d.lens_rows * d.lens_columns * s.view_pixels_per_lens**2
-        reconstructed = 3 * (len(self.methods) + 1) * self.optics.half_spp
-        per_view = 2 * max(1, s.view_spp // 2) + reconstructed
-        return capture + eias + view * per_view * len(self.viewpoints)
+    def view_pixels(self) -> int:
+        """Pixels of a view."""
+        rows, columns = _view_shape(self.display, self.settings.view_pixels_per_lens)
+        return rows * columns
+
+    @property
+    def is_short_of_memory(self) -> bool:
+        """Whether the renderer could trace more rays at once with more memory."""
+        return self.rays_in_flight < _MOST_RAYS
 
     @property
     def reads_layers(self) -> bool:
@@ -137,9 +133,11 @@ def make_plan(request: Request) -> Plan:
     InimError
         Of the kind that fits: every error here costs no rendering time.
     """
-    file = read_scene_file(
-        request.scene, parse_definitions(list(request.definitions)), request.allow_folders
-    )
+    if request.preview and request.baseline is not None:
+        raise UsageError("--preview: has too few samples for --baseline; leave one of them out")
+    given = parse_definitions(list(request.definitions))
+    given = PREVIEW | given if request.preview else given
+    file = read_scene_file(request.scene, given, request.allow_folders)
     source = str(request.scene)
     settings = Settings.parse(file.settings, source)
     for name in SHORTHANDS:

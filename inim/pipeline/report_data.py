@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -83,7 +83,16 @@ def report_of(
         "verdict": {"passed": all(c["passed"] for c in checks), "checks": checks},
         "files": _listed_files(folder),
     }
-    return Report(folder, data | ({"regression": comparison.data} if comparison.data else {}))
+    optional = {"regression": comparison.data, "preview": _preview(plan)}
+    return Report(folder, data | {name: found for name, found in optional.items() if found})
+
+
+def _preview(plan: Plan) -> dict[str, str]:
+    """What makes the full report, where this one is of a first look; empty where it is not."""
+    if not plan.request.preview:
+        return {}
+    words = replace(plan.request, preview=False).command()
+    return {"full_command": shlex.join(["inim", "validate", *words])}
 
 
 def _outside_limits(plan: Plan) -> list[str]:

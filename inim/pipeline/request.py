@@ -5,10 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["SHORTHANDS", "Request"]
+__all__ = ["PREVIEW", "SHORTHANDS", "Request"]
 
 #: Settings that a request can also name directly.
 SHORTHANDS = ("display", "algorithms", "viewpoints", "lens_model", "misalign")
+#: What a preview sets, unless `-D` or a shorthand says otherwise: one algorithm from one place, by
+#: few samples, and judged by nothing.
+PREVIEW = {
+    "inim.algorithms": "template",
+    "inim.viewpoints": "centre",
+    "inim.capture_spp": "8",
+    "inim.eia_spp": "8",
+    "inim.view_spp": "16",
+    "inim.reconstruction_spp": "16",
+    "inim.score_error": "0",
+    "inim.min_ssim_to_ceiling": "",
+}
 
 
 @dataclass(frozen=True)
@@ -27,6 +39,8 @@ class Request:
     backend : {"auto", "llvm", "cuda"}
     baseline : Path, optional
         Folder of the baseline to compare with.
+    preview : bool
+        A first look: `PREVIEW` in place of what the scene says.
     time : bool
         Time the generators, too.
     lazy : bool
@@ -48,6 +62,7 @@ class Request:
     eias: tuple[str, ...] = ()
     backend: str = "auto"
     baseline: Path | None = None
+    preview: bool = False
     time: bool = False
     lazy: bool = False
     no_skip: bool = False
@@ -70,6 +85,6 @@ class Request:
             words += ["--backend", self.backend]
         if self.baseline is not None:
             words += ["--baseline", str(self.baseline)]
-        flags = {"--time": self.time, "--lazy": self.lazy, "--no-skip": self.no_skip}
-        words += [flag for flag, given in flags.items() if given]
+        flags = ("preview", "time", "lazy", "no_skip")
+        words += [f"--{name.replace('_', '-')}" for name in flags if getattr(self, name)]
         return words

@@ -49,7 +49,6 @@ def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measure
     mask = observed_pixels(eyes, optics, renderer, run=run) if plan.request.lazy else None
     camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
     makers = prepare_methods(plan.methods, Task(camera, s.eia_spp, mask), run=run)
-    run.observer.begin(plan.rays)
 
     facts = scene_facts(scene, run=run)
     capture = capture_relic(camera, layers=plan.reads_layers, run=run)

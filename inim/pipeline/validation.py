@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,22 +41,24 @@ def validate_in_worker(request: Request, *, quiet: bool = True, debug: bool = Fa
     InimError
         What is wrong with the request or the scene; see `run_in_worker`.
     """
+    with ExitStack() as during:
 
-    def check() -> None:
-        from inim.pipeline.plan import make_plan  # loaded while the worker loads
+        def check() -> None:
+            from inim.pipeline.compile_ahead import compiling_ahead  # while the worker loads
+            from inim.pipeline.plan import make_plan
 
-        make_plan(request)
+            during.enter_context(compiling_ahead(make_plan(request)))
 
-    return run_in_worker(
-        "inim.pipeline.work:work",
-        request,
-        lambda: open_staging(request.out),
-        check=check,
-        backend=request.backend,
-        about=str(request.scene),
-        quiet=quiet,
-        debug=debug,
-    )
+        return run_in_worker(
+            "inim.pipeline.work:work",
+            request,
+            lambda: open_staging(request.out),
+            check=check,
+            backend=request.backend,
+            about=str(request.scene),
+            quiet=quiet,
+            debug=debug,
+        )
 
 
 def validate(
@@ -71,6 +74,7 @@ def validate(
     eias: Mapping[str, str | Path] | None = None,
     backend: str = "auto",
     baseline: str | Path | None = None,
+    preview: bool = False,
     time: bool = False,
     lazy: bool = False,
     no_skip: bool = False,
@@ -108,6 +112,9 @@ def validate(
     backend : {"auto", "llvm", "cuda"}
     baseline : path, optional
         Folder of a baseline that `inim baseline accept` made, to compare with.
+    preview : bool
+        A first look in seconds: one algorithm from one place, by few samples. Its report says so,
+        and is no baseline.
     time : bool
         Time the generators in yardsticks, too, and compare times where the baseline has them.
     lazy : bool
@@ -140,6 +147,7 @@ def validate(
         eias=tuple(f"{name}={path(f'eias[{name!r}]', eia)}" for name, eia in (eias or {}).items()),
         backend=backend,
         baseline=None if baseline is None else path("baseline", baseline),
+        preview=preview,
         time=time,
         lazy=lazy,
         no_skip=no_skip,

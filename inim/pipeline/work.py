@@ -63,6 +63,7 @@ def run(plan: Plan, staging: Path, observer: Observer | None = None) -> Report:
             "total": perf_counter() - started,
         }
         _print_scores(observer, report.data)
+        observer.stage("write report")
         report.write()
     return report
 

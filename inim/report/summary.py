@@ -12,11 +12,13 @@ from inim.report.wording import (
     HEADLINE_TO_SCENE,
     MAIN,
     MISSING,
+    PREVIEW_WORDS,
     best_algorithm,
     check_passed,
     check_sentence,
     check_value,
     checks,
+    full_command,
     is_number,
     items,
     number,
@@ -61,6 +63,7 @@ def render_summary(data: Mapping[str, Any]) -> str:
     blocks = [
         f"## {markdown_text(data.get('title', 'Untitled'))}: {verdict_words(data)}",
         _verdict_line(data),
+        *_preview(data),
         _scores_table(data),
         "SSIM on the relic to the ceiling, in brackets to the scene; then both of the whole "
         "picture, all free of noise but the EIA's and the noise floor. The ceiling is what perfect "
@@ -263,7 +266,17 @@ def markdown_line(value: object) -> str:
 
 def markdown_command(data: Mapping[str, Any]) -> str:
     """The command of a report, as code."""
-    return f"`{plain(data.get('command', '')).replace('`', '')}`"
+    return _code(plain(data.get("command", "")))
+
+
+def _code(command: str) -> str:
+    return f"`{command.replace('`', '')}`"
+
+
+def _preview(data: Mapping[str, Any]) -> list[str]:
+    """That this is a first look, and how to make the full report."""
+    command = full_command(data)
+    return [f"**{PREVIEW_WORDS}** {_code(command)}"] if command else []
 
 
 def render_junit(data: Mapping[str, Any]) -> str:

@@ -23,6 +23,7 @@ __all__ = [
     "MAIN",
     "MISSING",
     "NBSP",
+    "PREVIEW_WORDS",
     "best_algorithm",
     "by_noise",
     "check_finding",
@@ -31,6 +32,7 @@ __all__ = [
     "check_sentence",
     "check_value",
     "checks",
+    "full_command",
     "headlines",
     "is_number",
     "items",
@@ -275,7 +277,17 @@ def verdict(data: Mapping[str, Any]) -> str:
 def verdict_words(data: Mapping[str, Any]) -> str:
     """The same, and that nobody said how good is good enough, where that is so."""
     found = verdict(data)
-    return f"{found}; no criteria set" if found == "ran clean" else found
+    words = f"{found}; no criteria set" if found == "ran clean" else found
+    return f"preview, {words}" if full_command(data) else words
+
+
+#: Above a preview's scores, before the command that makes the full report.
+PREVIEW_WORDS = "A preview, by few samples: its scores are rough, and no baseline. The full report:"
+
+
+def full_command(data: Mapping[str, Any]) -> str:
+    """The command line that makes the full report, of a preview; empty where it is none."""
+    return plain(part(data, "preview").get("full_command", ""))
 
 
 def headlines(data: Mapping[str, Any], algorithm: str) -> list[float]:
@@ -312,8 +324,10 @@ def suggested_criteria(data: Mapping[str, Any]) -> str:
     """A value of `inim.min_ssim_to_ceiling` that this run would just pass; empty without scores.
 
     Of each algorithm its worst view's headline, less what noise and the smallest change that counts
-    may take from it, rounded down to a hundredth.
+    may take from it, rounded down to a hundredth. A preview's scores suggest none.
     """
+    if full_command(data):
+        return ""
     limits = []
     for name in part(data, "algorithms"):
         run, found = part(data, "algorithms", name), headlines(data, name)

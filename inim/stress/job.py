@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from inim.errors import SceneError, UsageError
+from inim.forecast import Step
 from inim.generators import algorithm_names, check_algorithm, is_own
 from inim.observer import Observer
 from inim.pipeline.capture import DepthCamera, capture_relic
@@ -42,6 +43,10 @@ _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
 _DEFAULT = ("template", "layered", "gu2020", "wang2024", "wang2024:matching=ray", "li2012")
 # Lenses along each side of the display whose picture is jittered: of a full run, of a quick one.
 _LENSES = {False: 32, True: 16}
+
+# What its parts take for an algorithm, and the end: the progress bar moves by them.
+_PARTS_S = {"first hits": 10.0, "relations": 7.0}
+_JITTER_S, _WRITE_S = 2.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -175,6 +180,9 @@ def _measured(request: StressRequest, observer: Observer) -> dict[str, Any]:
         **record(words, request.quick, renderer.backend, _VERSIONS),
     }
     data |= {"algorithms": names, "first_hits": [], "relations": []}
+    each = [(f"{name}: {what}", s) for name in names for what, s in _PARTS_S.items()]
+    ends = [("jitter", _JITTER_S * len(names)), ("write", _WRITE_S)]
+    observer.begin([Step(name, seconds) for name, seconds in (*each, *ends)])
     for name in names:
         observer.stage(f"{name}: first hits")
         data["first_hits"] += [check_first_hits(name, case) for case in cases(request.quick)]

@@ -16,7 +16,7 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,14 +25,18 @@ from inim import backend as backends
 from inim import interruption
 from inim.backend.numba_cache import go_without_cache, is_cache_fault
 from inim.errors import InimError
+from inim.forecast import Forecast, Step
 from inim.observer import Observer
 from inim.worker.output import remove_folder
 
 __all__ = ["ConsoleObserver", "Job", "Work", "answer", "read_job", "serve"]
 
+_BAR = "{desc}: {percentage:3.0f}%|{bar}|{postfix}"
+_REDRAW_S = 0.2
+
 
 class ConsoleObserver(Observer):
-    """Prints result lines and draws one bar over all rays; the bar only on a terminal.
+    """Prints result lines and draws one bar over all steps; the bar only on a terminal.
 
     Parameters
     ----------
@@ -47,49 +51,73 @@ class ConsoleObserver(Observer):
         self._quiet = quiet
         self._on_stage = on_stage
         self._bar: Any = None
+        self._forecast = Forecast([])
+        # Between the run and the thread that draws.
+        self._lock = threading.Lock()
+        self._over = threading.Event()
 
     def __enter__(self) -> ConsoleObserver:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: object, *_: object) -> None:
+        self._over.set()
         if self._bar is not None:
-            self._bar.close()
+            with self._lock:
+                if error is None:
+                    self._draw(1.0, "done")
+                self._bar.close()
 
-    def begin(self, total_rays: int) -> None:
+    def begin(self, steps: Sequence[Step]) -> None:
         """See `Observer`."""
-        from tqdm import tqdm
+        with self._lock:
+            self._forecast = Forecast(steps, self._forecast.share)
+        if self._bar is None and not self._quiet and sys.stderr.isatty():
+            from tqdm import tqdm
 
-        if self._bar is not None:  # of an earlier round of samples
-            self._bar.close()
-        # disable=None: off when stderr is not a terminal.
-        disable = True if self._quiet else None
-        self._bar = tqdm(
-            total=total_rays,
-            unit="ray",
-            unit_scale=True,
-            disable=disable,
-            leave=False,
-            dynamic_ncols=True,
-        )
+            self._bar = tqdm(
+                total=1.0, leave=False, dynamic_ncols=True, bar_format=_BAR, file=sys.stderr
+            )
+            threading.Thread(target=self._draw_on, daemon=True).start()
 
     def stage(self, name: str) -> None:
         """See `Observer`."""
         self._on_stage(name)
-        if self._bar is not None:
-            self._bar.set_description(name)
+        with self._lock:
+            self._forecast.stage(name)
+            if self._bar is not None:
+                self._bar.set_description_str(name, refresh=False)
 
     def rays(self, count: int) -> None:
         """See `Observer`."""
-        if self._bar is not None:
-            self._bar.update(count)
+        with self._lock:
+            self._forecast.rays(count)
 
     def line(self, text: str) -> None:
         """See `Observer`."""
         if self._quiet:
             return
-        if self._bar is not None:
-            self._bar.clear()
-        print(text, flush=True)
+        with self._lock:
+            if self._bar is not None:
+                self._bar.clear()
+            print(text, flush=True)
+
+    def _draw_on(self) -> None:
+        """Draw the bar again and again: most steps take seconds and say nothing meanwhile."""
+        while not self._over.wait(_REDRAW_S):
+            with self._lock:
+                if not self._over.is_set():
+                    self._draw(self._forecast.share, _left_words(self._forecast.left_s))
+
+    def _draw(self, share: float, words: str) -> None:
+        self._bar.n = share
+        self._bar.set_postfix_str(words)
+
+
+def _left_words(seconds: float) -> str:
+    """How long it will go on, no more exact than it is known."""
+    if seconds < 90:
+        return f"about {max(seconds, 1):.0f} s left"
+    return f"about {seconds / 60:.0f} min left"
 
 
 # Of the job's length, before the job.

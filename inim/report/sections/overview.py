@@ -14,11 +14,13 @@ from inim.report.wording import (
     HEADLINE_WORDS,
     MAIN,
     MISSING,
+    PREVIEW_WORDS,
     best_algorithm,
     by_noise,
     check_finding,
     check_passed,
     checks,
+    full_command,
     number,
     part,
     score,
@@ -39,7 +41,15 @@ def overview(data: Mapping[str, Any], images: Images) -> str:
     """The table of scores above the images of the centre viewpoint."""
     link = element("a", "What the numbers mean", href="#meaning")
     note = element("p", text(_NOTE), link, class_="note")
-    return _failures(data) + _scores(data) + note + _hero(data, images)
+    return _preview(data) + _failures(data) + _scores(data) + note + _hero(data, images)
+
+
+def _preview(data: Mapping[str, Any]) -> str:
+    """That this is a first look, and how to make the full report."""
+    command = full_command(data)
+    if not command:
+        return ""
+    return element("p", text(PREVIEW_WORDS), " ", element("code", text(command)), class_="preview")
 
 
 def _failures(data: Mapping[str, Any]) -> str:
