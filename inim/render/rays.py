@@ -226,7 +226,10 @@ def _non_separable(
 
 
 def eye_rays(
-    display: Display, viewpoint: Viewpoint, pixels_per_lens: int, start_mm: float
+    display: Display,
+    viewpoint: Viewpoint,
+    pixels_per_lens: int | tuple[float, float],
+    start_mm: float,
 ) -> SeparableRays:
     """From an eye through the lens array, which fills the film: an off-axis frustum.
 
@@ -235,7 +238,8 @@ def eye_rays(
     display : Display
     viewpoint : Viewpoint
         The pupil's centre and diameter, and the distance it is focused at.
-    pixels_per_lens : int
+    pixels_per_lens : int, or (down, across)
+        A pair need not be whole: the array has whole pixels all the same.
     start_mm : float
     """
     x, y, distance = viewpoint.position_mm
@@ -245,9 +249,11 @@ def eye_rays(
     if display.lattice == "hexagonal":
         cell_x = display.width_mm / display.lens_columns
 
-    def axis(lenses: int, cell: float, eye: float, sign: int) -> AxisRays:
-        step = cell / pixels_per_lens
-        on_array = _centres(lenses * pixels_per_lens, sign * step)
+    down, across = pixels_per_lens if isinstance(pixels_per_lens, tuple) else (pixels_per_lens,) * 2
+
+    def axis(lenses: int, cell: float, per_lens: float, eye: float, sign: int) -> AxisRays:
+        step = cell / per_lens
+        on_array = _centres(round(lenses * per_lens), sign * step)
         slope = (on_array - eye) / distance
         return AxisRays(
             on_array - slope * start_mm,
@@ -259,8 +265,8 @@ def eye_rays(
     return SeparableRays(
         "inim_eye",
         start_mm,
-        axis(display.lens_columns, cell_x, x, +1),
-        axis(display.lens_rows, display.row_pitch_mm, y, -1),
+        axis(display.lens_columns, cell_x, across, x, +1),
+        axis(display.lens_rows, display.row_pitch_mm, down, y, -1),
         pupil_mm / 2 * (1 - (distance - start_mm) / focus),
         -pupil_mm / 2 / focus,
     )
