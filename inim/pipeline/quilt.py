@@ -68,8 +68,8 @@ class TracedScene:
         found = read_scene_file(self.path, definitions, self.allow_folders)
         if found.sha256 != self.sha256:
             raise FileError(
-                f"{self.path}: it or a file that it names has changed since the report was made; "
-                "validate it anew, or name the scene as it was with --scene"
+                f"{self.path}: is not what the report was made of: another scene, or it or a file "
+                "that it names has changed; validate it anew, or name the scene with --scene"
             )
         return found
 
