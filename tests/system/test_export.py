@@ -21,7 +21,7 @@ from inim.display import Display
 from inim.display.viewpoint import zone_eyes
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.files.eia_file import read_eia, write_eia
-from inim.files.image import read_rgbd
+from inim.files.image import read_rgbd, write_exr, write_rgbd
 from inim.files.light_field import eia_from_views, read_hci
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import fit_picture, map_depth
@@ -32,6 +32,7 @@ from inim.report import Report
 from inim.rgbd import RGBD
 from tests.conftest import scene_text, small_display, sphere, square
 from tests.system.conftest import Ended, assert_one_line, definitions, nothing_left, run_here
+from tests.system.test_view import whole_report_data
 from tests.unit.test_light_field import quilt_views
 
 #: Few samples of few pixels, and still lenses enough for a picture to be told from another.
@@ -170,6 +171,23 @@ def test_a_report_s_light_field_is_generated_to_what_its_picture_sampled_once_a_
     plane = np.where(expected.covered, np.float32(30), np.float32(0))
     flat = RGBD(expected.color, plane, expected.covered, expected.pixel_mm)
     assert ssim(fine, generate(flat, display, "template")) < sampled - 0.02
+
+
+@pytest.mark.parametrize(("pixels", "views"), [(8, 7), (9, 9)])
+def test_a_report_s_light_field_has_a_view_in_the_middle(tmp_path, pixels, views):
+    display = small_display(24, 20, pixels)
+    shape = display.capture_shape(5)
+    depth = np.full(shape, 20.0, np.float32)
+    picture = RGBD(np.ones((*shape, 3), np.float32), depth, np.ones(shape, bool), 0.2)
+    write_rgbd(tmp_path / "OUT/rgbd.exr", picture)
+    write_exr(tmp_path / "OUT/eia/template.exr", np.ones((*display.eia_shape, 3), np.float32))
+    shown = {"given": display.given(), "derived": display.derived()}
+    Report(tmp_path / "OUT", whole_report_data() | {"display": shown}).write()
+    assert export(tmp_path, "--hci", "hci", "--algorithm", "template").code == EXIT_PASSED
+    field = read_hci(tmp_path / "hci")
+    assert field.views.shape == (views, views, 20, 24, 3)
+    step = 3.3 * views  # of depth, g P / (Q / n)
+    np.testing.assert_allclose(field.disparity, 20.0 / step, rtol=1e-6)
 
 
 def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
