@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+import shlex
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_debug, add_display
+from inim.commands.options import Command, add_allow_folder, add_display, add_quiet
 from inim.errors import EXIT_PASSED, FileError, UsageError
 
 if TYPE_CHECKING:
@@ -15,27 +18,83 @@ if TYPE_CHECKING:
     import numpy as np
 
     from inim.display import Display
+    from inim.pipeline.quilt import QuiltRequest, TracedScene
+    from inim.report import Report
 
 __all__ = ["COMMANDS"]
+
+#: Quilts of published devices, by their columns and rows of views: width and height of a view in
+#: pixels, and its width over its height as seen, where its pixels are not square.
+_QUILTS = {
+    (8, 6): (420, 560, 0.75),
+    (5, 9): (819, 455, 16 / 9),
+    (7, 7): (857, 857, 16 / 9),
+    (11, 6): (372, 682, 9 / 16),
+}
+_TILES, _SPP = "8x6", 32
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Write an EIA as a sheet to print, or its sub-aperture views: one picture each, as an HCI "
-        "light field, or as a Looking Glass quilt. A view has one pixel per lens."
+        "Write an EIA as a sheet to print, or what it shows: its sub-aperture views, of one pixel "
+        "per lens, as pictures or as an HCI light field; or views rendered through the lens array "
+        "as a quilt."
     )
     add = parser.add_argument
     add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
     add_display(parser)
-    add("--name", help="of a report's EIAs, which one (the best algorithm's)")
+    add("--algorithm", metavar="NAME", help="of a report: whose EIA, or truth (the best's)")
     add("--pdf", type=Path, metavar="FILE", help="a PDF that prints at true size")
     add("--views", type=Path, metavar="DIR", help="folder for view_ROW_COLUMN.png")
     add(
-        "--hci", type=Path, metavar="DIR", help="folder for input_Cam000.png ... and parameters.cfg"
+        "--hci",
+        type=Path,
+        metavar="DIR",
+        help="folder for input_Cam000.png ..., parameters.cfg, and a report's true disparity",
     )
+    add("--grid", metavar="COLSxROWS", help="of those views (as a lens has pixels)")
     add("--quilt", type=Path, metavar="FILE", help=".png; _qsCOLSxROWSaASPECT is added to its name")
-    add("--grid", metavar="COLSxROWS", help="of the views, or of the quilt's tiles")
-    add_debug(parser)
+    add("--tiles", metavar="COLSxROWS", help=f"of the quilt ({_TILES})")
+    add("--view-size", metavar="WxH", help="of a tile, in pixels (8x6: 420x560)")
+    add("--aspect", type=float, help="width over height of a tile, as seen (square pixels)")
+    add("--spp", type=int, metavar="N", help=f"samples per pixel of a tile ({_SPP})")
+    add("--scene", type=Path, metavar="XML", help="for a quilt of the truth (the report's)")
+    add_allow_folder(parser)
+    add_quiet(parser)
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """An EIA, and all that is known of it.
+
+    Attributes
+    ----------
+    path : Path
+    display, mounted : Display
+        As designed, and as its array really lies.
+    lens_model : str
+    distance_mm : float, optional
+        Of the eyes.
+    said : str
+        Which it is, and why.
+    report : Report, optional
+        That it is of.
+    is_truth : bool
+    """
+
+    path: Path
+    display: Display
+    mounted: Display
+    lens_model: str
+    distance_mm: float | None
+    said: str
+    report: Report | None = None
+    is_truth: bool = False
+
+    @property
+    def made_for(self) -> Display:
+        """The display whose lenses its pixels look through: algorithms know the designed one."""
+        return self.mounted if self.is_truth else self.display
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -46,97 +105,187 @@ def _run(args: argparse.Namespace) -> int:
     for option, path in (("--views", args.views), ("--hci", args.hci)):
         if path is not None and path.exists() and not path.is_dir():
             raise FileError(f"{option} {path}: is a file; name a folder")
-    grid = _grid(args.grid)
-    from inim.color import srgb_codes
-    from inim.files.eia_file import write_true_size_pdf
+    for option in ("tiles", "view_size", "aspect", "spp", "scene"):
+        if getattr(args, option) is not None and args.quilt is None:
+            raise UsageError(f"--{option.replace('_', '-')}: is of a quilt; add --quilt FILE")
+    chosen = _chosen_of_report(args) if args.what.is_dir() else _chosen_eia(args)
+    quilt = None if args.quilt is None else _quilt(args, chosen)
+    written = _write_sheet_and_views(args, chosen)
+    if quilt is not None:
+        from inim.pipeline.quilt import make_quilt
 
-    eia, display = _eia(args)
-    codes = srgb_codes(eia)
-    if args.pdf is not None:
-        write_true_size_pdf(args.pdf, eia, display.pixel_pitch_mm)
-    written = [
-        *([] if args.pdf is None else [args.pdf]),
-        *_write_views(args, codes, display, grid),
-        *([] if args.quilt is None else [_write_quilt(args.quilt, codes, display, grid)]),
-    ]
-    for path in written:
-        print(path)
+        written.append(make_quilt(quilt, quiet=args.quiet, debug=args.debug))
+    if not args.quiet:
+        print("\n".join([*map(str, written), f"exported {chosen.said}"]))
     return EXIT_PASSED
 
 
-def _grid(text: str | None) -> tuple[int, int] | None:
-    """Columns and rows."""
-    if text is None:
-        return None
+def _pair(option: str, text: str, most: int) -> tuple[int, int]:
+    """Two whole numbers, across and down."""
     across, _, down = text.lower().partition("x")
-    if not (across.isdecimal() and down.isdecimal() and 0 < int(across) * int(down) <= 10_000):
-        raise UsageError(f"--grid {text}: write COLUMNSxROWS, such as 9x9, of at most 10000 views")
+    if not (across.isdecimal() and down.isdecimal() and 0 < int(across) * int(down) <= most):
+        raise UsageError(f"{option} {text}: write ACROSSxDOWN, such as 9x9, of at most {most}")
     return int(across), int(down)
 
 
-def _eia(args: argparse.Namespace) -> tuple[np.ndarray, Display]:
-    """The EIA, linear, and its display."""
-    from inim.files.eia_file import read_eia
+def _chosen_eia(args: argparse.Namespace) -> _Chosen:
+    from inim.display.misalignment import mounted
     from inim.scene.file import chosen_display
 
-    if args.what.is_dir():
-        if args.display or args.definitions:
-            raise UsageError(
-                f"{args.what}: is a report, which has its own display; --display and -D are for "
-                "an EIA"
-            )
-        path, display = _of_report(args.what, args.name)
-    else:
-        if args.name:
-            raise UsageError("--name: is for a report's folder; an EIA has no others beside it")
-        path, display = args.what, chosen_display(args.display, args.definitions, "inim export")[0]
-    return read_eia(path, display)[0], display
+    if args.algorithm:
+        raise UsageError("--algorithm: is for a report's folder; an EIA has no others beside it")
+    design, settings = chosen_display(args.display, args.definitions, "inim export")
+    real, distance = mounted(design, settings.misalign), settings.viewing_distance_mm
+    return _Chosen(args.what, design, real, settings.lens_model, distance, args.what.name)
 
 
-def _of_report(folder: Path, name: str | None) -> tuple[Path, Display]:
-    from inim.report import Report
-    from inim.report.wording import best_algorithm
+def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
+    """The algorithm that was named, or the best by the headline score; or the truth."""
+    from inim.display.misalignment import mounted
+    from inim.report import TRUTH, Report
 
-    report = Report.load(folder)
-    names = list(report.data["algorithms"])
-    chosen = name if name is not None else best_algorithm(report.data)
-    if chosen not in names:
-        said = "--name" if name is None else f"--name {name}"
-        raise UsageError(f"{said}: {folder} has {', '.join(names) or 'no EIA'}")
-    return folder / "eia" / f"{chosen}.png", report.design()
+    if args.display or args.definitions:
+        raise UsageError(
+            f"{args.what}: is a report, which has its own display; --display and -D are for an EIA"
+        )
+    report = Report.load(args.what)
+    name, why = (args.algorithm, "") if args.algorithm else _best(report)
+    path, design = report.eia_path(name, "--algorithm"), report.design()
+    return _Chosen(
+        path,
+        design,
+        mounted(design, report.data["misalign"]),
+        report.data["lens_model"],
+        report.data["settings"]["viewing_distance_mm"],
+        name + why,
+        report,
+        name == TRUTH,
+    )
 
 
-def _write_views(
-    args: argparse.Namespace, codes: np.ndarray, display: Display, grid: tuple[int, int] | None
-) -> list[Path]:
-    from inim.files.image import write_atomically
+def _best(report: Report) -> tuple[str, str]:
+    """The best algorithm, and the words that say so."""
+    from inim.report.wording import HEADLINE_WORDS, best_algorithm
+
+    names, best = list(report.data["algorithms"]), best_algorithm(report.data)
+    if len(names) == 1:
+        return names[0], ", the report's only algorithm"
+    if best is None:
+        raise UsageError(
+            f"{report.folder}: has no scores to choose by; name one with --algorithm: "
+            f"{', '.join([*names, 'truth'])}"
+        )
+    return best, f", the best of {len(names)} by {HEADLINE_WORDS}"
+
+
+def _write_sheet_and_views(args: argparse.Namespace, chosen: _Chosen) -> list[Path]:
+    from inim.color import srgb_codes
+    from inim.files.eia_file import read_eia, write_true_size_pdf
     from inim.files.light_field import sub_aperture_views, write_hci
 
-    if args.views is None and args.hci is None:
+    grid = None if args.grid is None else _pair("--grid", args.grid, 10_000)[::-1]
+    if args.pdf is None and args.views is None and args.hci is None:
         return []
+    display = chosen.made_for
+    eia = read_eia(chosen.path, display)[0]
+    codes = srgb_codes(eia)
+    views = None if args.views is None else sub_aperture_views(codes, display, grid)
+    field = None if args.hci is None else _light_field(args, chosen, codes, grid)
+    if args.pdf is not None:
+        write_true_size_pdf(args.pdf, eia, display.pixel_pitch_mm)
+    if views is not None:
+        _write_views(args.views, views)
+    if field is not None:
+        write_hci(args.hci, field[0], display, field[1])
+    return [path for path in (args.pdf, args.views, args.hci) if path is not None]
+
+
+def _light_field(
+    args: argparse.Namespace, chosen: _Chosen, codes: np.ndarray, grid: tuple[int, int] | None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Views, and of a report's the disparity of the one in the middle."""
+    from inim.files.image import read_rgbd
+    from inim.files.light_field import centre_disparity, sub_aperture_views, view_grid
+
+    display = chosen.made_for
+    if chosen.report is None:
+        return sub_aperture_views(codes, display, grid), None
+    if grid is None:  # one fewer where none would be in the middle
+        down, across = (n - 1 + n % 2 for n in view_grid(display))
+    elif not (grid[0] % 2 and grid[1] % 2):
+        raise UsageError(
+            f"--grid {args.grid}: has no view in the middle to give the disparity of; use odd "
+            "numbers"
+        )
+    else:
+        down, across = grid
+    rgbd = read_rgbd(chosen.report.folder / "rgbd.exr")
+    views = sub_aperture_views(codes, display, (down, across))
+    return views, centre_disparity(rgbd, display, across)
+
+
+def _write_views(folder: Path, views: np.ndarray) -> None:
     from PIL import Image
 
-    views = sub_aperture_views(codes, display, None if grid is None else grid[::-1])
-    if args.views is not None:
-        for row, line in enumerate(views):
-            for column, view in enumerate(line):
-                picture = Image.fromarray(view)
-                put = partial(picture.save, format="PNG")
-                write_atomically(args.views / f"view_{row:02}_{column:02}.png", put)
-    if args.hci is not None:
-        write_hci(args.hci, views, display)
-    return [path for path in (args.views, args.hci) if path is not None]
+    from inim.files.image import write_atomically
+
+    for row, line in enumerate(views):
+        for column, view in enumerate(line):
+            put = partial(Image.fromarray(view).save, format="PNG")
+            write_atomically(folder / f"view_{row:02}_{column:02}.png", put)
 
 
-def _write_quilt(
-    path: Path, codes: np.ndarray, display: Display, grid: tuple[int, int] | None
-) -> Path:
-    """Views from left to right, seen from the middle's height."""
-    from inim.files.light_field import sub_aperture_views, view_grid, write_quilt
+def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
+    """The quilt asked for, checked."""
+    from inim.pipeline.quilt import QuiltRequest, check_quilt
 
-    count = view_grid(display)[1] if grid is None else grid[0] * grid[1]
-    views = sub_aperture_views(codes, display, (1, count))[0]
-    return write_quilt(path, views, display.width_mm / display.height_mm, grid)
+    if args.scene is not None and not chosen.is_truth:
+        raise UsageError("--scene: is traced for the truth only; add --algorithm truth")
+    columns, rows = tiles = _pair("--tiles", args.tiles or _TILES, 1000)
+    if args.view_size is not None:
+        width, height = _pair("--view-size", args.view_size, 2**28)
+        aspect = width / height
+    elif tiles in _QUILTS:
+        width, height, aspect = _QUILTS[tiles]
+    else:
+        raise UsageError(f"--tiles {args.tiles}: say how large they are with --view-size WxH")
+    request = QuiltRequest(
+        args.quilt,
+        _traced(args, chosen.report) if chosen.is_truth and chosen.report else chosen.path,
+        chosen.display,
+        chosen.mounted,
+        chosen.lens_model,
+        chosen.distance_mm,
+        columns,
+        rows,
+        width,
+        height,
+        aspect if args.aspect is None else args.aspect,
+        _SPP if args.spp is None else args.spp,
+    )
+    check_quilt(request)
+    return request
+
+
+def _traced(args: argparse.Namespace, report: Report) -> TracedScene:
+    """The report's scene, with the definitions that its command gives."""
+    from inim.pipeline.quilt import TracedScene
+
+    scene, settings = report.data["scene"], report.data["settings"]
+    try:
+        words = shlex.split(report.data["command"])
+    except ValueError as error:
+        raise FileError(
+            f"{report.folder}: the report's command is not readable ({error})"
+        ) from None
+    given = tuple(word for flag, word in itertools.pairwise(words) if flag == "-D")
+    return TracedScene(
+        args.scene or Path(scene["path"]),
+        scene["sha256"],
+        given,
+        tuple(args.allow_folders),
+        settings["fit_share"],
+    )
 
 
 COMMANDS = {

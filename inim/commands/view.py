@@ -191,7 +191,6 @@ def _written(path: Path, page: str) -> Path:
     return path
 
 
-_TRUTH = "truth"
 _FILM = "film.webp"
 
 
@@ -207,7 +206,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         "--show",
         action="append",
         metavar="NAME",
-        help=f"algorithm, or {_TRUTH}; repeated: side by side (truth and the best algorithm)",
+        help="algorithm, or truth; repeated: side by side (truth and the best algorithm)",
     )
     add(
         "--path",
@@ -226,7 +225,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
 def _film(args: argparse.Namespace) -> int:
     from inim.lens import lens_models
     from inim.pipeline.film import FilmRequest, make_film
-    from inim.report import Report
+    from inim.report import TRUTH, Report
     from inim.report.wording import best_algorithm
 
     report = Report.load(args.folder)
@@ -240,7 +239,7 @@ def _film(args: argparse.Namespace) -> int:
     request = FilmRequest(
         folder=str(args.folder),
         out=str(args.out or args.folder / _FILM),
-        show=tuple(args.show or [_TRUTH, *([best] if best else [])]),
+        show=tuple(args.show or [TRUTH, *([best] if best else [])]),
         path=args.path,
         lens_model=model,
         frames=args.frames,

@@ -20,6 +20,7 @@ __all__ = [
     "focus_distance_mm",
     "is_file_safe",
     "parse_viewpoints",
+    "zone_eyes",
 ]
 
 #: Direction of each named viewpoint, in shares of the side step below.
@@ -268,6 +269,32 @@ def eye_path(
     eyes = [Viewpoint(f"frame-{i}", *map(float, place)) for i, place in enumerate(places)]
     for eye in eyes:
         check_viewpoint(eye, display, allow_flips=allow_flips)
+    return eyes
+
+
+def zone_eyes(display: Display, count: int, distance_mm: float | None = None) -> list[Viewpoint]:
+    """Eyes at even steps across the viewing zone, from left to right, at the middle's height.
+
+    Each stands in the middle of its share of the zone.
+
+    Parameters
+    ----------
+    display : Display
+    count : int
+    distance_mm : float, optional
+        `default_distance_mm` otherwise.
+
+    Raises
+    ------
+    ViewpointError
+        Too close for a viewing zone.
+    """
+    distance = default_distance_mm(display) if distance_mm is None else distance_mm
+    limit = display.flip_limit_mm(distance)[0]
+    shares = (2 * np.arange(count) + 1) / count - 1
+    eyes = [Viewpoint(f"view-{k}", float(x), 0.0, distance) for k, x in enumerate(shares * limit)]
+    for eye in eyes:
+        check_viewpoint(eye, display)
     return eyes
 
 

@@ -29,14 +29,16 @@ from inim.display import Display
 from inim.display.pixels import PixelAxis
 from inim.errors import FileError, UsageError
 from inim.files.image import write_atomically
-from inim.files.picture import open_picture, read_pfm
+from inim.files.picture import open_picture, read_pfm, write_pfm
 from inim.regular_file import read_file
+from inim.rgbd import RGBD
 
 __all__ = [
     "LightField",
+    "centre_disparity",
     "disparity_step_mm",
     "eia_from_views",
-    "quilt_grid",
+    "quilt_path",
     "read_hci",
     "sub_aperture_views",
     "view_grid",
@@ -46,6 +48,7 @@ __all__ = [
 
 _VIEW = re.compile(r"input_Cam(\d{3,4})\.png")
 _PARAMETERS = "parameters.cfg"
+_DISPARITY, _ANY_DISPARITY = "gt_disp_lowres.pfm", "gt_disp_*.pfm"
 _QUILT_NAME = re.compile(r"_qs(\d{1,3})x(\d{1,3})a(\d+(?:\.\d+)?)$")
 _MOST_VIEWS = 10_000
 _MOST_BYTES = 2**32
@@ -209,16 +212,55 @@ def read_hci(folder: Path) -> LightField:
     return LightField(shaped, _disparity(folder, shaped), _is_of_display(folder))
 
 
-def write_hci(folder: Path, views: NDArray[np.uint8], display: Display | None = None) -> None:
+def centre_disparity(rgbd: RGBD, display: Display, across: int) -> NDArray[np.float32]:
+    """The disparity of the centre view of an EIA's, from the depth of its scene.
+
+    The centre view looks straight back through the lens centres, and so does the depth camera: so
+    each lens has the depth of the picture's pixel that its centre lies in.
+
+    Parameters
+    ----------
+    rgbd : RGBD
+    display : Display
+    across : int
+        Columns of views.
+
+    Returns
+    -------
+    (lens_rows, lens_columns) float32
+        Pixels to the next view, positive in front of the array; NaN where nothing is.
+    """
+    rows, columns = rgbd.shape
+    # A centre on a pixel's border, of which rounding would choose either side, goes to the right
+    # and below.
+    row = rows / 2 - _lattice(display, 1) / rgbd.pixel_mm + 1e-6
+    column = columns / 2 + _lattice(display, 0) / rgbd.pixel_mm + 1e-6
+    places = np.ix_(
+        np.clip(np.floor(row), 0, rows - 1).astype(int),
+        np.clip(np.floor(column), 0, columns - 1).astype(int),
+    )
+    step = disparity_step_mm(display, across, display.width_mm / display.lens_columns)
+    found = np.where(rgbd.covered[places], rgbd.depth_mm[places] / step, np.nan)
+    return found.astype(np.float32)
+
+
+def write_hci(
+    folder: Path,
+    views: NDArray[np.uint8],
+    display: Display | None = None,
+    disparity: NDArray[np.float32] | None = None,
+) -> None:
     """Write views, (rows, columns, H, W, 3) uint8 sRGB, in the HCI benchmark's layout.
 
     Parameters
     ----------
     folder : Path
-        Made if need be; views in it are replaced.
+        Made if need be; views and disparities in it are replaced.
     views : array
     display : Display, optional
         Whose EIA they are of: what is known of their geometry goes into ``parameters.cfg``.
+    disparity : (H, W) array, optional
+        Of the centre view; see `LightField`.
     """
     from PIL import Image
 
@@ -231,6 +273,10 @@ def write_hci(folder: Path, views: NDArray[np.uint8], display: Display | None = 
         found = _VIEW.fullmatch(stale.name)
         if found and int(found[1]) >= down * across:
             stale.unlink()
+    for stale in folder.glob(_ANY_DISPARITY):
+        stale.unlink()
+    if disparity is not None:
+        write_atomically(folder / _DISPARITY, lambda p: write_pfm(p, disparity))
     text = (
         f"[intrinsics]\nimage_resolution_x_px = {width}\nimage_resolution_y_px = {height}\n\n"
         f"[extrinsics]\nnum_cams_x = {across}\nnum_cams_y = {down}\n"
@@ -245,57 +291,44 @@ def write_hci(folder: Path, views: NDArray[np.uint8], display: Display | None = 
     write_atomically(folder / _PARAMETERS, lambda p: p.write_text(text, encoding="utf-8"))
 
 
-def quilt_grid(views: int) -> tuple[int, int]:
-    """Columns and rows, as near to a square as whole rows of this many views allow."""
-    rows = max(n for n in range(1, int(views**0.5) + 1) if views % n == 0)
-    return views // rows, rows
+def quilt_path(path: Path, columns: int, rows: int, aspect: float) -> Path:
+    """The path of a quilt, whose name says how to cut it up again.
 
-
-def write_quilt(
-    path: Path, views: NDArray[np.uint8], aspect: float, grid: tuple[int, int] | None = None
-) -> Path:
-    """Write views as a Looking Glass quilt: side by side in one picture.
-
-    Tiles run from left to right and then upwards, as the eye moves from left to right. The file's
-    name says how to cut it up again: ``NAME_qs8x6a0.75.png`` has 8 columns and 6 rows of views,
-    each 0.75 times as wide as high.
-
-    Parameters
-    ----------
-    path : Path
-        .png; what the name lacks of ``_qsCOLSxROWSaASPECT`` is added.
-    views : (n, H, W, 3) uint8, sRGB
-        From the leftmost eye to the rightmost.
-    aspect : float
-        Width of a view over its height, as seen.
-    grid : (columns, rows), optional
-        `quilt_grid` otherwise.
-
-    Returns
-    -------
-    Path
-        What was written.
+    ``NAME_qs8x6a0.75.png`` has 8 columns and 6 rows of views, each 0.75 times as wide as high, as
+    seen. What the name lacks of it is added, and what it says otherwise is replaced.
 
     Raises
     ------
     UsageError
-        A grid of another number of tiles, or another kind of file.
+        Another kind of file.
     """
-    from PIL import Image
-
-    columns, rows = quilt_grid(len(views)) if grid is None else grid
-    if columns * rows != len(views):
-        raise UsageError(f"a quilt of {columns} x {rows} tiles cannot hold {len(views)} views")
     if path.suffix.lower() != ".png":
         raise UsageError(f"--quilt {path}: a quilt is a .png")
     stem = _QUILT_NAME.sub("", path.stem)
-    out = path.with_name(f"{stem}_qs{columns}x{rows}a{aspect:.6g}{path.suffix}")
+    return path.with_name(f"{stem}_qs{columns}x{rows}a{aspect:.6g}{path.suffix}")
+
+
+def write_quilt(path: Path, views: NDArray[np.uint8], columns: int, rows: int) -> None:
+    """Write views as a quilt: side by side in one picture.
+
+    Tiles run from left to right and then upwards, as the eye moves from left to right.
+
+    Parameters
+    ----------
+    path : Path
+        See `quilt_path`.
+    views : (columns * rows, H, W, 3) uint8, sRGB
+        From the leftmost eye to the rightmost.
+    columns, rows : int
+        Of tiles.
+    """
+    from PIL import Image
+
     _, height, width, channels = views.shape
     tiles = views.reshape(rows, columns, height, width, channels)[::-1]
     picture = tiles.swapaxes(1, 2).reshape(rows * height, columns * width, channels)
-    shown = Image.fromarray(np.ascontiguousarray(picture))
-    write_atomically(out, lambda p: shown.save(p, "PNG", compress_level=1))
-    return out
+    shown = Image.fromarray(picture)
+    write_atomically(path, lambda p: shown.save(p, "PNG", compress_level=1))
 
 
 def _is_of_display(folder: Path) -> bool:
@@ -337,7 +370,7 @@ def _read_view(path: Path) -> NDArray[np.uint8]:
 def _disparity(folder: Path, views: np.ndarray) -> NDArray[np.float32] | None:
     down, across, height, width = views.shape[:4]
     centre = (down // 2) * across + across // 2
-    for name in ("gt_disp_lowres.pfm", f"gt_disp_Cam{centre:03}.pfm"):
+    for name in (_DISPARITY, f"gt_disp_Cam{centre:03}.pfm"):
         path = folder / name
         if path.is_file():
             disparity = read_pfm(path)

@@ -30,6 +30,7 @@ __all__ = [
     "open_picture",
     "read_pfm",
     "read_texture",
+    "write_pfm",
 ]
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
@@ -285,6 +286,12 @@ def read_pfm(path: Path) -> np.ndarray:
     kind = "<f4" if header[4].startswith(b"-") else ">f4"
     stored = np.frombuffer(data, kind, columns * rows, header.end()).reshape(rows, columns)
     return stored[::-1].astype(np.float32)
+
+
+def write_pfm(path: Path, values: np.ndarray) -> None:
+    """Write (H, W) numbers, row 0 on top, as a grey portable float map."""
+    rows, columns = values.shape
+    path.write_bytes(b"Pf\n%d %d\n-1\n" % (columns, rows) + values[::-1].astype("<f4").tobytes())
 
 
 _VOLUME_HEAD = struct.Struct("<3sBiiiii6f")

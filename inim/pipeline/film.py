@@ -8,14 +8,12 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import math
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from inim import interruption
 from inim.display import Display
 from inim.display.misalignment import mounted
 from inim.display.viewpoint import eye_path
@@ -25,6 +23,7 @@ from inim.lens import check_lens_model
 from inim.observer import Observer
 from inim.pipeline.reconstruct import Optics, ShownEIA
 from inim.pipeline.scene import Renderer
+from inim.worker.output import open_beside, publish_file
 from inim.worker.supervisor import run_in_worker
 
 __all__ = ["FilmRequest", "make_film", "work", "write_film"]
@@ -32,7 +31,6 @@ __all__ = ["FilmRequest", "make_film", "work", "write_film"]
 _KINDS = (".gif", ".webp", ".mp4")
 _ENCODER = "imageio_ffmpeg"
 _WEBP_QUALITY = 90
-_TRUTH = "truth"
 # Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
 _LEAST_ROWS_PX = 384
 # Of a ray through thick lenses, and of writing a frame: the bar moves by them.
@@ -88,24 +86,12 @@ def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) 
     run_in_worker(
         "inim.pipeline.film:work",
         request,
-        lambda: _open_folder(Path(request.out)),
+        lambda: open_beside(Path(request.out)),
         check=lambda: _check(request),
         about=request.out,
         quiet=quiet,
         debug=debug,
     )
-
-
-def _open_folder(out: Path) -> Path:
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        return Path(tempfile.mkdtemp(prefix=".film.", suffix=".partial", dir=out.parent))
-    except OSError as error:
-        raise _unwritable(out, error) from None
-
-
-def _unwritable(out: Path, error: OSError) -> FileError:
-    return FileError(f"{out}: cannot be written ({error.strerror}); choose another -o")
 
 
 def _check(request: FilmRequest) -> None:
@@ -145,15 +131,8 @@ def _panels(request: FilmRequest, display: Display) -> list[np.ndarray]:
     from inim.files.eia_file import read_eia
     from inim.report import Report
 
-    names = list(Report.load(request.folder).data["algorithms"])
-    panels = []
-    for name in request.show:
-        if name != _TRUTH and name not in names:
-            raise UsageError(f"--show {name}: use {_TRUTH} or {' or '.join(names) or 'nothing'}")
-        place = ("truth", "eia") if name == _TRUTH else ("eia", name)
-        path = Path(request.folder, place[0], f"{place[1]}.exr")
-        panels.append(read_eia(path, display)[0])
-    return panels
+    report = Report.load(request.folder)
+    return [read_eia(report.eia_path(name, "--show"), display)[0] for name in request.show]
 
 
 def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
@@ -164,11 +143,7 @@ def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     frames = _frames(request, observer)
     observer.stage("write")
     write_film(film, frames, request.frames_per_second)
-    try:
-        with interruption.publishing():
-            film.replace(out)
-    except OSError as error:
-        raise _unwritable(out, error) from None
+    publish_file(film, out)
     return True
 
 

@@ -34,7 +34,8 @@ class Optics:
     mounted : Display
         As its array really lies.
     lens_model : str
-    view_pixels_per_lens : int
+    view_pixels_per_lens : int, or (down, across)
+        See `inim.render.rays.eye_rays`.
     reconstruction_spp : int
         Samples per view pixel, both halves.
     seed : int
@@ -43,7 +44,7 @@ class Optics:
 
     mounted: Display
     lens_model: str
-    view_pixels_per_lens: int
+    view_pixels_per_lens: int | tuple[float, float]
     reconstruction_spp: int
     seed: int
 

@@ -273,7 +273,7 @@ def true_view(
     display: Display,
     viewpoint: Viewpoint,
     *,
-    pixels_per_lens: int,
+    pixels_per_lens: int | tuple[float, float],
     spp: int,
     seed: int,
     skip: bool = True,
@@ -281,7 +281,7 @@ def true_view(
 ) -> tuple[HalfBuffers, np.ndarray]:
     """The scene itself from an eye, through the window of the array; and where the relic is.
 
-    `skip`: see `pickup`.
+    `skip`: see `pickup`; `pixels_per_lens`: see `eye_rays`.
     """
     rays = eye_rays(display, viewpoint, pixels_per_lens, fitted.start_mm)
     sensor = make_sensor(rays, fitted.fit.world_from_display)

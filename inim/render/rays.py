@@ -222,7 +222,10 @@ def _non_separable(
 
 
 def eye_rays(
-    display: Display, viewpoint: Viewpoint, pixels_per_lens: int, start_mm: float
+    display: Display,
+    viewpoint: Viewpoint,
+    pixels_per_lens: int | tuple[float, float],
+    start_mm: float,
 ) -> SeparableRays:
     """From an eye through the lens array, which fills the film: `frustum_rays` of square lenses.
 
@@ -231,16 +234,18 @@ def eye_rays(
     display : Display
     viewpoint : Viewpoint
         The pupil's centre and diameter, and the distance it is focused at.
-    pixels_per_lens : int
+    pixels_per_lens : int, or (down, across)
+        A pair need not be whole: the array has whole pixels all the same.
     start_mm : float
     """
     # Staggered rows make the array half a pitch wider than its lenses.
     cell_x = display.pitch_mm
     if display.lattice == "hexagonal":
         cell_x = display.width_mm / display.lens_columns
-    columns, rows = (n * pixels_per_lens for n in (display.lens_columns, display.lens_rows))
-    steps = (cell_x / pixels_per_lens, display.row_pitch_mm / pixels_per_lens)
-    return frustum_rays((rows, columns), steps, display, viewpoint, start_mm)
+    down, across = pixels_per_lens if isinstance(pixels_per_lens, tuple) else (pixels_per_lens,) * 2
+    shape = round(display.lens_rows * down), round(display.lens_columns * across)
+    pixel_mm = cell_x / across, display.row_pitch_mm / down
+    return frustum_rays(shape, pixel_mm, display, viewpoint, start_mm)
 
 
 def frustum_rays(

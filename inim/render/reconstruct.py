@@ -224,7 +224,7 @@ def observed_pixels(
     viewpoints: Sequence[Viewpoint],
     lens_model: str,
     *,
-    pixels_per_lens: int,
+    pixels_per_lens: int | tuple[float, float],
     spp: int,
     seeds: Sequence[int],
     observer: Observer | None = None,
@@ -268,7 +268,12 @@ def observed_pixels(
     return np.asarray(marks).reshape(rows, columns) > 0
 
 
-def _sensor(display: Display, viewpoint: Viewpoint, pixels_per_lens: int, start_mm: float) -> Any:
+def _sensor(
+    display: Display,
+    viewpoint: Viewpoint,
+    pixels_per_lens: int | tuple[float, float],
+    start_mm: float,
+) -> Any:
     """The sensor of an eye before a display."""
     return make_sensor(eye_rays(display, viewpoint, pixels_per_lens, start_mm), np.eye(4))
 
@@ -296,12 +301,12 @@ class DisplayScene:
         self,
         viewpoint: Viewpoint,
         *,
-        pixels_per_lens: int,
+        pixels_per_lens: int | tuple[float, float],
         spp: int,
         seed: int,
         observer: Observer | None = None,
     ) -> np.ndarray:
-        """One view, (rows, columns, 3) float32; see `reconstruct`."""
+        """One view, (rows, columns, 3) float32; see `reconstruct` and `eye_rays`."""
         sensor = _sensor(self.display, viewpoint, pixels_per_lens, self._shown.start_mm)
         return mean_light(Tracer(self._shown.light, sensor, seed, observer), spp)
 

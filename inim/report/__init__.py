@@ -9,15 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from inim.display import Display
-from inim.errors import FileError, InimError
+from inim.errors import FileError, InimError, UsageError, known_words
 from inim.files.json_file import read_json
 from inim.regular_file import read_file
 from inim.report.files import from_strict, write_forms
 from inim.report.wording import verdict
 
-__all__ = ["SCHEMA", "Report"]
+__all__ = ["SCHEMA", "TRUTH", "Report"]
 
 SCHEMA = "inim.report/1"
+#: Names the ground truth where an algorithm could be named.
+TRUTH = "truth"
 _WAY_OUT = "make it anew with inim validate"
 # Tall enough for verdict, scores and images; the rest scrolls.
 _NOTEBOOK_HEIGHT_PX = 900
@@ -100,6 +102,20 @@ class Report:
             return Display(**self.data["display"]["given"])
         except InimError as error:
             raise FileError(f"{self.folder / 'report.json'}: {error}; {_WAY_OUT}") from None
+
+    def eia_path(self, name: str, option: str) -> Path:
+        """The EIA of an algorithm or of `TRUTH`, linear.
+
+        Raises
+        ------
+        UsageError
+            The report has no such algorithm; `option` is what named it.
+        """
+        names = [TRUTH, *self.data["algorithms"]]
+        if name not in names:
+            raise UsageError(f"{option} {name}: {known_words(name, names)}")
+        place = ("truth", "eia") if name == TRUTH else ("eia", name)
+        return Path(self.folder, place[0], f"{place[1]}.exr")
 
     def write(self) -> None:
         """Write all four forms into the folder, `report.json` last: it marks a whole report."""

@@ -21,8 +21,10 @@ __all__ = [
     "SCHEMA",
     "default_out",
     "list_name",
+    "open_beside",
     "open_staging",
     "publish",
+    "publish_file",
     "remove_folder",
     "undisturbed",
 ]
@@ -42,6 +44,40 @@ _locks: dict[Path, int] = {}
 def default_out(source: Path | None, kind: str) -> Path:
     """Where a result goes when nobody says: into the current folder, named after its source."""
     return Path(kind if source is None else f"{source.stem}-{kind}")
+
+
+def open_beside(out: Path) -> Path:
+    """A fresh folder beside a file that is to be made, on the same file system.
+
+    Raises
+    ------
+    FileError
+        Its place cannot be written.
+    """
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        return Path(tempfile.mkdtemp(prefix=f".{out.stem[:32]}.", suffix=_PARTIAL, dir=out.parent))
+    except OSError as error:
+        raise _unwritable(out, error) from None
+
+
+def publish_file(made: Path, out: Path) -> None:
+    """Put a file that is whole where it belongs.
+
+    Raises
+    ------
+    FileError
+        Its place cannot be written.
+    """
+    try:
+        with interruption.publishing():
+            made.replace(out)
+    except OSError as error:
+        raise _unwritable(out, error) from None
+
+
+def _unwritable(out: Path, error: OSError) -> FileError:
+    return FileError(f"{out}: cannot be written ({error.strerror}); choose another place")
 
 
 def open_staging(out: Path, names: Sequence[str] = REPORT) -> Path:

@@ -121,10 +121,10 @@ def _command(place: str, *words: str) -> Read:
 
     def read(path: Path) -> None:
         from inim.cli import main
-        from inim.pipeline import film
+        from inim.pipeline import film, quilt
 
         # Frames are no matter of a document; what is looked at before them is.
-        film.run_in_worker = lambda *_, check, **__: check()
+        film.run_in_worker = quilt.run_in_worker = lambda *_, check, **__: check()
         folder = path.parent
         target = folder / place
         sound = target.read_bytes()
@@ -207,7 +207,8 @@ DOORS: dict[str, tuple[Read, ...]] = {
     "color": (_color,),
     "xml": (_open_scene,),
     "document-report": (
-        _command(_REPORT, "export", "OUT", "--quilt", "quilt.png", "--pdf", "eia.pdf"),
+        _command(_REPORT, "export", "OUT", "--quilt", "quilt.png", "--hci", "field"),
+        _command(_REPORT, "export", "OUT", "--quilt", "quilt.png", "--algorithm", "truth"),
         _command(_REPORT, *_ACCEPT),
         _command(_REPORT, "film", "OUT"),
         _command(_REPORT, "view", "OUT"),

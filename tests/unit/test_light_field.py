@@ -11,9 +11,10 @@ from PIL import Image
 from inim.display import DISPLAYS
 from inim.errors import FileError, UsageError
 from inim.files.light_field import (
+    centre_disparity,
     disparity_step_mm,
     eia_from_views,
-    quilt_grid,
+    quilt_path,
     read_hci,
     sub_aperture_views,
     view_grid,
@@ -127,6 +128,36 @@ def test_an_hci_folder_s_disparity_is_that_of_its_centre_view(tmp_path):
         read_hci(tmp_path)
 
 
+def test_an_hci_folder_s_disparity_is_written_and_goes_with_its_views(tmp_path):
+    disparity = np.random.default_rng(1).normal(size=(6, 9)).astype(np.float32)
+    disparity[2, 3] = np.nan
+    write_hci(tmp_path, noise((3, 3, 6, 9, 3)), disparity=disparity)
+    np.testing.assert_array_equal(read_hci(tmp_path).disparity, disparity)
+    write_hci(tmp_path, noise((3, 3, 6, 9, 3)))  # other views, whose disparity nobody gave
+    assert read_hci(tmp_path).disparity is None
+
+
+@pytest.mark.parametrize("per_pitch", [1, 4, 5])
+@pytest.mark.parametrize("lenses", [6, 7])
+def test_a_centre_view_s_disparity_is_the_depth_behind_each_lens_centre(lenses, per_pitch):
+    display = small_display(columns=lenses, rows=5, pixels=9)
+    shape, pixel = display.capture_shape(per_pitch), display.capture_pixel_mm(per_pitch)
+    x = (np.arange(shape[1]) + 0.5 - shape[1] / 2) * pixel
+    y = (shape[0] / 2 - np.arange(shape[0]) - 0.5) * pixel
+    depth = (20 + 0.5 * x[None, :] + 0.25 * y[:, None]).astype(np.float32)
+    covered = np.broadcast_to(x[None, :] < 1.9, shape)
+    rgbd = RGBD(np.zeros((*shape, 3), np.float32), depth, covered, pixel)
+    found = centre_disparity(rgbd, display, 9) * disparity_step_mm(display, 9, display.pitch_mm)
+    lens_x = np.arange(lenses) - (lenses - 1) / 2
+    lens_y = 2 - np.arange(5)
+    expected = 20 + 0.5 * lens_x[None, :] + 0.25 * lens_y[:, None]
+    shown = np.broadcast_to(lens_x[None, :] < 1.9, expected.shape)
+    np.testing.assert_array_equal(np.isfinite(found), shown)
+    # A lens's centre on a border of pixels has the depth half a pixel aside.
+    aside = 0.375 * pixel if per_pitch % 2 == 0 else 0.0
+    assert np.abs(found - expected)[shown].max() <= aside + 1e-5
+
+
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
@@ -157,8 +188,9 @@ def quilt_views(path: Path, columns: int, rows: int) -> np.ndarray:
 @pytest.mark.parametrize(("columns", "rows"), [(4, 3), (5, 1), (3, 7), (2, 2)])
 def test_a_quilt_round_trips_and_starts_at_the_bottom_left(tmp_path, columns, rows):
     views = noise((columns * rows, 6, 9, 3))
-    path = write_quilt(tmp_path / "relic.png", views, 1.5, (columns, rows))
+    path = quilt_path(tmp_path / "relic.png", columns, rows, 1.5)
     assert path.name == f"relic_qs{columns}x{rows}a1.5.png"
+    write_quilt(path, views, columns, rows)
     pixels = np.asarray(Image.open(path))
     np.testing.assert_array_equal(pixels[-6:, :9], views[0])
     np.testing.assert_array_equal(pixels[:6, -9:], views[-1])
@@ -166,10 +198,13 @@ def test_a_quilt_round_trips_and_starts_at_the_bottom_left(tmp_path, columns, ro
     np.testing.assert_array_equal(quilt_views(path, columns, rows), views)
 
 
-def test_a_quilt_s_grid_holds_all_views():
-    assert [quilt_grid(n) for n in (1, 15, 16, 17, 48)] == [(1, 1), (5, 3), (4, 4), (17, 1), (8, 6)]
-    with pytest.raises(UsageError, match="4 x 4 tiles cannot hold 15"):
-        write_quilt(Path("q.png"), noise((15, 2, 2, 3)), 1.0, (4, 4))
+def test_a_quilt_s_name_says_how_to_cut_it_up_and_only_once():
+    said = quilt_path(Path("relic_qs5x9a1.777.PNG"), 8, 6, 0.75)
+    assert said == Path("relic_qs8x6a0.75.PNG")
+    assert quilt_path(said, 8, 6, 0.75) == said
+    assert quilt_path(Path("q.png"), 5, 9, 16 / 9).name == "q_qs5x9a1.77778.png"
+    with pytest.raises(UsageError, match=r"a quilt is a \.png"):
+        quilt_path(Path("q.jpg"), 8, 6, 0.75)
 
 
 def test_a_display_without_rows_of_lenses_has_no_views():

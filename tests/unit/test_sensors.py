@@ -66,6 +66,17 @@ def test_eye_rays_pass_through_the_eye_and_the_array():
     assert np.allclose(at_array[-1, -1], (5.75, -4.75), atol=1e-4)
 
 
+def test_an_eye_s_film_of_any_size_is_filled_by_the_array():
+    from inim.render.rays import eye_rays
+
+    display = small_display(6, 5)
+    rays = eye_rays(display, Viewpoint("eye", 7.0, -3.0, 150.0), (7 / 5, 20 / 6), start_mm=20.0)
+    assert (rays.rows, rays.columns) == (7, 20)
+    at_array = at_depth(*rays_at_centres(rays), 0.0)
+    assert np.allclose(at_array[0, 0], (-3 + 3 / 20, 2.5 - 2.5 / 7), atol=1e-4)
+    assert np.allclose(at_array[-1, -1], (3 - 3 / 20, -2.5 + 2.5 / 7), atol=1e-4)
+
+
 def test_capture_rays_are_parallel_and_on_pixel_centres():
     from inim.render.rays import capture_rays
 

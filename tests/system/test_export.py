@@ -1,0 +1,303 @@
+"""`inim export` as its users run it: whose EIA, which views, and back again.
+
+Expected: without a name it is the best algorithm's EIA; a light field comes back as what it was
+made of; a quilt's tiles are what eyes see from left to right across the viewing zone; every mistake
+is one line before anything is rendered.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.cli import main
+from inim.color import srgb_codes
+from inim.display import Display
+from inim.display.viewpoint import zone_eyes
+from inim.errors import EXIT_PASSED, EXIT_USAGE
+from inim.files.eia_file import read_eia, write_eia
+from inim.files.image import read_rgbd, write_exr, write_rgbd
+from inim.files.light_field import eia_from_views, read_hci
+from inim.from_camera.depth_values import DepthValues
+from inim.from_camera.fit import fit_picture, map_depth
+from inim.generators import generate
+from inim.lens import white_exposure
+from inim.metrics import ssim
+from inim.report import Report
+from inim.rgbd import RGBD
+from tests.conftest import scene_text, small_display, sphere, square
+from tests.system.conftest import Ended, assert_one_line, definitions, nothing_left, run_here
+from tests.system.test_view import whole_report_data
+from tests.unit.test_light_field import quilt_views
+
+#: Few samples of few pixels, and still lenses enough for a picture to be told from another.
+QUICK = {"lens_columns": 20, "lens_rows": 16, "pixel_pitch_mm": 1 / 9, "lens_model": "pinhole"}
+QUICK |= {"capture_spp": 16, "eia_spp": 8, "view_spp": 8, "reconstruction_spp": 8}
+QUICK |= {"algorithms": "wang2024,template", "viewpoints": "centre", "view_pixels_per_lens": 2}
+DISPLAY = small_display(20, 16, 9)
+
+
+def words(settings: dict[str, object], *names: str) -> list[str]:
+    """Settings, all or those named, for the command line."""
+    chosen = names or tuple(settings)
+    return definitions({f"inim.{name}": str(settings[name]) for name in chosen})
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a scene, of a colour given by -D, and its report OUT; the worse is first."""
+    folder = tmp_path_factory.mktemp("export")
+    shapes = (
+        sphere((0, 0, 1), 1.2),
+        square((-1, 1, 0), 1.5, "$red"),
+        square((1, -1, 2), 0.7, "0.1,0.9,0.1"),
+    )
+    text = scene_text('<default name="red" value="0.1,0.1,0.9"/>', *shapes)
+    (folder / "scene.xml").write_text(text, encoding="utf-8")
+    given = [*words(QUICK), "-D", "red=0.9,0.1,0.1"]
+    ended = run_here("validate", "scene.xml", "-o", "OUT", *given, "--quiet", folder=folder)
+    assert ended.code == EXIT_PASSED, ended.stderr
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    """The same, to be changed."""
+    return Path(shutil.copytree(made, tmp_path / "made"))
+
+
+def export(folder: Path, *more: str) -> Ended:
+    return run_here("export", "OUT", *more, folder=folder)
+
+
+def test_the_best_algorithm_is_exported_unless_another_is_named(folder):
+    pictures = {n: Image.open(folder / f"OUT/eia/{n}.png") for n in ("template", "wang2024")}
+    pictures["truth"] = Image.open(folder / "OUT/truth/eia.png")
+    why = ", the best of 2 by SSIM on the relic, to the ceiling"
+    for given, name, said in (
+        ([], "template", why),
+        (["--algorithm", "wang2024"], "wang2024", ""),
+        (["--algorithm", "truth"], "truth", ""),
+    ):
+        ended = export(folder, "--hci", name, *given)
+        assert (ended.code, ended.stdout) == (0, f"{name}\nexported {name}{said}\n"), ended.stderr
+        eia = eia_from_views(read_hci(folder / name).views, DISPLAY)
+        np.testing.assert_array_equal(eia, np.asarray(pictures[name]))
+
+
+def test_without_scores_to_choose_by_it_asks(folder):
+    path = folder / "OUT" / "report.json"
+    data = json.loads(path.read_text("utf-8"))
+    for one in data["algorithms"].values():
+        one["views"] = {}
+    path.write_text(json.dumps(data), encoding="utf-8")
+    ended = export(folder, "--pdf", "sheet.pdf")
+    assert ended.code == EXIT_USAGE
+    assert_one_line(ended.stderr, ["--algorithm", "wang2024, template, truth"])
+    assert not (folder / "sheet.pdf").exists()
+    del data["algorithms"]["wang2024"]
+    path.write_text(json.dumps(data), encoding="utf-8")
+    ended = export(folder, "--pdf", "sheet.pdf")
+    assert ended.stdout == "sheet.pdf\nexported template, the report's only algorithm\n"
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--pdf", "p.pdf", "--algorithm", "tempate"], ["tempate", "did you mean template?"]),
+        (["--pdf", "p.pdf", "--algorithm", "Truth"], ["did you mean truth?"]),
+        (["--pdf", "p.pdf", "--display", "phone"], ["has its own display"]),
+        (["--hci", "h", "--grid", "8x8"], ["--grid 8x8", "no view in the middle"]),
+        (["--pdf", "p.pdf", "--tiles", "8x6"], ["--tiles", "--quilt FILE"]),
+        (["--quilt", "q.png", "--scene", "scene.xml"], ["--scene", "--algorithm truth"]),
+        (["--quilt", "q.png", "--tiles", "10x10"], ["--tiles 10x10", "--view-size"]),
+        (["--quilt", "q.jpg", "--pdf", "p.pdf"], ["q.jpg", "a quilt is a .png"]),
+    ],
+)
+def test_a_mistake_is_one_line_and_nothing_is_written(folder, more, said):
+    before = sorted(folder.rglob("*"))
+    ended = export(folder, *more)
+    assert (ended.code, ended.stdout) == (EXIT_USAGE, "")
+    assert_one_line(ended.stderr, said)
+    assert sorted(folder.rglob("*")) == before
+
+
+def once_a_lens(rgbd: RGBD, display: Display) -> RGBD:
+    """The picture's samples at lens centres, as a camera of one pixel a lens on the array."""
+    at = [
+        np.floor((np.arange(n) - (n - 1) / 2) / rgbd.pixel_mm + size / 2).astype(int)
+        for n, size in zip((display.lens_rows, display.lens_columns), rgbd.shape, strict=True)
+    ]
+    place = np.ix_(*at)
+    return RGBD(rgbd.color[place], rgbd.depth_mm[place], rgbd.covered[place], display.pitch_mm)
+
+
+def test_a_report_s_light_field_is_generated_to_what_its_picture_sampled_once_a_lens_shows(folder):
+    """Disparity is of the true depth: what differs from the report's own EIA is the sampling.
+
+    Lenses see the picture's pixel at their centre; the light field has one sample a lens, in codes
+    of 8 bits.
+    """
+    assert export(folder, "--hci", "hci", "--algorithm", "template").code == EXIT_PASSED
+    given = words(QUICK, "lens_columns", "lens_rows", "pixel_pitch_mm")
+    out = ["-o", "eia.exr", "--rgbd", "rgbd.exr"]
+    ended = run_here("generate", "--hci", "hci", *given, *out, folder=folder)
+    assert ended.code == EXIT_PASSED, ended.stderr
+    assert "clipped    0.0%" in ended.stdout
+    display, own = Report.load(folder / "OUT").design(), read_rgbd(folder / "OUT/rgbd.exr")
+    coarse = once_a_lens(own, display)
+    depth = np.where(coarse.covered, coarse.depth_mm, np.nan).astype(np.float32)
+    values, ends = DepthValues(depth, True, False, 0.0, ()), display.depth_range_mm[::-1]
+    to_range = map_depth("linear", values, ends, display)
+    expected = fit_picture(
+        coarse.color, values, to_range, display, camera=None, pixels_per_pitch=5
+    ).rgbd
+    back = read_rgbd(folder / "rgbd.exr")
+    np.testing.assert_array_equal(back.covered, expected.covered)
+    np.testing.assert_allclose(back.depth_mm, expected.depth_mm, atol=1e-3)
+    codes = [srgb_codes(one.color).astype(int)[expected.covered] for one in (back, expected)]
+    assert np.abs(codes[0] - codes[1]).max() <= 1
+    # So as an EIA it is as near to the report's as sampling once a lens lets it be.
+    fine = generate(own, display, "template")
+    sampled = ssim(fine, generate(expected, display, "template"))
+    found = ssim(fine, read_eia(folder / "eia.exr", display)[0])
+    assert found == pytest.approx(sampled, abs=0.005)
+    # With all of it in one plane it would be another.
+    plane = np.where(expected.covered, np.float32(30), np.float32(0))
+    flat = RGBD(expected.color, plane, expected.covered, expected.pixel_mm)
+    assert ssim(fine, generate(flat, display, "template")) < sampled - 0.02
+
+
+@pytest.mark.parametrize(("pixels", "views"), [(8, 7), (9, 9)])
+def test_a_report_s_light_field_has_a_view_in_the_middle(tmp_path, pixels, views):
+    display = small_display(24, 20, pixels)
+    shape = display.capture_shape(5)
+    depth = np.full(shape, 20.0, np.float32)
+    picture = RGBD(np.ones((*shape, 3), np.float32), depth, np.ones(shape, bool), 0.2)
+    write_rgbd(tmp_path / "OUT/rgbd.exr", picture)
+    write_exr(tmp_path / "OUT/eia/template.exr", np.ones((*display.eia_shape, 3), np.float32))
+    shown = {"given": display.given(), "derived": display.derived()}
+    Report(tmp_path / "OUT", whole_report_data() | {"display": shown}).write()
+    assert export(tmp_path, "--hci", "hci", "--algorithm", "template").code == EXIT_PASSED
+    field = read_hci(tmp_path / "hci")
+    assert field.views.shape == (views, views, 20, 24, 3)
+    step = 3.3 * views  # of depth, g P / (Q / n)
+    np.testing.assert_allclose(field.disparity, 20.0 / step, rtol=1e-6)
+
+
+def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
+    from inim.pipeline.scene import seed_of
+    from inim.render.ground_truth import true_view
+    from inim.render.scene import open_scene
+    from inim.scene.file import read_scene_file
+
+    asked = ["--algorithm", "truth", "--quilt", "q.png", "--tiles", "3x2", "--view-size", "50x64"]
+    ended = export(folder, *asked, "--spp", "4")
+    assert (ended.code, ended.stdout) == (0, "q_qs3x2a0.78125.png\nexported truth\n"), ended.stderr
+    views = quilt_views(folder / "q_qs3x2a0.78125.png", 3, 2)
+    file = read_scene_file(folder / "scene.xml", {"red": "0.9,0.1,0.1"})
+    fitted = open_scene(file, DISPLAY, 0.85)
+    eyes = zone_eyes(DISPLAY, 6)
+    for k in (0, 4):
+        view = true_view(
+            fitted, DISPLAY, eyes[k], pixels_per_lens=2.5, spp=4, seed=seed_of("views", 0)
+        )[0].image
+        assert view.shape == (40, 50, 3)
+        np.testing.assert_array_equal(views[k, 12:52], srgb_codes(view))
+    assert not views[:, :12].any()
+    assert not views[:, 52:].any()
+    assert nothing_left(folder)
+    # Another scene than the report's is not traced in its place.
+    text = (folder / "scene.xml").read_text("utf-8")
+    (folder / "scene.xml").rename(folder / "kept.xml")
+    ended = export(folder, *asked)
+    assert ended.code == EXIT_USAGE
+    assert_one_line(ended.stderr, ["scene.xml"])
+    (folder / "scene.xml").write_text(text.replace("1.2", "1.3"), encoding="utf-8")
+    ended = export(folder, *asked)
+    assert ended.code == EXIT_USAGE
+    assert_one_line(ended.stderr, ["scene.xml", "is not what the report was made of", "--scene"])
+    assert export(folder, *asked, "--scene", "kept.xml", "--spp", "2").code == EXIT_PASSED
+
+
+@pytest.mark.parametrize("model", ["pinhole", "thin"])
+def test_a_quilt_s_tiles_are_what_eyes_see_across_the_zone(tmp_path, renderer, model):
+    """Near things move against the eye: x = -e z / (V - z) on the array, for eyes at (e, V)."""
+    from inim.render.reconstruct import reconstruct
+
+    z, shape, pixel = 24.0, DISPLAY.capture_shape(5), 0.2
+    color = np.zeros((*shape, 3), np.float32)
+    middle = [n // 2 for n in shape]
+    color[middle[0] - 7 : middle[0] + 8, middle[1] - 7 : middle[1] + 8] = 1
+    rgbd = RGBD(color, np.full(shape, z, np.float32), np.ones(shape, bool), pixel)
+    write_eia(tmp_path / "eia.exr", generate(rgbd, DISPLAY), None, DISPLAY.pixel_pitch_mm)
+    names = ("lens_columns", "lens_rows", "pixel_pitch_mm")
+    given = [*words(QUICK, *names), "-D", f"inim.lens_model={model}"]
+    asked = ["--quilt", "made/q.png", "--tiles", "3x2", "--view-size", "60x48", "--spp", "16"]
+    ended = run_here("export", "eia.exr", *given, *asked, folder=tmp_path)
+    assert (ended.code, ended.stdout) == (0, "made/q_qs3x2a1.25.png\nexported eia.exr\n")
+    views = quilt_views(tmp_path / "made/q_qs3x2a1.25.png", 3, 2)
+    eyes, eia = zone_eyes(DISPLAY, 6), read_eia(tmp_path / "eia.exr", DISPLAY)[0]
+    x = (np.arange(60) + 0.5 - 30) / 3
+    for view, eye in zip(views, eyes, strict=True):
+        seen = reconstruct(eia, DISPLAY, eye, model, pixels_per_lens=3, spp=16, seed=0)
+        exposed = np.float32(white_exposure(DISPLAY, model)) * seen
+        np.testing.assert_array_equal(view, srgb_codes(exposed))
+        light = seen[..., 0].sum(axis=0)
+        expected = -eye.x_mm * z / (eye.z_mm - z)
+        assert (light @ x) / light.sum() == pytest.approx(expected, abs=DISPLAY.pitch_mm / 2)
+    assert eyes[0].x_mm < 0 < eyes[-1].x_mm
+    assert nothing_left(tmp_path)
+
+
+@pytest.mark.parametrize("pixels", [16, 15])
+def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
+    display = small_display(columns=6, rows=5, pixels=pixels)
+    eia = np.random.default_rng(2).integers(0, 256, (*display.eia_shape, 3)).astype(np.uint8)
+    Image.fromarray(eia).save(tmp_path / "eia.png")
+    sizes = {"lens_columns": 6, "lens_rows": 5, "pixel_pitch_mm": repr(1 / pixels)}
+    more = [word for k, v in sizes.items() for word in ("-D", f"inim.{k}={v}")]
+    targets = {o: str(tmp_path / o[2:]) for o in ("--views", "--hci")}
+    targets["--pdf"] = str(tmp_path / "sheet.pdf")
+    targeted = [word for pair in targets.items() for word in pair]
+    assert main(["export", str(tmp_path / "eia.png"), *more, *targeted]) == EXIT_PASSED
+    views = read_hci(tmp_path / "hci").views
+    np.testing.assert_array_equal(eia_from_views(views, display), eia)
+    assert capsys.readouterr().out.splitlines()[-1] == "exported eia.png"
+    page = (tmp_path / "sheet.pdf").read_bytes().split(b"/MediaBox [")[1].split(b"]")[0]
+    assert [float(v) for v in page.split()] == pytest.approx([0, 0, 6 / 25.4 * 72, 5 / 25.4 * 72])
+    one = np.asarray(Image.open(tmp_path / "views" / "view_02_03.png"))
+    np.testing.assert_array_equal(one, views[2, 3])
+    back = tmp_path / "back.png"
+    given = ["--hci", str(tmp_path / "hci"), "--true-views", *more, "-o", str(back)]
+    assert main(["generate", *given]) == EXIT_PASSED
+    np.testing.assert_array_equal(np.asarray(Image.open(back).convert("RGB")), eia)
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ((), "give --pdf FILE, --views DIR, --hci DIR or --quilt FILE"),
+        (("--pdf", "sheet.png"), "a sheet for printing is a .pdf"),
+        (("--quilt", "q.jpg"), "a quilt is a .png"),
+        (("--views", "v", "--grid", "8"), "--grid 8: write ACROSSxDOWN"),
+        (("--quilt", "q.png", "--view-size", "8"), "--view-size 8: write ACROSSxDOWN"),
+        (("--views", "eia.png"), "is a file; name a folder"),
+        (("--views", "v", "--algorithm", "template"), "is for a report's folder"),
+        (("--views", "v", "-D", "inim.rotation_deg=3"), "rotation_deg = 3"),
+        (("--views", "v", "--display", "phone"), "needs 2400 x 1080"),
+    ],
+)
+def test_an_export_that_cannot_be_is_one_line(tmp_path, capsys, monkeypatch, more, says):
+    monkeypatch.chdir(tmp_path)
+    Image.new("RGB", (1088, 1088)).save("eia.png")
+    assert main(["export", "eia.png", *more]) == EXIT_USAGE
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["eia.png"]
