@@ -191,7 +191,8 @@ def _written(path: Path, page: str) -> Path:
     return path
 
 
-_TRUTH = "truth"
+# What `--show` calls the true EIA, seen through the lenses.
+_CEILING = "ceiling"
 _FILM = "film.webp"
 
 
@@ -207,7 +208,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         "--show",
         action="append",
         metavar="NAME",
-        help=f"algorithm, or {_TRUTH}; repeated: side by side (truth and the best algorithm)",
+        help=f"algorithm, or {_CEILING}; repeated: side by side (ceiling and the best algorithm)",
     )
     add(
         "--path",
@@ -240,7 +241,7 @@ def _film(args: argparse.Namespace) -> int:
     request = FilmRequest(
         folder=str(args.folder),
         out=str(args.out or args.folder / _FILM),
-        show=tuple(args.show or [_TRUTH, *([best] if best else [])]),
+        show=tuple(args.show or [_CEILING, *([best] if best else [])]),
         path=args.path,
         lens_model=model,
         frames=args.frames,

@@ -31,10 +31,12 @@ __all__ = ["FilmRequest", "make_film", "work", "write_film"]
 _KINDS = (".gif", ".webp", ".mp4")
 _ENCODER = "imageio_ffmpeg"
 _WEBP_QUALITY = 90
-_TRUTH = "truth"
+# The true EIA, seen through the lenses.
+_CEILING = "ceiling"
 # Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
 _LEAST_ROWS_PX = 384
 _SPACE_BETWEEN_PX = 8
+_LABEL_ROWS_PX = 28
 _MOST_FRAMES = 2000
 
 
@@ -49,7 +51,7 @@ class FilmRequest:
     out : str
         The film.
     show : tuple of str
-        Panels side by side: "truth" or names of the report's algorithms.
+        Panels side by side: "ceiling" or names of the report's algorithms.
     path : str
         See `inim.display.viewpoint.eye_path`.
     lens_model : str
@@ -145,9 +147,9 @@ def _panels(request: FilmRequest, display: Display) -> list[np.ndarray]:
     names = list(Report.load(request.folder).data["algorithms"])
     panels = []
     for name in request.show:
-        if name != _TRUTH and name not in names:
-            raise UsageError(f"--show {name}: use {_TRUTH} or {' or '.join(names) or 'nothing'}")
-        place = ("truth", "eia") if name == _TRUTH else ("eia", name)
+        if name != _CEILING and name not in names:
+            raise UsageError(f"--show {name}: use {_CEILING} or {' or '.join(names) or 'nothing'}")
+        place = ("truth", "eia") if name == _CEILING else ("eia", name)
         path = Path(request.folder, place[0], f"{place[1]}.exr")
         panels.append(read_eia(path, display)[0])
     return panels
@@ -178,21 +180,38 @@ def _frames(request: FilmRequest, observer: Observer) -> list[np.ndarray]:
     shown = [ShownEIA(eia, None, optics, renderer) for eia in _panels(request, display)]
     pixels = display.lens_rows * display.lens_columns * request.pixels_per_lens**2
     observer.begin(pixels * request.spp * len(eyes) * len(shown))
-    return [_frame([one.view(eye, half=0) for one in shown]) for eye in eyes]
+    return [_frame([one.view(eye, half=0) for one in shown], request.show) for eye in eyes]
 
 
-def _frame(views: Sequence[np.ndarray]) -> np.ndarray:
-    """Views side by side, magnified by a whole number, of even rows and columns."""
+def _frame(views: Sequence[np.ndarray], names: Sequence[str]) -> np.ndarray:
+    """Views side by side under their names, magnified by a whole number, of even size."""
     from inim.color import srgb_from_linear, srgb_to_uint8
 
     rows = views[0].shape[0]
     times = max(1, math.ceil(_LEAST_ROWS_PX / rows))
     shown = [srgb_to_uint8(srgb_from_linear(view)) for view in views]
-    large = [view.repeat(times, axis=0).repeat(times, axis=1) for view in shown]
+    large = [
+        np.concatenate(
+            [_label(name, times * view.shape[1]), view.repeat(times, 0).repeat(times, 1)]
+        )
+        for name, view in zip(names, shown, strict=True)
+    ]
     space = np.zeros((large[0].shape[0], _SPACE_BETWEEN_PX, 3), np.uint8)
     parts = [large[0], *(part for view in large[1:] for part in (space, view))]
     frame = np.concatenate(parts, axis=1)
     return np.pad(frame, [(0, frame.shape[0] % 2), (0, frame.shape[1] % 2), (0, 0)])
+
+
+def _label(name: str, columns: int) -> np.ndarray:
+    """A pane's name in white on black, (rows, columns, 3) uint8."""
+    from matplotlib import get_data_path
+    from PIL import Image, ImageDraw, ImageFont
+
+    band = Image.new("RGB", (columns, _LABEL_ROWS_PX))
+    font = ImageFont.truetype(Path(get_data_path(), "fonts/ttf/DejaVuSans.ttf"), 16)
+    middle = (columns / 2, _LABEL_ROWS_PX / 2)
+    ImageDraw.Draw(band).text(middle, name, "white", font, anchor="mm")
+    return np.asarray(band)
 
 
 def _check_kind(path: Path) -> None:

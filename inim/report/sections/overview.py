@@ -9,11 +9,13 @@ from inim.report.images import Images, is_wide
 from inim.report.markup import element, figure, table, text
 from inim.report.sections import ReportSection
 from inim.report.wording import (
+    CEILING,
     HEADLINE,
     HEADLINE_TO_SCENE,
     HEADLINE_WORDS,
     MAIN,
     MISSING,
+    TRUTH,
     best_algorithm,
     by_noise,
     check_finding,
@@ -25,7 +27,7 @@ from inim.report.wording import (
     viewpoint_names,
 )
 
-__all__ = ["SECTIONS", "overview"]
+__all__ = ["SECTIONS", "failures", "overview"]
 
 _FAILURES_ON_TOP = 3
 _NOTE = (
@@ -39,10 +41,10 @@ def overview(data: Mapping[str, Any], images: Images) -> str:
     """The table of scores above the images of the centre viewpoint."""
     link = element("a", "What the numbers mean", href="#meaning")
     note = element("p", text(_NOTE), link, class_="note")
-    return _failures(data) + _scores(data) + note + _hero(data, images)
+    return failures(data) + _scores(data) + note + _hero(data, images)
 
 
-def _failures(data: Mapping[str, Any]) -> str:
+def failures(data: Mapping[str, Any]) -> str:
     """The first failed checks, to be read without scrolling."""
     failed = [check for check in checks(data) if not check_passed(check)]
     if not failed:
@@ -65,7 +67,7 @@ def _scores(data: Mapping[str, Any]) -> str:
         _algorithm_row(data, name, names, several and name == best)
         for name in part(data, "algorithms")
     ]
-    rows.append(_reference_row("Ceiling", "to scene", part(data, "ceiling"), names))
+    rows.append(_reference_row(CEILING, "to scene", part(data, "ceiling"), names))
     rows.append(_reference_row("Noise floor", "to itself", part(data, "noise_floor"), names))
     return table(f"{HEADLINE_WORDS}, per viewpoint", [text(h) for h in heads], rows, "scores")
 
@@ -101,7 +103,7 @@ def _reference_row(
     ]
     eia = score(part(scores, "eia"), MAIN.key)
     head = element("em", text(label)) + " " + element("span", text(against), class_="aside")
-    return [head, *cells, text(eia), MISSING, MISSING]
+    return [head, *cells, text(eia), "", ""]
 
 
 def _noise(run: Mapping[str, Any], view: str, key: str) -> str:
@@ -116,11 +118,11 @@ def _hero(data: Mapping[str, Any], images: Images) -> str:
         return ""
     view = "centre" if "centre" in names else names[0]
     truth = images.read("truth", f"{view}.png")
-    shots = [_shot(images, truth, view, "Ground truth", f"from {view}: the scene itself")]
+    shots = [_shot(images, truth, view, TRUTH, f"from {view}: the scene itself")]
     own = score(part(data, "ceiling", "views", view), HEADLINE_TO_SCENE)
     ceiling = f"{MAIN.label} {own} on the relic to the scene"
     shown = images.read("views", "ceiling", f"{view}.png")
-    shots.append(_shot(images, shown, view, "Ceiling", ceiling))
+    shots.append(_shot(images, shown, view, CEILING, ceiling))
     if best is not None:
         made = images.read("views", best, f"{view}.png")
         shots.append(_shot(images, made, view, best, _best_words(data, best, view)))
