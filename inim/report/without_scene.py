@@ -210,7 +210,7 @@ def _overview(data: Mapping[str, Any], images: Images, best: str | None) -> str:
             f"from {view}, by {best}: {MAIN.label} {score(scores, MAIN.on_relic_key)} to the exact "
             "EIA's view, where the picture covers"
         )
-        shots.append(figure(images.embed(made, f"Display's view from {view}"), "Display", words))
+        shots.append(figure(images.embed(made, f"View of the display from {view}"), "Display", words))
     wide = "hero wide" if is_wide(color) else "hero"
     return failures(data) + element("div", *shots, class_=wide)
 

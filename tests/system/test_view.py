@@ -277,6 +277,82 @@ def test_every_control_works_and_nothing_complains(tab, page):
     assert tab.complaints == []
 
 
+def test_two_eyes_see_the_panel_from_their_two_places(tab, tmp_path):
+    """As `still_view` does from each: the left eye's picture left, the right eye's right."""
+    codes = tilted_plane(DISPLAY)
+    show_eia(tab, tmp_path, codes)
+    assert tab.evaluate("inimDisplay.state().eyes") == [[0, 0, 416]] * 2
+    tab.click("input[name=pair]")
+    tab.evaluate(
+        "(e => { e.value = 20; e.dispatchEvent(new Event('input')); })"
+        "(document.querySelector('input[name=between]'))"
+    )
+    tab.evaluate("inimDisplay.setEye(3, 2, 300)")
+    rest(tab)
+    assert tab.evaluate("inimDisplay.state().eyes") == [[-7, 2, 300], [13, 2, 300]]
+    assert "20 mm apart" in tab.evaluate("document.querySelector('.readout').textContent")
+    heads = "[...document.querySelectorAll('.screens .side')].map((s) => s.textContent)"
+    assert tab.evaluate(heads) == ["Left eye", "Right eye"]
+    shape = DISPLAY.lens_rows * 4, DISPLAY.lens_columns * 4
+    for side, x in enumerate((-7, 13)):
+        expected = still_view(codes, DISPLAY, (x, 2, 300), "thin", grid=8).astype(int)
+        shown = canvas(tab, side, shape).astype(int)
+        assert (abs(shown - expected).max(axis=-1) > 2).mean() < MOST_CHANGED
+    # A pair is outside as soon as one of its eyes is.
+    limit = tab.evaluate("inimDisplay.flipLimit(300)")[0]
+    tab.evaluate(f"inimDisplay.setEye({limit - 9}, 0, 300)")
+    assert tab.evaluate("inimDisplay.state().isOutside") is True
+    tab.evaluate(f"inimDisplay.setEye({limit - 11}, 0, 300)")
+    assert tab.evaluate("inimDisplay.state().isOutside") is False
+    tab.click("input[name=pair]")
+    rest(tab)
+    hidden = "document.querySelectorAll('.screens figure')[1].hidden"
+    assert tab.evaluate(hidden) is True
+    assert tab.complaints == []
+
+
+def test_the_plan_shows_display_and_eye_to_one_scale(tab, page):
+    show(tab, page)
+    tab.evaluate("inimDisplay.setEye(-20, 5, 180)")
+    rest(tab)
+    panel, x, y = tab.evaluate(
+        "[document.querySelector('.above .panel').getAttribute('points'),"
+        " ...['cx', 'cy'].map((n) => +document.querySelector('.above .eye').getAttribute(n))]"
+    )
+    left, right = (float(one.split(",")[0]) for one in panel.split())
+    scale = (right - left) / DISPLAY.width_mm
+    assert (x / scale, y / scale) == (pytest.approx(-20, abs=0.1), pytest.approx(180, abs=0.5))
+    assert "24 mm wide" in tab.evaluate("document.querySelector('.above').ariaLabel")
+
+
+MOTION = "prefers-reduced-motion"
+
+
+def test_the_eye_sways_until_a_key_or_a_touch_and_never_where_motion_is_unwanted(tab, page):
+    def let_move(wanted: str) -> None:
+        motion = [{"name": MOTION, "value": wanted}]
+        tab.send("Emulation.setEmulatedMedia", media="", features=motion)
+        tab.open(page)
+        assert tab.evaluate("inimDisplay.ready") is True
+        tab.middle("#virtual-display canvas")
+
+    for stop in (lambda: tab.key("Shift"), lambda: tab.click("#virtual-display h2")):
+        let_move("no-preference")
+        tab.until("Math.abs(inimDisplay.eye()[0]) > 1")
+        assert tab.evaluate("inimDisplay.state().isSwaying") is True
+        assert tab.evaluate("inimDisplay.state().isOutside") is False
+        stop()
+        assert tab.evaluate("inimDisplay.state().isSwaying") is False
+        before = eye(tab)
+        assert tab.evaluate("new Promise((r) => setTimeout(r, 400)).then(() => 1)") == 1
+        assert eye(tab) == before
+    let_move("reduce")
+    rest(tab)
+    assert tab.evaluate("inimDisplay.state().isSwaying") is False
+    assert eye(tab) == (0, 0, 180)
+    assert tab.complaints == []
+
+
 def test_wheel_scrolls_the_page_until_the_display_has_been_clicked(tab, page):
     show(tab, page)
     at = tab.middle("#virtual-display canvas")
@@ -523,7 +599,7 @@ def test_view_of_a_report_has_all_its_panels(tab, page, tmp_path):
     assert (ended.code, ended.stdout) == (0, "OUT/virtual-display.html\n"), ended.stderr
     show(tab, folder / "virtual-display.html")
     names = "[...document.querySelector('select').options].map((o) => o.text)"
-    assert tab.evaluate(names) == ["Ground truth", "template", "wang2024"]
+    assert tab.evaluate(names) == ["Ceiling", "template", "wang2024"]
     assert tab.complaints == []
 
 

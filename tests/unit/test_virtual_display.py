@@ -19,14 +19,16 @@ from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS, Display
 from inim.report import sections as report_html
 from inim.report.images import ENCODINGS, Images
+from inim.report.page import package_text
 from inim.report.sections import render_html
 from inim.report.sections.virtual_display import report_display
-from inim.report.virtual_display import Panel, embed_panels
+from inim.report.virtual_display import LIVE, Panel, embed_panels
 from inim.report.virtual_display.still import still_view
 from tests.conftest import small_display
 from tests.unit.test_report_html import HOSTILE, Page, noise, report, save
 
 DISPLAY = small_display(12, 10, 8)
+PAGE_SCRIPT = package_text("page.js")
 
 
 class Scripts(HTMLParser):
@@ -76,7 +78,7 @@ def picture(source: str) -> np.ndarray:
 def test_every_panel_is_embedded_once_and_exactly(tmp_path):
     page = render_html(shown_report(tmp_path, ("template", "wang2024")), tmp_path)
     data = block(page)
-    assert [one["name"] for one in data["panels"]] == ["Ground truth", "template", "wang2024"]
+    assert [one["name"] for one in data["panels"]] == ["Ceiling", "template", "wang2024"]
     for seed, one in enumerate(data["panels"]):
         np.testing.assert_array_equal(picture(one["source"]), noise(seed, 96)[:80, :96])
         assert page.count(one["source"]) == 1
@@ -86,12 +88,12 @@ def test_every_panel_is_embedded_once_and_exactly(tmp_path):
 def test_only_the_display_s_own_script_may_run(tmp_path):
     page = render_html(shown_report(tmp_path), tmp_path)
     running = [text for attributes, text in Scripts(page).found if "type" not in attributes]
-    assert len(running) == 1
-    digest = base64.b64encode(hashlib.sha256(running[0].encode()).digest()).decode()
+    assert running == [PAGE_SCRIPT, LIVE.script]
+    digests = [base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in running]
     policy = next(m["content"] for m in Page(page).all("meta") if "http-equiv" in m)
     directives = dict(d.split(" ", 1) for d in policy.split("; "))
     assert directives["default-src"] == "'none'"
-    assert directives["script-src"] == f"'sha256-{digest}'"
+    assert directives["script-src"] == " ".join(f"'sha256-{one}'" for one in digests)
     assert directives["img-src"] == "data:"
     assert not re.search(r"https?://|@import|url\(|\beval\b|Function\(|fetch\(", page)
 
@@ -160,7 +162,7 @@ def test_pre_rendered_views_stand_in(tmp_path):
         save(tmp_path / "views" / place / "centre.png", noise(5))
     page = Page(render_html(data, tmp_path))
     alts = [image["alt"] for image in page.all("img")]
-    assert "Ground truth from centre, thick lenses" in alts
+    assert "Ceiling from centre, thick lenses" in alts
     assert "template from centre, thick lenses" in alts
 
 
@@ -179,14 +181,14 @@ def test_what_cannot_be_shown_live_is_left_out_with_its_reason(tmp_path, spoil, 
     spoil(data)
     page = render_html(data, tmp_path)
     assert words in Page(page).text
-    assert Scripts(page).found == []
+    assert [text for _, text in Scripts(page).found] == [PAGE_SCRIPT]
 
 
 def test_missing_panel_is_named_and_the_rest_is_shown(tmp_path):
     data = shown_report(tmp_path, ("template", "wang2024"))
     (tmp_path / "eia/wang2024.png").unlink()
     page = render_html(data, tmp_path)
-    assert [one["name"] for one in block(page)["panels"]] == ["Ground truth", "template"]
+    assert [one["name"] for one in block(page)["panels"]] == ["Ceiling", "template"]
     assert "Not there, or not of the panel's size: wang2024." in Page(page).text
 
 
@@ -194,7 +196,7 @@ def test_page_without_room_for_pictures_has_no_panels(tmp_path, monkeypatch):
     data = shown_report(tmp_path)
     monkeypatch.setattr(report_html, "LARGEST_PAGE_BYTES", 60_000)
     page = render_html(data, tmp_path)
-    assert Scripts(page).found == []
+    assert [text for _, text in Scripts(page).found] == [PAGE_SCRIPT]
     assert "`inim view` shows it alone" in Page(page).text
 
 
@@ -230,7 +232,7 @@ def test_the_most_important_panels_are_embedded_while_there_is_room(share, shown
         (3.5, ""),
         (2.5, "Left out, the page would be too large: wang2024."),
         (1.8, "compressed with loss"),
-        (0.1, "Left out, the page would be too large: Ground truth, template, wang2024."),
+        (0.1, "Left out, the page would be too large: Ceiling, template, wang2024."),
     ],
 )
 def test_page_says_when_panels_are_compressed_or_left_out(tmp_path, share, words):

@@ -51,6 +51,10 @@ _HELP = (
     "pinch for the distance, arrow keys move the eye (with Shift farther), + and − go nearer and "
     "back, Home returns."
 )
+_SWAYS = "The eye sways by itself until you touch the page or press a key."
+_ABOVE = "From above, to scale: the display, the zone without flipped views, and the eye before it."
+#: Between the eyes of a pair: most adults' are 54 to 74 mm apart.
+_BETWEEN_EYES_MM = 63
 
 
 @dataclass(frozen=True)
@@ -121,7 +125,7 @@ def live_display(
     note = element("p", text(" ".join(filter(None, words))), class_="note")
     if not embedded:
         return _stand_in(stills, images) + note
-    start = [0, min(1, len(embedded) - 1)][: len(embedded)]
+    start = [0, min(1, len(embedded) - 1)]
     data = {
         "optics": _optics(display),
         "panels": [{"name": one.name, "source": one.source} for one in embedded],
@@ -154,15 +158,24 @@ def _live(
     eyes: Sequence[Eye],
     lens_model: str,
 ) -> str:
-    several = len(start) > 1
+    several = len(names) > 1
     screens = [_screen(display, names, side, index) for side, index in enumerate(start)]
     body = [
-        element("p", text(_HELP), class_="lead", id="virtual-display-help"),
+        element(
+            "p",
+            text(_HELP),
+            element("span", text(f" {_SWAYS}"), class_="sways"),
+            class_="lead",
+            id="virtual-display-help",
+        ),
         _controls(eyes, several, lens_model),
         element("div", *screens, class_="screens"),
-        element("p", class_="readout"),
-        element("p", class_="sign"),
-        _sliders(),
+        element(
+            "div",
+            element("div", element("p", class_="readout"), element("p", class_="sign"), _sliders()),
+            _above(),
+            class_="where",
+        ),
         element("p", class_="spoken", role="status"),
     ]
     kinds = ["virtual", *(["wide"] if display.width_mm > 1.5 * display.height_mm else [])]
@@ -182,6 +195,11 @@ def _controls(eyes: Sequence[Eye], several: bool, lens_model: str) -> str:
     if several:
         box = void("input", type="checkbox", name_="together", checked="checked")
         parts.append(_choices("Compare", [element("label", box, "side by side")]))
+    both = void("input", type="checkbox", name_="pair")
+    limits = {"min": 0, "max": 200, "step": 1, "value": _BETWEEN_EYES_MM}
+    between = void("input", type="number", name_="between", **limits)
+    pair = [element("label", both, "two eyes"), element("label", between, "mm apart")]
+    parts.append(_choices("Stereo pair", pair))
     return element("div", *parts, class_="controls")
 
 
@@ -203,11 +221,12 @@ def _screen(display: Display, names: Sequence[str], side: int, index: int) -> st
             element("option", text(name), value=i, selected="selected" if i == index else None)
             for i, name in enumerate(names)
         ]
-        head = element("label", word, element("select", *options))
+        head = element("label", element("span", word, class_="side"), element("select", *options))
     else:
         # One panel: nothing to choose, but the script reads what is shown here.
         only = element("option", text(names[0]), value=0, selected="selected")
-        head = element("b", text(names[0])) + element("select", only, hidden="hidden")
+        words = element("b", text(names[0])), element("span", word, class_="side")
+        head = element("p", *words) + element("select", only, hidden="hidden")
     canvas = element(
         "canvas",
         tabindex=0,
@@ -218,6 +237,15 @@ def _screen(display: Display, names: Sequence[str], side: int, index: int) -> st
         style=f"aspect-ratio:{display.width_mm:.6g}/{display.height_mm:.6g}",
     )
     return element("figure", head, canvas)
+
+
+def _above() -> str:
+    """Where display and eye are, seen from above; the script draws it."""
+    eye = element("polyline", class_="sight") + element("circle", r=4, class_="eye")
+    parts = [element("polygon", class_="zone"), element("g", eye), element("g", eye)]
+    panel = element("polyline", class_="panel")
+    drawing = element("svg", *parts, panel, viewBox="-110 -8 220 170", role="img", class_="above")
+    return element("figure", drawing, element("figcaption", text(_ABOVE)))
 
 
 def _sliders() -> str:
