@@ -210,7 +210,9 @@ def _overview(data: Mapping[str, Any], images: Images, best: str | None) -> str:
             f"from {view}, by {best}: {MAIN.label} {score(scores, MAIN.on_relic_key)} to the exact "
             "EIA's view, where the picture covers"
         )
-        shots.append(figure(images.embed(made, f"View of the display from {view}"), "Display", words))
+        shots.append(
+            figure(images.embed(made, f"View of the display from {view}"), "Display", words)
+        )
     wide = "hero wide" if is_wide(color) else "hero"
     return failures(data) + element("div", *shots, class_=wide)
 
@@ -219,10 +221,12 @@ def _on_array(data: Mapping[str, Any], pixels: np.ndarray | None) -> np.ndarray 
     """The part of the fitted picture that lies on the lens array: oblique rays see beyond it."""
     derived, pixel = part(data, "display", "derived"), part(data, "picture").get("pixel_mm")
     size = [derived.get(key) for key in ("height_mm", "width_mm")]
-    if pixels is None or not all(map(is_number, [*size, pixel])):
+    if pixels is None or not is_number(pixel):
         return pixels
-    whole = zip(pixels.shape[:2], size, strict=True)
-    cut = [max(0, round((n - length / pixel) / 2)) for n, length in whole]
+    cut = [
+        max(0, round((n - length / pixel) / 2)) if is_number(length) else 0
+        for n, length in zip(pixels.shape[:2], size, strict=True)
+    ]
     return pixels[cut[0] : pixels.shape[0] - cut[0], cut[1] : pixels.shape[1] - cut[1]]
 
 

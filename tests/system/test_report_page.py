@@ -214,7 +214,8 @@ def test_tables_are_sorted_from_their_heads_by_mouse_and_keyboard(tab):
 def test_a_table_wider_than_the_screen_says_so_and_scrolls_in_its_box(tab):
     box = "#overview .scroll"
     words = f"getComputedStyle(document.querySelector('{box}'), '::before').content"
-    assert "scroll it sideways" not in tab.evaluate(words)
+    tab.size(1280, 800)
+    tab.until(f"!{words}.includes('scroll it sideways')")
     tab.size(390, 800)
     tab.until(f"{words}.includes('scroll it sideways')")
     inside = f"(e => e.scrollWidth > e.clientWidth)(document.querySelector('{box}'))"

@@ -281,7 +281,8 @@ def test_two_eyes_see_the_panel_from_their_two_places(tab, tmp_path):
     """As `still_view` does from each: the left eye's picture left, the right eye's right."""
     codes = tilted_plane(DISPLAY)
     show_eia(tab, tmp_path, codes)
-    assert tab.evaluate("inimDisplay.state().eyes") == [[0, 0, 416]] * 2
+    alone = tab.evaluate("inimDisplay.state().eyes")
+    assert alone == [list(eye(tab))] * 2
     tab.click("input[name=pair]")
     tab.evaluate(
         "(e => { e.value = 20; e.dispatchEvent(new Event('input')); })"

@@ -105,7 +105,7 @@ def test_hostile_names_stay_names(tmp_path):
     data["title"] = data["lens_model"] = HOSTILE
     data["misalign"] = ""
     page = render_html(data, tmp_path)
-    assert len(Scripts(page).found) == 2
+    assert len(Scripts(page).found) == 3
     assert block(page)["viewpoints"] == [{"name": name, "position_mm": [0, 0, 100]}]
     assert Page(page).open == []
     assert "alert(1)</script><!--" not in page.split("<main>")[0]

@@ -83,8 +83,8 @@ def display(data: Mapping[str, Any], _images: Images) -> str:
         _quantities("Derived", derived, _DERIVED, focus),
     ]
     words = _display_words(given, derived) + _display_warnings(derived) + _off(data)
-    listed = folded(element("h3", "Every parameter"), element("div", *tables, class_="columns"))
-    return words + _plan(data) + listed
+    every = folded(element("h3", "Every parameter"), element("div", *tables, class_="columns"))
+    return words + _plan(data) + every
 
 
 def _plan(data: Mapping[str, Any]) -> str:
@@ -210,6 +210,6 @@ def _profile_words(data: Mapping[str, Any]) -> str:
 
 
 SECTIONS = (
-    ReportSection(40, "display", "Display", display),
+    ReportSection(40, "display", "Display", display, is_folded=True),
     ReportSection(90, "rgbd", "RGB-D input", rgbd, is_folded=True),
 )

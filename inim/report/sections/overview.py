@@ -101,9 +101,10 @@ def _reference_row(
         + element("small", text(f"{score(own, MAIN.key)} whole"))
         for view, own in zip(names, views, strict=True)
     ]
-    eia = score(part(scores, "eia"), MAIN.key)
+    eia = part(scores, "eia")
+    of_eia = score(eia, MAIN.key) if eia else ""
     head = element("em", text(label)) + " " + element("span", text(against), class_="aside")
-    return [head, *cells, text(eia), "", ""]
+    return [head, *cells, text(of_eia), "", ""]
 
 
 def _noise(run: Mapping[str, Any], view: str, key: str) -> str:

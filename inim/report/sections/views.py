@@ -192,8 +192,8 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
         made = compared(name, images.read("views", name, f"{view}.png"), "ceiling", ceiling)
         figures.append(captioned(name, "compared with ceiling", made, facts))
     kind = "views wide" if is_wide(truth) else "views"
-    shown = element("div", *figures, class_=kind, style=f"--count:{len(figures)}")
-    return folded(heading, shown)
+    row = element("div", *figures, class_=kind, style=f"--count:{len(figures)}")
+    return folded(heading, row)
 
 
 def parallax(data: Mapping[str, Any], images: Images) -> str:

@@ -429,6 +429,7 @@
     const both = isPair() || Boolean(together && together.checked);
     figures[1].hidden = !both;
     live.classList.toggle("alone", !both);
+    live.classList.toggle("paired", isPair());
     heads.forEach((head, side) => {
       head.textContent = ["Left", "Right"][side] + (isPair() ? " eye" : "");
     });
