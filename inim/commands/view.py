@@ -128,7 +128,14 @@ def view_eia(
     from inim.display.viewpoint import parse_viewpoints
     from inim.files.eia_file import read_eia
     from inim.report.images import ENCODINGS, Images
-    from inim.report.virtual_display import LIVE, Eye, Panel, Still, live_display
+    from inim.report.virtual_display import (
+        LIVE,
+        Eye,
+        Panel,
+        Still,
+        live_display,
+        shown_lens_model,
+    )
     from inim.report.virtual_display.still import still_view
     from inim.scene.file import chosen_display
 
@@ -137,8 +144,9 @@ def view_eia(
     eyes = [Eye(v.name, v.position_mm) for v in viewpoints]
     real = mounted(design, settings.misalign)
     codes = srgb_codes(read_eia(eia, real)[0])
+    model = shown_lens_model(real, settings.lens_model)
     stills = [
-        Still(eye.name, "thin lenses", still_view(codes, real, eye.position_mm, "thin"))
+        Still(eye.name, f"{model} lenses", still_view(codes, real, eye.position_mm, model))
         for eye in eyes
     ]
     content = live_display(

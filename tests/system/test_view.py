@@ -19,8 +19,10 @@ from PIL import Image
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.commands.view import view_eia
 from inim.display import DISPLAYS, Display, Viewpoint
+from inim.lens import white_exposure
 from inim.metrics import ssim
 from inim.report.sections import render_html
+from inim.report.virtual_display import live_lens_models
 from inim.report.virtual_display.still import still_view
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
@@ -168,8 +170,8 @@ def traced(renderer: object) -> Any:
 
     light = linear_from_srgb(tilted_plane(DISPLAY).astype(np.float32) / 255)
 
-    def view_from(place: tuple[float, float, float]) -> np.ndarray:
-        return reconstruct(light, DISPLAY, Viewpoint("eye", *place), "pinhole", spp=256)
+    def view_from(place: tuple[float, float, float], lens_model: str = "pinhole") -> np.ndarray:
+        return reconstruct(light, DISPLAY, Viewpoint("eye", *place), lens_model, spp=256)
 
     return view_from
 
@@ -204,6 +206,7 @@ def test_dragging_the_eye_shows_what_the_ray_tracer_sees_from_there(tab, page, t
         {"rotation_deg": 3.0, "shift_x_mm": 0.31, "shift_y_mm": -0.2},
         {"tilt_x_deg": 2.0, "tilt_y_deg": -1.5},
         {"abbe_number": 30.0},
+        {"curved_side": "panel"},
         {"elemental_pitch_mm": 1.01, "gap_mm": 2.8},
     ],
     ids=lambda changes: " ".join(changes) or "plain",
@@ -215,7 +218,9 @@ def test_every_kind_of_array_is_drawn_as_the_lens_models_trace_it(tab, tmp_path,
     assert_flip_limits(tab, display)
     tab.evaluate("inimDisplay.setEye(23, -14, 190)")
     shape = display.lens_rows * 4, display.lens_columns * 4
-    for lens_model in ("pinhole", "thin"):
+    models = live_lens_models(display)
+    assert ("thick" in models) == ("fill_factor" not in changes and "aperture" not in changes)
+    for lens_model in models:
         tab.click(f"input[value={lens_model}]")
         expected = still_view(codes, display, eye(tab), lens_model, grid=8).astype(int)
         shown = canvas(tab, 0, shape).astype(int)
@@ -223,6 +228,24 @@ def test_every_kind_of_array_is_drawn_as_the_lens_models_trace_it(tab, tmp_path,
         # A sample on the border of two panel pixels may fall to either side.
         assert (abs(shown - expected).max(axis=-1) > 2).mean() < MOST_CHANGED, lens_model
     assert tab.complaints == []
+
+
+def test_thick_lenses_live_are_those_that_are_scored(tab, page, traced):
+    """Against `inim.reconstruct`, brightness and all: closer than thin lenses are."""
+    show(tab, page)
+    assert tab.evaluate("inimDisplay.state().lensModel") == "thick"  # as the report's
+    tab.evaluate("inimDisplay.setEye(14, -9, 180)")
+    # As reports do, the loss on the axis is set right.
+    expected = traced((14, -9, 180), "thick") * white_exposure(DISPLAY, "thick")
+    errors = {}
+    for model in ("thick", "thin"):
+        tab.click(f"input[value={model}]")
+        shown = linear_from_srgb(canvas(tab, 0, expected.shape[:2]).astype(np.float32) / 255)
+        errors[model] = float(np.sqrt(((shown - expected) ** 2).mean()))
+        if model == "thick":
+            assert ssim(expected, shown) >= LEAST_SSIM
+            assert shown.mean() == pytest.approx(float(expected.mean()), rel=0.01)
+    assert errors["thick"] < 0.5 * errors["thin"]
 
 
 def test_every_control_works_and_nothing_complains(tab, page):
@@ -296,7 +319,7 @@ def test_two_eyes_see_the_panel_from_their_two_places(tab, tmp_path):
     assert tab.evaluate(heads) == ["Left eye", "Right eye"]
     shape = DISPLAY.lens_rows * 4, DISPLAY.lens_columns * 4
     for side, x in enumerate((-7, 13)):
-        expected = still_view(codes, DISPLAY, (x, 2, 300), "thin", grid=8).astype(int)
+        expected = still_view(codes, DISPLAY, (x, 2, 300), "thick", grid=8).astype(int)
         shown = canvas(tab, side, shape).astype(int)
         assert (abs(shown - expected).max(axis=-1) > 2).mean() < MOST_CHANGED
     # A pair is outside as soon as one of its eyes is.

@@ -147,13 +147,22 @@ def test_controls_and_canvases_have_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("scored_with", "first"), [("pinhole", "pinhole"), ("thin", "thin"), ("thick", "thin")]
+    ("scored_with", "fill_factor", "first"),
+    [
+        ("pinhole", 1, "pinhole"),
+        ("thin", 1, "thin"),
+        ("thick", 1, "thick"),
+        ("thick", 0.8, "thin"),
+    ],
 )
-def test_it_starts_with_the_lens_model_nearest_to_the_report_s(tmp_path, scored_with, first):
-    page = Page(render_html(shown_report(tmp_path) | {"lens_model": scored_with}, tmp_path))
+def test_it_starts_with_the_lens_model_nearest_to_the_report_s(
+    tmp_path, scored_with, fill_factor, first
+):
+    data = shown_report(tmp_path, display=DISPLAY.replace(fill_factor=fill_factor))
+    page = Page(render_html(data | {"lens_model": scored_with}, tmp_path))
     radios = [i for i in page.all("input") if i["type"] == "radio"]
     assert [i["value"] for i in radios if "checked" in i] == [first]
-    assert ("thin ones come nearest" in page.text) == (scored_with == "thick")
+    assert ("thin ones come nearest" in page.text) == (scored_with != first)
 
 
 def test_pre_rendered_views_stand_in(tmp_path):

@@ -15,12 +15,12 @@ from inim.report.sections import ReportSection
 from inim.report.virtual_display import (
     ANCHOR,
     LIVE,
-    LIVE_LENS_MODELS,
     TITLE,
     Eye,
     Panel,
     Still,
     live_display,
+    live_lens_models,
 )
 from inim.report.wording import CEILING, best_algorithm, is_number, items, part, viewpoint_names
 
@@ -101,7 +101,7 @@ def shown_display(
         images,
         most_bytes=most_bytes,
         lens_model=str(data.get("lens_model")),
-        remarks=[*_missing_words(missing), _lens_words(data)],
+        remarks=[*_missing_words(missing), _lens_words(data, display)],
     )
 
 
@@ -149,9 +149,9 @@ def _missing_words(missing: Sequence[str]) -> list[str]:
     return [f"Not there, or not of the panel's size: {', '.join(missing)}."]
 
 
-def _lens_words(data: Mapping[str, Any]) -> str:
+def _lens_words(data: Mapping[str, Any], display: Display) -> str:
     model = data.get("lens_model")
-    if model in LIVE_LENS_MODELS or not model:
+    if model in live_lens_models(display) or not model:
         return ""
     views = "views" if viewpoint_names(data) else "pictures"
     return f"The report's {views} and scores are those of {model} lenses; thin ones come nearest."

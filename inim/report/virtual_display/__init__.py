@@ -14,7 +14,17 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.lens import channel_indices, drawn_as, drawn_live, lens_array, lens_traits
+from inim.errors import DisplayError
+from inim.lens import (
+    channel_indices,
+    check_lens_model,
+    drawn_as,
+    drawn_live,
+    lens_array,
+    lens_traits,
+    thick,
+    white_exposure,
+)
 from inim.report.images import Images, data_uri, is_wide
 from inim.report.markup import element, figure, text, void
 from inim.report.page import Widget, package_text
@@ -29,11 +39,14 @@ __all__ = [
     "Still",
     "embed_panels",
     "live_display",
+    "live_lens_models",
+    "shown_lens_model",
 ]
 
 ANCHOR, TITLE = "virtual-display", "Virtual display"
-#: The lens models that the shader knows.
+#: The lens models that the shader draws of any display.
 LIVE_LENS_MODELS = drawn_live()
+_THICK = thick.MODEL.name
 
 _FOLDER = "virtual_display"
 LIVE = Widget(
@@ -140,6 +153,27 @@ def live_display(
     )
 
 
+def live_lens_models(display: Display) -> list[str]:
+    """The lens models that the shader draws of a display's lenses.
+
+    Thick ones where they are spherical, fill their cells and can be ground.
+    """
+    traits = lens_traits(display)
+    if traits.conic or traits.asphere or not traits.full_aperture:
+        return LIVE_LENS_MODELS
+    try:
+        check_lens_model(_THICK, display)
+    except DisplayError:
+        return LIVE_LENS_MODELS
+    return [*LIVE_LENS_MODELS, _THICK]
+
+
+def shown_lens_model(display: Display, lens_model: str) -> str:
+    """The lens model itself where it is drawn live, or the one that stands in for it."""
+    # A thin lens focuses as a thick one does; a pinhole shows one pixel all over.
+    return lens_model if lens_model in live_lens_models(display) else drawn_as(lens_model)
+
+
 def _stand_in(stills: Sequence[Still], images: Images) -> str:
     why = element("p", text(_NEEDED), class_="note", id="virtual-display-why")
     shown = [
@@ -168,7 +202,7 @@ def _live(
             class_="lead",
             id="virtual-display-help",
         ),
-        _controls(eyes, several, lens_model),
+        _controls(eyes, several, live_lens_models(display), shown_lens_model(display, lens_model)),
         element("div", *screens, class_="screens"),
         element(
             "div",
@@ -183,14 +217,12 @@ def _live(
     return element("div", *body, class_=" ".join(kinds), id="virtual-display-live", hidden="hidden")
 
 
-def _controls(eyes: Sequence[Eye], several: bool, lens_model: str) -> str:
+def _controls(eyes: Sequence[Eye], several: bool, models: Sequence[str], first: str) -> str:
     buttons = [
         element("button", text(eye.name), type="button", data_viewpoint=i, aria_pressed="false")
         for i, eye in enumerate(eyes)
     ]
-    # A thick lens focuses as a thin one does; a pinhole shows one pixel all over.
-    first = drawn_as(lens_model)
-    radios = [_radio(model, model == first) for model in LIVE_LENS_MODELS]
+    radios = [_radio(model, model == first) for model in models]
     parts = [_choices("Look from", buttons), _choices("Lens model", radios)]
     if several:
         box = void("input", type="checkbox", name_="together", checked="checked")
@@ -305,7 +337,14 @@ def _optics(display: Display) -> dict[str, Any]:
         "CLEAR_BETWEEN": traits.clear_between,
         "TURNED": traits.turned,
         "TILTED": traits.tilted,
+        "BULGES_TO_VIEWER": traits.bulges_to_viewer,
     }
+    thick_lens = {}
+    if _THICK in live_lens_models(display):
+        curvature, foot = thick.relief_mm(display)
+        thick_lens = {"curvature_per_mm": curvature, "foot_mm": foot}
+        thick_lens |= {"thickness_mm": array.thickness, "design_index": array.design_index}
+        thick_lens |= {"exposure": float(white_exposure(display, _THICK))}
     return {
         "size_mm": [display.width_mm, display.height_mm],
         "pitch_mm": [array.pitch_x, array.pitch_y],
@@ -313,6 +352,8 @@ def _optics(display: Display) -> dict[str, Any]:
         "gap_mm": array.gap,
         "elemental_pitch_mm": [display.elemental_image_pitch_mm, display.elemental_row_pitch_mm],
         "power_per_mm": [(n - 1) / array.radius for n in indices],
+        "index": list(indices),
+        "thick": thick_lens or None,
         "traits": [name for name, has in kinds.items() if has],
         "half_aperture_mm": array.half_aperture,
         "shift_mm": [array.shift_x, array.shift_y],

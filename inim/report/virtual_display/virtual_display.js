@@ -117,6 +117,7 @@
     prepare() {
       const gl = this.gl;
       this.programs = {pinhole: this.program([]), thin: this.program(["THIN"])};
+      if (optics.thick) this.programs.thick = this.program(["THICK"]);
       gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
       gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
       gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
@@ -132,7 +133,7 @@
     program(model) {
       const gl = this.gl, program = gl.createProgram();
       const traits = [...optics.traits, ...model]
-        .filter((trait) => trait !== "COLORED" || model.includes("THIN"));
+        .filter((trait) => trait !== "COLORED" || model.length > 0);
       const head = ["#version 300 es", ...traits.map((trait) => `#define ${trait}`), ""];
       gl.attachShader(program, compiled(gl, gl.VERTEX_SHADER, VERTICES));
       gl.attachShader(program, compiled(gl, gl.FRAGMENT_SHADER, head.join("\n") + data.shader));
@@ -146,6 +147,14 @@
       gl.uniform2fv(at("lenses"), optics.lenses);
       gl.uniform1f(at("gap"), optics.gap_mm);
       gl.uniform3fv(at("power"), optics.power_per_mm);
+      gl.uniform3fv(at("index"), optics.index);
+      if (optics.thick) {
+        gl.uniform1f(at("curvature"), optics.thick.curvature_per_mm);
+        gl.uniform1f(at("foot"), optics.thick.foot_mm);
+        gl.uniform1f(at("thickness"), optics.thick.thickness_mm);
+        gl.uniform1f(at("design_index"), optics.thick.design_index);
+        gl.uniform1f(at("exposure"), optics.thick.exposure);
+      }
       gl.uniform1f(at("half_aperture"), optics.half_aperture_mm);
       gl.uniform2fv(at("shift"), optics.shift_mm);
       gl.uniform2fv(at("turn"), optics.turn);
