@@ -224,7 +224,9 @@ def how_to_reproduce(data: Mapping[str, Any], more: str = "") -> Section:
     command = element("pre", element("code", text(data.get("command", MISSING))), tabindex=0)
     scene = {**part(data, "scene"), **part(data, "scene", "fit")}
     tables = {
-        "Settings": part(data, "settings"),
+        "Settings; what is not listed is the display's own": {
+            key: value for key, value in part(data, "settings").items() if value is not None
+        },
         "Scene": {k: v for k, v in scene.items() if k != "fit"},
         "Versions": {"inim": data.get("inim_version"), **part(data, "versions")},
         "Backend": part(data, "backend"),

@@ -122,7 +122,7 @@ def test_misaligned_array_is_shown_as_it_lies(tmp_path):
     optics = block(render_html(data, tmp_path))["optics"]
     assert optics["turn"] == pytest.approx([np.sqrt(3) / 2, 0.5])
     assert optics["shift_mm"] == [0.2, 0]
-    assert optics["traits"] == ["TURNED"]
+    assert optics["traits"] == ["TURNED", "BULGES_TO_VIEWER"]
     assert optics["panel"] == [96, 80]
 
 
