@@ -25,6 +25,7 @@ _FLAGS = (
     "--disable-background-networking",
     "--disable-dev-shm-usage",
     "--hide-scrollbars",
+    "--force-prefers-reduced-motion",  # the display sways where a test asks for it
     "--remote-debugging-pipe",
 )
 #: WebGL in software.

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_debug, add_display, add_picture, picture_of
+from inim.commands.options import (
+    Command,
+    add_debug,
+    add_display,
+    add_picture,
+    picture_of,
+    print_warning,
+)
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
 
 if TYPE_CHECKING:
@@ -61,13 +67,12 @@ def _run(args: argparse.Namespace) -> int:
             f"{args.color or args.hci}: not enough memory for a picture of this size; scale it down"
         ) from error
     for warning in warnings:
-        line = "".join(c if c.isprintable() else " " for c in warning)
-        print(f"inim: warning: {line}", file=sys.stderr)
+        print_warning(warning)
     print("\n".join(report))
     return EXIT_PASSED
 
 
-def _generate(args: argparse.Namespace) -> tuple[list[str], list[str]]:
+def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     """Make and write what the arguments ask for; the report's lines, and warnings."""
     from inim.scene.file import chosen_display
 
@@ -76,7 +81,7 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], list[str]]:
     _check(args, picture)
     display, settings = chosen_display(args.display, args.definitions, "inim generate")
     if args.hci is not None:
-        return _of_light_field(args, display, settings), []
+        return _of_light_field(args, display, settings), ()
     camera = picture.camera()
     from inim.generators import check_algorithm
 
@@ -87,7 +92,7 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], list[str]]:
     report = _report(picture, taken, camera, fitted, depth_map, display, empty, args.fill)
     report.append(_written(args, fitted.rgbd, eia, empty, display))
     report.append(f"seconds    {time.perf_counter() - started:.1f}")
-    return report, [*taken.warnings, *depth_map.warnings(fitted.clipped)]
+    return report, picture.warnings(taken, fitted, depth_map)
 
 
 def _of_light_field(args: argparse.Namespace, display: Display, settings: Settings) -> list[str]:

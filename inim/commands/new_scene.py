@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import re
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inim import interruption
-from inim.commands.options import Command
+from inim.commands.options import Command, print_warning
 from inim.errors import FileError, UsageError
 from inim.regular_file import read_file
 
@@ -41,12 +40,6 @@ _AXES = {
 _USUAL_FRONT = {"y": "z", "-y": "z", "z": "-y", "-z": "-y", "x": "z", "-x": "z"}
 
 
-def _to_stderr(warning: str) -> None:
-    """One line, whatever the file names in it hold."""
-    line = "".join(c if c.isprintable() else " " for c in warning)
-    print(f"inim: warning: {line}", file=sys.stderr)
-
-
 def new_scene(
     source: Path,
     out: Path,
@@ -57,7 +50,7 @@ def new_scene(
     title: str | None = None,
     display: str = "nominal",
     force: bool = False,
-    warn: Callable[[str], object] = _to_stderr,
+    warn: Callable[[str], object] = print_warning,
 ) -> Path:
     """Write a scene for the mesh `source`, with its PLY and textures beside it.
 

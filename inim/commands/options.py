@@ -24,6 +24,7 @@ __all__ = [
     "no_arguments",
     "picture_of",
     "print_outcome",
+    "print_warning",
 ]
 
 _EXIT_CODES = """exit codes:
@@ -136,6 +137,12 @@ def picture_of(args: argparse.Namespace) -> CameraPicture:
     from inim.from_camera.picture import CameraPicture
 
     return CameraPicture(**{f.name: getattr(args, f.name) for f in fields(CameraPicture)})
+
+
+def print_warning(text: str) -> None:
+    """Print a warning as one line, beside what the command prints."""
+    line = "".join(c if c.isprintable() else " " for c in text)
+    print(f"inim: warning: {line}", file=sys.stderr)
 
 
 def print_outcome(text: str) -> None:

@@ -17,6 +17,7 @@ from inim.commands.options import (
     add_quiet,
     picture_of,
     print_outcome,
+    print_warning,
 )
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, FileError, UsageError
 
@@ -158,7 +159,7 @@ def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
 
 
 def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
-    from inim.pipeline.own_picture import PictureRequest, run_picture
+    from inim.pipeline.own_picture import PictureRequest, no_warning, run_picture
 
     if args.scene is not None:
         raise UsageError(f"{args.scene}: a scene and a picture; validate one of them")
@@ -179,7 +180,8 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
         lens_model=args.lens_model,
         backend=args.backend,
     )
-    return run_picture(request, quiet=args.quiet, debug=args.debug)
+    warn = no_warning if args.quiet else print_warning
+    return run_picture(request, quiet=args.quiet, debug=args.debug, warn=warn)
 
 
 def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:

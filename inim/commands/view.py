@@ -128,7 +128,14 @@ def view_eia(
     from inim.display.viewpoint import parse_viewpoints
     from inim.files.eia_file import read_eia
     from inim.report.images import ENCODINGS, Images
-    from inim.report.virtual_display import LIVE, Eye, Panel, Still, live_display
+    from inim.report.virtual_display import (
+        LIVE,
+        Eye,
+        Panel,
+        Still,
+        live_display,
+        shown_lens_model,
+    )
     from inim.report.virtual_display.still import still_view
     from inim.scene.file import chosen_display
 
@@ -137,8 +144,9 @@ def view_eia(
     eyes = [Eye(v.name, v.position_mm) for v in viewpoints]
     real = mounted(design, settings.misalign)
     codes = srgb_codes(read_eia(eia, real)[0])
+    model = shown_lens_model(real, settings.lens_model)
     stills = [
-        Still(eye.name, "thin lenses", still_view(codes, real, eye.position_mm, "thin"))
+        Still(eye.name, f"{model} lenses", still_view(codes, real, eye.position_mm, model))
         for eye in eyes
     ]
     content = live_display(
@@ -191,6 +199,8 @@ def _written(path: Path, page: str) -> Path:
     return path
 
 
+# What `--show` calls the true EIA, seen through the lenses.
+_CEILING = "ceiling"
 _FILM = "film.webp"
 
 
@@ -206,7 +216,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         "--show",
         action="append",
         metavar="NAME",
-        help="algorithm, or truth; repeated: side by side (truth and the best algorithm)",
+        help=f"algorithm, or {_CEILING}; repeated: side by side (ceiling and the best algorithm)",
     )
     add(
         "--path",
@@ -225,7 +235,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
 def _film(args: argparse.Namespace) -> int:
     from inim.lens import lens_models
     from inim.pipeline.film import FilmRequest, make_film
-    from inim.report import TRUTH, Report
+    from inim.report import Report
     from inim.report.wording import best_algorithm
 
     report = Report.load(args.folder)
@@ -239,7 +249,7 @@ def _film(args: argparse.Namespace) -> int:
     request = FilmRequest(
         folder=str(args.folder),
         out=str(args.out or args.folder / _FILM),
-        show=tuple(args.show or [TRUTH, *([best] if best else [])]),
+        show=tuple(args.show or [_CEILING, *([best] if best else [])]),
         path=args.path,
         lens_model=model,
         frames=args.frames,

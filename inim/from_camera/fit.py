@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from inim.display import Display
 from inim.errors import UsageError
 from inim.from_camera.depth_values import DepthValues, sample
-from inim.from_camera.tiles import CameraTiles, Drawn, draw_tiles
+from inim.from_camera.tiles import CameraTiles, draw_tiles
 from inim.rgbd import RGBD
 
 __all__ = [
@@ -48,6 +48,7 @@ __all__ = [
     "Pinhole",
     "check_pinhole",
     "depth_range",
+    "empty_share",
     "fit_picture",
     "map_depth",
     "parse_intrinsics",
@@ -388,7 +389,7 @@ def fit_picture(
     return Fitted(
         RGBD(drawn.color, drawn.depth_mm, drawn.covered, cell),
         drawn.clipped / max(1, int(np.count_nonzero(~np.isnan(values.depth)))),
-        _empty(drawn, display, cell),
+        empty_share(drawn.covered, display, cell),
         frame_at,
         scale,
     )
@@ -428,10 +429,17 @@ def _apart(values: DepthValues, depth_map: DepthMap, apart_mm: float) -> float:
     return max(least, 1.5 * values.step)
 
 
-def _empty(drawn: Drawn, display: Display, cell_mm: float) -> float:
-    """Share of the cells on the array that nothing covers."""
-    rows, columns = drawn.covered.shape
+def empty_share(covered: np.ndarray, display: Display, cell_mm: float) -> float:
+    """Share of a fitted picture's cells on the lens array that nothing covers.
+
+    Parameters
+    ----------
+    covered : (rows, columns) bool
+    display : Display
+    cell_mm : float
+    """
+    rows, columns = covered.shape
     x = np.abs((np.arange(columns) + 0.5) * cell_mm - columns * cell_mm / 2)
     y = np.abs((np.arange(rows) + 0.5) * cell_mm - rows * cell_mm / 2)
     on_array = np.ix_(y < display.height_mm / 2, x < display.width_mm / 2)
-    return float(1 - drawn.covered[on_array].mean())
+    return float(1 - covered[on_array].mean())

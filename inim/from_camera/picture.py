@@ -38,7 +38,15 @@ from inim.from_camera.fit import (
 from inim.from_camera.picture_files import read_color, read_depth
 from inim.rgbd import RGBD
 
-__all__ = ["CameraPicture", "ColorDepth", "Shift", "check_same_view", "edge_shift", "resampled"]
+__all__ = [
+    "MOST",
+    "CameraPicture",
+    "ColorDepth",
+    "Shift",
+    "check_same_view",
+    "edge_shift",
+    "resampled",
+]
 
 # Weights of red, green and blue; any that look at all three would do.
 _LUMA = (0.3, 0.6, 0.1)
@@ -53,6 +61,8 @@ _EDGE = 0.05
 _LEAST_EDGES = 200
 # Depth sensors miss the true edge by a few pixels; a shift by less is no finding.
 _TOLERATED = 4.0
+#: From here on a picture shows little of itself, and its user should know why.
+MOST = 0.5
 # How much better the edges must match there than where they are, above their mean match.
 _BETTER = 1.35
 # A best match this many deviations above the others is none by chance: among the some thousand
@@ -322,7 +332,44 @@ class CameraPicture:
         self.camera()
         taken = self.read()
         fitted, depth_map = self.fit_to(taken, display, pixels_per_pitch)
-        return fitted.rgbd, (*taken.warnings, *depth_map.warnings(fitted.clipped))
+        return fitted.rgbd, self.warnings(taken, fitted, depth_map)
+
+    def warnings(self, taken: ColorDepth, fitted: Fitted, depth_map: DepthMap) -> tuple[str, ...]:
+        """What to say of the files, the map, and of a picture most of which is lost in it."""
+        said = [*taken.warnings, *depth_map.warnings(fitted.clipped)]
+        if fitted.clipped > MOST and depth_map.name != "printed":
+            said.append(self._clipped_words(taken, fitted, depth_map))
+        if fitted.empty > MOST:
+            said.append(self._empty_words(taken, fitted))
+        return tuple(said)
+
+    def _clipped_words(self, taken: ColorDepth, fitted: Fitted, depth_map: DepthMap) -> str:
+        known = taken.values.depth[~np.isnan(taken.values.depth)]
+        unit = " mm" if taken.values.has_unit else ""
+        done = "left out" if self.outside == "drop" else "moved to its ends, where they lie flat"
+        words = (
+            f"{self.depth}: {fitted.clipped:.1%} of its depths lie beyond the range that is mapped "
+            f"and were {done}; they run from {known.min():.5g} to {known.max():.5g}{unit}, and "
+            f"--near {depth_map.near:.5g} --far {depth_map.far:.5g} were mapped: state a wider "
+            "range, or neither"
+        )
+        return words + ", or --depth-map linear" * (depth_map.name == "reciprocal")
+
+    def _empty_words(self, taken: ColorDepth, fitted: Fitted) -> str:
+        ways = []
+        if self.fit != "cover":
+            ways.append("--fit cover fills an array of another shape")
+        if not self.orthographic:
+            ways.append("--orthographic in place of --intrinsics keeps the photograph's framing")
+        if self.fill_depth == "none" and taken.missing > 0:
+            ways.append(
+                f"--fill-depth behind gives a depth to the {taken.missing:.1%} of the picture that "
+                "have none"
+            )
+        if self.outside == "drop" and fitted.clipped > 0:
+            ways.append("--outside clip keeps what lies beyond the range")
+        words = f"{self.color}: {fitted.empty:.1%} of the lens array show nothing"
+        return f"{words}: {'; '.join(ways)}" if ways else words
 
 
 def _numbers(text: str) -> tuple[float, ...]:

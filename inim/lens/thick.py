@@ -45,7 +45,7 @@ from inim.lens.array import (
 from inim.lens.model import LensModel
 from inim.lens.surface import Face, carry, meet, normal, refract, sag, steepness
 
-__all__ = ["MODEL", "check", "on_axis_transmittance", "trace"]
+__all__ = ["MODEL", "check", "on_axis_transmittance", "relief_mm", "trace"]
 
 _AGAINST_THE_LIGHT = (0.0, 0.0, -1.0)  # a flat face's normal
 # Below this a ray runs along the array and never reaches the panel.
@@ -94,6 +94,17 @@ def on_axis_transmittance(display: Display) -> float:
     """Share of light through both faces at normal incidence, (4 n / (n + 1)^2)^2."""
     n = display.refractive_index
     return (4 * n / (n + 1) ** 2) ** 2
+
+
+def relief_mm(display: Display) -> tuple[float, float]:
+    """Curvature of the bulges along the light's way, mm^-1, and depth of their relief's foot, mm.
+
+    For whoever traces spherical faces with other arithmetic than `Ops`.
+    """
+    array, traits = lens_array(display), lens_traits(display)
+    face = _bulge(array, traits)
+    foot = sag(NUMPY_OPS, face, _reach_squared(array, traits, NUMPY_OPS))
+    return float(face.curvature), float(foot)
 
 
 def trace(

@@ -31,11 +31,14 @@ __all__ = ["FilmRequest", "make_film", "work", "write_film"]
 _KINDS = (".gif", ".webp", ".mp4")
 _ENCODER = "imageio_ffmpeg"
 _WEBP_QUALITY = 90
+# The true EIA, seen through the lenses.
+_CEILING = "ceiling"
 # Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
 _LEAST_ROWS_PX = 384
 # Of a ray through thick lenses, and of writing a frame: the bar moves by them.
 _RAY_S, _WRITE_S = 1.5e-8, 0.1
 _SPACE_BETWEEN_PX = 8
+_LABEL_ROWS_PX = 28
 _MOST_FRAMES = 2000
 
 
@@ -50,7 +53,7 @@ class FilmRequest:
     out : str
         The film.
     show : tuple of str
-        Panels side by side: "truth" or names of the report's algorithms.
+        Panels side by side: "ceiling" or names of the report's algorithms.
     path : str
         See `inim.display.viewpoint.eye_path`.
     lens_model : str
@@ -132,7 +135,8 @@ def _panels(request: FilmRequest, display: Display) -> list[np.ndarray]:
     from inim.report import Report
 
     report = Report.load(request.folder)
-    return [read_eia(report.eia_path(name, "--show"), display)[0] for name in request.show]
+    places = [report.eia_path(name, "--show", true=_CEILING) for name in request.show]
+    return [read_eia(place, display)[0] for place in places]
 
 
 def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
@@ -159,21 +163,38 @@ def _frames(request: FilmRequest, observer: Observer) -> list[np.ndarray]:
     rays = pixels * request.spp * len(eyes) * len(shown)
     observer.begin([Step("film", rays * _RAY_S, rays), Step("write", len(eyes) * _WRITE_S)])
     observer.stage("film")
-    return [_frame([one.view(eye, half=0) for one in shown]) for eye in eyes]
+    return [_frame([one.view(eye, half=0) for one in shown], request.show) for eye in eyes]
 
 
-def _frame(views: Sequence[np.ndarray]) -> np.ndarray:
-    """Views side by side, magnified by a whole number, of even rows and columns."""
+def _frame(views: Sequence[np.ndarray], names: Sequence[str]) -> np.ndarray:
+    """Views side by side under their names, magnified by a whole number, of even size."""
     from inim.color import srgb_from_linear, srgb_to_uint8
 
     rows = views[0].shape[0]
     times = max(1, math.ceil(_LEAST_ROWS_PX / rows))
     shown = [srgb_to_uint8(srgb_from_linear(view)) for view in views]
-    large = [view.repeat(times, axis=0).repeat(times, axis=1) for view in shown]
+    large = [
+        np.concatenate(
+            [_label(name, times * view.shape[1]), view.repeat(times, 0).repeat(times, 1)]
+        )
+        for name, view in zip(names, shown, strict=True)
+    ]
     space = np.zeros((large[0].shape[0], _SPACE_BETWEEN_PX, 3), np.uint8)
     parts = [large[0], *(part for view in large[1:] for part in (space, view))]
     frame = np.concatenate(parts, axis=1)
     return np.pad(frame, [(0, frame.shape[0] % 2), (0, frame.shape[1] % 2), (0, 0)])
+
+
+def _label(name: str, columns: int) -> np.ndarray:
+    """A pane's name in white on black, (rows, columns, 3) uint8."""
+    from matplotlib import get_data_path
+    from PIL import Image, ImageDraw, ImageFont
+
+    band = Image.new("RGB", (columns, _LABEL_ROWS_PX))
+    font = ImageFont.truetype(Path(get_data_path(), "fonts/ttf/DejaVuSans.ttf"), 16)
+    middle = (columns / 2, _LABEL_ROWS_PX / 2)
+    ImageDraw.Draw(band).text(middle, name, "white", font, anchor="mm")
+    return np.asarray(band)
 
 
 def _check_kind(path: Path) -> None:

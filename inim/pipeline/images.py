@@ -16,8 +16,9 @@ from inim.files.image import write_exr, write_png, write_rgbd
 from inim.observer import Observer
 from inim.pipeline.capture import Capture
 from inim.pipeline.ground_truth import GroundTruth
+from inim.rgbd import RGBD
 
-__all__ = ["Images"]
+__all__ = ["Images", "write_rgbd_pngs"]
 
 # Images that wait are held in memory, so large ones are waited for: a quarter of a gigabyte.
 _WAITING_BYTES = 2**28
@@ -59,13 +60,11 @@ class Images:
 
     def save_capture(self, capture: Capture, display: Display) -> None:
         """Write the RGB-D picture, and its colour and depth to look at."""
-        rgbd, (low, high) = capture.rgbd, display.depth_range_mm
-        grey = np.where(rgbd.covered, 0.1 + 0.9 * (rgbd.depth_mm - low) / (high - low), 0.0)
+        rgbd = capture.rgbd
 
         def write() -> None:
             write_rgbd(self.folder / "rgbd.exr", capture.layered or rgbd, self._attributes)
-            write_png(self.folder / "rgbd_color.png", rgbd.color)
-            write_png(self.folder / "rgbd_depth.png", np.repeat(grey[..., None], 3, axis=-1))
+            write_rgbd_pngs(self.folder, rgbd, display)
 
         self._submit(write, rgbd.color.nbytes)
 
@@ -104,3 +103,11 @@ class Images:
         with self._observer.timed(_TIMED):
             while self._waiting:
                 self._waiting.pop(0)[0].result()
+
+
+def write_rgbd_pngs(folder: Path, rgbd: RGBD, display: Display) -> None:
+    """Write colour and depth to look at: the farther within the depth range the darker."""
+    low, high = display.depth_range_mm
+    grey = np.where(rgbd.covered, 0.1 + 0.9 * (rgbd.depth_mm - low) / (high - low), 0.0)
+    write_png(folder / "rgbd_color.png", rgbd.color)
+    write_png(folder / "rgbd_depth.png", np.repeat(grey[..., None], 3, axis=-1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -17,7 +17,8 @@ from inim.errors import FileError
 from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.forecast import Step
-from inim.from_camera.picture import CameraPicture
+from inim.from_camera.fit import empty_share
+from inim.from_camera.picture import MOST, CameraPicture
 from inim.generators import SourceGenerator, check_algorithm, generate
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
 from inim.generators.registry import properties
@@ -25,6 +26,7 @@ from inim.lens import check_lens_model
 from inim.observer import Observer
 from inim.pipeline.checks import BLACK, check, finite
 from inim.pipeline.generate import GeneratorHandle, hole_fraction
+from inim.pipeline.images import write_rgbd_pngs
 from inim.pipeline.method import parse_methods
 from inim.pipeline.plugin_guard import blamed
 from inim.pipeline.reconstruct import Optics, reconstruct_views
@@ -44,7 +46,7 @@ if TYPE_CHECKING:
     from inim.display import Display
     from inim.settings import Settings
 
-__all__ = ["EXACT", "PictureRequest", "run_picture", "work"]
+__all__ = ["EXACT", "PictureRequest", "no_warning", "run_picture", "work"]
 
 #: Its EIA shows just what the picture says: all that can be asked for without a ground truth.
 EXACT = "template:samples=4"
@@ -54,7 +56,7 @@ _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
 _ORACLE_S, _MADE_S, _VIEW_S, _WRITE_S = 3.0, 2.0, 0.5, 1.5
 _NOT_SCORED = (
     "Views against the scene, and to the ceiling: there is no scene, only its picture.",
-    "The EIA against ground truth, and its noise floor: nobody knows what the camera did not see.",
+    "The EIA against the true one, and its noise floor: nobody knows what the camera did not see.",
 )
 
 
@@ -115,10 +117,20 @@ class PictureRequest:
         return words
 
 
+def no_warning(_: str) -> None:
+    """What takes warnings that nobody wants to hear."""
+
+
 def run_picture(
-    request: PictureRequest, *, quiet: bool = True, debug: bool = False
+    request: PictureRequest,
+    *,
+    quiet: bool = True,
+    debug: bool = False,
+    warn: Callable[[str], object] = no_warning,
 ) -> tuple[bool, Path]:
     """Validate a picture in a worker process; whether every check passed, and the folder.
+
+    `warn` is told what the report warns of, before anything is rendered.
 
     Raises
     ------
@@ -131,10 +143,12 @@ def run_picture(
     warnings: tuple[str, ...] = ()
     if request.rgbd is not None:
         rgbd = read_rgbd(request.rgbd)
-        warnings = _made_for_another(rgbd, display, str(request.rgbd))
+        warnings = _fitted_warnings(rgbd, display, str(request.rgbd))
     else:
         rgbd, warnings = request.picture.fitted(display, settings.capture_pixels_per_pitch)
     _check_picture(rgbd, display, str(request.named))
+    for warning in warnings:
+        warn(warning)
     passed = run_in_worker(
         "inim.pipeline.own_picture:work",
         (request, warnings),
@@ -145,6 +159,18 @@ def run_picture(
         debug=debug,
     )
     return passed, request.folder
+
+
+def _fitted_warnings(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...]:
+    """What to know of a fitted picture: of another display's size, or hardly there."""
+    empty = empty_share(rgbd.covered, display, rgbd.pixel_mm)
+    if empty <= MOST:
+        return _made_for_another(rgbd, display, name)
+    return (
+        *_made_for_another(rgbd, display, name),
+        f"{name}: {empty:.1%} of the lens array show nothing: fit it anew with `inim generate "
+        "--rgbd` and --fit cover, --orthographic or --fill-depth",
+    )
 
 
 def _made_for_another(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...]:
@@ -208,7 +234,7 @@ def work(
     rgbd = read_rgbd(staging / "rgbd.exr")
     scored = _scored(staging, rgbd, display, settings, renderer)
     observer.stage("write")
-    write_png(staging / "picture.png", rgbd.color)
+    write_rgbd_pngs(staging, rgbd, display)
     data = _record(request, display, settings, rgbd)
     data |= {"warnings": [*warnings], "backend": backend_data(renderer.backend)} | scored
     write_picture_report(data, staging)
@@ -276,7 +302,9 @@ def _scored(
     regions = {name: metrics.relic_region(met > 0) for name, (_, met) in direct.items()}
     for viewpoint, (picture, _) in direct.items():
         write_png(folder / "views" / "picture" / f"{viewpoint}.png", picture)
-    best = views_of("exact", generate(front, display, EXACT))
+    exact_eia = generate(front, display, EXACT)
+    write_eia(folder / "eia" / "exact.png", exact_eia, None, display.pixel_pitch_mm)
+    best = views_of("exact", exact_eia)
     algorithms, checks = {}, []
     for name in names:
         run.observer.stage(name)

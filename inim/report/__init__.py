@@ -103,18 +103,26 @@ class Report:
         except InimError as error:
             raise FileError(f"{self.folder / 'report.json'}: {error}; {_WAY_OUT}") from None
 
-    def eia_path(self, name: str, option: str) -> Path:
-        """The EIA of an algorithm or of `TRUTH`, linear.
+    def eia_path(self, name: str, option: str, *, true: str = TRUTH) -> Path:
+        """The EIA of an algorithm, or the true one, linear.
+
+        Parameters
+        ----------
+        name : str
+        option : str
+            What named it.
+        true : str
+            What names the true one.
 
         Raises
         ------
         UsageError
-            The report has no such algorithm; `option` is what named it.
+            The report has no such algorithm.
         """
-        names = [TRUTH, *self.data["algorithms"]]
+        names = [true, *self.data["algorithms"]]
         if name not in names:
             raise UsageError(f"{option} {name}: {known_words(name, names)}")
-        place = ("truth", "eia") if name == TRUTH else ("eia", name)
+        place = ("truth", "eia") if name == true else ("eia", name)
         return Path(self.folder, place[0], f"{place[1]}.exr")
 
     def write(self) -> None:

@@ -14,6 +14,7 @@ __all__ = [
     "captioned",
     "element",
     "figure",
+    "folded",
     "mark",
     "plot",
     "saved_plot",
@@ -47,6 +48,12 @@ def bullets(lines: Iterable[object], class_: str) -> str:
     """A list of plain texts; empty where there are none."""
     listed = [element("li", text(line)) for line in lines]
     return element("ul", *listed, class_=class_) if listed else ""
+
+
+def folded(title: str, *content: str, is_open: bool = False) -> str:
+    """HTML that shows when its title is clicked; paper shows it anyway."""
+    given = {"open": "open"} if is_open else {}
+    return element("details", element("summary", title), *content, **given)
 
 
 def plot(svg: bytes, alt: str, caption: str = "", **attributes: object) -> str:

@@ -15,7 +15,7 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
-from inim.report.markup import element, mark, table, text
+from inim.report.markup import element, folded, mark, table, text
 from inim.report.wording import MISSING, check_passed, checks, items, part, plain, short, verdict
 
 __all__ = [
@@ -48,11 +48,14 @@ class Section:
         Plain text.
     body : str
         HTML. A section without a body is left out of the page.
+    is_folded : bool
+        Only the title shows until it is clicked.
     """
 
     anchor: str
     title: str
     body: str
+    is_folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -120,13 +123,15 @@ def render_page(
         HTML that ends in a line break.
     """
     shown = [section for section in sections if section.body]
-    scripts = [w.script for w in widgets if any(w.is_in(s.body) for s in shown)]
+    scripts = [package_text("page.js")]
+    scripts += [w.script for w in widgets if any(w.is_in(s.body) for s in shown)]
     styles = [package_text("report.css"), *(w.style for w in widgets), style]
     head = _head(window_title, "".join(styles), scripts)
     main = "\n".join(map(_section, shown))
     parts = [
         *([_skip_link(shown[0])] if len(shown) > 1 else []),
-        _header(heading, facts, verdict_badge, shown if len(shown) > 1 else []),
+        _header(heading, facts, verdict_badge),
+        *([_contents(shown)] if len(shown) > 1 else []),
         f"<main>\n{main}\n</main>",
         element("footer", element("p", text(footer))),
         *(f"<script>{script}</script>" for script in scripts),
@@ -157,20 +162,22 @@ def _skip_link(first: Section) -> str:
     return element("a", "Skip to the content", class_="skip", href=f"#{first.anchor}")
 
 
-def _header(
-    heading: object, facts: Iterable[str], verdict_badge: str, contents: Sequence[Section]
-) -> str:
+def _header(heading: object, facts: Iterable[str], verdict_badge: str) -> str:
     line = element("p", " · ".join(facts), class_="facts")
-    links = [element("a", text(one.title), href=f"#{one.anchor}") for one in contents]
-    navigation = element("nav", *links, aria_label="Sections") if links else ""
     title = element("div", element("h1", text(heading)), line)
-    return element("header", title, verdict_badge, navigation)
+    return element("header", title, verdict_badge)
+
+
+def _contents(sections: Sequence[Section]) -> str:
+    links = [element("a", text(one.title), href=f"#{one.anchor}") for one in sections]
+    return element("nav", *links, aria_label="Sections")
 
 
 def _section(section: Section) -> str:
     label = f"{section.anchor}-title"
     heading = element("h2", text(section.title), id=label)
-    return element("section", heading, section.body, id=section.anchor, aria_labelledby=label)
+    body = folded(heading, section.body) if section.is_folded else heading + section.body
+    return element("section", body, id=section.anchor, aria_labelledby=label)
 
 
 def badge(word: str, *lines: str) -> str:
@@ -217,7 +224,9 @@ def how_to_reproduce(data: Mapping[str, Any], more: str = "") -> Section:
     command = element("pre", element("code", text(data.get("command", MISSING))), tabindex=0)
     scene = {**part(data, "scene"), **part(data, "scene", "fit")}
     tables = {
-        "Settings": part(data, "settings"),
+        "Settings; what is not listed is the display's own": {
+            key: value for key, value in part(data, "settings").items() if value is not None
+        },
         "Scene": {k: v for k, v in scene.items() if k != "fit"},
         "Versions": {"inim": data.get("inim_version"), **part(data, "versions")},
         "Backend": part(data, "backend"),
@@ -227,7 +236,7 @@ def how_to_reproduce(data: Mapping[str, Any], more: str = "") -> Section:
     if len(drawn) > 1:  # the longest on the left, the others one below another on the right
         stack = element("div", *drawn[1:], class_="stack")
         below = element("div", drawn[0], stack, class_="columns")
-    return Section("reproduce", "How to reproduce", command + more + below)
+    return Section("reproduce", "How to reproduce", command + more + below, is_folded=True)
 
 
 def _facts_table(caption: str, values: Mapping[str, Any]) -> str:

@@ -306,6 +306,6 @@ def _facts(data: Mapping[str, Any]) -> list[str]:
 
 
 def _figure(folder: Path) -> str:
-    words = "Error against parameter, float32 solid, float64 dashed"
+    words = "Error against parameter, single precision solid, double precision dashed"
     caption = f"{words}. Generators at the foot of an axis: no pixel at all."
     return saved_plot(folder / "stress.svg", words, caption)

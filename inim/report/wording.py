@@ -17,6 +17,7 @@ from inim.metrics import Metric, all_metrics, find
 from inim.metrics.ssim import metric as MAIN  # noqa: N812
 
 __all__ = [
+    "CEILING",
     "HEADLINE",
     "HEADLINE_TO_SCENE",
     "HEADLINE_WORDS",
@@ -24,6 +25,8 @@ __all__ = [
     "MISSING",
     "NBSP",
     "PREVIEW_WORDS",
+    "TRUE_EIA",
+    "TRUTH",
     "best_algorithm",
     "by_noise",
     "check_finding",
@@ -56,6 +59,9 @@ ScoreKind = Literal["scene", "ceiling", "relic", "relic to ceiling", "eia"]
 #: Name of the headline score, and of the same to the scene.
 HEADLINE, HEADLINE_TO_SCENE = MAIN.on_relic_to_ceiling_key, MAIN.on_relic_key
 HEADLINE_WORDS = f"{MAIN.label} on the relic, to the ceiling"
+
+#: The scene itself; the true EIA through the lenses; and that EIA, on the panel.
+TRUTH, CEILING, TRUE_EIA = "Ground truth", "Ceiling", "True EIA"
 
 MISSING = "–"
 INFINITE = "∞"
@@ -151,7 +157,7 @@ def metric_scores(scores: Mapping[str, Any], kind: ScoreKind = "scene") -> list[
         By key.
     kind : {"scene", "ceiling", "relic", "relic to ceiling", "eia"}
         A view's to the scene or to the ceiling, of the whole or on the relic; an EIA's to the
-        ground truth.
+        true one.
     """
     found = []
     for metric in all_metrics():

@@ -148,8 +148,8 @@ ENTRIES = {
         "An eye leaves the viewing zone",
         "Beyond the zone a lens shows the eye its neighbour's elemental image: the picture flips, "
         "lens after lens, until the eye is in the next zone and sees the picture again. "
-        "`inim film` keeps the eye in the zone; this is the report's virtual display of the ground "
-        "truth, with thin lenses.",
+        "`inim film` keeps the eye in the zone; this is the report's virtual display of the true "
+        "EIA, with thin lenses.",
         "scenes/wine_coin.xml",
         {"": _TWO},
     ),

@@ -17,6 +17,7 @@ from tests.system.conftest import Ended, assert_one_line, nothing_left, run_here
 from tests.system.test_view import DISPLAY, tilted_plane, whole_report_data
 
 PATH = "-12 0 180, 12 0 180"
+LABEL = 28  # rows of the names above the panes
 
 
 @pytest.fixture
@@ -51,10 +52,11 @@ def test_frames_are_views_along_the_path_side_by_side(folder, renderer):
     frames = read(folder.parent / "made/film.webp")
     assert len(frames) == 6
     times = 5  # 80 rows of view
-    assert frames[0].shape == (80 * times, 2 * 96 * times + 8, 3)
+    assert frames[0].shape == (LABEL + 80 * times, 2 * 96 * times + 8, 3)
     eyes = eye_path(PATH, DISPLAY, 6)
     for frame, eye in list(zip(frames, eyes, strict=True))[::2]:
-        parts = frame[:, : 96 * times], frame[:, 96 * times + 8 :]
+        views = frame[LABEL:]
+        parts = views[:, : 96 * times], views[:, 96 * times + 8 :]
         for seed, part in enumerate(parts):
             shown = linear_from_srgb(part[times // 2 :: times, times // 2 :: times] / 255)
             expected = reconstruct(panel(seed), DISPLAY, eye, "pinhole")
@@ -63,6 +65,10 @@ def test_frames_are_views_along_the_path_side_by_side(folder, renderer):
             assert ssim(expected, shown) > 0.95
             assert ssim(elsewhere, shown) < 0.9
             assert ssim(reconstruct(panel(1 - seed), DISPLAY, eye, "pinhole"), shown) < 0.9
+        # Each under its name: another one's pixels.
+        names = frame[:LABEL, : 96 * times], frame[:LABEL, 96 * times + 8 :]
+        assert all((name.max(axis=-1) > 128).sum() > 50 for name in names)
+        assert abs(names[0].astype(int) - names[1]).max() > 128
     assert nothing_left(folder.parent)
 
 
@@ -71,7 +77,7 @@ def test_one_panel_by_name(folder):
                  "--quiet", folder=folder)  # fmt: skip
     assert (ended.code, ended.stdout) == (0, ""), ended.stderr
     frames = read(folder.parent / "film.gif")
-    assert [f.shape for f in frames] == [(400, 480, 3)] * 2
+    assert [f.shape for f in frames] == [(LABEL + 400, 480, 3)] * 2
     assert abs(frames[0].astype(int) - frames[1]).mean() > 1
 
 

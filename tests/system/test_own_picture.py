@@ -6,6 +6,8 @@ own depth; what would need a scene is refused or listed with its reason.
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +18,11 @@ from inim.display import Viewpoint
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.files.image import read_rgbd
 from inim.generators.oracle import exact_hits
-from inim.pipeline.own_picture import _made_for_another
+from inim.pipeline.own_picture import _fitted_warnings, _made_for_another
 from inim.pipeline.warp import warped
 from inim.rgbd import RGBD
 from tests import oracle
+from tests.chromium import browser
 from tests.conftest import small_display
 from tests.schemas import read_document
 from tests.system.conftest import assert_one_line, files_in, nothing_left, worker_here
@@ -162,6 +165,48 @@ def test_mistakes_are_one_line_and_leave_nothing(words, says, tmp_path, monkeypa
     assert main(["validate", *words]) == EXIT_USAGE
     assert_one_line(capsys.readouterr().err, says)
     assert not list(tmp_path.iterdir())
+
+
+def test_the_page_begins_with_picture_depth_view_and_live_display(finished):
+    page = (finished[0] / "out" / "report.html").read_text("utf-8")
+    sections = re.findall(r'<section id="([\w-]+)"', page)
+    assert sections[: sections.index("scores")] == ["overview", "warnings", "virtual-display"]
+    first = page[page.index('id="overview"') : page.index('id="virtual-display"')]
+    assert re.findall(r'alt="([^"]+)"', first) == [
+        "The picture as it lies on the lens array",
+        "Its depth",
+        "View of the display from l",
+    ]
+    panels = json.loads(re.search(r'id="virtual-display-data">(.*?)</script>', page)[1])["panels"]
+    assert [one["name"] for one in panels] == ["Exact first hits", *ALGORITHMS.split(",")]
+    assert ">–<" not in page[page.index('id="scores"') : page.index('id="views"')]
+
+
+def test_tables_scroll_in_their_boxes_on_a_phone(finished, tmp_path):
+    with browser(tmp_path / "profile") as tab:
+        for width in (390, 1280):
+            tab.size(width, 800)
+            tab.open(finished[0] / "out" / "report.html")
+            assert tab.evaluate("inimDisplay.ready") is True
+            assert tab.evaluate("document.documentElement.scrollWidth") == width
+        assert tab.complaints == []
+
+
+def test_a_picture_that_is_mostly_clipped_or_empty_says_what_to_type(finished, capsys):
+    folder = finished[0]
+    words = ["--near", "300", "--far", "301", "--algorithms", "template", *DISPLAY]
+    words += ["-D", "inim.reconstruction_spp=4", "--viewpoints", "centre"]
+    assert main(["validate", *taken(folder), *words, "-o", str(folder / "lost")]) == EXIT_PASSED
+    said = capsys.readouterr().err
+    clipped = "of its depths lie beyond the range that is mapped"
+    empty = "of the lens array show nothing: --fit cover"
+    assert clipped in said and "--near" in said and "--far" in said
+    assert empty in said and "--orthographic" in said
+    warnings = read_document(folder / "lost" / "report.json")["warnings"]
+    assert any(clipped in one for one in warnings) and any(empty in one for one in warnings)
+    # The fitted picture knows of its emptiness alone.
+    rgbd = read_rgbd(folder / "lost" / "rgbd.exr")
+    assert "show nothing" in _fitted_warnings(rgbd, the_display(), "x.exr")[-1]
 
 
 def test_a_picture_of_the_size_for_another_display_is_warned_of(finished):

@@ -17,6 +17,8 @@ from tests.system.test_view import report_data, report_folder
 
 WORKED_BY_HAND = ("button", "link", "checkbox", "radio", "slider", "combobox", "application")
 
+UNFOLD = "document.querySelectorAll('details').forEach((d) => {{ d.open = {}; }})"
+
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -102,7 +104,7 @@ def test_nothing_sticks_out_of_the_screen(tab, theme, width):
     tab.send("Emulation.setEmulatedMedia", media="", features=scheme)
     out = tab.evaluate(
         "[...document.querySelectorAll('body *')].filter((e) => e.checkVisibility() && "
-        "!e.closest('.scroll, svg, pre, .skip, .spoken, #overview > h2') && "
+        "!e.closest('.scroll, nav, svg, pre, .skip, .spoken, #overview > h2') && "
         "e.getBoundingClientRect().right > innerWidth + 1).map((e) => e.outerHTML.slice(0, 80))"
     )
     assert out == []
@@ -115,6 +117,7 @@ def test_words_stand_out_from_what_is_behind_them(tab, theme):
     """Contrast of 4.5 at least, as WCAG 2.1, 1.4.3 asks, by its formula on computed colours."""
     scheme = [{"name": "prefers-color-scheme", "value": theme}]
     tab.send("Emulation.setEmulatedMedia", media="", features=scheme)
+    tab.evaluate(UNFOLD.format("true"))
     pairs = tab.evaluate(
         """[...document.querySelectorAll('body *')].filter((e) => e.checkVisibility() &&
           !e.closest('svg, .stage, option') &&
@@ -126,6 +129,7 @@ def test_words_stand_out_from_what_is_behind_them(tab, theme):
               getComputedStyle(behind || document.body).backgroundColor, e.textContent.trim()];
           })"""
     )
+    tab.evaluate(UNFOLD.format("false"))
     assert len(pairs) > 200
     weak = {(ink, paper, words[:40]) for ink, paper, words in pairs if contrast(ink, paper) < 4.5}
     assert weak == set()
@@ -154,9 +158,66 @@ def test_page_prints_and_reads_whole_without_scripts(tab, page):
         assert tab.evaluate(sections) == live
         broken = "[...document.images].filter((i) => !i.naturalWidth).length"
         assert tab.evaluate(broken) == 0
-        empty = "[...document.querySelectorAll('main section')].filter((s) => s.clientHeight < 60)"
-        assert tab.evaluate(f"{empty}.map((s) => s.id)") == []
+        for height, kind in ((60, "section:not(:has(> details))"), (20, "section")):
+            empty = f"[...document.querySelectorAll('main {kind}')]"
+            assert tab.evaluate(f"{empty}.filter((s) => s.clientHeight < {height}).length") == 0
+        tab.click("#reproduce summary")
+        assert tab.evaluate("document.querySelector('#reproduce pre').checkVisibility()")
     finally:
         tab.send("Emulation.setScriptExecutionDisabled", value=False)
         tab.open(page)  # as the other tests expect it
     assert tab.complaints == []
+
+
+def test_paper_has_what_the_screen_folds(tab):
+    """By what Chromium lays out: the folded parts are as high as the unfolded ones."""
+    height = "document.getElementById('reproduce').clientHeight"
+    folded = tab.evaluate(height)
+    tab.send("Emulation.setEmulatedMedia", media="print")
+    assert tab.evaluate(height) > 3 * folded
+
+
+def test_link_opens_the_folded_part_it_leads_to_and_contents_stay_in_sight(tab):
+    details = "document.querySelector('#checks > details').open"
+    assert tab.evaluate(details) is False
+    tab.click(".verdict a")
+    assert tab.evaluate(details) is True
+    tab.evaluate("scrollTo({top: document.documentElement.scrollHeight, behavior: 'instant'})")
+    tab.until("document.querySelector('nav').getBoundingClientRect().top === 0")
+    tab.evaluate("document.getElementById('views').scrollIntoView({behavior: 'instant'})")
+    tab.until("document.querySelector('nav [aria-current]')?.hash === '#views'")
+    tab.evaluate(UNFOLD.format("false"))
+    tab.evaluate("scrollTo({top: 0, behavior: 'instant'})")
+    assert tab.complaints == []
+
+
+FIRST_CELLS = (
+    "[...document.querySelectorAll('#overview tbody th')].map((c) => c.firstChild.textContent)"
+)
+HEAD = "#overview thead th:nth-child(2)"
+
+
+def test_tables_are_sorted_from_their_heads_by_mouse_and_keyboard(tab):
+    references = ["Ceiling", "Noise floor"]
+    assert tab.evaluate(FIRST_CELLS) == ["template", "wang2024", *references]
+    tab.click(f"{HEAD} button")
+    assert tab.evaluate(f"document.querySelector('{HEAD}').ariaSort") == "ascending"
+    # By number, what algorithms are measured against below them.
+    assert tab.evaluate(FIRST_CELLS) == ["wang2024", "template", *references]
+    tab.evaluate(f"document.querySelector('{HEAD} button').focus()")
+    tab.key("Enter", "\r")
+    assert tab.evaluate(f"document.querySelector('{HEAD}').ariaSort") == "descending"
+    assert tab.evaluate(FIRST_CELLS) == ["template", "wang2024", *references]
+    assert tab.evaluate("document.querySelectorAll('#overview [aria-sort]').length") == 1
+
+
+def test_a_table_wider_than_the_screen_says_so_and_scrolls_in_its_box(tab):
+    box = "#overview .scroll"
+    words = f"getComputedStyle(document.querySelector('{box}'), '::before').content"
+    tab.size(1280, 800)
+    tab.until(f"!{words}.includes('scroll it sideways')")
+    tab.size(390, 800)
+    tab.until(f"{words}.includes('scroll it sideways')")
+    inside = f"(e => e.scrollWidth > e.clientWidth)(document.querySelector('{box}'))"
+    assert tab.evaluate(inside) is True
+    assert tab.evaluate("document.documentElement.scrollWidth") == 390

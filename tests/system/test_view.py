@@ -19,8 +19,10 @@ from PIL import Image
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.commands.view import view_eia
 from inim.display import DISPLAYS, Display, Viewpoint
+from inim.lens import white_exposure
 from inim.metrics import ssim
 from inim.report.sections import render_html
+from inim.report.virtual_display import live_lens_models
 from inim.report.virtual_display.still import still_view
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
@@ -168,8 +170,8 @@ def traced(renderer: object) -> Any:
 
     light = linear_from_srgb(tilted_plane(DISPLAY).astype(np.float32) / 255)
 
-    def view_from(place: tuple[float, float, float]) -> np.ndarray:
-        return reconstruct(light, DISPLAY, Viewpoint("eye", *place), "pinhole", spp=256)
+    def view_from(place: tuple[float, float, float], lens_model: str = "pinhole") -> np.ndarray:
+        return reconstruct(light, DISPLAY, Viewpoint("eye", *place), lens_model, spp=256)
 
     return view_from
 
@@ -204,6 +206,7 @@ def test_dragging_the_eye_shows_what_the_ray_tracer_sees_from_there(tab, page, t
         {"rotation_deg": 3.0, "shift_x_mm": 0.31, "shift_y_mm": -0.2},
         {"tilt_x_deg": 2.0, "tilt_y_deg": -1.5},
         {"abbe_number": 30.0},
+        {"curved_side": "panel"},
         {"elemental_pitch_mm": 1.01, "gap_mm": 2.8},
     ],
     ids=lambda changes: " ".join(changes) or "plain",
@@ -215,7 +218,9 @@ def test_every_kind_of_array_is_drawn_as_the_lens_models_trace_it(tab, tmp_path,
     assert_flip_limits(tab, display)
     tab.evaluate("inimDisplay.setEye(23, -14, 190)")
     shape = display.lens_rows * 4, display.lens_columns * 4
-    for lens_model in ("pinhole", "thin"):
+    models = live_lens_models(display)
+    assert ("thick" in models) == ("fill_factor" not in changes and "aperture" not in changes)
+    for lens_model in models:
         tab.click(f"input[value={lens_model}]")
         expected = still_view(codes, display, eye(tab), lens_model, grid=8).astype(int)
         shown = canvas(tab, 0, shape).astype(int)
@@ -223,6 +228,24 @@ def test_every_kind_of_array_is_drawn_as_the_lens_models_trace_it(tab, tmp_path,
         # A sample on the border of two panel pixels may fall to either side.
         assert (abs(shown - expected).max(axis=-1) > 2).mean() < MOST_CHANGED, lens_model
     assert tab.complaints == []
+
+
+def test_thick_lenses_live_are_those_that_are_scored(tab, page, traced):
+    """Against `inim.reconstruct`, brightness and all: closer than thin lenses are."""
+    show(tab, page)
+    assert tab.evaluate("inimDisplay.state().lensModel") == "thick"  # as the report's
+    tab.evaluate("inimDisplay.setEye(14, -9, 180)")
+    # As reports do, the loss on the axis is set right.
+    expected = traced((14, -9, 180), "thick") * white_exposure(DISPLAY, "thick")
+    errors = {}
+    for model in ("thick", "thin"):
+        tab.click(f"input[value={model}]")
+        shown = linear_from_srgb(canvas(tab, 0, expected.shape[:2]).astype(np.float32) / 255)
+        errors[model] = float(np.sqrt(((shown - expected) ** 2).mean()))
+        if model == "thick":
+            assert ssim(expected, shown) >= LEAST_SSIM
+            assert shown.mean() == pytest.approx(float(expected.mean()), rel=0.01)
+    assert errors["thick"] < 0.5 * errors["thin"]
 
 
 def test_every_control_works_and_nothing_complains(tab, page):
@@ -274,6 +297,83 @@ def test_every_control_works_and_nothing_complains(tab, page):
     assert min(tab.evaluate(widths)) > 300
     tab.size(500, 800)
     rest(tab)
+    assert tab.complaints == []
+
+
+def test_two_eyes_see_the_panel_from_their_two_places(tab, tmp_path):
+    """As `still_view` does from each: the left eye's picture left, the right eye's right."""
+    codes = tilted_plane(DISPLAY)
+    show_eia(tab, tmp_path, codes)
+    alone = tab.evaluate("inimDisplay.state().eyes")
+    assert alone == [list(eye(tab))] * 2
+    tab.click("input[name=pair]")
+    tab.evaluate(
+        "(e => { e.value = 20; e.dispatchEvent(new Event('input')); })"
+        "(document.querySelector('input[name=between]'))"
+    )
+    tab.evaluate("inimDisplay.setEye(3, 2, 300)")
+    rest(tab)
+    assert tab.evaluate("inimDisplay.state().eyes") == [[-7, 2, 300], [13, 2, 300]]
+    assert "20 mm apart" in tab.evaluate("document.querySelector('.readout').textContent")
+    heads = "[...document.querySelectorAll('.screens .side')].map((s) => s.textContent)"
+    assert tab.evaluate(heads) == ["Left eye", "Right eye"]
+    shape = DISPLAY.lens_rows * 4, DISPLAY.lens_columns * 4
+    for side, x in enumerate((-7, 13)):
+        expected = still_view(codes, DISPLAY, (x, 2, 300), "thick", grid=8).astype(int)
+        shown = canvas(tab, side, shape).astype(int)
+        assert (abs(shown - expected).max(axis=-1) > 2).mean() < MOST_CHANGED
+    # A pair is outside as soon as one of its eyes is.
+    limit = tab.evaluate("inimDisplay.flipLimit(300)")[0]
+    tab.evaluate(f"inimDisplay.setEye({limit - 9}, 0, 300)")
+    assert tab.evaluate("inimDisplay.state().isOutside") is True
+    tab.evaluate(f"inimDisplay.setEye({limit - 11}, 0, 300)")
+    assert tab.evaluate("inimDisplay.state().isOutside") is False
+    tab.click("input[name=pair]")
+    rest(tab)
+    hidden = "document.querySelectorAll('.screens figure')[1].hidden"
+    assert tab.evaluate(hidden) is True
+    assert tab.complaints == []
+
+
+def test_the_plan_shows_display_and_eye_to_one_scale(tab, page):
+    show(tab, page)
+    tab.evaluate("inimDisplay.setEye(-20, 5, 180)")
+    rest(tab)
+    panel, x, y = tab.evaluate(
+        "[document.querySelector('.above .panel').getAttribute('points'),"
+        " ...['cx', 'cy'].map((n) => +document.querySelector('.above .eye').getAttribute(n))]"
+    )
+    left, right = (float(one.split(",")[0]) for one in panel.split())
+    scale = (right - left) / DISPLAY.width_mm
+    assert (x / scale, y / scale) == (pytest.approx(-20, abs=0.1), pytest.approx(180, abs=0.5))
+    assert "24 mm wide" in tab.evaluate("document.querySelector('.above').ariaLabel")
+
+
+MOTION = "prefers-reduced-motion"
+
+
+def test_the_eye_sways_until_a_key_or_a_touch_and_never_where_motion_is_unwanted(tab, page):
+    def let_move(wanted: str) -> None:
+        motion = [{"name": MOTION, "value": wanted}]
+        tab.send("Emulation.setEmulatedMedia", media="", features=motion)
+        tab.open(page)
+        assert tab.evaluate("inimDisplay.ready") is True
+        tab.middle("#virtual-display canvas")
+
+    for stop in (lambda: tab.key("Shift"), lambda: tab.click("#virtual-display h2")):
+        let_move("no-preference")
+        tab.until("Math.abs(inimDisplay.eye()[0]) > 1")
+        assert tab.evaluate("inimDisplay.state().isSwaying") is True
+        assert tab.evaluate("inimDisplay.state().isOutside") is False
+        stop()
+        assert tab.evaluate("inimDisplay.state().isSwaying") is False
+        before = eye(tab)
+        assert tab.evaluate("new Promise((r) => setTimeout(r, 400)).then(() => 1)") == 1
+        assert eye(tab) == before
+    let_move("reduce")
+    rest(tab)
+    assert tab.evaluate("inimDisplay.state().isSwaying") is False
+    assert eye(tab) == (0, 0, 180)
     assert tab.complaints == []
 
 
@@ -523,7 +623,7 @@ def test_view_of_a_report_has_all_its_panels(tab, page, tmp_path):
     assert (ended.code, ended.stdout) == (0, "OUT/virtual-display.html\n"), ended.stderr
     show(tab, folder / "virtual-display.html")
     names = "[...document.querySelector('select').options].map((o) => o.text)"
-    assert tab.evaluate(names) == ["Ground truth", "template", "wang2024"]
+    assert tab.evaluate(names) == ["Ceiling", "template", "wang2024"]
     assert tab.complaints == []
 
 

@@ -20,10 +20,12 @@ from inim.display import DISPLAYS
 from inim.files.image import write_rgbd
 from inim.report import sections as report_html
 from inim.report.diagram import depth_profile, plan_view
+from inim.report.page import package_text
 from inim.report.sections import all_sections, render_html
 from inim.report.sections.views import WIPE
 from inim.rgbd import RGBD
 
+PAGE_SCRIPT = package_text("page.js")
 HOSTILE = "</style><script>alert(1)</script>\"'`$\n&amp; 双耳陶罐 \x00\ud800"
 VIEWS = ("centre", "left", "right", "up", "down")
 VOID = {"meta", "img", "br", "link", "input", "hr"}
@@ -188,9 +190,10 @@ def test_page_needs_nothing_from_outside_and_forbids_it(folder):
     policy = [m["content"] for m in page.all("meta") if "http-equiv" in m]
     assert len(policy) == 1
     assert policy[0].startswith("default-src 'none'; img-src data:;")
-    assert page.scripts == [WIPE.script]
-    digest = base64.b64encode(hashlib.sha256(page.scripts[0].encode()).digest()).decode()
-    assert f"script-src 'sha256-{digest}';" in policy[0]
+    assert page.scripts == [PAGE_SCRIPT, WIPE.script]
+    digests = [hashlib.sha256(script.encode()).digest() for script in page.scripts]
+    allowed = " ".join(f"'sha256-{base64.b64encode(one).decode()}'" for one in digests)
+    assert f"script-src {allowed};" in policy[0]
 
 
 def test_hostile_names_are_shown_as_text_and_never_run(folder):
@@ -203,7 +206,7 @@ def test_hostile_names_are_shown_as_text_and_never_run(folder):
     page = Page(html)
     html.encode("utf-8")
     assert page.open == []
-    assert page.all("script") == []  # and none of our own, for there are no pictures
+    assert page.scripts == [PAGE_SCRIPT]  # and no wipe, for there are no pictures
     assert len(page.all("style")) == 1
     assert "<script>alert(1)</script>" in page.text
     assert "双耳陶罐" in page.text
@@ -295,7 +298,7 @@ def test_eia_crop_shows_the_same_busiest_lenses_of_every_array_unscaled(folder):
     save(folder / "eia/template.png", made)
     page = Page(render_html(report(ALGORITHMS), folder))
     cut = np.s_[top : top + size, left : left + size]
-    crop = page.picture("Magnified elemental images, Ground truth")
+    crop = page.picture("Magnified elemental images, True EIA")
     np.testing.assert_array_equal(crop, truth[cut])
     crop = page.picture("Magnified elemental images, template")
     np.testing.assert_array_equal(crop, made[cut])
@@ -553,7 +556,7 @@ def test_what_was_skipped_is_listed_with_its_reason(folder):
     rows = [{"what": HOSTILE, "done": "3 of 5", "skipped": "2", "why": "nothing moves there"}]
     page = Page(render_html({**report(ALGORITHMS), "skipped": rows}, folder))
     assert "3 of 5 2 nothing moves there" in page.text
-    assert page.scripts == [WIPE.script]
+    assert page.scripts == [PAGE_SCRIPT, WIPE.script]
 
 
 @pytest.mark.parametrize("rows", [None, [], "all", {}])

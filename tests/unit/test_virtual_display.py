@@ -19,14 +19,16 @@ from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS, Display
 from inim.report import sections as report_html
 from inim.report.images import ENCODINGS, Images
+from inim.report.page import package_text
 from inim.report.sections import render_html
 from inim.report.sections.virtual_display import report_display
-from inim.report.virtual_display import Panel, embed_panels
+from inim.report.virtual_display import LIVE, Panel, embed_panels
 from inim.report.virtual_display.still import still_view
 from tests.conftest import small_display
 from tests.unit.test_report_html import HOSTILE, Page, noise, report, save
 
 DISPLAY = small_display(12, 10, 8)
+PAGE_SCRIPT = package_text("page.js")
 
 
 class Scripts(HTMLParser):
@@ -76,7 +78,7 @@ def picture(source: str) -> np.ndarray:
 def test_every_panel_is_embedded_once_and_exactly(tmp_path):
     page = render_html(shown_report(tmp_path, ("template", "wang2024")), tmp_path)
     data = block(page)
-    assert [one["name"] for one in data["panels"]] == ["Ground truth", "template", "wang2024"]
+    assert [one["name"] for one in data["panels"]] == ["Ceiling", "template", "wang2024"]
     for seed, one in enumerate(data["panels"]):
         np.testing.assert_array_equal(picture(one["source"]), noise(seed, 96)[:80, :96])
         assert page.count(one["source"]) == 1
@@ -86,12 +88,12 @@ def test_every_panel_is_embedded_once_and_exactly(tmp_path):
 def test_only_the_display_s_own_script_may_run(tmp_path):
     page = render_html(shown_report(tmp_path), tmp_path)
     running = [text for attributes, text in Scripts(page).found if "type" not in attributes]
-    assert len(running) == 1
-    digest = base64.b64encode(hashlib.sha256(running[0].encode()).digest()).decode()
+    assert running == [PAGE_SCRIPT, LIVE.script]
+    digests = [base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in running]
     policy = next(m["content"] for m in Page(page).all("meta") if "http-equiv" in m)
     directives = dict(d.split(" ", 1) for d in policy.split("; "))
     assert directives["default-src"] == "'none'"
-    assert directives["script-src"] == f"'sha256-{digest}'"
+    assert directives["script-src"] == " ".join(f"'sha256-{one}'" for one in digests)
     assert directives["img-src"] == "data:"
     assert not re.search(r"https?://|@import|url\(|\beval\b|Function\(|fetch\(", page)
 
@@ -103,7 +105,7 @@ def test_hostile_names_stay_names(tmp_path):
     data["title"] = data["lens_model"] = HOSTILE
     data["misalign"] = ""
     page = render_html(data, tmp_path)
-    assert len(Scripts(page).found) == 2
+    assert len(Scripts(page).found) == 3
     assert block(page)["viewpoints"] == [{"name": name, "position_mm": [0, 0, 100]}]
     assert Page(page).open == []
     assert "alert(1)</script><!--" not in page.split("<main>")[0]
@@ -120,7 +122,7 @@ def test_misaligned_array_is_shown_as_it_lies(tmp_path):
     optics = block(render_html(data, tmp_path))["optics"]
     assert optics["turn"] == pytest.approx([np.sqrt(3) / 2, 0.5])
     assert optics["shift_mm"] == [0.2, 0]
-    assert optics["traits"] == ["TURNED"]
+    assert optics["traits"] == ["TURNED", "BULGES_TO_VIEWER"]
     assert optics["panel"] == [96, 80]
 
 
@@ -145,13 +147,22 @@ def test_controls_and_canvases_have_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("scored_with", "first"), [("pinhole", "pinhole"), ("thin", "thin"), ("thick", "thin")]
+    ("scored_with", "fill_factor", "first"),
+    [
+        ("pinhole", 1, "pinhole"),
+        ("thin", 1, "thin"),
+        ("thick", 1, "thick"),
+        ("thick", 0.8, "thin"),
+    ],
 )
-def test_it_starts_with_the_lens_model_nearest_to_the_report_s(tmp_path, scored_with, first):
-    page = Page(render_html(shown_report(tmp_path) | {"lens_model": scored_with}, tmp_path))
+def test_it_starts_with_the_lens_model_nearest_to_the_report_s(
+    tmp_path, scored_with, fill_factor, first
+):
+    data = shown_report(tmp_path, display=DISPLAY.replace(fill_factor=fill_factor))
+    page = Page(render_html(data | {"lens_model": scored_with}, tmp_path))
     radios = [i for i in page.all("input") if i["type"] == "radio"]
     assert [i["value"] for i in radios if "checked" in i] == [first]
-    assert ("thin ones come nearest" in page.text) == (scored_with == "thick")
+    assert ("thin ones come nearest" in page.text) == (scored_with != first)
 
 
 def test_pre_rendered_views_stand_in(tmp_path):
@@ -160,7 +171,7 @@ def test_pre_rendered_views_stand_in(tmp_path):
         save(tmp_path / "views" / place / "centre.png", noise(5))
     page = Page(render_html(data, tmp_path))
     alts = [image["alt"] for image in page.all("img")]
-    assert "Ground truth from centre, thick lenses" in alts
+    assert "Ceiling from centre, thick lenses" in alts
     assert "template from centre, thick lenses" in alts
 
 
@@ -179,14 +190,14 @@ def test_what_cannot_be_shown_live_is_left_out_with_its_reason(tmp_path, spoil, 
     spoil(data)
     page = render_html(data, tmp_path)
     assert words in Page(page).text
-    assert Scripts(page).found == []
+    assert [text for _, text in Scripts(page).found] == [PAGE_SCRIPT]
 
 
 def test_missing_panel_is_named_and_the_rest_is_shown(tmp_path):
     data = shown_report(tmp_path, ("template", "wang2024"))
     (tmp_path / "eia/wang2024.png").unlink()
     page = render_html(data, tmp_path)
-    assert [one["name"] for one in block(page)["panels"]] == ["Ground truth", "template"]
+    assert [one["name"] for one in block(page)["panels"]] == ["Ceiling", "template"]
     assert "Not there, or not of the panel's size: wang2024." in Page(page).text
 
 
@@ -194,7 +205,7 @@ def test_page_without_room_for_pictures_has_no_panels(tmp_path, monkeypatch):
     data = shown_report(tmp_path)
     monkeypatch.setattr(report_html, "LARGEST_PAGE_BYTES", 60_000)
     page = render_html(data, tmp_path)
-    assert Scripts(page).found == []
+    assert [text for _, text in Scripts(page).found] == [PAGE_SCRIPT]
     assert "`inim view` shows it alone" in Page(page).text
 
 
@@ -230,7 +241,7 @@ def test_the_most_important_panels_are_embedded_while_there_is_room(share, shown
         (3.5, ""),
         (2.5, "Left out, the page would be too large: wang2024."),
         (1.8, "compressed with loss"),
-        (0.1, "Left out, the page would be too large: Ground truth, template, wang2024."),
+        (0.1, "Left out, the page would be too large: Ceiling, template, wang2024."),
     ],
 )
 def test_page_says_when_panels_are_compressed_or_left_out(tmp_path, share, words):

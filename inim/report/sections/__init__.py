@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from inim.parallel import threads
-from inim.report.images import ENCODINGS, Images
+from inim.report.images import ENCODINGS, Encoding, Images
 from inim.report.markup import text
 from inim.report.page import Section, Widget, check_badge, data_note, render_page, timestamp
 from inim.report.wording import MISSING, part, verdict_words
 
-__all__ = ["LARGEST_PAGE_BYTES", "ReportSection", "all_sections", "render_html"]
+__all__ = ["LARGEST_PAGE_BYTES", "ReportSection", "all_sections", "render_html", "small_enough"]
 
 #: A page above this is built again with smaller images.
 LARGEST_PAGE_BYTES = 10_000_000
@@ -42,6 +42,8 @@ class ReportSection:
         From the report's data and its images to HTML; empty where the section does not apply.
     widget : Widget, optional
         What the section needs of style sheets and scripts.
+    is_folded : bool
+        As of `inim.report.page.Section`.
     """
 
     place: int
@@ -49,6 +51,7 @@ class ReportSection:
     title: str
     body: Callable[[Mapping[str, Any], Images], str]
     widget: Widget | None = None
+    is_folded: bool = False
 
 
 @cache
@@ -76,9 +79,14 @@ def render_html(data: Mapping[str, Any], folder: Path) -> str:
     str
         The page, below `LARGEST_PAGE_BYTES` unless the data without images is above it.
     """
+    return small_enough(lambda encoding: _page(data, Images(Path(folder), encoding)))
+
+
+def small_enough(made: Callable[[Encoding], str]) -> str:
+    """The first page below `LARGEST_PAGE_BYTES` of those with ever smaller images, or the last."""
     page = ""
     for encoding in ENCODINGS:
-        page = _page(data, Images(Path(folder), encoding))
+        page = made(encoding)
         if len(page.encode()) < LARGEST_PAGE_BYTES:
             break
     return page
@@ -93,7 +101,10 @@ def _page(data: Mapping[str, Any], images: Images) -> str:
     return render_page(
         title,
         _facts(data),
-        [Section(s.anchor, s.title, body) for s, body in zip(listed, bodies, strict=True)],
+        [
+            Section(s.anchor, s.title, body, s.is_folded)
+            for s, body in zip(listed, bodies, strict=True)
+        ],
         window_title=f"{title}: {verdict_words(data)} – inim report",
         footer=data_note(data, "report.json"),
         verdict_badge=check_badge(data),

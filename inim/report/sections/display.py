@@ -7,7 +7,7 @@ from typing import Any
 
 from inim.report.diagram import depth_profile, plan_view
 from inim.report.images import Images
-from inim.report.markup import element, figure, text, text_table
+from inim.report.markup import element, figure, folded, text, text_table
 from inim.report.sections import ReportSection
 from inim.report.wording import MISSING, NBSP, is_number, items, mm, part, per_cent, short
 
@@ -83,7 +83,8 @@ def display(data: Mapping[str, Any], _images: Images) -> str:
         _quantities("Derived", derived, _DERIVED, focus),
     ]
     words = _display_words(given, derived) + _display_warnings(derived) + _off(data)
-    return words + _plan(data) + element("div", *tables, class_="columns")
+    every = folded(element("h3", "Every parameter"), element("div", *tables, class_="columns"))
+    return words + _plan(data) + every
 
 
 def _plan(data: Mapping[str, Any]) -> str:
@@ -116,7 +117,7 @@ def _display_words(given: Mapping[str, Any], derived: Mapping[str, Any]) -> str:
 
 def _focus_words(derived: Mapping[str, Any]) -> str:
     low, high = (mm(derived.get(f"depth_{end}_mm")) for end in ("min", "max"))
-    relic = f"the relic is fitted into {low} to {high}."
+    relic = f"depths are fitted into {low} to {high}."
     centre = derived.get("central_depth_mm")
     if _is_focused(derived):
         return f"It is focused (gap = focal length), so it has no central depth plane; {relic}"
@@ -142,7 +143,7 @@ def _off(data: Mapping[str, Any]) -> str:
     if not (isinstance(misalign, str) and misalign.strip()):
         return ""
     words = (
-        f"The array lies off this design by {misalign}. Ground truth and views are those of the "
+        f"The array lies off this design by {misalign}. The true EIA and views are those of the "
         "display as it lies; the algorithms know only the design."
     )
     return element("p", element("b", "Misaligned."), " ", text(words), class_="caution")
@@ -209,6 +210,6 @@ def _profile_words(data: Mapping[str, Any]) -> str:
 
 
 SECTIONS = (
-    ReportSection(40, "display", "Display", display),
-    ReportSection(90, "rgbd", "RGB-D input", rgbd),
+    ReportSection(40, "display", "Display", display, is_folded=True),
+    ReportSection(90, "rgbd", "RGB-D input", rgbd, is_folded=True),
 )

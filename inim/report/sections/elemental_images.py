@@ -11,7 +11,7 @@ import numpy as np
 from inim.report.images import Images
 from inim.report.markup import captioned, element, text
 from inim.report.sections import ReportSection
-from inim.report.wording import is_number, metric_scores, part, score
+from inim.report.wording import TRUE_EIA, is_number, metric_scores, part, score
 
 __all__ = ["SECTIONS", "elemental_images"]
 
@@ -19,7 +19,7 @@ _CROP_LENSES = 5
 _WHOLE_EIA_PX = 420
 _INTRO = (
     f"What lies on the panel: about {_CROP_LENSES} × {_CROP_LENSES} elemental images, magnified, "
-    "where the ground truth varies most near the centre; below each, the whole array scaled down, "
+    "where the true one varies most near the centre; below each, the whole array scaled down, "
     "with that place marked."
 )
 
@@ -44,12 +44,12 @@ def elemental_images(data: Mapping[str, Any], images: Images) -> str:
     truth = images.read("truth", "eia.png")
     window = _busiest_window(truth, data)
     floor = metric_scores(part(data, "noise_floor", "eia"), "eia")
-    figures = [_eia_figure(images, truth, window, "Ground truth", ("To itself", floor))]
+    figures = [_eia_figure(images, truth, window, TRUE_EIA, ("To itself", floor))]
     for name in part(data, "algorithms"):
         made = images.read("eia", f"{name}.png")
         scores = part(data, "algorithms", name, "eia")
         facts = [*metric_scores(scores, "eia"), ("Holes", score(scores, "hole_fraction"))]
-        figures.append(_eia_figure(images, made, window, name, ("To ground truth", facts)))
+        figures.append(_eia_figure(images, made, window, name, ("To the true EIA", facts)))
     intro = element("p", text(_INTRO), class_="lead")
     return intro + element("div", *figures, class_="eias")
 
@@ -121,4 +121,4 @@ def _window_mean(
     return np.asarray(total / (height * width))
 
 
-SECTIONS = (ReportSection(70, "eia", "Elemental images", elemental_images),)
+SECTIONS = (ReportSection(70, "eia", "Elemental images", elemental_images, is_folded=True),)

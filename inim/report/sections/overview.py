@@ -9,12 +9,14 @@ from inim.report.images import Images, is_wide
 from inim.report.markup import element, figure, table, text
 from inim.report.sections import ReportSection
 from inim.report.wording import (
+    CEILING,
     HEADLINE,
     HEADLINE_TO_SCENE,
     HEADLINE_WORDS,
     MAIN,
     MISSING,
     PREVIEW_WORDS,
+    TRUTH,
     best_algorithm,
     by_noise,
     check_finding,
@@ -27,7 +29,7 @@ from inim.report.wording import (
     viewpoint_names,
 )
 
-__all__ = ["SECTIONS", "overview"]
+__all__ = ["SECTIONS", "failures", "overview"]
 
 _FAILURES_ON_TOP = 3
 _NOTE = (
@@ -41,7 +43,7 @@ def overview(data: Mapping[str, Any], images: Images) -> str:
     """The table of scores above the images of the centre viewpoint."""
     link = element("a", "What the numbers mean", href="#meaning")
     note = element("p", text(_NOTE), link, class_="note")
-    return _preview(data) + _failures(data) + _scores(data) + note + _hero(data, images)
+    return _preview(data) + failures(data) + _scores(data) + note + _hero(data, images)
 
 
 def _preview(data: Mapping[str, Any]) -> str:
@@ -52,7 +54,7 @@ def _preview(data: Mapping[str, Any]) -> str:
     return element("p", text(PREVIEW_WORDS), " ", element("code", text(command)), class_="preview")
 
 
-def _failures(data: Mapping[str, Any]) -> str:
+def failures(data: Mapping[str, Any]) -> str:
     """The first failed checks, to be read without scrolling."""
     failed = [check for check in checks(data) if not check_passed(check)]
     if not failed:
@@ -75,7 +77,7 @@ def _scores(data: Mapping[str, Any]) -> str:
         _algorithm_row(data, name, names, several and name == best)
         for name in part(data, "algorithms")
     ]
-    rows.append(_reference_row("Ceiling", "to scene", part(data, "ceiling"), names))
+    rows.append(_reference_row(CEILING, "to scene", part(data, "ceiling"), names))
     rows.append(_reference_row("Noise floor", "to itself", part(data, "noise_floor"), names))
     return table(f"{HEADLINE_WORDS}, per viewpoint", [text(h) for h in heads], rows, "scores")
 
@@ -109,9 +111,10 @@ def _reference_row(
         + element("small", text(f"{score(own, MAIN.key)} whole"))
         for view, own in zip(names, views, strict=True)
     ]
-    eia = score(part(scores, "eia"), MAIN.key)
+    eia = part(scores, "eia")
+    of_eia = score(eia, MAIN.key) if eia else ""
     head = element("em", text(label)) + " " + element("span", text(against), class_="aside")
-    return [head, *cells, text(eia), MISSING, MISSING]
+    return [head, *cells, text(of_eia), "", ""]
 
 
 def _noise(run: Mapping[str, Any], view: str, key: str) -> str:
@@ -126,11 +129,11 @@ def _hero(data: Mapping[str, Any], images: Images) -> str:
         return ""
     view = "centre" if "centre" in names else names[0]
     truth = images.read("truth", f"{view}.png")
-    shots = [_shot(images, truth, view, "Ground truth", f"from {view}: the scene itself")]
+    shots = [_shot(images, truth, view, TRUTH, f"from {view}: the scene itself")]
     own = score(part(data, "ceiling", "views", view), HEADLINE_TO_SCENE)
     ceiling = f"{MAIN.label} {own} on the relic to the scene"
     shown = images.read("views", "ceiling", f"{view}.png")
-    shots.append(_shot(images, shown, view, "Ceiling", ceiling))
+    shots.append(_shot(images, shown, view, CEILING, ceiling))
     if best is not None:
         made = images.read("views", best, f"{view}.png")
         shots.append(_shot(images, made, view, best, _best_words(data, best, view)))

@@ -7,12 +7,16 @@ from collections.abc import Mapping
 from typing import Any, TypeGuard
 
 from inim.metrics import RELIC_MARGIN_PX, all_metrics
+from inim.report.images import Images
 from inim.report.markup import bullets, element, mark, table, text, text_table
 from inim.report.page import how_to_reproduce
 from inim.report.sections import ReportSection
 from inim.report.wording import (
+    CEILING,
     MISSING,
     NBSP,
+    TRUE_EIA,
+    TRUTH,
     check_interval,
     check_passed,
     check_value,
@@ -44,16 +48,18 @@ _SAMPLES = (
 _SKIPPED = {"what": "What", "done": "Done", "skipped": "Skipped", "why": "Why"}
 _MEANINGS = (
     (
-        "Ground truth",
-        "The scene itself, rendered from the viewpoint; and the elemental images "
-        "path traced through the centre of every lens.",
+        TRUTH,
+        "The scene itself, rendered from the viewpoint: no display between.",
     ),
     (
-        "Ceiling",
-        "The view through this display's lenses of the ground-truth elemental images: "
-        "what a perfect algorithm would show on it. What lies between ceiling and scene is lost "
-        "by the display, not by an algorithm. No algorithm is above it by more than noise, unless "
-        "a warning says so.",
+        TRUE_EIA,
+        "The elemental images path traced through the centre of every lens.",
+    ),
+    (
+        CEILING,
+        "The view of the true EIA through this display's lenses: what a perfect algorithm would "
+        "show on it. What lies between ceiling and scene is lost by the display, not by an "
+        "algorithm. No algorithm is above it by more than noise, unless a warning says so.",
     ),
     (
         "SSIM to ceiling",
@@ -99,7 +105,9 @@ def check_list(data: Mapping[str, Any]) -> str:
     if not checks(data):
         return element("p", "Nothing was checked.")
     rows = [_check_row(check) for check in sorted(checks(data), key=check_passed)]
-    heads = ["Check", "Value", "Relation", "Limit", "Interval of the value", "Verdict"]
+    heads = ["Check", "Value", "Relation", "Limit", "Verdict", "Interval of the value"]
+    if not any(row[-1] for row in rows):
+        heads, rows = heads[:-1], [row[:-1] for row in rows]
     return table("Every check, the failed ones first", heads, rows, "checks")
 
 
@@ -122,8 +130,8 @@ def _check_row(check: Mapping[str, Any]) -> list[str]:
         name += element("small", text(check["detail"]))
     badge = element("span", mark(word), word, class_=f"badge {word}")
     value, limit = check_value(check), check_value(check, "limit")
-    interval = text(check_interval(check) or MISSING)
-    return [name, text(value), text(relation(check)), text(limit), interval, badge]
+    interval = text(check_interval(check))
+    return [name, text(value), text(relation(check)), text(limit), badge, interval]
 
 
 def _timings(data: Mapping[str, Any]) -> str:
@@ -175,11 +183,6 @@ def _skipped(data: Mapping[str, Any]) -> str:
     return element("p", text(words), class_="lead") + listed
 
 
-def _warnings(data: Mapping[str, Any]) -> str:
-    """What the run wants the reader to know."""
-    return bullets(items(data, "warnings"), "cautions") or element("p", "None.")
-
-
 def _meanings() -> str:
     """The glossary, with a word on each metric of another package."""
     others = [
@@ -192,13 +195,30 @@ def _meanings() -> str:
     return element("dl", *entries, class_="meanings")
 
 
+def _all_checks(data: Mapping[str, Any], _: Images) -> str:
+    return _no_criteria(data) + check_list(data)
+
+
 SECTIONS = (
-    ReportSection(100, "checks", "Checks", lambda data, _: _no_criteria(data) + check_list(data)),
-    ReportSection(110, "timings", "Timings", lambda data, _: _timings(data)),
-    ReportSection(120, "skipped", "What was skipped", lambda data, _: _skipped(data)),
-    ReportSection(130, "warnings", "Warnings", lambda data, _: _warnings(data)),
+    ReportSection(100, "checks", "Checks", _all_checks, is_folded=True),
+    ReportSection(110, "timings", "Timings", lambda data, _: _timings(data), is_folded=True),
     ReportSection(
-        140, "reproduce", "How to reproduce", lambda data, _: how_to_reproduce(data).body
+        120, "skipped", "What was skipped", lambda data, _: _skipped(data), is_folded=True
     ),
-    ReportSection(150, "meaning", "What the numbers mean", lambda _, __: _meanings()),
+    ReportSection(
+        130,
+        "warnings",
+        "Warnings",
+        lambda data, _: bullets(items(data, "warnings"), "cautions"),
+    ),
+    ReportSection(
+        140,
+        "reproduce",
+        "How to reproduce",
+        lambda data, _: how_to_reproduce(data).body,
+        is_folded=True,
+    ),
+    ReportSection(
+        150, "meaning", "What the numbers mean", lambda _, __: _meanings(), is_folded=True
+    ),
 )

@@ -95,7 +95,7 @@ def _view_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_P
 
 
 def _eia_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_Point]:
-    """PSNR of the EIA to ground truth, negative."""
+    """PSNR of the EIA to the true one, negative."""
     points = []
     for name, time in times.items():
         psnr = part(data, "algorithms", name, "eia").get(PSNR.key)
@@ -128,7 +128,7 @@ def _drawing(
     axes = figure.subplots(1, 2, sharex=True)
     panels = (
         ("Views", views, 1.0, f"1 − {HEADLINE_WORDS}, mean", None),
-        ("Elemental images", eias, -1.0, f"EIA {PSNR.label} to ground truth, {PSNR.unit}", floor),
+        ("Elemental images", eias, -1.0, f"EIA {PSNR.label} to the true EIA, {PSNR.unit}", floor),
     )
     written = []
     for axis, (title, points, sign, label, line) in zip(axes, panels, strict=True):
@@ -168,4 +168,4 @@ def _panel(axis: Any, points: Sequence[_Point], sign: float) -> list[Name]:
     ]
 
 
-SECTIONS = (ReportSection(80, "time", "Time against error", time_against_error),)
+SECTIONS = (ReportSection(80, "time", "Time against error", time_against_error, is_folded=True),)

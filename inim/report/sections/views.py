@@ -20,11 +20,13 @@ from inim.report.images import (
     similarity,
     similarity_scale,
 )
-from inim.report.markup import captioned, element, text, void
+from inim.report.markup import captioned, element, folded, text, void
 from inim.report.page import Widget, package_text
 from inim.report.sections import ReportSection
 from inim.report.wording import (
+    CEILING,
     NBSP,
+    TRUTH,
     best_algorithm,
     is_number,
     items,
@@ -36,7 +38,6 @@ from inim.report.wording import (
 
 __all__ = ["SECTIONS", "WIPE", "parallax", "views"]
 
-_TRUTH, _CEILING = "Ground truth", "Ceiling"
 _INTRO = (
     "Below each picture are its difference and its SSIM map. Differences are absolute differences "
     f"of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: black is equal. The ceiling is "
@@ -80,12 +81,12 @@ def _wipe(data: Mapping[str, Any], images: Images) -> str:
     truth = images.read("truth", f"{viewpoints[0]}.png")
     if truth is None:
         return ""
-    names = [_TRUTH, _CEILING, *part(data, "algorithms")]
+    names = [TRUTH, CEILING, *part(data, "algorithms")]
     start = "centre" if "centre" in viewpoints else viewpoints[0]
     choices = [
         _choice("From", "viewpoint", viewpoints, start),
         _choice("First", "first", names, names[0]),
-        _choice("Second", "second", names, best or _CEILING),
+        _choice("Second", "second", names, best or CEILING),
         element(
             "fieldset", element("legend", "Compare by"), element("div", *map(_way, _WIPE_WAYS))
         ),
@@ -162,16 +163,16 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
         ]
 
     floor, own = (part(data, key, "views", view) for key in ("noise_floor", "ceiling"))
-    against_truth = compared(_CEILING, ceiling, "ground truth", truth)
+    against_truth = compared(CEILING, ceiling, "ground truth", truth)
     figures = [
         captioned(
-            _TRUTH,
+            TRUTH,
             "the scene itself",
-            [shown(_TRUTH, truth)],
+            [shown(TRUTH, truth)],
             [("On the relic to itself", metric_scores(floor, "relic"))],
         ),
         captioned(
-            _CEILING,
+            CEILING,
             "compared with ground truth",
             against_truth,
             [
@@ -191,14 +192,15 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
         made = compared(name, images.read("views", name, f"{view}.png"), "ceiling", ceiling)
         figures.append(captioned(name, "compared with ceiling", made, facts))
     kind = "views wide" if is_wide(truth) else "views"
-    return heading + element("div", *figures, class_=kind, style=f"--count:{len(figures)}")
+    row = element("div", *figures, class_=kind, style=f"--count:{len(figures)}")
+    return folded(heading, row)
 
 
 def parallax(data: Mapping[str, Any], images: Images) -> str:
     """The section on parallax; empty with fewer than two viewpoints in a line."""
     points = [v for v in items(data, "viewpoints") if _position(v) is not None]
     best = best_algorithm(data)
-    sources = [("Ground truth", ("truth",))] + ([(best, ("views", best))] if best else [])
+    sources = [(TRUTH, ("truth",))] + ([(best, ("views", best))] if best else [])
     strips = [
         _strip(images, direction, [str(v["name"]) for v in line], sources)
         for direction, line in _lines_of_sight(points)

@@ -1,8 +1,9 @@
-"""The virtual display: the report's EIAs through its lens array, live."""
+"""The virtual display: a report's EIAs through its lens array, live."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from inim.display import Display
@@ -14,20 +15,35 @@ from inim.report.sections import ReportSection
 from inim.report.virtual_display import (
     ANCHOR,
     LIVE,
-    LIVE_LENS_MODELS,
     TITLE,
     Eye,
     Panel,
     Still,
     live_display,
+    live_lens_models,
 )
-from inim.report.wording import best_algorithm, is_number, items, part, viewpoint_names
+from inim.report.wording import CEILING, best_algorithm, is_number, items, part, viewpoint_names
 
-__all__ = ["REPORT_PANEL_BYTES", "SECTIONS", "report_display"]
+__all__ = [
+    "REPORT_PANEL_BYTES",
+    "SECTIONS",
+    "Shown",
+    "of_algorithm",
+    "report_display",
+    "shown_display",
+]
 
 #: Room for a report's panels; the rest of the page has as much again.
 REPORT_PANEL_BYTES = 6_000_000
-_GROUND_TRUTH = "Ground truth"
+
+
+@dataclass(frozen=True)
+class Shown:
+    """An EIA of a report: its name on the page, its file, and the folder of its views."""
+
+    name: str
+    file: tuple[str, str]
+    views: str
 
 
 def report_display(
@@ -43,6 +59,25 @@ def report_display(
     most_bytes : int
         Room for the panels.
     """
+    best = best_algorithm(data)
+    names = sorted(part(data, "algorithms"), key=lambda name: name != best)
+    shown = [Shown(CEILING, ("truth", "eia.png"), "ceiling"), *map(of_algorithm, names)]
+    return shown_display(data, images, shown, most_bytes=most_bytes)
+
+
+def of_algorithm(name: str) -> Shown:
+    """The EIA of a report's algorithm."""
+    return Shown(name, ("eia", f"{name}.png"), name)
+
+
+def shown_display(
+    data: Mapping[str, Any],
+    images: Images,
+    shown: Sequence[Shown],
+    *,
+    most_bytes: int = REPORT_PANEL_BYTES,
+) -> str:
+    """The live display of EIAs, the two that matter most first; see `report_display`."""
     given = part(data, "display", "given")
     if not given:
         return ""
@@ -55,18 +90,18 @@ def report_display(
         return _left_out("no viewpoint has a position")
     if not images.encoding.longest_px:
         return _left_out("the page would be too large; `inim view` shows it alone")
-    panels, missing = _panels(data, images, display)
+    panels, missing = _panels(shown, images, display)
     if not panels:
         return _left_out(f"{', '.join(missing)} cannot be read, or not of the panel's size")
     return live_display(
         display,
         panels,
         eyes,
-        _stills(data, images, eyes[0].name),
+        _stills(data, shown[:2], images, eyes[0].name),
         images,
         most_bytes=most_bytes,
         lens_model=str(data.get("lens_model")),
-        remarks=[*_missing_words(missing), _lens_words(data)],
+        remarks=[*_missing_words(missing), _lens_words(data, display)],
     )
 
 
@@ -83,31 +118,25 @@ def _eyes(data: Mapping[str, Any]) -> list[Eye]:
 
 
 def _panels(
-    data: Mapping[str, Any], images: Images, display: Display
+    shown: Sequence[Shown], images: Images, display: Display
 ) -> tuple[list[Panel], list[str]]:
-    """The report's EIAs, the most important first, and the names of those that are not there."""
-    best = best_algorithm(data)
-    names = sorted(part(data, "algorithms"), key=lambda name: name != best)
-    files = {_GROUND_TRUTH: ("truth", "eia.png")} | {n: ("eia", f"{n}.png") for n in names}
+    """The EIAs, and the names of those that are not there."""
     panels, missing = [], []
-    for name, place in files.items():
-        codes = images.read(*place)
+    for one in shown:
+        codes = images.read(*one.file)
         if codes is None or codes.shape[:2] != display.eia_shape:
-            missing.append(name)
+            missing.append(one.name)
         else:
-            panels.append(Panel(name, codes))
+            panels.append(Panel(one.name, codes))
     return panels, missing
 
 
-def _stills(data: Mapping[str, Any], images: Images, view: str) -> list[Still]:
+def _stills(
+    data: Mapping[str, Any], shown: Sequence[Shown], images: Images, view: str
+) -> list[Still]:
     """What stands in on paper and without scripts: one viewpoint, as the report's views show it."""
-    best = best_algorithm(data)
-    sources = [(_GROUND_TRUTH, "ceiling")] + ([(best, best)] if best else [])
-    model = data.get("lens_model", "")
-    return [
-        Still(name, f"from {view}, {model} lenses", images.read("views", place, f"{view}.png"))
-        for name, place in sources
-    ]
+    words = f"from {view}, {data.get('lens_model', '')} lenses"
+    return [Still(one.name, words, images.read("views", one.views, f"{view}.png")) for one in shown]
 
 
 def _left_out(reason: str) -> str:
@@ -120,9 +149,9 @@ def _missing_words(missing: Sequence[str]) -> list[str]:
     return [f"Not there, or not of the panel's size: {', '.join(missing)}."]
 
 
-def _lens_words(data: Mapping[str, Any]) -> str:
+def _lens_words(data: Mapping[str, Any], display: Display) -> str:
     model = data.get("lens_model")
-    if model in LIVE_LENS_MODELS or not model:
+    if model in live_lens_models(display) or not model:
         return ""
     views = "views" if viewpoint_names(data) else "pictures"
     return f"The report's {views} and scores are those of {model} lenses; thin ones come nearest."

@@ -14,7 +14,17 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.lens import channel_indices, drawn_as, drawn_live, lens_array, lens_traits
+from inim.errors import DisplayError
+from inim.lens import (
+    channel_indices,
+    check_lens_model,
+    drawn_as,
+    drawn_live,
+    lens_array,
+    lens_traits,
+    thick,
+    white_exposure,
+)
 from inim.report.images import Images, data_uri, is_wide
 from inim.report.markup import element, figure, text, void
 from inim.report.page import Widget, package_text
@@ -29,11 +39,14 @@ __all__ = [
     "Still",
     "embed_panels",
     "live_display",
+    "live_lens_models",
+    "shown_lens_model",
 ]
 
 ANCHOR, TITLE = "virtual-display", "Virtual display"
-#: The lens models that the shader knows.
+#: The lens models that the shader draws of any display.
 LIVE_LENS_MODELS = drawn_live()
+_THICK = thick.MODEL.name
 
 _FOLDER = "virtual_display"
 LIVE = Widget(
@@ -51,6 +64,10 @@ _HELP = (
     "pinch for the distance, arrow keys move the eye (with Shift farther), + and − go nearer and "
     "back, Home returns."
 )
+_SWAYS = "The eye sways by itself until you touch the page or press a key."
+_ABOVE = "From above, to scale: the display, the zone without flipped views, and the eye before it."
+#: Between the eyes of a pair: most adults' are 54 to 74 mm apart.
+_BETWEEN_EYES_MM = 63
 
 
 @dataclass(frozen=True)
@@ -121,7 +138,7 @@ def live_display(
     note = element("p", text(" ".join(filter(None, words))), class_="note")
     if not embedded:
         return _stand_in(stills, images) + note
-    start = [0, min(1, len(embedded) - 1)][: len(embedded)]
+    start = [0, min(1, len(embedded) - 1)]
     data = {
         "optics": _optics(display),
         "panels": [{"name": one.name, "source": one.source} for one in embedded],
@@ -134,6 +151,27 @@ def live_display(
         + note
         + _data_element(data)
     )
+
+
+def live_lens_models(display: Display) -> list[str]:
+    """The lens models that the shader draws of a display's lenses.
+
+    Thick ones where they are spherical, fill their cells and can be ground.
+    """
+    traits = lens_traits(display)
+    if traits.conic or traits.asphere or not traits.full_aperture:
+        return LIVE_LENS_MODELS
+    try:
+        check_lens_model(_THICK, display)
+    except DisplayError:
+        return LIVE_LENS_MODELS
+    return [*LIVE_LENS_MODELS, _THICK]
+
+
+def shown_lens_model(display: Display, lens_model: str) -> str:
+    """The lens model itself where it is drawn live, or the one that stands in for it."""
+    # A thin lens focuses as a thick one does; a pinhole shows one pixel all over.
+    return lens_model if lens_model in live_lens_models(display) else drawn_as(lens_model)
 
 
 def _stand_in(stills: Sequence[Still], images: Images) -> str:
@@ -154,15 +192,24 @@ def _live(
     eyes: Sequence[Eye],
     lens_model: str,
 ) -> str:
-    several = len(start) > 1
+    several = len(names) > 1
     screens = [_screen(display, names, side, index) for side, index in enumerate(start)]
     body = [
-        element("p", text(_HELP), class_="lead", id="virtual-display-help"),
-        _controls(eyes, several, lens_model),
+        element(
+            "p",
+            text(_HELP),
+            element("span", text(f" {_SWAYS}"), class_="sways"),
+            class_="lead",
+            id="virtual-display-help",
+        ),
+        _controls(eyes, several, live_lens_models(display), shown_lens_model(display, lens_model)),
         element("div", *screens, class_="screens"),
-        element("p", class_="readout"),
-        element("p", class_="sign"),
-        _sliders(),
+        element(
+            "div",
+            element("div", element("p", class_="readout"), element("p", class_="sign"), _sliders()),
+            _above(),
+            class_="where",
+        ),
         element("p", class_="spoken", role="status"),
     ]
     kinds = ["virtual", *(["wide"] if display.width_mm > 1.5 * display.height_mm else [])]
@@ -170,18 +217,21 @@ def _live(
     return element("div", *body, class_=" ".join(kinds), id="virtual-display-live", hidden="hidden")
 
 
-def _controls(eyes: Sequence[Eye], several: bool, lens_model: str) -> str:
+def _controls(eyes: Sequence[Eye], several: bool, models: Sequence[str], first: str) -> str:
     buttons = [
         element("button", text(eye.name), type="button", data_viewpoint=i, aria_pressed="false")
         for i, eye in enumerate(eyes)
     ]
-    # A thick lens focuses as a thin one does; a pinhole shows one pixel all over.
-    first = drawn_as(lens_model)
-    radios = [_radio(model, model == first) for model in LIVE_LENS_MODELS]
+    radios = [_radio(model, model == first) for model in models]
     parts = [_choices("Look from", buttons), _choices("Lens model", radios)]
     if several:
         box = void("input", type="checkbox", name_="together", checked="checked")
         parts.append(_choices("Compare", [element("label", box, "side by side")]))
+    both = void("input", type="checkbox", name_="pair")
+    limits = {"min": 0, "max": 200, "step": 1, "value": _BETWEEN_EYES_MM}
+    between = void("input", type="number", name_="between", **limits)
+    pair = [element("label", both, "two eyes"), element("label", between, "mm apart")]
+    parts.append(_choices("Stereo pair", pair))
     return element("div", *parts, class_="controls")
 
 
@@ -203,11 +253,12 @@ def _screen(display: Display, names: Sequence[str], side: int, index: int) -> st
             element("option", text(name), value=i, selected="selected" if i == index else None)
             for i, name in enumerate(names)
         ]
-        head = element("label", word, element("select", *options))
+        head = element("label", element("span", word, class_="side"), element("select", *options))
     else:
         # One panel: nothing to choose, but the script reads what is shown here.
         only = element("option", text(names[0]), value=0, selected="selected")
-        head = element("b", text(names[0])) + element("select", only, hidden="hidden")
+        words = element("b", text(names[0])), element("span", word, class_="side")
+        head = element("p", *words) + element("select", only, hidden="hidden")
     canvas = element(
         "canvas",
         tabindex=0,
@@ -218,6 +269,15 @@ def _screen(display: Display, names: Sequence[str], side: int, index: int) -> st
         style=f"aspect-ratio:{display.width_mm:.6g}/{display.height_mm:.6g}",
     )
     return element("figure", head, canvas)
+
+
+def _above() -> str:
+    """Where display and eye are, seen from above; the script draws it."""
+    eye = element("polyline", class_="sight") + element("circle", r=4, class_="eye")
+    parts = [element("polygon", class_="zone"), element("g", eye), element("g", eye)]
+    panel = element("polyline", class_="panel")
+    drawing = element("svg", *parts, panel, viewBox="-110 -8 220 170", role="img", class_="above")
+    return element("figure", drawing, element("figcaption", text(_ABOVE)))
 
 
 def _sliders() -> str:
@@ -277,7 +337,14 @@ def _optics(display: Display) -> dict[str, Any]:
         "CLEAR_BETWEEN": traits.clear_between,
         "TURNED": traits.turned,
         "TILTED": traits.tilted,
+        "BULGES_TO_VIEWER": traits.bulges_to_viewer,
     }
+    thick_lens = {}
+    if _THICK in live_lens_models(display):
+        curvature, foot = thick.relief_mm(display)
+        thick_lens = {"curvature_per_mm": curvature, "foot_mm": foot}
+        thick_lens |= {"thickness_mm": array.thickness, "design_index": array.design_index}
+        thick_lens |= {"exposure": float(white_exposure(display, _THICK))}
     return {
         "size_mm": [display.width_mm, display.height_mm],
         "pitch_mm": [array.pitch_x, array.pitch_y],
@@ -285,6 +352,8 @@ def _optics(display: Display) -> dict[str, Any]:
         "gap_mm": array.gap,
         "elemental_pitch_mm": [display.elemental_image_pitch_mm, display.elemental_row_pitch_mm],
         "power_per_mm": [(n - 1) / array.radius for n in indices],
+        "index": list(indices),
+        "thick": thick_lens or None,
         "traits": [name for name, has in kinds.items() if has],
         "half_aperture_mm": array.half_aperture,
         "shift_mm": [array.shift_x, array.shift_y],

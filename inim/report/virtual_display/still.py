@@ -6,7 +6,7 @@ import numpy as np
 
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display
-from inim.lens import channel_indices, trace_to_panel
+from inim.lens import channel_indices, trace_to_panel, white_exposure
 
 __all__ = ["still_view"]
 
@@ -47,7 +47,9 @@ def still_view(
         for i in range(grid):
             x = _places(columns, (i + (j + 0.5) / grid) / grid, display.width_mm)[None, :]
             y = _places(rows, (j + (i + 0.5) / grid) / grid, display.height_mm)[::-1, None]
-            total += light[_codes(eia, display, lens_model, x, y, eye_mm)]
+            codes, weight = _codes(eia, display, lens_model, x, y, eye_mm)
+            total += light[codes] * weight
+    total *= white_exposure(display, lens_model)
     return srgb_to_uint8(srgb_from_linear(total / grid**2))
 
 
@@ -63,10 +65,14 @@ def _codes(
     x: np.ndarray,
     y: np.ndarray,
     eye_mm: tuple[float, float, float],
-) -> np.ndarray:
-    """(rows, columns, 3) code values that rays through points (x, y) of the array land on."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Code values that rays through points (x, y) of the array land on, and their weights.
+
+    Both (rows, columns, 3), of red, green and blue.
+    """
     slopes = (x - eye_mm[0]) / eye_mm[2], (y - eye_mm[1]) / eye_mm[2]
     seen = np.zeros((y.shape[0], x.shape[1], 3), np.uint8)
+    weights = np.zeros(seen.shape, np.float32)
     for channel, index in enumerate(channel_indices(display)):
         panel_x, panel_y, weight = trace_to_panel(display, lens_model, x, y, *slopes, index=index)
         column = np.floor(panel_x / display.pixel_pitch_mm + eia.shape[1] / 2)
@@ -75,4 +81,5 @@ def _codes(
         lit &= (row >= 0) & (row < eia.shape[0])
         place = np.where(lit, row, 0).astype(int), np.where(lit, column, 0).astype(int)
         seen[..., channel] = np.where(lit, eia[(*place, channel)], 0)
-    return seen
+        weights[..., channel] = weight
+    return seen, weights

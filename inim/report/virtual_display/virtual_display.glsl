@@ -1,8 +1,10 @@
 // What an eye sees of a display: the same rays as the ray tracer's `inim_eye` sensor and
-// `inim_display` emitter, for the lens models `pinhole` and `thin`. Display frame, millimetres:
+// `inim_display` emitter, for the lens models `pinhole`, `thin` and `thick` (spherical, as `inim.lens.thick`). Display frame,
+// millimetres:
 // origin at the centre of the lens array, +x right, +y up, +z towards the viewer.
-// The script defines, above this, what a display has: THIN lenses, COLORED, HEXAGONAL, APERTURE,
-// ROUND_APERTURE, CLEAR_BETWEEN, TURNED, TILTED. What it does not have is not compiled.
+// The script defines, above this, what a display has: THIN or THICK lenses, COLORED, HEXAGONAL, APERTURE,
+// ROUND_APERTURE, CLEAR_BETWEEN, TURNED, TILTED,
+// BULGES_TO_VIEWER. What it does not have is not compiled.
 precision highp float;
 precision highp int;
 precision highp sampler2D;
@@ -15,6 +17,12 @@ uniform vec2 pitch;        // between lenses of a row; between rows
 uniform vec2 lenses;       // columns, rows
 uniform float gap;
 uniform vec3 power;        // 1 / f for red, green and blue
+uniform vec3 index;        // of refraction, for red, green and blue
+uniform float curvature;   // of the bulges, along the light's way
+uniform float foot;        // depth of their relief
+uniform float thickness;
+uniform float design_index;
+uniform float exposure;    // makes the panel's white white on the axis, whatever the faces reflect
 uniform float half_aperture;
 uniform vec2 shift;        // where the array lies over the panel
 uniform vec2 turn;         // cosine and sine of its rotation
@@ -63,18 +71,86 @@ bool in_aperture(vec2 off) {
 #endif
 }
 
+#ifdef THICK
+const vec3 AGAINST_THE_LIGHT = vec3(0.0, 0.0, -1.0);
+
+// Snell's law for unit vectors; `share` loses what Fresnel's formulas reflect.
+vec3 refracted(vec3 d, vec3 against, float ratio, inout float share) {
+  float cos_in = -dot(d, against);
+  float under = 1.0 - ratio * ratio * (1.0 - cos_in * cos_in);
+  if (under <= 0.0 || cos_in <= 0.0) {
+    share = 0.0;
+    return d;
+  }
+  float cos_out = sqrt(under), bend = ratio * cos_in - cos_out;
+  float r_s = bend / (ratio * cos_in + cos_out);
+  float r_p = (cos_in - ratio * cos_out) / (cos_in + ratio * cos_out);
+  share *= 1.0 - 0.5 * (r_s * r_s + r_p * r_p);
+  return ratio * d + bend * against;
+}
+
+// Where a ray meets the relief of all bulges, from the lens's vertex: the cell at its foot, or the
+// next one on the way. `lens` is that lens's centre.
+vec3 on_bulge(vec2 point, vec3 d, out vec2 lens, inout float share) {
+  vec2 at = point + d.xy / d.z * foot;
+  vec3 spot = vec3(0.0), cell = vec3(0.0);
+  bool met = false;
+  for (int i = 0; i < 2; ++i) {
+    cell = lens_centre(at);
+    vec2 off = point - cell.xy;
+    float ahead = d.z - curvature * dot(off, d.xy);
+    float under = ahead * ahead - curvature * curvature * dot(off, off);
+    met = under > 0.0 && ahead > 0.0;
+    float path = curvature * dot(off, off) / (met ? ahead + sqrt(under) : 1.0);
+    spot = vec3(off, 0.0) + path * d;
+    at = cell.xy + spot.xy;
+  }
+  lens = cell.xy;
+  share *= met ? cell.z : 0.0;
+  return spot;
+}
+
+// Plano-convex lens: the ray at the panel, and the share of light that gets there.
+float through_thick(vec2 point, vec2 slope, float n, out vec2 landed, out vec2 run) {
+  float share = exposure;
+  vec3 d = normalize(vec3(slope, 1.0));
+  vec2 lens;
+#ifdef BULGES_TO_VIEWER
+  vec3 spot = on_bulge(point, d, lens, share);
+  d = refracted(d, vec3(curvature * spot.xy, curvature * spot.z - 1.0), 1.0 / n, share);
+  vec2 at = spot.xy + d.xy / d.z * (thickness - spot.z);
+  d = refracted(d, AGAINST_THE_LIGHT, n, share);
+  run = d.xy / d.z;
+  landed = lens + at + run * (gap - thickness / design_index);
+#else
+  vec2 vertex = point - d.xy / d.z * thickness / design_index;
+  d = refracted(d, AGAINST_THE_LIGHT, 1.0 / n, share);
+  vertex += d.xy / d.z * thickness;
+  vec3 spot = on_bulge(vertex, d, lens, share);
+  d = refracted(d, vec3(curvature * spot.xy, curvature * spot.z - 1.0), n, share);
+  run = d.xy / d.z;
+  landed = lens + spot.xy + run * (gap - spot.z);
+#endif
+  return d.z > 1e-6 ? share : 0.0;
+}
+#endif
+
 // Linear light of the panel pixel that a ray lands on: it crosses z = 0 at `point` and travels
-// `slope` sideways per millimetre away from the viewer.
-vec3 panel_light(vec2 point, vec2 slope, float lens_power) {
+// `slope` sideways per millimetre away from the viewer. `glass` is 1 / f of thin lenses, n of thick ones.
+vec3 panel_light(vec2 point, vec2 slope, float glass) {
 #ifdef TURNED
   mat2 to_array = mat2(turn.x, -turn.y, turn.y, turn.x);
   point = to_array * (point - shift);
   slope = to_array * slope;
 #endif
+#ifdef THICK
+  vec2 landed, run;
+  float lit = through_thick(point, slope, glass, landed, run);
+#else
   vec3 lens = lens_centre(point);
   float lit = lens.z;
 #ifdef THIN
-  vec2 run = slope - (point - lens.xy) * lens_power;
+  vec2 run = slope - (point - lens.xy) * glass;
   vec2 landed = point + gap * run;
 #else
   vec2 run = slope;
@@ -89,6 +165,7 @@ vec3 panel_light(vec2 point, vec2 slope, float lens_power) {
     lit = 0.0;
 #endif
   }
+#endif
 #endif
 #ifdef TURNED
   mat2 from_array = mat2(turn.x, turn.y, -turn.y, turn.x);
@@ -105,6 +182,12 @@ vec3 panel_light(vec2 point, vec2 slope, float lens_power) {
   return lit * on_panel.x * on_panel.y * texelFetch(panel, ivec2(place), 0).rgb;
 }
 
+#ifdef THICK
+#define GLASS index
+#else
+#define GLASS power
+#endif
+
 void main() {
   vec3 sum = vec3(0.0);
   float n = float(grid);
@@ -116,11 +199,11 @@ void main() {
       vec2 point = ((floor(gl_FragCoord.xy) + within) / canvas - 0.5) * size;
       vec2 slope = (point - eye.xy) / eye.z;
 #ifdef COLORED
-      sum.r += panel_light(point, slope, power.r).r;
-      sum.g += panel_light(point, slope, power.g).g;
-      sum.b += panel_light(point, slope, power.b).b;
+      sum.r += panel_light(point, slope, GLASS.r).r;
+      sum.g += panel_light(point, slope, GLASS.g).g;
+      sum.b += panel_light(point, slope, GLASS.b).b;
 #else
-      sum += panel_light(point, slope, power.g);
+      sum += panel_light(point, slope, GLASS.g);
 #endif
     }
   }

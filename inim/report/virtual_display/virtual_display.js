@@ -10,9 +10,9 @@
      eye()               [x, y, z]
      setEye(x, y, z)     moves the eye (within reach), returns eye(); the frame follows
      flipLimit(z)        [x, y]: how far off axis no lens shows a flipped view
-     state()             {lensModel, panels: [left, right], isOutside, isResting, grid, frames}:
-                         `grid` x `grid` samples a pixel in the last of `frames` drawn so far,
-                         none to come if it is resting
+     state()             {lensModel, panels: [left, right], isOutside, isResting, isSwaying, eyes,
+                         grid, frames}: `grid` x `grid` samples a pixel in the last of `frames`
+                         drawn so far, none to come if it is resting; `eyes` as drawn, by screen
      pixels(side, w, h)  {width, height, data}: the view of screen 0 or 1 drawn at w x h with all
                          samples; data is base64 of RGBA bytes, top row first
      timeFrame(grid)     promise of the milliseconds that drawing every screen once took, with
@@ -31,6 +31,7 @@
   const MOVING_MS = 12;           // leaves room in a frame of 1/60 s
   const REST_MS = 1000;           // a frame may take while nothing moves
   const LARGEST_SIDE_PX = 1400;
+  const SWAY_S = 10;              // there and back
 
   /* ---- the eye, and where it may go -------------------------------------------------------- */
 
@@ -63,11 +64,20 @@
     });
   }
 
-  // The eye across and along the array, from its centre: those limits count from there.
+  // A pair of eyes lies across the display, its middle where one eye would be.
+  const isPair = () => Boolean(pair && pair.checked);
+  const apart = () => clamp(Number(between.value) || 0, 0, Number(between.max));
+  const eyeOf = (side) => isPair() ? [eye[0] + (side - 0.5) * apart(), eye[1], eye[2]] : eye;
+  const eyes = () => isPair() ? [eyeOf(0), eyeOf(1)] : [eye];
+
+  // How far the outer eye is across and along the array, from its centre: those limits count there.
   function fromArray() {
     const [cosine, sine] = optics.turn;
-    const [x, y] = [eye[0] - optics.shift_mm[0], eye[1] - optics.shift_mm[1]];
-    return [cosine * x + sine * y, cosine * y - sine * x];
+    const offsets = eyes().map(([ex, ey]) => {
+      const [x, y] = [ex - optics.shift_mm[0], ey - optics.shift_mm[1]];
+      return [cosine * x + sine * y, cosine * y - sine * x].map(Math.abs);
+    });
+    return [0, 1].map((axis) => Math.max(...offsets.map((offset) => offset[axis])));
   }
 
   /* ---- drawing ----------------------------------------------------------------------------- */
@@ -89,8 +99,9 @@
 
   /* One screen: a canvas, its context and the panel it shows. */
   class Screen {
-    constructor(canvas) {
+    constructor(canvas, side) {
       this.canvas = canvas;
+      this.side = side;
       this.panel = -1;
       const gl = canvas.getContext("webgl2",
         {alpha: false, antialias: false, depth: false, powerPreference: "high-performance"});
@@ -106,6 +117,7 @@
     prepare() {
       const gl = this.gl;
       this.programs = {pinhole: this.program([]), thin: this.program(["THIN"])};
+      if (optics.thick) this.programs.thick = this.program(["THICK"]);
       gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
       gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
       gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
@@ -121,7 +133,7 @@
     program(model) {
       const gl = this.gl, program = gl.createProgram();
       const traits = [...optics.traits, ...model]
-        .filter((trait) => trait !== "COLORED" || model.includes("THIN"));
+        .filter((trait) => trait !== "COLORED" || model.length > 0);
       const head = ["#version 300 es", ...traits.map((trait) => `#define ${trait}`), ""];
       gl.attachShader(program, compiled(gl, gl.VERTEX_SHADER, VERTICES));
       gl.attachShader(program, compiled(gl, gl.FRAGMENT_SHADER, head.join("\n") + data.shader));
@@ -135,6 +147,14 @@
       gl.uniform2fv(at("lenses"), optics.lenses);
       gl.uniform1f(at("gap"), optics.gap_mm);
       gl.uniform3fv(at("power"), optics.power_per_mm);
+      gl.uniform3fv(at("index"), optics.index);
+      if (optics.thick) {
+        gl.uniform1f(at("curvature"), optics.thick.curvature_per_mm);
+        gl.uniform1f(at("foot"), optics.thick.foot_mm);
+        gl.uniform1f(at("thickness"), optics.thick.thickness_mm);
+        gl.uniform1f(at("design_index"), optics.thick.design_index);
+        gl.uniform1f(at("exposure"), optics.thick.exposure);
+      }
       gl.uniform1f(at("half_aperture"), optics.half_aperture_mm);
       gl.uniform2fv(at("shift"), optics.shift_mm);
       gl.uniform2fv(at("turn"), optics.turn);
@@ -170,7 +190,7 @@
       gl.viewport(0, 0, width, height);
       gl.useProgram(at.program);
       gl.uniform2f(at.canvas, width, height);
-      gl.uniform3fv(at.eye, eye);
+      gl.uniform3fv(at.eye, eyeOf(this.side));
       gl.uniform1i(at.grid, samples);
       gl.drawArrays(gl.TRIANGLES, 0, 3);
     }
@@ -202,7 +222,10 @@
   /* ---- elements ---------------------------------------------------------------------------- */
 
   const all = (selector) => [...live.querySelectorAll(selector)];
-  const figures = all("figure"), canvases = all("canvas"), selects = all("select");
+  const figures = all(".screens figure"), canvases = all("canvas"), selects = all("select");
+  const heads = all(".screens .side"), above = live.querySelector("svg.above");
+  const pair = live.querySelector("input[name=pair]");
+  const between = live.querySelector("input[name=between]");
   const sliders = Object.fromEntries(all("input[type=range]").map((s) => [s.name, s]));
   const readout = live.querySelector(".readout"), sign = live.querySelector(".sign");
   const spoken = live.querySelector("[role=status]");
@@ -215,7 +238,7 @@
   const shownScreens = () => screens.filter((_, side) => !figures[side].hidden);
   const isOutside = () => {
     const limit = flipLimit(eye[2]);
-    return fromArray().some((offset, axis) => Math.abs(offset) > limit[axis]);
+    return fromArray().some((offset, axis) => offset > limit[axis]);
   };
 
   /* ---- words ------------------------------------------------------------------------------- */
@@ -232,7 +255,7 @@
       return "Too close: some lenses show a neighbour's picture wherever the eye is.";
     const offset = fromArray();
     const over = ["across", "up or down"]
-      .map((word, axis) => [Math.abs(offset[axis]) - limit[axis], word])
+      .map((word, axis) => [offset[axis] - limit[axis], word])
       .filter(([excess]) => excess > 0)
       .map(([excess, word]) => `${number(excess, 1)} mm too far ${word}`);
     return over.length
@@ -245,10 +268,12 @@
     const [x, y, z] = eye, outside = isOutside();
     readout.textContent =
       `Eye at x ${number(x, 1)}, y ${number(y, 1)}, z ${number(z, 0)} mm ` +
-      `(${degrees(x)} across, ${degrees(y)} up)`;
+      `(${degrees(x)} across, ${degrees(y)} up)` +
+      (isPair() ? `, two of them ${number(apart(), 0)} mm apart` : "");
     sign.textContent = zoneWords();
     sign.classList.toggle("outside", outside);
     figures.forEach((figure) => figure.classList.toggle("outside", outside));
+    drawAbove();
     const sides = {x: ["left", "right"], y: ["down", "up"]};
     [["x", x], ["y", y]].forEach(([name, value]) => {
       const slider = sliders[name];
@@ -270,6 +295,38 @@
         `${data.panels[chosen[side]].name} through ${lensModel} lenses. ${readout.textContent}. ` +
         sign.textContent);
     });
+  }
+
+  /* Display, viewing zone and eye from above, the viewer below; drawn to one scale. */
+  function drawAbove() {
+    const [left, top, width, height] = above.getAttribute("viewBox").split(" ").map(Number);
+    const z = eye[2], deepest = 1.2 * Math.max(z, home[2]);
+    const half = optics.size_mm[0] / 2;
+    const reaches = Math.max(half, ...eyes().map(([x]) => Math.abs(x)), flipLimit(deepest)[0]);
+    const scale = Math.min((height + top) / deepest, -left / (1.1 * reaches));
+    const at = (x, depth) => `${(x * scale).toFixed(2)},${(depth * scale).toFixed(2)}`;
+    const deep = (height + top) / scale, edges = [];
+    for (let i = 0; i <= 32; ++i) {
+      const depth = (deep * i) / 32, limit = depth ? flipLimit(depth)[0] : -1;
+      if (limit >= 0) edges.push([limit, depth]);
+    }
+    const middle = optics.shift_mm[0];
+    const outline = [...edges, ...edges.map(([limit, depth]) => [-limit, depth]).reverse()];
+    above.querySelector(".zone").setAttribute("points",
+      outline.map(([limit, depth]) => at(middle + limit, depth)).join(" "));
+    above.querySelector(".panel").setAttribute("points", `${at(-half, 0)} ${at(half, 0)}`);
+    [...above.querySelectorAll("g")].forEach((group, side) => {
+      const one = eyes()[side];
+      group.setAttribute("visibility", one ? "visible" : "hidden");
+      if (!one) return;
+      const [sight, dot] = group.children;
+      sight.setAttribute("points", `${at(-half, 0)} ${at(one[0], one[2])} ${at(half, 0)}`);
+      dot.setAttribute("cx", one[0] * scale);
+      dot.setAttribute("cy", one[2] * scale);
+    });
+    above.setAttribute("aria-label",
+      `From above: the display is ${number(2 * half, 0)} mm wide. ${readout.textContent}. ` +
+      sign.textContent);
   }
 
   /* ---- frames: as many samples as there is time for; one frame at a time ------------------- */
@@ -369,10 +426,58 @@
 
   async function choose(side, index) {
     chosen[side] = index;
+    if (isPair() && side === 0) await choose(1, index);
     const image = await picture(index);
     if (chosen[side] !== index) return;
     screens[side].show(index, image);
     moved();
+  }
+
+  /* Which screens there are, and what stands above them. */
+  function arrange() {
+    const both = isPair() || Boolean(together && together.checked);
+    figures[1].hidden = !both;
+    live.classList.toggle("alone", !both);
+    live.classList.toggle("paired", isPair());
+    heads.forEach((head, side) => {
+      head.textContent = ["Left", "Right"][side] + (isPair() ? " eye" : "");
+    });
+    if (together) together.disabled = isPair();
+    between.disabled = !isPair();
+    selects[1].disabled = isPair();
+    if (isPair()) selects[1].value = selects[0].value;
+    chosen[1] = Number(selects[1].value);
+  }
+
+  /* ---- the eye sways until somebody takes it ------------------------------------------------- */
+
+  let isSwaying = !matchMedia("(prefers-reduced-motion: reduce)").matches;
+  let isInView = false, phase = 0, swayedAt = 0;
+
+  function sway(now) {
+    if (!isSwaying) return;
+    if (isInView && screens.length) {
+      phase += (2 * Math.PI * Math.min(now - swayedAt, 100)) / (1000 * SWAY_S);
+      const [across, along] = flipLimit(home[2]).map((limit) => Math.max(0, limit));
+      moveTo(home[0] + 0.5 * across * Math.sin(phase), home[1] + 0.2 * along * Math.sin(2 * phase),
+        home[2]);
+    }
+    swayedAt = now;
+    requestAnimationFrame(sway);
+  }
+
+  function hold() {
+    isSwaying = false;
+    live.classList.remove("swaying");
+  }
+
+  function startSwaying() {
+    live.classList.toggle("swaying", isSwaying);
+    if (!isSwaying) return;
+    for (const kind of ["pointerdown", "keydown"])
+      document.addEventListener(kind, hold, {capture: true, once: true});
+    new IntersectionObserver(([entry]) => { isInView = entry.isIntersecting; }).observe(canvases[0]);
+    requestAnimationFrame(sway);
   }
 
   /* ---- controls ------------------------------------------------------------------------------ */
@@ -451,10 +556,14 @@
       moved();
     }));
     if (together) together.addEventListener("change", () => {
-      figures[1].hidden = !together.checked;
-      live.classList.toggle("alone", !together.checked);
+      arrange();
       moved();
     });
+    pair.addEventListener("change", () => {
+      arrange();
+      if (screens.length) choose(1, chosen[1]);
+    });
+    between.addEventListener("input", moved);
     sliders.x.addEventListener("input", () => moveTo(Number(sliders.x.value), eye[1], eye[2]));
     sliders.y.addEventListener("input", () => moveTo(eye[0], Number(sliders.y.value), eye[2]));
     sliders.z.addEventListener("input", () =>
@@ -474,17 +583,14 @@
   function takeChoices() {
     selects.forEach((select, side) => { chosen[side] = Number(select.value); });
     lensModel = live.querySelector("input[name=lens-model]:checked").value;
-    if (together) {
-      figures[1].hidden = !together.checked;
-      live.classList.toggle("alone", !together.checked);
-    }
+    arrange();
   }
 
   async function start() {
     try {
       takeChoices();
       const pictures = await Promise.all(canvases.map((_, side) => picture(chosen[side])));
-      screens = canvases.map((canvas) => new Screen(canvas));
+      screens = canvases.map((canvas, side) => new Screen(canvas, side));
       screens.forEach((screen, side) => screen.show(chosen[side], pictures[side]));
     } catch (error) {
       standIn(error instanceof CannotDraw ? error.message : "The panels cannot be read.");
@@ -521,13 +627,16 @@
   }
 
   window.inimDisplay = {
-    ready: start(),
+    ready: start().then((draws) => {
+      if (draws) startSwaying();
+      return draws;
+    }),
     eye: () => [...eye],
-    setEye: (x, y, z) => { moveTo(x, y, z); say(); return [...eye]; },
+    setEye: (x, y, z) => { hold(); moveTo(x, y, z); say(); return [...eye]; },
     flipLimit,
     state: () => ({
       lensModel, panels: screens.map((s) => s.panel), isOutside: isOutside(), grid,
-      isResting: !running && !movedSince, frames,
+      isResting: !running && !movedSince, isSwaying, eyes: screens.map((s) => eyeOf(s.side)), frames,
     }),
     pixels,
     timeFrame,

@@ -8,7 +8,7 @@ from typing import Any
 
 from inim.accuracy_limits import LANDING_PIXELS
 from inim.files.image import write_atomically
-from inim.report.plots import LINES, style
+from inim.report.plots import LINES, across, style
 
 __all__ = ["draw_plots"]
 
@@ -18,18 +18,37 @@ _COLOURS = {
     "pinhole": "#009e73", "thin": "#0072b2", "thick": "#d55e00", "template": "#0072b2",
     "gu2020": "#009e73", "wang2024": "#d55e00", "li2012": "#cc79a7",
 }  # fmt: skip
-_MARKS = {"float32": "o", "float64": "s"}
-# Zero has a place at the foot of logarithmic axes.
-_NO_ERROR = {"lens": 1e-17, "share": 1e-4}
+_PRECISIONS = {"float32": "single precision", "float64": "double precision"}
+_AS_RUN = ", as run"
+# Mark, line, and whether the mark is filled.
+_LOOKS = {"float32": ("o", "-", True), "float64": ("s", "--", False)}
+_TABLES = ("D", ":", False)
+# Of shares, zero has a place at the foot of logarithmic axes.
+_NO_ERROR = 1e-4
 _LENS_PANELS = (
-    ("incidence", "Lens models: incidence", "sideways travel per mm"),
-    ("array width", "Lens models: array width", "lenses across"),
-    ("eye distance", "Lens models: eye distance", "distance of the eye, mm"),
+    ("incidence", "Lens models, oblique rays", "mm that a ray goes sideways for each mm ahead"),
+    ("array width", "Lens models, wide arrays", "lenses across the array"),
+    ("eye distance", "Lens models, near and far eyes", "distance of the eye from the array, mm"),
 )
 _GENERATOR_PANELS = (
-    ("distance in front", "Generators: distance", "nearest surface, mm", "log"),
-    ("depth span", "Generators: depth span", "−log2 of span / distance", "linear"),
-    ("g to f from above, own range", "Generators: g → f", "−log2 |g − f| / f", "linear"),
+    (
+        "distance in front",
+        "Generators, things far from the array",
+        "distance of the nearest surface from the array, mm",
+        "log",
+    ),
+    (
+        "depth span",
+        "Generators, flat pictures",
+        "distance over depth range, as a power of two (10: a thousand times)",
+        "linear",
+    ),
+    (
+        "g to f from above, own range",
+        "Generators, gap close to the focal length",
+        "focal length over gap less focal length, as a power of two",
+        "linear",
+    ),
 )
 
 
@@ -46,11 +65,11 @@ def draw_plots(data: Mapping[str, Any], folder: Path) -> list[str]:
         _lens_panel(axis, data["lens_models"], family, title, label)
     for axis, (family, title, label, scale) in zip(axes[1], _GENERATOR_PANELS, strict=True):
         _generator_panel(axis, data["generators"], family, title, label, scale)
-    axes[0, 0].set_ylabel("worst error of the landing, panel pixels", fontsize=9)
-    axes[1, 0].set_ylabel("panel pixels of another source, share", fontsize=9)
+    axes[0, 0].set_ylabel("worst error of where a ray lands, in panel pixels", fontsize=9)
+    axes[1, 0].set_ylabel("share of panel pixels that show another part of the picture", fontsize=9)
     for axis in (axes[0, 2], axes[1, 0]):
         if axis.get_legend_handles_labels()[0]:
-            axis.legend(fontsize=7, frameon=False, loc="best", ncols=2)
+            axis.legend(fontsize=7, frameon=False, loc="best", ncols=1)
     # Without a date or random ids, equal data give equal files. Text stays text.
     with rc_context({"svg.hashsalt": "inim", "svg.fonttype": "none"}):
         write_atomically(
@@ -68,8 +87,10 @@ def _lens_panel(
             # No error at all: no light gets through, or rounding chooses the lens.
             mine = [r for r in rows if _is(r, family, dtype) and r["model"] == model]
             mine = [r for r in mine if r["worst_pixels"] > 0]
-            _line(axis, mine, "worst_pixels", f"{model}, {dtype}", _NO_ERROR["lens"])
-    axis.axhline(LANDING_PIXELS, **LINES["floor"])
+            shown = f"{model} lenses, {_PRECISIONS[dtype]}"
+            _line(axis, mine, "worst_pixels", shown, _COLOURS[model], _LOOKS[dtype])
+    limit = f"{LANDING_PIXELS:g} pixel, the limit of accuracy"
+    axis.axhline(LANDING_PIXELS, label=limit, **LINES["floor"])
     _finish(axis, title, label, "log")
 
 
@@ -84,8 +105,10 @@ def _generator_panel(
                 if _is(r, family, dtype) and r["algorithm"] == algorithm
             ]
             shown = f"{name}, {_said(algorithm, dtype)}"
-            _line(axis, mine, "share", shown, _NO_ERROR["share"])
+            look = _TABLES if shown.endswith(_AS_RUN) else _LOOKS[dtype]
+            _line(axis, mine, "share", shown, _COLOURS[name], look)
     _finish(axis, title, label, scale)
+    across(axis, "no pixel at all", y=_NO_ERROR)
 
 
 def _typed(name: str) -> list[tuple[str, str]]:
@@ -94,8 +117,10 @@ def _typed(name: str) -> list[tuple[str, str]]:
 
 def _said(algorithm: str, dtype: str) -> str:
     if algorithm == "template":
-        return "float32 tables (as run)" if dtype == "float32" else "float64 rays"
-    return dtype
+        if dtype == "float32":
+            return f"tables in {_PRECISIONS[dtype]}{_AS_RUN}"
+        return f"rays in {_PRECISIONS[dtype]}"
+    return _PRECISIONS[dtype]
 
 
 def _is(row: Mapping[str, Any], family: str, dtype: str) -> bool:
@@ -105,27 +130,32 @@ def _is(row: Mapping[str, Any], family: str, dtype: str) -> bool:
     )
 
 
-def _line(axis: Any, rows: Sequence[Mapping[str, Any]], key: str, label: str, least: float) -> None:
-    """The worst of each value, in order; dashed in float64."""
+def _line(
+    axis: Any,
+    rows: Sequence[Mapping[str, Any]],
+    key: str,
+    label: str,
+    colour: str,
+    look: tuple[str, str, bool],
+) -> None:
+    """The worst of each value, in order; `look` is the mark, the line, and whether it is filled."""
     worst: dict[float, float] = {}
     for row in rows:
         worst[row["value"]] = max(worst.get(row["value"], 0.0), row[key])
     points = sorted(p for p in worst.items() if p[0] > 0 or key == "share")
     if not points:
         return
-    name, _, dressed = label.partition(", ")
-    single = dressed.startswith("float32")
-    tables = "tables" in dressed
+    mark, line, filled = look
     axis.plot(
         [x for x, _ in points],
-        [max(y, least) for _, y in points],
-        "D" if tables else _MARKS["float32" if single else "float64"],
+        [max(y, _NO_ERROR) if key == "share" else y for _, y in points],
+        mark,
         label=label,
-        color=_COLOURS[name],
-        linestyle=":" if tables else "-" if single else "--",
+        color=colour,
+        linestyle=line,
         linewidth=1.2,
         markersize=3.5,
-        markerfacecolor=_COLOURS[name] if single and not tables else "white",
+        markerfacecolor=colour if filled else "white",
     )
 
 
