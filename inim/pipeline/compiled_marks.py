@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import sys
 import time
 from collections.abc import Iterator
@@ -45,7 +44,7 @@ def compiling(algorithm: str, display: Display) -> Iterator[bool]:
     path = _mark(algorithm, display)
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as mark:
-        mine = _locked(mark, fcntl.LOCK_EX)
+        mine = _locked(mark, alone=True)
         yield mine
         if mine:
             mark.truncate(0)
@@ -56,7 +55,7 @@ def wait_until_compiled(algorithm: str, display: Display) -> None:
     """Wait while another process compiles an algorithm's kernels: to do it again takes longer."""
     patience = time.monotonic() + _MOST_WAIT_S
     with suppress(OSError), _mark(algorithm, display).open("rb") as mark:
-        while not _locked(mark, fcntl.LOCK_SH) and time.monotonic() < patience:
+        while not _locked(mark, alone=False) and time.monotonic() < patience:
             time.sleep(_POLL_S)
 
 
@@ -68,10 +67,12 @@ def _mark(algorithm: str, display: Display) -> Path:
     return kernel_folder(Path(generators.__file__).parent) / f"inim-{found}.compiled"
 
 
-def _locked(mark: BinaryIO, how: int) -> bool:
-    """Whether a lock was to be had now."""
+def _locked(mark: BinaryIO, *, alone: bool) -> bool:
+    """Whether a lock was to be had now; only workers and their helpers ask."""
+    import fcntl
+
     try:
-        fcntl.flock(mark, how | fcntl.LOCK_NB)
+        fcntl.flock(mark, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     return True
