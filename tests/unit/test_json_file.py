@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import io
 import json
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -128,6 +130,12 @@ def npy(shape: tuple[int, ...], descr: str = "<f4", values: bytes = b"") -> byte
     return stream.getvalue() + values
 
 
+def write_baseline(folder: Path, document: Mapping[str, Any], arrays: bytes) -> None:
+    own = {"arrays_sha256": hashlib.sha256(arrays).hexdigest()}
+    (folder / "baseline.json").write_text(json.dumps(completed("baseline", document) | own))
+    (folder / "baseline.npz").write_bytes(arrays)
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -145,8 +153,7 @@ def npy(shape: tuple[int, ...], descr: str = "<f4", values: bytes = b"") -> byte
 def test_arrays_that_are_none_are_refused_before_they_take_memory(
     content: bytes, said: str, tmp_path: Path
 ) -> None:
-    (tmp_path / "baseline.json").write_text(json.dumps(completed("baseline", {})))
-    (tmp_path / "baseline.npz").write_bytes(content)
+    write_baseline(tmp_path, {}, content)
     with pytest.raises(BaselineError) as caught:
         read_statistics(tmp_path, BASELINE)
     assert said in str(caught.value)
@@ -156,8 +163,6 @@ def test_arrays_that_are_none_are_refused_before_they_take_memory(
 @pytest.mark.parametrize("name", ["../outside", "/etc/x", "truth/../../x", "a\0"])
 def test_a_baseline_s_picture_stays_in_the_report(name: str, tmp_path: Path) -> None:
     """Pictures of what changed are written under its name."""
-    document = completed("baseline", {"pictures": {name: {}}})
-    (tmp_path / "baseline.json").write_text(json.dumps(document))
-    (tmp_path / "baseline.npz").write_bytes(npz())
+    write_baseline(tmp_path, {"pictures": {name: {}}}, npz())
     with pytest.raises(BaselineError, match="lies outside the report"):
         read_statistics(tmp_path, BASELINE)
