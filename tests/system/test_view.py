@@ -377,6 +377,23 @@ def test_the_eye_sways_until_a_key_or_a_touch_and_never_where_motion_is_unwanted
     assert tab.complaints == []
 
 
+def test_the_eye_sways_where_a_slow_page_is_told_of_leaving_and_coming_at_once(tab, page):
+    late = (
+        "window.IntersectionObserver = class { constructor(told) { this.told = told; }"
+        " observe(target) { setTimeout(() => this.told("
+        "[{target, isIntersecting: false}, {target, isIntersecting: true}])); } };"
+    )
+    script = tab.send("Page.addScriptToEvaluateOnNewDocument", source=late)["identifier"]
+    try:
+        motion = [{"name": MOTION, "value": "no-preference"}]
+        tab.send("Emulation.setEmulatedMedia", media="", features=motion)
+        tab.open(page)
+        tab.until("inimDisplay.eye()[0] !== 0")
+    finally:
+        tab.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
+    assert tab.complaints == []
+
+
 def test_wheel_scrolls_the_page_until_the_display_has_been_clicked(tab, page):
     show(tab, page)
     at = tab.middle("#virtual-display canvas")

@@ -476,7 +476,10 @@
     if (!isSwaying) return;
     for (const kind of ["pointerdown", "keydown"])
       document.addEventListener(kind, hold, {capture: true, once: true});
-    new IntersectionObserver(([entry]) => { isInView = entry.isIntersecting; }).observe(canvases[0]);
+    // A slow page is told of several changes at once: the last is how things stand.
+    new IntersectionObserver((changes) => {
+      isInView = changes[changes.length - 1].isIntersecting;
+    }).observe(canvases[0]);
     requestAnimationFrame(sway);
   }
 
