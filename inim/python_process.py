@@ -24,7 +24,14 @@ from inim import interruption
 if TYPE_CHECKING:
     import subprocess
 
-__all__ = ["child_environment", "end_process", "python_code", "python_module", "started"]
+__all__ = [
+    "child_environment",
+    "end_process",
+    "python_code",
+    "python_module",
+    "started",
+    "wait_for_parent",
+]
 
 _HAS_SAFE_PATH = sys.version_info >= (3, 11)
 
@@ -87,6 +94,12 @@ def _deaf(words: Sequence[str], options: dict[str, Any]) -> subprocess.Popen[Any
         return subprocess.Popen(words, **options)
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def wait_for_parent() -> None:
+    """Wait until the parent's end of this process's stdin closes: it has ended."""
+    while os.read(0, 1):
+        pass
 
 
 def end_process(process: subprocess.Popen[Any]) -> None:

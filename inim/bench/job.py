@@ -12,6 +12,7 @@ from inim.bench.scene import bench_scene, choose_algorithms, scene_plan
 from inim.errors import UsageError
 from inim.observer import Observer
 from inim.pipeline.plan import Plan
+from inim.pipeline.request import repeated
 from inim.pipeline.scene import Renderer
 from inim.pipeline.timing import Rounds, most_threads
 from inim.report.bench import write_bench
@@ -63,10 +64,8 @@ class BenchRequest:
     def command(self) -> list[str]:
         """The command line that repeats this request."""
         words = ["python", "-m", "inim.bench", str(self.scene), "-o", str(self.out)]
-        for item in self.definitions:
-            words += ["-D", item]
-        for folder in self.allow_folders:
-            words += ["--allow-folder", str(folder)]
+        words += repeated("-D", self.definitions)
+        words += repeated("--allow-folder", self.allow_folders)
         for name in ("display", "algorithms", "threads"):
             if getattr(self, name) is not None:
                 words += [f"--{name}", str(getattr(self, name))]

@@ -111,7 +111,12 @@ def _run(args: argparse.Namespace) -> int:
         raise UsageError("validate: name a scene, or a picture with --rgbd, or --color and --depth")
     else:
         passed, out = _validate_scene(args)
-    if not args.quiet:
+    return _ended(passed, out, args.quiet)
+
+
+def _ended(passed: bool, out: Path, quiet: bool) -> int:
+    """Print the verdict and where the report lies; the exit code."""
+    if not quiet:
         print_outcome(f"{_words(passed, out)}; report: {out / 'report.html'}")
     return EXIT_PASSED if passed else EXIT_CHECK_FAILED
 
@@ -193,12 +198,14 @@ def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _demo(args: argparse.Namespace) -> int:
-    whole = argparse.ArgumentParser()
-    _add_arguments(whole)
-    words = [str(_demo_scene()), *(["-o", str(args.out)] if args.out else [])]
-    given = whole.parse_args(words)
-    given.preview, given.quiet, given.debug = args.preview, args.quiet, args.debug
-    return _run(given)
+    from inim.pipeline.request import Request
+    from inim.pipeline.validation import validate_in_worker
+    from inim.worker.output import default_out
+
+    scene = _demo_scene()
+    request = Request(scene, args.out or default_out(scene, "report"), preview=args.preview)
+    passed = validate_in_worker(request, quiet=args.quiet, debug=args.debug)
+    return _ended(passed, request.out, args.quiet)
 
 
 def _demo_scene() -> Path:

@@ -199,8 +199,6 @@ def _written(path: Path, page: str) -> Path:
     return path
 
 
-# What `--show` calls the true EIA, seen through the lenses.
-_CEILING = "ceiling"
 _FILM = "film.webp"
 
 
@@ -216,7 +214,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         "--show",
         action="append",
         metavar="NAME",
-        help=f"algorithm, or {_CEILING}; repeated: side by side (ceiling and the best algorithm)",
+        help="algorithm, or ceiling; repeated: side by side (ceiling and the best algorithm)",
     )
     add(
         "--path",
@@ -234,7 +232,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _film(args: argparse.Namespace) -> int:
     from inim.lens import lens_models
-    from inim.pipeline.film import FilmRequest, make_film
+    from inim.pipeline.film import CEILING, FilmRequest, make_film
     from inim.report import Report
     from inim.report.wording import best_algorithm
 
@@ -249,7 +247,7 @@ def _film(args: argparse.Namespace) -> int:
     request = FilmRequest(
         folder=str(args.folder),
         out=str(args.out or args.folder / _FILM),
-        show=tuple(args.show or [_CEILING, *([best] if best else [])]),
+        show=tuple(args.show or [CEILING, *([best] if best else [])]),
         path=args.path,
         lens_model=model,
         frames=args.frames,

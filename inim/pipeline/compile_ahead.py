@@ -23,7 +23,7 @@ from inim.generators import is_own, parse_algorithm, properties
 from inim.pipeline.compiled_marks import compiling, is_compiled
 from inim.pipeline.generate import GeneratorHandle
 from inim.pipeline.plan import Plan
-from inim.python_process import child_environment, python_module, started
+from inim.python_process import child_environment, python_module, started, wait_for_parent
 from inim.regression import reference_input
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 
@@ -98,9 +98,8 @@ def _of_two_layers(rgbd: RGBD) -> LayeredRGBD:
 
 
 def _end_with_parent() -> None:
-    """Wait for the parent's end of stdin to close: nobody needs the kernels any more."""
-    while os.read(0, 1):
-        pass
+    """Nobody needs the kernels any more."""
+    wait_for_parent()
     os._exit(1)
 
 

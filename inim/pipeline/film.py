@@ -23,16 +23,17 @@ from inim.lens import check_lens_model
 from inim.observer import Observer
 from inim.pipeline.reconstruct import Optics, ShownEIA
 from inim.pipeline.scene import Renderer
+from inim.report import Report
 from inim.worker.output import open_beside, publish_file
 from inim.worker.supervisor import run_in_worker
 
-__all__ = ["FilmRequest", "make_film", "work", "write_film"]
+__all__ = ["CEILING", "FilmRequest", "make_film", "work", "write_film"]
 
 _KINDS = (".gif", ".webp", ".mp4")
 _ENCODER = "imageio_ffmpeg"
 _WEBP_QUALITY = 90
-# The true EIA, seen through the lenses.
-_CEILING = "ceiling"
+#: What `show` calls the true EIA, seen through the lenses.
+CEILING = "ceiling"
 # Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
 _LEAST_ROWS_PX = 384
 # Of a ray through thick lenses, and of writing a frame: the bar moves by them.
@@ -110,16 +111,14 @@ def _check(request: FilmRequest) -> None:
     ):
         if not 1 <= value <= high:
             raise UsageError(f"{name} {value:g}: must lie in 1..{high}")
-    display, design = _display(request)
-    eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
-    _panels(request, display)
-
-
-def _display(request: FilmRequest) -> tuple[Display, Display]:
-    """The report's display as its array lies, and as designed."""
-    from inim.report import Report
-
     report = Report.load(request.folder)
+    display, design = _display(request, report)
+    eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
+    _panels(request, report, display)
+
+
+def _display(request: FilmRequest, report: Report) -> tuple[Display, Display]:
+    """The report's display as its array lies, and as designed."""
     design = report.design()
     try:
         display = mounted(design, report.data["misalign"])
@@ -129,13 +128,11 @@ def _display(request: FilmRequest) -> tuple[Display, Display]:
     return display, design
 
 
-def _panels(request: FilmRequest, display: Display) -> list[np.ndarray]:
+def _panels(request: FilmRequest, report: Report, display: Display) -> list[np.ndarray]:
     """The EIAs to be shown, (rows, columns, 3) float32 linear."""
     from inim.files.eia_file import read_eia
-    from inim.report import Report
 
-    report = Report.load(request.folder)
-    places = [report.eia_path(name, "--show", true=_CEILING) for name in request.show]
+    places = [report.eia_path(name, "--show", true=CEILING) for name in request.show]
     return [read_eia(place, display)[0] for place in places]
 
 
@@ -153,12 +150,13 @@ def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
 
 def _frames(request: FilmRequest, observer: Observer) -> list[np.ndarray]:
     """Every frame, panels side by side, (rows, columns, 3) uint8 sRGB."""
-    display, design = _display(request)
+    report = Report.load(request.folder)
+    display, design = _display(request, report)
     eyes = eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
     renderer = Renderer("auto", observer)
     # A frame is one half of a view.
     optics = Optics(display, request.lens_model, request.pixels_per_lens, 2 * request.spp, seed=0)
-    shown = [ShownEIA(eia, None, optics, renderer) for eia in _panels(request, display)]
+    shown = [ShownEIA(eia, None, optics, renderer) for eia in _panels(request, report, display)]
     pixels = display.lens_rows * display.lens_columns * request.pixels_per_lens**2
     rays = pixels * request.spp * len(eyes) * len(shown)
     observer.begin([Step("film", rays * _RAY_S, rays), Step("write", len(eyes) * _WRITE_S)])

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["PREVIEW", "SHORTHANDS", "Request"]
+__all__ = ["PREVIEW", "SHORTHANDS", "Request", "repeated"]
 
 #: Settings that a request can also name directly.
 SHORTHANDS = ("display", "algorithms", "viewpoints", "lens_model", "misalign")
@@ -21,6 +22,11 @@ PREVIEW = {
     "inim.score_error": "0",
     "inim.min_ssim_to_ceiling": "",
 }
+
+
+def repeated(option: str, values: Iterable[object]) -> list[str]:
+    """The words of a command line that give an option once for each value."""
+    return [word for value in values for word in (option, str(value))]
 
 
 @dataclass(frozen=True)
@@ -70,17 +76,13 @@ class Request:
 
     def command(self) -> list[str]:
         """The command line that repeats this request, after `python -m inim.validate`."""
-        words = [str(self.scene), "-o", str(self.out)]
-        for item in self.definitions:
-            words += ["-D", item]
-        for folder in self.allow_folders:
-            words += ["--allow-folder", str(folder)]
+        words = [str(self.scene), "-o", str(self.out), *repeated("-D", self.definitions)]
+        words += repeated("--allow-folder", self.allow_folders)
         for name in SHORTHANDS:
             value = getattr(self, name)
             if value is not None:
                 words += [f"--{name.replace('_', '-')}", value]
-        for item in self.eias:
-            words += ["--eia", item]
+        words += repeated("--eia", self.eias)
         if self.backend != "auto":
             words += ["--backend", self.backend]
         if self.baseline is not None:

@@ -18,7 +18,7 @@ from inim.generators import algorithm_names, check_algorithm, is_own
 from inim.observer import Observer
 from inim.pipeline.capture import DepthCamera, capture_relic
 from inim.pipeline.plan import Plan, make_plan
-from inim.pipeline.request import Request
+from inim.pipeline.request import Request, repeated
 from inim.pipeline.scene import Renderer, Scene
 from inim.pipeline.stage import Run
 from inim.provenance import backend_data, versions
@@ -79,10 +79,8 @@ class StressRequest:
         """The command line that repeats this request, after `python -m inim.stress`."""
         words = [] if self.scene is None else [str(self.scene)]
         words += ["-o", str(self.out)]
-        for item in self.definitions:
-            words += ["-D", item]
-        for folder in self.allow_folders:
-            words += ["--allow-folder", str(folder)]
+        words += repeated("-D", self.definitions)
+        words += repeated("--allow-folder", self.allow_folders)
         if self.algorithms:
             words += ["--algorithms", self.algorithms]
         return [*words, "--quick"] if self.quick else words

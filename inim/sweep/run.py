@@ -12,6 +12,7 @@ from typing import Any
 from inim import backend as backends
 from inim.backend.machine import cpu_count
 from inim.errors import FileError
+from inim.pipeline.request import repeated
 from inim.report.sweep import PAGE, write_page
 from inim.sweep.progress import Progress
 from inim.sweep.study import Study, read_study
@@ -54,9 +55,7 @@ class SweepRequest:
         for name in ("scheduler", "workers", "threads"):
             if getattr(self, name) is not None:
                 words += [f"--{name}", str(getattr(self, name))]
-        for folder in self.allow_folders:
-            words += ["--allow-folder", str(folder)]
-        return shlex.join(words)
+        return shlex.join([*words, *repeated("--allow-folder", self.allow_folders)])
 
 
 @dataclass(frozen=True)

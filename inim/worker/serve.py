@@ -27,6 +27,7 @@ from inim.backend.numba_cache import go_without_cache, is_cache_fault
 from inim.errors import InimError
 from inim.forecast import Forecast, Step
 from inim.observer import Observer
+from inim.python_process import wait_for_parent
 from inim.worker.output import remove_folder
 
 __all__ = ["ConsoleObserver", "Job", "Work", "answer", "read_job", "serve"]
@@ -244,8 +245,7 @@ class _OwnWords:
 
 def _end_with_parent() -> None:
     """Wait for the parent's end of stdin to close: it died, and nobody else would clear away."""
-    while os.read(0, 1):
-        pass
+    wait_for_parent()
     interruption.end(1)
 
 
