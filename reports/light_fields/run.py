@@ -149,7 +149,8 @@ def _left(field: MiddleView) -> np.ndarray:
     rgbd = field.rgbd
     made = prepare(field.display, _FILLED, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
     assert isinstance(made, Filled)
-    return made.left.sources(rgbd)
+    cells: np.ndarray = made.left.sources(rgbd)
+    return cells
 
 
 class _Errors:
@@ -159,9 +160,8 @@ class _Errors:
         self._field = field
         holes = sub_aperture_views(_left(field), field.display)
         self.kinds = {place: _kinds(field, place, holes[place] == HOLE) for place in field.views}
-        self.pixels = sum(
-            np.bincount(kind.ravel(), minlength=len(_KINDS)) for kind in self.kinds.values()
-        )
+        counts = [np.bincount(k.ravel(), minlength=len(_KINDS)) for k in self.kinds.values()]
+        self.pixels = np.sum(counts, axis=0)
 
     def of(self, views: Iterator[tuple[tuple[int, int], np.ndarray]]) -> dict[str, Any]:
         """PSNR over all views, and each kind's share of the squared error."""
@@ -191,7 +191,8 @@ def _kinds(field: MiddleView, place: tuple[int, int], holes: np.ndarray) -> np.n
         column = columns + disparity * (place[1] - _SIDE // 2)
         leaves |= (row < 0) | (row > holes.shape[0] - 1)
         leaves |= (column < 0) | (column > holes.shape[1] - 1)
-    return holes * (1 + (holes & leaves))
+    kinds: np.ndarray = holes * (1 + (holes & leaves))
+    return kinds
 
 
 def measure(field: MiddleView) -> dict[str, Any]:
@@ -278,11 +279,9 @@ def main() -> None:
             print(f"{folder.name:12} {name:50} {scored['psnr_db']:.2f} dB", flush=True)
     data = {"inim_version": inim.__version__, "light_fields": results}
     args.out.mkdir(parents=True, exist_ok=True)
-    for name, text in (
-        ("light_fields.json", json.dumps(data, indent=1) + "\n"),
-        ("light_fields.md", table(results)),
-    ):
-        write_atomically(args.out / name, lambda path, text=text: path.write_text(text, "utf-8"))
+    text = json.dumps(data, indent=1) + "\n"
+    write_atomically(args.out / "light_fields.json", lambda p: p.write_text(text, "utf-8"))
+    write_atomically(args.out / "light_fields.md", lambda p: p.write_text(table(results), "utf-8"))
 
 
 if __name__ == "__main__":

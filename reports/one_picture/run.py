@@ -58,7 +58,8 @@ def scored(name: str, report: Mapping[str, Any]) -> dict[str, Any]:
 
 def lead(row: Mapping[str, Any], score: str, algorithm: str) -> float:
     """How far an algorithm of one picture is above the best of the others."""
-    return row[score][algorithm] - max(row[score][a] for a in _RIVALS)
+    scores: Mapping[str, float] = row[score]
+    return scores[algorithm] - max(scores[a] for a in _RIVALS)
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -68,7 +68,7 @@ def measured(quick: bool, out: str, listener: Observer) -> dict[str, Any]:
     from reports.stress.study.relations import run_layer_relations, run_relations
 
     words = ["python", "-m", "reports.stress.study", "-o", out, *(["--quick"] if quick else [])]
-    data = {"schema": SCHEMA, "title": "Stress"}
+    data: dict[str, Any] = {"schema": SCHEMA, "title": "Stress"}
     data |= record(shlex.join(words), quick, backend, _VERSIONS)
     # How much wider the oracle of the lens models is than what it judges.
     data["oracle_mantissa_bits"] = int(np.finfo(np.longdouble).nmant) + 1

@@ -119,11 +119,13 @@ def chosen_pixels(display: Display, most: int) -> np.ndarray:
     rows, columns = display.eia_shape
     if display.is_separable:
         pixels = lensed_pixels(display)
-        return pixels[_sampled(len(pixels), most)]
+        chosen: np.ndarray = pixels[_sampled(len(pixels), most)]
+        return chosen
     at = np.unravel_index(_sampled(rows * columns, most), (rows, columns))
     pixels = np.stack(at, axis=-1)
     own, _ = _owners(display, pixels)
-    return pixels[_centres(display, display.pitch_mm)[2][own]]
+    lensed: np.ndarray = pixels[_centres(display, display.pitch_mm)[2][own]]
+    return lensed
 
 
 def _sampled(count: int, most: int) -> np.ndarray:
@@ -156,8 +158,9 @@ def _mounted_rays(display: Display, rgbd: RGBD, pixels: np.ndarray, aside: Aside
     # Difference of distances, mm, that float64 may get wrong.
     doubt = 2 * _MOUNTED_ROUNDINGS * _EPS * (np.hypot(x, y) + _half_diagonal(display))
     fine = np.stack([v0, dv, u0, du], axis=-1)
-    rounded = (a.astype(float) for a in (v0, dv, u0, du, slack_v, slack_u))
-    return Rays(pixels, None, *rounded, np.asarray(margin <= doubt), fine)
+    v0, dv, u0, du, slack_v, slack_u = (a.astype(float) for a in (v0, dv, u0, du, slack_v, slack_u))
+    doubtful = np.asarray(margin <= doubt)
+    return Rays(pixels, None, v0, dv, u0, du, slack_v, slack_u, doubtful, fine)
 
 
 def _slack(
@@ -172,17 +175,20 @@ def _slack(
     size = size + _half_diagonal(display)
     steep = _REAL(display.gap_mm) / gap + np.abs(1 - _REAL(display.gap_mm) / gap) + 1
     travel = size / gap * steep * farthest
-    return _MOUNTED_ROUNDINGS * _EPS * ((size + travel) / _REAL(rgbd.pixel_mm) + cells)
+    slack: np.ndarray = _MOUNTED_ROUNDINGS * _EPS * ((size + travel) / _REAL(rgbd.pixel_mm) + cells)
+    return slack
 
 
 def _half_diagonal(display: Display) -> np.ndarray:
     """From the panel's middle to the farthest lens, mm."""
-    half = np.hypot(_REAL(display.width_mm), _REAL(display.height_mm)) / 2
-    return half + np.hypot(_REAL(display.shift_x_mm), _REAL(display.shift_y_mm))
+    half: np.ndarray = np.hypot(_REAL(display.width_mm), _REAL(display.height_mm)) / 2
+    half += np.hypot(_REAL(display.shift_x_mm), _REAL(display.shift_y_mm))
+    return half
 
 
-def _radians(degrees: float) -> np.ndarray:
-    return _REAL(degrees) * (4 * np.arctan(_REAL(1))) / 180
+def _radians(degrees: float) -> np.longdouble:
+    radians: np.longdouble = _REAL(degrees) * (4 * np.arctan(_REAL(1))) / 180
+    return radians
 
 
 def _places(
