@@ -16,7 +16,14 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from inim.commands.options import add_exit_codes
-from inim.errors import EXIT_INTERNAL, EXIT_PASSED, EXIT_USAGE, InimError, known_words
+from inim.errors import (
+    EXIT_INTERNAL,
+    EXIT_PASSED,
+    EXIT_USAGE,
+    InimError,
+    known_words,
+    missing_package,
+)
 from inim.version import __version__
 
 __all__ = ["COMMANDS", "main"]
@@ -96,9 +103,10 @@ def main(argv: list[str] | None = None) -> int:
     except Exception as error:
         if getattr(args, "debug", False):
             raise
-        text = f"internal error: {type(error).__name__}: {error}"
-        print(f"inim: error: {_one_line(text)}; run again with --debug", file=sys.stderr)
-        return EXIT_INTERNAL
+        missing = missing_package(error)
+        text = missing or f"internal error: {type(error).__name__}: {error}; run again with --debug"
+        print(f"inim: error: {_one_line(str(text))}", file=sys.stderr)
+        return missing.exit_code if missing else EXIT_INTERNAL
 
 
 def _one_line(text: str) -> str:

@@ -7,6 +7,7 @@ failed, code 1, is a verdict and no exception.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 
 EXIT_PASSED = 0
@@ -69,6 +70,17 @@ class BaselineError(InimError):
     """A baseline that is missing or was made under other conditions."""
 
     exit_code = EXIT_BASELINE
+
+
+def missing_package(error: Exception) -> UsageError | None:
+    """What to say where this Python has not what inim needs: a wrong Python, most often."""
+    module = str(getattr(error, "name", None))
+    if not isinstance(error, ModuleNotFoundError) or module.startswith("inim."):
+        return None
+    return UsageError(
+        f"{sys.executable} has no package {module.partition('.')[0]}: use the Python that inim is "
+        "installed for (in its repository .venv/bin/python, which `make demo` makes)"
+    )
 
 
 class WorkerError(InimError):

@@ -7,12 +7,13 @@ import platform
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from inim.backend import machine
 from inim.backend.trial import Verdict, verdict_on
-from inim.errors import BackendError, UsageError
+from inim.errors import BackendError, UsageError, missing_package
 
 __all__ = [
     "BACKENDS",
@@ -255,7 +256,10 @@ def _choose_llvm(search: Sequence[Path] | None) -> Backend:
             words = f"{machine.cpu_model()}, LLVM {verdict.version}, {verdict.device}"
             return Backend("llvm", "llvm_ad_rgb", library, verdict.version, words)
         if verdict.stage == "import":
-            raise BackendError(f"Mitsuba cannot be imported: {verdict.reason}; {_WAY_OUT}")
+            missing = None if find_spec("mitsuba") else ModuleNotFoundError(name="mitsuba")
+            raise (missing and missing_package(missing)) or BackendError(
+                f"Mitsuba cannot be imported: {verdict.reason}; {_WAY_OUT}"
+            )
         refused.append(f"{library} ({verdict.reason})")
     named = os.environ.get(LLVM_VARIABLE)
     if named:

@@ -24,7 +24,7 @@ from typing import Any
 from inim import backend as backends
 from inim import interruption
 from inim.backend.numba_cache import go_without_cache, is_cache_fault
-from inim.errors import InimError
+from inim.errors import InimError, missing_package
 from inim.forecast import Forecast, Step
 from inim.observer import Observer
 from inim.python_process import wait_for_parent
@@ -180,13 +180,11 @@ def answer(job: Job, channel: Any, work: Work) -> None:
         if job.debug:
             raise
         text = " ".join(str(error).split())[:400]
-        say(
-            {
-                "error": "InimError",
-                "message": f"internal error: {type(error).__name__}: {text}; "
-                "run again with --debug for the traceback, and report it",
-            }
+        missing = missing_package(error) or InimError(
+            f"internal error: {type(error).__name__}: {text}; "
+            "run again with --debug for the traceback, and report it"
         )
+        say({"error": type(missing).__name__, "message": str(missing)})
 
 
 def _out_of_memory() -> str:

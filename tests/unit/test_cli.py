@@ -7,6 +7,7 @@ import pkgutil
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -112,3 +113,15 @@ def test_a_shell_is_told_how_a_word_goes_on(tmp_path, line, proposed, not_propos
     found = set(answer.read_text().split("\n"))
     assert proposed <= found
     assert not found & not_proposed
+
+
+@pytest.mark.parametrize("words", [("validate", "scenes/jade.xml"), ("algorithms",)])
+def test_a_python_without_what_inim_needs_is_told_which_to_use(words):
+    isolated = [sys.executable, "-I", "-S", "-c"]  # no site-packages
+    root = str(Path(inim.commands.__file__).parents[2])
+    code = f"import sys; sys.path.insert(0, {root!r}); from inim.cli import main; sys.exit(main())"
+    ended = subprocess.run([*isolated, code, *words], capture_output=True, text=True, cwd=root)
+    assert ended.returncode == EXIT_USAGE, ended.stderr
+    assert ended.stderr.count("\n") == 1
+    assert f"inim: error: {sys.executable} has no package " in ended.stderr
+    assert ".venv/bin/python" in ended.stderr
