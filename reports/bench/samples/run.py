@@ -153,8 +153,7 @@ def parts_of(data: Mapping[str, Any]) -> list[Part]:
     tables = [_table(name, group) for name, group in groups.items()]
     remark = (
         "Processor seconds of all processes of a validation, without the result cache; one view "
-        "and one algorithm. The machine did other work meanwhile: the wall-clock times of "
-        "bench.json are of no use."
+        "and one algorithm. Wall-clock seconds are in bench.json."
     )
     return [Part("samples", "Samples", lead, tables, "samples", _figure(groups), [remark])]
 
