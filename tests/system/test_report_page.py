@@ -112,6 +112,32 @@ def test_nothing_sticks_out_of_the_screen(tab, theme, width):
     assert tab.complaints == []
 
 
+def test_no_word_of_a_table_is_broken_into_letters_on_a_phone(tmp_path):
+    """Of two checks of a comparison, whose five other columns never break."""
+    named = {
+        "name": "wang2024/right: SSIM on relic to ceiling against the baseline",
+        "kind": "score",
+        "value": 0.1234,
+        "relation": "within ±",
+        "limit": 0.0567,
+        "passed": True,
+        "detail": "0.1234, baseline 0.1234",
+        "interval": [-0.01, 0.02],
+    }
+    data = report_data()
+    data["verdict"] = {"passed": True, "checks": [named, named]}
+    path = report_folder(tmp_path) / "report.html"
+    path.write_text(render_html(data, path.parent), encoding="utf-8")
+    with browser(tmp_path / "profile") as tab:
+        tab.size(390, 844, mobile=True)
+        tab.open(path)
+        tab.evaluate(UNFOLD.format("true"))
+        rows = "[...document.querySelectorAll('.checks tr')].map((e) => e.clientHeight)"
+        heights = tab.evaluate(rows)
+    assert len(heights) == 3
+    assert max(heights) < 160
+
+
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_words_stand_out_from_what_is_behind_them(tab, theme):
     """Contrast of 4.5 at least, as WCAG 2.1, 1.4.3 asks, by its formula on computed colours."""
