@@ -226,8 +226,8 @@ _LEAST_SHOWN = 0.35
 _BRIGHTER, _DARKER = np.array([1.0, 0.25, 0.05]), np.array([0.05, 0.3, 1.0])
 # Lengths that follow from others may differ in the last bits between machines.
 _SAME_LENGTH = 1e-9
-# A value of conditions longer than this is not printed in an error.
-_LONGEST_SHOWN = 60
+# A value of conditions longer than this is not printed in an error; nor what rounding leaves.
+_LONGEST_SHOWN, _DIGITS_SHOWN = 60, 9
 _SHA256_DIGITS = 64
 # Values of one condition.
 _MOST_SHOWN = 3
@@ -272,7 +272,12 @@ def _same(a: Any, b: Any) -> bool:
 def _shown(value: Any) -> str:
     if isinstance(value, str):
         return f"{value[:12]}…" if len(value) == _SHA256_DIGITS else value[:_LONGEST_SHOWN]
-    text = "not there" if value is None else json.dumps(value, ensure_ascii=False)
+    if isinstance(value, float):
+        return f"{value:.{_DIGITS_SHOWN}g}"
+    if isinstance(value, list):  # a viewpoint: where, and what is given of its pupil
+        text = f"[{', '.join(_shown(one) for one in value if one is not None)}]"
+    else:
+        text = "not there" if value is None else json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 1]}…"
 
 

@@ -125,8 +125,12 @@ def test_run_compared_with_itself_passes_every_verdict(statistics):
     ("other", "words"),
     [
         ({"display": {"pitch_mm": 1.1}}, "display: pitch_mm 1.1, baseline "),
-        ({"display": {"pitch_mm": 1.0, "gap_mm": 3.0}}, ", gap_mm 3.0, baseline "),
-        ({"viewpoints": {"right": [0.0, 0.0, 400.0]}}, "right [0.0, 0.0, 400.0], baseline not the"),
+        ({"display": {"pitch_mm": 1.0, "gap_mm": 3.0}}, ", gap_mm 3, baseline "),
+        ({"viewpoints": {"right": [0.0, 0.0, 400.0]}}, "right [0, 0, 400], baseline not there"),
+        (
+            {"viewpoints": {"left": [0.0, 0.1 + 0.2, 410.0, 0.0, None]}},
+            "left [0, 0.3, 410, 0], baseline [",
+        ),
         ({"mine": "thin"}, "mine thin, baseline not there"),
     ],
 )
