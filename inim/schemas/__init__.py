@@ -24,6 +24,7 @@ NAMES = (
     "sweep",
     "unit",
     "inspect",
+    "patterns",
     "files",
 )
 _PARTS = "urn:inim:parts:1#/$defs/"
