@@ -38,9 +38,9 @@ _FEWEST_LIT = 0.005
 _SATURATED_LIGHT = 0.99
 _MOST_SATURATED = 0.02
 # Light of a picture and its inverse against that of white and black, relative to their difference,
-# on average: half as far off as bits that have nothing in common. A camera's tone curve bends the
-# cosine by some 0.1; phases in a wrong order are 0.45 off.
-_MOST_UNLIKE = 0.25
+# on average. Bits that have nothing in common are 0.5 off, exposures that differ by a third 0.17;
+# phases in a wrong order 0.45, and a camera's tone curve bends the cosine by some 0.1.
+_MOST_UNLIKE = 0.15
 _MOST_BENT = 0.3
 # A bit's contrast: where it is sure, and the least that half of the finest bits must have.
 _SURE = 0.5

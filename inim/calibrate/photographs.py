@@ -163,4 +163,5 @@ def read_photograph(path: Path) -> np.ndarray:
             return linear_from_srgb(np.asarray(picture, np.float32) / _LARGEST_OF_16_BITS)
         picture.draft("L", picture.size)  # a JPEG's luma alone is decoded
         codes = np.asarray(picture.convert("L"))
-    return linear_from_srgb(_CODES)[codes]
+    light: np.ndarray = linear_from_srgb(_CODES)[codes]
+    return light
