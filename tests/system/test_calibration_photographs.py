@@ -87,7 +87,7 @@ def test_each_ray_lands_within_the_facets_error_of_the_formula():
     # As `inim.lens.full` states of its facets; float32 adds some 1e-3 pixels.
     assert np.quantile(off[both], 0.99) < facets + 2e-3
     assert (off[both] > 2 * facets + 2e-3).mean() < 1e-3
-    assert np.allclose(weight[both], thick[both], atol=2e-3)
+    assert np.quantile(np.abs(weight - thick)[both], 0.999) < 2e-3
 
 
 @pytest.fixture(scope="module")
