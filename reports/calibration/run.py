@@ -153,8 +153,8 @@ def table(results: list[dict[str, Any]]) -> str:
         f"hold the truth in {_SHARE_HELD:.0%} of the cases or more. Given, off by more than the "
         f"target and by more than {_CONFIDENT:g} standard errors: {'; '.join(wrong) or 'none'}.",
         "",
-        "| parameter | target | within it | error: median | 95 % | largest | standard error, median "
-        "| intervals that hold | not given |",
+        "| parameter | target | within it | error: median | 95 % | largest "
+        "| standard error, median | intervals that hold | not given |",
         "| --- | --: | --: | --: | --: | --: | --: | --: | --: |",
         *(_summary(results, name, target) for name, target in _SHOWN.items()),
         "",
