@@ -24,6 +24,7 @@ NAMES = (
     "sweep",
     "unit",
     "inspect",
+    "calibration",
     "files",
 )
 _PARTS = "urn:inim:parts:1#/$defs/"
