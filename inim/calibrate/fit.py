@@ -54,9 +54,9 @@ _PRIORS = {
 }
 # Of the focal length, without and with a word from the photographs, and of the principal point: in
 # focal lengths, in widths of the photograph.
-_FOCAL_PRIOR, _STATED_FOCAL_PRIOR, _CENTRE_PRIOR = 1.0, 0.2, 0.1
+_FOCAL_PRIOR, _STATED_FOCAL_PRIOR, _CENTRE_PRIOR = 2.0, 0.2, 0.1
 # Lenses taken of a position: their number hardly matters for the errors, and the time follows it.
-_MOST_LENSES = 1200
+_MOST_LENSES = 600
 # Residuals beyond so many of their usual size count less and less (Geman: soft l1).
 _ROBUST = 2.0
 # To begin with: panel pixels and pixels of the photograph.

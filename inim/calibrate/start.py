@@ -18,6 +18,11 @@ __all__ = ["Counted", "Turned", "count_alike", "focal_guess", "pose_guess", "tur
 
 # Focal lengths tried, in widths of the photograph: a wide lens to a long one.
 _FOCAL_WIDTHS = np.geomspace(0.5, 8.0, 41)
+# What they are like without a word from the photographs (logarithms), how far lattices seem to be
+# from square by the camera's distortion alone, and pitches off the nominal: standard deviations.
+_USUAL_WIDTHS, _FOCAL_SPREAD = 1.2, 1.0
+_SKEW_SPREAD = 2e-3
+_PITCH_SPREAD = 0.015
 # A sheet of which the pitch is so far off is another display's.
 _PITCH_OFF = 0.04
 
@@ -64,30 +69,53 @@ def _columns(homography: np.ndarray, camera: Camera) -> np.ndarray:
 def focal_guess(
     display: Display, lenses: Sequence[Lenses], stated_px: float | None = None
 ) -> Camera:
-    """The camera under which all lattices are most nearly square; its axis through the middle."""
+    """A camera with its axis through the middle of the photographs.
+
+    Its focal length is what the photographs state; or the one under which all lattices are most
+    nearly square, and seen from where lenses magnify steps of the panel as much as they do.
+    """
     height, width = lenses[0].shape
     if stated_px is not None:
         return Camera(stated_px, width / 2, height / 2)
     homographies = [_homography(display, one) for one in lenses]
+    steps = [_panel_step(display, one) for one in lenses]
 
-    def skew(focal: float) -> float:
-        camera = Camera(focal, width / 2, height / 2)
-        total = 0.0
-        for homography in homographies:
+    def unlikeness(camera: Camera) -> float:
+        total = (math.log(camera.focal_px / width / _USUAL_WIDTHS) / _FOCAL_SPREAD) ** 2
+        for homography, step in zip(homographies, steps, strict=True):
             a, b, _ = _columns(homography, camera).T
-            total += float(a @ b) ** 2 + float(a @ a - b @ b) ** 2 / 4
+            away = float(_pose(homography, camera).eye_mm[2])
+            total += (float(a @ b) ** 2 + float(a @ a - b @ b) ** 2 / 4) / _SKEW_SPREAD**2
+            total += ((step / (1 + display.gap_mm / away) - 1) / _PITCH_SPREAD) ** 2
         return total
 
-    focal = min((float(width * share) for share in _FOCAL_WIDTHS), key=skew)
-    return Camera(focal, width / 2, height / 2)
+    tried = [Camera(float(width * share), width / 2, height / 2) for share in _FOCAL_WIDTHS]
+    return min(tried, key=unlikeness)
 
 
 def pose_guess(display: Display, lenses: Lenses, camera: Camera) -> Pose:
     """Where a camera stands in the lens array's own frame, the lens 0, 0 at the origin."""
-    a, b, origin = _columns(_homography(display, lenses), camera).T
+    return _pose(_homography(display, lenses), camera)
+
+
+def _pose(homography: np.ndarray, camera: Camera) -> Pose:
+    a, b, origin = _columns(homography, camera).T
     u, _, v = np.linalg.svd(np.stack([a, b, np.cross(a, b)], axis=1))
     turn = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
     return Pose(turn, -turn.T @ origin)
+
+
+def _on_panel(display: Display, lenses: Lenses) -> tuple[np.ndarray, np.ndarray]:
+    """Affine map from places in the array to what the panel's lenses show: matrix and offset."""
+    points = _lattice_mm(display, lenses.index)
+    known = np.hstack([points, np.ones((len(points), 1))])
+    fit = np.linalg.lstsq(known, panel_mm(display, lenses.middle_px), rcond=None)[0]
+    return fit[:2].T, fit[2]
+
+
+def _panel_step(display: Display, lenses: Lenses) -> float:
+    """From lens to lens on the panel, in nominal pitches: P (1 + g / V) over the nominal P."""
+    return math.sqrt(abs(float(np.linalg.det(_on_panel(display, lenses)[0]))))
 
 
 class Turned(NamedTuple):
@@ -114,20 +142,18 @@ def turned(display: Display, lenses: Lenses, pose: Pose, name: str) -> Turned:
     FileError
         The photographs are mirrored, or of another display.
     """
-    points = _lattice_mm(display, lenses.index)
-    seen = panel_mm(display, lenses.middle_px)
-    known = np.hstack([points, np.ones((len(points), 1))])
-    fit = np.linalg.lstsq(known, seen, rcond=None)[0]
-    (a, c), (b, d), at_origin = fit
+    (first, second), at_origin = _on_panel(display, lenses)
+    (a, b), (c, d) = first, second
     if a * d - b * c <= 0:
         raise FileError(f"{name}: the photographs are mirrored; save them as the camera saw them")
     x, y, z = pose.eye_mm
-    size = math.sqrt(a * d - b * c) / (1 + display.gap_mm / z)
+    size = _panel_step(display, lenses) / (1 + display.gap_mm / z)
     if abs(size - 1) > _PITCH_OFF:
         lens = display.pitch_mm / display.pixel_pitch_mm
         raise FileError(
             f"{name}: lenses lie {size * lens:.4g} panel pixels apart, those of display "
-            f"{display.name} {lens:.4g}; name the display that is photographed with --display"
+            f"{display.name} {lens:.4g}; name the display that is photographed with --display, and "
+            "let the browser show the patterns pixel by pixel"
         )
     angle = math.atan2(c - b, a + d)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])

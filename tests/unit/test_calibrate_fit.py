@@ -27,7 +27,7 @@ from tests.calibration_photographs import Lens, Photograph, look_at, photograph
 from tests.schemas import assert_schema, read_document
 
 DESIGN = DISPLAYS["phone"].replace(
-    lens_columns=28, lens_rows=20, panel_columns=None, panel_rows=None, name="small"
+    lens_columns=28, lens_rows=20, panel_columns=470, panel_rows=344, name="small"
 )
 ROWS, COLUMNS = DESIGN.eia_shape
 HIDDEN = DESIGN.replace(
