@@ -110,14 +110,14 @@ def _information(
     seen = Seen((each,), (pixel,), (nothing,), (index,), (centre,))
     guess = Guess(display, camera, (pose,))
     fitted = np.append(free, np.ones(6, bool))
-    columns = seen.jacobian(guess, np.zeros(fitted.size), fitted) * guess.steps[fitted]
+    slopes = seen.slopes(guess, np.zeros(fitted.size), fitted) * guess.steps[fitted][:, None]
     ray_mm, outline_px = found.sizes.mean(axis=0)
     # The rays of a lens count as one: they see the same few pixels of the panel.
     sizes = np.repeat(
         [ray_mm * math.sqrt(len(places)), outline_px], [2 * len(each), 2 * len(index)]
     )
-    columns = columns / sizes[:, None]
-    whole = columns.T @ columns
+    slopes = slopes / sizes
+    whole = slopes @ slopes.T
     a, b, d = whole[:-6, :-6], whole[:-6, -6:], whole[-6:, -6:]
     information: np.ndarray = a - b @ np.linalg.solve(d, b.T)
     return information

@@ -56,7 +56,7 @@ _PRIORS = {
 # focal lengths, in widths of the photograph.
 _FOCAL_PRIOR, _STATED_FOCAL_PRIOR, _CENTRE_PRIOR = 2.0, 0.2, 0.1
 # Lenses taken of a position: their number hardly matters for the errors, and the time follows it.
-_MOST_LENSES = 600
+_MOST_LENSES = 400
 # Residuals beyond so many of their usual size count less and less (Geman: soft l1).
 _ROBUST = 2.0
 # To begin with: panel pixels and pixels of the photograph.
@@ -67,8 +67,9 @@ _BLOCK = 6
 _WORST_PANEL_PX = 0.7
 _WORST_OUTLINE = 0.08
 _ROUNDS = 3
-# Where a search ends: no step changes anything by more than this share.
-_STILL, _MOST_STEPS = 1e-8, 40
+# Where a search ends: a step lessens the sum of squares by less than this share of it.
+_STILL, _MOST_STEPS = 1e-7, 50
+_DAMPING, _MOST_DAMPING = 1e-3, 1e9
 # Residuals of nothing but rounding are still divided by their size.
 _LEAST_SIZE = 1e-9
 _LIE = ("shift_x_mm", "shift_y_mm", "rotation_deg", "tilt_x_deg", "tilt_y_deg")
@@ -244,7 +245,7 @@ def _begin(
     first = camera or focal_guess(flat, found, focal_px)
     # The lattice alone, as if each position's first lens were the array's.
     corner = np.append(first_lens_mm(flat), 0.0)
-    poses = [pose_guess(flat, one, first) for one in found]
+    poses = [pose_guess(flat, one, first, name) for name, one in lenses.items()]
     guess = Guess(flat, first, tuple(Pose(p.turn, p.eye_mm + corner) for p in poses))
     seen = Seen.of([_thinned(one) for one in found], flat, outlines_only=True)
     free = np.arange(guess.steps.size) >= (len(PARAMETERS) if camera is None else len(SHARED))
@@ -326,39 +327,53 @@ def _weights(seen: Seen, sizes: np.ndarray) -> np.ndarray:
 
 
 def _solved(seen: Seen, start: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray) -> Guess:
-    """The best guess, from one that is near it."""
-    from scipy.optimize import least_squares
+    """The best guess, from one that is near it, by Levenberg's and Marquardt's method.
 
-    steps, weights = start.steps, _weights(seen, sizes)
+    Of normal equations with weights of the soft l1 loss: there are a thousand residuals for each
+    unknown, and `scipy.optimize.least_squares` decomposes all of them in every step, which took
+    five sixths of the time.
+    """
+    steps, weights = start.steps[free], _weights(seen, sizes)
     of_shared = free[: len(SHARED)]
-    prior_rows = np.zeros((int(of_shared.sum()), int(free.sum())))
-    prior_rows[:, : len(prior_rows)] = np.diag((steps[: len(SHARED)] / prior.deviation)[of_shared])
+    shared_steps = (start.steps[: len(SHARED)] / prior.deviation)[of_shared]
 
-    def change(z: np.ndarray) -> np.ndarray:
-        by = np.zeros(steps.size)
-        by[free] = z * steps[free]
-        return by
+    def moved(z: np.ndarray) -> tuple[np.ndarray, Guess]:
+        by = np.zeros(free.size)
+        by[free] = z * steps
+        return by, start.moved(by)
 
-    def residuals(z: np.ndarray) -> np.ndarray:
-        guess = start.moved(change(z))
+    def residuals(guess: Guess) -> tuple[np.ndarray, np.ndarray, float]:
+        own = seen.flat(guess) * weights
         off = ((_shared(guess) - prior.mean) / prior.deviation)[of_shared]
-        return np.concatenate([seen.flat(guess) * weights, off])
+        robust = 2 * _ROBUST**2 * float((np.sqrt(1 + (own / _ROBUST) ** 2) - 1).sum())
+        return own, off, robust + float(off @ off)
 
-    def jacobian(z: np.ndarray) -> np.ndarray:
-        found = seen.jacobian(start, change(z), free)
-        return np.concatenate([found * weights[:, None] * steps[free], prior_rows])
-
-    found = least_squares(
-        residuals,
-        np.zeros(int(free.sum())),
-        jacobian,
-        loss="soft_l1",
-        f_scale=_ROBUST,
-        ftol=_STILL,
-        xtol=_STILL,
-        max_nfev=_MOST_STEPS,
-    )
-    return start.moved(change(found.x))
+    at, damping = np.zeros(steps.size), _DAMPING
+    by, guess = moved(at)
+    own, off, cost = residuals(guess)
+    for _ in range(_MOST_STEPS):
+        slopes = seen.slopes(start, by, free)
+        slopes *= weights
+        slopes *= steps[:, None]
+        weighted = slopes / np.sqrt(1 + (own / _ROBUST) ** 2)
+        curvature, gradient = weighted @ slopes.T, weighted @ own
+        diagonal = np.arange(off.size)
+        curvature[diagonal, diagonal] += shared_steps**2
+        gradient[: off.size] += shared_steps * off
+        gained = 0.0
+        while damping < _MOST_DAMPING:
+            damped = curvature + damping * np.diag(np.diag(curvature))
+            step = np.linalg.solve(damped, gradient)
+            by, guess = moved(at - step)
+            *tried, better = residuals(guess)
+            if better < cost:
+                gained, at, (own, off), cost = cost - better, at - step, tried, better
+                damping /= 10
+                break
+            damping *= 10
+        if gained < _STILL * cost:
+            break
+    return moved(at)[1]
 
 
 def _sizes(residuals: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
@@ -396,20 +411,21 @@ def _covariance(
     steps = guess.steps[free]
     weights = _weights(seen, sizes)
     residual = seen.flat(guess) * weights
-    columns = seen.jacobian(guess, np.zeros(free.size), free) * weights[:, None] * steps
+    slopes = seen.slopes(guess, np.zeros(free.size), free) * weights * steps[:, None]
     # psi of the soft l1 loss, and its slope.
     stretch = 1 + (residual / _ROBUST) ** 2
-    scores = columns * (residual / np.sqrt(stretch))[:, None]
+    scores = slopes * (residual / np.sqrt(stretch))
     own = np.zeros(steps.size)
     own[: int(free[: len(SHARED)].sum())] = (guess.steps[: len(SHARED)] / prior.deviation)[
         free[: len(SHARED)]
     ] ** 2
-    curvature = columns.T @ (columns * stretch[:, None] ** -1.5) + np.diag(own)
+    curvature = (slopes * stretch**-1.5) @ slopes.T + np.diag(own)
     cluster = _blocks(seen)
-    sums = np.zeros((int(cluster.max()) + 1, steps.size))
-    np.add.at(sums, cluster, scores)
-    blocks = len(sums)
-    spread = sums.T @ sums * (blocks / max(blocks - steps.size, 1)) + np.diag(own)
+    order = np.argsort(cluster, kind="stable")
+    begins = np.flatnonzero(np.diff(cluster[order], prepend=-1))
+    sums = np.add.reduceat(scores[:, order], begins, axis=1)
+    blocks = sums.shape[1]
+    spread = sums @ sums.T * (blocks / max(blocks - steps.size, 1)) + np.diag(own)
     inverse = np.linalg.inv(curvature)
     covariance = np.zeros((free.size, free.size))
     covariance[np.ix_(free, free)] = inverse @ spread @ inverse * np.outer(steps, steps)

@@ -7,7 +7,8 @@ hardly tells where in the lens a ray passes, for a lens of g near f makes all it
 second does.
 
 Seams between bulges lie below z = 0, by the sag of the curved face there. Behind a flat face they
-appear as near as sag / n above it, for rays close to the axis (Hecht, Optics: apparent depth).
+are t - sag deep in the glass, where Snell's law makes them appear nearer: a depth d seen at a slope
+s as d / sqrt(n^2 (1 + s^2) - s^2), which is d / n on the axis.
 """
 
 from __future__ import annotations
@@ -22,7 +23,15 @@ from inim.calibrate.camera import Camera, Pose, project, rays, rotation
 from inim.calibrate.lattice import Lenses
 from inim.display import Display
 from inim.lens import lens_model
-from inim.lens.array import NUMPY_OPS, LensArray, lens_array, lens_traits, to_array, to_panel
+from inim.lens.array import (
+    NUMPY_OPS,
+    LensArray,
+    LensTraits,
+    lens_array,
+    lens_traits,
+    to_array,
+    to_panel,
+)
 from inim.lens.surface import sag
 from inim.lens.thick import bulge
 
@@ -64,8 +73,8 @@ STEPS = dict(zip(PARAMETERS, (0.01, 0.2, 0.1, 0.1, 0.1, 0.2, 0.2, 0.1), strict=T
 _POSE_STEPS = (0.01, 0.01, 0.01, 10.0, 10.0, 10.0)
 # Differences are taken over this share of a step.
 _DIFFERENCE = 1e-4
-# Points along each side of a cell; its seams bend.
-_ALONG_SIDE = 4
+# Of the integral along a side of a cell.
+_NODES = 6
 _MODEL = "thick"
 
 
@@ -164,32 +173,30 @@ def panel_points(display: Display, index: np.ndarray, arriving: np.ndarray) -> n
 
 
 def centres(display: Display, camera: Camera, pose: Pose, index: np.ndarray) -> np.ndarray:
-    """Centres of gravity of lenses' outlines in a photograph, (n, 2) pixels."""
+    """Centres of gravity of lenses' outlines in a photograph, (n, 2) pixels.
+
+    A side of an outline moves with its mean depth: the whole outline as its centre does that deep.
+    What perspective adds over a lens, P^2 s / 12 V for a slope s, is below a ten-thousandth of it.
+    """
     array, traits = lens_array(display), lens_traits(display)
-    side = (np.arange(_ALONG_SIDE) / _ALONG_SIDE - 0.5) * np.ones((2, 1))
-    side[1] = -0.5
-    cell = np.concatenate([side.T, side.T @ [[0, 1], [-1, 0]], -side.T, side.T @ [[0, -1], [1, 0]]])
-    cell = cell * [array.pitch_x, array.pitch_y]
-    depth = sag(NUMPY_OPS, bulge(array, traits), (cell**2).sum(axis=-1))
-    if not traits.bulges_to_viewer:
-        depth = depth / array.design_index
-    outline = _lens_centres(array, index)[:, None] + cell
     c, s = array.cosine, array.sine
-    turned = outline @ [[c, s], [-s, c]] + [array.shift_x, array.shift_y]
-    height = np.broadcast_to(-depth, turned.shape[:2])
-    seen = project(camera, pose, np.concatenate([turned, height[..., None]], axis=-1))
-    return _gravity(seen)
+    at = _lens_centres(array, index) @ [[c, s], [-s, c]] + [array.shift_x, array.shift_y]
+    depth = _seam_depth(array, traits)
+    height = np.full(len(at), -depth)
+    if not traits.bulges_to_viewer:  # depths are negative: the seams rise from the vertices
+        slope = ((at - pose.eye_mm[:2]) ** 2).sum(axis=-1) / pose.eye_mm[2] ** 2
+        steeper = np.sqrt(array.design_index**2 * (1 + slope) - slope)
+        height = array.thickness / array.design_index - (array.thickness + depth) / steeper
+    return project(camera, pose, np.column_stack([at, height]))
 
 
-def _gravity(outline: np.ndarray) -> np.ndarray:
-    """Centres of gravity of polygons, (n, corners, 2) to (n, 2)."""
-    origin = outline.mean(axis=1, keepdims=True)
-    a = outline - origin
-    b = np.roll(a, -1, axis=1)
-    cross = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    moment = ((a + b) * cross[..., None]).sum(axis=1) / (3 * cross.sum(axis=1)[:, None])
-    centre: np.ndarray = origin[:, 0] + moment
-    return centre
+def _seam_depth(array: LensArray, traits: LensTraits) -> float:
+    """Mean sag along the sides of a lens's cell, which is next to square."""
+    node, weight = np.polynomial.legendre.leggauss(_NODES)
+    half_x, half_y = array.pitch_x / 2, array.pitch_y / 2
+    squares = [half_x**2 + (node * half_y) ** 2, half_y**2 + (node * half_x) ** 2]
+    depth = sag(NUMPY_OPS, bulge(array, traits), np.stack(squares))
+    return float((depth @ weight).mean() / 2)
 
 
 @dataclass(frozen=True)
@@ -257,26 +264,24 @@ class Seen:
         parts = [part.ravel() for pair in self.residuals(guess) for part in pair]
         return np.concatenate(parts)
 
-    def jacobian(self, guess: Guess, by: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """Derivatives of `flat` by the changes of `Guess.moved` that are free, a column each.
+    def slopes(self, guess: Guess, by: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """Derivatives of `flat` by the changes of `Guess.moved` that are free, a row each.
 
         Poses do not share residuals: one difference serves all of them.
         """
         steps = guess.steps * _DIFFERENCE
         at = self.flat(guess.moved(by))
-        position = np.repeat(
-            np.arange(len(self.lens)), [2 * (rays + outlines) for rays, outlines in self.counts]
-        )
-        columns = np.zeros((at.size, steps.size))
+        ends = np.cumsum([0] + [2 * (rays + outlines) for rays, outlines in self.counts])
+        slopes = np.zeros((steps.size, at.size))
         for n in np.flatnonzero(free[: len(SHARED)]):
             more = by.copy()
             more[n] += steps[n]
-            columns[:, n] = (self.flat(guess.moved(more)) - at) / steps[n]
+            slopes[n] = (self.flat(guess.moved(more)) - at) / steps[n]
         for n in range(_POSE):
             of_poses = np.arange(len(SHARED) + n, steps.size, _POSE)
-            if free[of_poses[0]]:
-                more = by.copy()
-                more[of_poses] += steps[of_poses]
-                change = (self.flat(guess.moved(more)) - at) / steps[of_poses[0]]
-                columns[np.arange(at.size), of_poses[position]] = change
-        return columns[:, free]
+            more = by.copy()
+            more[of_poses] += steps[of_poses]
+            change = (self.flat(guess.moved(more)) - at) / steps[of_poses[0]]
+            for row, begin, end in zip(of_poses, ends, ends[1:], strict=False):
+                slopes[row, begin:end] = change[begin:end]
+        return slopes[free]

@@ -93,9 +93,18 @@ def focal_guess(
     return min(tried, key=unlikeness)
 
 
-def pose_guess(display: Display, lenses: Lenses, camera: Camera) -> Pose:
-    """Where a camera stands in the lens array's own frame, the lens 0, 0 at the origin."""
-    return _pose(_homography(display, lenses), camera)
+def pose_guess(display: Display, lenses: Lenses, camera: Camera, name: str) -> Pose:
+    """Where a camera stands in the lens array's own frame, the lens 0, 0 at the origin.
+
+    Raises
+    ------
+    FileError
+        It stands behind the display: the photographs are mirrored.
+    """
+    pose = _pose(_homography(display, lenses), camera)
+    if pose.eye_mm[2] <= 0:
+        raise FileError(f"{name}: the photographs are mirrored; save them as the camera saw them")
+    return pose
 
 
 def _pose(homography: np.ndarray, camera: Camera) -> Pose:
@@ -140,12 +149,9 @@ def turned(display: Display, lenses: Lenses, pose: Pose, name: str) -> Turned:
     Raises
     ------
     FileError
-        The photographs are mirrored, or of another display.
+        The photographs are of another display.
     """
-    (first, second), at_origin = _on_panel(display, lenses)
-    (a, b), (c, d) = first, second
-    if a * d - b * c <= 0:
-        raise FileError(f"{name}: the photographs are mirrored; save them as the camera saw them")
+    ((a, b), (c, d)), at_origin = _on_panel(display, lenses)
     x, y, z = pose.eye_mm
     size = _panel_step(display, lenses) / (1 + display.gap_mm / z)
     if abs(size - 1) > _PITCH_OFF:

@@ -35,7 +35,7 @@ HIDDEN = DESIGN.replace(
     rotation_deg=0.9,
     shift_x_mm=0.31,
     shift_y_mm=-0.22,
-    gap_mm=3.11,
+    gap_mm=3.05,
     tilt_x_deg=0.4,
     tilt_y_deg=-0.3,
     panel_rows=ROWS,
@@ -171,7 +171,7 @@ def test_a_lens_decoded_a_period_off_is_left_out() -> None:
     wrong = 200
     at = before.centre_px[wrong]
     v, u = np.mgrid[:360, :480]
-    photo.column[np.hypot(u + 0.5 - at[0], v + 0.5 - at[1]) < 5] += 16
+    photo.column[np.maximum(abs(u + 0.5 - at[0]), abs(v + 0.5 - at[1])) < 8] += 16
     seen = find_lenses(photo, DESIGN, "wrong")
     offset(seen, "near")
     off = true_index(before, "near")[wrong] - offset(seen, "near")
@@ -246,15 +246,15 @@ def test_derivatives_of_one_pose_are_of_its_position_alone() -> None:
     result = found(*EYES)
     seen, guess = result.seen, result.guess
     free = np.ones(guess.steps.size, bool)
-    columns = seen.jacobian(guess, np.zeros(free.size), free)
+    slopes = seen.slopes(guess, np.zeros(free.size), free)
     second = len(SHARED) + 6 + 4
     by = np.zeros(free.size)
     by[second] = 0.01
     change = (seen.flat(guess.moved(by)) - seen.flat(guess.moved(-by))) / 0.02
     scale = np.abs(change).max()
-    np.testing.assert_allclose(columns[:, second], change, atol=1e-4 * scale)
+    np.testing.assert_allclose(slopes[second], change, atol=1e-4 * scale)
     rays_, outlines = seen.counts[0]
-    assert np.abs(columns[: 2 * (rays_ + outlines), second]).max() == 0
+    assert np.abs(slopes[second, : 2 * (rays_ + outlines)]).max() == 0
 
 
 # -- the fit --------------------------------------------------------------------------------------
@@ -364,16 +364,13 @@ def test_another_size_of_photograph_is_another_camera() -> None:
         calibrate({"near": lenses("near"), "far": other}, DESIGN)
 
 
-def test_a_position_that_does_not_fit_is_refused() -> None:
-    zoomed = Lens(CAMERA.shape, CAMERA.focal * 1.15, CAMERA.centre, CAMERA.k1, CAMERA.k2)
+def test_a_sheet_that_slipped_between_positions_is_refused() -> None:
     eye, target, roll = EYES["far"]
-    photo = photograph(HIDDEN, zoomed, eye, look_at(eye, target, roll), 3)
-    seen = {name: lenses(name) for name in ("near", "left", "above")}
-    seen["far"] = find_lenses(photo, DESIGN, "far")
-    result = None
-    with pytest.raises(FileError, match="zoom"):
-        result = calibrate(seen, DESIGN)
-    assert result is None
+    slipped = HIDDEN.replace(rotation_deg=HIDDEN.rotation_deg + 0.5)
+    photo = photograph(slipped, CAMERA, eye, look_at(eye, target, roll), 3)
+    seen = {"near": lenses("near"), "far": find_lenses(photo, DESIGN, "far")}
+    with pytest.raises(FileError, match="are all of one sheet"):
+        calibrate(seen, DESIGN)
 
 
 def test_other_lattices_are_refused() -> None:
@@ -391,7 +388,8 @@ def test_the_display_file_is_the_display(tmp_path) -> None:
     read, _ = chosen_display(str(path), [], "test")
     for key, value in result.display.given().items():
         if key != "name":
-            assert getattr(read, key) == pytest.approx(value, rel=1e-8, abs=1e-9), key
+            close = pytest.approx(value, rel=1e-8) if isinstance(value, float) else value
+            assert getattr(read, key) == close, key
     assert read.name == "phone, changed"
     assert path.read_text("utf-8").count("±") == len(PARAMETERS)
 
