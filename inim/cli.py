@@ -41,6 +41,7 @@ COMMANDS = {
     "view": "view",
     "film": "view",
     "inspect": "inspect",
+    "calibrate": "calibrate",
     "generate": "generate",
     "export": "export",
     "depth": "depth",

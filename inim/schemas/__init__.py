@@ -25,6 +25,7 @@ NAMES = (
     "unit",
     "inspect",
     "patterns",
+    "calibration",
     "files",
 )
 _PARTS = "urn:inim:parts:1#/$defs/"
