@@ -34,6 +34,7 @@ _QUALITY = 90
 _BRIGHT_QUANTILE = 0.99
 # Codes come from a table of so many lights: half a code in the darkest shade.
 _LIGHTS = 1 << 14
+_CODES = srgb_to_uint8(srgb_from_linear(np.arange(_LIGHTS + 1) / _LIGHTS))
 _EXIF_IFD, _FOCAL_LENGTH_35MM, _MODEL = 0x8769, 41989, 0x0110
 _DIAGONAL_35MM = np.hypot(36, 24)
 
@@ -95,12 +96,14 @@ class Shot:
         (rows, columns, 3) uint8, sRGB
         """
         sensor, random = self._sensor, np.random.default_rng(seed)
-        light = self._light(codes)[..., None] * (self._gain * np.array(sensor.tint, np.float32))
-        noise = np.sqrt(light / np.float32(sensor.full_well) + np.float32(sensor.read_noise**2))
-        light += noise * random.standard_normal(light.shape, np.float32)
-        table = srgb_to_uint8(srgb_from_linear(np.arange(_LIGHTS + 1) / _LIGHTS))
-        places = np.clip(np.rint(light * _LIGHTS), 0, _LIGHTS).astype(np.int32)
-        found: np.ndarray = table[places]
+        light, dark = self._light(codes), np.float32(sensor.read_noise**2)
+        found = np.empty((*light.shape, len(sensor.tint)), np.uint8)
+        for channel, tint in enumerate(sensor.tint):
+            seen = light * (self._gain * np.float32(tint))
+            noise = np.sqrt(seen / np.float32(sensor.full_well) + dark)
+            seen += noise * random.standard_normal(seen.shape, np.float32)
+            places = (seen * _LIGHTS + np.float32(0.5)).astype(np.int32)
+            found[..., channel] = _CODES[np.clip(places, 0, _LIGHTS)]
         return found
 
 
