@@ -29,7 +29,7 @@ __all__ = ["LIMITS", "Calibration", "Estimate", "calibrate", "check_display"]
 #: gap and focal length. An interval that wide would not help to make an EIA.
 LIMITS = {
     "pitch_mm": 0.003,
-    "rotation_deg": 0.02,
+    "rotation_deg": 0.03,
     "shift_x_mm": 0.04,
     "shift_y_mm": 0.04,
     "gap_mm": 0.05,
@@ -64,7 +64,7 @@ _USUAL = (0.3, 0.2)
 # Lenses along a side of a block that counts as one: pixels beat with lenses over some of them.
 _BLOCK = 6
 # Typical residuals above these are no lens array of this kind: panel pixels, and shares of a lens.
-_WORST_PANEL_PX = 0.7
+_WORST_PANEL_PX = 0.5
 _WORST_OUTLINE = 0.08
 _ROUNDS = 3
 # Where a search ends: a step lessens the sum of squares by less than this share of it.

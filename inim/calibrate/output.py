@@ -49,9 +49,16 @@ def display_file(found: Calibration, preset: str) -> str:
             continue
         value = values[key]
         text = f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)
+        if estimate is not None and estimate.is_known:
+            text = f"{value:.{_decimals(estimate.error)}f}"
         said = "" if estimate is None else f" <!-- {_said(key, found)} -->"
         lines.append(f'    <default name="{PREFIX}{key}" value="{text}"/>{said}')
     return "\n".join([*lines, "</scene>"]) + "\n"
+
+
+def _decimals(error: float) -> int:
+    """Of a value: to a hundredth of its standard error, beyond which digits are rounding."""
+    return max(0, 2 - math.floor(math.log10(error)))
 
 
 def _comment(text: str) -> str:
