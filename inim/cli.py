@@ -42,6 +42,7 @@ COMMANDS = {
     "film": "view",
     "inspect": "inspect",
     "calibrate": "calibrate",
+    "photo": "photo",
     "generate": "generate",
     "export": "export",
     "depth": "depth",

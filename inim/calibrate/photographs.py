@@ -19,7 +19,7 @@ from inim.display import Display
 from inim.errors import FileError
 from inim.files.picture import open_picture
 
-__all__ = ["Position", "read_photograph", "read_positions"]
+__all__ = ["Position", "read_colors", "read_photograph", "read_positions"]
 
 _FORMATS = ("JPEG", "PNG")
 _ENDINGS = (".jpg", ".jpeg", ".png")
@@ -145,6 +145,14 @@ def _header(path: Path) -> tuple[tuple[int, int], float | None]:
     if not (math.isfinite(millimetres) and millimetres > 0):
         return shape, None
     return shape, millimetres / _DIAGONAL_35MM * math.hypot(*shape)
+
+
+def read_colors(path: Path) -> np.ndarray:
+    """The linear colours of a photograph, (rows, columns, 3) float32; as `read_photograph`."""
+    with open_picture(path, _FORMATS, 1, _NOT_ONE) as picture:
+        codes = np.asarray(picture.convert("RGB"))
+    light: np.ndarray = linear_from_srgb(_CODES)[codes]
+    return light
 
 
 def read_photograph(path: Path) -> np.ndarray:

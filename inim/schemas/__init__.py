@@ -26,6 +26,7 @@ NAMES = (
     "inspect",
     "patterns",
     "calibration",
+    "photo",
     "files",
 )
 _PARTS = "urn:inim:parts:1#/$defs/"

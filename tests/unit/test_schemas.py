@@ -23,7 +23,7 @@ from inim.display import DISPLAYS, Display
 from inim.inspect import output
 from inim.regression import run_statistics
 from inim.report import SCHEMA as REPORT
-from inim.report import bench, calibration, compare, stress, without_scene
+from inim.report import bench, calibration, compare, photo, stress, without_scene
 from inim.schemas import NAMES, schema
 from inim.settings import Settings
 from inim.sweep import table, task
@@ -64,6 +64,7 @@ SCHEMAS = {
     "inspect": output.SCHEMA,
     "patterns": patterns.SCHEMA,
     "calibration": calibration.SCHEMA,
+    "photo": photo.SCHEMA,
     "files": worker_output.SCHEMA,
 }
 # Keys that need not be there; the last two of a bench are not in those of earlier versions.
