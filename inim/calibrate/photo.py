@@ -226,7 +226,7 @@ def compare(photograph: np.ndarray, light: np.ndarray, seen: np.ndarray, name: s
     return Difference(
         float(moved_last[1]),
         float(moved_last[0]),
-        spread / np.sqrt(max(np.count_nonzero(known), 1)),
+        spread / max(int(np.count_nonzero(known)), 1) ** 0.5,
         flow + moved[::-1],
         tones,
         blur,

@@ -84,7 +84,7 @@ def measure(case: Case) -> dict[str, Any]:
         "display": case.design.name,
         "truth": truth,
         "found": found,
-        "shift_is_certain": dict(zip(("shift_x_mm", "shift_y_mm"), map(bool, certain), strict=True)),
+        "shift_is_certain": {"shift_x_mm": bool(certain[0]), "shift_y_mm": bool(certain[1])},
         "refused": refused,
         "seconds": {"photographs": taken - started, "calibration": done - taken},
     }
@@ -168,9 +168,9 @@ def table(results: list[dict[str, Any]]) -> str:
         *(_summary(results, name, target) for name, target in _SHOWN.items()),
         "",
         "Cases, worst first: errors, and in bold those whose 95 % interval does not hold the "
-        "truth. In brackets what was not given. Where the sheet's edges are not both seen, its shift "
-        "is stated to be known modulo a pitch, and its error counts so; of "
-        f"{2 * len(done)} shifts {_uncertain(done)} are.",
+        "truth. In brackets what was not given. Where the sheet's edges are not both seen, its "
+        "shift is stated to be known modulo a pitch, and its error counts so: of "
+        f"{2 * len(done)} shifts, {_uncertain(done)}.",
         "",
         f"| case | display | {' | '.join(f'{n} {t.unit}' for n, t in _headings())} |",
         f"| --: | --- |{' --: |' * len(_SHOWN)}",
