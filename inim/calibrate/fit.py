@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -274,7 +274,7 @@ def _begin(
         shift = np.append(array.shift_mm, 0.0)
         placed.append(Pose(pose.turn @ turn.T, turn @ eye + shift))
     counted = tuple(
-        one._replace(index=one.index + by) for one, by in zip(found, array.offsets, strict=True)
+        replace(one, index=one.index + by) for one, by in zip(found, array.offsets, strict=True)
     )
     return Guess(sized, guess.camera, tuple(placed)), counted, array.edges_seen
 
@@ -283,7 +283,8 @@ def _thinned(lenses: Lenses) -> Lenses:
     """At most `_MOST_LENSES` of them, spread evenly."""
     count = len(lenses.index)
     chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_LENSES)).astype(int))
-    return Lenses(*(part[chosen] for part in lenses[:-1]), lenses.shape)
+    parts = {f.name: getattr(lenses, f.name) for f in fields(lenses) if f.name != "shape"}
+    return replace(lenses, **{name: part[chosen] for name, part in parts.items()})
 
 
 class _Prior(NamedTuple):

@@ -206,12 +206,12 @@ def _positions(data: Mapping[str, Any]) -> str:
     ]  # fmt: skip
     camera = part(data, "camera")
     given = camera.get("is_given")
-    errors = part(camera, "standard_errors")
+    own = part(camera, "standard_errors")
     intrinsics = [
         [
             label,
             number(camera.get(name), digits),
-            "given" if given else f"± {number(errors.get(name), digits + 1)}",
+            "given" if given else f"± {number(own.get(name), digits + 1)}",
         ]
         for name, (label, digits) in _NAMES.items()
         if name in camera
