@@ -24,6 +24,7 @@ NAMES = (
     "sweep",
     "unit",
     "inspect",
+    "patterns",
     "calibration",
     "files",
 )

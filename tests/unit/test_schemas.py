@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
+from inim.calibrate import patterns
 from inim.display import DISPLAYS, Display
 from inim.inspect import output
 from inim.regression import run_statistics
@@ -46,6 +47,7 @@ OWN_KIND = {
     STUDY,
     ROOT / "reports/light_fields/light_fields.json",
     ROOT / "reports/one_picture/one_picture.json",
+    ROOT / "reports/calibration/calibration.json",
     *ROOT.glob("reports/gallery/**/entry.json"),
     ROOT / "reports/gallery/gallery.json",
 }
@@ -60,6 +62,7 @@ SCHEMAS = {
     "sweep": table.SCHEMA,
     "unit": task.SCHEMA,
     "inspect": output.SCHEMA,
+    "patterns": patterns.SCHEMA,
     "calibration": calibration.SCHEMA,
     "files": worker_output.SCHEMA,
 }
@@ -194,7 +197,7 @@ def test_each_missing_key_is_refused_but_those_that_need_not_be_there(name: str)
         if at and at[-1] in whole(name)[1][at[:-1]].get("properties", ())
         if not "/".join(map(str, at)).startswith(PARTLY)
     ]
-    assert len(keys) > (1 if name == "files" else 20)
+    assert len(keys) > {"files": 1, "patterns": 6}.get(name, 20)
     needed = [key for key in keys if "/".join(map(str, key)) not in OPTIONAL.get(name, ())]
     assert len(needed) == len(keys) - len(OPTIONAL.get(name, ()))
     assert let_in(name, [(at, None) for at in needed]) == []
