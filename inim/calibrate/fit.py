@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -56,7 +56,7 @@ _PRIORS = {
 # focal lengths, in widths of the photograph.
 _FOCAL_PRIOR, _STATED_FOCAL_PRIOR, _CENTRE_PRIOR = 2.0, 0.2, 0.1
 # Lenses taken of a position: their number hardly matters for the errors, and the time follows it.
-_MOST_LENSES = 400
+_MOST_LENSES = 500
 # Residuals beyond so many of their usual size count less and less (Geman: soft l1).
 _ROBUST = 2.0
 # To begin with: panel pixels and pixels of the photograph.
@@ -274,16 +274,17 @@ def _begin(
         shift = np.append(array.shift_mm, 0.0)
         placed.append(Pose(pose.turn @ turn.T, turn @ eye + shift))
     counted = tuple(
-        one._replace(index=one.index + by) for one, by in zip(found, array.offsets, strict=True)
+        replace(one, index=one.index + by) for one, by in zip(found, array.offsets, strict=True)
     )
     return Guess(sized, guess.camera, tuple(placed)), counted, array.edges_seen
 
 
 def _thinned(lenses: Lenses) -> Lenses:
-    """At most `_MOST_LENSES` of them, spread evenly."""
-    count = len(lenses.index)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_LENSES)).astype(int))
-    return Lenses(*(part[chosen] for part in lenses[:-1]), lenses.shape)
+    """At most `_MOST_LENSES` of them, at random: every n-th would beat with the panel's pixels."""
+    order = np.random.default_rng(0).permutation(len(lenses.index))
+    chosen = np.sort(order[:_MOST_LENSES])
+    parts = {f.name: getattr(lenses, f.name) for f in fields(lenses) if f.name != "shape"}
+    return replace(lenses, **{name: part[chosen] for name, part in parts.items()})
 
 
 class _Prior(NamedTuple):

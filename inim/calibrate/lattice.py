@@ -8,6 +8,7 @@ lens that fits none of its neighbours: it is left out.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -39,7 +40,8 @@ SAMPLES = len(_PLACES) ** 2
 _LEAST_LENSES = 25
 
 
-class Lenses(NamedTuple):
+@dataclass(frozen=True)
+class Lenses:
     """The lenses that one camera position shows.
 
     Attributes
@@ -251,8 +253,8 @@ def _whole(index: np.ndarray, area: np.ndarray) -> np.ndarray:
     x, y = (index - low).T
     around = np.stack([table[x - 1, y], table[x + 1, y], table[x, y - 1], table[x, y + 1]])
     usual = np.median(around, axis=0)
-    whole: np.ndarray = (around > 0).all(axis=0)
-    return whole & (np.abs(area - usual) < _WHOLE_AREA * usual)
+    whole: np.ndarray = (around > 0).all(axis=0) & (np.abs(area - usual) < _WHOLE_AREA * usual)
+    return whole
 
 
 def _inside(

@@ -273,7 +273,7 @@ class Seen:
         at = self.flat(guess.moved(by))
         ends = np.cumsum([0] + [2 * (rays + outlines) for rays, outlines in self.counts])
         slopes = np.zeros((steps.size, at.size))
-        for n in np.flatnonzero(free[: len(SHARED)]):
+        for n in np.flatnonzero(free[: len(SHARED)]).tolist():
             more = by.copy()
             more[n] += steps[n]
             slopes[n] = (self.flat(guess.moved(more)) - at) / steps[n]
@@ -284,4 +284,5 @@ class Seen:
             change = (self.flat(guess.moved(more)) - at) / steps[of_poses[0]]
             for row, begin, end in zip(of_poses, ends, ends[1:], strict=False):
                 slopes[row, begin:end] = change[begin:end]
-        return slopes[free]
+        chosen: np.ndarray = slopes[free]
+        return chosen

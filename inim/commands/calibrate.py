@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from inim.commands.options import (
     Command,
@@ -148,9 +148,7 @@ def _report_folder(out: Path) -> Path:
     return out.with_name(f"{out.stem}-calibration")
 
 
-def _write(
-    found: Calibration, args: argparse.Namespace, out: Path, preset: str
-) -> dict[str, object]:
+def _write(found: Calibration, args: argparse.Namespace, out: Path, preset: str) -> dict[str, Any]:
     """The report's folder, then the display file; the report's data."""
     import shlex
 

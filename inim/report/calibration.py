@@ -27,31 +27,32 @@ _STYLE = """
 .calibration { margin-bottom: 24px; }
 .remarks { max-width: 90ch; padding-left: 1.2em; }
 """
-# Label and digits.
+# Label, label in a table's head, digits.
 _NAMES = {
-    "pitch_mm": ("Lens pitch P, mm", 5),
-    "rotation_deg": ("Rotation, °", 4),
-    "shift_x_mm": ("Shift to the right, mm", 4),
-    "shift_y_mm": ("Shift upwards, mm", 4),
-    "gap_mm": ("Gap g, mm", 3),
-    "tilt_x_deg": ("Tilt across, °", 3),
-    "tilt_y_deg": ("Tilt along, °", 3),
-    "focal_length_mm": ("Focal length f, mm", 3),
-    "focal_px": ("Camera's focal length, px", 1),
-    "centre_x_px": ("Principal point, across, px", 1),
-    "centre_y_px": ("Principal point, down, px", 1),
-    "k1": ("Distortion k1", 4),
-    "k2": ("Distortion k2", 4),
+    "pitch_mm": ("Lens pitch P, mm", "P, mm", 5),
+    "rotation_deg": ("Rotation, °", "rotation, °", 4),
+    "shift_x_mm": ("Shift to the right, mm", "shift x, mm", 4),
+    "shift_y_mm": ("Shift upwards, mm", "shift y, mm", 4),
+    "gap_mm": ("Gap g, mm", "g, mm", 3),
+    "tilt_x_deg": ("Tilt across, °", "tilt x, °", 3),
+    "tilt_y_deg": ("Tilt along, °", "tilt y, °", 3),
+    "focal_length_mm": ("Focal length f, mm", "f, mm", 3),
+    "focal_px": ("Camera's focal length, px", "camera f, px", 1),
+    "centre_x_px": ("Principal point, across, px", "centre x, px", 1),
+    "centre_y_px": ("Principal point, down, px", "centre y, px", 1),
+    "k1": ("Distortion k1", "k1", 4),
+    "k2": ("Distortion k2", "k2", 4),
 }
 _LEAD = (
     "Every value with its standard error and the interval that holds the truth in 95 of 100 "
-    "calibrations. A parameter whose standard error exceeds the one in the last column is not "
+    "calibrations. A parameter whose standard error exceeds the limit in the last column is not "
     "determined: the display file keeps the design's value."
 )
 _MAPS = (
     "What the photographs show less what the fitted display would: where on the panel a lens's "
-    "rays end (mean of a lens), and where in the photograph its outline lies. Noise looks like "
-    "noise; a pattern over the whole sheet is something that the model lacks, such as a bent sheet."
+    "rays end (mean of a lens), and where in the photograph its outline lies. Fine stripes are "
+    "pixels, of the panel and of the camera, that beat with the lenses, and belong there. A slope "
+    "or a bow over the whole sheet is something that the model lacks, such as a bent sheet."
 )
 _NEXT = "One more position would leave these standard errors, the best one first."
 # Colours end at this quantile: a few outliers must not hide the rest.
@@ -78,6 +79,8 @@ def write_calibration(data: Mapping[str, Any], maps: Maps, folder: Path) -> None
 
 def _draw(maps: Maps) -> Any:
     """A row of four maps for each position."""
+    from matplotlib.ticker import MaxNLocator
+
     rows, columns = maps[0][1].shape[:2]
     height = len(maps) * (0.75 + 3.4 * rows / columns)
     figure, axes = new_figure(4, height, len(maps))
@@ -100,6 +103,8 @@ def _draw(maps: Maps) -> Any:
             )
             style(axis, f"{name}: {what}", "", "")
             axis.grid(False)
+            for side in (axis.xaxis, axis.yaxis):
+                side.set_major_locator(MaxNLocator(integer=True))
             bar = figure.colorbar(shown, ax=axis, shrink=0.8)
             bar.ax.set_title(unit, fontsize=8)
             bar.ax.tick_params(labelsize=8)
@@ -136,7 +141,7 @@ def _count(count: int, noun: str) -> str:
 
 def _parameters(data: Mapping[str, Any]) -> str:
     rows = []
-    for name, (label, digits) in _NAMES.items():
+    for name, (label, _, digits) in _NAMES.items():
         one = part(data, "parameters", name)
         if not one:
             continue
@@ -151,7 +156,7 @@ def _parameters(data: Mapping[str, Any]) -> str:
                 number(one.get("largest_standard_error"), digits),
             ]
         )
-    heads = ["Parameter", "Found", "Standard error", "95 % interval", "Design", "Largest error"]
+    heads = ["Parameter", "Found", "Standard error", "95 % interval", "Design", "Limit"]
     return element("p", text(_LEAD), class_="lead") + text_table(
         "The display's parameters", heads, rows, "calibration"
     )
@@ -171,14 +176,14 @@ def _next(data: Mapping[str, Any]) -> str:
         ]
         for one in advised
     ]
-    heads = ["Position", *(_NAMES[name][0] for name in names)]
+    heads = ["Position", *(_NAMES[name][1] for name in names)]
     return element("p", text(_NEXT), class_="lead") + text_table(
         "Standard errors with one more position", heads, rows, "calibration"
     )
 
 
 def _digits(name: str) -> int:
-    return _NAMES[name][1] + 1
+    return _NAMES[name][2] + 1
 
 
 def _residuals(folder: Path) -> str:
@@ -206,14 +211,14 @@ def _positions(data: Mapping[str, Any]) -> str:
     ]  # fmt: skip
     camera = part(data, "camera")
     given = camera.get("is_given")
-    errors = part(camera, "standard_errors")
+    own = part(camera, "standard_errors")
     intrinsics = [
         [
             label,
             number(camera.get(name), digits),
-            "given" if given else f"± {number(errors.get(name), digits + 1)}",
+            "given" if given else f"± {number(own.get(name), digits + 1)}",
         ]
-        for name, (label, digits) in _NAMES.items()
+        for name, (label, _, digits) in _NAMES.items()
         if name in camera
     ]
     return text_table("Where the camera stood", heads, rows, "calibration") + text_table(
@@ -223,7 +228,7 @@ def _positions(data: Mapping[str, Any]) -> str:
 
 def _correlation(data: Mapping[str, Any]) -> str:
     names = items(part(data, "correlation"), "names")
-    labels = [_NAMES[name][0].partition(",")[0] for name in names]
+    labels = [_NAMES[name][1].partition(",")[0] for name in names]
     rows = [
         [label, *(number(value, 2) for value in row)]
         for label, row in zip(labels, items(part(data, "correlation"), "matrix"), strict=True)

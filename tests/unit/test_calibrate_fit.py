@@ -7,6 +7,7 @@ errors, and these are small; what photographs cannot tell is said and keeps the 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -370,7 +371,7 @@ def test_mirrored_photographs_are_refused() -> None:
 
 
 def test_another_size_of_photograph_is_another_camera() -> None:
-    other = lenses("far")._replace(shape=(480, 360))
+    other = replace(lenses("far"), shape=(480, 360))
     with pytest.raises(FileError, match="480 x 360 and of 360 x 480 pixels"):
         calibrate({"near": lenses("near"), "far": other}, DESIGN)
 
