@@ -68,7 +68,9 @@ class Decoded(NamedTuple):
     ----------
     column, row :
         Panel coordinates in pixels, 0 being the panel's left or top edge and a pixel's centre at
-        n + 0.5; NaN where not known, both or neither.
+        n + 0.5; NaN where not known, both or neither. They are means over what a camera pixel's
+        blur covers: within an aberrated lens they change less than along rays through its centre,
+        by half the variance of the blur times the mapping's second derivative.
     error_px :
         Their estimated standard error, panel pixels: noise, and 1 / sqrt(12) of a pixel, all of
         which looks alike. Of neighbours that see one panel pixel it is one and the same.

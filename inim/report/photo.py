@@ -34,7 +34,7 @@ _STYLE = """
 .photo th, .photo td { text-align: right; }
 .photo th:first-child { text-align: left; }
 .photos { display: flex; flex-wrap: wrap; gap: 16px; }
-.photos figure { flex: 1 1 360px; max-width: 640px; margin: 0; }
+.photos figure { flex: 0 1 calc(50% - 8px); min-width: 300px; margin: 0; }
 .photos img { width: 100%; height: auto; }
 """
 _STAGES = (
@@ -71,7 +71,7 @@ def write_photo(
 
 
 def _draw(flow: np.ndarray) -> Any:
-    figure, axes = new_figure(2, 0.75 + 4.5 * flow.shape[0] / max(flow.shape[1], 1), 1)
+    figure, axes = new_figure(2, 0.75 + 3.6 * flow.shape[0] / max(flow.shape[1], 1), 1)
     largest = max(float(np.nanmax(np.abs(flow), initial=0.0)), 1e-3)
     for k, what in enumerate(("to the right", "down")):
         shown = axes[k].imshow(
