@@ -30,7 +30,7 @@ _SPLINTER = 0.3
 _LEAST_PIXELS = 6
 # Neighbours are looked for within so many distances between lenses.
 _REACH = 1.7
-# A lens whose outline is whole has its four neighbours and an area within this of theirs.
+# A lens whose outline is whole has an area within this of its neighbours'.
 _WHOLE_AREA = 0.3
 # Where pixels of a lens are taken: places along the lattice's steps in the photograph.
 _PLACES = (-0.25, 0.0, 0.25)
@@ -245,16 +245,21 @@ def _unique(index: np.ndarray, area: np.ndarray) -> np.ndarray:
 
 
 def _whole(index: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Whether a lens has its four neighbours and an area like theirs."""
+    """Whether a lens has its four neighbours, they theirs, and an area like theirs."""
     low = index.min(axis=0) - 1
-    size = index.max(axis=0) - low + 2
-    table = np.zeros((size[0], size[1]))
-    table[tuple((index - low).T)] = area
+    table = np.zeros(tuple(index.max(axis=0) - low + 2))
     x, y = (index - low).T
-    around = np.stack([table[x - 1, y], table[x + 1, y], table[x, y - 1], table[x, y + 1]])
-    usual = np.median(around, axis=0)
-    whole: np.ndarray = (around > 0).all(axis=0) & (np.abs(area - usual) < _WHOLE_AREA * usual)
-    return whole
+
+    def around(values: np.ndarray) -> np.ndarray:
+        table[x, y] = values
+        return np.stack([table[x - 1, y], table[x + 1, y], table[x, y - 1], table[x, y + 1]])
+
+    areas = around(area)
+    usual = np.median(areas, axis=0)
+    alike = (areas > 0).all(axis=0) & (np.abs(area - usual) < _WHOLE_AREA * usual)
+    # A neighbour at the edge may be cut off, and its cut may reach over the seam.
+    inner: np.ndarray = alike & (around((areas > 0).all(axis=0)) > 0).all(axis=0)
+    return inner
 
 
 def _inside(

@@ -179,8 +179,7 @@ def centres(display: Display, camera: Camera, pose: Pose, index: np.ndarray) -> 
     What perspective adds over a lens, P^2 s / 12 V for a slope s, is below a ten-thousandth of it.
     """
     array, traits = lens_array(display), lens_traits(display)
-    c, s = array.cosine, array.sine
-    at = _lens_centres(array, index) @ [[c, s], [-s, c]] + [array.shift_x, array.shift_y]
+    at = _vertices(array, index)
     depth = _seam_depth(array, traits)
     height = np.full(len(at), -depth)
     if not traits.bulges_to_viewer:  # depths are negative: the seams rise from the vertices
@@ -188,6 +187,14 @@ def centres(display: Display, camera: Camera, pose: Pose, index: np.ndarray) -> 
         steeper = np.sqrt(array.design_index**2 * (1 + slope) - slope)
         height = array.thickness / array.design_index - (array.thickness + depth) / steeper
     return project(camera, pose, np.column_stack([at, height]))
+
+
+def _vertices(array: LensArray, index: np.ndarray) -> np.ndarray:
+    """Of lenses, (n, 2), display frame."""
+    c, s = array.cosine, array.sine
+    turned = _lens_centres(array, index) @ [[c, s], [-s, c]]
+    moved: np.ndarray = turned + np.array([array.shift_x, array.shift_y])
+    return moved
 
 
 def _seam_depth(array: LensArray, traits: LensTraits) -> float:
@@ -262,6 +269,17 @@ class Seen:
     def flat(self, guess: Guess) -> np.ndarray:
         """The residuals in one row: position by position, rays before outlines."""
         parts = [part.ravel() for pair in self.residuals(guess) for part in pair]
+        return np.concatenate(parts)
+
+    def within(self, guess: Guess) -> np.ndarray:
+        """How far from their lens's axis rays pass, mm, in the places of `flat`; 0 for outlines."""
+        array, parts = lens_array(guess.display), []
+        for lens, pixel, pose, outlined in zip(
+            self.lens, self.pixel, guess.poses, self.outlined, strict=True
+        ):
+            x, y, *_ = rays(guess.camera, pose, pixel)
+            parts += [(np.column_stack([x, y]) - _vertices(array, lens)).ravel()]
+            parts += [np.zeros(2 * len(outlined))]
         return np.concatenate(parts)
 
     def slopes(self, guess: Guess, by: np.ndarray, free: np.ndarray) -> np.ndarray:

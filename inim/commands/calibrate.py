@@ -118,7 +118,7 @@ def _camera(text: str | None) -> Camera | None:
             f"--intrinsics {text}: write FX,FY,CX,CY,K1,K2 in pixels of the photographs, such as "
             "3020,3020,2015.5,1511.5,0.02,-0.05"
         ) from None
-    if not (fx > 0 and abs(fx / fy - 1) < _SQUARE):
+    if not (fx > 0 and abs(fx - fy) < _SQUARE * fx):
         raise UsageError(
             f"--intrinsics {text}: focal lengths of {fx:g} and {fy:g} pixels; both must be above 0 "
             "and alike, for pixels are taken to be square"
