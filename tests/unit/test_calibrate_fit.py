@@ -200,6 +200,17 @@ def test_noise_is_no_lattice() -> None:
         find_lenses(Photograph(*maps), DESIGN, "dark")
 
 
+def test_darkness_and_a_single_row_of_lenses_are_no_lattice() -> None:
+    dark = Photograph(*(np.full_like(part, np.nan) for part in taken("near")))
+    row = Photograph(*(part.copy() for part in taken("near")))
+    for part in row[:3]:
+        part[188:] = np.nan
+        part[:174] = np.nan
+    for photo in (dark, row):
+        with pytest.raises(FileError, match=r"^dark: no lattice of lenses"):
+            find_lenses(photo, DESIGN, "dark")
+
+
 # -- the model ------------------------------------------------------------------------------------
 
 
@@ -388,6 +399,14 @@ def test_a_sheet_that_slipped_between_positions_is_refused() -> None:
     seen = {"near": lenses("near"), "far": find_lenses(photo, DESIGN, "far")}
     with pytest.raises(FileError, match="are all of one sheet"):
         calibrate(seen, DESIGN)
+
+
+def test_a_strip_of_the_sheet_is_too_little() -> None:
+    photo = Photograph(*(part.copy() for part in taken("near")))
+    for part in photo[:3]:
+        part[:, 90:] = np.nan
+    with pytest.raises(FileError, match=r"^strip: \d+ lenses are seen whole"):
+        calibrate({"strip": find_lenses(photo, DESIGN, "strip")}, DESIGN)
 
 
 def test_other_lattices_are_refused() -> None:
