@@ -67,9 +67,10 @@ _USUAL = (0.3, 0.2)
 # Typical residuals above these are no lens array of this kind: panel pixels, and shares of a lens.
 _WORST_PANEL_PX = 0.5
 _WORST_OUTLINE = 0.08
-# How far off the model is in how much a lens magnifies, panel mm per mm: found where the truth is
-# known, in `reports/calibration`. Real sheets' index and thickness are not known better.
-_IN_LENS = 0.002
+# How far off the model is, in the units of `Seen.imperfections`: standard deviations, 3 µm in 1 mm
+# and 8 µm, of photographs through a refracting sheet whose parameters are known
+# (`reports/calibration`). Real sheets' index and thickness are not known better.
+_IMPERFECT = (0.003, 0.08)
 _ROUNDS = 3
 # Where a search ends: a step lessens the sum of squares by less than this share of it.
 _STILL, _MOST_STEPS = 1e-7, 50
@@ -436,9 +437,9 @@ def _covariance(
         free[: len(SHARED)]
     ] ** 2
     curvature = (slopes * stretch**-1.5) @ slopes.T + np.diag(own)
-    within = seen.within(guess) * weights * _IN_LENS
-    in_lens = slopes @ (within * stretch**-1.5)
-    spread = np.diag(own) + np.outer(in_lens, in_lens)
+    imperfect = seen.imperfections(guess) * np.array(_IMPERFECT)[:, None]
+    unknown = slopes @ (imperfect * weights * stretch**-1.5).T
+    spread = np.diag(own) + unknown @ unknown.T
     for line in _lines(seen):
         order = np.argsort(line, kind="stable")
         begins = np.flatnonzero(np.diff(line[order], prepend=-1))

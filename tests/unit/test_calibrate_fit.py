@@ -284,6 +284,24 @@ def test_derivatives_of_one_pose_are_of_its_position_alone() -> None:
     assert np.abs(slopes[second, : 2 * (rays_ + outlines)]).max() == 0
 
 
+def test_imperfections_are_what_they_say() -> None:
+    result = found(*EYES)
+    seen, guess = result.seen, result.guess
+    magnified, deeper = seen.imperfections(guess)
+    rays_, outlines = seen.counts[0]
+    own = magnified[: 2 * rays_].reshape(-1, 2)
+    assert 0.2 < np.abs(own).max() < 0.4, "mm from the lens's axis, of pixels inside"
+    assert np.abs(own.mean(axis=0)).max() < 0.02
+    assert not magnified[2 * rays_ : 2 * (rays_ + outlines)].any()
+    # A seam a tenth of a millimetre deeper, seen from aside.
+    left = [*EYES].index("left")
+    begin = sum(2 * (a + b) for a, b in seen.counts[:left]) + 2 * seen.counts[left][0]
+    across = deeper[begin : begin + 2 * seen.counts[left][1]].reshape(-1, 2)[:, 0]
+    eye, focal = guess.poses[left].eye_mm, guess.camera.focal_px
+    assert np.median(across) == pytest.approx(0.1 * eye[0] * focal / eye[2] ** 2, rel=0.2)
+    assert not deeper[: 2 * rays_].any()
+
+
 # -- the fit --------------------------------------------------------------------------------------
 
 
