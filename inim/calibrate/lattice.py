@@ -258,9 +258,10 @@ def _whole(index: np.ndarray, area: np.ndarray) -> np.ndarray:
 
     areas = around(area)
     usual = np.median(areas, axis=0)
-    alike = (areas > 0).all(axis=0) & (np.abs(area - usual) < _WHOLE_AREA * usual)
+    surrounded = np.all(areas > 0, axis=0)
+    alike = surrounded & (np.abs(area - usual) < _WHOLE_AREA * usual)
     # A neighbour at the edge may be cut off, and its cut may reach over the seam.
-    inner: np.ndarray = alike & (around((areas > 0).all(axis=0)) > 0).all(axis=0)
+    inner: np.ndarray = alike & np.all(around(surrounded) > 0, axis=0)
     return inner
 
 
