@@ -22,7 +22,7 @@ from inim.calibrate.lattice import Lenses
 from inim.calibrate.model import PARAMETERS, SHARED, Guess, Seen, first_lens_mm
 from inim.calibrate.start import count_alike, focal_guess, pose_guess, turned
 from inim.display import Display
-from inim.errors import FileError, UsageError
+from inim.errors import DisplayError, FileError, UsageError
 
 __all__ = ["LIMITS", "Calibration", "Estimate", "calibrate", "check_display"]
 
@@ -58,6 +58,8 @@ _PRIORS = {
 _FOCAL_PRIOR, _STATED_FOCAL_PRIOR, _CENTRE_PRIOR = 2.0, 0.2, 0.1
 # Lenses taken of a position: their number hardly matters for the errors, and the time follows it.
 _MOST_LENSES = 500
+# Of a position, whose place they tell.
+_LEAST_WHOLE = 16
 # Residuals beyond so many of their usual size count less and less (Geman: soft l1).
 _ROBUST = 2.0
 # To begin with: panel pixels and pixels of the photograph.
@@ -65,9 +67,10 @@ _USUAL = (0.3, 0.2)
 # Typical residuals above these are no lens array of this kind: panel pixels, and shares of a lens.
 _WORST_PANEL_PX = 0.5
 _WORST_OUTLINE = 0.08
-# How far off the model is in how much a lens magnifies, panel mm per mm: found where the truth is
-# known, in `reports/calibration`. Real sheets' index and thickness are not known better.
-_IN_LENS = 0.002
+# How far off the model is, in the units of `Seen.imperfections`: standard deviations, 3 µm in 1 mm
+# and 8 µm, of photographs through a refracting sheet whose parameters are known
+# (`reports/calibration`). Real sheets' index and thickness are not known better.
+_IMPERFECT = (0.003, 0.08)
 _ROUNDS = 3
 # Where a search ends: a step lessens the sum of squares by less than this share of it.
 _STILL, _MOST_STEPS = 1e-7, 50
@@ -216,6 +219,12 @@ def calibrate(
             f"photographs of {first[1]} x {first[0]} and of {other[1]} x {other[0]} pixels: take "
             "all with one camera, held the same way"
         )
+    for name, one in lenses.items():
+        if (whole := int(one.is_whole.sum())) < _LEAST_WHOLE:
+            raise FileError(
+                f"{name}: {whole} lenses are seen whole, at least two lenses from any edge, and "
+                f"{_LEAST_WHOLE} are needed; show more of the sheet, or leave this position out"
+            )
     low, high = nominal.depth_range_mm
     rows, columns = nominal.eia_shape
     steady = nominal.replace(
@@ -346,7 +355,8 @@ def _solved(seen: Seen, start: Guess, free: np.ndarray, prior: _Prior, sizes: np
         return by, start.moved(by)
 
     def residuals(guess: Guess) -> tuple[np.ndarray, np.ndarray, float]:
-        own = seen.flat(guess) * weights
+        with np.errstate(all="ignore"):  # a step too far is not taken
+            own = seen.flat(guess) * weights
         off = ((_shared(guess) - prior.mean) / prior.deviation)[of_shared]
         robust = 2 * _ROBUST**2 * float((np.sqrt(1 + (own / _ROBUST) ** 2) - 1).sum())
         return own, off, robust + float(off @ off)
@@ -367,7 +377,11 @@ def _solved(seen: Seen, start: Guess, free: np.ndarray, prior: _Prior, sizes: np
         while damping < _MOST_DAMPING:
             damped = curvature + damping * np.diag(np.diag(curvature))
             step = np.linalg.solve(damped, gradient)
-            by, guess = moved(at - step)
+            try:
+                by, guess = moved(at - step)
+            except DisplayError:  # no such display: a shorter step
+                damping *= 10
+                continue
             *tried, better = residuals(guess)
             if better < cost:
                 gained, at, (own, off), cost = cost - better, at - step, tried, better
@@ -423,9 +437,9 @@ def _covariance(
         free[: len(SHARED)]
     ] ** 2
     curvature = (slopes * stretch**-1.5) @ slopes.T + np.diag(own)
-    within = seen.within(guess) * weights * _IN_LENS
-    in_lens = slopes @ (within * stretch**-1.5)
-    spread = np.diag(own) + np.outer(in_lens, in_lens)
+    imperfect = seen.imperfections(guess) * np.array(_IMPERFECT)[:, None]
+    unknown = slopes @ (imperfect * weights * stretch**-1.5).T
+    spread = np.diag(own) + unknown @ unknown.T
     for line in _lines(seen):
         order = np.argsort(line, kind="stable")
         begins = np.flatnonzero(np.diff(line[order], prepend=-1))

@@ -178,6 +178,8 @@ def _walk(
     if count < _LEAST_LENSES:
         raise _no_lattice(name, count)
     a, b, jump = _neighbours(regions, step)
+    if not jump.any(axis=0).all():  # a single row of lenses, or none
+        raise _no_lattice(name, 0)
     graph = coo_matrix((np.ones(a.size), (a, b)), shape=(count, count)).tocsr()
     member = connected_components(graph, directed=False)[1]
     largest = np.bincount(member).argmax()

@@ -172,8 +172,10 @@ def panel_points(display: Display, index: np.ndarray, arriving: np.ndarray) -> n
     return np.stack([panel_x, panel_y], axis=-1)
 
 
-def centres(display: Display, camera: Camera, pose: Pose, index: np.ndarray) -> np.ndarray:
-    """Centres of gravity of lenses' outlines in a photograph, (n, 2) pixels.
+def centres(
+    display: Display, camera: Camera, pose: Pose, index: np.ndarray, deeper_mm: float = 0.0
+) -> np.ndarray:
+    """Centres of gravity of lenses' outlines in a photograph, (n, 2) pixels; of deeper seams, too.
 
     A side of an outline moves with its mean depth: the whole outline as its centre does that deep.
     What perspective adds over a lens, P^2 s / 12 V for a slope s, is below a ten-thousandth of it.
@@ -186,7 +188,7 @@ def centres(display: Display, camera: Camera, pose: Pose, index: np.ndarray) -> 
         slope = ((at - pose.eye_mm[:2]) ** 2).sum(axis=-1) / pose.eye_mm[2] ** 2
         steeper = np.sqrt(array.design_index**2 * (1 + slope) - slope)
         height = array.thickness / array.design_index - (array.thickness + depth) / steeper
-    return project(camera, pose, np.column_stack([at, height]))
+    return project(camera, pose, np.column_stack([at, height - deeper_mm]))
 
 
 def _vertices(array: LensArray, index: np.ndarray) -> np.ndarray:
@@ -271,16 +273,25 @@ class Seen:
         parts = [part.ravel() for pair in self.residuals(guess) for part in pair]
         return np.concatenate(parts)
 
-    def within(self, guess: Guess) -> np.ndarray:
-        """How far from their lens's axis rays pass, mm, in the places of `flat`; 0 for outlines."""
-        array, parts = lens_array(guess.display), []
+    def imperfections(self, guess: Guess) -> np.ndarray:
+        """What `flat` would change by if sheets were not quite what the model says, (2, all).
+
+        If a lens magnified by one panel millimetre in a millimetre more; if seams were a tenth of a
+        millimetre deeper.
+        """
+        display, camera, poses = guess
+        array, parts = lens_array(display), []
         for lens, pixel, pose, outlined in zip(
-            self.lens, self.pixel, guess.poses, self.outlined, strict=True
+            self.lens, self.pixel, poses, self.outlined, strict=True
         ):
-            x, y, *_ = rays(guess.camera, pose, pixel)
-            parts += [(np.column_stack([x, y]) - _vertices(array, lens)).ravel()]
-            parts += [np.zeros(2 * len(outlined))]
-        return np.concatenate(parts)
+            x, y, *_ = rays(camera, pose, pixel)
+            within = (np.column_stack([x, y]) - _vertices(array, lens)).ravel()
+            flat, deep = (centres(display, camera, pose, outlined, by) for by in (0.0, 0.1))
+            parts += [
+                np.stack([within, 0 * within]),
+                np.stack([0 * flat, deep - flat]).reshape(2, -1),
+            ]
+        return np.concatenate(parts, axis=1)
 
     def slopes(self, guess: Guess, by: np.ndarray, free: np.ndarray) -> np.ndarray:
         """Derivatives of `flat` by the changes of `Guess.moved` that are free, a row each.

@@ -200,6 +200,17 @@ def test_noise_is_no_lattice() -> None:
         find_lenses(Photograph(*maps), DESIGN, "dark")
 
 
+def test_darkness_and_a_single_row_of_lenses_are_no_lattice() -> None:
+    dark = Photograph(*(np.full_like(part, np.nan) for part in taken("near")))
+    row = Photograph(*(part.copy() for part in taken("near")))
+    for part in row[:3]:
+        part[188:] = np.nan
+        part[:174] = np.nan
+    for photo in (dark, row):
+        with pytest.raises(FileError, match=r"^dark: no lattice of lenses"):
+            find_lenses(photo, DESIGN, "dark")
+
+
 # -- the model ------------------------------------------------------------------------------------
 
 
@@ -271,6 +282,24 @@ def test_derivatives_of_one_pose_are_of_its_position_alone() -> None:
     np.testing.assert_allclose(slopes[second], change, atol=1e-4 * scale)
     rays_, outlines = seen.counts[0]
     assert np.abs(slopes[second, : 2 * (rays_ + outlines)]).max() == 0
+
+
+def test_imperfections_are_what_they_say() -> None:
+    result = found(*EYES)
+    seen, guess = result.seen, result.guess
+    magnified, deeper = seen.imperfections(guess)
+    rays_, outlines = seen.counts[0]
+    own = magnified[: 2 * rays_].reshape(-1, 2)
+    assert 0.2 < np.abs(own).max() < 0.4, "mm from the lens's axis, of pixels inside"
+    assert np.abs(own.mean(axis=0)).max() < 0.02
+    assert not magnified[2 * rays_ : 2 * (rays_ + outlines)].any()
+    # A seam a tenth of a millimetre deeper, seen from aside.
+    left = [*EYES].index("left")
+    begin = sum(2 * (a + b) for a, b in seen.counts[:left]) + 2 * seen.counts[left][0]
+    across = deeper[begin : begin + 2 * seen.counts[left][1]].reshape(-1, 2)[:, 0]
+    eye, focal = guess.poses[left].eye_mm, guess.camera.focal_px
+    assert np.median(across) == pytest.approx(0.1 * eye[0] * focal / eye[2] ** 2, rel=0.2)
+    assert not deeper[: 2 * rays_].any()
 
 
 # -- the fit --------------------------------------------------------------------------------------
@@ -388,6 +417,14 @@ def test_a_sheet_that_slipped_between_positions_is_refused() -> None:
     seen = {"near": lenses("near"), "far": find_lenses(photo, DESIGN, "far")}
     with pytest.raises(FileError, match="are all of one sheet"):
         calibrate(seen, DESIGN)
+
+
+def test_a_strip_of_the_sheet_is_too_little() -> None:
+    photo = Photograph(*(part.copy() for part in taken("near")))
+    for part in photo[:3]:
+        part[:, 90:] = np.nan
+    with pytest.raises(FileError, match=r"^strip: \d+ lenses are seen whole"):
+        calibrate({"strip": find_lenses(photo, DESIGN, "strip")}, DESIGN)
 
 
 def test_other_lattices_are_refused() -> None:
