@@ -44,8 +44,8 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     calibration.write_text(json_text(document))
     read_document(calibration)
     random = np.random.default_rng(4)
-    eia = random.random((*DISPLAY.eia_shape, 3)) * 0.5 + 0.5 * random.random((1, 1, 3))
-    codes = srgb_to_uint8(srgb_from_linear(gaussian_filter(eia, (2, 2, 0)) ** 2 * 2))
+    eia = gaussian_filter(random.random((*DISPLAY.eia_shape, 3)), (6, 6, 0)) - 0.5
+    codes = srgb_to_uint8(srgb_from_linear(0.4 + 0.2 * eia / eia.std()))
     Image.fromarray(codes).save(folder / "eia.png")
     shown = linear_from_srgb(codes / np.float32(255))
     light, _ = simulate(shown, DISPLAY, CAMERA, POSE, SHAPE)
