@@ -41,6 +41,8 @@ COMMANDS = {
     "view": "view",
     "film": "view",
     "inspect": "inspect",
+    "calibrate": "calibrate",
+    "photo": "photo",
     "generate": "generate",
     "export": "export",
     "depth": "depth",

@@ -45,7 +45,7 @@ from inim.lens.array import (
 from inim.lens.model import LensModel
 from inim.lens.surface import Face, carry, meet, normal, refract, sag, steepness
 
-__all__ = ["MODEL", "check", "on_axis_transmittance", "relief_mm", "trace"]
+__all__ = ["MODEL", "bulge", "check", "on_axis_transmittance", "relief_mm", "trace"]
 
 _AGAINST_THE_LIGHT = (0.0, 0.0, -1.0)  # a flat face's normal
 # Below this a ray runs along the array and never reaches the panel.
@@ -60,7 +60,7 @@ _HEIGHTS = 512
 def check(display: Display) -> None:
     """Raise `DisplayError` where a lens cannot fill its aperture, be this thin, or this thick."""
     array, traits = lens_array(display), lens_traits(display)
-    face = _bulge(array, traits._replace(bulges_to_viewer=True))  # its sag counts as height
+    face = bulge(array, traits._replace(bulges_to_viewer=True))  # its sag counts as height
     reach = math.sqrt(_reach_squared(array, traits, NUMPY_OPS))
     where = f"the aperture's edge ({reach:.4g} mm from the lens's axis)"
     if (1 + array.conic) * reach**2 >= array.radius**2:
@@ -102,7 +102,7 @@ def relief_mm(display: Display) -> tuple[float, float]:
     For whoever traces spherical faces with other arithmetic than `Ops`.
     """
     array, traits = lens_array(display), lens_traits(display)
-    face = _bulge(array, traits)
+    face = bulge(array, traits)
     foot = sag(NUMPY_OPS, face, _reach_squared(array, traits, NUMPY_OPS))
     return float(face.curvature), float(foot)
 
@@ -121,7 +121,7 @@ def _trace_bulge_first(
     array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, arriving: Any, index: Any
 ) -> PanelRay:
     """Curved face with its vertex at z = 0, flat face at z = -t."""
-    face = _bulge(array, traits)
+    face = bulge(array, traits)
     centre_x, centre_y, on_array = lens_centre(array, traits, ops, x, y)
     within = in_aperture(array, traits, x - centre_x, y - centre_y)
     if traits.full_aperture:
@@ -142,7 +142,7 @@ def _trace_flat_first(
     array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, arriving: Any, index: Any
 ) -> PanelRay:
     """Flat face at z = t/n, vertex of the curved face at z = t/n - t."""
-    face = _bulge(array, traits)
+    face = bulge(array, traits)
     past, clear = _through_plate(array, ops, x, y, arriving, index)
     x, y = carry(x, y, arriving, -array.thickness / array.design_index)
     inner, front = refract(ops, arriving, _AGAINST_THE_LIGHT, 1.0 / index)
@@ -176,7 +176,7 @@ class _Met(NamedTuple):
     met: Any
 
 
-def _bulge(array: LensArray, traits: LensTraits) -> Face:
+def bulge(array: LensArray, traits: LensTraits) -> Face:
     """The curved face; light goes down into the glass or out of it, hence the sign."""
     side = 1.0 if traits.bulges_to_viewer else -1.0
     return Face(

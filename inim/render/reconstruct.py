@@ -21,7 +21,7 @@ from inim.render.rays import eye_rays
 from inim.render.sensors import make_sensor
 from inim.render.trace import Tracer, mean_light
 
-__all__ = ["DisplayScene", "LensMesh", "observed_pixels", "reconstruct"]
+__all__ = ["DisplayScene", "LensMesh", "mesh_shape", "observed_pixels", "reconstruct"]
 
 # Into the glass, out of it, and the panel is seen.
 _MAX_DEPTH = 3
@@ -88,14 +88,14 @@ def _scene(eia: np.ndarray, display: Display, sheet: SheetMesh, index: float) ->
         "type": "scene",
         # Rays through pixel centres meet edges of facets, where Embree's default lets some slip.
         "embree_use_robust_intersections": True,
-        "glass": _mesh("glass", sheet, sheet.is_glass, glass),
-        "mount": _mesh("mount", sheet, ~sheet.is_glass, _BLACK),
+        "glass": mesh_shape("glass", sheet, sheet.is_glass, glass),
+        "mount": mesh_shape("mount", sheet, ~sheet.is_glass, _BLACK),
         "panel": _panel(eia, display, sheet),
         **_screens(display, sheet),
     }
 
 
-def _mesh(name: str, sheet: SheetMesh, chosen: np.ndarray, bsdf: dict[str, Any]) -> Any:
+def mesh_shape(name: str, sheet: SheetMesh, chosen: np.ndarray, bsdf: dict[str, Any]) -> Any:
     """Some of the sheet's faces as a mesh of one material."""
     used, faces = np.unique(sheet.faces[chosen], return_inverse=True)
     properties = mi.Properties()

@@ -24,6 +24,9 @@ NAMES = (
     "sweep",
     "unit",
     "inspect",
+    "patterns",
+    "calibration",
+    "photo",
     "files",
 )
 _PARTS = "urn:inim:parts:1#/$defs/"

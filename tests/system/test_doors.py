@@ -91,6 +91,17 @@ def two_views(folder: Path) -> None:
     views(folder, (0, 1))
 
 
+def display_file(folder: Path) -> None:
+    (folder / "mine.xml").write_text('<scene version="3.0.0"/>')
+    (folder / "mine-calibration").mkdir()
+
+
+def calibration(folder: Path) -> None:
+    display_file(folder)
+    document = completed("calibration", {})
+    (folder / "mine-calibration/calibration.json").write_text(json.dumps(document))
+
+
 ACCEPT = ["baseline", "accept", "OUT", "--reason", "because"]
 VALIDATE = ["validate", "tiny.xml", "-o", "made"]
 DOORS: dict[str, Door] = {
@@ -123,6 +134,14 @@ DOORS: dict[str, Door] = {
         "views/parameters.cfg", EXIT_USAGE, two_views,
     ),
     "a photograph": (["depth", "x.png", "-o", "made.exr"], "x.png", EXIT_USAGE, nothing),
+    "a photograph of a display": (
+        ["photo", "x.jpg", "--eia", "color.png", "--display", "mine.xml"],
+        "x.jpg", EXIT_USAGE, calibration,
+    ),
+    "a calibration": (
+        ["photo", "color.png", "--eia", "color.png", "--display", "mine.xml"],
+        "mine-calibration/calibration.json", EXIT_USAGE, display_file,
+    ),
     "a study": (["sweep", "x.toml", "-o", "made"], "x.toml", EXIT_USAGE, nothing),
     "a study's scene": (
         ["sweep", "study.toml", "-o", "made"],

@@ -18,11 +18,12 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
+from inim.calibrate import patterns
 from inim.display import DISPLAYS, Display
 from inim.inspect import output
 from inim.regression import run_statistics
 from inim.report import SCHEMA as REPORT
-from inim.report import bench, compare, stress, without_scene
+from inim.report import bench, calibration, compare, photo, stress, without_scene
 from inim.schemas import NAMES, schema
 from inim.settings import Settings
 from inim.sweep import table, task
@@ -46,6 +47,7 @@ OWN_KIND = {
     STUDY,
     ROOT / "reports/light_fields/light_fields.json",
     ROOT / "reports/one_picture/one_picture.json",
+    ROOT / "reports/calibration/calibration.json",
     *ROOT.glob("reports/gallery/**/entry.json"),
     ROOT / "reports/gallery/gallery.json",
 }
@@ -60,6 +62,9 @@ SCHEMAS = {
     "sweep": table.SCHEMA,
     "unit": task.SCHEMA,
     "inspect": output.SCHEMA,
+    "patterns": patterns.SCHEMA,
+    "calibration": calibration.SCHEMA,
+    "photo": photo.SCHEMA,
     "files": worker_output.SCHEMA,
 }
 # Keys that need not be there; the last two of a bench are not in those of earlier versions.
@@ -193,7 +198,7 @@ def test_each_missing_key_is_refused_but_those_that_need_not_be_there(name: str)
         if at and at[-1] in whole(name)[1][at[:-1]].get("properties", ())
         if not "/".join(map(str, at)).startswith(PARTLY)
     ]
-    assert len(keys) > (1 if name == "files" else 20)
+    assert len(keys) > {"files": 1, "patterns": 6}.get(name, 20)
     needed = [key for key in keys if "/".join(map(str, key)) not in OPTIONAL.get(name, ())]
     assert len(needed) == len(keys) - len(OPTIONAL.get(name, ()))
     assert let_in(name, [(at, None) for at in needed]) == []

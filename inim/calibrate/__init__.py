@@ -1,0 +1,1 @@
+"""A real display's parameters, from photographs of patterns that it shows."""

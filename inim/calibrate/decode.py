@@ -1,0 +1,259 @@
+"""Which panel pixel each pixel of a camera sees, from the photographs of the patterns.
+
+A bit of the Gray code is whether a picture is brighter than its inverse; it is sure where the two
+differ by much of what white and black do. Of two neighbouring cells one bit differs, so one bit may
+be unsure; two are where a camera pixel sees two lenses, and what it sees is then not known.
+
+The cosine's phase, from its four steps I0 to I3, is atan2(I1 - I3, I0 - I2): what is constant, and
+the second harmonic, which a wrong gamma makes, cancel. Its period is the one that brings it nearest
+to the cell's middle.
+
+What this cannot know is whether the browser scaled the pictures: patterns of any scale decode. It
+shows only in the step from one lens to the next, which is that of the lens pitch in panel pixels,
+and so where lenses are indexed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import uniform_filter
+
+from inim.calibrate.patterns import CELL, PERIOD, bit_count
+from inim.calibrate.photographs import Position, read_photograph
+from inim.errors import FileError
+
+__all__ = ["Decoded", "decode"]
+
+# A lens is lit where it has this share of the light that bright ones have.
+_LIT_SHARE = 0.1
+_BRIGHT_QUANTILE = 0.95
+# Bright lenses below this are lost in noise and rounding; 1 is the brightest code.
+_DARKEST = 0.03
+_FEWEST_LIT = 0.005
+# Codes from 254 on: JPEG moves them by one.
+_SATURATED_LIGHT = 0.99
+_MOST_SATURATED = 0.02
+# Light of a picture and its inverse against that of white and black, relative to their difference,
+# on average. Bits that have nothing in common are 0.5 off, exposures that differ by a third 0.17;
+# phases in a wrong order 0.45, and a camera's tone curve bends the cosine by some 0.1.
+_MOST_UNLIKE = 0.15
+_MOST_BENT = 0.3
+# A bit's contrast: where it is sure, and the least that half of the finest bits must have.
+_SURE = 0.5
+_LEAST_CONTRAST = 0.6
+# Of the cosine's amplitude, where its phase means something.
+_LEAST_MODULATION = 0.3
+# Phases lie within their cell, give or take what one unsure bit moves; at random, 5 in 8 would.
+_NEAR_CELL = 5.0
+_LEAST_AGREEMENT = 0.8
+_MOST_FROM_CELL = 6.0
+# A lens's view departs from a smooth map of the panel by half a lens; bits in a wrong order, by
+# much of the panel. Panel pixels, and share of what is seen of the panel.
+_ROUGHEST_PX, _ROUGHEST_SHARE = 2.0 * PERIOD, 0.01
+_MOST_FITTED = 20_000
+# Of what is known, beyond the panel.
+_MOST_BEYOND = 0.01
+# Camera pixels along a side of the square that noise is estimated in.
+_NOISE_WINDOW = 9
+
+
+class Decoded(NamedTuple):
+    """What the pixels of a camera see, (H, W) float32 each.
+
+    Attributes
+    ----------
+    column, row :
+        Panel coordinates in pixels, 0 being the panel's left or top edge and a pixel's centre at
+        n + 0.5; NaN where not known, both or neither. They are means over what a camera pixel's
+        blur covers: within an aberrated lens they change less than along rays through its centre,
+        by half the variance of the blur times the mapping's second derivative.
+    error_px :
+        Their estimated standard error, panel pixels: noise, and 1 / sqrt(12) of a pixel, all of
+        which looks alike. Of neighbours that see one panel pixel it is one and the same.
+    lit :
+        White minus black, linear, 1 being the camera's brightest code.
+    """
+
+    column: np.ndarray
+    row: np.ndarray
+    error_px: np.ndarray
+    lit: np.ndarray
+
+
+class _Lights(NamedTuple):
+    """White and black of a position, and where lenses shine."""
+
+    white: np.ndarray
+    black: np.ndarray
+    contrast: np.ndarray
+    shining: np.ndarray
+
+
+class _Axis(NamedTuple):
+    """Coordinates along one axis, their error, and where they are known."""
+
+    coordinate: np.ndarray
+    error: np.ndarray
+    known: np.ndarray
+
+
+def decode(position: Position) -> Decoded:
+    """Decode the photographs of one camera position.
+
+    Parameters
+    ----------
+    position : Position
+        Its photographs are read one after another.
+
+    Raises
+    ------
+    FileError
+        A photograph that cannot be read; too dark, saturated, unsharp; not in the order of the
+        patterns; or of another display's patterns. The line names the photographs.
+    """
+    rows, columns = position.panel
+    paths = list(position.photographs)
+    lights = _lights(*paths[:2])
+    split = 2 + 2 * bit_count(columns) + 4
+    across = _axis(paths[2:split], lights, columns, "columns")
+    down = _axis(paths[split:], lights, rows, "rows")
+    known = across.known & down.known
+    nowhere = np.float32(np.nan)
+    quantised = np.float32(1 / 12)
+    error = np.sqrt(quantised + np.maximum(across.error, down.error) ** 2)
+    return Decoded(
+        np.where(known, across.coordinate, nowhere),
+        np.where(known, down.coordinate, nowhere),
+        np.where(known, error, nowhere),
+        lights.white - lights.black,
+    )
+
+
+def _lights(white_path: Path, black_path: Path) -> _Lights:
+    white, black = read_photograph(white_path), read_photograph(black_path)
+    lit = white - black
+    bright = float(np.quantile(lit, _BRIGHT_QUANTILE))
+    darker = float(np.quantile(-lit, _BRIGHT_QUANTILE))
+    if darker > max(bright, _DARKEST):
+        raise FileError(
+            f"{white_path}: is darker than {black_path.name}; photograph the patterns in their "
+            "order, white first"
+        )
+    shining = lit > _LIT_SHARE * max(bright, _DARKEST)
+    if bright < _DARKEST or shining.mean() < _FEWEST_LIT:
+        raise FileError(
+            f"{white_path}: hardly brighter than {black_path.name} ({bright:.1%} of the brightest "
+            "code); expose longer, darken the room, and let the display fill the picture"
+        )
+    saturated = float((white[shining] > _SATURATED_LIGHT).mean())
+    if saturated > _MOST_SATURATED:
+        raise FileError(
+            f"{white_path}: saturated in {saturated:.0%} of what is lit; expose all pictures of "
+            "this position shorter"
+        )
+    return _Lights(white, black, np.maximum(lit, np.float32(1e-6)), shining)
+
+
+def _axis(paths: Sequence[Path], lights: _Lights, pixels: int, what: str) -> _Axis:
+    """Decode the pictures of one axis: pairs of bits, then four phases."""
+    shining = lights.shining
+    cell, second_least = _cells(paths[:-4], lights)
+    first, quarter, half, last = map(read_photograph, paths[-4:])
+    for pair, names in (
+        ((first, half), (paths[-4], paths[-2])),
+        ((quarter, last), (paths[-3], paths[-1])),
+    ):
+        _check_complement(pair, names, lights, _MOST_BENT)
+    cosine, sine = (first - half) / 2, (quarter - last) / 2
+    amplitude = np.hypot(cosine, sine)
+    within = np.arctan2(sine, cosine) * np.float32(PERIOD / (2 * np.pi))
+    middle = (cell.astype(np.float32) + np.float32(0.5)) * CELL
+    coordinate = within + PERIOD * np.rint((middle - within) / PERIOD)
+    modulated = amplitude > _LEAST_MODULATION / 2 * lights.contrast
+    known = shining & (second_least > _SURE) & modulated
+    _check_sharp(second_least, shining, paths)
+    if not known.any():
+        raise FileError(
+            f"{paths[-4]}: no lens shows the {what}' cosine; photograph the patterns sharp"
+        )
+    agreement = float((np.abs(coordinate - middle)[known] < _NEAR_CELL).mean())
+    if agreement < _LEAST_AGREEMENT:
+        raise FileError(
+            f"{paths[0].parent}: bits and phases of the {what} ({paths[0].name} to "
+            f"{paths[-1].name}) agree in {agreement:.0%} of the pixels; photograph the patterns in "
+            "their order, none left out or twice"
+        )
+    known &= np.abs(coordinate - middle) < _MOST_FROM_CELL
+    _check_order(coordinate, known, paths, what)
+    beyond = (coordinate < -CELL) | (coordinate > pixels + CELL)
+    if (share := float(beyond[known].mean())) > _MOST_BEYOND:
+        raise FileError(
+            f"{paths[0].parent}: {share:.0%} of the pixels see {what} beyond the panel's {pixels}; "
+            "name the display whose patterns were shown"
+        )
+    noise = np.sqrt(uniform_filter((first + half - quarter - last) ** 2, _NOISE_WINDOW)) / 2
+    error = noise / (np.sqrt(2) * np.maximum(amplitude, np.float32(1e-6))) * (PERIOD / (2 * np.pi))
+    return _Axis(coordinate, error.astype(np.float32), known & ~beyond)
+
+
+def _cells(paths: Sequence[Path], lights: _Lights) -> tuple[np.ndarray, np.ndarray]:
+    """Cell of each pixel, and the second least contrast of its bits."""
+    shape = lights.white.shape
+    cell, bit = np.zeros(shape, np.int32), np.zeros(shape, bool)
+    least, second = np.ones(shape, np.float32), np.ones(shape, np.float32)
+    for names in zip(paths[::2], paths[1::2], strict=True):
+        pair = read_photograph(names[0]), read_photograph(names[1])
+        _check_complement(pair, names, lights, _MOST_UNLIKE)
+        difference = pair[0] - pair[1]
+        bit = bit ^ (difference > 0)  # from Gray to binary, coarsest first
+        cell = 2 * cell + bit
+        contrast = np.abs(difference) / lights.contrast
+        second = np.minimum(second, np.maximum(least, contrast))
+        least = np.minimum(least, contrast)
+    return cell, second
+
+
+def _check_complement(
+    pair: tuple[np.ndarray, np.ndarray], names: Sequence[Path], lights: _Lights, most: float
+) -> None:
+    """Raise where two pictures do not add up to white and black."""
+    extra = pair[0] + pair[1] - lights.white - lights.black
+    unlike = float(np.mean((np.abs(extra) / lights.contrast)[lights.shining]))
+    if unlike > most:
+        raise FileError(
+            f"{names[0]} and {names[1].name}: are not a pattern and its inverse, they miss white "
+            f"and black by {unlike:.0%}; photograph the patterns in their order, none left out or "
+            "twice, camera and exposure fixed"
+        )
+
+
+def _check_order(
+    coordinate: np.ndarray, known: np.ndarray, paths: Sequence[Path], what: str
+) -> None:
+    """Raise where panel coordinates are no smooth map, but for the lenses, of camera pixels."""
+    places = np.flatnonzero(known)
+    places = places[:: 1 + len(places) // _MOST_FITTED]
+    y, x = (axis / max(known.shape) for axis in np.unravel_index(places, known.shape))
+    seen = coordinate.ravel()[places]
+    smooth = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    rough = np.abs(seen - smooth @ np.linalg.lstsq(smooth, seen, rcond=None)[0])
+    span = float(np.ptp(np.quantile(seen, (0.05, 0.95))))
+    if np.quantile(rough, 0.9) > _ROUGHEST_PX + _ROUGHEST_SHARE * span:
+        raise FileError(
+            f"{paths[0].parent}: the {what} that lenses show run in no order across the picture "
+            f"({paths[0].name} to {paths[-1].name}); photograph the patterns in their order"
+        )
+
+
+def _check_sharp(second_least: np.ndarray, shining: np.ndarray, paths: Sequence[Path]) -> None:
+    contrast = float(np.median(second_least[shining]))
+    if contrast < _LEAST_CONTRAST:
+        raise FileError(
+            f"{paths[0].parent}: unsharp, half of what is lit shows less than {contrast:.0%} of "
+            f"the bits' contrast ({paths[0].name} and on); focus on the lens sheet, hold the "
+            "camera still, come nearer"
+        )

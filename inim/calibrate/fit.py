@@ -1,0 +1,500 @@
+"""A display, a camera and its places from the lenses in photographs, with their errors.
+
+Robust least squares over everything at once. No prior knowledge decides what is given: wide
+priors keep the search where displays and cameras are, and what they still decide in the end has a
+large standard error, and is not given. Standard errors are those of M-estimates under residuals of
+any distribution, correlated along a column and along a row of lenses (Huber's sandwich, clustered:
+Liang and Zeger, Biometrika 73, 13, 1986), for pixels beat with the lenses over whole columns and
+rows. Both sums are added, which counts twice what is not correlated and errs on the safe side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from inim.calibrate.camera import Camera, Pose, rotation
+from inim.calibrate.lattice import Lenses
+from inim.calibrate.model import PARAMETERS, SHARED, Guess, Seen, first_lens_mm
+from inim.calibrate.start import count_alike, focal_guess, pose_guess, turned
+from inim.display import Display
+from inim.errors import DisplayError, FileError, UsageError
+
+__all__ = ["LIMITS", "Calibration", "Estimate", "calibrate", "check_display"]
+
+#: A parameter with a larger standard error is not given; lengths as shares of the nominal pitch,
+#: gap and focal length. An interval that wide would not help to make an EIA.
+LIMITS = {
+    "pitch_mm": 0.003,
+    "rotation_deg": 0.03,
+    "shift_x_mm": 0.04,
+    "shift_y_mm": 0.04,
+    "gap_mm": 0.05,
+    "tilt_x_deg": 0.1,
+    "tilt_y_deg": 0.1,
+    "focal_length_mm": 0.05,
+}
+#: An interval of so many standard errors holds the truth in 95 % of cases.
+INTERVAL = 1.96
+# What displays and cameras are like: standard deviations, lengths as shares like those above.
+_PRIORS = {
+    "pitch_mm": 0.03,
+    "rotation_deg": 20.0,
+    "shift_x_mm": 1.0,
+    "shift_y_mm": 1.0,
+    "gap_mm": 0.3,
+    "tilt_x_deg": 3.0,
+    "tilt_y_deg": 3.0,
+    "focal_length_mm": 0.3,
+    "k1": 0.3,
+    "k2": 1.0,
+}
+# Of the focal length, without and with a word from the photographs, and of the principal point: in
+# focal lengths, in widths of the photograph.
+_FOCAL_PRIOR, _STATED_FOCAL_PRIOR, _CENTRE_PRIOR = 2.0, 0.2, 0.1
+# Lenses taken of a position: their number hardly matters for the errors, and the time follows it.
+_MOST_LENSES = 500
+# Of a position, whose place they tell.
+_LEAST_WHOLE = 16
+# Residuals beyond so many of their usual size count less and less (Geman: soft l1).
+_ROBUST = 2.0
+# To begin with: panel pixels and pixels of the photograph.
+_USUAL = (0.3, 0.2)
+# Typical residuals above these are no lens array of this kind: panel pixels, and shares of a lens.
+_WORST_PANEL_PX = 0.5
+_WORST_OUTLINE = 0.08
+# How far off the model is, in the units of `Seen.imperfections`: standard deviations, 3 µm in 1 mm
+# and 8 µm, of photographs through a refracting sheet whose parameters are known
+# (`reports/calibration`). Real sheets' index and thickness are not known better.
+_IMPERFECT = (0.003, 0.08)
+_ROUNDS = 3
+# Where a search ends: a step lessens the sum of squares by less than this share of it.
+_STILL, _MOST_STEPS = 1e-7, 50
+_DAMPING, _MOST_DAMPING = 1e-3, 1e9
+# Residuals of nothing but rounding are still divided by their size.
+_LEAST_SIZE = 1e-9
+_LIE = ("shift_x_mm", "shift_y_mm", "rotation_deg", "tilt_x_deg", "tilt_y_deg")
+
+
+class Estimate(NamedTuple):
+    """A parameter's value.
+
+    Attributes
+    ----------
+    value, error : float
+        With its standard error.
+    limit : float
+        The standard error up to which it counts as known.
+    """
+
+    value: float
+    error: float
+    limit: float
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the photographs determine it."""
+        return self.error <= self.limit
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the 95 % interval."""
+        return self.value - INTERVAL * self.error, self.value + INTERVAL * self.error
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What photographs tell of a display.
+
+    Attributes
+    ----------
+    nominal : Display
+        As designed.
+    guess : Guess
+        Best values of everything, whether known or not.
+    estimates : dict of str to Estimate
+        Of the display and, after it, of the camera's intrinsics, where they were not given.
+    pose_errors : tuple of (6,) array
+        Standard errors of each position: turn in radians about the camera's axes, eye in mm.
+    correlation : array
+        Of `estimates`, in their order.
+    covariance : array
+        Of everything that was fitted, in the order of `Guess.moved`; 0 for what was not.
+    edges_seen : (bool, bool)
+        Whether the array's left and right, and top and bottom, are seen: the shift is certain.
+        Otherwise it is known modulo a pitch, and the one nearest to the nominal display's is given.
+    names : tuple of str
+        Of the positions.
+    lenses : tuple of Lenses
+        All that were found, counted from the array's top left.
+    seen : Seen
+        What of it was fitted,
+    sizes : (positions, 2) array
+        and the usual size of residuals: panel mm of rays, pixels of outlines.
+    """
+
+    nominal: Display
+    guess: Guess
+    estimates: dict[str, Estimate]
+    pose_errors: tuple[np.ndarray, ...]
+    correlation: np.ndarray
+    covariance: np.ndarray
+    edges_seen: tuple[bool, bool]
+    names: tuple[str, ...]
+    lenses: tuple[Lenses, ...]
+    seen: Seen
+    sizes: np.ndarray
+
+    @property
+    def display(self) -> Display:
+        """The nominal display with all that is known put in."""
+        rows, columns = self.nominal.eia_shape
+        known = {
+            name: estimate.value
+            for name, estimate in self.estimates.items()
+            if name in PARAMETERS and estimate.is_known
+        }
+        if "pitch_mm" in known and self.nominal.pitch_y_mm is not None:
+            known["pitch_y_mm"] = self.guess.display.row_pitch_mm
+        return self.nominal.replace(
+            name=f"{self.nominal.name}, calibrated",
+            panel_rows=rows,
+            panel_columns=columns,
+            **known,
+        )
+
+    @property
+    def unknown(self) -> list[str]:
+        """Parameters of the display that these photographs do not determine."""
+        return [k for k, v in self.estimates.items() if k in PARAMETERS and not v.is_known]
+
+
+def check_display(display: Display) -> None:
+    """Raise `UsageError` unless its lenses are a square lattice that fills the sheet."""
+    for name, wanted in (("lattice", "square"), ("aperture", "square"), ("fill_factor", 1.0)):
+        value = getattr(display, name)
+        if value != wanted:
+            raise UsageError(
+                f"display {display.name}: {name} = {value!r} cannot be calibrated, only {wanted!r}"
+            )
+
+
+def calibrate(
+    lenses: Mapping[str, Lenses],
+    nominal: Display,
+    *,
+    camera: Camera | None = None,
+    focal_px: float | None = None,
+) -> Calibration:
+    """Fit a display, a camera and where it stood.
+
+    Parameters
+    ----------
+    lenses : mapping of str to Lenses
+        By position, from `inim.calibrate.lattice.find_lenses`.
+    nominal : Display
+        As designed: where the search begins, and the source of what is not fitted.
+    camera : Camera, optional
+        Intrinsics that are known; fitted otherwise, from `focal_px` on if that is stated.
+    focal_px : float, optional
+
+    Raises
+    ------
+    UsageError
+        A kind of display that cannot be calibrated.
+    FileError
+        Photographs of different sizes or of another display, or that no such display explains.
+    """
+    check_display(nominal)
+    if not lenses:
+        raise UsageError("no photographs of a display; name a folder that holds some")
+    shapes = {one.shape for one in lenses.values()}
+    if len(shapes) > 1:
+        first, other = sorted(shapes)[:2]
+        raise FileError(
+            f"photographs of {first[1]} x {first[0]} and of {other[1]} x {other[0]} pixels: take "
+            "all with one camera, held the same way"
+        )
+    for name, one in lenses.items():
+        if (whole := int(one.is_whole.sum())) < _LEAST_WHOLE:
+            raise FileError(
+                f"{name}: {whole} lenses are seen whole, at least two lenses from any edge, and "
+                f"{_LEAST_WHOLE} are needed; show more of the sheet, or leave this position out"
+            )
+    low, high = nominal.depth_range_mm
+    rows, columns = nominal.eia_shape
+    steady = nominal.replace(
+        depth_min_mm=low, depth_max_mm=high, panel_rows=rows, panel_columns=columns
+    )
+    guess, counted, edges = _begin(lenses, steady, camera, focal_px)
+    seen = Seen.of([_thinned(one) for one in counted], steady)
+    free = np.ones(guess.steps.size, bool)
+    if camera is not None:
+        free[len(PARAMETERS) : len(SHARED)] = False
+    prior = _prior(steady, guess, focal_px is not None, counted[0].shape)
+    sizes = np.tile([_USUAL[0] * nominal.pixel_pitch_mm, _USUAL[1]], (len(counted), 1))
+    for _ in range(_ROUNDS):
+        guess = _solved(seen, guess, free, prior, sizes)
+        sizes = _sizes(seen.residuals(guess))
+    names = tuple(lenses)
+    _check(names, nominal, sizes, counted)
+    covariance = _covariance(seen, guess, free, prior, sizes)
+    known = camera is not None
+    return _result(nominal, guess, covariance, known, edges, names, counted, seen, sizes)
+
+
+def _begin(
+    lenses: Mapping[str, Lenses], display: Display, camera: Camera | None, focal_px: float | None
+) -> tuple[Guess, tuple[Lenses, ...], tuple[bool, bool]]:
+    """Values to begin with, and all lenses counted from the array's top left."""
+    found = list(lenses.values())
+    flat = display.replace(**dict.fromkeys(_LIE, 0.0))
+    first = camera or focal_guess(flat, found, focal_px)
+    # The lattice alone, as if each position's first lens were the array's.
+    corner = np.append(first_lens_mm(flat), 0.0)
+    poses = [pose_guess(flat, one, first, name) for name, one in lenses.items()]
+    guess = Guess(flat, first, tuple(Pose(p.turn, p.eye_mm + corner) for p in poses))
+    seen = Seen.of([_thinned(one) for one in found], flat, outlines_only=True)
+    free = np.arange(guess.steps.size) >= (len(PARAMETERS) if camera is None else len(SHARED))
+    prior = _prior(flat, guess, focal_px is not None, found[0].shape)
+    guess = _solved(seen, guess, free, prior, np.tile(_USUAL, (len(found), 1)))
+    own = [Pose(p.turn, p.eye_mm - corner) for p in guess.poses]
+    lies = [
+        turned(display, one, pose, name)
+        for (name, one), pose in zip(lenses.items(), own, strict=True)
+    ]
+    angle = math.degrees(np.mean(np.unwrap(np.radians([one.rotation_deg for one in lies]))))
+    size = float(np.mean([one.size for one in lies]))
+    array = count_alike(display, lenses, lies)
+    sized = display.replace(
+        rotation_deg=angle,
+        pitch_mm=size * display.pitch_mm,
+        pitch_y_mm=None if display.pitch_y_mm is None else size * display.pitch_y_mm,
+        shift_x_mm=float(array.shift_mm[0]),
+        shift_y_mm=float(array.shift_mm[1]),
+    )
+    turn = rotation([0.0, 0.0, math.radians(angle)])
+    placed = []
+    for pose, offset in zip(own, array.offsets, strict=True):
+        steps = np.array([sized.pitch_mm, -sized.row_pitch_mm, 0.0]) * np.append(offset, 0)
+        eye = size * pose.eye_mm + np.append(first_lens_mm(sized), 0.0) + steps
+        shift = np.append(array.shift_mm, 0.0)
+        placed.append(Pose(pose.turn @ turn.T, turn @ eye + shift))
+    counted = tuple(
+        replace(one, index=one.index + by) for one, by in zip(found, array.offsets, strict=True)
+    )
+    return Guess(sized, guess.camera, tuple(placed)), counted, array.edges_seen
+
+
+def _thinned(lenses: Lenses) -> Lenses:
+    """At most `_MOST_LENSES` of them, at random: every n-th would beat with the panel's pixels."""
+    order = np.random.default_rng(0).permutation(len(lenses.index))
+    chosen = np.sort(order[:_MOST_LENSES])
+    parts = {f.name: getattr(lenses, f.name) for f in fields(lenses) if f.name != "shape"}
+    return replace(lenses, **{name: part[chosen] for name, part in parts.items()})
+
+
+class _Prior(NamedTuple):
+    """Means and standard deviations of `SHARED`."""
+
+    mean: np.ndarray
+    deviation: np.ndarray
+
+
+def _shared(guess: Guess) -> np.ndarray:
+    return np.array([*(getattr(guess.display, name) for name in PARAMETERS), *guess.camera])
+
+
+def _prior(display: Display, guess: Guess, focal_is_stated: bool, shape: tuple[int, int]) -> _Prior:
+    height, width = shape
+    focal = guess.camera.focal_px
+    known = {name: _scaled(_PRIORS[name], name, display) for name in PARAMETERS}
+    known |= {
+        "focal_px": focal * (_STATED_FOCAL_PRIOR if focal_is_stated else _FOCAL_PRIOR),
+        "centre_x_px": _CENTRE_PRIOR * width,
+        "centre_y_px": _CENTRE_PRIOR * width,
+        "k1": _PRIORS["k1"],
+        "k2": _PRIORS["k2"],
+    }
+    mean = _shared(guess._replace(display=display))
+    mean[len(PARAMETERS) :] = focal, width / 2, height / 2, 0.0, 0.0
+    return _Prior(mean, np.array([known[name] for name in SHARED]))
+
+
+def _scaled(share: float, name: str, display: Display) -> float:
+    """An entry of `LIMITS` or of the priors in the parameter's unit."""
+    if name.startswith("shift"):
+        return share * display.pitch_mm
+    return share * float(getattr(display, name)) if name.endswith("_mm") else share
+
+
+def _weights(seen: Seen, sizes: np.ndarray) -> np.ndarray:
+    """One over the usual size, for each of `Seen.flat`."""
+    counts = 2 * np.array(seen.counts)
+    return np.repeat(1 / sizes.ravel(), counts.ravel())
+
+
+def _solved(seen: Seen, start: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray) -> Guess:
+    """The best guess, from one that is near it, by Levenberg's and Marquardt's method.
+
+    Of normal equations with weights of the soft l1 loss: there are a thousand residuals for each
+    unknown, and `scipy.optimize.least_squares` decomposes all of them in every step, which took
+    five sixths of the time.
+    """
+    steps, weights = start.steps[free], _weights(seen, sizes)
+    of_shared = free[: len(SHARED)]
+    shared_steps = (start.steps[: len(SHARED)] / prior.deviation)[of_shared]
+
+    def moved(z: np.ndarray) -> tuple[np.ndarray, Guess]:
+        by = np.zeros(free.size)
+        by[free] = z * steps
+        return by, start.moved(by)
+
+    def residuals(guess: Guess) -> tuple[np.ndarray, np.ndarray, float]:
+        with np.errstate(all="ignore"):  # a step too far is not taken
+            own = seen.flat(guess) * weights
+        off = ((_shared(guess) - prior.mean) / prior.deviation)[of_shared]
+        robust = 2 * _ROBUST**2 * float((np.sqrt(1 + (own / _ROBUST) ** 2) - 1).sum())
+        return own, off, robust + float(off @ off)
+
+    at, damping = np.zeros(steps.size), _DAMPING
+    by, guess = moved(at)
+    own, off, cost = residuals(guess)
+    for _ in range(_MOST_STEPS):
+        slopes = seen.slopes(start, by, free)
+        slopes *= weights
+        slopes *= steps[:, None]
+        weighted = slopes / np.sqrt(1 + (own / _ROBUST) ** 2)
+        curvature, gradient = weighted @ slopes.T, weighted @ own
+        diagonal = np.arange(off.size)
+        curvature[diagonal, diagonal] += shared_steps**2
+        gradient[: off.size] += shared_steps * off
+        gained = 0.0
+        while damping < _MOST_DAMPING:
+            damped = curvature + damping * np.diag(np.diag(curvature))
+            step = np.linalg.solve(damped, gradient)
+            try:
+                by, guess = moved(at - step)
+            except DisplayError:  # no such display: a shorter step
+                damping *= 10
+                continue
+            *tried, better = residuals(guess)
+            if better < cost:
+                gained, at, (own, off), cost = cost - better, at - step, tried, better
+                damping /= 10
+                break
+            damping *= 10
+        if gained < _STILL * cost:
+            break
+    return moved(at)[1]
+
+
+def _sizes(residuals: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Usual size of each position's residuals, as a normal distribution's standard deviation."""
+    return np.array(
+        [
+            [max(1.4826 * float(np.median(np.abs(part))), _LEAST_SIZE) for part in pair]
+            for pair in residuals
+        ]
+    )
+
+
+def _check(
+    names: tuple[str, ...], display: Display, sizes: np.ndarray, lenses: tuple[Lenses, ...]
+) -> None:
+    """Raise `FileError` where no display of this kind explains the photographs."""
+    for name, (of_rays, of_outlines), one in zip(names, sizes, lenses, strict=True):
+        panel_px = of_rays / display.pixel_pitch_mm
+        lens_px = math.sqrt(
+            float(np.prod(np.ptp(one.centre_px, axis=0) / np.ptp(one.index, axis=0)))
+        )
+        if panel_px > _WORST_PANEL_PX or of_outlines > _WORST_OUTLINE * lens_px:
+            raise FileError(
+                f"{name}: what the photographs show is {panel_px:.2g} panel pixels and "
+                f"{of_outlines:.2g} photograph pixels off what lenses of display {display.name} "
+                "would; are all of one sheet, sharp, with the camera's zoom and focus held? Name "
+                "the display with --display, or leave this position out"
+            )
+
+
+def _covariance(
+    seen: Seen, guess: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray
+) -> np.ndarray:
+    """Of all of `Guess.moved`; 0 where nothing was fitted."""
+    steps = guess.steps[free]
+    weights = _weights(seen, sizes)
+    residual = seen.flat(guess) * weights
+    slopes = seen.slopes(guess, np.zeros(free.size), free) * weights * steps[:, None]
+    # psi of the soft l1 loss, and its slope.
+    stretch = 1 + (residual / _ROBUST) ** 2
+    scores = slopes * (residual / np.sqrt(stretch))
+    own = np.zeros(steps.size)
+    own[: int(free[: len(SHARED)].sum())] = (guess.steps[: len(SHARED)] / prior.deviation)[
+        free[: len(SHARED)]
+    ] ** 2
+    curvature = (slopes * stretch**-1.5) @ slopes.T + np.diag(own)
+    imperfect = seen.imperfections(guess) * np.array(_IMPERFECT)[:, None]
+    unknown = slopes @ (imperfect * weights * stretch**-1.5).T
+    spread = np.diag(own) + unknown @ unknown.T
+    for line in _lines(seen):
+        order = np.argsort(line, kind="stable")
+        begins = np.flatnonzero(np.diff(line[order], prepend=-1))
+        sums = np.add.reduceat(scores[:, order], begins, axis=1)
+        spread += sums @ sums.T * (begins.size / max(begins.size - steps.size, 1))
+    inverse = np.linalg.inv(curvature)
+    covariance = np.zeros((free.size, free.size))
+    covariance[np.ix_(free, free)] = inverse @ spread @ inverse * np.outer(steps, steps)
+    return covariance
+
+
+def _lines(seen: Seen) -> tuple[np.ndarray, np.ndarray]:
+    """Of each of `Seen.flat` its column of lenses and its row of lenses, each by a number."""
+    position, index = [], []
+    for n, (rays, outlines) in enumerate(zip(seen.lens, seen.outlined, strict=True)):
+        both = np.repeat(np.concatenate([rays, outlines]), 2, axis=0)
+        index.append(both)
+        position.append(np.full(len(both), n))
+    column, row = np.concatenate(index).T
+    first = np.concatenate(position) * (1 + max(int(column.max()), int(row.max())))
+    return first + column, first + row
+
+
+def _result(
+    nominal: Display,
+    guess: Guess,
+    covariance: np.ndarray,
+    camera_is_known: bool,
+    edges_seen: tuple[bool, bool],
+    names: tuple[str, ...],
+    lenses: tuple[Lenses, ...],
+    seen: Seen,
+    sizes: np.ndarray,
+) -> Calibration:
+    errors = np.sqrt(np.diag(covariance))
+    names_fitted = PARAMETERS if camera_is_known else SHARED
+    count = len(names_fitted)
+    values = _shared(guess)
+    limits = {name: _scaled(share, name, nominal) for name, share in LIMITS.items()}
+    estimates = {
+        name: Estimate(float(values[n]), float(errors[n]), limits.get(name, math.inf))
+        for n, name in enumerate(names_fitted)
+    }
+    correlation = covariance[:count, :count] / np.outer(errors[:count], errors[:count])
+    pose_errors = tuple(errors[len(SHARED) :].reshape(-1, 6))
+    return Calibration(
+        nominal,
+        guess,
+        estimates,
+        pose_errors,
+        correlation,
+        covariance,
+        edges_seen,
+        names,
+        lenses,
+        seen,
+        sizes,
+    )

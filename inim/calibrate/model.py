@@ -1,0 +1,317 @@
+"""What a display, a camera and its places say that photographs show, and how that differs.
+
+Two kinds of residual. Through a pixel well inside a lens the panel is seen at a point: the ray of
+that pixel, refracted by the lens that the pixel is known to lie in, lands beside it. And a lens's
+outline is seen around a centre: the outline of its cell, projected, has another one. The first
+hardly tells where in the lens a ray passes, for a lens of g near f makes all its rays parallel; the
+second does.
+
+Seams between bulges lie below z = 0, by the sag of the curved face there. Behind a flat face they
+are t - sag deep in the glass, where Snell's law makes them appear nearer: a depth d seen at a slope
+s as d / sqrt(n^2 (1 + s^2) - s^2), which is d / n on the axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from inim.calibrate.camera import Camera, Pose, project, rays, rotation
+from inim.calibrate.lattice import Lenses
+from inim.display import Display
+from inim.lens import lens_model
+from inim.lens.array import (
+    NUMPY_OPS,
+    LensArray,
+    LensTraits,
+    lens_array,
+    lens_traits,
+    to_array,
+    to_panel,
+)
+from inim.lens.surface import sag
+from inim.lens.thick import bulge
+
+__all__ = [
+    "PARAMETERS",
+    "SHARED",
+    "STEPS",
+    "Guess",
+    "Seen",
+    "centres",
+    "first_lens_mm",
+    "panel_mm",
+    "panel_points",
+]
+
+#: Of the display, in the order in which they are fitted.
+PARAMETERS = (
+    "pitch_mm",
+    "rotation_deg",
+    "shift_x_mm",
+    "shift_y_mm",
+    "gap_mm",
+    "tilt_x_deg",
+    "tilt_y_deg",
+    "focal_length_mm",
+)
+#: All that is the same for all positions.
+SHARED = (*PARAMETERS, *Camera._fields)
+_POSE = 6
+#: Sizes of a change that shows, for the steps of differences and of the search; a pose's are its
+#: turn in radians and its eye in millimetres.
+STEPS = dict(zip(PARAMETERS, (0.01, 0.2, 0.1, 0.1, 0.1, 0.2, 0.2, 0.1), strict=True)) | {
+    "focal_px": 100.0,
+    "centre_x_px": 20.0,
+    "centre_y_px": 20.0,
+    "k1": 0.1,
+    "k2": 0.5,
+}
+_POSE_STEPS = (0.01, 0.01, 0.01, 10.0, 10.0, 10.0)
+# Differences are taken over this share of a step.
+_DIFFERENCE = 1e-4
+# Of the integral along a side of a cell.
+_NODES = 6
+_MODEL = "thick"
+
+
+class Guess(NamedTuple):
+    """Values of everything that is not known.
+
+    Attributes
+    ----------
+    display : Display
+    camera : Camera
+    poses : tuple of Pose
+        One for each position.
+    """
+
+    display: Display
+    camera: Camera
+    poses: tuple[Pose, ...]
+
+    def moved(self, by: np.ndarray) -> Guess:
+        """With changes to `SHARED` and then to each pose: its turn in the camera and its eye."""
+        given = {
+            name: getattr(self.display, name) + float(step)
+            for name, step in zip(PARAMETERS, by, strict=False)
+            if step
+        }
+        if "pitch_mm" in given and self.display.pitch_y_mm is not None:
+            ratio = given["pitch_mm"] / self.display.pitch_mm
+            given["pitch_y_mm"] = self.display.pitch_y_mm * ratio
+        of_camera = by[len(PARAMETERS) : len(SHARED)]
+        of_poses = by[len(SHARED) :].reshape(-1, _POSE)
+        return Guess(
+            self.display.replace(**given) if given else self.display,
+            Camera(*(float(a + b) for a, b in zip(self.camera, of_camera, strict=True))),
+            tuple(
+                Pose(rotation(one[:3]) @ pose.turn, pose.eye_mm + one[3:])
+                for pose, one in zip(self.poses, of_poses, strict=True)
+            ),
+        )
+
+    @property
+    def steps(self) -> np.ndarray:
+        """`STEPS` in the order of `moved`."""
+        return np.array([*STEPS.values(), *_POSE_STEPS * len(self.poses)])
+
+
+def panel_mm(display: Display, panel_px: np.ndarray) -> np.ndarray:
+    """Points of the display frame of panel columns and rows, (..., 2)."""
+    rows, columns = display.eia_shape
+    centred = (panel_px - [columns / 2, rows / 2]) * [1.0, -1.0]
+    points: np.ndarray = centred * display.pixel_pitch_mm
+    return points
+
+
+def first_lens_mm(display: Display) -> np.ndarray:
+    """Centre of the array's top left lens, (2,), array frame."""
+    return _lens_centres(lens_array(display), np.zeros(2))
+
+
+def _lens_centres(array: LensArray, index: np.ndarray) -> np.ndarray:
+    """Of lenses by column and row from the top left, (..., 2), array frame."""
+    x = (index[..., 0] + 0.5 - array.half_columns) * array.pitch_x
+    y = (array.half_rows - 0.5 - index[..., 1]) * array.pitch_y
+    return np.stack([x, y], axis=-1)
+
+
+def panel_points(display: Display, index: np.ndarray, arriving: np.ndarray) -> np.ndarray:
+    """Where rays land on the panel, each through a lens that is known.
+
+    Parameters
+    ----------
+    display : Display
+    index : (n, 2) int
+        The lenses, column and row.
+    arriving : (4, n)
+        See `inim.calibrate.camera.rays`.
+
+    Returns
+    -------
+    (n, 2) array, display frame, mm
+    """
+    array, traits = lens_array(display), lens_traits(display)
+    x, y, sx, sy = to_array(array, traits, *arriving)
+    centre_x, centre_y = _lens_centres(array, index).T
+    # One lens about its own axis, in a cell so wide that none of its rays is a neighbour's.
+    alone = array._replace(
+        pitch_x=2 * array.pitch_x, pitch_y=2 * array.pitch_y, half_columns=0.5, half_rows=0.5
+    )
+    trace = lens_model(_MODEL).function
+    with np.errstate(invalid="ignore"):
+        ray = trace(
+            alone, traits, NUMPY_OPS, x - centre_x, y - centre_y, sx, sy, display.refractive_index
+        )
+    ray = ray._replace(x=ray.x + centre_x, y=ray.y + centre_y)
+    panel_x, panel_y, _ = to_panel(array, traits, ray)
+    return np.stack([panel_x, panel_y], axis=-1)
+
+
+def centres(
+    display: Display, camera: Camera, pose: Pose, index: np.ndarray, deeper_mm: float = 0.0
+) -> np.ndarray:
+    """Centres of gravity of lenses' outlines in a photograph, (n, 2) pixels; of deeper seams, too.
+
+    A side of an outline moves with its mean depth: the whole outline as its centre does that deep.
+    What perspective adds over a lens, P^2 s / 12 V for a slope s, is below a ten-thousandth of it.
+    """
+    array, traits = lens_array(display), lens_traits(display)
+    at = _vertices(array, index)
+    depth = _seam_depth(array, traits)
+    height = np.full(len(at), -depth)
+    if not traits.bulges_to_viewer:  # depths are negative: the seams rise from the vertices
+        slope = ((at - pose.eye_mm[:2]) ** 2).sum(axis=-1) / pose.eye_mm[2] ** 2
+        steeper = np.sqrt(array.design_index**2 * (1 + slope) - slope)
+        height = array.thickness / array.design_index - (array.thickness + depth) / steeper
+    return project(camera, pose, np.column_stack([at, height - deeper_mm]))
+
+
+def _vertices(array: LensArray, index: np.ndarray) -> np.ndarray:
+    """Of lenses, (n, 2), display frame."""
+    c, s = array.cosine, array.sine
+    turned = _lens_centres(array, index) @ [[c, s], [-s, c]]
+    moved: np.ndarray = turned + np.array([array.shift_x, array.shift_y])
+    return moved
+
+
+def _seam_depth(array: LensArray, traits: LensTraits) -> float:
+    """Mean sag along the sides of a lens's cell, which is next to square."""
+    node, weight = np.polynomial.legendre.leggauss(_NODES)
+    half_x, half_y = array.pitch_x / 2, array.pitch_y / 2
+    squares = [half_x**2 + (node * half_y) ** 2, half_y**2 + (node * half_x) ** 2]
+    depth = sag(NUMPY_OPS, bulge(array, traits), np.stack(squares))
+    return float((depth @ weight).mean() / 2)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the photographs show, position by position.
+
+    Attributes
+    ----------
+    lens : tuple of (rays, 2) int
+        The lens that each ray goes through: column and row of the array.
+    pixel, panel : tuple of (rays, 2) float
+        Its pixel; where on the panel it was found to end, mm, display frame.
+    outlined : tuple of (lenses, 2) int
+        Lenses whose outline is seen,
+    centre : tuple of (lenses, 2) float
+        and around which pixel.
+    """
+
+    lens: tuple[np.ndarray, ...]
+    pixel: tuple[np.ndarray, ...]
+    panel: tuple[np.ndarray, ...]
+    outlined: tuple[np.ndarray, ...]
+    centre: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, lenses: Sequence[Lenses], display: Display, *, outlines_only: bool = False) -> Seen:
+        """What was found in photographs, of lenses that are counted from the array's top left."""
+        found = []
+        for one in lenses:
+            inside = np.isfinite(one.panel_px).all(axis=-1) & (not outlines_only)
+            index = np.broadcast_to(one.index[:, None], one.panel_px.shape)[inside]
+            found.append(
+                (
+                    index,
+                    one.pixel[inside],
+                    panel_mm(display, one.panel_px[inside]),
+                    one.index[one.is_whole],
+                    one.centre_px[one.is_whole],
+                )
+            )
+        return cls(*zip(*found, strict=True))
+
+    @property
+    def counts(self) -> list[tuple[int, int]]:
+        """Rays and outlines of each position."""
+        return [(len(a), len(b)) for a, b in zip(self.lens, self.outlined, strict=True)]
+
+    def residuals(self, guess: Guess) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each position: of rays, (n, 2) mm on the panel, and of outlines, (m, 2) pixels."""
+        display, camera, poses = guess
+        arriving = [
+            rays(camera, p, px).reshape(4, -1) for p, px in zip(poses, self.pixel, strict=True)
+        ]
+        landed = panel_points(display, np.concatenate(self.lens), np.concatenate(arriving, axis=1))
+        ends = np.cumsum([len(one) for one in self.lens])[:-1]
+        return [
+            (found - seen, centres(display, camera, pose, outlined) - centre)
+            for found, seen, pose, outlined, centre in zip(
+                np.split(landed, ends), self.panel, poses, self.outlined, self.centre, strict=True
+            )
+        ]
+
+    def flat(self, guess: Guess) -> np.ndarray:
+        """The residuals in one row: position by position, rays before outlines."""
+        parts = [part.ravel() for pair in self.residuals(guess) for part in pair]
+        return np.concatenate(parts)
+
+    def imperfections(self, guess: Guess) -> np.ndarray:
+        """What `flat` would change by if sheets were not quite what the model says, (2, all).
+
+        If a lens magnified by one panel millimetre in a millimetre more; if seams were a tenth of a
+        millimetre deeper.
+        """
+        display, camera, poses = guess
+        array, parts = lens_array(display), []
+        for lens, pixel, pose, outlined in zip(
+            self.lens, self.pixel, poses, self.outlined, strict=True
+        ):
+            x, y, *_ = rays(camera, pose, pixel)
+            within = (np.column_stack([x, y]) - _vertices(array, lens)).ravel()
+            flat, deep = (centres(display, camera, pose, outlined, by) for by in (0.0, 0.1))
+            parts += [
+                np.stack([within, 0 * within]),
+                np.stack([0 * flat, deep - flat]).reshape(2, -1),
+            ]
+        return np.concatenate(parts, axis=1)
+
+    def slopes(self, guess: Guess, by: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """Derivatives of `flat` by the changes of `Guess.moved` that are free, a row each.
+
+        Poses do not share residuals: one difference serves all of them.
+        """
+        steps = guess.steps * _DIFFERENCE
+        at = self.flat(guess.moved(by))
+        ends = np.cumsum([0] + [2 * (rays + outlines) for rays, outlines in self.counts])
+        slopes = np.zeros((steps.size, at.size))
+        for n in np.flatnonzero(free[: len(SHARED)]).tolist():
+            more = by.copy()
+            more[n] += steps[n]
+            slopes[n] = (self.flat(guess.moved(more)) - at) / steps[n]
+        for n in range(_POSE):
+            of_poses = np.arange(len(SHARED) + n, steps.size, _POSE)
+            more = by.copy()
+            more[of_poses] += steps[of_poses]
+            change = (self.flat(guess.moved(more)) - at) / steps[of_poses[0]]
+            for row, begin, end in zip(of_poses, ends, ends[1:], strict=False):
+                slopes[row, begin:end] = change[begin:end]
+        chosen: np.ndarray = slopes[free]
+        return chosen

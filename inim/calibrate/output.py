@@ -1,0 +1,196 @@
+"""A calibration as a display file and as data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import fields
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+
+from inim.calibrate.advice import Advice, next_positions
+from inim.calibrate.fit import Calibration
+from inim.calibrate.model import PARAMETERS, Seen
+from inim.display import Display
+from inim.provenance import versions
+from inim.report.calibration import SCHEMA
+from inim.settings import DISPLAY_KEYS, PREFIX
+from inim.version import __version__
+
+__all__ = ["as_data", "display_file", "residual_maps"]
+
+_VERSIONS = ("numpy", "scipy")
+_MOST_ADVICE = 3
+_DIGITS = 9
+
+
+def display_file(found: Calibration, preset: str) -> str:
+    """The XML that `--display` takes: all of the display, with errors as comments.
+
+    Parameters
+    ----------
+    found : Calibration
+    preset : str
+        What reports shall call it a change of.
+    """
+    values, defaults = found.display.given(), {f.name: f.default for f in fields(Display)}
+    positions = ", ".join(found.names)
+    lines = [
+        '<scene version="3.0.0">',
+        f"    <!-- {_comment(f'Calibrated by inim {__version__} from photographs: {positions}.')}",
+        "         Behind each measured value stands its standard error. -->",
+        f'    <default name="{PREFIX}display" value="{preset}"/>',
+    ]
+    for key in DISPLAY_KEYS:
+        estimate = found.estimates.get(key)
+        if values[key] == defaults[key] and estimate is None:
+            continue
+        value = values[key]
+        text = f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)
+        if estimate is not None and estimate.is_known:
+            text = f"{value:.{_decimals(estimate.error)}f}"
+        said = "" if estimate is None else f" <!-- {_said(key, found)} -->"
+        lines.append(f'    <default name="{PREFIX}{key}" value="{text}"/>{said}')
+    return "\n".join([*lines, "</scene>"]) + "\n"
+
+
+def _decimals(error: float) -> int:
+    """Of a value: to a hundredth of its standard error, beyond which digits are rounding."""
+    return max(0, 2 - math.floor(math.log10(error)))
+
+
+def _comment(text: str) -> str:
+    """A comment ends at two hyphens; folders may be called anything."""
+    return "".join(c if c.isprintable() else " " for c in text).replace("--", "- -")
+
+
+def _said(key: str, found: Calibration) -> str:
+    estimate = found.estimates[key]
+    if not estimate.is_known:
+        return f"as designed: not determined (standard error {estimate.error:.2g})"
+    axis = {"shift_x_mm": 0, "shift_y_mm": 1}.get(key)
+    modulo = axis is not None and not found.edges_seen[axis]
+    return f"± {estimate.error:.2g}" + (", or whole pitches more or less" if modulo else "")
+
+
+def residual_maps(found: Calibration) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Of each position its name and two maps over the array, (rows, columns, 2) float, NaN where
+    there is nothing: rays on the panel, µm, mean of a lens; outlines, photograph pixels.
+    """
+    display = found.guess.display
+    seen = Seen.of(found.lenses, _steady(found))
+    maps = []
+    for name, lens, outlined, (of_rays, of_outlines) in zip(
+        found.names, seen.lens, seen.outlined, seen.residuals(found.guess), strict=True
+    ):
+        shape = (display.lens_rows, display.lens_columns)
+        maps.append(
+            (name, _mapped(lens, -1e3 * of_rays, shape), _mapped(outlined, -of_outlines, shape))
+        )
+    return maps
+
+
+def _steady(found: Calibration) -> Display:
+    rows, columns = found.nominal.eia_shape
+    return found.guess.display.replace(panel_rows=rows, panel_columns=columns)
+
+
+def _mapped(index: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    number = index[:, 1] * shape[1] + index[:, 0]
+    size = shape[0] * shape[1]
+    count = np.bincount(number, minlength=size)
+    sums = [np.bincount(number, values[:, k], size) for k in (0, 1)]
+    with np.errstate(invalid="ignore"):
+        mean: np.ndarray = (np.stack(sums, axis=-1) / count[:, None]).reshape(*shape, 2)
+    return mean
+
+
+def as_data(found: Calibration, title: str, command: str) -> dict[str, Any]:
+    """The calibration as plain data, schema `inim.calibration/1`."""
+    camera, shape = found.guess.camera, found.lenses[0].shape
+    advice = next_positions(found)
+    return {
+        "schema": SCHEMA,
+        "title": title,
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "inim_version": __version__,
+        "versions": versions(_VERSIONS),
+        "command": command,
+        "display": {"given": found.display.given(), "derived": found.display.derived()},
+        "parameters": _parameters(found),
+        "not_determined": found.unknown,
+        "shift_is_certain": {"x": found.edges_seen[0], "y": found.edges_seen[1]},
+        "camera": {
+            "is_given": "focal_px" not in found.estimates,
+            "width_px": shape[1],
+            "height_px": shape[0],
+            **camera._asdict(),
+            "standard_errors": {
+                name: found.estimates[name].error if name in found.estimates else None
+                for name in camera._fields
+            },
+        },
+        "correlation": {
+            "names": list(found.estimates),
+            "matrix": found.correlation.tolist(),
+        },
+        "positions": [_position(found, n) for n in range(len(found.names))],
+        "next": [_advice(one) for one in advice[:_MOST_ADVICE]],
+        "warnings": _warnings(found, advice),
+    }
+
+
+def _parameters(found: Calibration) -> dict[str, Any]:
+    return {
+        name: {
+            "value": found.estimates[name].value,
+            "standard_error": found.estimates[name].error,
+            "low": found.estimates[name].interval[0],
+            "high": found.estimates[name].interval[1],
+            "largest_standard_error": found.estimates[name].limit,
+            "is_determined": found.estimates[name].is_known,
+            "nominal": getattr(found.nominal, name),
+        }
+        for name in PARAMETERS
+    }
+
+
+def _position(found: Calibration, n: int) -> dict[str, Any]:
+    pose, errors, lenses = found.guess.poses[n], found.pose_errors[n], found.lenses[n]
+    x, y, z = pose.eye_mm
+    return {
+        "name": found.names[n],
+        "eye_mm": pose.eye_mm.tolist(),
+        "eye_standard_error_mm": errors[3:].tolist(),
+        "turn": pose.turn.tolist(),
+        "turn_standard_error_deg": np.degrees(errors[:3]).tolist(),
+        "off_straight_deg": math.degrees(math.atan2(math.hypot(x, y), z)),
+        "lenses": len(lenses.index),
+        "whole_lenses": int(lenses.is_whole.sum()),
+        "panel_residual_um": 1e3 * float(found.sizes[n, 0]),
+        "outline_residual_px": float(found.sizes[n, 1]),
+    }
+
+
+def _advice(one: Advice) -> dict[str, Any]:
+    return {"where": one.where, "eye_mm": list(one.eye_mm), "standard_errors": one.errors}
+
+
+def _warnings(found: Calibration, advice: Sequence[Advice]) -> list[str]:
+    said = []
+    if found.unknown:
+        more = f"photograph from {advice[0].where}, too" if advice else "photograph from elsewhere"
+        said.append(
+            f"not determined by these photographs, and left as designed: "
+            f"{', '.join(found.unknown)}; {more}"
+        )
+    for axis, seen in zip("xy", found.edges_seen, strict=True):
+        if not seen:
+            edges = "left and right" if axis == "x" else "upper and lower"
+            said.append(
+                f"shift_{axis}_mm is known modulo a pitch, for the sheet's {edges} edges are not "
+                "both seen: the one nearest to the design is given"
+            )
+    return said

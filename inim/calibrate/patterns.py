@@ -1,0 +1,153 @@
+"""The pictures that a display shows while it is photographed, and the page that shows them.
+
+White and black come first. Then, for the columns and after that for the rows, Gray codes of the
+cell floor(pixel / 8), coarsest bit first, each followed by its inverse; and a cosine of 16 panel
+pixels' period at 0, 90, 180 and 270 degrees. Codes are sRGB, so that linear light is the cosine;
+where the panel's gamma is another, four steps cancel the second harmonic. The Gray code names the
+period, whose place the cosine tells: a cell is half a period, so an error at a cell's edge moves
+nothing by a period (Salvi et al., Pattern Recognition 43, 2666, 2010, on such codes in general).
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from inim import interruption
+from inim.color import srgb_from_linear, srgb_to_uint8
+from inim.display import Display
+from inim.files.image import encoded
+from inim.version import __version__
+from inim.worker.output import open_staging, publish, remove_folder
+
+__all__ = ["CELL", "PAGE", "PERIOD", "SCHEMA", "Pattern", "bit_count", "patterns", "write_patterns"]
+
+SCHEMA = "inim.patterns/1"
+#: File name of the page that shows the pictures.
+PAGE = "patterns.html"
+#: Panel pixels of a period of the cosine, and of a cell of the Gray code.
+PERIOD, CELL = 16, 8
+_MARKER = "patterns.json"
+_WHITE = 255
+_SHIFTS_DEG = (0, 90, 180, 270)
+
+
+class Pattern(NamedTuple):
+    """A picture that varies along one axis of the panel, or not at all.
+
+    Attributes
+    ----------
+    name : str
+        Of its file, without the ending; names sort in the order of display.
+    codes : (rows or 1, columns or 1) uint8
+        sRGB grey; what is 1 wide or high is the same all over.
+    """
+
+    name: str
+    codes: np.ndarray
+
+
+def bit_count(pixels: int) -> int:
+    """Bits of the Gray code that tells the cells of so many pixels apart."""
+    return max(1, ((pixels - 1) // CELL).bit_length())
+
+
+def patterns(panel: tuple[int, int]) -> list[Pattern]:
+    """All pictures of a panel, in the order of display.
+
+    Parameters
+    ----------
+    panel : (rows, columns)
+        A display's `eia_shape`.
+    """
+    rows, columns = panel
+    made = [("white", np.full((1, 1), _WHITE)), ("black", np.zeros((1, 1)))]
+    for axis, pixel in (("column", np.arange(columns)), ("row", np.arange(rows)[:, None])):
+        cell = pixel // CELL
+        code = np.atleast_2d(cell ^ (cell >> 1))
+        for bit in reversed(range(bit_count(pixel.size))):
+            lit = _WHITE * ((code >> bit) & 1)
+            made += [(f"{axis}-bit-{bit}", lit), (f"{axis}-bit-{bit}-inverse", _WHITE - lit)]
+        centre = np.atleast_2d(2 * np.pi * (pixel + 0.5) / PERIOD)
+        for shift in _SHIFTS_DEG:
+            light = 0.5 + 0.5 * np.cos(centre - np.radians(shift))
+            made.append((f"{axis}-phase-{shift:03d}", srgb_to_uint8(srgb_from_linear(light))))
+    return [
+        Pattern(f"{number:02d}-{name}", codes.astype(np.uint8))
+        for number, (name, codes) in enumerate(made)
+    ]
+
+
+def write_patterns(display: Display, folder: Path) -> Path:
+    """Write a display's pictures as PNG, `patterns.json`, and the page that shows them.
+
+    Parameters
+    ----------
+    display : Display
+    folder : Path
+        Made where there is none; what an earlier call wrote there is replaced.
+
+    Returns
+    -------
+    Path
+        Of the page.
+
+    Raises
+    ------
+    FileError
+        The folder cannot be written, or something else is in the way.
+    """
+    rows, columns = display.eia_shape
+    pictures = {}
+    for name, codes in patterns((rows, columns)):
+        grey = np.broadcast_to(codes, (rows, columns))
+        pictures[f"{name}.png"] = encoded(grey, "PNG", optimize=True)
+    about = {
+        "schema": SCHEMA,
+        "inim_version": __version__,
+        "display": display.name,
+        "panel_rows": rows,
+        "panel_columns": columns,
+        "pixel_pitch_mm": display.pixel_pitch_mm,
+        "pictures": list(pictures),
+    }
+    files = {
+        _MARKER: json.dumps(about, indent=1).encode() + b"\n",
+        PAGE: _page(display, pictures).encode(),
+        **pictures,
+    }
+    with interruption.undone_afterwards(
+        lambda: open_staging(folder, list(files)), remove_folder
+    ) as staging:
+        for name, data in files.items():
+            (staging / name).write_bytes(data)
+        publish(staging, folder, _MARKER)
+    return folder / PAGE
+
+
+def _page(display: Display, pictures: dict[str, bytes]) -> str:
+    """The page, which needs no other file."""
+    rows, columns = display.eia_shape
+    sources = {
+        Path(name).stem: base64.b64encode(data).decode("ascii") for name, data in pictures.items()
+    }
+    images = "\n".join(
+        f'<img alt="{name}" src="data:image/png;base64,{data}">' for name, data in sources.items()
+    )
+    words = {
+        "DISPLAY": html.escape(display.name),
+        "COLUMNS": str(columns),
+        "ROWS": str(rows),
+        "COUNT": str(len(pictures)),
+        "IMAGES": images,
+    }
+    page = resources.files("inim.calibrate").joinpath(PAGE).read_text("utf-8")
+    for word, value in words.items():
+        page = page.replace(f"@{word}@", value)
+    return page

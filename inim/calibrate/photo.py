@@ -1,0 +1,381 @@
+"""A photograph of a calibrated display that shows an EIA, against what it should look like.
+
+The simulation sees the display through the lens models from where the camera stood. What differs is
+told apart in an order: first the photograph is moved against it (geometry), then it is less sharp
+(blur), then its light follows another curve (tone); what is left after all three has other causes.
+
+    photograph = black + gain * blurred(moved(simulation)) ** gamma
+"""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.ndimage import binary_erosion, gaussian_filter, shift
+from scipy.optimize import least_squares, minimize_scalar
+
+from inim.calibrate.camera import Camera, Pose, rays
+from inim.display import Display
+from inim.errors import FileError
+from inim.lens import trace_to_panel
+from inim.metrics import score
+from inim.parallel import threads
+from inim.provenance import versions
+from inim.report.photo import SCHEMA
+from inim.version import __version__
+
+__all__ = ["BLOCK_PX", "Difference", "Stage", "Tone", "as_data", "compare", "simulate"]
+
+#: Side of the squares whose movement the flow tells.
+BLOCK_PX = 64
+_SAMPLES = 3  # along a side of a photograph's pixel
+_BAND_ROWS = 64
+# Movements are found from the coarse to the fine: sigmas of blur, photograph pixels.
+_SCALES_PX = (8.0, 4.0, 2.0, 1.0, 0.5, 0.5)
+# Tone is read off where neither a movement nor blur of a pixel or two matters.
+_TONE_BLUR_PX = 2.0
+_MOST_TONE_PIXELS = 20_000
+# A Gaussian narrower than the least reaches no neighbour.
+_LEAST_BLUR_PX, _MOST_BLUR_PX = 0.2, 6.0
+# Pixels at the border of what is simulated that do not count: what is beyond it moves in.
+_BORDER_PX = 8
+_FEWEST_PIXELS = 1000
+# Of a block: the least share of pixels seen, and of the usual contrast in its flattest direction.
+_SEEN_SHARE, _FLAT_SHARE = 0.5, 0.05
+
+
+class Tone(NamedTuple):
+    """Response of one channel, ``black + gain * light ** gamma``."""
+
+    black: float
+    gain: float
+    gamma: float
+
+    def of(self, light: np.ndarray) -> np.ndarray:
+        """What the photograph has of a light."""
+        shown: np.ndarray = self.black + self.gain * np.maximum(light, 0) ** self.gamma
+        return shown
+
+
+class Stage(NamedTuple):
+    """The simulation after one more cause of a difference is put in.
+
+    Attributes
+    ----------
+    name : str
+    picture : (H, W, 3) float32, linear
+    """
+
+    name: str
+    picture: np.ndarray
+
+
+class Difference(NamedTuple):
+    """How a photograph differs from its simulation.
+
+    Attributes
+    ----------
+    right_px, down_px, error_px : float
+        How far the photograph is moved, and the standard error by what its blocks say.
+    flow : (rows, columns, 2) float array
+        Movement of each block of `BLOCK_PX`, right and down; NaN where it shows too little.
+    tones : (Tone, Tone, Tone)
+        Red, green, blue.
+    blur_px : float
+        Sigma of the Gaussian that makes the simulation as unsharp as the photograph.
+    window : (slice, slice)
+        The part of the photograph that was compared.
+    counts : (H, W) bool
+        Of that part, pixels that count.
+    photograph : (H, W, 3) float32
+        That part, linear; black where it does not count, as in the stages.
+    stages : tuple of Stage
+        With the photograph's exposure only; moved; blurred; in its tones.
+    """
+
+    right_px: float
+    down_px: float
+    error_px: float
+    flow: np.ndarray
+    tones: tuple[Tone, ...]
+    blur_px: float
+    window: tuple[slice, slice]
+    counts: np.ndarray
+    photograph: np.ndarray
+    stages: tuple[Stage, ...]
+
+
+def simulate(
+    eia: np.ndarray, display: Display, camera: Camera, pose: Pose, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """What a camera sees of a display, by the thick lens and a pinhole.
+
+    Parameters
+    ----------
+    eia : (rows, columns, 3) float array, linear
+    display : Display
+    camera : Camera
+    pose : Pose
+    shape : (H, W)
+        Of the photograph.
+
+    Returns
+    -------
+    light : (H, W, 3) float32, linear
+        1 being the panel's white without its way through the lenses.
+    seen : (H, W) bool
+        Pixels all of whose samples come from the panel through a lens.
+    """
+    light = np.zeros((*shape, 3), np.float32)
+    seen = np.zeros(shape, bool)
+
+    def fill(first: int) -> None:
+        rows = np.arange(first, min(first + _BAND_ROWS, shape[0]))
+        offsets = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+        y = (rows[:, None] + offsets).ravel()
+        x = (np.arange(shape[1])[:, None] + offsets).ravel()
+        pixels = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1)
+        found, share = _through(eia, display, rays(camera, pose, pixels))
+        by_pixel = (len(rows), _SAMPLES, shape[1], _SAMPLES)
+        light[rows] = found.reshape(*by_pixel, 3).mean(axis=(1, 3))
+        seen[rows] = (share.reshape(by_pixel) > 0).all(axis=(1, 3))
+
+    with threads() as submit:
+        for one in [submit(fill, first) for first in range(0, shape[0], _BAND_ROWS)]:
+            one.result()
+    return light, seen
+
+
+def _through(eia: np.ndarray, display: Display, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Light and weight of rays."""
+    x, y, weight = trace_to_panel(display, "thick", *lines)
+    rows, columns = display.eia_shape
+    with np.errstate(invalid="ignore"):
+        column = np.floor(x / display.pixel_pitch_mm + columns / 2)
+        row = np.floor(rows / 2 - y / display.pixel_pitch_mm)
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows) & (weight > 0)
+    places = tuple(np.where(inside, place, 0).astype(np.int64) for place in (row, column))
+    share = np.where(inside, weight, 0)
+    light: np.ndarray = eia[places] * share[..., None]
+    return light, share
+
+
+def compare(photograph: np.ndarray, light: np.ndarray, seen: np.ndarray, name: str) -> Difference:
+    """Set a photograph beside its simulation.
+
+    Parameters
+    ----------
+    photograph, light : (H, W, 3) float arrays, linear
+    seen : (H, W) bool
+        Of `simulate`.
+    name : str
+        What to call the photograph in errors.
+
+    Raises
+    ------
+    FileError
+        The display is hardly in the photograph, or shows nothing to compare.
+    """
+    counts = binary_erosion(seen, iterations=_BORDER_PX)
+    if np.count_nonzero(counts) < _FEWEST_PIXELS:
+        raise FileError(
+            f"{name}: hardly shows the display from this position; name the one that it was "
+            "photographed from with --position"
+        )
+    window = _window(counts)
+    counts, photo, sim = counts[window], photograph[window], light[window]
+    grey = photo.mean(axis=-1, dtype=np.float64)
+    model = sim.mean(axis=-1, dtype=np.float64)
+    if np.std(grey[counts]) < 1e-3 or np.std(model[counts]) < 1e-3:
+        raise FileError(
+            f"{name}: is all alike, or its simulation is; photograph the EIA that --eia names"
+        )
+    moved = np.zeros(2)
+    tone = Tone(0.0, float(grey[counts].mean() / model[counts].mean()), 1.0)
+    for sigma in _SCALES_PX:
+        shown = tone.of(shift(model, moved, order=3, mode="nearest"))
+        moved = moved + _movement(grey, shown, counts, sigma)
+        tone = _tone(grey, shift(model, moved, order=3, mode="nearest"), counts, _TONE_BLUR_PX)
+    placed = np.stack(
+        [shift(sim[..., c], moved, order=3, mode="nearest") for c in range(3)], axis=-1
+    )
+    blur = _blur(grey, placed.mean(axis=-1), counts)
+    blurred = gaussian_filter(placed, (blur, blur, 0)) if blur else placed
+    tones = tuple(_tone(photo[..., c], blurred[..., c], counts, 0.0) for c in range(3))
+    final = np.stack([tones[c].of(blurred[..., c]) for c in range(3)], axis=-1)
+    # The last word on the movement has blur and tone right.
+    last = final.mean(axis=-1)
+    flow = _flow(grey, last, counts)
+    known = np.isfinite(flow).all(axis=-1)
+    by_blocks = flow[known] - np.median(flow[known], axis=0)
+    spread = 1.4826 * float(np.median(np.abs(by_blocks))) if known.any() else np.nan
+    moved_last = moved + _movement(grey, last, counts, _SCALES_PX[-1])
+    gains = photo[counts].mean(axis=0) / np.maximum(sim[counts].mean(axis=0), 1e-9)
+    mask = counts[..., None].astype(np.float32)
+    stages = tuple(
+        Stage(stage, (np.clip(picture, 0, 1) * mask).astype(np.float32))
+        for stage, picture in (
+            ("exposure only", sim * gains),
+            ("moved", placed * gains),
+            ("blurred", blurred * gains),
+            ("in its tones", final),
+        )
+    )
+    return Difference(
+        float(moved_last[1]),
+        float(moved_last[0]),
+        spread / max(int(np.count_nonzero(known)), 1) ** 0.5,
+        flow + moved[::-1],
+        tones,
+        blur,
+        window,
+        counts,
+        (photo * mask).astype(np.float32),
+        stages,
+    )
+
+
+def _window(counts: np.ndarray) -> tuple[slice, slice]:
+    """The smallest rectangle around what counts."""
+    found = []
+    for axis in (1, 0):
+        places = np.flatnonzero(counts.any(axis=axis))
+        found.append(slice(int(places[0]), int(places[-1]) + 1))
+    return found[0], found[1]
+
+
+def _gradients(
+    grey: np.ndarray, shown: np.ndarray, counts: np.ndarray, sigma: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slopes down and right of the simulation, and what the photograph has less; 0 off it."""
+    soft = gaussian_filter(shown, sigma)
+    less = (soft - gaussian_filter(grey, sigma)) * counts
+    down, right = np.gradient(soft)
+    return down * counts, right * counts, less
+
+
+def _movement(grey: np.ndarray, shown: np.ndarray, counts: np.ndarray, sigma: float) -> np.ndarray:
+    """Down and right, by which the photograph is moved: one step of Lucas and Kanade (1981)."""
+    down, right, less = _gradients(grey, shown, counts, sigma)
+    matrix = np.array([[np.sum(a * b) for b in (down, right)] for a in (down, right)])
+    vector = np.array([np.sum(a * less) for a in (down, right)])
+    step: np.ndarray = np.linalg.lstsq(matrix, vector, rcond=None)[0]
+    return step
+
+
+def _flow(grey: np.ndarray, shown: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """The same by blocks, right and down."""
+    down, right, less = _gradients(grey, shown, counts, _SCALES_PX[-1])
+
+    def sums(values: np.ndarray) -> np.ndarray:
+        high, wide = (size // BLOCK_PX for size in values.shape)
+        whole = values[: high * BLOCK_PX, : wide * BLOCK_PX]
+        total: np.ndarray = whole.reshape(high, BLOCK_PX, wide, BLOCK_PX).sum(axis=(1, 3))
+        return total
+
+    a, b, c = sums(right * right), sums(right * down), sums(down * down)
+    u, v = sums(right * less), sums(down * less)
+    flattest = (a + c) / 2 - np.hypot((a - c) / 2, b)
+    usual = np.median((a + c)[sums(counts * 1.0) > 0]) if a.size else 1.0
+    good = (flattest > _FLAT_SHARE * usual) & (sums(counts * 1.0) > _SEEN_SHARE * BLOCK_PX**2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        flow = np.stack([c * u - b * v, a * v - b * u], axis=-1) / (a * c - b * b)[..., None]
+    found: np.ndarray = np.where(good[..., None], flow, np.nan)
+    return found
+
+
+def _tone(grey: np.ndarray, light: np.ndarray, counts: np.ndarray, sigma: float) -> Tone:
+    """Response of a channel, or of the mean of all."""
+    soft = [gaussian_filter(one, sigma)[counts] if sigma else one[counts] for one in (light, grey)]
+    every = 1 + soft[0].size // _MOST_TONE_PIXELS
+    x, y = (one[::every].astype(np.float64) for one in soft)
+    x = np.maximum(x, 1e-6)
+    found = least_squares(
+        lambda p: p[0] + p[1] * x ** p[2] - y,
+        [max(float(y.min()), 0.0), max(float(np.ptp(y)), 1e-3) / float(x.max()), 1.0],
+        bounds=([-0.1, 1e-6, 0.2], [0.9, 1e3, 5.0]),
+        loss="soft_l1",
+        f_scale=0.05,
+    )
+    return Tone(*map(float, found.x))
+
+
+def _blur(grey: np.ndarray, placed: np.ndarray, counts: np.ndarray) -> float:
+    """Sigma of the blur after which the tone fits best."""
+
+    def left(sigma: float) -> float:
+        soft = gaussian_filter(placed, sigma)
+        shown = _tone(grey, soft, counts, 0.0).of(soft)
+        return float(np.mean((shown - grey)[counts] ** 2))
+
+    found = minimize_scalar(
+        left, bounds=(0.0, _MOST_BLUR_PX), method="bounded", options={"xatol": 0.01}
+    )
+    return float(found.x) if found.x > _LEAST_BLUR_PX else 0.0
+
+
+def as_data(
+    found: Difference,
+    display: Display,
+    lens_px: float,
+    *,
+    title: str,
+    command: str,
+    photograph: str,
+    eia: str,
+    position: str,
+) -> dict[str, Any]:
+    """A comparison as plain data, schema `inim.photo/1`.
+
+    Parameters
+    ----------
+    found : Difference
+    display : Display
+    lens_px : float
+        Lens pitch in pixels of the photograph.
+    title, command, photograph, eia, position : str
+        What to call things.
+    """
+    errors = [
+        float(np.mean((stage.picture - found.photograph)[found.counts] ** 2))
+        for stage in found.stages
+    ]
+    rows, columns = found.window
+    return {
+        "schema": SCHEMA,
+        "title": title,
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "inim_version": __version__,
+        "versions": versions(("numpy", "scipy")),
+        "command": command,
+        "photograph": photograph,
+        "eia": eia,
+        "position": position,
+        "display": {"given": display.given(), "derived": display.derived()},
+        "window_px": [columns.start, rows.start, columns.stop, rows.stop],
+        "geometry": {
+            "right_px": found.right_px,
+            "down_px": found.down_px,
+            "standard_error_px": float(found.error_px),
+            "lens_px": lens_px,
+            "block_px": BLOCK_PX,
+            "largest_block_px": float(
+                np.nanmax(np.hypot(found.flow[..., 0], found.flow[..., 1]), initial=0.0)
+            ),
+        },
+        "blur": {"sigma_px": found.blur_px},
+        "tone": {
+            color: tone._asdict()
+            for color, tone in zip(("red", "green", "blue"), found.tones, strict=True)
+        },
+        "stages": [
+            {
+                "name": stage.name,
+                "error_share": error / errors[0],
+                **score(found.photograph, stage.picture),
+            }
+            for stage, error in zip(found.stages, errors, strict=True)
+        ],
+    }

@@ -1,0 +1,216 @@
+"""Where to begin: cameras by their homographies, one lens by one number, the array by its edges."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from inim.calibrate.camera import Camera, Pose
+from inim.calibrate.lattice import Lenses
+from inim.calibrate.model import panel_mm
+from inim.display import Display
+from inim.errors import FileError
+
+__all__ = ["Counted", "Turned", "count_alike", "focal_guess", "pose_guess", "turned"]
+
+# Focal lengths tried, in widths of the photograph: a wide lens to a long one.
+_FOCAL_WIDTHS = np.geomspace(0.5, 8.0, 41)
+# What they are like without a word from the photographs (logarithms), how far lattices seem to be
+# from square by the camera's distortion alone, and pitches off the nominal: standard deviations.
+_USUAL_WIDTHS, _FOCAL_SPREAD = 1.2, 1.0
+_SKEW_SPREAD = 2e-3
+_PITCH_SPREAD = 0.015
+# A sheet of which the pitch is so far off is another display's.
+_PITCH_OFF = 0.04
+
+
+def _lattice_mm(display: Display, index: np.ndarray) -> np.ndarray:
+    """Places of lenses in the array, y upwards, the first at the origin."""
+    points: np.ndarray = index * [display.pitch_mm, -display.row_pitch_mm]
+    return points
+
+
+def _homography(display: Display, lenses: Lenses) -> np.ndarray:
+    """From the lens array's plane to the photograph (Hartley and Zisserman, algorithm 4.2)."""
+    flat = [_lattice_mm(display, lenses.index), lenses.centre_px]
+    scaled, norms = [], []
+    for points in flat:
+        middle = points.mean(axis=0)
+        size = math.sqrt(((points - middle) ** 2).sum(axis=1).mean() / 2)
+        scaled.append((points - middle) / size)
+        norms.append(
+            np.array(
+                [[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1]]
+            )
+        )
+    a, b = scaled
+    one, none = np.ones((len(a), 1)), np.zeros((len(a), 3))
+    a1 = np.hstack([a, one])
+    rows = np.concatenate(
+        [np.hstack([a1, none, -b[:, :1] * a1]), np.hstack([none, a1, -b[:, 1:] * a1])]
+    )
+    found = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3)
+    homography: np.ndarray = np.linalg.inv(norms[1]) @ found @ norms[0]
+    return homography
+
+
+def _columns(homography: np.ndarray, camera: Camera) -> np.ndarray:
+    """Directions of the display's axes and its origin, in the camera's frame, one scale for all."""
+    x, y, f = camera.centre_x_px, camera.centre_y_px, camera.focal_px
+    into = np.array([[1 / f, 0, -x / f], [0, 1 / f, -y / f], [0, 0, 1]]) @ homography
+    scale = 2 / (np.linalg.norm(into[:, 0]) + np.linalg.norm(into[:, 1]))
+    scaled: np.ndarray = into * math.copysign(scale, into[2, 2])
+    return scaled
+
+
+def focal_guess(
+    display: Display, lenses: Sequence[Lenses], stated_px: float | None = None
+) -> Camera:
+    """A camera with its axis through the middle of the photographs.
+
+    Its focal length is what the photographs state; or the one under which all lattices are most
+    nearly square, and seen from where lenses magnify steps of the panel as much as they do.
+    """
+    height, width = lenses[0].shape
+    if stated_px is not None:
+        return Camera(stated_px, width / 2, height / 2)
+    homographies = [_homography(display, one) for one in lenses]
+    steps = [_panel_step(display, one) for one in lenses]
+
+    def unlikeness(camera: Camera) -> float:
+        total = (math.log(camera.focal_px / width / _USUAL_WIDTHS) / _FOCAL_SPREAD) ** 2
+        for homography, step in zip(homographies, steps, strict=True):
+            a, b, _ = _columns(homography, camera).T
+            away = float(_pose(homography, camera).eye_mm[2])
+            total += (float(a @ b) ** 2 + float(a @ a - b @ b) ** 2 / 4) / _SKEW_SPREAD**2
+            total += ((step / (1 + display.gap_mm / away) - 1) / _PITCH_SPREAD) ** 2
+        return total
+
+    tried = [Camera(float(width * share), width / 2, height / 2) for share in _FOCAL_WIDTHS]
+    return min(tried, key=unlikeness)
+
+
+def pose_guess(display: Display, lenses: Lenses, camera: Camera, name: str) -> Pose:
+    """Where a camera stands in the lens array's own frame, the lens 0, 0 at the origin.
+
+    Raises
+    ------
+    FileError
+        It stands behind the display: the photographs are mirrored.
+    """
+    pose = _pose(_homography(display, lenses), camera)
+    if pose.eye_mm[2] <= 0:
+        raise FileError(f"{name}: the photographs are mirrored; save them as the camera saw them")
+    return pose
+
+
+def _pose(homography: np.ndarray, camera: Camera) -> Pose:
+    a, b, origin = _columns(homography, camera).T
+    u, _, v = np.linalg.svd(np.stack([a, b, np.cross(a, b)], axis=1))
+    turn = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
+    return Pose(turn, -turn.T @ origin)
+
+
+def _on_panel(display: Display, lenses: Lenses) -> tuple[np.ndarray, np.ndarray]:
+    """Affine map from places in the array to what the panel's lenses show: matrix and offset."""
+    points = _lattice_mm(display, lenses.index)
+    known = np.hstack([points, np.ones((len(points), 1))])
+    fit = np.linalg.lstsq(known, panel_mm(display, lenses.middle_px), rcond=None)[0]
+    return fit[:2].T, fit[2]
+
+
+def _panel_step(display: Display, lenses: Lenses) -> float:
+    """From lens to lens on the panel, in nominal pitches: P (1 + g / V) over the nominal P."""
+    return math.sqrt(abs(float(np.linalg.det(_on_panel(display, lenses)[0]))))
+
+
+class Turned(NamedTuple):
+    """How the array lies over the panel, by one position's photographs.
+
+    Attributes
+    ----------
+    rotation_deg, size : float
+        The array's pitch is about so many nominal ones.
+    origin_mm : (2,) array
+        Where the lens 0, 0 of its count is, display frame.
+    """
+
+    rotation_deg: float
+    size: float
+    origin_mm: np.ndarray
+
+
+def turned(display: Display, lenses: Lenses, pose: Pose, name: str) -> Turned:
+    """Rotation, and where the lens of index 0 is: through a lens's centre rays go straight.
+
+    Raises
+    ------
+    FileError
+        The photographs are of another display.
+    """
+    ((a, b), (c, d)), at_origin = _on_panel(display, lenses)
+    x, y, z = pose.eye_mm
+    size = _panel_step(display, lenses) / (1 + display.gap_mm / z)
+    if abs(size - 1) > _PITCH_OFF:
+        lens = display.pitch_mm / display.pixel_pitch_mm
+        raise FileError(
+            f"{name}: lenses lie {size * lens:.4g} panel pixels apart, those of display "
+            f"{display.name} {lens:.4g}; name the display that is photographed with --display, and "
+            "let the browser show the patterns pixel by pixel"
+        )
+    angle = math.atan2(c - b, a + d)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    return Turned(math.degrees(angle), size, at_origin + turn @ [x, y] * display.gap_mm / z)
+
+
+class Counted(NamedTuple):
+    """One count of lenses for all positions, from the array's top left.
+
+    Attributes
+    ----------
+    shift_mm : (2,) array
+        Where the array's centre is, display frame.
+    offsets : list of (2,) int
+        What is to be added to each position's indices.
+    edges_seen : (bool, bool)
+        Whether so many columns, and rows, are seen as there are: the count is certain. Otherwise it
+        is the one that moves the array least.
+    """
+
+    shift_mm: np.ndarray
+    offsets: list[np.ndarray]
+    edges_seen: tuple[bool, bool]
+
+
+def count_alike(display: Display, lenses: Mapping[str, Lenses], found: Sequence[Turned]) -> Counted:
+    """Count the lenses of all positions together.
+
+    Raises
+    ------
+    FileError
+        More lenses are seen than there are.
+    """
+    angle = math.radians(found[0].rotation_deg)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    step = np.array([display.pitch_mm, -display.row_pitch_mm]) * found[0].size
+    origin = found[0].origin_mm
+    offsets = [np.rint((one.origin_mm - origin) @ turn / step).astype(int) for one in found]
+    index = [one.index + by for one, by in zip(lenses.values(), offsets, strict=True)]
+    low = np.min([one.min(axis=0) for one in index], axis=0)
+    high = np.max([one.max(axis=0) for one in index], axis=0)
+    there = np.array([display.lens_columns, display.lens_rows])
+    for seen, most, what in zip(high - low + 1, there, ("columns", "rows"), strict=True):
+        if seen > most:
+            raise FileError(
+                f"{', '.join(lenses)}: {seen} {what} of lenses are seen, display {display.name} "
+                f"has {most}; name the display that is photographed with --display"
+            )
+    designed = np.array([display.shift_x_mm, display.shift_y_mm])
+    first = np.rint((designed - origin) @ turn / step - (there - 1) / 2).astype(int)
+    first = np.clip(first, high - there + 1, low)
+    columns_seen, rows_seen = (high - low + 1 == there).tolist()
+    shift = origin + turn @ (step * (first + (there - 1) / 2))
+    return Counted(shift, [by - first for by in offsets], (columns_seen, rows_seen))

@@ -1,0 +1,149 @@
+"""`inim photo`: a photograph of a calibrated display beside what it should look like."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inim.commands.options import (
+    Command,
+    add_debug,
+    add_display,
+    add_exit_codes,
+    print_outcome,
+)
+from inim.errors import EXIT_PASSED, UsageError, known_words
+
+if TYPE_CHECKING:
+    from inim.calibrate.camera import Camera, Pose
+
+__all__ = ["COMMANDS"]
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_exit_codes(parser)
+    parser.description = (
+        "Simulate a photograph of a display that `inim calibrate` has measured, taken from one of "
+        "the positions of that calibration, and tell how it differs from the real one: shift, "
+        "blur, tone; SSIM, PSNR and FLIP."
+    )
+    parser.add_argument("photo", type=Path, metavar="PHOTO", help="JPEG or PNG, as photographed")
+    parser.add_argument("--eia", type=Path, required=True, help="what the panel shows, PNG or EXR")
+    add_display(parser)
+    parser.add_argument(
+        "--position", metavar="NAME", help="of the calibration, where the camera stood"
+    )
+    parser.add_argument("-o", "--out", type=Path, help="folder (PHOTO-photo)")
+    add_debug(parser)
+
+
+def _run(args: argparse.Namespace) -> int:
+    from inim.calibrate.photo import as_data, compare, simulate
+    from inim.calibrate.photographs import read_colors
+    from inim.files.eia_file import read_eia
+    from inim.scene.file import chosen_display
+    from inim.worker.output import default_out
+
+    if not (args.display or "").lower().endswith(".xml"):
+        raise UsageError("--display: name the display file that inim calibrate wrote")
+    display, _ = chosen_display(args.display, args.definitions, "inim photo")
+    camera, pose, shape, position = _camera(Path(args.display), args.position)
+    photograph = read_colors(args.photo)
+    if photograph.shape[:2] != shape:
+        raise UsageError(
+            f"{args.photo}: {photograph.shape[1]} x {photograph.shape[0]} pixels, and those of the "
+            f"calibration have {shape[1]} x {shape[0]}; photograph with the same camera, held the "
+            "same way"
+        )
+    eia, _ = read_eia(args.eia, display)
+    light, seen = simulate(eia, display, camera, pose, shape)
+    found = compare(photograph, light, seen, str(args.photo))
+    data = as_data(
+        found,
+        display,
+        camera.focal_px * display.pitch_mm / _distance_mm(pose),
+        title=f"Photograph: {args.photo.name}",
+        command=_command(args),
+        photograph=str(args.photo),
+        eia=str(args.eia),
+        position=position,
+    )
+    out = args.out or default_out(args.photo, "photo")
+    pictures = {
+        "photograph": found.photograph,
+        "simulation": found.stages[0].picture,
+        "matched": found.stages[-1].picture,
+    }
+    _write(data, pictures, found.flow, out)
+    print("\n".join(_lines(data)))
+    print_outcome(f"compared: {out / 'photo.html'}")
+    return EXIT_PASSED
+
+
+def _camera(display: Path, name: str | None) -> tuple[Camera, Pose, tuple[int, int], str]:
+    """Camera, pose, shape of the photographs and name of a position of a calibration."""
+    import numpy as np
+
+    from inim.calibrate.camera import Camera, Pose
+    from inim.files.json_file import read_json
+
+    path = display.with_name(f"{display.stem}-calibration") / "calibration.json"
+    data = read_json(path, "keep the report that inim calibrate wrote beside it", "calibration")
+    places = {one["name"]: one for one in data["positions"]}
+    if name is None and len(places) > 1:
+        raise UsageError(f"--position: the camera stood in one; use {' or '.join(places)}")
+    name = next(iter(places)) if name is None else name
+    if name not in places:
+        raise UsageError(f"--position {name}: {known_words(name, places)}")
+    known = data["camera"]
+    camera = Camera(*(known[field] for field in Camera._fields))
+    pose = Pose(np.array(places[name]["turn"]), np.array(places[name]["eye_mm"]))
+    return camera, pose, (known["height_px"], known["width_px"]), name
+
+
+def _distance_mm(pose: Pose) -> float:
+    return float(sum(x * x for x in pose.eye_mm) ** 0.5)
+
+
+def _command(args: argparse.Namespace) -> str:
+    import shlex
+
+    words = ["inim", "photo", str(args.photo), "--eia", str(args.eia), "--display", args.display]
+    words += [] if args.position is None else ["--position", args.position]
+    for definition in args.definitions:
+        words += ["-D", definition]
+    return shlex.join(words + ([] if args.out is None else ["-o", str(args.out)]))
+
+
+def _write(data: dict[str, Any], pictures: dict[str, Any], flow: Any, out: Path) -> None:
+    from inim import interruption
+    from inim.report.photo import FILES, write_photo
+    from inim.worker.output import open_staging, publish, remove_folder
+
+    with interruption.undone_afterwards(lambda: open_staging(out, FILES), remove_folder) as staging:
+        write_photo(data, pictures, flow, staging)
+        publish(staging, out, FILES[0])
+
+
+def _lines(data: dict[str, Any]) -> list[str]:
+    geometry, tone, stages = data["geometry"], data["tone"], data["stages"]
+    gammas = ", ".join(f"{one['gamma']:.3f}" for one in tone.values())
+    return [
+        f"geometry  {geometry['right_px']:+.3f} px right, {geometry['down_px']:+.3f} px down "
+        f"(± {geometry['standard_error_px']:.3f})",
+        f"blur      {data['blur']['sigma_px']:.2f} px",
+        f"tone      gamma {gammas}",
+        *(
+            f"SSIM {one['ssim']:.4f}, PSNR {one['psnr_db']:.2f} dB, FLIP {one['flip']:.4f}: "
+            f"{one['name']}"
+            for one in stages
+        ),
+    ]
+
+
+COMMANDS = {
+    "photo": Command(
+        "a photograph of a calibrated display beside its simulation", _add_arguments, _run
+    )
+}

@@ -1,0 +1,172 @@
+"""Random displays, cameras and positions: what the photographs are made of, and the fit never sees.
+
+A case follows from its number alone. Even ones are nominal displays, odd ones phones.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from inim.display import DISPLAYS, Display
+from reports.calibration.landing import Camera, Pose, look_at
+
+__all__ = ["Case", "Sensor", "draw_case"]
+
+_SEED = 19
+# Sensor and focal length that let the sheet fill it from some 20 cm (nominal) and 35 cm (phone).
+_SENSORS = {"nominal": (1600, 1200, 3400.0), "phone": (2400, 1350, 5000.0)}
+# Share of the picture that the sheet fills from the first position.
+_FILLED = 0.86
+# Distance, in that of the first position; angle off the display's axis in degrees; its azimuth.
+_PLACES = (
+    (1.0, (0.0, 4.0), None),
+    (1.55, (0.0, 4.0), None),
+    (1.15, (15.0, 25.0), (0.0, 180.0)),
+    (1.15, (15.0, 25.0), (90.0, 270.0)),
+)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Panel, room and camera, as far as they are no geometry.
+
+    Attributes
+    ----------
+    panel_gamma, panel_black, pixel_fill : float
+        Light of a code c is ``black + (1 - black) c^gamma``; width of what shines in pixels.
+    blur_px : float
+        Sigma of the Gaussian of demosaicking and optics.
+    full_well, read_noise : float
+        Electrons of the brightest code; noise of its absence, in shares of that.
+    exposure : float
+        Light of the brightest hundredth of the white picture.
+    tint : (float, float, float)
+        Of the panel's white, red to blue.
+    """
+
+    panel_gamma: float
+    panel_black: float
+    pixel_fill: float
+    blur_px: float
+    full_well: float
+    read_noise: float
+    exposure: float
+    tint: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hidden display and what photographs it.
+
+    Attributes
+    ----------
+    number : int
+    design : Display
+        What the user knows.
+    display : Display
+        What it is.
+    camera : Camera
+    poses : tuple of Pose
+    sensor : Sensor
+    """
+
+    number: int
+    design: Display
+    display: Display
+    camera: Camera
+    poses: tuple[Pose, ...]
+    sensor: Sensor
+
+
+def draw_case(number: int) -> Case:
+    """A case by its number."""
+    random = np.random.default_rng([_SEED, number])
+    design = DISPLAYS["phone" if number % 2 else "nominal"]
+    camera = _camera(random, design)
+    return Case(
+        number,
+        design,
+        _misaligned(random, design),
+        camera,
+        tuple(_poses(random, design, camera)),
+        _sensor(random),
+    )
+
+
+def _misaligned(random: np.random.Generator, design: Display) -> Display:
+    """Rotation to 2 degrees, pitch to 1 %, gap to 10 %, any shift, tilt to half a degree."""
+
+    def off(most: float) -> float:
+        return float(random.uniform(-most, most))
+
+    rows, columns = design.eia_shape
+    low, high = design.depth_range_mm
+    return design.replace(
+        name=f"{design.name}, hidden",
+        panel_rows=rows,
+        panel_columns=columns,
+        depth_min_mm=low,
+        depth_max_mm=high,
+        pitch_mm=design.pitch_mm * (1 + off(0.01)),
+        rotation_deg=off(2.0),
+        gap_mm=design.gap_mm * (1 + off(0.1)),
+        shift_x_mm=off(design.pitch_mm / 2),
+        shift_y_mm=off(design.pitch_mm / 2),
+        tilt_x_deg=off(0.5),
+        tilt_y_deg=off(0.5),
+    )
+
+
+def _camera(random: np.random.Generator, design: Display) -> Camera:
+    columns, rows, focal_length = _SENSORS[design.name]
+    return Camera(
+        columns,
+        rows,
+        focal_length * random.uniform(0.9, 1.1),
+        columns * (0.5 + random.uniform(-0.01, 0.01)),
+        rows * (0.5 + random.uniform(-0.01, 0.01)),
+        random.uniform(-0.05, 0.05),
+        random.uniform(-0.05, 0.05),
+        random.uniform(1.5, 3.5),
+    )
+
+
+def _poses(random: np.random.Generator, design: Display, camera: Camera) -> list[Pose]:
+    widest = max(design.width_mm / camera.columns, design.height_mm / camera.rows)
+    nearest = camera.focal_length_px * widest / _FILLED
+    poses = []
+    for distance, angles, sides in _PLACES:
+        away = distance * nearest * random.uniform(0.97, 1.03)
+        angle = math.radians(random.uniform(*angles))
+        azimuth = random.uniform(0, 360)
+        if sides is not None:
+            azimuth = random.choice(sides) + random.uniform(-15, 15)
+        across = math.radians(azimuth)
+        target = np.array([*random.uniform(-2, 2, 2), 0.0])
+        aside = math.sin(angle)
+        direction = np.array([aside * math.cos(across), aside * math.sin(across), math.cos(angle)])
+        poses.append(
+            look_at(
+                target + away * direction,
+                target,
+                random.uniform(-5, 5),
+                random.uniform(0.985, 1.015),
+            )
+        )
+    return poses
+
+
+def _sensor(random: np.random.Generator) -> Sensor:
+    return Sensor(
+        panel_gamma=random.uniform(2.1, 2.4),
+        panel_black=random.uniform(0.001, 0.004),
+        pixel_fill=random.uniform(0.85, 1.0),
+        blur_px=random.uniform(0.4, 0.8),
+        full_well=random.uniform(4000, 15000),
+        read_noise=random.uniform(0.001, 0.004),
+        exposure=random.uniform(0.65, 0.85),
+        tint=(1.0, random.uniform(0.92, 1.0), random.uniform(0.85, 1.0)),
+    )

@@ -1,0 +1,96 @@
+"""What a camera would decode from photographs of a display, without photographs.
+
+Rays of pixels are traced by the thick lens model. The panel is seen as the steps that it is made
+of, smoothed by what a pixel and the camera's pupil cover of it, with noise; pixels on a seam see
+two lenses and are often not decoded. The camera's distortion is undone by iteration, not by the
+project's own code.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inim.display import Display
+from inim.lens import trace_to_panel
+
+
+class Photograph(NamedTuple):
+    """The maps of `inim.calibrate.decode.Decoded`."""
+
+    column: np.ndarray
+    row: np.ndarray
+    error_px: np.ndarray
+    lit: np.ndarray
+
+
+class Lens(NamedTuple):
+    """A camera: height and width in pixels, and OpenCV's intrinsics, but pixels begin at 0."""
+
+    shape: tuple[int, int]
+    focal: float
+    centre: tuple[float, float]
+    k1: float = 0.0
+    k2: float = 0.0
+
+
+def look_at(eye: Any, target: Any = (0, 0, 0), roll_deg: float = 0.0) -> np.ndarray:
+    """Rows: the camera's axes in the display frame, x right, y down, z to the target."""
+    z = np.subtract(target, eye, dtype=float)
+    z /= np.linalg.norm(z)
+    roll = np.radians(roll_deg)
+    down = np.array([np.sin(roll), -np.cos(roll), 0.0])
+    x = np.cross(down, z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def photograph(
+    display: Display, lens: Lens, eye: Any, axes: np.ndarray, seed: int, noise_px: float = 0.05
+) -> Photograph:
+    """What is decoded of a display that stands anywhere, from an eye with a camera."""
+    random = np.random.default_rng(seed)
+    height, width = lens.shape
+    v, u = np.mgrid[:height, :width] + 0.5
+    distorted = np.stack([u - lens.centre[0], v - lens.centre[1]]) / lens.focal
+    tangents = distorted
+    for _ in range(12):
+        square = (tangents**2).sum(axis=0)
+        tangents = distorted / (1 + lens.k1 * square + lens.k2 * square**2)
+    along = np.einsum("khw,kd->dhw", np.concatenate([tangents, np.ones((1, height, width))]), axes)
+    away = -eye[2] / along[2]
+    sx, sy = -along[0] / along[2], -along[1] / along[2]
+    x, y, weight = trace_to_panel(
+        display, "thick", eye[0] + away * along[0], eye[1] + away * along[1], sx, sy
+    )
+    rows, columns = display.eia_shape
+    column = x / display.pixel_pitch_mm + columns / 2
+    row = rows / 2 - y / display.pixel_pitch_mm
+    dark = ~(weight > 0) | (column < 0) | (column > columns) | (row < 0) | (row > rows)
+    seam = np.zeros(lens.shape, bool)
+    for axis in (0, 1):
+        jump = np.abs(np.diff(column, axis=axis)) + np.abs(np.diff(row, axis=axis)) > 4
+        for part in (np.s_[1:], np.s_[:-1]):
+            seam[part if axis == 0 else (slice(None), part)] |= jump
+    dark |= (seam & (random.random(lens.shape) < 0.5)) | (random.random(lens.shape) < 0.003)
+    # A pupil of 3 mm, and the pixel, on the panel, in panel pixels.
+    cover = (3.0 / eye[2] * display.gap_mm + 0.01) / display.pixel_pitch_mm
+    maps = [
+        np.where(dark, np.nan, _stepped(one, cover) + noise_px * random.standard_normal(lens.shape))
+        for one in (column, row)
+    ]
+    error = np.where(dark, np.nan, noise_px)
+    return Photograph(
+        *(one.astype(np.float32) for one in (*maps, error, np.where(dark, 0.0, weight)))
+    )
+
+
+def _stepped(place: np.ndarray, cover: float) -> np.ndarray:
+    """Mean of floor(p) + 0.5 over an interval around a place: panel pixels are of one colour."""
+
+    def integral(p: np.ndarray) -> np.ndarray:
+        whole = np.floor(p)
+        return whole * (whole - 1) / 2 + whole * (p - whole)
+
+    return (integral(place + cover / 2) - integral(place - cover / 2)) / cover + 0.5

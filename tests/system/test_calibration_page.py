@@ -1,0 +1,170 @@
+"""The page of patterns in a real browser: one panel pixel is one device pixel, and all is shown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.calibrate.patterns import patterns, write_patterns
+from tests.chromium import NO_WEBGL, Tab, browser
+from tests.conftest import small_display
+
+DISPLAY = small_display(30, 24, 17)
+ROWS, COLUMNS = DISPLAY.eia_shape
+NAMES = [pattern.name for pattern in patterns((ROWS, COLUMNS))]
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
+    with browser(tmp_path_factory.mktemp("profile"), NO_WEBGL) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_patterns(DISPLAY, tmp_path_factory.mktemp("patterns"))
+
+
+def window(tab: Tab, size: tuple[int, int], ratio: float = 1, *, mobile: bool = False) -> None:
+    """A screen and window of so many device pixels, of a browser with this ratio."""
+    width, height = (math.ceil(pixels / ratio) for pixels in size)
+    tab.send(
+        "Emulation.setDeviceMetricsOverride",
+        width=width,
+        height=height,
+        deviceScaleFactor=0,  # as it is
+        mobile=mobile,
+        screenWidth=width,
+        screenHeight=height,
+    )
+
+
+def begin(tab: Tab, page: Path) -> None:
+    tab.open(page)
+    # Full screen would leave the emulated window.
+    tab.evaluate("document.documentElement.requestFullscreen = undefined")
+    tab.click("#start")
+    tab.until(f"document.title === {NAMES[0]!r}")
+
+
+def warning(tab: Tab) -> str:
+    words: str = tab.evaluate(
+        "['warning', 'bar'].map(id => document.getElementById(id))"
+        ".filter(e => e.checkVisibility()).map(e => e.textContent).join()"
+    )
+    return words
+
+
+def shot(tab: Tab, path: Path) -> np.ndarray:
+    tab.screenshot(path, whole=False)
+    with Image.open(path) as picture:
+        return np.asarray(picture.convert("RGB"))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "size"),
+    [(1, (COLUMNS, ROWS)), (1, (COLUMNS + 91, ROWS + 34)), (2, (COLUMNS, ROWS)),
+     (2.625, (COLUMNS, ROWS)), (1.25, (COLUMNS + 50, ROWS + 100))],
+)  # fmt: skip
+def test_a_panel_pixel_is_a_device_pixel_whatever_the_ratio(page, tmp_path, ratio, size):
+    # Of a ratio that is emulated the browser does not say what it rounds.
+    flags = (*NO_WEBGL, f"--force-device-scale-factor={ratio}")
+    with browser(tmp_path / "profile", flags) as tab:
+        window(tab, size, ratio)
+        check_all_pictures(tab, page, tmp_path)
+
+
+def in_the_middle(seen: np.ndarray, expected: np.ndarray) -> bool:
+    """Whether a picture stands there unscaled, less than three pixels off the middle."""
+    windows = np.lib.stride_tricks.sliding_window_view(seen, expected.shape)
+    rows, columns = np.nonzero((windows == expected).all(axis=(2, 3)))
+    middle = [(size - 1) / 2 for size in windows.shape[:2]]
+    off = np.hypot(rows - middle[0], columns - middle[1])
+    return bool(off.size and off.min() < 3)
+
+
+def check_all_pictures(tab: Tab, page: Path, tmp_path: Path) -> None:
+    begin(tab, page)
+    assert warning(tab) == ""
+    for name in NAMES:
+        tab.until(f"document.title === {name!r}")
+        if "bit-0" in name or "phase-090" in name:
+            seen = shot(tab, tmp_path / "shot.png")
+            with Image.open(page.with_name(f"{name}.png")) as picture:
+                expected = np.asarray(picture)
+            assert in_the_middle(seen[..., 0], expected), name
+            assert (seen == seen[..., :1]).all()
+        tab.key(" ")
+    assert tab.evaluate("document.getElementById('end').checkVisibility()")
+    assert tab.complaints == []
+
+
+def test_taps_and_keys_go_on_and_back(tab, page):
+    window(tab, (COLUMNS, ROWS))
+    begin(tab, page)
+
+    def title() -> str:
+        return str(tab.evaluate("document.title"))
+
+    tab.click("#panel")
+    assert title() == NAMES[1]
+    tab.key("ArrowRight")
+    assert title() == NAMES[2]
+    tab.key("ArrowLeft")
+    tab.key("ArrowLeft")
+    tab.key("ArrowLeft")
+    assert title() == NAMES[0]
+    tab.key("Escape")
+    assert "Patterns for" in title()
+    assert not tab.evaluate("document.getElementById('end').checkVisibility()")
+    tab.click("#start")
+    tab.until(f"document.title === {NAMES[0]!r}")
+
+
+def test_the_timer_shows_all_pictures_in_order(tab, page):
+    window(tab, (COLUMNS, ROWS))
+    tab.open(page)
+    tab.evaluate(
+        "document.documentElement.requestFullscreen = undefined;"
+        "document.getElementById('seconds').value = 0.02; window.seen = [];"
+        "new MutationObserver(() => seen.push(document.title))"
+        ".observe(document.querySelector('title'), { childList: true })"
+    )
+    tab.click("#start")
+    tab.until("document.getElementById('end').checkVisibility()")
+    seen = [name for name in tab.evaluate("seen") if name in NAMES]
+    assert list(dict.fromkeys(seen)) == NAMES
+
+
+def test_a_page_magnified_by_fingers_warns(tab, page):
+    window(tab, (COLUMNS, ROWS), mobile=True)
+    begin(tab, page)
+    assert warning(tab) == ""
+    tab.send("Emulation.setPageScaleFactor", pageScaleFactor=1.5)
+    tab.until("!document.getElementById('bar').hidden")
+    assert "magnified 1.50 times" in warning(tab)
+    tab.send("Emulation.setPageScaleFactor", pageScaleFactor=1)
+    tab.until("document.getElementById('bar').hidden")
+
+
+def test_a_scaled_picture_warns(tab, page):
+    """As a browser that does not keep to the size asked for would draw it."""
+    window(tab, (COLUMNS, ROWS))
+    begin(tab, page)
+    tab.evaluate("document.documentElement.style.zoom = 1.1")
+    tab.until("!document.getElementById('bar').hidden")
+    assert "The browser scales" in warning(tab)
+
+
+def test_a_window_too_small_warns_while_it_shows_and_a_screen_too_small_before(tab, page):
+    window(tab, (COLUMNS - 40, ROWS))
+    tab.open(page)
+    words = warning(tab)
+    assert "do not fit" in words and f"{COLUMNS - 40} × {ROWS}" in words
+    begin(tab, page)
+    assert f"the window has {COLUMNS - 40} × {ROWS}" in warning(tab)

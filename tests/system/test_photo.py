@@ -1,0 +1,104 @@
+"""`inim photo`: what was done to a photograph on purpose is found, each in its own row."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.ndimage import gaussian_filter, shift
+
+from inim.calibrate.camera import Camera, Pose
+from inim.calibrate.photo import simulate
+from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.report.files import json_text
+from inim.schemas import schema
+from tests.conftest import small_display
+from tests.schemas import example, read_document
+from tests.system.conftest import Ended, assert_one_line, run_here
+
+DISPLAY = small_display(24, 18, 17, rotation_deg=0.7, gap_mm=3.2)
+CAMERA = Camera(3000.0, 201.0, 148.0, 0.01)
+POSE = Pose(np.diag([1.0, -1.0, -1.0]), np.array([3.0, -2.0, 210.0]))
+SHAPE = (300, 400)
+MOVED, BLUR, GAMMA = (0.5, -0.25), 0.9, 1.2
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a display file, its calibration, an EIA and a photograph of it."""
+    folder = tmp_path_factory.mktemp("photo")
+    keys = ("rotation_deg", "gap_mm", "lens_columns", "lens_rows", "pixel_pitch_mm")
+    lines = [f'<default name="inim.{k}" value="{getattr(DISPLAY, k)!r}"/>' for k in keys]
+    (folder / "mine.xml").write_text(f'<scene version="3.0.0">{"".join(lines)}</scene>')
+    document: dict[str, Any] = example(schema("calibration"), "calibration")
+    document["camera"] |= {"width_px": SHAPE[1], "height_px": SHAPE[0], **CAMERA._asdict()}
+    place = document["positions"][0]
+    places = {"eye_mm": POSE.eye_mm.tolist(), "turn": POSE.turn.tolist()}
+    document["positions"] = [place | places | {"name": name} for name in ("front", "side")]
+    calibration = folder / "mine-calibration" / "calibration.json"
+    calibration.parent.mkdir()
+    calibration.write_text(json_text(document))
+    read_document(calibration)
+    random = np.random.default_rng(4)
+    eia = gaussian_filter(random.random((*DISPLAY.eia_shape, 3)), (6, 6, 0)) - 0.5
+    codes = srgb_to_uint8(srgb_from_linear(0.4 + 0.2 * eia / eia.std()))
+    Image.fromarray(codes).save(folder / "eia.png")
+    shown = linear_from_srgb(codes / np.float32(255))
+    light, _ = simulate(shown, DISPLAY, CAMERA, POSE, SHAPE)
+    soft = gaussian_filter(shift(light, (MOVED[1], MOVED[0], 0), order=3), (BLUR, BLUR, 0))
+    photo = 0.01 + 0.9 * np.maximum(soft, 0) ** GAMMA + random.normal(0, 0.002, light.shape)
+    Image.fromarray(srgb_to_uint8(srgb_from_linear(photo))).save(folder / "photo.png")
+    return folder
+
+
+def photo(folder: Path, *more: str, display: str = "mine.xml") -> Ended:
+    words = ["photo", "photo.png", "--eia", "eia.png", "--display", display, *more]
+    return run_here(*words, folder=folder)
+
+
+def test_shift_blur_and_gamma_are_found_each_in_its_row(bench):
+    ended = photo(bench, "--position", "front", "-o", "out")
+    assert (ended.code, ended.stderr) == (0, "")
+    data = read_document(bench / "out" / "photo.json")
+    geometry = data["geometry"]
+    assert (geometry["right_px"], geometry["down_px"]) == pytest.approx(MOVED, abs=0.03)
+    assert geometry["lens_px"] == pytest.approx(3000 / 210, rel=1e-3)
+    assert data["blur"]["sigma_px"] == pytest.approx(BLUR, abs=0.1)
+    for tone in data["tone"].values():
+        assert tone["gamma"] == pytest.approx(GAMMA, abs=0.05)
+        assert tone["black"] == pytest.approx(0.01, abs=0.01)
+    ssim = [stage["ssim"] for stage in data["stages"]]
+    assert ssim[-1] == max(ssim) > ssim[0] + 0.005
+    assert data["stages"][-1]["error_share"] < 0.1
+    page = (bench / "out" / "photo.html").read_text("utf-8")
+    assert re.search(r"0\.\d+ right, −0\.\d+ down", page)
+    assert set(data["files"]) >= {"photograph.png", "simulation.png", "matched.png", "flow.svg"}
+    assert "geometry  +0." in ended.stdout and "out/photo.html" in ended.stdout
+
+
+@pytest.mark.parametrize(
+    ("more", "display", "words"),
+    [
+        ([], "mine.xml", ["--position", "front or side"]),
+        (["--position", "frnt"], "mine.xml", ["frnt", "did you mean front?"]),
+        (["--position", "front"], "nominal", ["--display", "inim calibrate"]),
+        (["--position", "front"], "other.xml", ["calibration.json", "no such file"]),
+    ],
+)
+def test_what_is_missing_is_named(bench, more, display, words):
+    (bench / "other.xml").write_text((bench / "mine.xml").read_text())
+    ended = photo(bench, *more, display=display)
+    assert ended.code == 2
+    assert_one_line(ended.stderr, words)
+
+
+def test_a_photograph_of_another_size_is_refused(bench):
+    Image.new("RGB", (200, 100)).save(bench / "small.png")
+    words = ["photo", "small.png", "--eia", "eia.png", "--display", "mine.xml"]
+    ended = run_here(*words, "--position", "side", folder=bench)
+    assert ended.code == 2
+    assert_one_line(ended.stderr, ["small.png", "200 x 100", "400 x 300"])

@@ -1,0 +1,112 @@
+"""`inim calibrate` from the command line, with photographs that are decoded already.
+
+Expected: a display file that others take, a report that keeps its schema; code 1 and what to do
+where the photographs do not determine everything; one line for each mistake.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from inim.calibrate import decode, photographs
+from inim.cli import main
+from inim.scene.file import chosen_display
+from tests.schemas import read_document
+from tests.unit.test_calibrate_fit import CAMERA, DESIGN, EYES, HIDDEN, straight_photograph, taken
+
+GIVEN = [
+    word
+    for key in ("lens_columns", "lens_rows", "panel_columns", "panel_rows")
+    for word in ("-D", f"inim.{key}={getattr(DESIGN, key)}")
+]
+
+
+@pytest.fixture
+def photos(monkeypatch, tmp_path):
+    """Positions that are there, by name; their focal lengths."""
+    seen = {name: taken(name) for name in EYES}
+    stated = dict.fromkeys(seen)
+
+    def read(folder, display):
+        assert folder == tmp_path / "photos" and display.eia_shape == DESIGN.eia_shape
+        return [SimpleNamespace(name=name, focal_length_px=stated.get(name)) for name in seen]
+
+    monkeypatch.setattr(photographs, "read_positions", read)
+    monkeypatch.setattr(decode, "decode", lambda position: seen[position.name])
+    return SimpleNamespace(seen=seen, stated=stated, folder=str(tmp_path / "photos"))
+
+
+def run(photos, *words: str) -> int:
+    return main(["calibrate", photos.folder, "--display", "phone", *GIVEN, *words])
+
+
+def test_a_display_file_and_a_report_are_written(photos, tmp_path, capsys):
+    out = tmp_path / "mine.xml"
+    assert run(photos, "-o", str(out)) == 0
+    said = capsys.readouterr()
+    assert "pitch_mm" in said.out and "±" in said.out and not said.err
+    display, _ = chosen_display(str(out), [], "test")
+    assert abs(display.rotation_deg - HIDDEN.rotation_deg) < 0.01
+    assert abs(display.gap_mm - HIDDEN.gap_mm) < 0.05
+    folder = tmp_path / "mine-calibration"
+    document = read_document(folder / "calibration.json")
+    assert f"{folder}/calibration.html" in said.out
+    assert (
+        document["command"].startswith("inim calibrate")
+        and "--display phone" in document["command"]
+    )
+    assert {*document["files"]} == {p.name for p in folder.iterdir() if p.name[0] != "."}
+    assert [one["name"] for one in document["positions"]] == [*EYES]
+
+
+def test_intrinsics_are_opencv_s(photos, tmp_path):
+    x, y = CAMERA.centre
+    numbers = (CAMERA.focal, CAMERA.focal, x - 0.5, y - 0.5, CAMERA.k1, CAMERA.k2)
+    given = ",".join(f"{n:g}" for n in numbers)
+    assert run(photos, "--intrinsics", given, "-o", str(tmp_path / "mine.xml")) == 0
+    camera = read_document(tmp_path / "mine-calibration" / "calibration.json")["camera"]
+    assert camera["is_given"] and camera["centre_x_px"] == pytest.approx(x)
+    assert camera["focal_px"] == CAMERA.focal and camera["standard_errors"]["k1"] is None
+
+
+def test_too_few_positions_are_told_what_is_missing(photos, tmp_path, capsys):
+    photos.seen.clear()
+    photos.seen["straight"] = straight_photograph()
+    assert run(photos, "-o", str(tmp_path / "mine.xml")) == 1
+    said = capsys.readouterr()
+    assert "rotation_deg" in said.out and "gap_mm            not determined" in said.out
+    assert "not determined by these photographs" in said.err
+    assert "photograph from" in said.err
+    display, _ = chosen_display(str(tmp_path / "mine.xml"), [], "test")
+    assert display.gap_mm == DESIGN.gap_mm
+    assert abs(display.rotation_deg - HIDDEN.rotation_deg) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["-o", "mine.png"], "a display file is an .xml; name it mine.xml"),
+        (["--intrinsics", "1,2,3"], "write FX,FY,CX,CY,K1,K2"),
+        (["--intrinsics", "900,1000,3,4,0,0"], "pixels are taken to be square"),
+        (["--intrinsics", "0,0,3,4,0,0"], "pixels are taken to be square"),
+        (["-D", "inim.lattice=hexagonal"], "lattice = 'hexagonal' cannot be calibrated"),
+    ],
+)
+def test_a_mistake_is_one_line(photos, words, line, capsys):
+    assert run(photos, *words) == 2
+    said = capsys.readouterr().err
+    assert line in said and said.count("\n") == 1
+
+
+def test_zoom_between_positions_is_refused(photos, capsys):
+    photos.stated.update(near=1900.0, far=2500.0)
+    assert run(photos) == 2
+    assert "focal length is not the same in all positions" in capsys.readouterr().err
+
+
+def test_the_word_patterns_writes_them(tmp_path, capsys):
+    out = tmp_path / "shown"
+    assert main(["calibrate", "patterns", "--display", "phone", *GIVEN, "-o", str(out)]) == 0
+    assert (out / "patterns.html").is_file() and str(out) in capsys.readouterr().out

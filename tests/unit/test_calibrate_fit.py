@@ -1,0 +1,515 @@
+"""A display's parameters from decoded photographs.
+
+Expected: lenses are counted right whatever the camera's roll, with half the sheet covered; the
+model of a photograph is that of the lens models; hidden parameters are found within their standard
+errors, and these are small; what photographs cannot tell is said and keeps the design's value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from inim.calibrate.advice import next_positions
+from inim.calibrate.camera import Camera, Pose, directions, project, rays, rotation
+from inim.calibrate.fit import Calibration, calibrate
+from inim.calibrate.lattice import Lenses, find_lenses
+from inim.calibrate.model import PARAMETERS, SHARED, Guess, Seen, centres, panel_points
+from inim.calibrate.output import as_data, display_file, residual_maps
+from inim.display import DISPLAYS, Display
+from inim.errors import FileError, UsageError
+from inim.lens import trace_to_panel
+from inim.report.calibration import write_calibration
+from inim.scene.file import chosen_display
+from tests.calibration_photographs import Lens, Photograph, look_at, photograph
+from tests.schemas import assert_schema, read_document
+
+DESIGN = DISPLAYS["phone"].replace(
+    lens_columns=28, lens_rows=20, panel_columns=470, panel_rows=344, name="small"
+)
+ROWS, COLUMNS = DESIGN.eia_shape
+HIDDEN = DESIGN.replace(
+    pitch_mm=1.0073,
+    rotation_deg=0.9,
+    shift_x_mm=0.31,
+    shift_y_mm=-0.22,
+    gap_mm=3.05,
+    tilt_x_deg=0.4,
+    tilt_y_deg=-0.3,
+    panel_rows=ROWS,
+    panel_columns=COLUMNS,
+)
+CAMERA = Lens((360, 480), 1900.0, (246.0, 175.0), k1=0.4, k2=-1.0)
+# Eyes, what they look at, and the camera's roll.
+EYES = {
+    "near": ((2.0, -1.0, 120.0), (0.3, 0.2, 0), 2.0),
+    "far": ((-3.0, 2.0, 190.0), (-0.5, 0.0, 0), -1.0),
+    "left": ((-32.0, 3.0, 125.0), (0.0, 0.4, 0), 1.0),
+    "above": ((2.0, 34.0, 128.0), (0.2, 0.0, 0), -3.0),
+}
+
+
+@cache
+def taken(name: str, seed: int = 0) -> Photograph:
+    eye, target, roll = EYES[name]
+    return photograph(HIDDEN, CAMERA, eye, look_at(eye, target, roll), seed + len(name))
+
+
+@cache
+def found(*names: str) -> Calibration:
+    return calibrate({name: lenses(name) for name in names}, DESIGN)
+
+
+@cache
+def straight_photograph() -> Photograph:
+    """From a viewer's distance, square to the display."""
+    eye, long = (1.0, -1.0, 350.0), CAMERA._replace(focal=5400.0)
+    return photograph(HIDDEN, long, eye, look_at(eye, (1.0, -1.0, 0)), 5)
+
+
+@cache
+def straight_on() -> Calibration:
+    return calibrate({"straight": find_lenses(straight_photograph(), DESIGN, "straight")}, DESIGN)
+
+
+@cache
+def lenses(name: str) -> Lenses:
+    return find_lenses(taken(name), DESIGN, name)
+
+
+def truth(name: str) -> float:
+    centre_x, centre_y = CAMERA.centre
+    of_camera = Camera(CAMERA.focal, centre_x, centre_y, CAMERA.k1, CAMERA.k2)._asdict()
+    return float(getattr(HIDDEN, name, of_camera.get(name)))
+
+
+# -- the camera -----------------------------------------------------------------------------------
+
+
+def test_directions_undo_the_projection() -> None:
+    camera = Camera(1900.0, 246.0, 175.0, 0.4, -1.0)
+    pose = Pose(look_at((5.0, 3, 120)), np.array([5.0, 3.0, 120.0]))
+    points = np.random.default_rng(0).uniform(-14, 14, (200, 2))
+    seen = project(camera, pose, np.hstack([points, np.zeros((200, 1))]))
+    straight = project(camera._replace(k1=0, k2=0), pose, np.hstack([points, np.zeros((200, 1))]))
+    assert np.abs(seen - straight).max() > 1, "the distortion shows"
+    x, y, *_ = rays(camera, pose, seen)
+    np.testing.assert_allclose(np.stack([x, y], axis=-1), points, atol=1e-9)
+    assert np.abs(directions(camera, np.array([[246.0, 175.0]]))).max() == 0
+
+
+def test_projection_is_opencv_s() -> None:
+    cv2 = pytest.importorskip("cv2")
+    axes, eye = look_at((5.0, 3, 120), roll_deg=20), np.array([5.0, 3.0, 120.0])
+    points = np.random.default_rng(0).uniform(-14, 14, (200, 3))
+    # Pixel centres are at whole numbers there.
+    matrix = np.array([[1900.0, 0, 246 - 0.5], [0, 1900.0, 175 - 0.5], [0, 0, 1]])
+    there, _ = cv2.projectPoints(points, axes, -axes @ eye, matrix, np.array([0.4, -1, 0, 0]))
+    here = project(Camera(1900.0, 246.0, 175.0, 0.4, -1.0), Pose(axes, eye), points)
+    np.testing.assert_allclose(here, there[:, 0] + 0.5, atol=1e-8)
+
+
+def test_rotation_is_scipy_s() -> None:
+    from scipy.spatial.transform import Rotation
+
+    for vector in ([0.0, 0, 0], [1e-9, 0, 0], [0.3, -0.2, 0.9], [0, 3.1, 0]):
+        np.testing.assert_allclose(
+            rotation(vector), Rotation.from_rotvec(vector).as_matrix(), atol=1e-14
+        )
+
+
+# -- the lattice ----------------------------------------------------------------------------------
+
+
+def true_index(seen: Lenses, name: str, roll: float | None = None) -> np.ndarray:
+    """Of each lens, by where the ray of its middle crosses the array."""
+    eye, target, own = EYES[name]
+    pose = Pose(look_at(eye, target, own if roll is None else roll), np.array(eye))
+    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
+    x, y, *_ = rays(camera, pose, seen.centre_px)
+    angle = np.radians(HIDDEN.rotation_deg)
+    x, y = x - HIDDEN.shift_x_mm, y - HIDDEN.shift_y_mm
+    across, up = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
+    column = np.floor(across / HIDDEN.pitch_mm + HIDDEN.lens_columns / 2)
+    row = np.floor(HIDDEN.lens_rows / 2 - up / HIDDEN.pitch_mm)
+    return np.stack([column, row], axis=-1).astype(int)
+
+
+def offset(seen: Lenses, name: str, roll: float | None = None) -> np.ndarray:
+    """True indices less those found, one for all."""
+    off = np.unique(true_index(seen, name, roll) - seen.index, axis=0)
+    assert len(off) == 1, f"{name}: indices are off by {off.tolist()}"
+    return np.asarray(off[0])
+
+
+@pytest.mark.parametrize("name", EYES)
+def test_every_lens_is_counted_right(name: str) -> None:
+    seen = lenses(name)
+    offset(seen, name)
+    columns, rows = HIDDEN.lens_columns, HIDDEN.lens_rows
+    assert len(seen.index) >= 0.97 * columns * rows
+    # Two lenses from the edges.
+    assert 0.95 < seen.is_whole.sum() / ((columns - 4) * (rows - 4)) <= 1
+    inside = np.isfinite(seen.panel_px).all(axis=-1)
+    assert inside.mean() > 0.95
+
+
+@pytest.mark.parametrize("roll", [35.0, 90.0, 180.0])
+def test_a_camera_held_otherwise_counts_the_same(roll: float) -> None:
+    eye, target, _ = EYES["far"]
+    seen = find_lenses(
+        photograph(HIDDEN, CAMERA, eye, look_at(eye, target, roll), 1), DESIGN, "rolled"
+    )
+    offset(seen, "far", roll)
+    assert len(seen.index) > 400
+
+
+def test_a_thumb_over_half_the_sheet_hides_its_lenses_and_no_others() -> None:
+    whole = taken("near")
+    covered = [part.copy() for part in whole]
+    v, u = np.mgrid[:360, :480]
+    thumb = (u - 240) + 0.6 * (v - 180) > 10
+    for part in covered[:3]:
+        part[thumb] = np.nan
+    seen = find_lenses(Photograph(*covered), DESIGN, "thumb")
+    offset(seen, "near")
+    assert 200 < len(seen.index) < 320
+
+
+def test_a_lens_decoded_a_period_off_is_left_out() -> None:
+    photo = Photograph(*(part.copy() for part in taken("near")))
+    before = lenses("near")
+    wrong = 200
+    at = before.centre_px[wrong]
+    v, u = np.mgrid[:360, :480]
+    photo.column[np.maximum(abs(u + 0.5 - at[0]), abs(v + 0.5 - at[1])) < 8] += 16
+    seen = find_lenses(photo, DESIGN, "wrong")
+    offset(seen, "near")
+    off = true_index(before, "near")[wrong] - offset(seen, "near")
+    assert not (seen.index == off).all(axis=1).any()
+    assert len(seen.index) >= len(before.index) - 2
+
+
+def test_noise_is_no_lattice() -> None:
+    random = np.random.default_rng(0)
+    maps = [random.uniform(0, n, (200, 300)).astype(np.float32) for n in (COLUMNS, ROWS, 1, 1)]
+    with pytest.raises(FileError, match=r"^dark: no lattice of lenses"):
+        find_lenses(Photograph(*maps), DESIGN, "dark")
+
+
+def test_darkness_and_a_single_row_of_lenses_are_no_lattice() -> None:
+    dark = Photograph(*(np.full_like(part, np.nan) for part in taken("near")))
+    row = Photograph(*(part.copy() for part in taken("near")))
+    for part in row[:3]:
+        part[188:] = np.nan
+        part[:174] = np.nan
+    for photo in (dark, row):
+        with pytest.raises(FileError, match=r"^dark: no lattice of lenses"):
+            find_lenses(photo, DESIGN, "dark")
+
+
+# -- the model ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("side", ["viewer", "panel"])
+def test_a_ray_lands_where_the_lens_model_has_it(side: str) -> None:
+    display = HIDDEN.replace(curved_side=side)
+    random = np.random.default_rng(2)
+    index = random.integers(0, (28, 20), (500, 2))
+    angle = np.radians(display.rotation_deg)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    lattice = (index + 0.5 - [14, 10]) * [1, -1] * display.pitch_mm
+    near = lattice + random.uniform(-0.3, 0.3, (500, 2))
+    at = near @ turn.T + [display.shift_x_mm, display.shift_y_mm]
+    slopes = random.uniform(-0.25, 0.25, (2, 500))
+    x, y, weight = trace_to_panel(display, "thick", *at.T, *slopes)
+    assert weight.min() > 0.5
+    landed = panel_points(display, index, np.stack([*at.T, *slopes]))
+    np.testing.assert_allclose(landed, np.stack([x, y], axis=-1), atol=1e-12)
+
+
+def test_a_ray_beyond_its_cell_stays_with_its_lens() -> None:
+    index = np.array([[14, 10], [14, 10]])
+    flat = HIDDEN.replace(rotation_deg=0, shift_x_mm=0, shift_y_mm=0, tilt_x_deg=0, tilt_y_deg=0)
+    edge = np.array([[0.499, 0.501], [-0.5, -0.5], [0, 0], [0, 0]]) * 1.0073 + [
+        [0.50365, 0.50365], [0, 0], [0, 0], [0, 0]]  # fmt: skip
+    a, b = panel_points(flat, index, edge)
+    assert np.abs(a - b).max() < 0.01
+
+
+# Farther aside, behind a flat face, corners of the lenses reflect totally.
+@pytest.mark.parametrize(
+    ("side", "eye"), [("viewer", (-45.0, 30.0, 120.0)), ("panel", (-24.0, 18.0, 120.0))]
+)
+def test_outlines_are_where_the_relief_s_seams_are_seen(side: str, eye: tuple) -> None:
+    display = HIDDEN.replace(curved_side=side)
+    axes = look_at(eye)
+    lens = Lens((720, 960), 3400.0, (480.0, 360.0))
+    seen = find_lenses(photograph(display, lens, eye, axes, 0, noise_px=0.0), DESIGN, "side")
+    camera = Camera(3400.0, 480.0, 360.0)
+    pose = Pose(axes, np.array(eye))
+    middle = len(seen.index) // 2
+    x, y, *_ = rays(camera, pose, seen.centre_px[middle])
+    angle = np.radians(display.rotation_deg)
+    x, y = x - display.shift_x_mm, y - display.shift_y_mm
+    column = np.floor((np.cos(angle) * x + np.sin(angle) * y) / display.pitch_mm + 14)
+    row = np.floor(10 - (np.cos(angle) * y - np.sin(angle) * x) / display.pitch_mm)
+    index = seen.index - seen.index[middle] + np.array([int(column), int(row)])
+    whole = seen.is_whole
+    off = centres(display, camera, pose, index[whole]) - seen.centre_px[whole]
+    assert whole.sum() > 300
+    assert np.abs(off.mean(axis=0)).max() < 0.05, "pixels"
+    assert off.std(axis=0).max() < 0.3
+    # As if seams were at z = 0: a lens much flatter, of the same pitch.
+    flat = display.replace(focal_length_mm=1e4, gap_mm=3.0, lens_thickness_mm=1.0)
+    shallow = centres(flat, camera, pose, index[whole]) - seen.centre_px[whole]
+    assert np.abs(shallow.mean(axis=0)).max() > 0.25
+
+
+def test_derivatives_of_one_pose_are_of_its_position_alone() -> None:
+    result = found(*EYES)
+    seen, guess = result.seen, result.guess
+    free = np.ones(guess.steps.size, bool)
+    slopes = seen.slopes(guess, np.zeros(free.size), free)
+    second = len(SHARED) + 6 + 4
+    by = np.zeros(free.size)
+    by[second] = 0.01
+    change = (seen.flat(guess.moved(by)) - seen.flat(guess.moved(-by))) / 0.02
+    scale = np.abs(change).max()
+    np.testing.assert_allclose(slopes[second], change, atol=1e-4 * scale)
+    rays_, outlines = seen.counts[0]
+    assert np.abs(slopes[second, : 2 * (rays_ + outlines)]).max() == 0
+
+
+def test_imperfections_are_what_they_say() -> None:
+    result = found(*EYES)
+    seen, guess = result.seen, result.guess
+    magnified, deeper = seen.imperfections(guess)
+    rays_, outlines = seen.counts[0]
+    own = magnified[: 2 * rays_].reshape(-1, 2)
+    assert 0.2 < np.abs(own).max() < 0.4, "mm from the lens's axis, of pixels inside"
+    assert np.abs(own.mean(axis=0)).max() < 0.02
+    assert not magnified[2 * rays_ : 2 * (rays_ + outlines)].any()
+    # A seam a tenth of a millimetre deeper, seen from aside.
+    left = [*EYES].index("left")
+    begin = sum(2 * (a + b) for a, b in seen.counts[:left]) + 2 * seen.counts[left][0]
+    across = deeper[begin : begin + 2 * seen.counts[left][1]].reshape(-1, 2)[:, 0]
+    eye, focal = guess.poses[left].eye_mm, guess.camera.focal_px
+    assert np.median(across) == pytest.approx(0.1 * eye[0] * focal / eye[2] ** 2, rel=0.2)
+    assert not deeper[: 2 * rays_].any()
+
+
+# -- the fit --------------------------------------------------------------------------------------
+
+
+def test_a_hidden_display_is_found_within_its_errors() -> None:
+    result = found(*EYES)
+    assert result.unknown == [] and result.edges_seen == (True, True)
+    for name, one in result.estimates.items():
+        assert abs(one.value - truth(name)) < 4 * one.error, name
+    # Of a sheet of 28 x 20 lenses in photographs of 480 x 360 pixels.
+    most = {"pitch_mm": 0.002, "rotation_deg": 0.02, "shift_x_mm": 0.03, "gap_mm": 0.1}
+    for name, limit in most.items():
+        assert result.estimates[name].error < limit, name
+        assert abs(truth(name) - getattr(DESIGN, name)) > 2 * limit, "the design would do"
+
+
+def test_cameras_are_found_where_they_stood() -> None:
+    result = found(*EYES)
+    for (eye, target, roll), pose, errors in zip(
+        EYES.values(), result.guess.poses, result.pose_errors, strict=True
+    ):
+        assert (np.abs(pose.eye_mm - eye) < 4 * errors[3:]).all()
+        assert errors[3:].max() < 3
+        np.testing.assert_allclose(pose.turn, look_at(eye, target, roll), atol=0.02)
+
+
+def test_one_straight_position_tells_the_rotation_only() -> None:
+    result = straight_on()
+    assert abs(result.display.rotation_deg - HIDDEN.rotation_deg) < 0.05
+    assert {*result.unknown} == {*PARAMETERS} - {"rotation_deg"}
+    for name in result.unknown:
+        assert getattr(result.display, name) == getattr(DESIGN, name)
+        one = result.estimates[name]
+        assert abs(one.value - truth(name)) < 4 * one.error, name
+
+
+def test_known_intrinsics_are_kept_and_help() -> None:
+    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
+    result = calibrate({name: lenses(name) for name in EYES}, DESIGN, camera=camera)
+    assert result.guess.camera == camera
+    assert [*result.estimates] == [*PARAMETERS]
+    own = found(*EYES)
+    for name, one in result.estimates.items():
+        assert abs(one.value - truth(name)) < 4 * one.error, name
+        assert one.error < 1.3 * own.estimates[name].error
+
+
+def test_half_the_sheet_under_a_thumb_still_works() -> None:
+    u = np.mgrid[:360, :480][1]
+    covered = {}
+    for name in EYES:
+        photo = Photograph(*(part.copy() for part in taken(name)))
+        for part in photo[:3]:
+            part[u > 260] = np.nan
+        covered[name] = find_lenses(photo, DESIGN, name)
+    result = calibrate(covered, DESIGN)
+    assert result.edges_seen == (False, True)
+    for name in PARAMETERS:
+        one = result.estimates[name]
+        assert abs(one.value - truth(name)) < 4 * one.error, name
+    assert result.estimates["rotation_deg"].is_known
+
+
+def test_without_its_edges_the_shift_nearest_to_the_design_is_given() -> None:
+    v, u = np.mgrid[:360, :480]
+    design = DESIGN.replace(shift_x_mm=2.0, panel_rows=ROWS, panel_columns=COLUMNS)
+    cut = {}
+    for name in EYES:
+        photo = Photograph(*(part.copy() for part in taken(name)))
+        for part in photo[:3]:
+            part[(u < 150) | (u > 330) | (v < 100) | (v > 260)] = np.nan
+        cut[name] = find_lenses(photo, DESIGN, name)
+    result = calibrate(cut, design)
+    assert result.edges_seen == (False, False)
+    shift = result.guess.display.shift_x_mm
+    angle = np.radians(HIDDEN.rotation_deg)
+    # Whole steps along the array's own rows; 0.31 and 2.31 are 2 off, 1.3 is nearest to 2.
+    steps = (shift - HIDDEN.shift_x_mm) / (HIDDEN.pitch_mm * np.cos(angle))
+    assert abs(steps - 2) < 0.2
+
+
+# -- what is refused ------------------------------------------------------------------------------
+
+
+def test_photographs_of_another_display_are_refused() -> None:
+    other = DESIGN.replace(pitch_mm=1.08, panel_rows=ROWS, panel_columns=COLUMNS)
+    seen = {name: find_lenses(taken(name), other, name) for name in ("near", "left")}
+    with pytest.raises(FileError, match=r"^near: lenses lie 15\.\d+ panel pixels apart.*--display"):
+        calibrate(seen, other)
+
+
+def test_more_lenses_than_there_are_is_another_display() -> None:
+    fewer = DESIGN.replace(lens_columns=20, panel_rows=ROWS, panel_columns=COLUMNS)
+    with pytest.raises(FileError, match=r"28 columns of lenses are seen, display small has 20"):
+        calibrate({"near": lenses("near"), "far": lenses("far")}, fewer)
+
+
+def test_mirrored_photographs_are_refused() -> None:
+    mirrored = Photograph(*(part[:, ::-1].copy() for part in taken("near")))
+    with pytest.raises(FileError, match=r"^near: the photographs are mirrored"):
+        calibrate({"near": find_lenses(mirrored, DESIGN, "near")}, DESIGN)
+
+
+def test_another_size_of_photograph_is_another_camera() -> None:
+    other = replace(lenses("far"), shape=(480, 360))
+    with pytest.raises(FileError, match="480 x 360 and of 360 x 480 pixels"):
+        calibrate({"near": lenses("near"), "far": other}, DESIGN)
+
+
+def test_a_sheet_that_slipped_between_positions_is_refused() -> None:
+    eye, target, roll = EYES["far"]
+    slipped = HIDDEN.replace(rotation_deg=HIDDEN.rotation_deg + 1)
+    photo = photograph(slipped, CAMERA, eye, look_at(eye, target, roll), 3)
+    seen = {"near": lenses("near"), "far": find_lenses(photo, DESIGN, "far")}
+    with pytest.raises(FileError, match="are all of one sheet"):
+        calibrate(seen, DESIGN)
+
+
+def test_a_strip_of_the_sheet_is_too_little() -> None:
+    photo = Photograph(*(part.copy() for part in taken("near")))
+    for part in photo[:3]:
+        part[:, 90:] = np.nan
+    with pytest.raises(FileError, match=r"^strip: \d+ lenses are seen whole"):
+        calibrate({"strip": find_lenses(photo, DESIGN, "strip")}, DESIGN)
+
+
+def test_other_lattices_are_refused() -> None:
+    with pytest.raises(UsageError, match="lattice = 'hexagonal' cannot be calibrated"):
+        calibrate({"near": lenses("near")}, DESIGN.replace(lattice="hexagonal"))
+
+
+# -- what is written ------------------------------------------------------------------------------
+
+
+def test_the_display_file_is_the_display(tmp_path) -> None:
+    result = found(*EYES)
+    path = tmp_path / "mine.xml"
+    path.write_text(display_file(result, "phone"), "utf-8")
+    read, _ = chosen_display(str(path), [], "test")
+    for key, value in result.display.given().items():
+        if key in PARAMETERS:  # digits end at a hundredth of the error
+            assert abs(getattr(read, key) - value) <= 0.005 * result.estimates[key].error, key
+        elif key != "name":
+            assert getattr(read, key) == value, key
+    assert read.name == "phone, changed"
+    assert path.read_text("utf-8").count("±") == len(PARAMETERS)
+
+
+def test_a_file_of_what_is_not_determined_says_so(tmp_path) -> None:
+    text = display_file(straight_on(), "phone")
+    for name in straight_on().unknown:
+        line = next(one for one in text.splitlines() if f"inim.{name}" in one)
+        assert "not determined" in line
+        assert f'value="{getattr(DESIGN, name):g}"' in line
+
+
+def test_the_report_keeps_its_schema_and_shows_what_it_says(tmp_path) -> None:
+    result = found(*EYES)
+    data = as_data(result, "Calibration: <photos>", "inim calibrate photos -o mine.xml")
+    write_calibration(data, residual_maps(result), tmp_path)
+    document = read_document(tmp_path / "calibration.json")
+    assert document["parameters"]["gap_mm"]["is_determined"] is True
+    assert np.array(document["correlation"]["matrix"]).shape == (13, 13)
+    np.testing.assert_allclose(np.diag(document["correlation"]["matrix"]), 1)
+    page = (tmp_path / "calibration.html").read_text("utf-8")
+    assert "<photos>" not in page and "&lt;photos&gt;" in page
+    for words in ("Lens pitch P, mm", "What to photograph next", "data:image/svg+xml", "near"):
+        assert words in page
+    assert (tmp_path / "residuals.png").stat().st_size > 10_000
+
+
+def test_maps_of_residuals_have_no_pattern(tmp_path) -> None:
+    for _, panel, outline in residual_maps(found(*EYES)):
+        assert panel.shape == outline.shape == (20, 28, 2)
+        # Noise of a lens: a third of a panel pixel and a fifth of a photograph's.
+        assert np.nanmedian(np.abs(panel)) < 20
+        assert np.nanmedian(np.abs(outline)) < 0.2
+        left, right = np.nanmean(panel[:, :14, 0]), np.nanmean(panel[:, 14:, 0])
+        assert abs(left - right) < 5
+
+
+def test_advice_says_what_a_further_position_brings() -> None:
+    three = found("near", "left", "above")
+    advised = next_positions(three)
+    data = as_data(three, "Calibration", "inim calibrate")
+    assert_schema({**data, "files": [], "not_finite": []})
+    assert len(data["next"]) == 3
+    own = three.estimates
+    assert all(one.errors[name] <= own[name].error for one in advised for name in PARAMETERS)
+    best = advised[0]
+    photo = photograph(HIDDEN, CAMERA, best.eye_mm, look_at(best.eye_mm), 9)
+    seen = {name: lenses(name) for name in ("near", "left", "above")}
+    more = calibrate({**seen, "new": find_lenses(photo, DESIGN, "new")}, DESIGN)
+    for name in ("gap_mm", "focal_length_mm"):
+        promised = best.errors[name] / own[name].error
+        kept = more.estimates[name].error / own[name].error
+        assert promised / 2 < kept < 2 * promised, name
+
+
+def test_a_guess_moves_all_that_it_is_told_to() -> None:
+    guess = found(*EYES).guess
+    by = np.arange(1, guess.steps.size + 1) * 1e-3
+    moved = guess.moved(by)
+    assert isinstance(moved, Guess) and isinstance(moved.display, Display)
+    for n, name in enumerate(PARAMETERS):
+        change = getattr(moved.display, name) - getattr(guess.display, name)
+        assert change == pytest.approx(by[n])
+    assert moved.camera.k2 - guess.camera.k2 == pytest.approx(by[len(SHARED) - 1])
+    last = moved.poses[-1].eye_mm - guess.poses[-1].eye_mm
+    np.testing.assert_allclose(last, by[-3:], atol=1e-12)
+    seen = Seen.of(found(*EYES).lenses, guess.display)
+    assert len(seen.flat(guess)) == sum(2 * (a + b) for a, b in seen.counts)
