@@ -1,0 +1,162 @@
+"""What an error costs: a law fitted to draws, and the largest error that costs a stated loss.
+
+The loss of SSIM by an error e of one parameter, all others exact:
+
+    L(e) = S (1 - exp(-(|e| / w)^p)),   w of its own below zero and above
+
+It is none at zero, grows as a power of small errors (p = 1 where an error swaps whole pixels, 2
+where it mixes neighbours), and ends at S, where nothing is left to lose. Nothing in it is derived
+from optics: how far draws lie off it is reported beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from random import Random
+
+import numpy as np
+
+__all__ = ["Curve", "fit_curve", "share_interval", "tolerance_interval"]
+
+_RESAMPLED = 200
+_COVERAGE = 0.95
+# Residuals beyond this count by their size, no longer by their square: in `_stretched` units, of
+# which near zero one is the criterion.
+_OUTLIER = 0.1
+_LEAST_POWER, _LARGEST_POWER = 0.5, 6.0
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The law, of one parameter.
+
+    Attributes
+    ----------
+    most : float
+        S, the loss of large errors.
+    power : float
+        p, of small ones.
+    below, above : float
+        w of negative and of positive errors, in the parameter's unit.
+    """
+
+    most: float
+    power: float
+    below: float
+    above: float
+
+    def loss(self, error: float) -> float:
+        """What an error costs."""
+        return float(_law(np.array(astuple(self)), np.array(error)))
+
+    def tolerance(self, criterion: float, farthest: float) -> float | None:
+        """The largest error, either way, that costs no more; None if that is beyond the draws."""
+        if self.most <= criterion:
+            return None
+        error = min(self.below, self.above) * (-math.log1p(-criterion / self.most)) ** (
+            1 / self.power
+        )
+        return error if error <= farthest else None
+
+
+def fit_curve(
+    errors: Sequence[float], losses: Sequence[float], criterion: float, near: Curve | None = None
+) -> Curve:
+    """The law that draws follow; draws that do not, if few, change little.
+
+    Losses are compared in a scale that is linear up to the criterion and logarithmic beyond it, so
+    that large losses do not outweigh those that decide.
+
+    Parameters
+    ----------
+    errors, losses : sequence of float
+        Of the draws; not all errors are zero.
+    criterion : float
+        The loss that matters.
+    near : Curve, optional
+        Where to begin.
+    """
+    from scipy.optimize import least_squares
+
+    e, seen = np.asarray(errors, float), _stretched(np.asarray(losses, float), criterion)
+    farthest = float(np.abs(e).max())
+    low = np.log([criterion / 10, _LEAST_POWER, farthest / 1e3, farthest / 1e3])
+    high = np.log([2.0, _LARGEST_POWER, farthest * 1e3, farthest * 1e3])
+    if near is not None:
+        starts = [np.log(astuple(near))]
+    else:
+        most = min(max(1.5 * float(np.max(losses)), 2 * criterion), 1.0)
+        starts = [np.log([most, power, farthest, farthest]) for power in (1.0, 2.0)]
+    found = [
+        least_squares(
+            lambda x: _stretched(_law(np.exp(x), e), criterion) - seen,
+            np.clip(start, low + 1e-6, high - 1e-6),
+            bounds=(low, high),
+            loss="soft_l1",
+            f_scale=_OUTLIER,
+        )
+        for start in starts
+    ]
+    return Curve(*map(float, np.exp(min(found, key=lambda one: float(one.cost)).x)))
+
+
+def _stretched(loss: np.ndarray, criterion: float) -> np.ndarray:
+    found: np.ndarray = np.arcsinh(loss / criterion)
+    return found
+
+
+def _law(x: np.ndarray, error: np.ndarray) -> np.ndarray:
+    most, power, below, above = x
+    width = np.where(error < 0, below, above)
+    found: np.ndarray = -most * np.expm1(-((np.abs(error) / width) ** power))
+    return found
+
+
+def tolerance_interval(
+    curve: Curve,
+    errors: Sequence[float],
+    losses: Sequence[float],
+    farthest: float,
+    criterion: float,
+    seed: str,
+) -> list[float | None]:
+    """The 95 % interval of a curve's tolerance, by draws drawn again from the draws.
+
+    Parameters
+    ----------
+    curve : Curve
+        Fitted to all draws.
+    errors, losses : sequence of float
+        Of the draws.
+    farthest : float
+        To which they reach.
+    criterion : float
+    seed : str
+
+    Returns
+    -------
+    list of two float or None
+        None: beyond the draws.
+    """
+    random = Random(seed)
+    pairs = [pair for pair in zip(errors, losses, strict=True) if pair[0]]
+    found = []
+    for _ in range(_RESAMPLED):
+        again = random.choices(pairs, k=len(pairs))
+        fitted = fit_curve(*zip(*again, strict=True), criterion, curve)
+        bears = fitted.tolerance(criterion, farthest)
+        found.append(math.inf if bears is None else bears)
+    found.sort()
+    outside = round(len(found) * (1 - _COVERAGE) / 2)
+    ends = found[outside], found[-1 - outside]
+    return [None if math.isinf(end) else end for end in ends]
+
+
+def share_interval(passed: int, of: int) -> tuple[float, float]:
+    """The 95 % interval of a share (Wilson 1927)."""
+    z = 1.96
+    middle, room = passed + z * z / 2, of + z * z
+    half = z * math.sqrt(passed * (of - passed) / of + z * z / 4)
+    return max((middle - half) / room, 0.0), min((middle + half) / room, 1.0)
