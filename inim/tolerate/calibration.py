@@ -27,9 +27,9 @@ def read_standard_errors(path: Path) -> dict[str, float]:
     data = read_file(path, _LARGEST_BYTES, way_out=_WAY_OUT)
     try:
         parameters = dict(json.loads(data.decode("utf-8"))["parameters"])
-        stated = {name: parameters[name]["standard_error"] for name in parameters}
-        found = {n: float(v) for n, v in stated.items() if n in MISALIGNMENTS and v is not None}
-    except (ValueError, TypeError, KeyError, RecursionError):
+        known = {n: one for n, one in parameters.items() if one.get("is_determined", True)}
+        found = {n: float(known[n]["standard_error"]) for n in MISALIGNMENTS if n in known}
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise FileError(f"{path}: has no parameters.NAME.standard_error; {_WAY_OUT}") from None
     for name, value in found.items():
         if not (math.isfinite(value) and value > 0):

@@ -2,11 +2,11 @@
 
 The loss of SSIM by an error e of one parameter, all others exact:
 
-    L(e) = S (1 - exp(-(|e| / w)^p)),   w of its own below zero and above
+    L(e) = 1 - exp(-(|e| / w)^p),   w of its own below zero and above
 
 It is none at zero, grows as a power of small errors (p = 1 where an error swaps whole pixels, 2
-where it mixes neighbours), and ends at S, where nothing is left to lose. Nothing in it is derived
-from optics: how far draws lie off it is reported beside it.
+where it mixes neighbours), and ends where nothing is left to lose. Nothing in it is derived from
+optics: how far draws lie off it is reported beside it.
 """
 
 from __future__ import annotations
@@ -34,15 +34,12 @@ class Curve:
 
     Attributes
     ----------
-    most : float
-        S, the loss of large errors.
     power : float
-        p, of small ones.
+        p.
     below, above : float
         w of negative and of positive errors, in the parameter's unit.
     """
 
-    most: float
     power: float
     below: float
     above: float
@@ -51,14 +48,9 @@ class Curve:
         """What an error costs."""
         return float(_law(np.array(astuple(self)), np.array(error)))
 
-    def tolerance(self, criterion: float, farthest: float) -> float | None:
-        """The largest error, either way, that costs no more; None if that is beyond the draws."""
-        if self.most <= criterion:
-            return None
-        error = min(self.below, self.above) * (-math.log1p(-criterion / self.most)) ** (
-            1 / self.power
-        )
-        return error if error <= farthest else None
+    def tolerance(self, criterion: float) -> float:
+        """The largest error, either way, that costs no more."""
+        return min(self.below, self.above) * (-math.log1p(-criterion)) ** (1 / self.power)
 
 
 def fit_curve(
@@ -82,17 +74,15 @@ def fit_curve(
 
     e, seen = np.asarray(errors, float), _stretched(np.asarray(losses, float), criterion)
     farthest = float(np.abs(e).max())
-    low = np.log([criterion / 10, _LEAST_POWER, farthest / 1e3, farthest / 1e3])
-    high = np.log([2.0, _LARGEST_POWER, farthest * 1e3, farthest * 1e3])
+    low = np.log([_LEAST_POWER, farthest / 1e3, farthest / 1e3])
+    high = np.log([_LARGEST_POWER, farthest * 1e3, farthest * 1e3])
+    starts = [(power, farthest, farthest) for power in (1.0, 2.0)]
     if near is not None:
-        starts = [np.log(astuple(near))]
-    else:
-        most = min(max(1.5 * float(np.max(losses)), 2 * criterion), 1.0)
-        starts = [np.log([most, power, farthest, farthest]) for power in (1.0, 2.0)]
+        starts = [astuple(near)]
     found = [
         least_squares(
             lambda x: _stretched(_law(np.exp(x), e), criterion) - seen,
-            np.clip(start, low + 1e-6, high - 1e-6),
+            np.clip(np.log(start), low + 1e-6, high - 1e-6),
             bounds=(low, high),
             loss="soft_l1",
             f_scale=_OUTLIER,
@@ -108,9 +98,9 @@ def _stretched(loss: np.ndarray, criterion: float) -> np.ndarray:
 
 
 def _law(x: np.ndarray, error: np.ndarray) -> np.ndarray:
-    most, power, below, above = x
+    power, below, above = x
     width = np.where(error < 0, below, above)
-    found: np.ndarray = -most * np.expm1(-((np.abs(error) / width) ** power))
+    found: np.ndarray = -np.expm1(-((np.abs(error) / width) ** power))
     return found
 
 
@@ -140,18 +130,19 @@ def tolerance_interval(
     list of two float or None
         None: beyond the draws.
     """
-    random = Random(seed)
+    bears, random = curve.tolerance(criterion), Random(seed)
     pairs = [pair for pair in zip(errors, losses, strict=True) if pair[0]]
     found = []
     for _ in range(_RESAMPLED):
         again = random.choices(pairs, k=len(pairs))
         fitted = fit_curve(*zip(*again, strict=True), criterion, curve)
-        bears = fitted.tolerance(criterion, farthest)
-        found.append(math.inf if bears is None else bears)
+        found.append(fitted.tolerance(criterion) / bears)
     found.sort()
     outside = round(len(found) * (1 - _COVERAGE) / 2)
-    ends = found[outside], found[-1 - outside]
-    return [None if math.isinf(end) else end for end in ends]
+    # Draws drawn again scatter less than new ones would, by the numbers fitted to them.
+    wider = math.sqrt(len(pairs) / (len(pairs) - len(astuple(curve))))
+    ends = (bears * found[place] ** wider for place in (outside, -1 - outside))
+    return [end if end <= farthest else None for end in ends]
 
 
 def share_interval(passed: int, of: int) -> tuple[float, float]:

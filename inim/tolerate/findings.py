@@ -91,13 +91,13 @@ def _alone(
 ) -> tuple[Curve, dict[str, Any]]:
     errors, lost = zip(*losses, strict=True)
     curve = fit_curve(errors, lost, criterion)
+    bears = curve.tolerance(criterion)
     off = median(abs(curve.loss(error) - loss) for error, loss in losses) / _MEDIAN_OF_NORMAL
     ends = tolerance_interval(curve, errors, lost, farthest, criterion, seed)
     return curve, {
-        "tolerance": _short(curve.tolerance(criterion, farthest)),
+        "tolerance": _short(bears if bears <= farthest else None),
         "interval": [_short(end) for end in ends],
         "curve": {
-            "most": _short(curve.most),
             "power": _short(curve.power),
             "below": _short(curve.below),
             "above": _short(curve.above),
@@ -128,7 +128,12 @@ def _together(
         sum(curve.loss(errors[name]) for name, curve in curves.items()) if whole else None
         for errors, _ in drawn
     ]
-    ratios = [loss / total for loss, total in zip(lost, sums, strict=True) if total]
+    # Of losses that matter: small ones are noise.
+    ratios = [
+        loss / total
+        for loss, total in zip(lost, sums, strict=True)
+        if total is not None and total >= criterion / 2
+    ]
     return {
         "share": passed / len(drawn),
         "interval": [_short(end) for end in share_interval(passed, len(drawn))],

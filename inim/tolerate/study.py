@@ -24,7 +24,7 @@ from inim.sweep.tables import Tables, shown
 
 __all__ = ["LEAST_ALONE", "Spread", "ToleranceStudy", "default_spreads", "read_tolerance_study"]
 
-#: Fewer draws say nothing of a curve of four numbers.
+#: Fewer draws say nothing of a curve of three numbers.
 LEAST_ALONE = 5
 _DISTRIBUTIONS = ("normal", "uniform")
 # Of a pixel: what an error does, by default, to the place that an eye sees on the panel.
