@@ -27,13 +27,14 @@ SCHEMA = "inim.tolerate/1"
 PAGE = "tolerate.html"
 #: Of a normal error, 95 % lie within so many standard errors.
 _WITHIN = 1.96
-_MOST_ACROSS = 3
 _PANEL_HEIGHT = 2.9  # inches
 _DRAWN, _CURVE, _BEARS, _REACHED = "#17596b", "#1e2022", "#a4262c", "#1c6b3c"
 _STYLE = """
-.plot img { max-width: 1160px; }
-.tolerances td, .tolerances th:not(:first-child) { text-align: right; white-space: nowrap; }
-.tolerances thead th { white-space: normal; vertical-align: bottom; }
+.panels { display: grid; grid-template-columns: repeat(auto-fit, minmax(290px, 1fr)); gap: 0 14px; }
+.tolerances table { font-size: 13px; width: auto; }
+.tolerances td, .tolerances th { white-space: nowrap; }
+.tolerances td, .tolerances th:not(:first-child) { text-align: right; }
+.tolerances thead th { white-space: normal; vertical-align: bottom; overflow-wrap: normal; }
 .tolerances { margin-bottom: 24px; }
 .remarks { max-width: 95ch; padding-left: 1.2em; }
 .lead { max-width: 90ch; }
@@ -150,7 +151,7 @@ def _page(data: Mapping[str, Any]) -> str:
                 "alone",
                 "Each error alone",
                 element("p", text(_ALONE + _CALIBRATED * _is_calibrated(rows)), class_="lead")
-                + plot(_draw_alone(data, rows), "Score against error, parameter by parameter"),
+                + element("div", *(_panel(data, row) for row in rows), class_="panels"),
             ),
             Section(
                 "together",
@@ -208,31 +209,30 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> str:
     return text_table(caption, heads, cells, "tolerances")
 
 
-def _draw_alone(data: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> bytes:
-    columns = min(_MOST_ACROSS, len(rows))
-    down = -(-len(rows) // columns)
-    figure, axes = new_figure(columns, _PANEL_HEIGHT * down, down, sharey=True)
-    for axis in axes[len(rows) :]:
-        axis.set_visible(False)
-    aligned, criterion = data["aligned"], data["criterion"]
-    for axis, row in zip(axes, rows, strict=False):
-        style(axis, _words(row["name"]), row["name"].rpartition("_")[2], "SSIM to the ceiling")
-        axis.axhline(aligned - criterion, **LINES["floor"])
-        axis.set_xlim(-1.04 * row["farthest"], 1.04 * row["farthest"])
-        errors = [draw["error"] for draw in row["draws"]]
-        axis.plot(errors, [d["score"] for d in row["draws"]], "o", color=_DRAWN, markersize=3.5)
-        if row["curve"] is not None:
-            at, lost = zip(*row["curve"]["line"], strict=True)
-            axis.plot(at, [aligned - loss for loss in lost], color=_CURVE, linewidth=1.0)
-        error = row["calibration_standard_error"]
-        if is_number(error):
-            axis.axvspan(-_WITHIN * error, _WITHIN * error, color=_REACHED, alpha=0.25, lw=0)
-        if is_number(row["tolerance"]):
-            for side in (-1, 1):
-                place = side * row["tolerance"]
-                axis.axvline(place, color=_BEARS, linewidth=1.0, linestyle=":")
-            across(axis, f"{row['tolerance']:.3g}", x=row["tolerance"])
-    return svg(figure)
+def _panel(data: Mapping[str, Any], row: Mapping[str, Any]) -> str:
+    """A parameter's draws and its curve; all panels have one scale of scores."""
+    figure, (axis,) = new_figure(1, _PANEL_HEIGHT)
+    name, aligned = _words(row["name"]), data["aligned"]
+    style(axis, name, row["name"].rpartition("_")[2], "SSIM to the ceiling")
+    axis.axhline(aligned - data["criterion"], **LINES["floor"])
+    axis.set_xlim(-1.04 * row["farthest"], 1.04 * row["farthest"])
+    scores = [draw["score"] for one in items(data, "parameters") for draw in one["draws"]]
+    low, high = min([*scores, aligned - 2 * data["criterion"]]), max([*scores, aligned])
+    axis.set_ylim(low - 0.05 * (high - low), high + 0.08 * (high - low))
+    error = row["calibration_standard_error"]
+    if is_number(error):
+        axis.axvspan(-_WITHIN * error, _WITHIN * error, color=_REACHED, alpha=0.2, linewidth=0)
+    if row["curve"] is not None:
+        at, lost = zip(*row["curve"]["line"], strict=True)
+        axis.plot(at, [aligned - loss for loss in lost], color=_CURVE, linewidth=1.0)
+    errors = [draw["error"] for draw in row["draws"]]
+    axis.plot(errors, [d["score"] for d in row["draws"]], "o", color=_DRAWN, markersize=3.5)
+    if is_number(row["tolerance"]):
+        for side in (-1, 1):
+            place = side * row["tolerance"]
+            axis.axvline(place, color=_BEARS, linewidth=1.0, linestyle=":")
+        across(axis, f"{row['tolerance']:.3g}", x=row["tolerance"])
+    return plot(svg(figure), f"Score against the error of {name}")
 
 
 def _draw_together(data: Mapping[str, Any], together: Mapping[str, Any]) -> bytes:

@@ -46,11 +46,12 @@ class Curve:
 
     def loss(self, error: float) -> float:
         """What an error costs."""
-        return float(_law(np.array(astuple(self)), np.array(error)))
+        return float(_law(astuple(self), np.array(error)))
 
     def tolerance(self, criterion: float) -> float:
         """The largest error, either way, that costs no more."""
-        return min(self.below, self.above) * (-math.log1p(-criterion)) ** (1 / self.power)
+        part: float = (-math.log1p(-criterion)) ** (1 / self.power)
+        return min(self.below, self.above) * part
 
 
 def fit_curve(
@@ -72,16 +73,25 @@ def fit_curve(
     """
     from scipy.optimize import least_squares
 
-    e, seen = np.asarray(errors, float), _stretched(np.asarray(losses, float), criterion)
-    farthest = float(np.abs(e).max())
+    e, lost = np.asarray(errors, float), np.asarray(losses, float)
+    seen, farthest = _stretched(lost, criterion), float(np.abs(e).max())
+
+    def curve(x: np.ndarray) -> tuple[float, float, float]:
+        # By the power and, either way, the error that costs the criterion: they hang together far
+        # less than power and widths do.
+        power, below, above = np.exp(x)
+        wider = (-math.log1p(-criterion)) ** (1 / power)
+        return power, below / wider, above / wider
+
     low = np.log([_LEAST_POWER, farthest / 1e3, farthest / 1e3])
-    high = np.log([_LARGEST_POWER, farthest * 1e3, farthest * 1e3])
-    starts = [(power, farthest, farthest) for power in (1.0, 2.0)]
+    high = np.log([_LARGEST_POWER, farthest * 1e2, farthest * 1e2])
+    starts = [(p, *[_crossing(e, lost, criterion, p)] * 2) for p in (1.0, 2.0)]
     if near is not None:
-        starts = [astuple(near)]
+        wider = (-math.log1p(-criterion)) ** (1 / near.power)
+        starts = [(near.power, near.below * wider, near.above * wider)]
     found = [
         least_squares(
-            lambda x: _stretched(_law(np.exp(x), e), criterion) - seen,
+            lambda x: _stretched(_law(curve(x), e), criterion) - seen,
             np.clip(np.log(start), low + 1e-6, high - 1e-6),
             bounds=(low, high),
             loss="soft_l1",
@@ -89,7 +99,15 @@ def fit_curve(
         )
         for start in starts
     ]
-    return Curve(*map(float, np.exp(min(found, key=lambda one: float(one.cost)).x)))
+    return Curve(*map(float, curve(min(found, key=lambda one: float(one.cost)).x)))
+
+
+def _crossing(error: np.ndarray, lost: np.ndarray, criterion: float, power: float) -> float:
+    """The error that would cost the criterion if each draw alone were believed: their median."""
+    counts = lost > criterion / 4
+    if not counts.any():
+        return float(3 * np.abs(error).max())
+    return float(np.median(np.abs(error[counts]) * (criterion / lost[counts]) ** (1 / power)))
 
 
 def _stretched(loss: np.ndarray, criterion: float) -> np.ndarray:
@@ -97,7 +115,7 @@ def _stretched(loss: np.ndarray, criterion: float) -> np.ndarray:
     return found
 
 
-def _law(x: np.ndarray, error: np.ndarray) -> np.ndarray:
+def _law(x: tuple[float, float, float], error: np.ndarray) -> np.ndarray:
     power, below, above = x
     width = np.where(error < 0, below, above)
     found: np.ndarray = -np.expm1(-((np.abs(error) / width) ** power))
@@ -135,7 +153,7 @@ def tolerance_interval(
     found = []
     for _ in range(_RESAMPLED):
         again = random.choices(pairs, k=len(pairs))
-        fitted = fit_curve(*zip(*again, strict=True), criterion, curve)
+        fitted = fit_curve([e for e, _ in again], [loss for _, loss in again], criterion, curve)
         found.append(fitted.tolerance(criterion) / bears)
     found.sort()
     outside = round(len(found) * (1 - _COVERAGE) / 2)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from random import Random
 from statistics import NormalDist
@@ -108,13 +108,13 @@ def _short(value: float) -> float:
 def default_spreads(display: Display) -> dict[str, Spread]:
     """Errors each of which moves what an eye sees on the panel by the same part of a pixel.
 
-    At the edge of the array, where the eye sees the border of an elemental image: there a ray
-    reaches P / 2g sideways for each millimetre of gap.
+    At the edge of the array, for an eye on its axis and twice as far as the nearest usable one:
+    there a ray reaches P / 4g sideways for each millimetre of gap.
     """
     pixel = display.pixel_pitch_mm
     half_width, half_height = display.width_mm / 2, display.height_mm / 2
     farthest = max(half_width, half_height)
-    gap = pixel * 2 * display.gap_mm / display.pitch_mm
+    gap = pixel * 4 * display.gap_mm / display.pitch_mm
     one_pixel = {
         "pitch_mm": pixel * display.pitch_mm / farthest,
         "gap_mm": gap,
@@ -152,8 +152,9 @@ def read_tolerance_study(path: Path | None, display: Display) -> ToleranceStudy:
         for name, least in whole.items()
         if name in given
     }
-    reach = {"reach": reader.size("study.reach", given["reach"])} if "reach" in given else {}
-    study = ToleranceStudy(spreads, **counts, **reach)
+    study = ToleranceStudy(spreads, **counts)
+    if "reach" in given:
+        study = replace(study, reach=reader.size("study.reach", given["reach"]))
     displays = 1 + study.alone * len(spreads) + study.together
     if displays > MOST_UNITS:
         raise reader.wrong("study", f"{displays} displays; at most {MOST_UNITS}: draw fewer")

@@ -85,8 +85,8 @@ def test_a_panel_pixel_at_the_edge_decides_the_errors_by_the_geometry():
     # 32 lenses out, each a pitch error farther; and 32 mm out, turned.
     assert 32 * spreads["pitch_mm"].size == pytest.approx(moved, rel=0.05)
     assert 32 * math.radians(spreads["rotation_deg"].size) == pytest.approx(moved, rel=0.05)
-    # Rays that leave for a border of their elemental image, P / 2 aside on the gap's length.
-    assert spreads["gap_mm"].size * 0.5 / 3.3 == pytest.approx(moved, rel=0.05)
+    # Rays from twice the nearest distance, 2 x 64 x 3.3 mm, to the edge, 32 mm from the axis.
+    assert spreads["gap_mm"].size * 32 / (2 * 64 * 3.3) == pytest.approx(moved, rel=0.05)
 
 
 # -- a study's file -------------------------------------------------------------------------------
@@ -323,7 +323,7 @@ def test_data_keep_their_schema_and_the_page_shows_them(found, tmp_path):
     read_document(tmp_path / "tolerate.json")
     page = (tmp_path / "tolerate.html").read_text("utf-8")
     assert "T &lt;b&gt;&amp;" in page and "s · &lt;off&gt;: why" in page
-    assert page.count("data:image/svg+xml") == 2
+    assert page.count("data:image/svg+xml") == 3
     assert "must be known to" in page
 
 
