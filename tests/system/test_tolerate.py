@@ -103,7 +103,7 @@ def test_another_criterion_computes_nothing(drawn):
 
 def test_a_display_that_cannot_be_mounted_is_named_and_the_others_count(tmp_path):
     write_scene(tmp_path)
-    # The gap is 3.3 mm: the farthest draws bring the array behind its panel.
+    # The gap is 3.3 mm: the farthest draws bring the lenses into the panel.
     (tmp_path / "errors.toml").write_text(
         "[study]\nalone = 6\ntogether = 0\nreach = 2\n[errors]\ngap_mm = { normal = 2.5 }\n"
     )
@@ -115,7 +115,8 @@ def test_a_display_that_cannot_be_mounted_is_named_and_the_others_count(tmp_path
     assert len(data["failed"]) + len(data["parameters"][0]["draws"]) == 6
     for line, one in zip(ended.stderr.splitlines(), data["failed"], strict=True):
         assert line == f"inim: failed: {one['display']}: {one['error']}"
-        assert "misalign 'gap_mm=-" in line
+        assert " · gap_mm=-" in one["display"]
+        assert "gap" in one["error"]
     assert data["together"] is None
 
 
