@@ -38,6 +38,7 @@ COMMANDS = {
     "bench": "bench",
     "stress": "bench",
     "sweep": "sweep",
+    "tolerate": "sweep",
     "view": "view",
     "film": "view",
     "inspect": "inspect",

@@ -1,22 +1,30 @@
-"""`inim sweep`: a whole study validated, into one table."""
+"""`inim sweep` and `inim tolerate`: a whole study validated; how accurate a display must be."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from inim import interruption
 from inim.commands.options import (
     Command,
     add_allow_folder,
+    add_definitions,
     add_exit_codes,
     add_quiet,
     print_outcome,
 )
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
+if TYPE_CHECKING:
+    from inim.sweep.run import Place
+
 __all__ = ["COMMANDS"]
+
+_KEPT = "results are kept: run it again to go on"
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,6 +36,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("study", type=Path, help="the study (.toml), see docs/how-to/sweep.md")
     parser.add_argument("-o", "--out", type=Path, help="folder (default: STUDY-sweep)")
+    _add_place(parser)
+    add_quiet(parser)
+
+
+def _add_place(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",
@@ -43,41 +56,124 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--dry-run", action="store_true", help="say what is there and what would be run, and stop"
     )
     add_allow_folder(parser)
-    add_quiet(parser)
 
 
-def _run(args: argparse.Namespace) -> int:
-    from inim.report.sweep import PAGE
-    from inim.sweep.run import SweepRequest, plan_sweep, run_sweep
+def _place(args: argparse.Namespace, scene: Path, kind: str) -> Place:
+    from inim.sweep.run import Place
     from inim.worker.output import default_out
 
-    request = SweepRequest(
-        args.study,
-        args.out or default_out(args.study, "sweep"),
+    return Place(
+        args.out or default_out(scene, kind),
         args.scheduler,
         args.workers,
         args.threads,
         tuple(args.allow_folders),
     )
+
+
+def _sweep(args: argparse.Namespace) -> int:
+    from inim.report.sweep import PAGE
+    from inim.sweep.run import SweepRequest, plan_study, run_sweep
+    from inim.sweep.study import read_study
+
+    request = SweepRequest(args.study, _place(args, args.study, "sweep"))
     if args.dry_run:
-        print("\n".join(plan_sweep(request).lines()))
+        print("\n".join(plan_study(read_study(request.study), request.place).lines()))
         return EXIT_PASSED
-    interruption.say("results are kept: run it again to go on")
+    interruption.say(_KEPT)
     outcome = run_sweep(request, quiet=args.quiet, debug=args.debug)
     if args.quiet:  # else each was printed when it happened
-        for label, error in outcome.failed.items():
-            print(f"inim: failed: {label}: {error}", file=sys.stderr)
+        _print_failed(outcome.failed)
     else:
         words = f"{outcome.computed} of {outcome.units} validations run, {len(outcome.rows)} rows"
         verdict = "passed" if outcome.passed else "FAILED"
-        print_outcome(f"{verdict}; {words}; sweep: {request.out / PAGE}")
+        print_outcome(f"{verdict}; {words}; sweep: {request.place.out / PAGE}")
     return EXIT_PASSED if outcome.passed else EXIT_CHECK_FAILED
+
+
+def _print_failed(failed: Mapping[str, str]) -> None:
+    for label, error in failed.items():
+        print(f"inim: failed: {label}: {error}", file=sys.stderr)
+
+
+def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
+    add_exit_codes(parser)
+    parser.description = (
+        "How accurately must pitch, gap, rotation, shift and tilt of a display be known? Displays "
+        "are drawn that are off, and shown an EIA made for the design. What is there already is "
+        "not computed again."
+    )
+    parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
+    parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-tolerate)")
+    parser.add_argument(
+        "--study",
+        type=Path,
+        metavar="FILE",
+        help="how the errors scatter (.toml), see docs/how-to/tolerate.md (by the geometry)",
+    )
+    add_definitions(parser)
+    parser.add_argument("--display", help="display preset: nominal or phone")
+    parser.add_argument("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
+    parser.add_argument(
+        "--algorithm",
+        default="pickup",
+        help="whose EIA is shown (pickup: the traced one, which loses by the error alone)",
+    )
+    parser.add_argument(
+        "--criterion",
+        type=float,
+        default=0.01,
+        metavar="LOSS",
+        help="SSIM on the relic to the ceiling that may be lost (0.01)",
+    )
+    parser.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="FILE",
+        help="calibration.json: what a calibration reaches, to be set beside",
+    )
+    _add_place(parser)
+    add_quiet(parser)
+
+
+def _tolerate(args: argparse.Namespace) -> int:
+    from inim.report.tolerate import PAGE, sentences
+    from inim.tolerate.run import ToleranceRequest, plan_tolerance, run_tolerance
+
+    request = ToleranceRequest(
+        args.scene,
+        _place(args, args.scene, "tolerate"),
+        args.study,
+        tuple(args.definitions),
+        args.display,
+        args.viewpoints,
+        args.algorithm,
+        args.criterion,
+        args.calibration,
+    )
+    if args.dry_run:
+        print("\n".join(plan_tolerance(request).lines()))
+        return EXIT_PASSED
+    interruption.say(_KEPT)
+    data = run_tolerance(request, quiet=args.quiet, debug=args.debug)
+    failed = {one["display"]: one["error"] for one in data["failed"]}
+    if args.quiet:
+        _print_failed(failed)
+    else:
+        print("\n".join(sentences(data)))
+        print_outcome(f"tolerances: {request.place.out / PAGE}")
+    return EXIT_CHECK_FAILED if failed else EXIT_PASSED
 
 
 COMMANDS = {
     "sweep": Command(
         "validate a whole study: scenes x displays x algorithms x viewpoints x settings",
         _add_arguments,
-        _run,
-    )
+        _sweep,
+    ),
+    "tolerate": Command(
+        "how accurately pitch, gap, rotation, shift and tilt of a display must be known",
+        _add_tolerance_arguments,
+        _tolerate,
+    ),
 }

@@ -15,6 +15,7 @@ MISALIGNMENTS = {
     "tilt_x_deg": "the gap grows to the right",
     "tilt_y_deg": "the gap grows upwards",
     "gap_mm": "the array stands too far from the panel",
+    "pitch_mm": "the lenses lie too far apart",
 }
 
 
@@ -60,7 +61,24 @@ def mounted(display: Display, misalignment: str) -> Display:
             depth_max_mm=high,
             panel_rows=rows,
             panel_columns=columns,
+            **_stretched(display, off.get("pitch_mm", 0.0)),
             **{key: getattr(display, key) + value for key, value in off.items()},
         )
     except DisplayError as error:
         raise DisplayError(f"misalign {misalignment!r}: {error}") from None
+
+
+def _stretched(display: Display, off_mm: float) -> dict[str, float]:
+    """What follows a pitch that is off: rows, and elemental images made for the array as it is.
+
+    Those of the design stay on the panel, as they do under an array that is moved. A sheet's
+    thickness is its own, also where the design takes it from the pitch.
+    """
+    if not off_mm:
+        return {}
+    given = {key: getattr(display, key) for key in ("pitch_y_mm", "elemental_pitch_mm")}
+    scale = 1 + off_mm / display.pitch_mm
+    changed = {key: value * scale for key, value in given.items() if value is not None}
+    if display.lens_thickness_mm is None:
+        changed["lens_thickness_mm"] = display.pitch_mm
+    return changed

@@ -187,6 +187,10 @@ def misalignments(design: Display, mounted: Display) -> list[str]:
     if off:
         side = "far from" if off > 0 else "close to"
         said.append(f"array {abs(off):.4g} mm too {side} the panel (the design does not know)")
+    off = mounted.pitch_mm - design.pitch_mm
+    if off:
+        how = "far apart" if off > 0 else "close together"
+        said.append(f"lenses {abs(off):.4g} mm too {how} (the design does not know)")
     return said
 
 

@@ -22,6 +22,7 @@ NAMES = (
     "bench",
     "stress",
     "sweep",
+    "tolerate",
     "unit",
     "inspect",
     "patterns",

@@ -22,16 +22,24 @@ from inim.sweep.unit import Unit, expand, making_of
 from inim.sweep.workers import check_answers, check_dask, choose_slots, run_cluster, run_pool
 from inim.version import __version__
 
-__all__ = ["Outcome", "SweepPlan", "SweepRequest", "plan_sweep", "run_sweep"]
+__all__ = [
+    "Outcome",
+    "Place",
+    "SweepPlan",
+    "SweepRequest",
+    "carry_out",
+    "plan_study",
+    "run_sweep",
+]
 
 
 @dataclass(frozen=True)
-class SweepRequest:
-    """What the user asked for.
+class Place:
+    """Where validations are carried out, and where their results lie.
 
     Attributes
     ----------
-    study, out : Path
+    out : Path
     scheduler : str, optional
         Address of a dask scheduler; a pool on this machine without one.
     workers : int, optional
@@ -42,20 +50,37 @@ class SweepRequest:
         As of a validation, for all scenes: a study cannot allow itself any.
     """
 
-    study: Path
     out: Path
     scheduler: str | None = None
     workers: int | None = None
     threads: int | None = None
     allow_folders: tuple[Path, ...] = ()
 
-    def command(self) -> str:
-        """The command line that repeats this request."""
-        words = ["inim", "sweep", str(self.study), "-o", str(self.out)]
+    def words(self) -> list[str]:
+        """Its part of a command line."""
+        words = ["-o", str(self.out)]
         for name in ("scheduler", "workers", "threads"):
             if getattr(self, name) is not None:
                 words += [f"--{name}", str(getattr(self, name))]
-        return shlex.join([*words, *repeated("--allow-folder", self.allow_folders)])
+        return [*words, *repeated("--allow-folder", self.allow_folders)]
+
+
+@dataclass(frozen=True)
+class SweepRequest:
+    """What the user asked for.
+
+    Attributes
+    ----------
+    study : Path
+    place : Place
+    """
+
+    study: Path
+    place: Place
+
+    def command(self) -> str:
+        """The command line that repeats this request."""
+        return shlex.join(["inim", "sweep", str(self.study), *self.place.words()])
 
 
 @dataclass(frozen=True)
@@ -90,19 +115,18 @@ class SweepPlan:
         ]
 
 
-def plan_sweep(request: SweepRequest, threads: int | None = None) -> SweepPlan:
-    """Read the study, plan all its units, and look for their results; nothing is written.
+def plan_study(study: Study, place: Place, threads: int | None = None) -> SweepPlan:
+    """Plan all units of a study, and look for their results; nothing is written.
 
     Raises
     ------
     InimError
         What is wrong with the study.
     """
-    study = read_study(request.study)
     # A cluster's workers stand elsewhere.
     scenes = {name: path.absolute() for name, path in study.scenes.items()}
-    results = Results(request.out.absolute())
-    allowed = tuple(folder.absolute() for folder in request.allow_folders)
+    results = Results(place.out.absolute())
+    allowed = tuple(folder.absolute() for folder in place.allow_folders)
     units = expand(replace(study, scenes=scenes), results.out, allowed)
     return SweepPlan(study, results, units, _tasks(study, units, results, threads))
 
@@ -159,11 +183,40 @@ class Outcome:
 
 
 def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False) -> Outcome:
-    """Compute what a study lacks; table and page are in `request.out` afterwards.
+    """Compute what a study lacks; table and page are in its folder afterwards.
 
     Parameters
     ----------
     request : SweepRequest
+    quiet, debug : bool
+        As of `carry_out`.
+
+    Raises
+    ------
+    InimError
+        As by `carry_out`, or there is nothing to write the table with.
+    """
+    check_pyarrow()
+    study = read_study(request.study)
+    outcome = carry_out(study, request.place, quiet=quiet, debug=debug)
+    about = {
+        "title": study.title,
+        "command": request.command(),
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "inim_version": __version__,
+    }
+    write_table(request.place.out / TABLE, outcome.rows, about)
+    write_page(request.place.out / PAGE, outcome.rows, about)
+    return outcome
+
+
+def carry_out(study: Study, place: Place, *, quiet: bool = True, debug: bool = False) -> Outcome:
+    """Compute what a study lacks.
+
+    Parameters
+    ----------
+    study : Study
+    place : Place
     quiet : bool
         No lines and no live table.
     debug : bool
@@ -172,28 +225,19 @@ def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False)
     Raises
     ------
     InimError
-        What is wrong with the study, or no backend, table or cluster to work with. A unit that
-        fails is no exception but an error in its rows.
+        What is wrong with the study, or no backend or cluster to work with. A unit that fails is no
+        exception but an error in its rows.
     """
-    check_pyarrow()
-    workers, threads = choose_slots(request.workers, request.threads, cpu_count())
-    if request.scheduler is not None:
+    workers, threads = choose_slots(place.workers, place.threads, cpu_count())
+    if place.scheduler is not None:
         check_dask()
-        check_answers(request.scheduler)
+        check_answers(place.scheduler)
     # How many cores another machine has is its own affair.
-    plan = plan_sweep(request, threads if request.scheduler is None else request.threads)
+    plan = plan_study(study, place, threads if place.scheduler is None else place.threads)
     plan = replace(plan, tasks=[replace(task, debug=debug) for task in plan.tasks])
-    _make_folder(plan.results.out, request.out)
-    errors = _computed(plan, request.scheduler, workers, Progress(len(plan.tasks), quiet=quiet))
+    _make_folder(plan.results.out, place.out)
+    errors = _computed(plan, place.scheduler, workers, Progress(len(plan.tasks), quiet=quiet))
     rows, failed = _assembled(plan, errors)
-    about = {
-        "title": plan.study.title,
-        "command": request.command(),
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "inim_version": __version__,
-    }
-    write_table(plan.results.out / TABLE, rows, about)
-    write_page(plan.results.out / PAGE, rows, about)
     return Outcome(rows, len(plan.units), len(plan.tasks), failed)
 
 

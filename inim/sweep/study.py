@@ -11,28 +11,22 @@
 from __future__ import annotations
 
 import itertools
-import re
-import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import is_file_safe
-from inim.errors import FileError, InimError, UsageError, known_words
+from inim.errors import FileError, InimError, UsageError
 from inim.lens import lens_models
 from inim.pipeline.method import parse_methods
-from inim.regular_file import check_file, read_file
+from inim.regular_file import check_file
 from inim.settings import PREFIX, Settings
+from inim.sweep.tables import MOST_NAMED, Tables, shown
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
-__all__ = ["AS_SCENE", "NamedDisplay", "Study", "read_study"]
+__all__ = ["AS_SCENE", "MOST_UNITS", "NamedDisplay", "Study", "read_study"]
 
 #: The display that a scene itself names.
 AS_SCENE = "scene"
@@ -62,13 +56,8 @@ _KEYS = (
     "keep_reports",
 )
 _BACKENDS = ("auto", "llvm", "cuda")
-# More than this is a slip: a day of work at ten seconds each.
-_MOST_UNITS = 10_000
-_LARGEST_BYTES = 2**20
-_MOST_PARTS = 4
-# Of algorithms, displays or lens models; each is looked up or made, to be checked.
-_MOST_NAMED = 100
-_MOST_SHOWN = 40
+#: More than this is a slip: a day of work at ten seconds each.
+MOST_UNITS = 10_000
 
 
 @dataclass(frozen=True)
@@ -114,6 +103,8 @@ class Study:
         Time the generators in yardsticks.
     keep_reports : bool
         Keep each validation's whole report.
+    lazy : bool
+        Make what the viewpoints observe of the panel and no more; there are no scores of EIAs then.
     """
 
     path: Path
@@ -126,6 +117,7 @@ class Study:
     backend: str
     time: bool
     keep_reports: bool
+    lazy: bool = False
 
 
 def read_study(path: Path) -> Study:
@@ -138,17 +130,17 @@ def read_study(path: Path) -> Study:
     UsageError
         A key, name or value that makes no sense; the message names file, key and way out.
     """
-    reader = _Reader(path, _toml(path))
+    reader = _Reader(path)
     reader.check_names("", reader.tables, _TABLES)
     study = reader.table("study")
     reader.check_names("study.", study, _KEYS)
     displays = reader.displays()
     scenes, variations = reader.scenes(), reader.variations()
     units = len(scenes) * len(displays) * len(variations)
-    if units > _MOST_UNITS:
+    if units > MOST_UNITS:
         raise UsageError(
             f"{path}: {len(scenes)} scenes x {len(displays)} displays x {len(variations)} "
-            f"combinations of settings are {units} validations; at most {_MOST_UNITS}: split it"
+            f"combinations of settings are {units} validations; at most {MOST_UNITS}: split it"
         )
     return Study(
         path,
@@ -164,125 +156,8 @@ def read_study(path: Path) -> Study:
     )
 
 
-def _toml(path: Path) -> dict[str, Any]:
-    data = read_file(path, _LARGEST_BYTES, way_out="name a study (.toml)")
-    try:
-        text = data.decode("utf-8")
-        _check_keys(text)
-        return dict(tomllib.loads(text))
-    except (ValueError, RecursionError) as error:
-        words = " ".join(str(error).split())[:200]
-        raise FileError(f"{path}: no TOML ({words})") from None
-
-
-_TOKEN = re.compile(r"[\n=,\[\]{}.#\"']")
-_ENDS = {
-    '"': re.compile(r'["\\\n]'),
-    "'": re.compile(r"['\n]"),
-    '"""': re.compile(r'"""|\\'),
-    "'''": re.compile(r"'''"),
-}
-
-
-def _check_keys(text: str) -> None:
-    """Raise ValueError for a key of many dotted parts: in memory, they grow as their square.
-
-    One pass over what is no text and no comment. Nothing but keys has so many dots.
-    """
-    at = dots = 0
-    while token := _TOKEN.search(text, at):
-        mark, at = token[0], token.end()
-        if mark == ".":
-            dots += 1
-            if dots >= _MOST_PARTS:
-                line = text.count("\n", 0, at) + 1
-                raise ValueError(f"line {line}: a key of more than {_MOST_PARTS} parts")
-        elif mark in "\"'":
-            at = _text_end(text, token.start())
-        elif mark == "#":
-            at = text.find("\n", at) % (len(text) + 1)
-        else:
-            dots = 0
-
-
-def _text_end(text: str, at: int) -> int:
-    """Where a quoted text ends; of one that does not, the end of all, where reading ends, too."""
-    quote = text[at]
-    mark = 3 * quote if text.startswith(3 * quote, at) else quote
-    at += len(mark)
-    while found := _ENDS[mark].search(text, at):
-        at = found.end()
-        if found[0] == mark:
-            # Up to two quotes may stand before those that end a text of several lines.
-            while len(mark) == 3 and at < found.end() + 2 and text.startswith(quote, at):
-                at += 1
-            return at
-        if found[0] == "\n":
-            break
-        at += 1  # what a backslash makes ordinary
-    return len(text)
-
-
-class _Reader:
-    """The tables of one file, and what to say where they are wrong."""
-
-    def __init__(self, path: Path, tables: dict[str, Any]) -> None:
-        self.path, self.tables = path, tables
-
-    def wrong(self, key: str, words: str) -> UsageError:
-        """The error for a key."""
-        return UsageError(f"{self.path}: {key}: {words}")
-
-    def table(self, name: str) -> Mapping[str, Any]:
-        """A table; empty where there is none."""
-        found = self.tables.get(name, {})
-        if not isinstance(found, dict):
-            raise self.wrong(name, f"write it as a table, [{name}]")
-        return found
-
-    def check_names(self, before: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
-        """Refuse keys that nobody reads; a slip of a letter would go unnoticed."""
-        for name in table:
-            if before == "settings." and (name in _ELSEWHERE or name in _PARAMETERS):
-                place = _ELSEWHERE.get(name, "a [[display]]")
-                raise self.wrong(f"settings.{name}", f"belongs to {place}")
-            if name not in known:
-                key = f"{before}{name[:_MOST_SHOWN]}"
-                raise self.wrong(key, f"unknown key; {known_words(name, known)}")
-
-    def text(self, key: str, value: Any) -> str:
-        """A text that is not empty."""
-        if not isinstance(value, str) or not value.strip():
-            raise self.wrong(key, f"must be a text, not {_shown(value)}")
-        return value.strip()
-
-    def texts(self, key: str, value: Any, most: int = _MOST_NAMED) -> list[str]:
-        """A list of texts, none twice."""
-        if not isinstance(value, list) or not value:
-            raise self.wrong(key, f"must be a list of texts, not {_shown(value)}")
-        self.check_count(key, value, most)
-        found = [self.text(key, one) for one in value]
-        for one, count in Counter(found).items():
-            if count > 1:
-                raise self.wrong(key, f"{_shown(one)} is given twice; drop one")
-        return found
-
-    def check_count(self, key: str, values: Sequence[object], most: int) -> None:
-        """Refuse more than a study can mean."""
-        if len(values) > most:
-            raise self.wrong(key, f"{len(values)} of them; at most {most}: split the study")
-
-    def switch(self, key: str, value: Any) -> bool:
-        """True or false."""
-        if not isinstance(value, bool):
-            raise self.wrong(key, f"must be true or false, not {_shown(value)}")
-        return value
-
-    def one_of(self, key: str, value: Any, known: Sequence[str]) -> str:
-        """One of a few words."""
-        if value not in known:
-            raise self.wrong(key, f"{_shown(value)}: {known_words(value, known)}")
-        return str(value)
+class _Reader(Tables):
+    """What a sweep's study says."""
 
     def required(self, name: str) -> Any:
         """A key of [study] without which there is nothing to do."""
@@ -292,7 +167,7 @@ class _Reader:
 
     def scenes(self) -> dict[str, Path]:
         """Scenes by name: the file's, or where two are alike the path as written."""
-        written = self.texts("study.scenes", self.required("scenes"), _MOST_UNITS)
+        written = self.texts("study.scenes", self.required("scenes"), MOST_UNITS)
         stems = [Path(one).stem for one in written]
         shared = Counter(stems)
         found = {}
@@ -303,7 +178,7 @@ class _Reader:
             except FileError as error:
                 why = str(error).removeprefix(f"{scene}: ")
                 raise self.wrong(
-                    "study.scenes", f"{_shown(one)}: {why}; paths start at the study's folder"
+                    "study.scenes", f"{shown(one)}: {why}; paths start at the study's folder"
                 ) from None
             found[stem if shared[stem] == 1 else one] = scene
         return found
@@ -314,7 +189,7 @@ class _Reader:
         for one in written:
             if "," in one:
                 raise self.wrong(
-                    "study.algorithms", f"{_shown(one)}: write one algorithm in each text"
+                    "study.algorithms", f"{shown(one)}: write one algorithm in each text"
                 )
         try:
             return tuple(c.name for c in parse_methods(",".join(written), ()))
@@ -343,7 +218,7 @@ class _Reader:
             if name not in known:
                 raise self.wrong(
                     "study.displays",
-                    f"{_shown(name)} is unknown; use {', '.join(known)}, or add a [[display]] "
+                    f"{shown(name)} is unknown; use {', '.join(known)}, or add a [[display]] "
                     "so named",
                 )
         return tuple(known[name] for name in names)
@@ -352,13 +227,13 @@ class _Reader:
         tables = self.tables.get("display", [])
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             raise self.wrong("display", "write each display as a table of its own, [[display]]")
-        self.check_count("display", tables, _MOST_NAMED)
+        self.check_count("display", tables, MOST_NAMED)
         found: dict[str, NamedDisplay] = {}
         for table in tables:
             name = self.text("display.name", table.get("name"))
             if not is_file_safe(name) or name in (AS_SCENE, *DISPLAYS, *found):
                 why = "is taken" if is_file_safe(name) else "use 1 to 64 letters, digits or . _ + -"
-                raise self.wrong("display.name", f"{_shown(name)}: {why}")
+                raise self.wrong("display.name", f"{shown(name)}: {why}")
             parameters = {k: v for k, v in table.items() if k not in ("name", "preset")}
             self.check_names(f"display {name!r}: ", parameters, _PARAMETERS)
             preset = self.one_of(
@@ -374,13 +249,17 @@ class _Reader:
     def variations(self) -> dict[str, tuple[str, ...]]:
         """All combinations of what is given as a list, by the values that are one of several."""
         table = self.table("settings")
+        for name in table:
+            if name in _ELSEWHERE or name in _PARAMETERS:
+                place = _ELSEWHERE.get(name, "a [[display]]")
+                raise self.wrong(f"settings.{name}", f"belongs to {place}")
         self.check_names("settings.", table, _SETTINGS)
         axes = {
             name: value if isinstance(value, list) else [value] for name, value in table.items()
         }
         given = self.table("study").get("lens_model", [])
         models, known = given if isinstance(given, list) else [given], tuple(lens_models())
-        self.check_count("study.lens_model", models, _MOST_NAMED)
+        self.check_count("study.lens_model", models, MOST_NAMED)
         for model in models:
             self.one_of("study.lens_model", model, known)
             axes.setdefault("lens_model", []).append(model)
@@ -390,7 +269,7 @@ class _Reader:
             if len({str(v) for v in values}) < len(values):
                 raise self.wrong(f"settings.{name}", "has a value twice; drop one")
         found = {}
-        for chosen in itertools.islice(itertools.product(*axes.values()), _MOST_UNITS + 1):
+        for chosen in itertools.islice(itertools.product(*axes.values()), MOST_UNITS + 1):
             words = self._values("settings.", dict(zip(axes, chosen, strict=True)))
             self._settings("settings", words)
             label = ", ".join(f"{k} = {v}" for k, v in words.items() if len(axes[k]) > 1)
@@ -402,7 +281,7 @@ class _Reader:
         for name, value in table.items():
             if isinstance(value, bool) or not isinstance(value, (int, float, str)):
                 raise self.wrong(
-                    f"{before}{name}", f"must be a number or a text, not {_shown(value)}"
+                    f"{before}{name}", f"must be a number or a text, not {shown(value)}"
                 )
         return {name: str(value) for name, value in table.items()}
 
@@ -416,8 +295,3 @@ class _Reader:
 
 def _definitions(words: Mapping[str, str]) -> tuple[str, ...]:
     return tuple(f"{PREFIX}{name}={word}" for name, word in words.items())
-
-
-def _shown(value: Any) -> str:
-    """A value as the study's author may have written it, in a few characters."""
-    return repr(value)[:_MOST_SHOWN]

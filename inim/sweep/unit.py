@@ -40,6 +40,7 @@ _NOT_SCORING = (
     "bench/",
     "stress/",
     "sweep/",
+    "tolerate/",
     "schemas/",
     "pipeline/film.py",
 )
@@ -137,6 +138,7 @@ def _requests(
                     viewpoints=study.viewpoints,
                     backend=study.backend,
                     time=study.time,
+                    lazy=study.lazy,
                     allow_folders=allow_folders,
                 )
                 yield (scene, variation), request, display
@@ -171,6 +173,8 @@ def key_of(plan: Plan) -> dict[str, Any]:
         "versions": {"inim": __version__, **_versions()},
         "code": _own_code(),
     }
+    if plan.request.lazy:
+        key["lazy"] = True
     others = foreign_identities()
     if others:
         key["metrics"] = others

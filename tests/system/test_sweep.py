@@ -15,7 +15,7 @@ import pytest
 
 import inim
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
-from inim.sweep.run import SweepRequest, run_sweep
+from inim.sweep.run import Place, SweepRequest, run_sweep
 from inim.sweep.table import TABLE, columns
 from tests.conftest import scene_text
 from tests.system.conftest import assert_one_line, nothing_left, worker_here
@@ -124,8 +124,8 @@ def test_a_cluster_makes_the_same_table(swept, tmp_path):
             protocol="tcp://",
         ) as cluster,
     ):
-        request = SweepRequest(swept[0] / "study.toml", tmp_path / "out", cluster.scheduler_address)
-        outcome = run_sweep(request)
+        place = Place(tmp_path / "out", cluster.scheduler_address)
+        outcome = run_sweep(SweepRequest(swept[0] / "study.toml", place))
     assert outcome.passed
     assert table(tmp_path / "out") == table(swept[0] / "out")
     assert results(tmp_path / "out").keys() == results(swept[0] / "out").keys()

@@ -31,6 +31,17 @@ def test_picture_and_panel_stay_as_designed():
     assert off.central_depth_mm != NOMINAL.central_depth_mm
 
 
+def test_a_pitch_that_is_off_stretches_the_lattice_and_nothing_else():
+    aimed = NOMINAL.replace(elemental_pitch_mm=1.01, pitch_y_mm=0.9)
+    off = mounted(aimed, "pitch_mm=0.02")
+    assert (off.pitch_mm, off.row_pitch_mm) == pytest.approx((1.02, 0.918))
+    # What is made for the array as it lies aims at the same distance.
+    assert off.elemental_image_pitch_mm / off.pitch_mm == pytest.approx(1.01)
+    assert off.eia_shape == aimed.eia_shape
+    assert (off.focal_length_mm, off.lens_thickness_mm) == (3.0, 1.0)
+    assert mounted(NOMINAL, "pitch_mm=0.02").elemental_image_pitch_mm == 1.02
+
+
 @pytest.mark.parametrize("key", MISALIGNMENTS)
 def test_every_key_moves_something(key):
     assert getattr(mounted(NOMINAL, f"{key}=0.25"), key) == getattr(NOMINAL, key) + 0.25
@@ -41,7 +52,7 @@ def test_every_key_moves_something(key):
     [
         ("rotation=1", "did you mean rotation_deg"),
         ("rotation_deg", "KEY=NUMBER"),
-        ("pitch_mm=1", "misalign 'pitch_mm=1'"),
+        ("focal_length_mm=1", "misalign 'focal_length_mm=1'"),
         ("gap_mm=wide", "'wide' is not a number"),
         ("gap_mm=1, gap_mm=1", "given twice"),
     ],
@@ -51,7 +62,7 @@ def test_what_cannot_be_read_is_named(text, says):
         mounted(NOMINAL, text)
 
 
-@pytest.mark.parametrize("text", ["gap_mm=-4", "tilt_x_deg=80", "shift_x_mm=nan"])
+@pytest.mark.parametrize("text", ["gap_mm=-4", "pitch_mm=-1", "tilt_x_deg=80", "shift_x_mm=nan"])
 def test_what_cannot_be_mounted_names_misalignment_and_value(text):
     with pytest.raises(DisplayError, match=f"misalign '{text}'"):
         mounted(NOMINAL, text)

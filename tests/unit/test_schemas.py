@@ -20,10 +20,19 @@ from jsonschema import Draft202012Validator
 
 from inim.calibrate import patterns
 from inim.display import DISPLAYS, Display
+from inim.display.misalignment import MISALIGNMENTS
 from inim.inspect import output
 from inim.regression import run_statistics
 from inim.report import SCHEMA as REPORT
-from inim.report import bench, calibration, compare, photo, stress, without_scene
+from inim.report import (
+    bench,
+    calibration,
+    compare,
+    photo,
+    stress,
+    tolerate,
+    without_scene,
+)
 from inim.schemas import NAMES, schema
 from inim.settings import Settings
 from inim.sweep import table, task
@@ -60,6 +69,7 @@ SCHEMAS = {
     "bench": bench.SCHEMA,
     "stress": stress.SCHEMA,
     "sweep": table.SCHEMA,
+    "tolerate": tolerate.SCHEMA,
     "unit": task.SCHEMA,
     "inspect": output.SCHEMA,
     "patterns": patterns.SCHEMA,
@@ -83,7 +93,7 @@ OPTIONAL = {
     "stress": {"first_hits/0/seconds"},
     "unit": {
         *(f"making/{key}" for key in ("entry_point", "version", "sha256")),
-        "key/metrics", "key/metrics/a/version", "key/metrics/a/sha256",
+        "key/lazy", "key/metrics", "key/metrics/a/version", "key/metrics/a/sha256",
     },
 }  # fmt: skip
 # Displays that need not have all parameters: the others are defaults, or came later.
@@ -272,6 +282,11 @@ def test_displays_are_those_of_the_code() -> None:
         assert ("null" in given["properties"][f.name]["type"]) == ("None" in str(f.type)), f.name
     for display in DISPLAYS.values():
         assert list(derived["properties"]) == list(display.derived())
+
+
+def test_parameters_that_can_be_off_are_those_of_the_code() -> None:
+    name = whole("tolerate")[1][("parameters", 0, "name")]
+    assert name["enum"] == list(MISALIGNMENTS)
 
 
 def test_a_sweep_s_columns_are_those_of_the_code() -> None:

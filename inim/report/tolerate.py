@@ -1,0 +1,251 @@
+"""The report of drawn misalignments: `tolerate.json` and `tolerate.html`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from inim.report.files import write_forms
+from inim.report.markup import bullets, element, plot, text, text_table
+from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
+from inim.report.plots import LINES, SOFT, across, new_figure, style, svg
+from inim.report.wording import (
+    HEADLINE_WORDS,
+    MISSING,
+    NBSP,
+    is_number,
+    items,
+    number,
+    part,
+    per_cent,
+)
+
+__all__ = ["PAGE", "SCHEMA", "sentences", "write_tolerance"]
+
+SCHEMA = "inim.tolerate/1"
+PAGE = "tolerate.html"
+#: Of a normal error, 95 % lie within so many standard errors.
+_WITHIN = 1.96
+_PANEL_HEIGHT = 2.9  # inches
+_DRAWN, _CURVE, _BEARS, _REACHED = "#17596b", "#1e2022", "#a4262c", "#1c6b3c"
+_STYLE = """
+.panels { display: grid; grid-template-columns: repeat(auto-fit, minmax(290px, 1fr)); gap: 0 14px; }
+.tolerances table { font-size: 13px; width: auto; }
+.tolerances td, .tolerances th { white-space: nowrap; }
+.tolerances td, .tolerances th:not(:first-child) { text-align: right; }
+.tolerances thead th { white-space: normal; vertical-align: bottom; overflow-wrap: normal; }
+.tolerances { margin-bottom: 24px; }
+.remarks { max-width: 95ch; padding-left: 1.2em; }
+.lead { max-width: 90ch; }
+"""
+_ALONE = (
+    "One parameter at a time, all others exact: each point is a display, at the error it was drawn "
+    "with. Dashed: the aligned display's score less the criterion. Black: the curve fitted; red, "
+    "dotted: the largest error, either way, that it lets through."
+)
+_CALIBRATED = " Green: where a calibration leaves 95 % of displays."
+_TOGETHER = (
+    "All parameters at once, each drawn from its own spread. Solid: the share of these displays "
+    "that lose no more than so much. Dashed: the same if each error cost what it costs alone, and "
+    "losses added up."
+)
+
+
+def write_tolerance(data: Mapping[str, Any], folder: Path) -> None:
+    """Write data and page, the data last.
+
+    Parameters
+    ----------
+    data : mapping
+        Schema `inim.tolerate/1`.
+    folder : Path
+        Of the sweep.
+    """
+    write_forms(data, folder, "tolerate.json", {PAGE: _page})
+
+
+def sentences(data: Mapping[str, Any]) -> list[str]:
+    """What this display can bear, a sentence each.
+
+    Parameters
+    ----------
+    data : mapping
+        Schema `inim.tolerate/1`.
+    """
+    found = [_sentence(row) for row in items(data, "parameters")]
+    together = part(data, "together")
+    if together:
+        low, high = together["interval"]
+        found.append(
+            f"Off in all of that at once, as their spreads say, {per_cent(together['share'], 0)} "
+            f"of {len(together['draws'])} displays lose no more ({per_cent(low, 0)} to "
+            f"{per_cent(high, 0)})."
+        )
+        if is_number(together["to_sum"]) and is_number(together["part_of_each"]):
+            found.append(
+                f"Together, errors cost {together['to_sum']:.2g} times the sum of what each costs "
+                "alone: if losses add up, all at once may each be "
+                f"{together['part_of_each']:.2g} of the errors above."
+            )
+    return found
+
+
+def _sentence(row: Mapping[str, Any]) -> str:
+    name = _words(row["name"])
+    bears, interval = row["tolerance"], row["interval"]
+    if interval is None:
+        return f"{name.capitalize()}: too few displays could be validated to say."
+    if bears is None:
+        return f"{name.capitalize()} may be off by {_with_unit(row, row['farthest'])}, or by more."
+    low, high = ("more than was drawn" if end is None else f"{end:.3g}" for end in interval)
+    return (
+        f"With this sheet, {name} must be known to {_with_unit(row, bears)} (95{NBSP}% interval "
+        f"{low} to {high}).{_beside(row)}"
+    )
+
+
+def _beside(row: Mapping[str, Any]) -> str:
+    """What a calibration reaches, where one is given."""
+    error = row["calibration_standard_error"]
+    if not is_number(error):
+        return ""
+    within = _WITHIN * error
+    often = row["tolerance"] / within
+    enough = f"{often:.2g} times better than needed" if often >= 1 else "not good enough"
+    return f" A calibration reaches {_with_unit(row, within)} in 95{NBSP}% of cases: {enough}."
+
+
+def _words(name: str) -> str:
+    return name.rpartition("_")[0].replace("_", " ")
+
+
+def _with_unit(row: Mapping[str, Any], value: float) -> str:
+    return f"{value:.3g}{NBSP}{row['name'].rpartition('_')[2]}"
+
+
+def _page(data: Mapping[str, Any]) -> str:
+    criterion = number(data["criterion"], 4).rstrip("0")
+    lead = (
+        f"An elemental image array made for the display as designed, shown on one that is off. Its "
+        f"score is {HEADLINE_WORDS}, the mean over the viewpoints; the ceiling knows the error. "
+        f"What may be lost: {criterion} of the {number(data['aligned'], 4)} that the aligned "
+        "display scores."
+    )
+    rows = items(data, "parameters")
+    together = part(data, "together")
+    failed = [f"{one['display']}: {one['error']}" for one in items(data, "failed")]
+    return render_page(
+        data["title"],
+        _facts(data),
+        [
+            Section("failures", "What failed", bullets(failed, "failures")),
+            Section(
+                "bears",
+                "What this display can bear",
+                element("p", text(lead), class_="lead")
+                + bullets(sentences(data), "remarks")
+                + _table(rows),
+            ),
+            Section(
+                "alone",
+                "Each error alone",
+                element("p", text(_ALONE + _CALIBRATED * _is_calibrated(rows)), class_="lead")
+                + element("div", *(_panel(data, row) for row in rows), class_="panels"),
+            ),
+            Section(
+                "together",
+                "All errors at once",
+                element("p", text(_TOGETHER), class_="lead")
+                + plot(_draw_together(data, together), "Share of displays against what they lose")
+                if together
+                else "",
+            ),
+            how_to_reproduce(data),
+        ],
+        window_title=f"{data['title']} – inim tolerate",
+        footer=data_note(data, "tolerate.json"),
+        style=_STYLE,
+    )
+
+
+def _facts(data: Mapping[str, Any]) -> list[str]:
+    alone = sum(len(row["draws"]) for row in items(data, "parameters"))
+    together = len(items(part(data, "together"), "draws"))
+    return [
+        text(f"{alone} displays off in one parameter, {together} in all"),
+        text(f"EIA of {data['algorithm']}"),
+        text(", ".join(data["viewpoints"])),
+        timestamp(data),
+    ]
+
+
+def _is_calibrated(rows: Sequence[Mapping[str, Any]]) -> bool:
+    return any(row["calibration_standard_error"] is not None for row in rows)
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+    heads = ["Parameter", "Must be known to", "95 % interval", "Drawn alone to", "Curve's scatter"]
+    heads += ["Spread, all at once"]
+    calibrated = _is_calibrated(rows)
+    heads += ["A calibration reaches", "Better than needed"] if calibrated else []
+    cells = []
+    for row in rows:
+        bears, ends = row["tolerance"], row["interval"] or [None, None]
+        known = _with_unit(row, bears) if is_number(bears) else MISSING
+        between = [f"{end:.3g}" if is_number(end) else "…" for end in ends]
+        line = [_words(row["name"]), known, " – ".join(between), _with_unit(row, row["farthest"])]
+        line += [
+            number(row["scatter"], 4),
+            f"{row['distribution']} {_with_unit(row, row['spread'])}",
+        ]
+        error = row["calibration_standard_error"]
+        if calibrated:
+            within = _with_unit(row, _WITHIN * error) if is_number(error) else MISSING
+            both = is_number(bears) and is_number(error)
+            line += [within, f"{bears / (_WITHIN * error):.2g} ×" if both else MISSING]
+        cells.append(line)
+    caption = "Errors that cost no more than the criterion, each alone"
+    return text_table(caption, heads, cells, "tolerances")
+
+
+def _panel(data: Mapping[str, Any], row: Mapping[str, Any]) -> str:
+    """A parameter's draws and its curve; all panels have one scale of scores."""
+    figure, (axis,) = new_figure(1, _PANEL_HEIGHT)
+    name, aligned = _words(row["name"]), data["aligned"]
+    style(axis, name, row["name"].rpartition("_")[2], "SSIM to the ceiling")
+    axis.axhline(aligned - data["criterion"], **LINES["floor"])
+    axis.set_xlim(-1.04 * row["farthest"], 1.04 * row["farthest"])
+    scores = [draw["score"] for one in items(data, "parameters") for draw in one["draws"]]
+    low, high = min([*scores, aligned - 2 * data["criterion"]]), max([*scores, aligned])
+    axis.set_ylim(low - 0.05 * (high - low), high + 0.08 * (high - low))
+    error = row["calibration_standard_error"]
+    if is_number(error):
+        axis.axvspan(-_WITHIN * error, _WITHIN * error, color=_REACHED, alpha=0.2, linewidth=0)
+    if row["curve"] is not None:
+        at, lost = zip(*row["curve"]["line"], strict=True)
+        axis.plot(at, [aligned - loss for loss in lost], color=_CURVE, linewidth=1.0)
+    errors = [draw["error"] for draw in row["draws"]]
+    axis.plot(errors, [d["score"] for d in row["draws"]], "o", color=_DRAWN, markersize=3.5)
+    if is_number(row["tolerance"]):
+        for side in (-1, 1):
+            place = side * row["tolerance"]
+            axis.axvline(place, color=_BEARS, linewidth=1.0, linestyle=":")
+        across(axis, f"{row['tolerance']:.3g}", x=row["tolerance"])
+    return plot(svg(figure), f"Score against the error of {name}")
+
+
+def _draw_together(data: Mapping[str, Any], together: Mapping[str, Any]) -> bytes:
+    figure, (axis,) = new_figure(1, 3.4)
+    draws, criterion = together["draws"], data["criterion"]
+    lost = sorted(data["aligned"] - draw["score"] for draw in draws)
+    shares = [(i + 1) / len(lost) for i in range(len(lost))]
+    axis.step([min(0.0, lost[0]), *lost], [0, *shares], where="post", color=_CURVE, linewidth=1.3)
+    sums = sorted(d["sum_of_losses"] for d in draws if d["sum_of_losses"] is not None)
+    if sums:
+        axis.step([0.0, *sums], [0, *shares], where="post", color=SOFT, linestyle="--", linewidth=1)
+    axis.axvline(criterion, color=_BEARS, linewidth=1.0, linestyle=":")
+    across(axis, "criterion", x=criterion)
+    axis.set_ylim(0, 1.02)
+    style(axis, "", f"what is lost of {HEADLINE_WORDS}", "share of displays")
+    return svg(figure)

@@ -1,0 +1,166 @@
+"""What the scores of drawn displays say: of each parameter alone, and of all together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from statistics import median
+from typing import Any
+
+from inim.errors import SceneError
+from inim.tolerate.curve import Curve, fit_curve, share_interval, tolerance_interval
+from inim.tolerate.study import LEAST_ALONE, ToleranceStudy
+
+__all__ = ["findings", "misalignment"]
+
+# Of figures that were fitted or drawn: no draw knows more, and another processor rounds alike.
+_DIGITS = 4
+# Of a normal error: the median of its size is this part of its standard deviation.
+_MEDIAN_OF_NORMAL = 0.6745
+_HALVINGS = 40
+# Of a curve's line, either way.
+_POINTS = 20
+
+Scores = Mapping[str, float | None]
+
+
+def misalignment(errors: Mapping[str, float]) -> str:
+    """What a display is off by, as `inim.misalign` has it; empty: nothing."""
+    return ", ".join(f"{name}={error!r}" for name, error in errors.items())
+
+
+def findings(
+    study: ToleranceStudy, scores: Scores, criterion: float, reached: Mapping[str, float]
+) -> dict[str, Any]:
+    """What the draws say.
+
+    Parameters
+    ----------
+    study : ToleranceStudy
+    scores : mapping of str to float or None
+        Of each display, by its `misalignment`; None: it could not be validated.
+    criterion : float
+    reached : mapping of str to float
+        Standard errors of a calibration, by parameter.
+
+    Returns
+    -------
+    dict
+        `aligned`, `parameters` and `together` of schema `inim.tolerate/1`.
+
+    Raises
+    ------
+    SceneError
+        The display as designed has no score.
+    """
+    aligned = scores.get("")
+    if aligned is None:
+        raise SceneError("the display as designed has no score: the relic is in none of its views")
+    rows, curves = [], {}
+    for name, spread in study.spreads.items():
+        draws = _scored([{name: error} for error in study.draw_alone(name)], scores)
+        row: dict[str, Any] = {
+            "name": name,
+            "distribution": spread.distribution,
+            "spread": spread.size,
+            "farthest": _short(study.reach * spread.size),
+            **dict.fromkeys(("tolerance", "interval", "curve", "scatter")),
+            "calibration_standard_error": reached.get(name),
+            "draws": [{"error": errors[name], "score": score} for errors, score in draws],
+        }
+        if len(draws) >= LEAST_ALONE:
+            losses = [(errors[name], aligned - score) for errors, score in draws]
+            curve, known = _alone(losses, row["farthest"], criterion, f"{study.seed} {name}")
+            row |= known
+            curves[name] = curve
+        rows.append(row)
+    together = _scored(study.draw_together(), scores)
+    found = _together(together, aligned, criterion, rows, curves) if together else None
+    return {"aligned": aligned, "parameters": rows, "together": found}
+
+
+def _scored(
+    drawn: Sequence[Mapping[str, float]], scores: Scores
+) -> list[tuple[Mapping[str, float], float]]:
+    """The draws that have a score, with it."""
+    pairs = [(errors, scores.get(misalignment(errors))) for errors in drawn]
+    return [(errors, score) for errors, score in pairs if score is not None]
+
+
+def _alone(
+    losses: Sequence[tuple[float, float]], farthest: float, criterion: float, seed: str
+) -> tuple[Curve, dict[str, Any]]:
+    errors, lost = zip(*losses, strict=True)
+    curve = fit_curve(errors, lost, criterion)
+    bears = curve.tolerance(criterion)
+    off = median(abs(curve.loss(error) - loss) for error, loss in losses) / _MEDIAN_OF_NORMAL
+    ends = tolerance_interval(curve, errors, lost, farthest, criterion, seed)
+    return curve, {
+        "tolerance": _short(bears if bears <= farthest else None),
+        "interval": [_short(end) for end in ends],
+        "curve": {
+            "power": _short(curve.power),
+            "below": _short(curve.below),
+            "above": _short(curve.above),
+            "line": [[_short(e), _short(curve.loss(e))] for e in _places(farthest)],
+        },
+        "scatter": _short(off),
+    }
+
+
+def _places(farthest: float) -> list[float]:
+    """Errors to draw a curve at, closer together near zero."""
+    half = [farthest * (i / _POINTS) ** 2 for i in range(_POINTS + 1)]
+    return [-error for error in half[:0:-1]] + half
+
+
+def _together(
+    drawn: Sequence[tuple[Mapping[str, float], float]],
+    aligned: float,
+    criterion: float,
+    rows: Sequence[Mapping[str, Any]],
+    curves: Mapping[str, Curve],
+) -> dict[str, Any]:
+    """The share of displays that lose no more, and whether losses add up."""
+    lost = [aligned - score for _, score in drawn]
+    passed = sum(loss <= criterion for loss in lost)
+    whole = len(curves) == len(rows)
+    sums = [
+        sum(curve.loss(errors[name]) for name, curve in curves.items()) if whole else None
+        for errors, _ in drawn
+    ]
+    # Of losses that matter: small ones are noise.
+    ratios = [
+        loss / total
+        for loss, total in zip(lost, sums, strict=True)
+        if total is not None and total >= criterion / 2
+    ]
+    return {
+        "share": passed / len(drawn),
+        "interval": [_short(end) for end in share_interval(passed, len(drawn))],
+        "to_sum": _short(median(ratios)) if ratios else None,
+        "part_of_each": _short(_part_of_each(rows, curves, criterion)),
+        "draws": [
+            {"errors": dict(errors), "score": score, "sum_of_losses": _short(total)}
+            for (errors, score), total in zip(drawn, sums, strict=True)
+        ],
+    }
+
+
+def _part_of_each(
+    rows: Sequence[Mapping[str, Any]], curves: Mapping[str, Curve], criterion: float
+) -> float | None:
+    """The part of its tolerance that each error may have at once, if losses add up."""
+    bears = {row["name"]: row["tolerance"] for row in rows if row["tolerance"] is not None}
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS if bears else 0):
+        part = (low + high) / 2
+        total = sum(
+            max(curves[name].loss(part * end), curves[name].loss(-part * end))
+            for name, end in bears.items()
+        )
+        low, high = (part, high) if total <= criterion else (low, part)
+    return high if bears else None
+
+
+def _short(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.{_DIGITS}g}")

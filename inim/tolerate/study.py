@@ -1,0 +1,191 @@
+"""What is drawn: how the errors of a display scatter, from a study's file or by its geometry.
+
+==============  ===================================================================================
+``[study]``     ``alone``, ``together``, ``reach``, ``seed``: see `ToleranceStudy`
+``[errors]``    by parameter, ``{ normal = S }``, S its standard deviation, or
+                ``{ uniform = H }``, H half of its range
+==============  ===================================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from random import Random
+from statistics import NormalDist
+from typing import Any
+
+from inim.display import Display
+from inim.display.misalignment import MISALIGNMENTS
+from inim.sweep.study import MOST_UNITS
+from inim.sweep.tables import Tables, shown
+
+__all__ = ["LEAST_ALONE", "Spread", "ToleranceStudy", "default_spreads", "read_tolerance_study"]
+
+#: Fewer draws say nothing of a curve of three numbers.
+LEAST_ALONE = 5
+_DISTRIBUTIONS = ("normal", "uniform")
+# Of a pixel: what an error does, by default, to the place that an eye sees on the panel.
+_DEFAULT_SHARE = 0.05
+# Steps of it, from anywhere, never leave a large gap: of all numbers it is worst to approximate.
+_GOLDEN = (math.sqrt(5) - 1) / 2
+# Of an error as it is drawn: enough for any sheet, and short to read.
+_DIGITS = 4
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How the error of one parameter scatters about zero.
+
+    Attributes
+    ----------
+    distribution : {"normal", "uniform"}
+    size : float
+        Standard deviation, or half of the range.
+    """
+
+    distribution: str
+    size: float
+
+    def at(self, share: float) -> float:
+        """The error that a share of all displays stays below."""
+        if self.distribution == "uniform":
+            return self.size * (2 * share - 1)
+        return self.size * NormalDist().inv_cdf(share)
+
+
+@dataclass(frozen=True)
+class ToleranceStudy:
+    """What is drawn.
+
+    Attributes
+    ----------
+    spreads : dict of str to Spread
+        By parameter; the others are exact.
+    alone : int
+        Draws of each parameter, all others exact.
+    together : int
+        Displays with all errors at once.
+    reach : float
+        As many sizes of its spread a parameter is drawn to alone, either way.
+    seed : int
+    """
+
+    spreads: Mapping[str, Spread]
+    alone: int = 16
+    together: int = 40
+    reach: float = 6.0
+    seed: int = 0
+
+    def draw_alone(self, name: str) -> list[float]:
+        """Errors of one parameter, evenly over its range from a random start.
+
+        More draws add to them.
+        """
+        start = Random(f"{self.seed} alone {name}").random()
+        farthest = self.reach * self.spreads[name].size
+        places = ((start + i * _GOLDEN) % 1 for i in range(self.alone))
+        return [_short(farthest * (2 * place - 1)) for place in places]
+
+    def draw_together(self) -> list[dict[str, float]]:
+        """Errors of each display, by parameter, as they scatter; more displays add to them."""
+        return [
+            {
+                # As text, a seed gives the same numbers in every version of Python.
+                name: _short(spread.at(max(Random(f"{self.seed} {i} {name}").random(), 2**-53)))
+                for name, spread in self.spreads.items()
+            }
+            for i in range(self.together)
+        ]
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
+
+
+def default_spreads(display: Display) -> dict[str, Spread]:
+    """Errors each of which moves what an eye sees on the panel by the same part of a pixel.
+
+    At the edge of the array, for an eye on its axis and twice as far as the nearest usable one:
+    there a ray reaches P / 4g sideways for each millimetre of gap.
+    """
+    pixel = display.pixel_pitch_mm
+    half_width, half_height = display.width_mm / 2, display.height_mm / 2
+    farthest = max(half_width, half_height)
+    gap = pixel * 4 * display.gap_mm / display.pitch_mm
+    one_pixel = {
+        "pitch_mm": pixel * display.pitch_mm / farthest,
+        "gap_mm": gap,
+        "rotation_deg": math.degrees(pixel / farthest),
+        "shift_x_mm": pixel,
+        "shift_y_mm": pixel,
+        "tilt_x_deg": math.degrees(math.atan(gap / half_width)),
+        "tilt_y_deg": math.degrees(math.atan(gap / half_height)),
+    }
+    return {
+        name: Spread("normal", float(f"{_DEFAULT_SHARE * error:.2g}"))
+        for name, error in one_pixel.items()
+    }
+
+
+def read_tolerance_study(path: Path | None, display: Display) -> ToleranceStudy:
+    """Read and check a study; by the display's geometry where there is none, or no errors in it.
+
+    Raises
+    ------
+    FileError
+        Missing, unreadable, or no TOML.
+    UsageError
+        A key or value that makes no sense; the message names file, key and way out.
+    """
+    if path is None:
+        return ToleranceStudy(default_spreads(display))
+    reader = _Reader(path)
+    reader.check_names("", reader.tables, ("study", "errors"))
+    given, spreads = reader.table("study"), reader.spreads() or default_spreads(display)
+    whole = {"alone": LEAST_ALONE, "together": 0, "seed": 0}
+    reader.check_names("study.", given, (*whole, "reach"))
+    counts = {
+        name: reader.count(f"study.{name}", given[name], least)
+        for name, least in whole.items()
+        if name in given
+    }
+    study = ToleranceStudy(spreads, **counts)
+    if "reach" in given:
+        study = replace(study, reach=reader.size("study.reach", given["reach"]))
+    displays = 1 + study.alone * len(spreads) + study.together
+    if displays > MOST_UNITS:
+        raise reader.wrong("study", f"{displays} displays; at most {MOST_UNITS}: draw fewer")
+    return study
+
+
+class _Reader(Tables):
+    """What a study of errors says."""
+
+    def count(self, key: str, value: Any, least: int) -> int:
+        """A whole number."""
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise self.wrong(key, f"must be a whole number of at least {least}, not {shown(value)}")
+        return value
+
+    def size(self, key: str, value: Any) -> float:
+        """A positive number."""
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1e9:
+            raise self.wrong(key, f"must be a positive number, not {shown(value)}")
+        return float(value)
+
+    def spreads(self) -> dict[str, Spread]:
+        """By parameter, in the table's order."""
+        table = self.table("errors")
+        self.check_names("errors.", table, tuple(MISALIGNMENTS))
+        found = {}
+        for name, given in table.items():
+            key = f"errors.{name}"
+            if not isinstance(given, dict) or len(given) != 1:
+                raise self.wrong(key, f"write {{ normal = SIZE }}, not {shown(given)}")
+            self.check_names(f"{key}.", given, _DISTRIBUTIONS)
+            ((distribution, size),) = given.items()
+            found[name] = Spread(distribution, self.size(f"{key}.{distribution}", size))
+        return found

@@ -1,0 +1,141 @@
+"""`inim tolerate` on a tiny display: drawn, swept, and said.
+
+Expected: what is computed once is not computed again, and another criterion computes nothing;
+scores are those of validations with `--misalign`; mistakes are one line.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+import inim
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
+from tests.schemas import read_document
+from tests.system.conftest import (
+    TINY,
+    assert_one_line,
+    definitions,
+    nothing_left,
+    run_here,
+    worker_here,
+    write_scene,
+)
+
+STUDY = """
+[study]
+alone = 6
+together = 3
+reach = 4
+[errors]
+shift_x_mm = { normal = 0.02 }
+pitch_mm = { uniform = 0.002 }
+"""
+COMMAND = ("tolerate", "tiny.xml", "--study", "errors.toml", "-o", "out", "--viewpoints", "centre")
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tolerate 鼎")
+    write_scene(folder)
+    (folder / "errors.toml").write_text(STUDY)
+    ended = run_here(*COMMAND, *definitions(TINY), folder=folder)
+    assert ended.code == EXIT_PASSED, ended.stderr + ended.stdout
+    return folder, ended
+
+
+def written(folder):
+    return {p: p.stat().st_mtime_ns for p in folder.glob("out/units/*/*.json")}
+
+
+def test_all_displays_are_drawn_and_said(drawn):
+    folder, ended = drawn
+    data = read_document(folder / "out" / "tolerate.json")
+    assert [row["name"] for row in data["parameters"]] == ["shift_x_mm", "pitch_mm"]
+    assert [len(row["draws"]) for row in data["parameters"]] == [6, 6]
+    assert len(data["together"]["draws"]) == 3
+    assert data["failed"] == []
+    # Farther off is worse, in both.
+    for row in data["parameters"]:
+        near, *_, far = sorted(row["draws"], key=lambda draw: abs(draw["error"]))
+        assert far["score"] < near["score"] <= data["aligned"] + 0.01
+    lines = ended.stdout.splitlines()
+    assert any("1 validations of 1 algorithms; 0 of 1 results" in line for line in lines)
+    assert any("16 validations of 1 algorithms; 1 of 16 results" in line for line in lines)
+    (said,) = [line for line in lines if "shift x" in line and line.startswith("With")]
+    assert f"{data['parameters'][0]['tolerance']:.3g}" in said
+    assert said in (folder / "out" / "tolerate.html").read_text("utf-8")
+    assert nothing_left(folder)
+
+
+def test_scores_are_those_of_validations_of_misaligned_displays(drawn, tmp_path):
+    folder = drawn[0]
+    data = read_document(folder / "out" / "tolerate.json")
+    draw = data["together"]["draws"][1]
+    with worker_here():
+        report = inim.validate(
+            folder / "tiny.xml", tmp_path / "alone", algorithms="pickup", viewpoints="centre",
+            misalign=draw["errors"], definitions=TINY,
+        )  # fmt: skip
+    score = report.data["algorithms"]["pickup"]["views"]["centre"]["ssim_on_relic_to_ceiling"]
+    assert draw["score"] == score
+
+
+def test_another_criterion_computes_nothing(drawn):
+    folder = drawn[0]
+    before = written(folder)
+    words = (*COMMAND, *definitions(TINY), "--criterion", "0.03")
+    planned = run_here(*words, "--dry-run", folder=folder)
+    assert planned.stdout.endswith("16 of 16 results are there, 0 validations to run\n")
+    strict = read_document(folder / "out" / "tolerate.json")
+    (folder / "calibration.json").write_text(
+        '{"parameters": {"shift_x_mm": {"standard_error": 0.001}}}'
+    )
+    ended = run_here(*words, "--calibration", "calibration.json", folder=folder)
+    assert ended.code == EXIT_PASSED, ended.stderr
+    assert written(folder) == before
+    loose = read_document(folder / "out" / "tolerate.json")
+    shift, shift_before = loose["parameters"][0], strict["parameters"][0]
+    assert shift["draws"] == shift_before["draws"]
+    assert shift["tolerance"] > shift_before["tolerance"]
+    assert "A calibration reaches" in ended.stdout
+    assert loose["together"]["share"] >= strict["together"]["share"]
+
+
+def test_a_display_that_cannot_be_mounted_is_named_and_the_others_count(tmp_path):
+    write_scene(tmp_path)
+    # The gap is 3.3 mm: the farthest draws bring the lenses into the panel.
+    (tmp_path / "errors.toml").write_text(
+        "[study]\nalone = 6\ntogether = 0\nreach = 2\n[errors]\ngap_mm = { normal = 2.5 }\n"
+    )
+    ended = run_here(*COMMAND, *definitions(TINY), "--quiet", folder=tmp_path)
+    assert ended.code == EXIT_CHECK_FAILED
+    assert ended.stdout == ""
+    data = read_document(tmp_path / "out" / "tolerate.json")
+    assert 0 < len(data["failed"]) < 6
+    assert len(data["failed"]) + len(data["parameters"][0]["draws"]) == 6
+    for line, one in zip(ended.stderr.splitlines(), data["failed"], strict=True):
+        assert line == f"inim: failed: {one['display']}: {one['error']}"
+        assert " · gap_mm=-" in one["display"]
+        assert "gap" in one["error"]
+    assert data["together"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--criterion", "0"), ["--criterion 0", "between 0 and 1"]),
+        (("--algorithm", "template,gu2020"), ["--algorithm template,gu2020", "name one"]),
+        (("--algorithm", "templat"), ["did you mean template"]),
+        (("-D", "inim.misalign=gap_mm=1"), ["misalign", "leave it out"]),
+        (("--display", "fone"), ["did you mean phone"]),
+        (("--calibration", "tiny.xml"), ["tiny.xml", "standard_error"]),
+        (("--workers", "0"), ["--workers 0"]),
+    ],
+)
+def test_a_mistake_is_one_line_and_leaves_nothing(tmp_path, words, says):
+    write_scene(tmp_path)
+    (tmp_path / "errors.toml").write_text(STUDY)
+    ended = run_here(*COMMAND, *words, folder=tmp_path)
+    assert ended.code == EXIT_USAGE
+    assert_one_line(ended.stderr, says)
+    assert not (tmp_path / "out").exists()
