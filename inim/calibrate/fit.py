@@ -343,7 +343,7 @@ def _solved(seen: Seen, start: Guess, free: np.ndarray, prior: _Prior, sizes: np
 
     Of normal equations with weights of the soft l1 loss: there are a thousand residuals for each
     unknown, and `scipy.optimize.least_squares` decomposes all of them in every step, which took
-    five sixths of the time.
+    about half of the time.
     """
     steps, weights = start.steps[free], _weights(seen, sizes)
     of_shared = free[: len(SHARED)]

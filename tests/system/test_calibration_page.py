@@ -68,9 +68,14 @@ def shot(tab: Tab, path: Path) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("ratio", "size"),
-    [(1, (COLUMNS, ROWS)), (1, (COLUMNS + 91, ROWS + 34)), (2, (COLUMNS, ROWS)),
-     (2.625, (COLUMNS, ROWS)), (1.25, (COLUMNS + 50, ROWS + 100))],
-)  # fmt: skip
+    [
+        (1, (COLUMNS, ROWS)),
+        pytest.param(1, (COLUMNS + 91, ROWS + 34), marks=pytest.mark.slow),
+        (2, (COLUMNS, ROWS)),
+        pytest.param(2.625, (COLUMNS, ROWS), marks=pytest.mark.slow),
+        pytest.param(1.25, (COLUMNS + 50, ROWS + 100), marks=pytest.mark.slow),
+    ],
+)
 def test_a_panel_pixel_is_a_device_pixel_whatever_the_ratio(page, tmp_path, ratio, size):
     # Of a ratio that is emulated the browser does not say what it rounds.
     flags = (*NO_WEBGL, f"--force-device-scale-factor={ratio}")

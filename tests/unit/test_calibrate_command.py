@@ -61,6 +61,7 @@ def test_a_display_file_and_a_report_are_written(photos, tmp_path, capsys):
     assert [one["name"] for one in document["positions"]] == [*EYES]
 
 
+@pytest.mark.slow
 def test_intrinsics_are_opencv_s(photos, tmp_path):
     x, y = CAMERA.centre
     numbers = (CAMERA.focal, CAMERA.focal, x - 0.5, y - 0.5, CAMERA.k1, CAMERA.k2)
@@ -71,6 +72,7 @@ def test_intrinsics_are_opencv_s(photos, tmp_path):
     assert camera["focal_px"] == CAMERA.focal and camera["standard_errors"]["k1"] is None
 
 
+@pytest.mark.slow
 def test_too_few_positions_are_told_what_is_missing(photos, tmp_path, capsys):
     photos.seen.clear()
     photos.seen["straight"] = straight_photograph()

@@ -269,6 +269,7 @@ def test_outlines_are_where_the_relief_s_seams_are_seen(side: str, eye: tuple) -
     assert np.abs(shallow.mean(axis=0)).max() > 0.25
 
 
+@pytest.mark.slow
 def test_derivatives_of_one_pose_are_of_its_position_alone() -> None:
     result = found(*EYES)
     seen, guess = result.seen, result.guess
@@ -327,6 +328,7 @@ def test_cameras_are_found_where_they_stood() -> None:
         np.testing.assert_allclose(pose.turn, look_at(eye, target, roll), atol=0.02)
 
 
+@pytest.mark.slow
 def test_one_straight_position_tells_the_rotation_only() -> None:
     result = straight_on()
     assert abs(result.display.rotation_deg - HIDDEN.rotation_deg) < 0.05
@@ -364,6 +366,7 @@ def test_half_the_sheet_under_a_thumb_still_works() -> None:
     assert result.estimates["rotation_deg"].is_known
 
 
+@pytest.mark.slow
 def test_without_its_edges_the_shift_nearest_to_the_design_is_given() -> None:
     v, u = np.mgrid[:360, :480]
     design = DESIGN.replace(shift_x_mm=2.0, panel_rows=ROWS, panel_columns=COLUMNS)
@@ -482,6 +485,7 @@ def test_maps_of_residuals_have_no_pattern(tmp_path) -> None:
         assert abs(left - right) < 5
 
 
+@pytest.mark.slow
 def test_advice_says_what_a_further_position_brings() -> None:
     three = found("near", "left", "above")
     advised = next_positions(three)

@@ -185,6 +185,7 @@ def test_an_error_that_costs_nothing_bears_more_than_was_drawn():
     assert row["tolerance"] is None and row["interval"] == [None, None]
 
 
+@pytest.mark.slow
 def test_the_interval_holds_the_truth_as_a_rule_and_shrinks_with_less_noise():
     law = LAW["rotation_deg"]
     known = law.tolerance(CRITERION)
