@@ -24,7 +24,7 @@ from inim.calibrate.start import count_alike, focal_guess, pose_guess, turned
 from inim.display import Display
 from inim.errors import DisplayError, FileError, UsageError
 
-__all__ = ["LIMITS", "Calibration", "Estimate", "calibrate", "check_display"]
+__all__ = ["LIMITS", "Calibration", "Estimate", "calibrate", "check_display", "recounted"]
 
 #: A parameter with a larger standard error is not given; lengths as shares of the nominal pitch,
 #: gap and focal length. An interval that wide would not help to make an EIA.
@@ -231,15 +231,18 @@ def calibrate(
         depth_min_mm=low, depth_max_mm=high, panel_rows=rows, panel_columns=columns
     )
     guess, counted, edges = _begin(lenses, steady, camera, focal_px)
-    seen = Seen.of([_thinned(one) for one in counted], steady)
     free = np.ones(guess.steps.size, bool)
     if camera is not None:
         free[len(PARAMETERS) : len(SHARED)] = False
     prior = _prior(steady, guess, focal_px is not None, counted[0].shape)
     sizes = np.tile([_USUAL[0] * nominal.pixel_pitch_mm, _USUAL[1]], (len(counted), 1))
     for _ in range(_ROUNDS):
+        seen = Seen.of([_thinned(one) for one in counted], steady)
         guess = _solved(seen, guess, free, prior, sizes)
         sizes = _sizes(seen.residuals(guess))
+        # The first guess may have been a lens off.
+        guess, counted = recounted(guess, counted, edges, nominal)
+    seen = Seen.of([_thinned(one) for one in counted], steady)
     names = tuple(lenses)
     _check(names, nominal, sizes, counted)
     covariance = _covariance(seen, guess, free, prior, sizes)
@@ -288,6 +291,30 @@ def _begin(
         replace(one, index=one.index + by) for one, by in zip(found, array.offsets, strict=True)
     )
     return Guess(sized, guess.camera, tuple(placed)), counted, array.edges_seen
+
+
+def recounted(
+    guess: Guess, counted: tuple[Lenses, ...], edges_seen: tuple[bool, bool], nominal: Display
+) -> tuple[Guess, tuple[Lenses, ...]]:
+    """The same lenses counted so that the array is shifted least, where its edges do not tell.
+
+    An array that lies a pitch to the right, each lens counted one less, is the same array.
+    """
+    display = guess.display
+    angle = math.radians(display.rotation_deg)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    step = np.array([display.pitch_mm, -display.row_pitch_mm])
+    shift = np.array([display.shift_x_mm, display.shift_y_mm])
+    off = (shift - [nominal.shift_x_mm, nominal.shift_y_mm]) @ turn
+    by = np.where(edges_seen, 0, np.rint(off / step)).astype(int)
+    index = np.concatenate([one.index for one in counted])
+    there = np.array([display.lens_columns, display.lens_rows])
+    by = np.clip(by, -index.min(axis=0), there - 1 - index.max(axis=0))
+    shift = shift - turn @ (by * step)
+    moved = display.replace(shift_x_mm=float(shift[0]), shift_y_mm=float(shift[1]))
+    return guess._replace(display=moved), tuple(
+        replace(one, index=one.index + by) for one in counted
+    )
 
 
 def _thinned(lenses: Lenses) -> Lenses:

@@ -15,7 +15,7 @@ import pytest
 
 from inim.calibrate.advice import next_positions
 from inim.calibrate.camera import Camera, Pose, directions, project, rays, rotation
-from inim.calibrate.fit import Calibration, calibrate
+from inim.calibrate.fit import Calibration, calibrate, recounted
 from inim.calibrate.lattice import Lenses, find_lenses
 from inim.calibrate.model import PARAMETERS, SHARED, Guess, Seen, centres, panel_points
 from inim.calibrate.output import as_data, display_file, residual_maps
@@ -386,6 +386,33 @@ def test_without_its_edges_the_shift_nearest_to_the_design_is_given() -> None:
 
 
 # -- what is refused ------------------------------------------------------------------------------
+
+
+def test_an_array_that_lies_a_lens_over_is_the_same_array() -> None:
+    known = found(*EYES)
+    true = known.guess.display
+    over = np.radians(true.rotation_deg)
+    display = true.replace(
+        shift_x_mm=true.shift_x_mm + true.pitch_mm * np.cos(over),
+        shift_y_mm=true.shift_y_mm + true.pitch_mm * np.sin(over),
+    )
+    guess = known.guess._replace(display=display)
+    counted = tuple(replace(one, index=one.index - [1, 0]) for one in known.lenses)
+    for first, other in zip(
+        Seen.of(known.lenses, true).residuals(known.guess),
+        Seen.of(counted, true).residuals(guess),
+        strict=True,
+    ):
+        for a, b in zip(first, other, strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-9)
+
+    again, right = recounted(guess, counted, (False, False), DESIGN)
+    assert again.display.shift_x_mm == pytest.approx(true.shift_x_mm, abs=1e-12)
+    assert again.display.shift_y_mm == pytest.approx(true.shift_y_mm, abs=1e-12)
+    for one, other in zip(right, known.lenses, strict=True):
+        assert (one.index == other.index).all()
+    kept, _ = recounted(known.guess, known.lenses, (True, False), DESIGN.replace(shift_x_mm=1.4))
+    assert kept.display.shift_x_mm == true.shift_x_mm
 
 
 def test_photographs_of_another_display_are_refused() -> None:
