@@ -302,7 +302,7 @@ def recounted(
     """
     display = guess.display
     angle = math.radians(display.rotation_deg)
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    turn = rotation([0.0, 0.0, angle])[:2, :2]
     step = np.array([display.pitch_mm, -display.row_pitch_mm])
     shift = np.array([display.shift_x_mm, display.shift_y_mm])
     off = (shift - [nominal.shift_x_mm, nominal.shift_y_mm]) @ turn

@@ -80,7 +80,7 @@ def residual_maps(found: Calibration) -> list[tuple[str, np.ndarray, np.ndarray]
     there is nothing: rays on the panel, µm, mean of a lens; outlines, photograph pixels.
     """
     display = found.guess.display
-    seen = Seen.of(found.lenses, _steady(found))
+    seen = Seen.of(found.lenses, display)
     maps = []
     for name, lens, outlined, (of_rays, of_outlines) in zip(
         found.names, seen.lens, seen.outlined, seen.residuals(found.guess), strict=True
@@ -90,11 +90,6 @@ def residual_maps(found: Calibration) -> list[tuple[str, np.ndarray, np.ndarray]
             (name, _mapped(lens, -1e3 * of_rays, shape), _mapped(outlined, -of_outlines, shape))
         )
     return maps
-
-
-def _steady(found: Calibration) -> Display:
-    rows, columns = found.nominal.eia_shape
-    return found.guess.display.replace(panel_rows=rows, panel_columns=columns)
 
 
 def _mapped(index: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

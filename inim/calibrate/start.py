@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.calibrate.camera import Camera, Pose
+from inim.calibrate.camera import Camera, Pose, rotation
 from inim.calibrate.lattice import Lenses
 from inim.calibrate.model import panel_mm
 from inim.display import Display
@@ -162,7 +162,7 @@ def turned(display: Display, lenses: Lenses, pose: Pose, name: str) -> Turned:
             "let the browser show the patterns pixel by pixel"
         )
     angle = math.atan2(c - b, a + d)
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    turn = rotation([0.0, 0.0, angle])[:2, :2]
     return Turned(math.degrees(angle), size, at_origin + turn @ [x, y] * display.gap_mm / z)
 
 
@@ -194,7 +194,7 @@ def count_alike(display: Display, lenses: Mapping[str, Lenses], found: Sequence[
         More lenses are seen than there are.
     """
     angle = math.radians(found[0].rotation_deg)
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    turn = rotation([0.0, 0.0, angle])[:2, :2]
     step = np.array([display.pitch_mm, -display.row_pitch_mm]) * found[0].size
     origin = found[0].origin_mm
     offsets = [np.rint((one.origin_mm - origin) @ turn / step).astype(int) for one in found]

@@ -154,6 +154,7 @@ def _write(found: Calibration, args: argparse.Namespace, out: Path, preset: str)
 
     from inim import interruption
     from inim.calibrate.output import as_data, display_file, residual_maps
+    from inim.pipeline.request import repeated
     from inim.report.calibration import FILES, write_calibration
     from inim.report.files import write_text
     from inim.worker.output import open_staging, publish, remove_folder
@@ -161,8 +162,7 @@ def _write(found: Calibration, args: argparse.Namespace, out: Path, preset: str)
     words = ["inim", "calibrate", args.photos, "-o", str(out)]
     for option, value in (("--display", args.display), ("--intrinsics", args.intrinsics)):
         words += [] if value is None else [option, value]
-    for definition in args.definitions:
-        words += ["-D", definition]
+    words += repeated("-D", args.definitions)
     data = as_data(found, f"Calibration: {Path(args.photos).resolve().name}", shlex.join(words))
     folder = _report_folder(out)
     with interruption.undone_afterwards(

@@ -109,10 +109,11 @@ def _distance_mm(pose: Pose) -> float:
 def _command(args: argparse.Namespace) -> str:
     import shlex
 
+    from inim.pipeline.request import repeated
+
     words = ["inim", "photo", str(args.photo), "--eia", str(args.eia), "--display", args.display]
     words += [] if args.position is None else ["--position", args.position]
-    for definition in args.definitions:
-        words += ["-D", definition]
+    words += repeated("-D", args.definitions)
     return shlex.join(words + ([] if args.out is None else ["-o", str(args.out)]))
 
 

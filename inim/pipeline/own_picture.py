@@ -30,6 +30,7 @@ from inim.pipeline.images import write_rgbd_pngs
 from inim.pipeline.method import parse_methods
 from inim.pipeline.plugin_guard import blamed
 from inim.pipeline.reconstruct import Optics, reconstruct_views
+from inim.pipeline.request import repeated
 from inim.pipeline.scene import Renderer
 from inim.pipeline.stage import Run
 from inim.pipeline.warp import warped
@@ -105,9 +106,7 @@ class PictureRequest:
 
     def command(self) -> list[str]:
         """The command line that repeats this request, after `inim validate`."""
-        words = ["-o", str(self.folder)]
-        for item in self.definitions:
-            words += ["-D", item]
+        words = ["-o", str(self.folder), *repeated("-D", self.definitions)]
         given = {f.name: (getattr(self.picture, f.name), f.default) for f in fields(self.picture)}
         for name in ("rgbd", "display", "algorithms", "viewpoints", "lens_model"):
             given[name] = (getattr(self, name), None)
