@@ -19,12 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim import interruption
 from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.display import Display
 from inim.files.image import encoded
 from inim.version import __version__
-from inim.worker.output import open_staging, publish, remove_folder
+from inim.worker.output import published
 
 __all__ = ["CELL", "PAGE", "PERIOD", "SCHEMA", "Pattern", "bit_count", "patterns", "write_patterns"]
 
@@ -122,12 +121,9 @@ def write_patterns(display: Display, folder: Path) -> Path:
         PAGE: _page(display, pictures).encode(),
         **pictures,
     }
-    with interruption.undone_afterwards(
-        lambda: open_staging(folder, list(files)), remove_folder
-    ) as staging:
+    with published(folder, list(files)) as staging:
         for name, data in files.items():
             (staging / name).write_bytes(data)
-        publish(staging, folder, _MARKER)
     return folder / PAGE
 
 

@@ -152,12 +152,11 @@ def _write(found: Calibration, args: argparse.Namespace, out: Path, preset: str)
     """The report's folder, then the display file; the report's data."""
     import shlex
 
-    from inim import interruption
     from inim.calibrate.output import as_data, display_file, residual_maps
     from inim.pipeline.request import repeated
     from inim.report.calibration import FILES, write_calibration
     from inim.report.files import write_text
-    from inim.worker.output import open_staging, publish, remove_folder
+    from inim.worker.output import published
 
     words = ["inim", "calibrate", args.photos, "-o", str(out)]
     for option, value in (("--display", args.display), ("--intrinsics", args.intrinsics)):
@@ -165,11 +164,8 @@ def _write(found: Calibration, args: argparse.Namespace, out: Path, preset: str)
     words += repeated("-D", args.definitions)
     data = as_data(found, f"Calibration: {Path(args.photos).resolve().name}", shlex.join(words))
     folder = _report_folder(out)
-    with interruption.undone_afterwards(
-        lambda: open_staging(folder, FILES), remove_folder
-    ) as staging:
+    with published(folder, FILES) as staging:
         write_calibration(data, residual_maps(found), staging)
-        publish(staging, folder, FILES[0])
     write_text(out, display_file(found, preset))
     return data
 

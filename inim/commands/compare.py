@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inim import interruption
 from inim.commands.options import Command, add_exit_codes
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 
@@ -86,16 +85,14 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     from inim.pipeline.baseline import read_run, regression_data, verdict_lines
     from inim.regression import all_passed, compare
     from inim.report.compare import SCHEMA, write_comparison
-    from inim.worker.output import open_staging, publish, remove_folder
+    from inim.worker.output import published
 
     (report, old), (other, new) = read_run(before), read_run(after)
     reports = [report, other]
     if out.exists() and any(out.samefile(folder) for folder in (before, after)):
         raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
     verdicts = compare(old, new, str(before))
-    with interruption.undone_afterwards(
-        lambda: open_staging(out, _FILES), remove_folder
-    ) as staging:
+    with published(out, _FILES) as staging:
         failed = [v.name for v in verdicts if v.kind == "picture" and not v.passed]
         names = [n for n in old.pictures if any(f.startswith(f"{n}: ") for f in failed)]
         pictures = [n for n in names if _copy_pictures(reports, n, staging)]
@@ -113,7 +110,6 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
             },
         }
         write_comparison(data, staging)
-        publish(staging, out, _MARKER)
     return all_passed(verdicts), verdict_lines(verdicts)
 
 

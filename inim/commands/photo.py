@@ -118,13 +118,11 @@ def _command(args: argparse.Namespace) -> str:
 
 
 def _write(data: dict[str, Any], pictures: dict[str, Any], flow: Any, out: Path) -> None:
-    from inim import interruption
     from inim.report.photo import FILES, write_photo
-    from inim.worker.output import open_staging, publish, remove_folder
+    from inim.worker.output import published
 
-    with interruption.undone_afterwards(lambda: open_staging(out, FILES), remove_folder) as staging:
+    with published(out, FILES) as staging:
         write_photo(data, pictures, flow, staging)
-        publish(staging, out, FILES[0])
 
 
 def _lines(data: dict[str, Any]) -> list[str]:

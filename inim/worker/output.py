@@ -25,6 +25,7 @@ __all__ = [
     "open_staging",
     "publish",
     "publish_file",
+    "published",
     "remove_folder",
     "undisturbed",
 ]
@@ -144,6 +145,20 @@ def publish(staging: Path, out: Path, marker: str = _MARKER) -> None:
         remove_folder(staging)
     except OSError as error:
         raise FileError(f"{out}: cannot be written ({error.strerror})") from None
+
+
+@contextlib.contextmanager
+def published(out: Path, names: Sequence[str]) -> Iterator[Path]:
+    """A folder to write these files in; they are moved into `out` when the block ends well.
+
+    Raises
+    ------
+    FileError
+        As `open_staging` and `publish`; the first name is the list's marker.
+    """
+    with interruption.undone_afterwards(lambda: open_staging(out, names), remove_folder) as staging:
+        yield staging
+        publish(staging, out, names[0])
 
 
 def remove_folder(folder: Path) -> None:
