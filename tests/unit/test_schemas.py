@@ -57,6 +57,7 @@ OWN_KIND = {
     ROOT / "reports/light_fields/light_fields.json",
     ROOT / "reports/one_picture/one_picture.json",
     ROOT / "reports/calibration/calibration.json",
+    ROOT / "reports/calibration/shown.json",
     *ROOT.glob("reports/gallery/**/entry.json"),
     ROOT / "reports/gallery/gallery.json",
 }
