@@ -164,9 +164,11 @@ class Settings:
             Values that describe no possible display.
         """
         if self.display not in DISPLAYS:
+            way_out = known_words(self.display, DISPLAYS)
+            if self.display.lower().endswith(".xml"):
+                way_out = f"name a file with --display: --display {self.display}"
             raise SceneError(
-                f"{source}: {PREFIX}display = {self.display!r}: no such preset; "
-                f"{known_words(self.display, DISPLAYS)} Single values have keys of their own"
+                f"{source}: {PREFIX}display = {self.display!r}: no such preset; {way_out}"
             )
         preset = DISPLAYS[self.display]
         given = {key: getattr(self, key) for key in DISPLAY_KEYS if getattr(self, key) is not None}

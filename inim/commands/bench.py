@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from inim.commands.options import (
+    DISPLAY_HELP,
     Command,
     add_allow_folder,
     add_definitions,
@@ -29,7 +30,7 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-bench)")
     add_definitions(parser)
     add_allow_folder(parser)
-    parser.add_argument("--display", help="display preset: nominal or phone")
+    parser.add_argument("--display", help=DISPLAY_HELP)
     parser.add_argument(
         "--algorithms",
         help="generators with options, separated by commas (all, other packages' included)",

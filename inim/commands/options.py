@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from inim.from_camera.picture import CameraPicture
 
 __all__ = [
+    "DISPLAY_HELP",
     "Command",
     "add_allow_folder",
     "add_debug",
@@ -27,6 +28,7 @@ __all__ = [
     "print_warning",
 ]
 
+DISPLAY_HELP = "a preset, nominal or phone, or an .xml with inim.* settings"
 _EXIT_CODES = """exit codes:
   0 passed    1 a check failed    2 usage, scene or file error
   3 no usable backend, or out of memory    4 baseline missing or incomparable    5 internal error
@@ -90,9 +92,7 @@ def add_allow_folder(parser: _Options) -> None:
 
 def add_display(parser: _Options) -> None:
     """The display of a command without a scene: `inim.scene.file.chosen_display` reads it."""
-    parser.add_argument(
-        "--display", help="a preset, nominal or phone, or an .xml with inim.* settings"
-    )
+    parser.add_argument("--display", help=DISPLAY_HELP)
     add_definitions(parser, " of the display")
 
 

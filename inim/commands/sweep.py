@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from inim import interruption
 from inim.commands.options import (
+    DISPLAY_HELP,
     Command,
     add_allow_folder,
     add_definitions,
@@ -112,7 +113,7 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
         help="how the errors scatter (.toml), see docs/how-to/tolerate.md (by the geometry)",
     )
     add_definitions(parser)
-    parser.add_argument("--display", help="display preset: nominal or phone")
+    parser.add_argument("--display", help=DISPLAY_HELP)
     parser.add_argument("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
     parser.add_argument(
         "--algorithm",

@@ -9,6 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from inim.commands.options import (
+    DISPLAY_HELP,
     Command,
     add_allow_folder,
     add_definitions,
@@ -38,7 +39,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add("-o", "--out", type=Path, help="folder for the report (default: SCENE-report)")
     add_definitions(parser)
     add_allow_folder(parser)
-    add("--display", help="display preset: nominal or phone")
+    add("--display", help=DISPLAY_HELP)
     add(
         "--algorithms",
         help="algorithms with options, separated by commas; see `inim algorithms`; "

@@ -17,8 +17,8 @@ from inim.pipeline.method import Method, parse_methods
 from inim.pipeline.reconstruct import Optics
 from inim.pipeline.request import PREVIEW, SHORTHANDS, Request
 from inim.regression import BASELINE, RunStatistics, check_comparable, read_statistics
-from inim.scene.file import SceneFile, parse_definitions, read_scene_file
-from inim.settings import Settings
+from inim.scene.file import SceneFile, parse_definitions, read_scene_file, with_display
+from inim.settings import PREFIX, Settings
 
 __all__ = ["LEAST_BYTES", "Plan", "check_baseline", "conditions_of", "make_plan", "rays_in_flight"]
 
@@ -139,10 +139,12 @@ def make_plan(request: Request) -> Plan:
     given = PREVIEW | given if request.preview else given
     file = read_scene_file(request.scene, given, request.allow_folders)
     source = str(request.scene)
-    settings = Settings.parse(file.settings, source)
-    for name in SHORTHANDS:
-        if getattr(request, name) is not None:
-            settings = replace(settings, **{name: getattr(request, name)})
+    texts = file.settings
+    if request.display is not None:
+        texts = with_display(texts, request.display, given)
+    said = {f"{PREFIX}{name}": getattr(request, name) for name in SHORTHANDS}
+    texts = texts | {key: text for key, text in said.items() if text is not None}
+    settings = Settings.parse(texts, source)
     display = settings.make_display(source)
     real = mounted(display, settings.misalign)
     check_lens_model(settings.lens_model, real)

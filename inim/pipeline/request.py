@@ -9,7 +9,7 @@ from pathlib import Path
 __all__ = ["PREVIEW", "SHORTHANDS", "Request", "repeated"]
 
 #: Settings that a request can also name directly.
-SHORTHANDS = ("display", "algorithms", "viewpoints", "lens_model", "misalign")
+SHORTHANDS = ("algorithms", "viewpoints", "lens_model", "misalign")
 #: What a preview sets, unless `-D` or a shorthand says otherwise: one algorithm from one place, by
 #: few samples, and judged by nothing.
 PREVIEW = {
@@ -38,7 +38,9 @@ class Request:
     scene, out : Path
     definitions : tuple of str
         `key=value` overrides, as after -D.
-    display, algorithms, viewpoints, lens_model, misalign : str, optional
+    display : str, optional
+        A preset, or a file with `inim.*` settings; see `inim.scene.file.with_display`.
+    algorithms, viewpoints, lens_model, misalign : str, optional
         Shorthands for the `inim.*` settings of those names.
     eias : tuple of str
         Finished EIAs to score beside the algorithms, as `NAME=FILE`.
@@ -78,7 +80,7 @@ class Request:
         """The command line that repeats this request, after `python -m inim.validate`."""
         words = [str(self.scene), "-o", str(self.out), *repeated("-D", self.definitions)]
         words += repeated("--allow-folder", self.allow_folders)
-        for name in SHORTHANDS:
+        for name in ("display", *SHORTHANDS):
             value = getattr(self, name)
             if value is not None:
                 words += [f"--{name.replace('_', '-')}", value]

@@ -18,7 +18,7 @@ from xml.parsers import expat
 from inim.errors import FileError, SceneError, UsageError
 from inim.regular_file import open_file, read_file
 from inim.scene.parameters import Content, SceneFolder, SceneParameters, content_of
-from inim.settings import PREFIX, Settings
+from inim.settings import DISPLAY_KEYS, PREFIX, Settings
 
 if TYPE_CHECKING:
     from inim.display import Display
@@ -29,6 +29,7 @@ __all__ = [
     "parse_definitions",
     "read_scene_file",
     "read_scene_settings",
+    "with_display",
 ]
 
 # Generous for scenes written by people or exporters, small against what harms: Mitsuba overflows
@@ -48,6 +49,7 @@ _ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin1", "utf-16")
 _NAME_A_SCENE = "name a Mitsuba scene (.xml)"
 # What only leads to other elements, or to their parameters.
 _UNSEEN = frozenset({"default", "include", "path"})
+_OF_DISPLAY = frozenset(PREFIX + key for key in ("display", *DISPLAY_KEYS))
 _PLUGIN = re.compile(r"\w+", re.ASCII)
 
 
@@ -207,7 +209,7 @@ def chosen_display(
         Unknown settings, or values that describe no possible display.
     """
     given = parse_definitions(definitions)
-    if display is not None and display.lower().endswith(".xml"):
+    if display is not None and _is_file(display):
         settings = Settings.parse(read_scene_settings(Path(display), given), display)
         return settings.make_display(display), settings
     for key in given:
@@ -217,6 +219,40 @@ def chosen_display(
         given = {f"{PREFIX}display": display} | given
     settings = Settings.parse(given, command)
     return settings.make_display(command), settings
+
+
+def with_display(
+    settings: Mapping[str, str], display: str, definitions: Mapping[str, str]
+) -> dict[str, str]:
+    """A scene's `inim.*` texts on the display that `--display` names.
+
+    A preset replaces the preset that a scene starts from; a file replaces all that a scene says of
+    its display. What the command line says of single values stays.
+
+    Parameters
+    ----------
+    settings : mapping of str to str
+        The scene's, with the definitions in.
+    display : str
+        A preset, or the path of an XML file with `inim.*` settings.
+    definitions : mapping of str to str
+        The command line's.
+
+    Raises
+    ------
+    FileError, SceneError
+        As `read_scene_file`.
+    """
+    if not _is_file(display):
+        return {**settings, f"{PREFIX}display": display}
+    stated = read_scene_settings(Path(display))
+    own = {k: v for k, v in settings.items() if k not in _OF_DISPLAY}
+    said = {k: v for k, v in definitions.items() if k in _OF_DISPLAY}
+    return own | {k: v for k, v in stated.items() if k in _OF_DISPLAY} | said
+
+
+def _is_file(display: str) -> bool:
+    return display.lower().endswith(".xml")
 
 
 def _scan(

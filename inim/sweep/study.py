@@ -4,7 +4,8 @@
 ``[study]``             ``scenes`` (files), ``displays`` (names), ``algorithms``, ``viewpoints``,
                         ``lens_model``, ``title``, ``backend``, ``time``, ``keep_reports``
 ``[settings]``          any other `inim.*` setting without its prefix; a list multiplies
-``[[display]]``         ``name``, ``preset``, and any parameter of a display
+``[[display]]``         ``name``, ``preset``, and any parameter of a display; or ``name`` and
+                        ``file``, an .xml with `inim.*` settings
 ======================  ===========================================================================
 """
 
@@ -23,6 +24,7 @@ from inim.errors import FileError, InimError, UsageError
 from inim.lens import lens_models
 from inim.pipeline.method import parse_methods
 from inim.regular_file import check_file
+from inim.scene.file import chosen_display
 from inim.settings import PREFIX, Settings
 from inim.sweep.tables import MOST_NAMED, Tables, shown
 
@@ -72,11 +74,14 @@ class NamedDisplay:
         What makes a scene take it: `inim.KEY=VALUE` each; none for `AS_SCENE`.
     display : Display, optional
         What a scene must then show; None for `AS_SCENE`.
+    given : str, optional
+        As a validation's `--display`: a preset, or a display file.
     """
 
     name: str
     definitions: tuple[str, ...] = ()
     display: Display | None = None
+    given: str | None = None
 
 
 @dataclass(frozen=True)
@@ -211,7 +216,7 @@ class _Reader(Tables):
             return tuple(own.values()) or (NamedDisplay(AS_SCENE),)
         known = {AS_SCENE: NamedDisplay(AS_SCENE)}
         for name, preset in DISPLAYS.items():
-            known[name] = NamedDisplay(name, (f"{PREFIX}display={name}",), preset)
+            known[name] = NamedDisplay(name, display=preset, given=name)
         known |= own
         names = self.texts("study.displays", named)
         for name in names:
@@ -234,7 +239,10 @@ class _Reader(Tables):
             if not is_file_safe(name) or name in (AS_SCENE, *DISPLAYS, *found):
                 why = "is taken" if is_file_safe(name) else "use 1 to 64 letters, digits or . _ + -"
                 raise self.wrong("display.name", f"{shown(name)}: {why}")
-            parameters = {k: v for k, v in table.items() if k not in ("name", "preset")}
+            parameters = {k: v for k, v in table.items() if k not in ("name", "preset", "file")}
+            if "file" in table:
+                found[name] = self._from_file(name, table)
+                continue
             self.check_names(f"display {name!r}: ", parameters, _PARAMETERS)
             preset = self.one_of(
                 f"display {name!r}: preset", table.get("preset", "nominal"), tuple(DISPLAYS)
@@ -245,6 +253,17 @@ class _Reader(Tables):
             )
             found[name] = NamedDisplay(name, _definitions(words), display)
         return found
+
+    def _from_file(self, name: str, table: Mapping[str, Any]) -> NamedDisplay:
+        """A display that a file describes, which may lie elsewhere than the study."""
+        what = f"display {name!r}: file"
+        if others := [key for key in table if key not in ("name", "file")]:
+            raise self.wrong(f"display {name!r}: {others[0]}", "belongs into its file")
+        file = self.text(what, table["file"])
+        if not file.lower().endswith(".xml"):
+            raise self.wrong(what, f"{shown(file)}: name an .xml with inim.* settings")
+        path = str(self.path.parent / file)
+        return NamedDisplay(name, display=chosen_display(path, [], what)[0], given=path)
 
     def variations(self) -> dict[str, tuple[str, ...]]:
         """All combinations of what is given as a list, by the values that are one of several."""

@@ -134,6 +134,7 @@ def _requests(
                     path,
                     out,
                     (*display.definitions, *words),
+                    display.given,
                     algorithms=",".join(study.algorithms),
                     viewpoints=study.viewpoints,
                     backend=study.backend,

@@ -137,6 +137,7 @@ def _design(request: ToleranceRequest) -> Plan:
             request.scene,
             request.place.out,
             (*_definitions(request), f"{PREFIX}misalign="),
+            request.display,
             algorithms=request.algorithm,
             viewpoints=request.viewpoints,
             allow_folders=request.place.allow_folders,
@@ -152,8 +153,7 @@ def _definitions(request: ToleranceRequest) -> tuple[str, ...]:
         key = item.partition("=")[0].strip().removeprefix(PREFIX)
         if key in _OWN:
             raise UsageError(f"-D {item}: `inim tolerate` gives {key} itself; leave it out")
-    display = () if request.display is None else (f"{PREFIX}display={request.display}",)
-    return (*request.definitions, *display, f"{PREFIX}min_ssim_to_ceiling=")
+    return (*request.definitions, f"{PREFIX}min_ssim_to_ceiling=")
 
 
 def _displays(study: ToleranceStudy) -> list[str]:
@@ -168,7 +168,7 @@ def _sweep(request: ToleranceRequest, plan: Plan, displays: Sequence[str]) -> St
         request.scene,
         plan.settings.title or request.scene.stem,
         {request.scene.stem: request.scene},
-        (NamedDisplay(AS_SCENE),),
+        (NamedDisplay(AS_SCENE, given=request.display),),
         tuple(method.name for method in plan.methods),
         {off or _ALIGNED: (*given, f"{PREFIX}misalign={off}") for off in displays},
         request.viewpoints,

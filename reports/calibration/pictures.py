@@ -1,0 +1,118 @@
+"""The pictures of the how-to about calibration, from simulated photographs of a hidden phone.
+
+    python -m reports.calibration.pictures scenes/amphora.xml -o docs/images
+
+A case of `reports.calibration.cases` is photographed and calibrated; a scene's EIA, made for what
+was found, is shown on what was hidden, photographed once more, and simulated. Written are
+`photographs.webp`, what the patterns look like through the sheet, and `photograph.webp`, the EIA's
+photograph beside its simulation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from reports.calibration.cases import Case, draw_case
+from reports.calibration.landing import Sheet
+from reports.calibration.photographs import Shot, photograph_case
+from reports.gallery.pictures import keep
+
+__all__ = ["main"]
+
+_CASE = 1
+# White, stripes of the Gray code, a phase.
+_SHOWN = ("00-white", "14-column-bit-2", "20-column-phase-000")
+_WIDTH = 480  # of each picture
+# Of the photographs' width, about their middle: what the lower row magnifies.
+_NEAR = 0.12
+
+
+def _inim(*words: str | Path) -> None:
+    subprocess.run([sys.executable, "-m", "inim", *map(str, words)], check=True)
+
+
+def _photographs(patterns: Path, position: Path) -> Image.Image:
+    """Photographs of some patterns, whole, and magnified below."""
+    names = [path.stem for path in sorted(patterns.glob("*.png"))]
+    taken = sorted(position.glob("*.jpg"))
+    columns = []
+    for name in _SHOWN:
+        with Image.open(taken[names.index(name)]) as image:
+            columns.append(_stacked(image.convert("RGB")))
+    return _side_by_side(columns)
+
+
+def _stacked(image: Image.Image) -> Image.Image:
+    near = _NEAR * image.width
+    left, top = (image.width - near) / 2, (image.height - near * image.height / image.width) / 2
+    box = (left, top, image.width - left, image.height - top)
+    size = (_WIDTH, round(_WIDTH * image.height / image.width))
+    whole = Image.new("RGB", (size[0], 2 * size[1] + 8), "white")
+    whole.paste(image.resize(size, Image.Resampling.LANCZOS))
+    whole.paste(image.resize(size, Image.Resampling.NEAREST, box), (0, size[1] + 8))
+    return whole
+
+
+def _side_by_side(images: list[Image.Image]) -> Image.Image:
+    width = sum(image.width for image in images) + 8 * (len(images) - 1)
+    whole = Image.new("RGB", (width, images[0].height), "white")
+    left = 0
+    for image in images:
+        whole.paste(image, (left, 0))
+        left += image.width + 8
+    return whole
+
+
+def _photographed(case: Case, eia: Path, out: Path) -> None:
+    """The EIA on the hidden display, photographed from the first position."""
+    with Image.open(eia) as image:
+        codes = np.asarray(image.convert("RGB"))
+    landing = Sheet(case.display, None).trace(case.camera, case.poses[0], seed=_CASE)
+    shot = Shot(landing, case.camera, case.sensor, case.display.eia_shape)
+    by_channel = [shot.photograph(codes[..., c], seed=c)[..., c] for c in range(3)]
+    Image.fromarray(np.stack(by_channel, axis=-1)).save(out, quality=90)
+
+
+def main() -> None:
+    """Make both pictures."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("-o", "--out", type=Path, default=Path("docs/images"))
+    args = parser.parse_args()
+    case = draw_case(_CASE)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        patterns, photographs, display = folder / "patterns", folder / "photographs", "display.xml"
+        _inim("calibrate", "patterns", "--display", case.design.name, "-o", patterns)
+        photograph_case(case, patterns, photographs)
+        keep(_photographs(patterns, photographs / "position-1"), args.out / "photographs.webp")
+        found = folder / display
+        _inim("calibrate", photographs, "--display", case.design.name, "-o", found)
+        made = folder / "made"
+        algorithm = "template:samples=4"
+        words = ("--display", found, "--algorithms", algorithm, "--viewpoints", "centre")
+        _inim("validate", args.scene, *words, "--preview", "-o", made)
+        eia, photograph = made / "eia" / f"{algorithm}.png", folder / "photograph.jpg"
+        _photographed(case, eia, photograph)
+        compared = folder / "compared"
+        words = ("--eia", eia, "--display", found, "--position", "position-1")
+        _inim("photo", photograph, *words, "-o", compared)
+        pair = []
+        for one in ("photograph.png", "simulation.png"):
+            with Image.open(compared / one) as image:
+                box = (image.width // 4, 0, 3 * image.width // 4, image.height)
+                size = (_WIDTH, round(_WIDTH * image.height / (box[2] - box[0])))
+                relic = image.convert("RGB").resize(size, Image.Resampling.LANCZOS, box)
+                pair.append(relic)
+        keep(_side_by_side(pair), args.out / "photograph.webp")
+
+
+if __name__ == "__main__":
+    main()

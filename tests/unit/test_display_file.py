@@ -1,0 +1,94 @@
+"""A display file is a display to every command: with a scene, in a study, for tolerances."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from inim.errors import FileError, InimError, SceneError
+from inim.pipeline.plan import make_plan
+from inim.pipeline.request import Request
+from inim.scene.file import chosen_display
+from inim.sweep.run import Place
+from inim.sweep.study import read_study
+from inim.sweep.unit import expand
+from inim.tolerate.run import ToleranceRequest, plan_tolerance
+from tests.conftest import scene_text, sphere
+
+MINE = """<scene version="3.0.0">
+    <default name="inim.display" value="phone"/>
+    <default name="inim.pitch_mm" value="0.9957"/>
+    <default name="inim.lens_columns" value="20"/>
+    <default name="inim.lens_rows" value="10"/>
+    <default name="inim.rotation_deg" value="1.1"/>
+    <default name="inim.view_spp" value="6"/>
+</scene>
+"""
+OWN = (
+    '<default name="inim.display" value="nominal"/><default name="inim.gap_mm" value="3.4"/>'
+    '<default name="inim.eia_spp" value="4"/>'
+)
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.xml"
+    path.write_text(scene_text(sphere((0, 0, 0), 1.0)).replace('"3.0.0">', f'"3.0.0">{OWN}'))
+    return path
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> str:
+    (tmp_path / "elsewhere").mkdir()
+    path = tmp_path / "elsewhere" / "mine.xml"
+    path.write_text(MINE)
+    return str(path)
+
+
+def test_a_file_replaces_all_that_a_scene_says_of_its_display_and_nothing_else(scene, mine):
+    plan = make_plan(Request(scene, Path("unused"), display=mine))
+    assert plan.display == chosen_display(mine, [], "")[0]
+    assert (plan.display.pitch_mm, plan.display.gap_mm) == (0.9957, 3.3)
+    assert (plan.settings.eia_spp, plan.settings.view_spp) == (4, 64)
+
+
+def test_the_command_line_has_the_last_word_on_single_values(scene, mine):
+    definitions = ("inim.rotation_deg=0.2", "inim.view_spp=2")
+    plan = make_plan(Request(scene, Path("unused"), definitions, display=mine))
+    assert (plan.display.rotation_deg, plan.display.pitch_mm) == (0.2, 0.9957)
+    assert plan.settings.view_spp == 2
+
+
+def test_a_preset_leaves_the_scene_its_single_values(scene):
+    plan = make_plan(Request(scene, Path("unused"), display="phone"))
+    assert (plan.display.pixel_pitch_mm, plan.display.gap_mm) == (0.0636, 3.4)
+
+
+def test_a_study_takes_a_file_from_beside_itself(scene, mine, tmp_path):
+    study = tmp_path / "study.toml"
+    text = (
+        '[study]\nscenes = ["scene.xml"]\nalgorithms = ["template"]\n[[display]]\nname = "mine"\n'
+    )
+    study.write_text(f'{text}file = "elsewhere/mine.xml"\n')
+    (unit,) = expand(read_study(study), tmp_path / "out")
+    assert unit.plan.display.given() == chosen_display(mine, [], "")[0].given()
+    study.write_text(f'{text}file = "elsewhere/mine.xml"\ngap_mm = 3.5\n')
+    with pytest.raises(InimError, match=r"display 'mine': gap_mm: belongs into its file"):
+        read_study(study)
+    study.write_text(f'{text}file = "none.xml"\n')
+    with pytest.raises(FileError, match=r"none\.xml"):
+        read_study(study)
+
+
+def test_tolerances_are_those_of_the_file_s_display(scene, mine, tmp_path):
+    request = ToleranceRequest(scene, Place(tmp_path / "out"), display=mine)
+    units = plan_tolerance(request).units
+    assert {unit.plan.display.pitch_mm for unit in units} == {0.9957}
+    assert len({unit.plan.mounted.rotation_deg for unit in units}) > 10
+
+
+def test_a_file_that_a_scene_names_is_not_looked_for(scene):
+    scene.write_text(scene.read_text().replace('value="nominal"', 'value="mine.xml"'))
+    with pytest.raises(SceneError, match=r"name a file with --display: --display mine\.xml"):
+        make_plan(Request(scene, Path("unused")))
