@@ -1,6 +1,7 @@
 # make demo      set up, validate the example scene and say where its report lies
 # make test      set up and run the checks that take seconds
 # make test-all  the same with the slow tests, and with the lens designers' program they compare with
+# make test-perception  run the tests of ColorVideoVDP, in an environment of its own (some 6 GB)
 # make docs      build the site: build/docs/index.html
 # make test-docs run every command and code block of the documents, in the order printed
 # make clean     remove all that this file makes
@@ -18,7 +19,7 @@ export PIP_ROOT_USER_ACTION := ignore
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := test
-.PHONY: demo test test-all checks docs test-docs clean
+.PHONY: demo test test-all test-perception checks docs test-docs clean
 
 demo: $(VENV)/.installed
 	@$(usable_backend)
@@ -30,6 +31,9 @@ test: checks
 test-all: checks $(VENV)/.installed-oracle
 	@$(BIN)/python -m pytest -m "not slow" $(PARALLEL)
 	@$(BIN)/python -m pytest -m slow
+
+test-perception: $(VENV)-perception/.installed
+	@$(VENV)-perception/bin/python -m pytest tests/unit/test_perception.py tests/system/test_perception.py
 
 checks: $(VENV)/.installed-test
 	@$(usable_backend)
@@ -49,7 +53,7 @@ test-docs: $(VENV)/.installed-test
 	@$(BIN)/python -m tests.documents
 
 clean:
-	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(VENV)-perception out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find inim tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.installed: $(VENV)/.made pyproject.toml
@@ -70,6 +74,12 @@ $(VENV)/.installed-docs: $(VENV)/.made pyproject.toml
 $(VENV)/.installed-oracle: $(VENV)/.installed-test
 	@echo "installing optiland into $(VENV) (some 700 MB, a few minutes)"
 	@$(BIN)/python -m pip install --quiet --editable '.[oracle]'
+	@touch $@
+
+$(VENV)-perception/.installed: pyproject.toml
+	@echo "installing inim, its test tools and ColorVideoVDP into $(VENV)-perception (some 6 GB)"
+	@$(PYTHON3) -m venv --clear $(VENV)-perception
+	@$(VENV)-perception/bin/python -m pip install --quiet --editable '.[perception,test]'
 	@touch $@
 
 $(VENV)/.made:

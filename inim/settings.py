@@ -94,6 +94,9 @@ class Settings:
     focus_mm: float | None = _setting(
         None, "distance from the eye it is focused at; the central depth plane", low=1e-9
     )
+    luminance_cd_m2: float = _setting(
+        500.0, "of the panel's white, for metrics of perception", low=1e-3
+    )
     view_pixels_per_lens: int = _setting(4, "pixels per lens of the views", low=1)
     capture_pixels_per_pitch: int | float = _setting(
         5, "RGB-D pixels per lens pitch; P / P_I gives the picture the paper's pixel P_I", low=1

@@ -13,6 +13,7 @@ from inim import metrics
 from inim.display import Display
 from inim.generators import HOLE, NO_LENS, SourceGenerator, Sources, find_sources
 from inim.generators.raycast.supersampling import Supersampled
+from inim.metrics import Viewing
 from inim.pipeline.timing import TimedMethod, linear_picture
 from inim.rgbd import RGBD, LayeredRGBD
 
@@ -83,15 +84,24 @@ class Reference:
         The views of an EIA.
     ceiling : sequence of array
         Views of the ground-truth EIA.
+    viewing : sequence of Viewing, optional
+        How each view is seen, for metrics of perception; they are left out without.
     """
 
     exact: Sources
     eia: np.ndarray
     views_of: ViewsOf
     ceiling: Sequence[np.ndarray]
+    viewing: Sequence[Viewing] = ()
 
 
-def make_reference(rgbd: RGBD, eia: np.ndarray, display: Display, views_of: ViewsOf) -> Reference:
+def make_reference(
+    rgbd: RGBD,
+    eia: np.ndarray,
+    display: Display,
+    views_of: ViewsOf,
+    viewing: Sequence[Viewing] = (),
+) -> Reference:
     """What EIAs made from a display-ready RGB-D picture are compared with.
 
     Parameters
@@ -103,9 +113,11 @@ def make_reference(rgbd: RGBD, eia: np.ndarray, display: Display, views_of: View
     display : Display
     views_of : callable
         The views of an EIA.
+    viewing : sequence of Viewing, optional
+        How each view is seen.
     """
     exact = find_sources(rgbd, display)
-    return Reference(exact, eia, views_of, views_of(eia))
+    return Reference(exact, eia, views_of, views_of(eia), viewing)
 
 
 def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
@@ -118,13 +130,17 @@ def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
         "wrong_source": wrong,
         "hole_fraction": _lensed_share(empty, reference.exact),
         "averaged_share": _averaged_share(method),
-        **_scores(reference.eia, made, reference.ceiling, reference.views_of(made)),
+        **_scores(
+            reference.eia, made, reference.ceiling, reference.views_of(made), reference.viewing
+        ),
     }
 
 
-def noise_floor(first: np.ndarray, second: np.ndarray, views_of: ViewsOf) -> dict[str, float]:
+def noise_floor(
+    first: np.ndarray, second: np.ndarray, views_of: ViewsOf, viewing: Sequence[Viewing] = ()
+) -> dict[str, float]:
     """One half of the ground truth's samples against the other, by the same measures."""
-    return _scores(first, second, views_of(first), views_of(second))
+    return _scores(first, second, views_of(first), views_of(second), viewing)
 
 
 def _scores(
@@ -132,15 +148,21 @@ def _scores(
     eia: np.ndarray,
     true_views: Sequence[np.ndarray],
     views: Sequence[np.ndarray],
+    viewing: Sequence[Viewing],
 ) -> dict[str, float]:
     """All scores, by key."""
     of_eia = metrics.eia_scores(true_eia, eia)
-    of_views = [metrics.score(*pair) for pair in zip(true_views, views, strict=True)]
+    seen: Sequence[Viewing | None] = viewing or [None] * len(views)
+    of_views = [
+        metrics.score(truth, view, viewing=how)
+        for truth, view, how in zip(true_views, views, seen, strict=True)
+    ]
     return {
         one.key: float(np.mean([view[one.metric.key] for view in of_views]))
         if one.of_views
         else of_eia[one.metric.key]
         for one in all_scores()
+        if viewing or not one.metric.viewed
     }
 
 

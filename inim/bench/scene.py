@@ -229,8 +229,9 @@ def _render(plan: Plan, names: Sequence[str], renderer: Renderer) -> _Inputs:
             "covered_shares": list(capture.covered_shares),
             "hidden_share": capture.hidden_share,
         }
-    reference = make_reference(ready, truth.image, plan.display, views_of)
-    floor = noise_floor(truth.first, truth.second, views_of)
+    viewing = [plan.viewing(eye) for eye in plan.viewpoints]
+    reference = make_reference(ready, truth.image, plan.display, views_of, viewing)
+    floor = noise_floor(truth.first, truth.second, views_of, viewing)
     return _Inputs(ready, layered, reference, floor, layers)
 
 

@@ -65,7 +65,7 @@ def add_exit_codes(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
 
 
-def add_definitions(parser: _Options, of: str = " or a scene parameter") -> None:
+def add_definitions(parser: _Options, of: str = "an inim.* setting or a scene parameter") -> None:
     """`-D KEY=VALUE`, into `definitions`."""
     parser.add_argument(
         "-D",
@@ -73,7 +73,7 @@ def add_definitions(parser: _Options, of: str = " or a scene parameter") -> None
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help=f"override an inim.* setting{of}; may be repeated",
+        help=f"override {of}; may be repeated",
     )
 
 
@@ -93,7 +93,7 @@ def add_allow_folder(parser: _Options) -> None:
 def add_display(parser: _Options) -> None:
     """The display of a command without a scene: `inim.scene.file.chosen_display` reads it."""
     parser.add_argument("--display", help=DISPLAY_HELP)
-    add_definitions(parser, " of the display")
+    add_definitions(parser, "an inim.* setting of the display")
 
 
 def add_quiet(parser: _Options) -> None:

@@ -33,7 +33,7 @@ def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
     add("--display", help="of the EIA: a preset, nominal or phone, or an .xml with inim.* settings")
-    add_definitions(parser, " of the display")
+    add_definitions(parser, "an inim.* setting of the display")
     add(
         "-o", "--out", type=Path, metavar="HTML", help=f"file to write (OUT/{_PAGE}, EIA-view.html)"
     )
@@ -224,6 +224,13 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--allow-flips", action="store_true", help="the path may leave the viewing zone")
     add("--lens-model", help="pinhole, thin, thick, full, or another package's (the report's)")
+    add(
+        "--scene",
+        type=Path,
+        help="the report's scene (.xml), in a pane of its own; with inim[perception] installed, "
+        "the others are scored against it as films, in JOD",
+    )
+    add_definitions(parser, "a parameter of --scene, as the report's run did")
     add("--frames", type=int, default=48, metavar="N", help="frames (48)")
     add("--rate", type=float, default=16.0, metavar="FPS", help="frames per second (16)")
     add("--spp", type=int, default=32, metavar="N", help="samples per pixel (32)")
@@ -255,6 +262,8 @@ def _film(args: argparse.Namespace) -> int:
         spp=args.spp,
         pixels_per_lens=report.data["settings"]["view_pixels_per_lens"],
         allow_flips=args.allow_flips,
+        scene=args.scene,
+        definitions=tuple(args.definitions),
     )
     make_film(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:

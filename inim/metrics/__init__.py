@@ -6,9 +6,9 @@ entry-point group ``inim.metrics``, under the metric's name::
     [project.entry-points."inim.metrics"]
     mine = "my_package.score:metric"
 
-Every metric that is installed is computed in every run. All parameters are pinned: window, data
-range, viewing conditions. Scores are compared with the same scene's ceiling only, never across
-scenes.
+Every metric that is installed is computed in every run; ColorVideoVDP where its package is. All
+parameters are pinned: window, data range, viewing conditions. Scores are compared with the same
+scene's ceiling only, never across scenes.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from threading import Lock
 
 import numpy as np
 
+from inim.color import srgb_from_linear
 from inim.errors import UsageError
-from inim.metrics.base import Metric, maps_of
+from inim.metrics import cvvdp
+from inim.metrics.base import Metric, Viewing, maps_of
 from inim.metrics.flip import flip, flip_map
 from inim.metrics.flip import metric as _flip
 from inim.metrics.psnr import metric as _psnr
@@ -30,17 +32,20 @@ from inim.metrics.psnr import psnr_db
 from inim.metrics.ssim import SSIM_WINDOW, ssim, ssim_map
 from inim.metrics.ssim import metric as _ssim
 from inim.plugins import announced, blame, identity, load
+from inim.provenance import versions
 
 __all__ = [
     "RELIC_MARGIN_PX",
     "SSIM_WINDOW",
     "Metric",
+    "Viewing",
     "all_metrics",
     "eia_scores",
     "find",
     "flip",
     "flip_map",
     "foreign_identities",
+    "heat_map",
     "psnr_db",
     "relic_region",
     "score",
@@ -73,7 +78,12 @@ def all_metrics() -> tuple[Metric, ...]:
 @cache
 def _all_metrics(path: tuple[str, ...]) -> tuple[Metric, ...]:  # noqa: ARG001
     """Those of a search path, looked up once."""
-    return (*_OWN, *(_foreign(name) for name in announced(_ENTRY_POINTS)))
+    perception = (cvvdp.metric,) if cvvdp.is_installed() else ()
+    return (*_OWN, *perception, *_foreign_metrics())
+
+
+def _foreign_metrics() -> tuple[Metric, ...]:
+    return tuple(_foreign(name) for name in announced(_ENTRY_POINTS))
 
 
 def _foreign(name: str) -> Metric:
@@ -84,21 +94,21 @@ def _foreign(name: str) -> Metric:
         )
     if found.name != name:
         raise UsageError(f"metric {name!r} calls itself {found.name!r}; give both one name")
-    if name in {metric.name for metric in _OWN}:
+    if name in {metric.name for metric in (*_OWN, cvvdp.metric)}:
         raise UsageError(f"metric {name!r} is one of inim's own; give the other one another name")
     return replace(found, function=_guarded(found))
 
 
-def _guarded(metric: Metric) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def _guarded(metric: Metric) -> Callable[..., np.ndarray]:
     """Another package's function: whatever it does, there is a score or one clear line."""
     what = f"metric {metric.name!r}"
     low, high = metric.range
     slack = _ROUNDING * (high - low) if np.isfinite(high - low) else _ROUNDING
 
-    def function(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+    def function(reference: np.ndarray, test: np.ndarray, *viewing: Viewing) -> np.ndarray:
         shape = reference.shape[:2]
         with _ONE_AT_A_TIME, blame(what, "scoring"):
-            made = metric.function(reference, test)
+            made = metric.function(reference, test, *viewing)
         if not isinstance(made, (int, float, np.number, np.ndarray)):
             raise UsageError(
                 f"{what} returned a {type(made).__name__}; it must return a number or an array of "
@@ -126,12 +136,19 @@ def find(score_name: str) -> Metric | None:
 
 
 def foreign_identities() -> dict[str, dict[str, str]]:
-    """`inim.plugins.identity` of every metric of another package, for what decides results."""
-    return {m.name: identity(_ENTRY_POINTS, m.name) for m in all_metrics()[len(_OWN) :]}
+    """`inim.plugins.identity` of every metric of another package, for what decides results.
+
+    Of ColorVideoVDP, where it is installed, the versions.
+    """
+    found = {m.name: identity(_ENTRY_POINTS, m.name) for m in _foreign_metrics()}
+    return found | ({cvvdp.metric.name: versions(cvvdp.PACKAGES)} if cvvdp.is_installed() else {})
 
 
 def score_maps(
-    reference: np.ndarray, test: np.ndarray, keys: Sequence[str] | None = None
+    reference: np.ndarray,
+    test: np.ndarray,
+    keys: Sequence[str] | None = None,
+    viewing: Viewing | None = None,
 ) -> dict[str, np.ndarray]:
     """What scores are made of, by the metrics' keys: maps whose means they are, or they themselves.
 
@@ -140,6 +157,8 @@ def score_maps(
     reference, test : (rows, columns, 3) float32, linear RGB
     keys : sequence of str, optional
         `Metric.key` of those wanted; all metrics without.
+    viewing : Viewing, optional
+        Without it, metrics that are `viewed` are left out.
 
     Returns
     -------
@@ -152,11 +171,15 @@ def score_maps(
         The pictures cannot be compared, or another package's metric failed.
     """
     metrics = {metric.key: metric for metric in all_metrics()}
-    return maps_of([metrics[key] for key in (metrics if keys is None else keys)], reference, test)
+    wanted = [metrics[key] for key in (metrics if keys is None else keys)]
+    return maps_of(wanted, reference, test, viewing)
 
 
 def score(
-    reference: np.ndarray, test: np.ndarray, region: np.ndarray | None = None
+    reference: np.ndarray,
+    test: np.ndarray,
+    region: np.ndarray | None = None,
+    viewing: Viewing | None = None,
 ) -> dict[str, float]:
     """Every metric's score under its key; with a region, those on the relic too.
 
@@ -165,15 +188,36 @@ def score(
     reference, test : (rows, columns, 3) float32, linear RGB
     region : (rows, columns) bool, optional
         The relic's; see `relic_region`.
+    viewing : Viewing, optional
+        Without it, metrics that are `viewed` are left out.
     """
-    maps = score_maps(reference, test)
-    metrics = all_metrics()
+    maps = score_maps(reference, test, viewing=viewing)
+    metrics = [metric for metric in all_metrics() if metric.key in maps]
     scores = {metric.key: metric.score(maps[metric.key]) for metric in metrics}
     if region is not None:
         for metric in metrics:
             if metric.on_relic and maps[metric.key].ndim:
                 scores[metric.on_relic_key] = metric.score(maps[metric.key], region)
     return scores
+
+
+def heat_map(
+    metric: Metric, reference: np.ndarray, test: np.ndarray, viewing: Viewing | None
+) -> np.ndarray:
+    """A metric's `Metric.heat_map` of two pictures, (rows, columns), in shares of `heat_map_to`.
+
+    Parameters
+    ----------
+    metric : Metric
+    reference, test : (rows, columns, 3) float32, linear RGB
+    viewing : Viewing, optional
+        Needed by a metric that is `viewed`.
+    """
+    assert metric.heat_map is not None
+    seen = (viewing,) if metric.viewed else ()
+    found = metric.heat_map(srgb_from_linear(reference), srgb_from_linear(test), *seen)
+    share: np.ndarray = np.asarray(found, np.float32) / metric.heat_map_to
+    return share
 
 
 def relic_region(relic: np.ndarray) -> np.ndarray:

@@ -17,10 +17,32 @@ from inim.buffers import row_bands
 from inim.color import srgb_from_linear
 from inim.errors import UsageError
 
-__all__ = ["Metric", "check_alike", "maps_of"]
+__all__ = ["Metric", "Viewing", "check_alike", "maps_of"]
 
 _NAME = re.compile(r"[a-z][a-z0-9]*")
 _UNIT = re.compile(r"[A-Za-z]*")
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """How a picture is seen, for metrics of perception.
+
+    Attributes
+    ----------
+    pixels_per_degree : float
+        Of the picture, at its middle.
+    luminance_cd_m2 : float
+        Of its white.
+    """
+
+    pixels_per_degree: float
+    luminance_cd_m2: float
+
+    @classmethod
+    def of(cls, pixel_mm: float, eye_mm: Sequence[float], luminance_cd_m2: float) -> Viewing:
+        """Of a picture with pixels of a size on the lens array, from an eye, display frame."""
+        degree = 2 * math.hypot(*eye_mm) * math.tan(math.radians(0.5))
+        return cls(degree / pixel_mm, luminance_cd_m2)
 
 
 @dataclass(frozen=True)
@@ -69,10 +91,19 @@ class Metric:
         Least side of a picture that the function takes.
     settings : mapping of str to JSON value
         What it is pinned to, for whoever computes it again.
+    viewed : bool
+        Whether the function is one of (reference, test, `Viewing`): how the picture is seen. It
+        scores views, then, and no picture that is seen nobody knows how.
+    slow : bool
+        Takes so long that its error is estimated from few evaluations, and is wide.
+    heat_map : callable, optional
+        Of the function's arguments: what is lost where, (rows, columns), shown from 0, black,
+        to `heat_map_to`.
+    heat_map_to : float
     """
 
     name: str
-    function: Callable[[np.ndarray, np.ndarray], Any]
+    function: Callable[..., Any]
     _: KW_ONLY
     tolerance: float
     better: str = "higher"
@@ -91,6 +122,10 @@ class Metric:
     dtype: type = np.float32
     least_px: int = 1
     settings: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    viewed: bool = False
+    slow: bool = False
+    heat_map: Callable[..., np.ndarray] | None = None
+    heat_map_to: float = 1.0
 
     def __post_init__(self) -> None:
         """Raise `UsageError` unless the declaration makes sense."""
@@ -109,6 +144,8 @@ class Metric:
             "better is 'higher' or 'lower'": self.better in ("higher", "lower"),
             "its range must be (low, high)": len(self.range) == 2 and self.range[0] < self.range[1],
             "its unit must be letters": bool(_UNIT.fullmatch(self.unit)),
+            "a metric that is viewed sees whole pictures: no reach, no EIAs": not self.viewed
+            or (self.reach is None and not self.of_eia),
         }
 
     @property
@@ -162,7 +199,10 @@ _Part = tuple[slice, slice]
 
 
 def maps_of(
-    metrics: Sequence[Metric], reference: np.ndarray, test: np.ndarray
+    metrics: Sequence[Metric],
+    reference: np.ndarray,
+    test: np.ndarray,
+    viewing: Viewing | None = None,
 ) -> dict[str, np.ndarray]:
     """What the metrics' scores are made of, by their keys.
 
@@ -174,6 +214,8 @@ def maps_of(
     ----------
     metrics : sequence of Metric
     reference, test : (rows, columns, 3) float32, linear RGB
+    viewing : Viewing, optional
+        Without it, metrics that are `viewed` are left out.
 
     Returns
     -------
@@ -186,6 +228,7 @@ def maps_of(
         The pictures cannot be compared, or another package's metric failed.
     """
     check_alike(reference, test)
+    metrics = [metric for metric in metrics if viewing is not None or not metric.viewed]
     rows, columns = shape = reference.shape[:2]
     partial = [(metric, metric.reach) for metric in metrics if metric.reach is not None]
     found: dict[str, np.ndarray] = {
@@ -205,7 +248,8 @@ def maps_of(
     for metric in metrics:
         if metric.reach is None:
             # Converted anew for each: another package's function may write into them.
-            value = metric.function(srgb_from_linear(reference), srgb_from_linear(test))
+            seen = (viewing,) if metric.viewed else ()
+            value = metric.function(srgb_from_linear(reference), srgb_from_linear(test), *seen)
             found[metric.key] = np.asarray(value)
     return {metric.key: found[metric.key] for metric in metrics}
 

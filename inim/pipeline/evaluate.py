@@ -11,6 +11,7 @@ import numpy as np
 
 from inim import metrics
 from inim.buffers import HalfBuffers
+from inim.metrics import Viewing
 from inim.parallel import Submit, threads
 from inim.pipeline.checks import (
     BLACK,
@@ -34,6 +35,7 @@ __all__ = [
     "Scores",
     "ceiling_scores",
     "evaluate",
+    "heat_maps",
     "noise_floor",
     "score_view",
     "scores_data",
@@ -86,7 +88,9 @@ class MethodResult:
 
 
 @stage("scores of a view", code=SCORING, makes=(ScoreEstimate,))
-def score_view(reference: Sampled, test: Sampled, region: np.ndarray) -> Scores:
+def score_view(
+    reference: Sampled, test: Sampled, region: np.ndarray, viewing: Viewing | None
+) -> Scores:
     """Scores of a view, of the whole and on the relic.
 
     Parameters
@@ -94,15 +98,19 @@ def score_view(reference: Sampled, test: Sampled, region: np.ndarray) -> Scores:
     reference, test : Sampled
     region : (rows, columns) bool
         The relic's; see `inim.metrics.relic_region`.
+    viewing : Viewing, optional
+        How it is seen; None if no metric asks for it.
     """
     truth, shown = ((one.image, one.first, one.second) for one in (reference, test))
-    return view_scores(truth, shown, region)
+    return view_scores(truth, shown, region, viewing=viewing)
 
 
 @stage("scores of two halves", code=SCORING)
-def _score_halves(halves: HalfBuffers, region: np.ndarray) -> dict[str, float]:
+def _score_halves(
+    halves: HalfBuffers, region: np.ndarray, viewing: Viewing | None
+) -> dict[str, float]:
     """One half of the samples against the other, by every metric."""
-    return metrics.score(halves.first, halves.second, region)
+    return metrics.score(halves.first, halves.second, region, viewing)
 
 
 @stage("scores of an EIA", code=SCORING)
@@ -141,7 +149,10 @@ def evaluate(
         how = {"whole": truth.whole, "generated": True, "run": run}
         statistics = submit(eia_statistics, f"eia/{name}", halves, plan.display, **how)
         whole = submit(_eia_scores, truth, run, eia)
-        pending = {view: submit(_against, truth, view, one, run) for view, one in views.items()}
+        seen = _viewing(plan)
+        pending = {
+            view: submit(_against, truth, view, one, seen[view], run) for view, one in views.items()
+        }
         # In this thread: a generator of another package may count on its own.
         reference = made.reference
         prints = {} if reference is None else {name: reference.fingerprint()}
@@ -180,11 +191,19 @@ def scores_data(views: Mapping[str, Scores]) -> dict[str, Any]:
     }
 
 
-def _against(truth: GroundTruth, name: str, view: ReconstructedView, run: Run) -> Scores:
+def _viewing(plan: Plan) -> dict[str, Viewing | None]:
+    """How each view is seen, by viewpoint, if there is a metric that asks for it."""
+    asked = any(metric.viewed for metric in metrics.all_metrics())
+    return {eye.name: plan.viewing(eye) if asked else None for eye in plan.viewpoints}
+
+
+def _against(
+    truth: GroundTruth, name: str, view: ReconstructedView, viewing: Viewing | None, run: Run
+) -> Scores:
     """Scores of a view against the rendered view, and against the ceiling's."""
     region = truth.regions[name]
-    to_scene = score_view(truth.views[name], view, region, run=run)
-    to_ceiling = score_view(truth.ceiling[name], view, region, run=run)
+    to_scene = score_view(truth.views[name], view, region, viewing, run=run)
+    to_ceiling = score_view(truth.ceiling[name], view, region, viewing, run=run)
     names = {metric.key: metric.to_ceiling_key for metric in metrics.all_metrics()}
     names |= {m.on_relic_key: m.on_relic_to_ceiling_key for m in metrics.all_metrics()}
     return to_scene | {names[key]: one for key, one in to_ceiling.items()}
@@ -204,11 +223,44 @@ def _eia_scores(
     return dict(_score_eia(truth.eia.image, eia, run=run))
 
 
-def ceiling_scores(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Scores]:
-    """What perfect elemental images show, against the rendered view, by viewpoint."""
+@stage("heat map of a view", code=SCORING)
+def _heat_map(
+    reference: np.ndarray, test: np.ndarray, viewing: Viewing | None, metric: str
+) -> np.ndarray:
+    """What a metric finds lost where, (rows, columns), in shares of what is shown at most."""
+    found = metrics.find(metric)
+    assert found is not None
+    return metrics.heat_map(found, reference, test, viewing)
+
+
+def heat_maps(
+    references: Mapping[str, Sampled], views: Mapping[str, Sampled], plan: Plan, *, run: Run
+) -> dict[str, np.ndarray]:
+    """Where views lose to what they are compared with, by metric and viewpoint: ``cvvdp/left``.
+
+    Of metrics that have a `heat_map`; see there.
+    """
+    shown = [metric.name for metric in metrics.all_metrics() if metric.heat_map is not None]
+    seen = _viewing(plan)
     with run.observer.timed("score"), scoring_threads(plan) as submit:
         pending = {
-            name: submit(score_view, view, truth.ceiling[name], truth.regions[name], run=run)
+            f"{metric}/{eye}": submit(
+                _heat_map, references[eye].image, view.image, seen[eye], metric, run=run
+            )
+            for metric in shown
+            for eye, view in views.items()
+        }
+        return {name: one.result() for name, one in pending.items()}
+
+
+def ceiling_scores(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Scores]:
+    """What perfect elemental images show, against the rendered view, by viewpoint."""
+    seen = _viewing(plan)
+    with run.observer.timed("score"), scoring_threads(plan) as submit:
+        pending = {
+            name: submit(
+                score_view, view, truth.ceiling[name], truth.regions[name], seen[name], run=run
+            )
             for name, view in truth.views.items()
         }
         return {name: one.result() for name, one in pending.items()}
@@ -217,9 +269,9 @@ def ceiling_scores(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Sco
 def noise_floor(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Any]:
     """The ground truth against itself, one half of its samples against the other."""
     with run.observer.timed("score"), scoring_threads(plan) as submit:
-        whole = submit(_eia_scores, truth, run)
+        whole, seen = submit(_eia_scores, truth, run), _viewing(plan)
         pending = {
-            name: submit(_score_halves, view, truth.regions[name], run=run)
+            name: submit(_score_halves, view, truth.regions[name], seen[name], run=run)
             for name, view in truth.views.items()
         }
         views = {name: one.result() for name, one in pending.items()}

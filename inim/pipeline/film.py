@@ -1,6 +1,7 @@
 """A film, from a report's folder to one file: all that can go wrong first, then the rendering.
 
-An animated GIF or WebP, or an MP4 where its encoder is installed.
+An animated GIF or WebP, or an MP4 where its encoder is installed. With the scene in a pane of its
+own, the others are scored against it as people see films: flips and crosstalk jump in time.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,14 +17,19 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.misalignment import mounted
-from inim.display.viewpoint import eye_path
+from inim.display.viewpoint import Viewpoint, eye_path
 from inim.errors import FileError, InimError, UsageError
 from inim.forecast import Step
 from inim.lens import check_lens_model
+from inim.metrics import Viewing, cvvdp
 from inim.observer import Observer
+from inim.pipeline.ground_truth import render_view
 from inim.pipeline.reconstruct import Optics, ShownEIA
-from inim.pipeline.scene import Renderer
+from inim.pipeline.scene import Renderer, Scene
+from inim.pipeline.stage import Run
 from inim.report import Report
+from inim.scene.file import SceneFile, parse_definitions, read_scene_file
+from inim.settings import PREFIX, Settings
 from inim.worker.output import open_beside, publish_file
 from inim.worker.supervisor import run_in_worker
 
@@ -34,10 +40,13 @@ _ENCODER = "imageio_ffmpeg"
 _WEBP_QUALITY = 90
 #: What `show` calls the true EIA, seen through the lenses.
 CEILING = "ceiling"
+_SCENE = "scene"
 # Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
 _LEAST_ROWS_PX = 384
 # Of a ray through thick lenses, and of writing a frame: the bar moves by them.
 _RAY_S, _WRITE_S = 1.5e-8, 0.1
+# The same of a ray into the scene, and of a frame's pixel that is scored.
+_TRUE_RAY_S, _SCORE_S = 5e-7, 1.5e-6
 _SPACE_BETWEEN_PX = 8
 _LABEL_ROWS_PX = 28
 _MOST_FRAMES = 2000
@@ -65,6 +74,10 @@ class FilmRequest:
     pixels_per_lens : int
     allow_flips : bool
         The path may leave the viewing zone.
+    scene : Path, optional
+        The report's scene, for a pane of its own; the others are scored against it.
+    definitions : tuple of str
+        `-D` of the scene's own parameters.
     """
 
     folder: str
@@ -77,6 +90,8 @@ class FilmRequest:
     spp: int
     pixels_per_lens: int
     allow_flips: bool = False
+    scene: Path | None = None
+    definitions: tuple[str, ...] = ()
 
 
 def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) -> None:
@@ -115,6 +130,22 @@ def _check(request: FilmRequest) -> None:
     display, design = _display(request, report)
     eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
     _panels(request, report, display)
+    if request.scene is not None:
+        _scene_file(request.scene, request, report)
+
+
+def _scene_file(scene: Path, request: FilmRequest, report: Report) -> SceneFile:
+    """The scene, which has to be the report's."""
+    given = parse_definitions(list(request.definitions))
+    if own := [key for key in given if key.startswith(PREFIX)]:
+        raise UsageError(f"-D {own[0]}: a film takes the report's settings; leave it out")
+    file = read_scene_file(scene, given)
+    if file.sha256 != report.data["scene"]["sha256"]:
+        raise UsageError(
+            f"{scene}: is not, or no longer, the scene of {request.folder}; name that one, or "
+            "validate this one anew"
+        )
+    return file
 
 
 def _display(request: FilmRequest, report: Report) -> tuple[Display, Display]:
@@ -141,16 +172,21 @@ def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     observer.stage("start")
     out = Path(request.out)
     film = staging / f"film{out.suffix.lower()}"
-    frames = _frames(request, observer)
+    report = Report.load(request.folder)
+    panes, scores = _panes(request, report, observer)
     observer.stage("write")
+    frames = [_frame(views, list(panes)) for views in zip(*panes.values(), strict=True)]
     write_film(film, frames, request.frames_per_second)
     publish_file(film, out)
+    for line in scores:
+        observer.line(line)
     return True
 
 
-def _frames(request: FilmRequest, observer: Observer) -> list[np.ndarray]:
-    """Every frame, panels side by side, (rows, columns, 3) uint8 sRGB."""
-    report = Report.load(request.folder)
+def _panes(
+    request: FilmRequest, report: Report, observer: Observer
+) -> tuple[dict[str, list[np.ndarray]], list[str]]:
+    """Every pane's views by its name, (rows, columns, 3) uint8 sRGB; and lines on their scores."""
     display, design = _display(request, report)
     eyes = eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
     renderer = Renderer("auto", observer)
@@ -159,23 +195,68 @@ def _frames(request: FilmRequest, observer: Observer) -> list[np.ndarray]:
     shown = [ShownEIA(eia, None, optics, renderer) for eia in _panels(request, report, display)]
     pixels = display.lens_rows * display.lens_columns * request.pixels_per_lens**2
     rays = pixels * request.spp * len(eyes) * len(shown)
-    observer.begin([Step("film", rays * _RAY_S, rays), Step("write", len(eyes) * _WRITE_S)])
+    steps = [Step("film", rays * _RAY_S, rays), Step("write", len(eyes) * _WRITE_S)]
+    if request.scene is not None:
+        true_rays = pixels * request.spp * len(eyes)
+        steps.append(Step(_SCENE, true_rays * _TRUE_RAY_S, true_rays))
+        steps.append(Step("score", pixels * len(eyes) * len(shown) * _SCORE_S))
+    observer.begin(steps)
+    panes: dict[str, list[np.ndarray]] = {}
+    if request.scene is not None:
+        observer.stage(_SCENE)
+        file = _scene_file(request.scene, request, report)
+        scene = Scene(file, design, report.data["settings"]["fit_share"], renderer)
+        panes[_SCENE] = [_true_view(scene, eye, request) for eye in eyes]
     observer.stage("film")
-    return [_frame([one.view(eye, half=0) for one in shown], request.show) for eye in eyes]
+    for name, one in zip(request.show, shown, strict=True):
+        panes[name] = [_shown(one.view(eye, half=0)) for eye in eyes]
+    if request.scene is None:
+        return panes, []
+    if not cvvdp.is_installed():
+        return panes, ["not scored: pip install 'inim[perception]'"]
+    observer.stage("score")
+    luminance = report.data["settings"].get("luminance_cd_m2", Settings().luminance_cd_m2)
+    return panes, _scores(panes, optics.viewing(eyes[0], luminance), request)
+
+
+def _true_view(scene: Scene, eye: Viewpoint, request: FilmRequest) -> np.ndarray:
+    """The scene from an eye, by as many samples as a frame has, both halves."""
+    found = render_view(scene, eye, request.pixels_per_lens, request.spp, 0, run=Run())
+    return _shown(found.view.image)
+
+
+def _scores(
+    panes: Mapping[str, Sequence[np.ndarray]], viewing: Viewing, request: FilmRequest
+) -> list[str]:
+    """Lines on how much worse each pane looks than the scene, in time."""
+    scene, *others = (
+        (name, [frame.astype(np.float32) / 255 for frame in frames])
+        for name, frames in panes.items()
+    )
+    return [
+        f"{name}: {cvvdp.film_jod(scene[1], frames, viewing, request.frames_per_second):.2f} JOD "
+        f"as a film, at {viewing.pixels_per_degree:.3g} pixels per degree and "
+        f"{viewing.luminance_cd_m2:g} cd/m^2"
+        for name, frames in others
+    ]
+
+
+def _shown(view: np.ndarray) -> np.ndarray:
+    """As a screen shows it."""
+    from inim.color import srgb_from_linear, srgb_to_uint8
+
+    return srgb_to_uint8(srgb_from_linear(view))
 
 
 def _frame(views: Sequence[np.ndarray], names: Sequence[str]) -> np.ndarray:
     """Views side by side under their names, magnified by a whole number, of even size."""
-    from inim.color import srgb_from_linear, srgb_to_uint8
-
     rows = views[0].shape[0]
     times = max(1, math.ceil(_LEAST_ROWS_PX / rows))
-    shown = [srgb_to_uint8(srgb_from_linear(view)) for view in views]
     large = [
         np.concatenate(
             [_label(name, times * view.shape[1]), view.repeat(times, 0).repeat(times, 1)]
         )
-        for name, view in zip(names, shown, strict=True)
+        for name, view in zip(names, views, strict=True)
     ]
     space = np.zeros((large[0].shape[0], _SPACE_BETWEEN_PX, 3), np.uint8)
     parts = [large[0], *(part for view in large[1:] for part in (space, view))]

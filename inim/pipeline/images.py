@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from inim.color import linear_from_srgb
 from inim.display import Display
 from inim.files.image import write_exr, write_png, write_rgbd
 from inim.observer import Observer
 from inim.pipeline.capture import Capture
 from inim.pipeline.ground_truth import GroundTruth
+from inim.report.images import magma
 from inim.rgbd import RGBD
 
 __all__ = ["Images", "write_rgbd_pngs"]
@@ -83,6 +85,14 @@ class Images:
         """Write views of an EIA, by viewpoint."""
         for viewpoint, view in views.items():
             self.save(f"views/{name}/{viewpoint}", view.image)
+
+    def save_heat_maps(self, name: str, maps: Mapping[str, np.ndarray]) -> None:
+        """Write heat maps of a method's views in colours: ``maps/cvvdp/template/left.png``."""
+        for place, share in maps.items():
+            metric, _, viewpoint = place.partition("/")
+            path = self.folder / "maps" / metric / name / f"{viewpoint}.png"
+            colors = linear_from_srgb(magma(share).astype(np.float32) / 255)
+            self._submit(partial(write_png, path, colors), colors.nbytes)
 
     def _submit(self, write: Callable[[], None], size: int) -> None:
         """Call what writes a file, which holds so many bytes of memory until then."""

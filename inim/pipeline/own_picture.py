@@ -304,6 +304,11 @@ def _scored(
     exact_eia = generate(front, display, EXACT)
     write_eia(folder / "eia" / "exact.png", exact_eia, None, display.pixel_pitch_mm)
     best = views_of("exact", exact_eia)
+    viewing = {v.name: optics.viewing(v, s.luminance_cd_m2) for v in viewpoints}
+
+    def scores(eye: str, reference: np.ndarray, view: np.ndarray) -> dict[str, float]:
+        return metrics.score(reference, view, regions[eye], viewing[eye])
+
     algorithms, checks = {}, []
     for name in names:
         run.observer.stage(name)
@@ -311,8 +316,8 @@ def _scored(
         eia, made = _made(generator, rgbd, exact, folder)
         made["views"] = {
             viewpoint: {
-                "to_picture": metrics.score(direct[viewpoint][0], view, regions[viewpoint]),
-                "to_exact": metrics.score(best[viewpoint], view, regions[viewpoint]),
+                "to_picture": scores(viewpoint, direct[viewpoint][0], view),
+                "to_exact": scores(viewpoint, best[viewpoint], view),
             }
             for viewpoint, view in views_of(name, eia).items()
         }
@@ -322,9 +327,7 @@ def _scored(
     return {
         "viewpoints": [{"name": v.name, "position_mm": list(v.position_mm)} for v in viewpoints],
         "oracle_pixels": max((len(hits.sources) for hits in exact.values()), default=0),
-        "exact": {
-            name: metrics.score(direct[name][0], view, regions[name]) for name, view in best.items()
-        },
+        "exact": {name: scores(name, direct[name][0], view) for name, view in best.items()},
         "met_fraction": {name: float(met.mean()) for name, (_, met) in direct.items()},
         "algorithms": algorithms,
         "not_scored": [*_NOT_SCORED, *([] if why is None else [f"Wrong sources: {why}."])],

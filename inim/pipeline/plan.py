@@ -12,7 +12,7 @@ from inim.display.misalignment import mounted
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import OutOfMemoryError, SceneError, UsageError
 from inim.lens import check_lens_model
-from inim.metrics import SSIM_WINDOW, all_metrics
+from inim.metrics import SSIM_WINDOW, Viewing, all_metrics
 from inim.pipeline.method import Method, parse_methods
 from inim.pipeline.reconstruct import Optics
 from inim.pipeline.request import PREVIEW, SHORTHANDS, Request
@@ -97,6 +97,10 @@ class Plan:
         return Optics(
             self.mounted, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed
         )
+
+    def viewing(self, eye: Viewpoint) -> Viewing:
+        """How its view is seen, for metrics of perception."""
+        return self.optics.viewing(eye, self.settings.luminance_cd_m2)
 
     @property
     def view_pixels(self) -> int:

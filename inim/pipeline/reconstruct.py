@@ -12,6 +12,7 @@ import numpy as np
 from inim.cache.digest import array_digest
 from inim.display import Display, Viewpoint
 from inim.lens import foreign_identity, white_exposure
+from inim.metrics import Viewing
 from inim.pipeline.scene import Renderer
 from inim.pipeline.stage import RENDERING, Run, stage
 
@@ -54,6 +55,12 @@ class Optics:
         package = foreign_identity(self.lens_model)
         own = {name: value for name, value in vars(self).items() if name != "mounted"}
         return given | own | {"lens_model's package": package}
+
+    def viewing(self, eye: Viewpoint, luminance_cd_m2: float) -> Viewing:
+        """How a view is seen from its eye: its pixels lie on the lens array."""
+        per_lens = self.view_pixels_per_lens
+        across = per_lens if isinstance(per_lens, int) else per_lens[1]
+        return Viewing.of(self.mounted.pitch_mm / across, eye.position_mm, luminance_cd_m2)
 
     @property
     def half_spp(self) -> int:

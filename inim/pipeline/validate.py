@@ -14,7 +14,13 @@ from __future__ import annotations
 from inim.pipeline.adaptive_sampling import measure_until_known
 from inim.pipeline.baseline import judge
 from inim.pipeline.capture import DepthCamera, capture_relic
-from inim.pipeline.evaluate import ceiling_scores, evaluate, noise_floor, truth_statistics
+from inim.pipeline.evaluate import (
+    ceiling_scores,
+    evaluate,
+    heat_maps,
+    noise_floor,
+    truth_statistics,
+)
 from inim.pipeline.ground_truth import collect_truth, pick_up_truth, render_view
 from inim.pipeline.images import Images
 from inim.pipeline.measured import Measured
@@ -59,6 +65,7 @@ def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measure
     truth = collect_truth(capture, eia, views, ceiling, whole=mask is None)
     images.save_capture(capture, plan.display)
     images.save_truth(truth)
+    images.save_heat_maps("ceiling", heat_maps(truth.views, truth.ceiling, plan, run=run))
 
     results = {}
     for method, maker in zip(plan.methods, makers, strict=True):
@@ -66,6 +73,7 @@ def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measure
         images.save(f"eia/{method.name}", made.eia)
         seen = reconstruct_views(method.name, made.eia, made.noise, eyes, optics, renderer, run=run)
         images.save_views(method.name, seen)
+        images.save_heat_maps(method.name, heat_maps(truth.ceiling, seen, plan, run=run))
         results[method.name] = evaluate(method.name, made, seen, truth, plan, run=run)
 
     best = ceiling_scores(truth, plan, run=run)

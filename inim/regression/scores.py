@@ -48,7 +48,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.metrics import Metric, all_metrics, find, score_maps
+from inim.metrics import Metric, Viewing, all_metrics, find, score_maps
 from inim.regression.verdict import (
     FALSE_ALARM_RATE,
     Verdict,
@@ -74,6 +74,8 @@ _BLOCK_PX = 16
 _COUPLING = (1 - 2.2 / _BLOCK_PX) ** -2
 # Patterns of signs for a score without a map, two evaluations each; so many degrees of freedom.
 _PATTERNS = 8
+# The same of one that is slow.
+_PATTERNS_OF_SLOW = 2
 # The step h: noise grows by h^2, and differences are far above float32's rounding.
 _STEP = 0.25
 # Where pictures are moved to.
@@ -135,6 +137,7 @@ def view_scores(
     test: Halved,
     region: np.ndarray | None = None,
     keys: Sequence[str] | None = None,
+    viewing: Viewing | None = None,
 ) -> dict[str, ScoreEstimate]:
     """Scores of a view, with their errors, by `inim.metrics.Metric.key`.
 
@@ -146,17 +149,22 @@ def view_scores(
         The relic's: scores of it, too, by `on_relic_key`.
     keys : sequence of str, optional
         `inim.metrics.Metric.key` of those wanted; all metrics without.
+    viewing : Viewing, optional
+        Without it, metrics that are `viewed` are left out.
     """
-    metrics = [m for m in all_metrics() if keys is None or m.key in keys]
-    maps = score_maps(reference[0], test[0], [metric.key for metric in metrics])
+    wanted = [m for m in all_metrics() if keys is None or m.key in keys]
+    maps = score_maps(reference[0], test[0], [metric.key for metric in wanted], viewing)
+    metrics = [metric for metric in wanted if metric.key in maps]
     local = [metric for metric in metrics if maps[metric.key].ndim]
 
     moved = [
         score_maps(_moved(*reference, by), _moved(*test, by), [metric.key for metric in local])
         for by in map(np.float32, _STEPS)
     ]
-    others = {m.key: float(maps[m.key]) for m in metrics if m not in local}
-    means = _without_maps(reference, test, others)
+    means: dict[str, ScoreEstimate] = {}
+    for slow, patterns in ((False, _PATTERNS), (True, _PATTERNS_OF_SLOW)):
+        others = {m.key: float(maps[m.key]) for m in metrics if m not in local and m.slow is slow}
+        means |= _without_maps(reference, test, others, viewing, patterns)
     found = {}
     for metric in metrics:
         key = metric.key
@@ -211,7 +219,11 @@ def _error_of_sum(blocks: np.ndarray) -> tuple[float, float]:
 
 
 def _without_maps(
-    reference: Halved, test: Halved, values: Mapping[str, float]
+    reference: Halved,
+    test: Halved,
+    values: Mapping[str, float],
+    viewing: Viewing | None,
+    patterns: int,
 ) -> dict[str, ScoreEstimate]:
     """Estimates of scores that have no map, from blocks moved with signs by chance; see the module.
 
@@ -220,6 +232,9 @@ def _without_maps(
     reference, test : as `view_scores`
     values : mapping of str to float
         The scores, by key.
+    viewing : Viewing, optional
+    patterns : int
+        How many.
     """
     if not values:
         return {}
@@ -227,15 +242,15 @@ def _without_maps(
     rows, columns = reference[0].shape[:2]
     blocks = math.ceil(rows / _BLOCK_PX), math.ceil(columns / _BLOCK_PX)
     moved: dict[str, list[list[float]]] = {key: [] for key in values}
-    for _ in range(_PATTERNS):
+    for _ in range(patterns):
         drawn = random.choice(np.array([-1, 1], np.float32), blocks)
         signs = np.repeat(np.repeat(drawn, _BLOCK_PX, 0), _BLOCK_PX, 1)[:rows, :columns, None]
         found = [
-            score_maps(_moved(*reference, by), _moved(*test, by), [*values])
+            score_maps(_moved(*reference, by), _moved(*test, by), [*values], viewing)
             for by in (np.float32(step) * signs for step in _STEPS)
         ]
-        for key, patterns in moved.items():
-            patterns.append([float(one[key]) for one in found])
+        for key, answers in moved.items():
+            answers.append([float(one[key]) for one in found])
     return {key: _by_patterns(values[key], np.array(one)) for key, one in moved.items()}
 
 

@@ -29,6 +29,7 @@ __all__ = [
     "data_uri",
     "difference",
     "is_wide",
+    "magma",
     "similarity",
     "similarity_scale",
 ]
@@ -129,7 +130,7 @@ def similarity(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
 
     def make() -> np.ndarray:
         first, second = (linear_from_srgb(codes.astype(np.float32) / 255) for codes in (a, b))
-        return _magma(1 - ssim_map(first, second))
+        return magma(1 - ssim_map(first, second))
 
     code = code_digest("metrics", "color.py", "report/images.py")
     return remembered(lambda: value_digest(["map of SSIM", a, b, code]), make)
@@ -140,12 +141,12 @@ def similarity_scale() -> np.ndarray:
     # Found again, it needs no plotter loaded.
     code = code_digest("report/images.py")
     return remembered(
-        lambda: value_digest(["scale of SSIM", code]), lambda: _magma(np.linspace(0, 1, 256)[None])
+        lambda: value_digest(["scale of SSIM", code]), lambda: magma(np.linspace(0, 1, 256)[None])
     )
 
 
-def _magma(share: np.ndarray) -> np.ndarray:
-    """Matplotlib's colours for shares of one, the ones FLIP's own maps are shown in."""
+def magma(share: np.ndarray) -> np.ndarray:
+    """Matplotlib's colours for shares of one, (rows, columns, 3) uint8; FLIP's maps have them."""
     from matplotlib import colormaps
 
     return np.asarray(colormaps["magma"](np.clip(share, 0, 1), bytes=True)[..., :3], np.uint8)

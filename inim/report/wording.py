@@ -35,6 +35,7 @@ __all__ = [
     "check_sentence",
     "check_value",
     "checks",
+    "disagreements",
     "full_command",
     "headlines",
     "is_number",
@@ -316,6 +317,45 @@ def best_algorithm(data: Mapping[str, Any]) -> str | None:
 
     best = max(part(data, "algorithms"), key=rank, default=None)
     return best if best is not None and rank(best)[0] else None
+
+
+def disagreements(data: Mapping[str, Any]) -> list[str]:
+    """Sentences on metrics that prefer another algorithm than the headline score does.
+
+    By means over the views, to the ceiling, on the relic where a metric knows it; a difference
+    below the metric's tolerance is none.
+    """
+    best, sentences = best_algorithm(data), []
+    for metric in all_metrics():
+        key = metric.on_relic_to_ceiling_key if metric.on_relic else metric.to_ceiling_key
+        if best is None or key == HEADLINE:
+            continue
+        means = {
+            name: sum(values) / len(values)
+            for name in part(data, "algorithms")
+            if (values := _views_scores(data, name, key))
+        }
+        sign = 1 if metric.better == "higher" else -1
+        other = max(means, key=lambda name: sign * means[name], default=best)
+        if best not in means or sign * (means[other] - means[best]) <= metric.tolerance:
+            continue
+        better, worse = (
+            f"{number(means[name], metric.digits)}{NBSP}{metric.unit}".rstrip(NBSP)
+            for name in (other, best)
+        )
+        sentences.append(
+            f"{metric.label} disagrees: it finds {other} better than {best}, {better} against "
+            f"{worse} to the ceiling."
+        )
+    return sentences
+
+
+def _views_scores(data: Mapping[str, Any], algorithm: str, key: str) -> list[float]:
+    """A score of all views; empty where one has none."""
+    views = [part(data, "algorithms", algorithm, "views", v) for v in viewpoint_names(data)]
+    values = [view.get(key) for view in views]
+    known = [float(value) for value in values if is_number(value)]
+    return known if len(known) == len(values) else []
 
 
 def by_noise(run: Mapping[str, Any], view: str, key: str) -> float | None:

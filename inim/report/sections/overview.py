@@ -22,6 +22,7 @@ from inim.report.wording import (
     check_finding,
     check_passed,
     checks,
+    disagreements,
     full_command,
     number,
     part,
@@ -43,7 +44,9 @@ def overview(data: Mapping[str, Any], images: Images) -> str:
     """The table of scores above the images of the centre viewpoint."""
     link = element("a", "What the numbers mean", href="#meaning")
     note = element("p", text(_NOTE), link, class_="note")
-    return _preview(data) + failures(data) + _scores(data) + note + _hero(data, images)
+    others = [element("p", text(line), class_="note") for line in disagreements(data)]
+    parts = [_preview(data), failures(data), _scores(data), note, *others, _hero(data, images)]
+    return "".join(parts)
 
 
 def _preview(data: Mapping[str, Any]) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from inim.metrics import all_metrics
 from inim.report.images import (
     DIFFERENCE_GAIN,
     Images,
@@ -65,7 +66,14 @@ _PARALLAX = (
 def views(data: Mapping[str, Any], images: Images) -> str:
     """The section on the views, one row of images for each viewpoint."""
     rows = [_viewpoint(data, images, v) for v in items(data, "viewpoints") if "name" in part(v)]
-    intro = element("p", text(_INTRO), class_="lead") + _scale(images)
+    names = viewpoint_names(data)
+    below = [
+        f" {metric.label}'s map shows what is lost where, from black for nothing to pale yellow "
+        f"for {metric.heat_map_to:g} {metric.unit} or more."
+        for metric in all_metrics()
+        if names and images.read("maps", metric.name, "ceiling", f"{names[0]}.png") is not None
+    ]
+    intro = element("p", text(_INTRO + "".join(below)), class_="lead") + _scale(images)
     return _wipe(data, images) + intro + "".join(rows)
 
 
@@ -154,12 +162,18 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
         return images.embed(pixels, f"{name} from {view}", data_shows=name, data_viewpoint=view)
 
     def compared(name: str, pixels: np.ndarray | None, to: str, reference: Any) -> list[str]:
-        """A view, its difference to a reference, and SSIM's map of the two."""
+        """A view, its difference to a reference, and maps of the two: SSIM's, and heat maps."""
+        folder = "ceiling" if name == CEILING else name
         pair = f"of {name} and {to} from {view}"
         return [
             shown(name, pixels),
             images.embed(difference(pixels, reference), f"Difference {pair}"),
             images.embed(similarity(pixels, reference), f"SSIM map {pair}"),
+            *(
+                images.embed(lost, f"{metric.label} map {pair}")
+                for metric in all_metrics()
+                if (lost := images.read("maps", metric.name, folder, f"{view}.png")) is not None
+            ),
         ]
 
     floor, own = (part(data, key, "views", view) for key in ("noise_floor", "ceiling"))

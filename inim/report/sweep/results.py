@@ -40,6 +40,7 @@ SETTING_COLUMNS = (
     "viewing_distance_mm",
     "pupil_mm",
     "focus_mm",
+    "luminance_cd_m2",
     "view_pixels_per_lens",
     "capture_pixels_per_pitch",
     "capture_spp",

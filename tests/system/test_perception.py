@@ -1,0 +1,152 @@
+"""A metric of perception is in every result, its conditions those of the display and the eye.
+
+Expected: the same keys, tables and pages with the package, and with what stands in for it here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inim import metrics
+from inim.files.picture import open_picture
+from inim.metrics import Viewing, cvvdp
+from inim.pipeline import timing
+from inim.sweep.table import columns
+from tests.schemas import read_document
+from tests.system.conftest import TINY, assert_one_line, definitions, run_here, write_scene
+
+SEEN: list[Viewing] = []
+
+
+@pytest.fixture(scope="module", autouse=True)
+def package() -> Iterator[None]:
+    """Something that scores as ColorVideoVDP does, where that is not installed."""
+
+    class Found:
+        """Of a tensor, what is used."""
+
+        def __init__(self, values: np.ndarray) -> None:
+            self.values = values
+
+        def __getitem__(self, _: object) -> Found:
+            return self
+
+        def float(self) -> Found:
+            return self
+
+        def numpy(self) -> np.ndarray:
+            return self.values
+
+    def predicted(model: Any, test: np.ndarray, reference: np.ndarray, **_: Any) -> Any:
+        lost = np.abs(test - reference).mean(axis=-1)
+        return 10 - 10 * lost.mean(), {"heatmap": Found(lost)}
+
+    def model(viewing: Viewing, heat_map: str | None = None) -> str:
+        SEEN.append(viewing)
+        return ""
+
+    with pytest.MonkeyPatch.context() as patch:
+        if not cvvdp.is_installed():
+            patch.setattr(cvvdp, "is_installed", lambda: True)
+            patch.setattr(cvvdp, "_predicted", predicted)
+            patch.setattr(cvvdp, "_model", model)
+        metrics._all_metrics.cache_clear()
+        yield
+    metrics._all_metrics.cache_clear()
+
+
+def run(*words: object, folder: Path) -> str:
+    ended = run_here(*map(str, words), folder=folder)
+    assert ended.code == 0, ended.stderr
+    return ended.stdout
+
+
+@pytest.fixture(scope="module")
+def validated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("seen")
+    words = ("-o", "out", "--algorithms", "template,li2012", "--viewpoints", "centre")
+    given = definitions(TINY | {"inim.luminance_cd_m2": "123"})
+    run("validate", write_scene(folder), *words, *given, folder=folder)
+    return folder / "out", read_document(folder / "out" / "report.json")
+
+
+def test_report_has_jod_to_scene_and_ceiling_with_intervals(validated) -> None:
+    _, data = validated
+    for result in data["algorithms"].values():
+        view, precision = result["views"]["centre"], result["precision"]["centre"]
+        for key in ("cvvdp_jod", "cvvdp_to_ceiling_jod"):
+            low, high = precision[key]["interval"]
+            assert low <= view[key] <= high
+            assert view[key] < 10
+    assert data["ceiling"]["views"]["centre"]["cvvdp_jod"] < 10
+    assert data["noise_floor"]["views"]["centre"]["cvvdp_jod"] <= 10
+    assert data["scoring"]["metrics"]["cvvdp"]["arguments"]["ambient_lux"] == 0
+
+
+def test_it_is_seen_as_the_display_from_the_eye(validated) -> None:
+    _, data = validated
+    if not SEEN:
+        pytest.skip("the package itself, which says nothing of it")
+    (position,) = (one["position_mm"] for one in data["viewpoints"])
+    pixel = data["display"]["given"]["pitch_mm"] / data["settings"]["view_pixels_per_lens"]
+    degree = 2 * np.linalg.norm(position) * np.tan(np.radians(0.5))
+    assert {one.luminance_cd_m2 for one in SEEN} == {123.0}
+    assert {round(one.pixels_per_degree, 6) for one in SEEN} == {round(degree / pixel, 6)}
+
+
+def test_page_and_files_show_it(validated) -> None:
+    out, data = validated
+    page = (out / "report.html").read_text("utf-8")
+    assert "CVVDP&#x27;s map shows what is lost where" in page
+    for name, run in data["algorithms"].items():
+        jod = run["views"]["centre"]["cvvdp_to_ceiling_jod"]
+        assert f"<dd>CVVDP <b>{jod:.2f}\N{NO-BREAK SPACE}JOD</b></dd>" in page
+        file = f"maps/cvvdp/{name}/centre.png"
+        assert file in data["files"]
+        with open_picture(out / file, ("PNG",), 1) as picture:
+            assert np.asarray(picture).std() > 1
+
+
+def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path: Path) -> None:
+    out, _ = validated
+    run("compare", out, out, "-o", "same", folder=tmp_path)
+    checks = read_document(tmp_path / "same" / "compare.json")["verdict"]["checks"]
+    assert any(check["name"].startswith("template/centre: CVVDP to ceiling") for check in checks)
+    assert "CVVDP" in (tmp_path / "same" / "junit.xml").read_text("utf-8")
+
+    assert {"cvvdp_jod", "cvvdp_to_ceiling_jod", "luminance_cd_m2"} <= columns().keys()
+
+    scene = write_scene(tmp_path).name
+    words = ("-o", "timed", "--algorithms", "template", "--runs", "3", "--threads", "1")
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("_SETTLE_S", "_LEAD_IN_S"):  # pauses that make times comparable
+            patch.setattr(timing, name, 0.0)
+        run("bench", scene, *words, *definitions(TINY), folder=tmp_path)
+    (found,) = read_document(tmp_path / "timed" / "bench.json")["contenders"]
+    assert found["view_cvvdp_to_ceiling_jod"] < 10
+    assert "view CVVDP to ceiling" in (tmp_path / "timed" / "bench.html").read_text("utf-8")
+
+
+def test_film_is_scored_against_the_scene_that_it_names(validated, tmp_path: Path) -> None:
+    out, _ = validated
+    words = ("film", out, "-o", tmp_path / "film.webp", "--frames", "4", "--spp", "4")
+    scene = out.parent / "tiny.xml"
+    said = run(*words, "--scene", scene, "--show", "template", folder=tmp_path)
+    assert "template: " in said
+    assert "JOD as a film, at " in said
+    assert "123 cd/m^2" in said
+
+    other = tmp_path / "other.xml"
+    other.write_text(scene.read_text() + "<!-- another one -->\n")
+    for given, why in (
+        (("--scene", other), "is not, or no longer, the scene of"),
+        (("--scene", scene, "-D", "inim.gap_mm=3"), "a film takes the report's settings"),
+    ):
+        ended = run_here(*map(str, (*words, *given)), folder=tmp_path)
+        assert ended.code == 2
+        assert_one_line(ended.stderr, [why])

@@ -1,0 +1,192 @@
+"""Metrics of perception: how a picture is seen reaches them, and JOD is the package's own."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inim import metrics
+from inim.color import linear_from_srgb, srgb_from_linear
+from inim.display import DISPLAYS
+from inim.display.viewpoint import Viewpoint
+from inim.errors import UsageError
+from inim.metrics import Metric, Viewing, cvvdp
+from inim.pipeline.reconstruct import Optics
+from inim.regression import view_scores
+from inim.report.wording import disagreements
+
+SEEN = Viewing(30.0, 400.0)
+installed = pytest.mark.skipif(
+    not cvvdp.is_installed(), reason="needs pip install 'inim[perception]': make test-perception"
+)
+
+
+@pytest.fixture
+def announce(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """Announce metrics of other packages, by the names of the keywords; ColorVideoVDP is not."""
+
+    def announced(**found: Metric) -> None:
+        monkeypatch.setattr("inim.metrics.cvvdp.is_installed", lambda: False)
+        monkeypatch.setattr("inim.metrics.announced", lambda group: sorted(found))
+        monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: found[name])
+        metrics._all_metrics.cache_clear()
+
+    yield announced
+    metrics._all_metrics.cache_clear()
+
+
+def pictures(seed: int, rows: int = 40, columns: int = 48) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(seed)
+    return tuple(rng.random((rows, columns, 3)).astype(np.float32) for _ in range(3))
+
+
+def test_a_degree_has_as_many_pixels_as_fit_into_it():
+    """573 mm away, a hundredth of a millimetre short of it, a degree is a centimetre wide."""
+    assert Viewing.of(0.25, (0, 0, 572.9578), 500).pixels_per_degree == pytest.approx(40, rel=1e-4)
+    aside = Viewing.of(0.25, (300, 0, 400), 500)
+    assert aside.pixels_per_degree == pytest.approx(40 * 500 / 572.9578, rel=1e-4)
+
+
+def test_a_view_s_pixels_lie_on_the_array():
+    display = DISPLAYS["nominal"]
+    optics = Optics(display, "thick", 4, 8, 0)
+    seen = optics.viewing(Viewpoint("eye", 0, 0, 572.9578), 123.0)
+    assert seen.pixels_per_degree == pytest.approx(10 / (display.pitch_mm / 4), rel=1e-4)
+    assert seen.luminance_cd_m2 == 123.0
+
+
+def test_only_a_picture_that_is_seen_is_scored(announce):
+    asked = []
+
+    def score(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> float:
+        asked.append(viewing)
+        return viewing.pixels_per_degree * viewing.luminance_cd_m2
+
+    announce(seen=Metric("seen", score, viewed=True, tolerance=1, range=(0, np.inf)))
+    a, b, _ = pictures(1)
+    assert "seen" not in metrics.score(a, b)
+    assert "seen" not in metrics.eia_scores(a, b)
+    assert metrics.score(a, b, viewing=SEEN)["seen"] == 12000
+    assert asked == [SEEN]
+
+
+@pytest.mark.parametrize(("slow", "evaluations"), [(False, 1 + 8 * 4), (True, 1 + 2 * 4)])
+def test_the_error_of_a_slow_metric_is_estimated_from_few_evaluations(announce, slow, evaluations):
+    calls = []
+
+    def score(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> float:
+        calls.append(viewing)
+        return float(np.abs(reference - test).mean())
+
+    announce(seen=Metric("seen", score, viewed=True, slow=slow, better="lower", tolerance=1))
+    a, b, noise = pictures(2)
+    noise = 0.02 * (noise - 0.5)
+    found = view_scores((a, a, a), (b, b + noise, b - noise), viewing=SEEN)["seen"]
+    assert calls == [SEEN] * evaluations
+    assert found.freedom == (evaluations - 1) / 4
+    assert 0 < found.error < 0.01
+
+
+def test_a_heat_map_is_told_how_it_is_seen_and_scaled(announce):
+    def lost(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> np.ndarray:
+        return viewing.pixels_per_degree * np.abs(reference - test).mean(axis=-1)
+
+    metric = Metric(
+        "seen", lost, viewed=True, tolerance=1, range=(0, 99), heat_map=lost, heat_map_to=3.0
+    )
+    a, b, _ = pictures(3)
+    wanted = 10 * np.abs(srgb_from_linear(a) - srgb_from_linear(b)).mean(axis=-1)
+    np.testing.assert_allclose(metrics.heat_map(metric, a, b, SEEN), wanted, rtol=1e-5)
+
+
+def test_a_viewed_metric_of_eias_is_refused():
+    with pytest.raises(UsageError, match="sees whole pictures"):
+        Metric("seen", lambda *_: 1.0, viewed=True, of_eia=True, tolerance=1)
+
+
+def results(**psnr_db: float) -> dict:
+    """A report in which SSIM falls from one algorithm to the next."""
+    views = {
+        name: {
+            "ssim_on_relic_to_ceiling": 0.9 - 0.1 * n,
+            "psnr_on_relic_to_ceiling_db": value,
+            "flip_on_relic_to_ceiling": 0.1 + 0.1 * n,
+        }
+        for n, (name, value) in enumerate(psnr_db.items())
+    }
+    algorithms = {name: {"views": {"centre": scores}} for name, scores in views.items()}
+    return {"viewpoints": [{"name": "centre"}], "algorithms": algorithms}
+
+
+def test_a_metric_that_prefers_another_algorithm_is_named(announce):
+    announce()
+    assert disagreements(results(first=30.0, second=25.0)) == []
+    (said,) = disagreements(results(first=25.0, second=30.0))
+    assert said.startswith("PSNR disagrees: it finds second better than first, 30.00")
+    within_its_tolerance = results(first=25.0, second=25.0 + 1e-3)
+    assert disagreements(within_its_tolerance) == []
+
+
+def test_without_the_package_a_film_says_what_to_type(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pycvvdp", None)
+    cvvdp._packages.cache_clear()
+    a = pictures(4)[0]
+    with pytest.raises(UsageError, match=r"pip install 'inim\[perception\]'"):
+        cvvdp.film_jod([a], [a], Viewing(1.0, 1.0), 10)
+
+
+@installed
+@pytest.mark.parametrize(("noise", "ppd", "luminance"), [(0.02, 30, 400), (0.2, 60, 100)])
+def test_jod_is_the_package_s_own_of_codes_on_a_display_in_its_words(
+    tmp_path, noise, ppd, luminance
+):
+    import pycvvdp
+    import torch
+
+    rng = np.random.default_rng(5)
+    reference = np.kron(rng.integers(40, 220, (8, 10, 3)), np.ones((12, 12, 1))).astype(np.uint8)
+    test = reference + 255 * noise * rng.standard_normal(reference.shape)
+    test = np.clip(test, 0, 255).astype(np.uint8)
+    display = {
+        "mine": {
+            "name": "as inim's", "resolution": [120, 96], "pixels_per_degree": ppd,
+            "max_luminance": luminance, "contrast": 1000, "E_ambient": 0, "source": "none",
+        }
+    }  # fmt: skip
+    models = tmp_path / "display_models.json"
+    models.write_text(json.dumps(display))
+    theirs = pycvvdp.cvvdp(
+        "mine", config_paths=[str(models)], device=torch.device("cpu"), quiet=True
+    )
+    wanted, _ = theirs.predict(test, reference, dim_order="HWC")
+    linear = [linear_from_srgb(one.astype(np.float32) / 255) for one in (reference, test)]
+    found = metrics.score(*linear, viewing=Viewing(ppd, luminance))["cvvdp_jod"]
+    assert 3 < float(wanted) < 9.9
+    assert found == pytest.approx(float(wanted), abs=1e-3)
+
+
+@installed
+def test_equal_pictures_are_ten_and_more_noise_is_less(tmp_path: Path):
+    a, _, noise = pictures(6)
+    found = [
+        metrics.score(a, np.clip(a + by * (noise - 0.5), 0, 1), viewing=SEEN)["cvvdp_jod"]
+        for by in (0.0, 0.1, 0.4)
+    ]
+    assert found[0] == 10.0
+    assert 10 > found[1] > found[2]
+
+
+@installed
+def test_a_flicker_that_no_frame_shows_alone_counts_in_a_film():
+    """Frames brighter and darker in turn than those of the reference, against all too bright."""
+    still = 0.5 * np.ones((32, 32, 3), np.float32)
+    steady = [still + 0.03] * 16
+    flicker = [still + 0.03 * (-1) ** n for n in range(16)]
+    reference = [still] * 16
+    jod = [cvvdp.film_jod(reference, film, SEEN, 16) for film in (steady, flicker)]
+    assert jod[1] < jod[0] - 0.5
