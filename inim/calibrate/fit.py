@@ -67,10 +67,10 @@ _USUAL = (0.3, 0.2)
 # Typical residuals above these are no lens array of this kind: panel pixels, and shares of a lens.
 _WORST_PANEL_PX = 0.5
 _WORST_OUTLINE = 0.08
-# How far off the model is, in the units of `Seen.imperfections`: standard deviations, 3 µm in 1 mm
-# and 8 µm, of photographs through a refracting sheet whose parameters are known
-# (`reports/calibration`). Real sheets' index and thickness are not known better.
-_IMPERFECT = (0.003, 0.08)
+# How far off the model is, in the units of `Seen.imperfections`: standard deviations, 1 µm in 1 mm
+# and 2 µm, of photographs through a refracting sheet whose parameters are known, by cameras of
+# different blur (`reports/calibration`).
+_IMPERFECT = (0.001, 0.02)
 _ROUNDS = 3
 # Where a search ends: a step lessens the sum of squares by less than this share of it.
 _STILL, _MOST_STEPS = 1e-7, 50
@@ -237,12 +237,12 @@ def calibrate(
     prior = _prior(steady, guess, focal_px is not None, counted[0].shape)
     sizes = np.tile([_USUAL[0] * nominal.pixel_pitch_mm, _USUAL[1]], (len(counted), 1))
     for _ in range(_ROUNDS):
-        seen = Seen.of([_thinned(one) for one in counted], steady)
+        seen = Seen.of([_thinned(one) for one in counted], steady).sharpened(guess)
         guess = _solved(seen, guess, free, prior, sizes)
         sizes = _sizes(seen.residuals(guess))
         # The first guess may have been a lens off.
         guess, counted = recounted(guess, counted, edges, nominal)
-    seen = Seen.of([_thinned(one) for one in counted], steady)
+    seen = Seen.of([_thinned(one) for one in counted], steady).sharpened(guess)
     names = tuple(lenses)
     _check(names, nominal, sizes, counted)
     covariance = _covariance(seen, guess, free, prior, sizes)
