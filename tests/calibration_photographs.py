@@ -1,9 +1,9 @@
 """What a camera would decode from photographs of a display, without photographs.
 
-Rays of pixels are traced by the thick lens model. The panel is seen as the steps that it is made
-of, smoothed by what a pixel and the camera's pupil cover of it, with noise; pixels on a seam see
-two lenses and are often not decoded. The camera's distortion is undone by iteration, not by the
-project's own code.
+Rays of pixels are traced by the thick lens model, and those of a Gaussian blur about them. The
+panel is seen as the steps that it is made of, smoothed by what a pixel and the camera's pupil cover
+of it, with noise; pixels on a seam see two lenses and are often not decoded. The camera's
+distortion is undone by iteration, not by the project's own code.
 """
 
 from __future__ import annotations
@@ -26,13 +26,18 @@ class Photograph(NamedTuple):
 
 
 class Lens(NamedTuple):
-    """A camera: height and width in pixels, and OpenCV's intrinsics, but pixels begin at 0."""
+    """A camera: height and width in pixels, OpenCV's intrinsics, but pixels begin at 0; blur."""
 
     shape: tuple[int, int]
     focal: float
     centre: tuple[float, float]
     k1: float = 0.0
     k2: float = 0.0
+    blur_px: float = 0.65
+
+
+# Gauss-Hermite's three points and weights of a normal distribution.
+_NORMAL = ((-(3**0.5), 1 / 6), (0.0, 2 / 3), (3**0.5, 1 / 6))
 
 
 def look_at(eye: Any, target: Any = (0, 0, 0), roll_deg: float = 0.0) -> np.ndarray:
@@ -53,21 +58,18 @@ def photograph(
     random = np.random.default_rng(seed)
     height, width = lens.shape
     v, u = np.mgrid[:height, :width] + 0.5
-    distorted = np.stack([u - lens.centre[0], v - lens.centre[1]]) / lens.focal
-    tangents = distorted
-    for _ in range(12):
-        square = (tangents**2).sum(axis=0)
-        tangents = distorted / (1 + lens.k1 * square + lens.k2 * square**2)
-    along = np.einsum("khw,kd->dhw", np.concatenate([tangents, np.ones((1, height, width))]), axes)
-    away = -eye[2] / along[2]
-    sx, sy = -along[0] / along[2], -along[1] / along[2]
-    x, y, weight = trace_to_panel(
-        display, "thick", eye[0] + away * along[0], eye[1] + away * along[1], sx, sy
-    )
     rows, columns = display.eia_shape
-    column = x / display.pixel_pitch_mm + columns / 2
-    row = rows / 2 - y / display.pixel_pitch_mm
+    column, row, weight = _seen(display, lens, eye, axes, u, v)
     dark = ~(weight > 0) | (column < 0) | (column > columns) | (row < 0) | (row > rows)
+    total = np.zeros((3, height, width))
+    for x, across in _NORMAL:
+        for y, down in _NORMAL:
+            there = _seen(display, lens, eye, axes, u + x * lens.blur_px, v + y * lens.blur_px)
+            # Of another lens, a part of the blur makes the pixel one that is not decoded.
+            same = (np.abs(there[0] - column) + np.abs(there[1] - row) < 4) & (there[2] > 0)
+            share = across * down * same
+            total += share * np.where(same, [there[0], there[1], np.ones_like(u)], 0)
+    blurred = total[:2] / np.where(dark, 1, total[2])
     seam = np.zeros(lens.shape, bool)
     for axis in (0, 1):
         jump = np.abs(np.diff(column, axis=axis)) + np.abs(np.diff(row, axis=axis)) > 4
@@ -78,12 +80,31 @@ def photograph(
     cover = (3.0 / eye[2] * display.gap_mm + 0.01) / display.pixel_pitch_mm
     maps = [
         np.where(dark, np.nan, _stepped(one, cover) + noise_px * random.standard_normal(lens.shape))
-        for one in (column, row)
+        for one in blurred
     ]
     error = np.where(dark, np.nan, noise_px)
     return Photograph(
         *(one.astype(np.float32) for one in (*maps, error, np.where(dark, 0.0, weight)))
     )
+
+
+def _seen(
+    display: Display, lens: Lens, eye: Any, axes: np.ndarray, u: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Panel column and row through points of the photograph, and what gets through."""
+    distorted = np.stack([u - lens.centre[0], v - lens.centre[1]]) / lens.focal
+    tangents = distorted
+    for _ in range(12):
+        square = (tangents**2).sum(axis=0)
+        tangents = distorted / (1 + lens.k1 * square + lens.k2 * square**2)
+    along = np.einsum("khw,kd->dhw", np.concatenate([tangents, np.ones((1, *u.shape))]), axes)
+    away = -eye[2] / along[2]
+    sx, sy = -along[0] / along[2], -along[1] / along[2]
+    x, y, weight = trace_to_panel(
+        display, "thick", eye[0] + away * along[0], eye[1] + away * along[1], sx, sy
+    )
+    rows, columns = display.eia_shape
+    return x / display.pixel_pitch_mm + columns / 2, rows / 2 - y / display.pixel_pitch_mm, weight
 
 
 def _stepped(place: np.ndarray, cover: float) -> np.ndarray:

@@ -24,7 +24,7 @@ from inim.calibrate.start import count_alike, focal_guess, pose_guess, turned
 from inim.display import Display
 from inim.errors import DisplayError, FileError, UsageError
 
-__all__ = ["LIMITS", "Calibration", "Estimate", "calibrate", "check_display", "recounted"]
+__all__ = ["LIMITS", "Calibration", "Estimate", "calibrate", "check_display", "recounted", "stand"]
 
 #: A parameter with a larger standard error is not given; lengths as shares of the nominal pitch,
 #: gap and focal length. An interval that wide would not help to make an EIA.
@@ -67,10 +67,10 @@ _USUAL = (0.3, 0.2)
 # Typical residuals above these are no lens array of this kind: panel pixels, and shares of a lens.
 _WORST_PANEL_PX = 0.5
 _WORST_OUTLINE = 0.08
-# How far off the model is, in the units of `Seen.imperfections`: standard deviations, 3 µm in 1 mm
-# and 8 µm, of photographs through a refracting sheet whose parameters are known
-# (`reports/calibration`). Real sheets' index and thickness are not known better.
-_IMPERFECT = (0.003, 0.08)
+# How far off the model is, in the units of `Seen.imperfections`: standard deviations, 1 µm in 1 mm
+# and 2 µm, of photographs through a refracting sheet whose parameters are known, by cameras of
+# different blur (`reports/calibration`).
+_IMPERFECT = (0.001, 0.02)
 _ROUNDS = 3
 # Where a search ends: a step lessens the sum of squares by less than this share of it.
 _STILL, _MOST_STEPS = 1e-7, 50
@@ -219,41 +219,84 @@ def calibrate(
             f"photographs of {first[1]} x {first[0]} and of {other[1]} x {other[0]} pixels: take "
             "all with one camera, held the same way"
         )
-    for name, one in lenses.items():
-        if (whole := int(one.is_whole.sum())) < _LEAST_WHOLE:
-            raise FileError(
-                f"{name}: {whole} lenses are seen whole, at least two lenses from any edge, and "
-                f"{_LEAST_WHOLE} are needed; show more of the sheet, or leave this position out"
-            )
-    low, high = nominal.depth_range_mm
-    rows, columns = nominal.eia_shape
-    steady = nominal.replace(
-        depth_min_mm=low, depth_max_mm=high, panel_rows=rows, panel_columns=columns
-    )
+    steady = nominal.held()
     guess, counted, edges = _begin(lenses, steady, camera, focal_px)
     free = np.ones(guess.steps.size, bool)
     if camera is not None:
         free[len(PARAMETERS) : len(SHARED)] = False
     prior = _prior(steady, guess, focal_px is not None, counted[0].shape)
-    sizes = np.tile([_USUAL[0] * nominal.pixel_pitch_mm, _USUAL[1]], (len(counted), 1))
-    for _ in range(_ROUNDS):
-        seen = Seen.of([_thinned(one) for one in counted], steady)
-        guess = _solved(seen, guess, free, prior, sizes)
-        sizes = _sizes(seen.residuals(guess))
-        # The first guess may have been a lens off.
-        guess, counted = recounted(guess, counted, edges, nominal)
-    seen = Seen.of([_thinned(one) for one in counted], steady)
     names = tuple(lenses)
-    _check(names, nominal, sizes, counted)
+    guess, counted, seen, sizes = _fitted(names, steady, guess, counted, edges, free, prior)
     covariance = _covariance(seen, guess, free, prior, sizes)
     known = camera is not None
     return _result(nominal, guess, covariance, known, edges, names, counted, seen, sizes)
+
+
+def stand(lenses: Lenses, display: Display, camera: Camera, name: str) -> Pose:
+    """Where a camera stood, both it and the display being known.
+
+    Parameters
+    ----------
+    lenses : Lenses
+    display : Display
+    camera : Camera
+    name : str
+        What to call the photographs in errors.
+
+    Raises
+    ------
+    UsageError, FileError
+        As `calibrate`.
+    """
+    check_display(display)
+    steady = display.held()
+    guess, counted, _ = _begin({name: lenses}, steady, camera, None)
+    guess = guess._replace(display=steady)
+    free = np.arange(guess.steps.size) >= len(SHARED)
+    prior = _prior(steady, guess, True, lenses.shape)
+    # Counted as the known shift has it, whether edges are seen or not.
+    fitted, *_ = _fitted((name,), steady, guess, counted, (True, True), free, prior)
+    return fitted.poses[0]
+
+
+def _fitted(
+    names: tuple[str, ...],
+    display: Display,
+    guess: Guess,
+    counted: tuple[Lenses, ...],
+    edges_seen: tuple[bool, bool],
+    free: np.ndarray,
+    prior: _Prior,
+) -> tuple[Guess, tuple[Lenses, ...], Seen, np.ndarray]:
+    """The best guess, the lenses as it counts them, what of them was fitted, and residuals' sizes.
+
+    Raises
+    ------
+    FileError
+        No such display explains the photographs.
+    """
+    sizes = np.tile([_USUAL[0] * display.pixel_pitch_mm, _USUAL[1]], (len(counted), 1))
+    for _ in range(_ROUNDS):
+        seen = Seen.of([_thinned(one) for one in counted], display).sharpened(guess)
+        guess = _solved(seen, guess, free, prior, sizes)
+        sizes = _sizes(seen.residuals(guess))
+        # The first guess may have been a lens off.
+        guess, counted = recounted(guess, counted, edges_seen, display)
+    seen = Seen.of([_thinned(one) for one in counted], display).sharpened(guess)
+    _check(names, display, sizes, counted)
+    return guess, counted, seen, sizes
 
 
 def _begin(
     lenses: Mapping[str, Lenses], display: Display, camera: Camera | None, focal_px: float | None
 ) -> tuple[Guess, tuple[Lenses, ...], tuple[bool, bool]]:
     """Values to begin with, and all lenses counted from the array's top left."""
+    for name, one in lenses.items():
+        if (whole := int(one.is_whole.sum())) < _LEAST_WHOLE:
+            raise FileError(
+                f"{name}: {whole} lenses are seen whole, at least two lenses from any edge, and "
+                f"{_LEAST_WHOLE} are needed; show more of the sheet, or leave this position out"
+            )
     found = list(lenses.values())
     flat = display.replace(**dict.fromkeys(_LIE, 0.0))
     first = camera or focal_guess(flat, found, focal_px)

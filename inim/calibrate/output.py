@@ -80,7 +80,7 @@ def residual_maps(found: Calibration) -> list[tuple[str, np.ndarray, np.ndarray]
     there is nothing: rays on the panel, µm, mean of a lens; outlines, photograph pixels.
     """
     display = found.guess.display
-    seen = Seen.of(found.lenses, display)
+    seen = Seen.of(found.lenses, display).sharpened(found.guess)
     maps = []
     for name, lens, outlined, (of_rays, of_outlines) in zip(
         found.names, seen.lens, seen.outlined, seen.residuals(found.guess), strict=True

@@ -19,7 +19,7 @@ from scipy.optimize import least_squares, minimize_scalar
 from inim.calibrate.camera import Camera, Pose, rays
 from inim.display import Display
 from inim.errors import FileError
-from inim.lens import trace_to_panel
+from inim.lens import trace_to_pixels
 from inim.metrics import score
 from inim.parallel import threads
 from inim.provenance import versions
@@ -137,7 +137,8 @@ def simulate(
         y = (rows[:, None] + offsets).ravel()
         x = (np.arange(shape[1])[:, None] + offsets).ravel()
         pixels = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1)
-        found, share = _through(eia, display, rays(camera, pose, pixels))
+        row, column, share = trace_to_pixels(display, "thick", *rays(camera, pose, pixels))
+        found = eia[row, column] * share[..., None]
         by_pixel = (len(rows), _SAMPLES, shape[1], _SAMPLES)
         light[rows] = found.reshape(*by_pixel, 3).mean(axis=(1, 3))
         seen[rows] = (share.reshape(by_pixel) > 0).all(axis=(1, 3))
@@ -146,20 +147,6 @@ def simulate(
         for one in [submit(fill, first) for first in range(0, shape[0], _BAND_ROWS)]:
             one.result()
     return light, seen
-
-
-def _through(eia: np.ndarray, display: Display, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Light and weight of rays."""
-    x, y, weight = trace_to_panel(display, "thick", *lines)
-    rows, columns = display.eia_shape
-    with np.errstate(invalid="ignore"):
-        column = np.floor(x / display.pixel_pitch_mm + columns / 2)
-        row = np.floor(rows / 2 - y / display.pixel_pitch_mm)
-        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows) & (weight > 0)
-    places = tuple(np.where(inside, place, 0).astype(np.int64) for place in (row, column))
-    share = np.where(inside, weight, 0)
-    light: np.ndarray = eia[places] * share[..., None]
-    return light, share
 
 
 def compare(photograph: np.ndarray, light: np.ndarray, seen: np.ndarray, name: str) -> Difference:

@@ -19,7 +19,7 @@ from inim.display import Display
 from inim.errors import FileError
 from inim.files.picture import open_picture
 
-__all__ = ["Position", "read_colors", "read_photograph", "read_positions"]
+__all__ = ["Position", "read_colors", "read_photograph", "read_position", "read_positions"]
 
 _FORMATS = ("JPEG", "PNG")
 _ENDINGS = (".jpg", ".jpeg", ".png")
@@ -84,7 +84,7 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
             f"{folder}: holds no folders; put the photographs of each camera position into a "
             "folder of its own in it"
         )
-    positions = [_position(one, display) for one in found]
+    positions = [read_position(one, display) for one in found]
     for other in positions[1:]:
         if other.shape != positions[0].shape:
             raise FileError(
@@ -95,7 +95,8 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
     return positions
 
 
-def _position(folder: Path, display: Display) -> Position:
+def read_position(folder: Path, display: Display) -> Position:
+    """One camera position, its folder's photographs; see `read_positions`."""
     paths = tuple(sorted(_visible(folder), key=_in_order))
     for path in paths:
         if path.suffix.lower() not in _ENDINGS:

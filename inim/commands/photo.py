@@ -17,6 +17,7 @@ from inim.errors import EXIT_PASSED, UsageError, known_words
 
 if TYPE_CHECKING:
     from inim.calibrate.camera import Camera, Pose
+    from inim.display import Display
 
 __all__ = ["COMMANDS"]
 
@@ -25,20 +26,28 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     parser.description = (
         "Simulate a photograph of a display that `inim calibrate` has measured, taken from one of "
-        "the positions of that calibration, and tell how it differs from the real one: shift, "
-        "blur, tone; SSIM, PSNR and FLIP."
+        "the positions of that calibration or from where the patterns were photographed again, "
+        "and tell how it differs from the real one: shift, blur, tone; SSIM, PSNR and FLIP."
     )
     parser.add_argument("photo", type=Path, metavar="PHOTO", help="JPEG or PNG, as photographed")
     parser.add_argument("--eia", type=Path, required=True, help="what the panel shows, PNG or EXR")
     add_display(parser)
-    parser.add_argument(
+    stood = parser.add_mutually_exclusive_group()
+    stood.add_argument(
         "--position", metavar="NAME", help="of the calibration, where the camera stood"
+    )
+    stood.add_argument(
+        "--patterns",
+        type=Path,
+        metavar="FOLDER",
+        help="photographs of all patterns from where the camera stood, if elsewhere",
     )
     parser.add_argument("-o", "--out", type=Path, help="folder (PHOTO-photo)")
     add_debug(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
+    from inim.calibrate.camera import Camera
     from inim.calibrate.photo import as_data, compare, simulate
     from inim.calibrate.photographs import read_colors
     from inim.files.eia_file import read_eia
@@ -48,14 +57,16 @@ def _run(args: argparse.Namespace) -> int:
     if not (args.display or "").lower().endswith(".xml"):
         raise UsageError("--display: name the display file that inim calibrate wrote")
     display, _ = chosen_display(args.display, args.definitions, "inim photo")
-    camera, pose, shape, position = _camera(Path(args.display), args.position)
+    data = _calibration(Path(args.display))
+    known = data["camera"]
+    camera = Camera(*(known[field] for field in Camera._fields))
+    shape = known["height_px"], known["width_px"]
     photograph = read_colors(args.photo)
-    if photograph.shape[:2] != shape:
-        raise UsageError(
-            f"{args.photo}: {photograph.shape[1]} x {photograph.shape[0]} pixels, and those of the "
-            f"calibration have {shape[1]} x {shape[0]}; photograph with the same camera, held the "
-            "same way"
-        )
+    _check_shape(args.photo, photograph.shape[:2], shape)
+    if args.patterns is None:
+        pose, position = _calibrated_pose(data["positions"], args.position)
+    else:
+        pose, position = _pose(args.patterns, display, camera, shape), args.patterns.resolve().name
     eia, _ = read_eia(args.eia, display)
     light, seen = simulate(eia, display, camera, pose, shape)
     found = compare(photograph, light, seen, str(args.photo))
@@ -81,25 +92,50 @@ def _run(args: argparse.Namespace) -> int:
     return EXIT_PASSED
 
 
-def _camera(display: Path, name: str | None) -> tuple[Camera, Pose, tuple[int, int], str]:
-    """Camera, pose, shape of the photographs and name of a position of a calibration."""
-    import numpy as np
-
-    from inim.calibrate.camera import Camera, Pose
+def _calibration(display: Path) -> dict[str, Any]:
+    """What `inim calibrate` wrote beside a display file."""
     from inim.files.json_file import read_json
 
     path = display.with_name(f"{display.stem}-calibration") / "calibration.json"
-    data = read_json(path, "keep the report that inim calibrate wrote beside it", "calibration")
-    places = {one["name"]: one for one in data["positions"]}
+    return read_json(path, "keep the report that inim calibrate wrote beside it", "calibration")
+
+
+def _check_shape(name: Path, shape: tuple[int, ...], wanted: tuple[int, int]) -> None:
+    if shape != wanted:
+        raise UsageError(
+            f"{name}: {shape[1]} x {shape[0]} pixels, and those of the calibration have "
+            f"{wanted[1]} x {wanted[0]}; photograph with the same camera, held the same way"
+        )
+
+
+def _calibrated_pose(positions: list[dict[str, Any]], name: str | None) -> tuple[Pose, str]:
+    """Pose and name of a position of a calibration."""
+    import numpy as np
+
+    from inim.calibrate.camera import Pose
+
+    places = {one["name"]: one for one in positions}
     if name is None and len(places) > 1:
-        raise UsageError(f"--position: the camera stood in one; use {' or '.join(places)}")
+        raise UsageError(
+            f"--position: the camera stood in one; use {' or '.join(places)}, or --patterns FOLDER "
+            "of photographs from where it stood"
+        )
     name = next(iter(places)) if name is None else name
     if name not in places:
         raise UsageError(f"--position {name}: {known_words(name, places)}")
-    known = data["camera"]
-    camera = Camera(*(known[field] for field in Camera._fields))
-    pose = Pose(np.array(places[name]["turn"]), np.array(places[name]["eye_mm"]))
-    return camera, pose, (known["height_px"], known["width_px"]), name
+    return Pose(np.array(places[name]["turn"]), np.array(places[name]["eye_mm"])), name
+
+
+def _pose(folder: Path, display: Display, camera: Camera, shape: tuple[int, int]) -> Pose:
+    """Where a camera stood that photographed the patterns."""
+    from inim.calibrate.decode import decode
+    from inim.calibrate.fit import stand
+    from inim.calibrate.lattice import find_lenses
+    from inim.calibrate.photographs import read_position
+
+    seen = read_position(folder, display)
+    _check_shape(folder, seen.shape, shape)
+    return stand(find_lenses(decode(seen), display, seen.name), display, camera, seen.name)
 
 
 def _distance_mm(pose: Pose) -> float:
@@ -112,7 +148,8 @@ def _command(args: argparse.Namespace) -> str:
     from inim.pipeline.request import repeated
 
     words = ["inim", "photo", str(args.photo), "--eia", str(args.eia), "--display", args.display]
-    words += [] if args.position is None else ["--position", args.position]
+    for option, value in (("--position", args.position), ("--patterns", args.patterns)):
+        words += [] if value is None else [option, str(value)]
     words += repeated("-D", args.definitions)
     return shlex.join(words + ([] if args.out is None else ["-o", str(args.out)]))
 

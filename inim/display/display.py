@@ -662,6 +662,14 @@ class Display:
         """A copy with some parameters changed, checked anew."""
         return replace(self, **changes)
 
+    def held(self) -> Display:
+        """A copy that states its panel and depth range: no change of a length moves them."""
+        rows, columns = self.eia_shape
+        low, high = self.depth_range_mm
+        return self.replace(
+            panel_rows=rows, panel_columns=columns, depth_min_mm=low, depth_max_mm=high
+        )
+
     def through_pinholes(self) -> Display:
         """The display whose lenses are points, without a name.
 

@@ -52,15 +52,9 @@ def mounted(display: Display, misalignment: str) -> Display:
     if not off:
         return display
     # Picture and panel stay as designed: the depth range and the pixels are not the array's.
-    low, high = display.depth_range_mm
-    rows, columns = display.eia_shape
     try:
-        return display.replace(
+        return display.held().replace(
             name=f"{display.name}, misaligned",
-            depth_min_mm=low,
-            depth_max_mm=high,
-            panel_rows=rows,
-            panel_columns=columns,
             **_stretched(display, off.get("pitch_mm", 0.0)),
             **{key: getattr(display, key) + value for key, value in off.items()},
         )

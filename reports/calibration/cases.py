@@ -102,14 +102,8 @@ def _misaligned(random: np.random.Generator, design: Display) -> Display:
     def off(most: float) -> float:
         return float(random.uniform(-most, most))
 
-    rows, columns = design.eia_shape
-    low, high = design.depth_range_mm
-    return design.replace(
+    return design.held().replace(
         name=f"{design.name}, hidden",
-        panel_rows=rows,
-        panel_columns=columns,
-        depth_min_mm=low,
-        depth_max_mm=high,
         pitch_mm=design.pitch_mm * (1 + off(0.01)),
         rotation_deg=off(2.0),
         gap_mm=design.gap_mm * (1 + off(0.1)),

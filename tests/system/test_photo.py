@@ -85,12 +85,15 @@ def test_shift_blur_and_gamma_are_found_each_in_its_row(bench):
     [
         ([], "mine.xml", ["--position", "front or side"]),
         (["--position", "frnt"], "mine.xml", ["frnt", "did you mean front?"]),
+        (["--position", "front", "--patterns", "p"], "mine.xml", ["--patterns", "not allowed"]),
+        (["--patterns", "p"], "mine.xml", ["p: ", "0 pictures"]),
         (["--position", "front"], "nominal", ["--display", "inim calibrate"]),
         (["--position", "front"], "other.xml", ["calibration.json", "no such file"]),
     ],
 )
 def test_what_is_missing_is_named(bench, more, display, words):
     (bench / "other.xml").write_text((bench / "mine.xml").read_text())
+    (bench / "p").mkdir(exist_ok=True)
     ended = photo(bench, *more, display=display)
     assert ended.code == 2
     assert_one_line(ended.stderr, words)

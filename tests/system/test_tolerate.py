@@ -6,11 +6,13 @@ scores are those of validations with `--misalign`; mistakes are one line.
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 import inim
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
-from tests.schemas import read_document
+from tests.schemas import completed, read_document
 from tests.system.conftest import (
     TINY,
     assert_one_line,
@@ -87,9 +89,8 @@ def test_another_criterion_computes_nothing(drawn):
     planned = run_here(*words, "--dry-run", folder=folder)
     assert planned.stdout.endswith("16 of 16 results are there, 0 validations to run\n")
     strict = read_document(folder / "out" / "tolerate.json")
-    (folder / "calibration.json").write_text(
-        '{"parameters": {"shift_x_mm": {"standard_error": 0.001}}}'
-    )
+    reached = {"parameters": {"shift_x_mm": {"standard_error": 0.001}}}
+    (folder / "calibration.json").write_text(json.dumps(completed("calibration", reached)))
     ended = run_here(*words, "--calibration", "calibration.json", folder=folder)
     assert ended.code == EXIT_PASSED, ended.stderr
     assert written(folder) == before
@@ -128,7 +129,7 @@ def test_a_display_that_cannot_be_mounted_is_named_and_the_others_count(tmp_path
         (("--algorithm", "templat"), ["did you mean template"]),
         (("-D", "inim.misalign=gap_mm=1"), ["misalign", "leave it out"]),
         (("--display", "fone"), ["did you mean phone"]),
-        (("--calibration", "tiny.xml"), ["tiny.xml", "standard_error"]),
+        (("--calibration", "tiny.xml"), ["tiny.xml", "not a JSON document"]),
         (("--workers", "0"), ["--workers 0"]),
     ],
 )

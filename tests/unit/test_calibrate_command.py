@@ -6,14 +6,22 @@ where the photographs do not determine everything; one line for each mistake.
 
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from PIL import Image
+from scipy.ndimage import gaussian_filter
 
 from inim.calibrate import decode, photographs
+from inim.calibrate.camera import Camera, Pose
+from inim.calibrate.photo import simulate
 from inim.cli import main
+from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.scene.file import chosen_display
-from tests.schemas import read_document
+from tests.calibration_photographs import look_at
+from tests.schemas import completed, read_document
 from tests.unit.test_calibrate_fit import CAMERA, DESIGN, EYES, HIDDEN, straight_photograph, taken
 
 GIVEN = [
@@ -112,3 +120,57 @@ def test_the_word_patterns_writes_them(tmp_path, capsys):
     out = tmp_path / "shown"
     assert main(["calibrate", "patterns", "--display", "phone", *GIVEN, "-o", str(out)]) == 0
     assert (out / "patterns.html").is_file() and str(out) in capsys.readouterr().out
+
+
+# -- a photograph from elsewhere ------------------------------------------------------------------
+
+
+@pytest.fixture
+def bench(monkeypatch, tmp_path):
+    """A display file, its calibration, an EIA, and a photograph of it from the left."""
+    given = {k: v for k, v in HIDDEN.given().items() if v is not None and k != "name"}
+    lines = [f'<default name="inim.{k}" value="{v}"/>' for k, v in given.items()]
+    (tmp_path / "mine.xml").write_text(f'<scene version="3.0.0">{"".join(lines)}</scene>')
+    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
+    height, width = CAMERA.shape
+    document = completed(
+        "calibration",
+        {"camera": {"width_px": width, "height_px": height, **camera._asdict()}},
+    )
+    (tmp_path / "mine-calibration").mkdir()
+    (tmp_path / "mine-calibration" / "calibration.json").write_text(json.dumps(document))
+    random = np.random.default_rng(4)
+    noise = gaussian_filter(random.random((*DESIGN.eia_shape, 3)), (4, 4, 0)) - 0.5
+    codes = srgb_to_uint8(srgb_from_linear(0.4 + 0.2 * noise / noise.std()))
+    Image.fromarray(codes).save(tmp_path / "eia.png")
+    eye, target, roll = EYES["left"]
+    pose = Pose(look_at(eye, target, roll), np.array(eye))
+    light, _ = simulate(linear_from_srgb(codes / 255), HIDDEN, camera, pose, CAMERA.shape)
+    Image.fromarray(srgb_to_uint8(srgb_from_linear(light))).save(tmp_path / "photo.png")
+    position = SimpleNamespace(name="again", shape=CAMERA.shape)
+    monkeypatch.setattr(photographs, "read_position", lambda folder, display: position)
+    monkeypatch.setattr(decode, "decode", lambda position: taken("left"))
+    monkeypatch.chdir(tmp_path)
+    return position
+
+
+def photo(*words: str) -> int:
+    return main(["photo", "photo.png", "--eia", "eia.png", "--display", "mine.xml", *words])
+
+
+def test_a_photograph_is_simulated_from_where_the_patterns_were_photographed(bench, tmp_path):
+    assert photo("--patterns", "shots/again", "-o", "out") == 0
+    data = read_document(tmp_path / "out" / "photo.json")
+    geometry = data["geometry"]
+    assert abs(geometry["right_px"]) < 0.1 and abs(geometry["down_px"]) < 0.1
+    assert geometry["largest_block_px"] < 0.3
+    assert data["stages"][0]["ssim"] > 0.98
+    assert data["position"] == "again" and "--patterns shots/again" in data["command"]
+
+
+def test_patterns_of_another_camera_are_refused(bench, capsys):
+    bench.shape = (100, 200)
+    assert photo("--patterns", "again") == 2
+    assert "again: 200 x 100 pixels, and those of the calibration have 480 x 360" in (
+        capsys.readouterr().err
+    )

@@ -15,7 +15,7 @@ import pytest
 
 from inim.calibrate.advice import next_positions
 from inim.calibrate.camera import Camera, Pose, directions, project, rays, rotation
-from inim.calibrate.fit import Calibration, calibrate, recounted
+from inim.calibrate.fit import Calibration, calibrate, recounted, stand
 from inim.calibrate.lattice import Lenses, find_lenses
 from inim.calibrate.model import PARAMETERS, SHARED, Guess, Seen, centres, panel_points
 from inim.calibrate.output import as_data, display_file, residual_maps
@@ -301,6 +301,54 @@ def test_imperfections_are_what_they_say() -> None:
     eye, focal = guess.poses[left].eye_mm, guess.camera.focal_px
     assert np.median(across) == pytest.approx(0.1 * eye[0] * focal / eye[2] ** 2, rel=0.2)
     assert not deeper[: 2 * rays_].any()
+
+
+def at_truth() -> tuple[Seen, Guess]:
+    """Photographs counted right, and what they are of."""
+    counted = [replace(lenses(name), index=true_index(lenses(name), name)) for name in EYES]
+    poses = [Pose(look_at(*way), np.array(way[0])) for way in EYES.values()]
+    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
+    return Seen.of(counted, HIDDEN), Guess(HIDDEN, camera, tuple(poses))
+
+
+def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet() -> None:
+    seen, guess = at_truth()
+
+    def looks(seen: Seen) -> np.ndarray:
+        off = seen.flat(guess)
+        off = np.where(np.abs(off) < 0.5, off, 0)  # lenses at the edge of the sheet
+        return np.array([of @ off / (of @ of) for of in seen.imperfections(guess)])
+
+    magnified, deeper = looks(seen.sharpened(guess))
+    assert abs(magnified) < 0.0006
+    assert abs(deeper) < 0.02, "2 µm"
+    blurred, _ = looks(seen)
+    assert blurred > 0.001, "found nearer to the axis than the rays of pixels' centres end"
+
+
+@pytest.mark.parametrize("name", EYES)
+def test_a_camera_stands_where_photographs_of_a_known_display_say(name: str) -> None:
+    eye, target, roll = EYES[name]
+    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
+    pose = stand(lenses(name), HIDDEN, camera, name)
+    np.testing.assert_allclose(pose.eye_mm, eye, atol=0.1)
+    np.testing.assert_allclose(pose.turn, look_at(eye, target, roll), atol=0.001)
+
+
+def test_a_part_of_a_known_sheet_is_enough_to_stand_by() -> None:
+    photo = Photograph(*(part.copy() for part in taken("left")))
+    u = np.mgrid[:360, :480][1]
+    for part in photo[:3]:
+        part[(u < 120) | (u > 360)] = np.nan
+    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
+    pose = stand(find_lenses(photo, DESIGN, "part"), HIDDEN, camera, "part")
+    np.testing.assert_allclose(pose.eye_mm, EYES["left"][0], atol=0.2)
+
+
+def test_nobody_stands_before_another_display() -> None:
+    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
+    with pytest.raises(FileError, match=r"^near: .* off what lenses of display"):
+        stand(lenses("near"), HIDDEN.replace(rotation_deg=-2.0), camera, "near")
 
 
 # -- the fit --------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ from inim.tolerate.study import (
     default_spreads,
     read_tolerance_study,
 )
-from tests.schemas import read_document
+from tests.schemas import assert_schema, completed, read_document
 
 NOMINAL = DISPLAYS["nominal"]
 SPREADS = {"rotation_deg": Spread("normal", 0.01), "gap_mm": Spread("uniform", 0.05)}
@@ -331,25 +331,38 @@ def test_data_keep_their_schema_and_the_page_shows_them(found, tmp_path):
 # -- what a calibration reaches -------------------------------------------------------------------
 
 
+def calibration_of(**parameters):
+    return completed("calibration", {"parameters": parameters})
+
+
 def test_standard_errors_are_read_where_a_calibration_has_them(tmp_path):
     path = tmp_path / "calibration.json"
-    told = {
-        name: {"value": 1.0, "standard_error": 0.002, "is_determined": name != "gap_mm"}
-        for name in ("rotation_deg", "gap_mm", "focal_length_mm")
-    }
-    path.write_text(json.dumps({"parameters": told}))
+    told = {name: {"standard_error": 0.002, "is_determined": False} for name in MISALIGNMENTS}
+    told["rotation_deg"]["is_determined"] = True
+    document = calibration_of(**told)
+    assert_schema(document)
+    path.write_text(json.dumps(document))
     assert read_standard_errors(path) == {"rotation_deg": 0.002}
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["[", "{}", "[]", '{"parameters": [1]}', '{"parameters": {"gap_mm": 1}}', "[" * 100_000,
-     '{"parameters": {"gap_mm": {"standard_error": "wide"}}}',
-     '{"parameters": {"gap_mm": {"standard_error": -1}}}',
-     '{"parameters": {"gap_mm": {"standard_error": NaN}}}'],
+    ("text", "words"),
+    [
+        ("[", "not a JSON document"),
+        ("[" * 100_000, "nested too deeply"),
+        ('{"parameters": {"gap_mm": {"standard_error": 1}}}', "schema is null"),
+        (json.dumps(calibration_of(gap_mm={"standard_error": "wide"})),
+         "parameters.gap_mm.standard_error: is 'wide', not of type number"),
+        (json.dumps(calibration_of(gap_mm={"standard_error": math.nan})), "NaN"),
+        (json.dumps(calibration_of(gap_mm={"standard_error": -1})),
+         "parameters.gap_mm.standard_error is -1, not a positive number"),
+    ],
 )  # fmt: skip
-def test_what_is_no_calibration_is_refused(tmp_path, text):
+def test_what_is_no_calibration_is_refused(tmp_path, text, words):
     path = tmp_path / "calibration.json"
     path.write_text(text)
-    with pytest.raises(FileError, match=r"calibration\.json: .*parameters.*standard_error"):
+    with pytest.raises(FileError) as caught:
         read_standard_errors(path)
+    assert words in str(caught.value)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert str(caught.value).endswith("name the calibration.json that a calibration wrote")

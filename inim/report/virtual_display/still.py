@@ -6,7 +6,7 @@ import numpy as np
 
 from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display
-from inim.lens import channel_indices, trace_to_panel, white_exposure
+from inim.lens import channel_indices, trace_to_pixels, white_exposure
 
 __all__ = ["still_view"]
 
@@ -74,12 +74,8 @@ def _codes(
     seen = np.zeros((y.shape[0], x.shape[1], 3), np.uint8)
     weights = np.zeros(seen.shape, np.float32)
     for channel, index in enumerate(channel_indices(display)):
-        panel_x, panel_y, weight = trace_to_panel(display, lens_model, x, y, *slopes, index=index)
-        column = np.floor(panel_x / display.pixel_pitch_mm + eia.shape[1] / 2)
-        row = np.floor(eia.shape[0] / 2 - panel_y / display.pixel_pitch_mm)
-        lit = (weight > 0) & (column >= 0) & (column < eia.shape[1])
-        lit &= (row >= 0) & (row < eia.shape[0])
-        place = np.where(lit, row, 0).astype(int), np.where(lit, column, 0).astype(int)
-        seen[..., channel] = np.where(lit, eia[(*place, channel)], 0)
-        weights[..., channel] = weight
+        row, column, weights[..., channel] = trace_to_pixels(
+            display, lens_model, x, y, *slopes, index=index
+        )
+        seen[..., channel] = eia[row, column, channel]
     return seen, weights
