@@ -285,6 +285,8 @@ class Fitted:
         taken as orthographic.
     scale : float
         Display millimetres per unit of depth across, or per picture pixel where orthographic.
+    framing : str or None
+        How range, place and size were chosen, where they were.
     """
 
     rgbd: RGBD
@@ -292,6 +294,7 @@ class Fitted:
     empty: float
     frame_at: float | None
     scale: float
+    framing: str | None = None
 
 
 def fit_picture(
