@@ -130,8 +130,8 @@ def _run_one(args: argparse.Namespace) -> None:
         report, warnings = _generate(args)
     except MemoryError as error:
         raise OutOfMemoryError(
-            f"{args.photo or args.color or args.hci}: not enough memory for a picture of this size; "
-            "scale it down"
+            f"{args.photo or args.color or args.hci}: not enough memory for a picture of this "
+            "size; scale it down"
         ) from error
     for warning in warnings:
         print_warning(warning)

@@ -1,10 +1,10 @@
 """`--fit auto`: what of a picture a display shows, chosen by its depth.
 
 The subject is the nearer of two classes of nearness (Otsu, IEEE Trans. SMC 9, 1979), the middle of
-the picture counting more than its rim, and only where there are two: an even spread of depths, which
-has no subject, is explained by two classes to 3 / 4. The depth range goes to the subject and half as
-much behind it; what is farther becomes its backdrop at the far end. The picture is cut to the
-display's shape around the subject, or kept whole where that would cut the subject.
+the picture counting more than its rim, and only where there are two: an even spread of depths,
+which has no subject, is explained by two classes to 3 / 4. The depth range goes to the subject and
+half as much behind it; what is farther becomes its backdrop at the far end. The picture is cut to
+the display's shape around the subject, or kept whole where that would cut the subject.
 """
 
 from __future__ import annotations
@@ -94,40 +94,40 @@ def frame(values: DepthValues, aspect: float) -> Framing:
     def depth(value: float) -> float:
         return float(1 / value if inverse else value if values.near_is_large else -value)
 
-    near_to_far = depth(float(front)), depth(float(far))
-    middle = depth(float(np.median(nearness[subject])))
     rows, columns = values.depth.shape
-    places = [np.flatnonzero(subject.any(axis=axis)) for axis in (1, 0)]
-    if clear:
-        places = [np.nonzero(subject)[axis] for axis in (0, 1)]
-    box = [
-        [int(v) * step for v in np.quantile(place, (_BOX_STRAY, 1 - _BOX_STRAY), method="nearest")]
-        for place in places
-    ]
     high_px, wide_px = min(rows, round(columns / aspect)), min(columns, round(rows * aspect))
-    cover = clear and box[0][1] - box[0][0] <= high_px and box[1][1] - box[1][0] <= wide_px
-    window = (
-        (_around(box[0], high_px, rows), _around(box[1], wide_px, columns))
-        if cover
-        else (slice(0, rows), slice(0, columns))
-    )
-    unit = " mm" if values.has_unit else ""
+    window, fit = (slice(0, rows), slice(0, columns)), "contain"
+    said = f"no subject before a background (two depths explain {explained:.0%}); range: all"
     if clear:
+        unit = " mm" if values.has_unit else ""
         said = (
             f"subject {share:.0%} of the picture, the middle counting more; nearer than "
             f"{depth(threshold):.4g}{unit} (two depths explain {explained:.0%}); range: the "
             "subject and half as much behind it"
         )
-    else:
-        said = f"no subject before a background (two depths explain {explained:.0%}); range: all"
-    if cover:
-        said += (
-            f"; cover: {wide_px} x {high_px} of {columns} x {rows} pixels, from {window[1].start}, "
-            f"{window[0].start}"
-        )
+        ends = [
+            np.quantile(places, (_BOX_STRAY, 1 - _BOX_STRAY), method="nearest") * step
+            for places in np.nonzero(subject)
+        ]
+        if np.ptp(ends[0]) <= high_px and np.ptp(ends[1]) <= wide_px:
+            window, fit = (
+                (_around(ends[0], high_px, rows), _around(ends[1], wide_px, columns)),
+                "cover",
+            )
+    if fit == "cover":
+        said += f"; cover: {wide_px} x {high_px} of {columns} x {rows} pixels around it"
     else:
         said += "; contain: the whole picture" + ", as cover would cut the subject" * clear
-    return Framing(*window, *near_to_far, middle, "cover" if cover else "contain", said)
+    middle = float(np.median(nearness[subject]))
+    return Framing(
+        window[0],
+        window[1],
+        depth(float(front)),
+        depth(float(far)),
+        depth(middle),
+        fit=fit,
+        said=said,
+    )
 
 
 def _weights(shape: tuple[int, ...]) -> np.ndarray:
@@ -161,7 +161,7 @@ def _two_classes(
     return threshold, float(between.max()) / variance if variance > 0 else 0.0
 
 
-def _around(box: list[int], size: int, most: int) -> slice:
-    """As much of a side as fits, with the box in its middle where the picture goes so far."""
-    begin = min(max(0, (box[0] + box[1] + 1 - size) // 2), most - size)
+def _around(ends: np.ndarray, size: int, most: int) -> slice:
+    """A part of a side, with the ends in its middle where the picture goes so far."""
+    begin = min(max(0, int(ends.sum() - size) // 2), most - size)
     return slice(begin, begin + size)

@@ -403,7 +403,7 @@ class CameraPicture:
             coarseness=taken.coarseness,
             drop=self.outside == "drop",
         )
-        return replace(fitted, framing=framing and framing.said), depth_map
+        return replace(fitted, framing=None if framing is None else framing.said), depth_map
 
     def fitted(
         self, display: Display, pixels_per_pitch: float
@@ -437,9 +437,9 @@ class CameraPicture:
         done = "left out" if self.outside == "drop" else "moved to its ends, where they lie flat"
         words = (
             f"{self.depth or self.photo}: {fitted.clipped:.1%} of its depths lie beyond the range "
-            f"that is mapped and were {done}; they run from {known.min():.5g} to {known.max():.5g}{unit}, and "
-            f"--near {depth_map.near:.5g} --far {depth_map.far:.5g} were mapped: state a wider "
-            "range, or neither"
+            f"that is mapped and were {done}; they run from {known.min():.5g} to "
+            f"{known.max():.5g}{unit}, and --near {depth_map.near:.5g} --far {depth_map.far:.5g} "
+            "were mapped: state a wider range, or neither"
         )
         return words + ", or --depth-map linear" * (depth_map.name == "reciprocal")
 

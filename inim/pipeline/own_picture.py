@@ -141,7 +141,8 @@ def run_picture(
     display, settings = _chosen(request)
     _algorithms(settings.algorithms)
     _viewpoints(display, settings)
-    warnings, notes = (), ()
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     if request.rgbd is not None:
         rgbd = read_rgbd(request.rgbd)
         warnings = _fitted_warnings(rgbd, display, str(request.rgbd))

@@ -32,14 +32,13 @@ def apple_coding(nodes: list[dict[str, str]], path: Path) -> Coding | None:
     if kind not in _KINDS:
         return None
     names = ("FloatMinValue", "FloatMaxValue")
-    ends = [number(found.get(f"apdi:{name}"), path, name) for name in names]
-    if not 0 <= ends[0] <= ends[1] or ends[1] == 0:
-        raise FileError(
-            f"{path}: its {kind} goes from {ends[0]:g} to {ends[1]:g}; the file is damaged"
-        )
+    least, most = (number(found.get(f"apdi:{name}"), path, name) for name in names)
+    if not 0 <= least <= most or most == 0:
+        raise FileError(f"{path}: its {kind} goes from {least:g} to {most:g}; it is damaged")
     accuracy = found.get("depthData:Accuracy", "not stated")
     said = f"Apple {kind}, accuracy {accuracy[:20]}"
-    return Coding(kind == "disparity", *ends, 1000.0 if accuracy == "absolute" else 0.0, said)
+    unit_mm = 1000.0 if accuracy == "absolute" else 0.0
+    return Coding(kind == "disparity", least, most, unit_mm, said)
 
 
 def apple_camera(nodes: list[dict[str, str]]) -> tuple[Pinhole | None, tuple[float, float]]:

@@ -116,15 +116,16 @@ def decoded(inside: Inside) -> DepthValues:
     planes under it.
     """
     coding, most = inside.coding, np.iinfo(inside.codes.dtype).max
+    said = (_RAY,) if inside.along_ray else ()
     step = abs(coding.last - coding.first) / most
     share = inside.codes.astype(np.float64) / most
     numbers = coding.first + share * (coding.last - coding.first)
     if coding.inverse:
-        values = DepthValues(numbers.astype(np.float32), True, False, step, ())
+        values = DepthValues(numbers.astype(np.float32), True, False, step, said)
         return distances(values, coding.unit_mm) if coding.unit_mm else values
     scale = coding.unit_mm or 1.0
     depth = np.where(numbers > 0, numbers * scale, np.nan).astype(np.float32)
-    return DepthValues(depth, False, coding.unit_mm > 0, step * scale, ())
+    return DepthValues(depth, False, coding.unit_mm > 0, step * scale, said)
 
 
 def distances(values: DepthValues, unit_mm: float = 0.0) -> DepthValues:
@@ -157,24 +158,3 @@ def turned(camera: Pinhole, size: tuple[int, int], orientation: int) -> Pinhole:
     if orientation in (3, 4, 7, 8):
         camera = replace(camera, cy=rows - 1 - camera.cy)
     return camera
-
-
-def along_axis(values: DepthValues, camera: Pinhole | None, scale: float) -> DepthValues:
-    """Distances along the optical axis of those along the ray.
-
-    Parameters
-    ----------
-    values : DepthValues
-        Upright.
-    camera : Pinhole or None
-        Of the upright colour picture.
-    scale : float
-        Width of the colour picture over that of the depth.
-    """
-    if camera is None or values.near_is_large:
-        return replace(values, warnings=(*values.warnings, _RAY))
-    rows, columns = values.depth.shape
-    x = ((np.arange(columns) + 0.5) * scale - 0.5 - camera.cx) / camera.fx
-    y = ((np.arange(rows) + 0.5) * scale - 0.5 - camera.cy) / camera.fy
-    longer = np.sqrt(1 + x[None] ** 2 + y[:, None] ** 2)
-    return replace(values, depth=(values.depth / longer).astype(np.float32))

@@ -80,7 +80,8 @@ def read_heif(path: Path, data: bytes) -> tuple[Any, Inside | None]:
 
 def _packets(data: bytes) -> list[bytes]:
     """The XMP packets, found as their standard has scanners find them."""
-    packets, at = [], 0
+    packets: list[bytes] = []
+    at = 0
     while len(packets) < _MOST_PACKETS and (begin := data.find(_BEGIN, at)) >= 0:
         end = data.find(_END, begin, begin + _MOST_PACKET_BYTES)
         at = begin + len(_BEGIN)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from inim.errors import FileError
 from inim.files.picture import open_picture
-from inim.from_camera.depth_photo.codes import Inside, along_axis, decoded, turned, upright
+from inim.from_camera.depth_photo.codes import Inside, decoded, turned, upright
 from inim.from_camera.depth_photo.heif import is_heif, read_heif
 from inim.from_camera.depth_photo.jpeg import MAGIC, inside_jpeg
 from inim.from_camera.depth_values import DepthValues
@@ -105,8 +105,6 @@ def _made(path: Path, picture: Any, inside: Inside | None, *, is_upright: bool) 
     stored = (rows, columns) if orientation >= 5 else (columns, rows)
     camera, words = _camera(inside, stored, exif.get_ifd(_EXIF).get(_FOCAL_35MM))
     camera = None if camera is None else turned(camera, stored, orientation)
-    if inside.along_ray:
-        values = along_axis(values, camera, columns / values.depth.shape[1])
     return DepthPhoto(color, values, camera, (_scale_words(values, inside), words))
 
 
