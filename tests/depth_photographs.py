@@ -1,4 +1,4 @@
-"""Photographs with depth inside, made by hand: what phones write, box by box and segment by segment."""
+"""Photographs with depth inside, made by hand: what phones write, by boxes and segments."""
 
 from __future__ import annotations
 
@@ -82,7 +82,9 @@ def gdepth(jpeg: bytes, depth: bytes, extended=0, **said) -> bytes:
     return with_segments(jpeg, segment(0xE1, XMP + first), *pieces[::extended])
 
 
-def dynamic(jpeg: bytes, depth: bytes, padding=7, uri="android/depthmap", model="", **said) -> bytes:
+def dynamic(
+    jpeg: bytes, depth: bytes, padding=7, uri="android/depthmap", model="", **said
+) -> bytes:
     """A dynamic depth photograph: a gain map and then the depth are appended."""
     said = {"Format": "RangeInverse", "Near": 1, "Far": 4, "Units": "Meters", **said}
     words = "".join(f"<DepthMap:{k}>{v}</DepthMap:{k}>" for k, v in said.items())

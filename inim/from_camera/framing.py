@@ -78,16 +78,16 @@ def frame(values: DepthValues, aspect: float) -> Framing:
         known = ~np.isnan(small)
     inverse = not values.near_is_large and bool((small[known] > 0).all())
     nearness = 1 / small if inverse else small if values.near_is_large else -small
-    low, high = np.quantile(nearness[known], (_STRAY, 1 - _STRAY), method="nearest")
-    threshold, explained = _two_classes(nearness, known, float(low), float(high))
+    weight = _weights(small.shape)
+    low, high = _ends(nearness[known], weight[known])
+    threshold, explained = _two_classes(nearness[known], weight[known], low, high)
     with np.errstate(invalid="ignore"):
         subject = known & (nearness > threshold)
-    weight = _weights(small.shape)
     share = float(weight[subject].sum() / weight[known].sum())
     clear = explained >= _TWO_CLASSES and share >= _LEAST_SUBJECT
     if not clear:
         subject = known
-    back, front = np.quantile(nearness[subject], (_STRAY, 1 - _STRAY), method="nearest")
+    back, front = _ends(nearness[subject], weight[subject])
     extent = max(front - back, _LEAST_EXTENT * (high - low))
     far = max(low, back - _BEHIND * extent) if clear else low
 
@@ -119,15 +119,7 @@ def frame(values: DepthValues, aspect: float) -> Framing:
     else:
         said += "; contain: the whole picture" + ", as cover would cut the subject" * clear
     middle = float(np.median(nearness[subject]))
-    return Framing(
-        window[0],
-        window[1],
-        depth(float(front)),
-        depth(float(far)),
-        depth(middle),
-        fit=fit,
-        said=said,
-    )
+    return Framing(*window, depth(front), depth(far), depth(middle), fit=fit, said=said)
 
 
 def _weights(shape: tuple[int, ...]) -> np.ndarray:
@@ -137,15 +129,21 @@ def _weights(shape: tuple[int, ...]) -> np.ndarray:
     return weights
 
 
+def _ends(values: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
+    """Least and largest value but for stray ones."""
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(weights[order])
+    least, most = np.searchsorted(below, np.array((_STRAY, 1 - _STRAY)) * below[-1])
+    return float(values[order[least]]), float(values[order[most]])
+
+
 def _two_classes(
-    nearness: np.ndarray, known: np.ndarray, low: float, high: float
+    nearness: np.ndarray, weights: np.ndarray, low: float, high: float
 ) -> tuple[float, float]:
     """The threshold that parts the nearness best, and the share of variance it explains."""
     if not low < high:
         return high, 0.0
-    weights = _weights(nearness.shape)[known]
-    clipped = np.clip(nearness[known], low, high)
-    counts, edges = np.histogram(clipped, _BINS, (low, high), weights=weights)
+    counts, edges = np.histogram(np.clip(nearness, low, high), _BINS, (low, high), weights=weights)
     centres = (edges[1:] + edges[:-1]) / 2
     share = np.cumsum(counts / counts.sum())
     moment = np.cumsum(counts / counts.sum() * centres)

@@ -136,8 +136,7 @@ def distances(values: DepthValues, unit_mm: float = 0.0) -> DepthValues:
     least = max(values.step / 2, 1 / _LARGEST)
     scale = unit_mm or 1.0
     depth = (scale / np.maximum(values.depth.astype(np.float64), least)).astype(np.float32)
-    step = values.step * float(np.nanmedian(depth)) ** 2 / scale
-    return DepthValues(depth, False, unit_mm > 0, step, values.warnings)
+    return DepthValues(depth, False, unit_mm > 0, 0.0, values.warnings, values.step / scale)
 
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
