@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,11 +17,22 @@ from inim.errors import FileError
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import Pinhole
 
-__all__ = ["Coding", "Inside", "decoded", "distances", "number", "ranged", "turned", "upright"]
+__all__ = [
+    "Coding",
+    "Inside",
+    "by_exif",
+    "decoded",
+    "distances",
+    "number",
+    "ranged",
+    "turned",
+    "upright",
+]
 
 # Of distances, in any unit; beyond it a float's own precision is used up.
 _LARGEST = 1e9
-_RAY = "depth is measured along the ray, and was taken as along the optical axis"
+_ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
+_RAY = "a photograph's depth, measured along the ray, was taken as along the optical axis"
 
 
 @dataclass(frozen=True)
@@ -137,6 +149,18 @@ def distances(values: DepthValues, unit_mm: float = 0.0) -> DepthValues:
     scale = unit_mm or 1.0
     depth = (scale / np.maximum(values.depth.astype(np.float64), least)).astype(np.float32)
     return DepthValues(depth, False, unit_mm > 0, 0.0, values.warnings, values.step / scale)
+
+
+def by_exif(picture: Any) -> tuple[int, float]:
+    """Orientation, 1 to 8, and focal length in 35 mm film, 0 where not stated, of a Pillow picture.
+
+    Whatever is wrong with its EXIF is raised as Pillow does.
+    """
+    exif = picture.getexif()
+    orientation = exif.get(_ORIENTATION)
+    focal = exif.get_ifd(_EXIF).get(_FOCAL_35MM)
+    focal = float(focal) if isinstance(focal, (int, float)) and focal > 0 else 0.0
+    return orientation if orientation in range(1, 9) else 1, focal
 
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:

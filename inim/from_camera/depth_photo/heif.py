@@ -14,7 +14,7 @@ import numpy as np
 from inim.errors import FileError, UsageError
 from inim.files.image import check_unfolding, hushed
 from inim.from_camera.depth_photo.apple import apple_camera, apple_coding
-from inim.from_camera.depth_photo.codes import Coding, Inside
+from inim.from_camera.depth_photo.codes import Coding, Inside, by_exif
 from inim.from_camera.depth_photo.xmp import read_xmp
 
 __all__ = ["is_heif", "read_heif"]
@@ -32,8 +32,8 @@ def is_heif(data: bytes) -> bool:
     return data[4:8] == b"ftyp" and data[8:12] in _BRANDS
 
 
-def read_heif(path: Path, data: bytes) -> tuple[Any, Inside | None]:
-    """The picture, for Pillow, and its depth, both upright already; None where there is no depth.
+def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], Inside | None]:
+    """The picture, for Pillow, what `by_exif` says, and its depth or None; both upright already.
 
     Raises
     ------
@@ -57,15 +57,16 @@ def read_heif(path: Path, data: bytes) -> tuple[Any, Inside | None]:
             for one in (image, *depths[:1]):
                 check_unfolding(path, 4 * one.size[0] * one.size[1], len(data))
             picture = image.to_pillow()
+            picture.info["exif"] = image.info.get("exif") or b""  # pillow-heif made it say upright
+            exif = by_exif(picture)
             codes = np.asarray(depths[0].to_pillow()) if depths else None
     except (FileError, MemoryError):
         raise
     except Exception as error:
         cause = str(error).partition("\n")[0]
         raise FileError(f"{path}: not a readable HEIC ({cause}); take the original file") from error
-    picture.info["exif"] = image.info.get("exif") or b""
     if codes is None:
-        return picture, None
+        return picture, exif, None
     if codes.ndim != 2 or codes.dtype not in (np.uint8, np.uint16):
         raise FileError(f"{path}: its depth image is none in grey of 8 or 16 bits")
     coding, camera, size = None, None, (0.0, 0.0)
@@ -75,7 +76,8 @@ def read_heif(path: Path, data: bytes) -> tuple[Any, Inside | None]:
         if coding is not None:
             camera, size = apple_camera(nodes)
             break
-    return picture, Inside(codes, coding or _represented(depths[0], path), camera, size)
+    inside = Inside(codes, coding or _represented(depths[0], path), camera, size)
+    return picture, exif, inside
 
 
 def _packets(data: bytes) -> list[bytes]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from inim.errors import FileError
 from inim.files.picture import open_picture
-from inim.from_camera.depth_photo.codes import Inside, decoded, turned, upright
+from inim.from_camera.depth_photo.codes import Inside, by_exif, decoded, turned, upright
 from inim.from_camera.depth_photo.heif import is_heif, read_heif
 from inim.from_camera.depth_photo.jpeg import MAGIC, inside_jpeg
 from inim.from_camera.depth_values import DepthValues
@@ -26,7 +26,8 @@ __all__ = ["SUFFIXES", "DepthPhoto", "read_depth_photo"]
 SUFFIXES = (".heic", ".heif", ".hif", ".jpeg", ".jpg")
 # Photographs of 200 megapixels have a quarter of that.
 _MOST_BYTES = 2**28
-_ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
+# ITU-T H.273: those of BT.709, which are sRGB's; unspecified; none stated.
+_OF_SRGB = (1, 2, None)
 _DIAGONAL_35MM = math.hypot(36, 24)
 _SAME_SHAPE = 0.02
 
@@ -70,40 +71,42 @@ def read_depth_photo(path: Path) -> DepthPhoto:
     """
     data = read_file(path, _MOST_BYTES)
     if is_heif(data):
-        picture, inside = read_heif(path, data)
-        _check_inside(path, inside)
-        return _made(path, picture, inside, is_upright=True)
+        picture, exif, inside = read_heif(path, data)
+        return _made(path, picture, exif, _known(path, inside), is_upright=True)
     if not data.startswith(MAGIC):
         raise FileError(
             f"{path}: neither HEIC nor JPEG; give other pictures as --color and --depth"
         )
-    inside = inside_jpeg(path, data)
-    _check_inside(path, inside)
+    inside = _known(path, inside_jpeg(path, data))
     with open_picture(path, ("JPEG",), 1, data=data) as picture:
-        return _made(path, picture, inside, is_upright=False)
+        return _made(path, picture, by_exif(picture), inside, is_upright=False)
 
 
-def _check_inside(path: Path, inside: Inside | None) -> None:
+def _known(path: Path, inside: Inside | None) -> Inside:
     if inside is None:
         raise FileError(
             f"{path}: has no depth inside that inim knows (HEIC, dynamic depth, GDepth, Apple's "
             "disparity); take the original file of a portrait photograph, or `inim depth`"
         )
+    return inside
 
 
-def _made(path: Path, picture: Any, inside: Inside | None, *, is_upright: bool) -> DepthPhoto:
-    assert inside is not None
-    exif = picture.getexif()
-    orientation = exif.get(_ORIENTATION, 1)
-    orientation = orientation if orientation in range(1, 9) else 1
+def _made(
+    path: Path, picture: Any, exif: tuple[int, float], inside: Inside, *, is_upright: bool
+) -> DepthPhoto:
+    orientation, focal_35mm = exif
     color = np.asarray(in_srgb(picture, path).convert("RGB"))
     values = decoded(inside)
+    primaries = (picture.info.get("nclx_profile") or {}).get("color_primaries")
+    if primaries not in _OF_SRGB:
+        said = f"{path}: its colours, of other primaries (nclx {primaries}), were taken as sRGB"
+        values = replace(values, warnings=(*values.warnings, said))
     if not is_upright:
         color = np.ascontiguousarray(upright(color, orientation))
         values = replace(values, depth=np.ascontiguousarray(upright(values.depth, orientation)))
     rows, columns = color.shape[:2]
     stored = (rows, columns) if orientation >= 5 else (columns, rows)
-    camera, words = _camera(inside, stored, exif.get_ifd(_EXIF).get(_FOCAL_35MM))
+    camera, words = _camera(inside, stored, focal_35mm)
     camera = None if camera is None else turned(camera, stored, orientation)
     return DepthPhoto(color, values, camera, (_scale_words(values, inside), words))
 
@@ -116,7 +119,7 @@ def _scale_words(values: DepthValues, inside: Inside) -> str:
 
 
 def _camera(
-    inside: Inside, stored: tuple[int, int], focal_35mm: object
+    inside: Inside, stored: tuple[int, int], focal_35mm: float
 ) -> tuple[Pinhole | None, str]:
     """The camera of the stored colour picture, and how it is known."""
     camera, (columns, rows) = inside.camera, inside.camera_size
@@ -131,11 +134,8 @@ def _camera(
                 (camera.cy + 0.5) * y - 0.5,
             )
             return scaled, "camera by the file's own calibration"
-    try:
-        focal = float(str(focal_35mm)) * math.hypot(*stored) / _DIAGONAL_35MM
-    except ValueError:
-        focal = 0.0
-    if 0 < focal < math.inf:
+    if 0 < focal_35mm < math.inf:
+        focal = focal_35mm * math.hypot(*stored) / _DIAGONAL_35MM
         middle = ((stored[0] - 1) / 2, (stored[1] - 1) / 2)
-        return Pinhole(focal, focal, *middle), f"camera by EXIF, {focal_35mm} mm in 35 mm film"
+        return Pinhole(focal, focal, *middle), f"camera by EXIF, {focal_35mm:g} mm in 35 mm film"
     return None, "camera unknown"
