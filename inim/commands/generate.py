@@ -1,4 +1,4 @@
-"""`inim generate`: the user's own colour and depth picture becomes an elemental image array."""
+"""`inim generate`: the user's own colour and depth pictures become elemental image arrays."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from inim.commands.options import (
     add_display,
     add_picture,
     picture_of,
+    print_failed,
+    print_outcome,
     print_warning,
 )
-from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, FileError, OutOfMemoryError, UsageError
 
 if TYPE_CHECKING:
     import numpy as np
 
     from inim.display import Display
-    from inim.from_camera.fit import DepthMap, Fitted, Pinhole
+    from inim.from_camera.fit import DepthMap, Fitted
     from inim.from_camera.picture import CameraPicture, ColorDepth
     from inim.rgbd import RGBD
     from inim.settings import Settings
@@ -35,6 +37,10 @@ _EPILOG = """depth
   values are missing. Numbers without a unit (--depth-unit none): only what is not finite, and
   --missing. Both grow away from the camera, unless --near-is-large.
 
+photographs with depth inside
+  Named by themselves: depth, unit and direction are the file's own. Taken as orthographic, or with
+  --intrinsics photo by the file's own camera; --fit is auto.
+
 perspective
   --intrinsics unprojects every sample to its place in space; the array then shows that space, and
   at the distance --frame-at the camera's picture fits it. --orthographic takes the picture as is.
@@ -43,33 +49,93 @@ perspective
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Make an elemental image array of a camera's colour and depth picture."
+    parser.description = (
+        "Make an elemental image array of a camera's colour and depth picture, or of photographs "
+        "with depth inside."
+    )
     parser.epilog = _EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    add = parser.add_argument
+    add(
+        "photo",
+        type=Path,
+        nargs="?",
+        help="a photograph with depth inside (HEIC, or JPEG of Android or Apple), or a folder of "
+        "them; --color and --depth otherwise",
+    )
     add_picture(parser)
     add_display(parser)
-    add = parser.add_argument
     add("--hci", type=Path, metavar="DIR", help="instead of both: an HCI 4D light field")
     add("--true-views", action="store_true", help="with --hci: of all views, not of the centre one")
     add("--algorithm", default=_DEFAULT_ALGORITHM, help="see `inim algorithms`; template:samples=4")
     add("--fill", default="none", help="holes of the EIA: none, hidden (behind things), or all")
-    add("-o", "--out", type=Path, default=Path("eia.png"), help="EIA, .png or .exr (eia.png)")
+    add("-o", "--out", type=Path, help="EIA, .png or .exr (eia.png); of a folder one, too")
     add("--pdf", type=Path, help="also a PDF that prints at true size")
     add("--rgbd", type=Path, help="also the fitted colour and depth, .exr")
     add_debug(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
+    if args.photo is not None and args.photo.is_dir():
+        return _run_folder(args)
+    args.out = args.out or Path("eia.png")
+    _run_one(args)
+    return EXIT_PASSED
+
+
+def _run_folder(args: argparse.Namespace) -> int:
+    """Each photograph of a folder; one that fails is said, and the others are made."""
+    from inim.from_camera.depth_photo.read import SUFFIXES
+    from inim.worker.output import default_out
+
+    for option in ("pdf", "rgbd", "hci"):
+        if getattr(args, option) is not None:
+            raise UsageError(f"--{option}: is for one picture; leave it out with a folder")
+    folder, out = args.photo, args.out or default_out(args.photo, "eia")
+    if out.suffix or out.is_file():
+        raise UsageError(f"-o {out}: {folder} is a folder; name a folder for its EIAs")
+    photos = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    if not photos:
+        raise FileError(f"{folder}: no photograph in it ({', '.join(SUFFIXES)})")
+    stems = [path.stem for path in photos]
+    failed = 0
+    _check_options(args)
+    for path in photos:
+        name = path.stem if stems.count(path.stem) == 1 else path.name
+        print(path, flush=True)
+        one = argparse.Namespace(**vars(args) | {"photo": path, "out": out / f"{name}.png"})
+        try:
+            _run_one(one)
+        except (FileError, UsageError, OutOfMemoryError) as error:
+            failed += 1
+            print_failed(str(error))
+    print_outcome(f"{len(photos) - failed} of {len(photos)} photographs made; EIAs: {out}")
+    return EXIT_CHECK_FAILED if failed else EXIT_PASSED
+
+
+def _check_options(args: argparse.Namespace) -> None:
+    """Refuse what is wrong for every photograph, once."""
+    from inim.generators import check_algorithm
+    from inim.scene.file import chosen_display
+
+    picture = picture_of(args)
+    picture.check_files()
+    picture.check_choices()
+    chosen_display(args.display, args.definitions, "inim generate")
+    check_algorithm(_algorithm(args))
+
+
+def _run_one(args: argparse.Namespace) -> None:
     try:
         report, warnings = _generate(args)
     except MemoryError as error:
         raise OutOfMemoryError(
-            f"{args.color or args.hci}: not enough memory for a picture of this size; scale it down"
+            f"{args.photo or args.color or args.hci}: not enough memory for a picture of this "
+            "size; scale it down"
         ) from error
     for warning in warnings:
         print_warning(warning)
     print("\n".join(report))
-    return EXIT_PASSED
 
 
 def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
@@ -82,14 +148,14 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     display, settings = chosen_display(args.display, args.definitions, "inim generate")
     if args.hci is not None:
         return _of_light_field(args, display, settings), ()
-    camera = picture.camera()
+    picture.camera()
     from inim.generators import check_algorithm
 
     check_algorithm(_algorithm(args))
     taken = picture.read()
     fitted, depth_map = picture.fit_to(taken, display, settings.capture_pixels_per_pitch)
     eia, empty = _generated(_algorithm(args), fitted.rgbd, display)
-    report = _report(picture, taken, camera, fitted, depth_map, display, empty, args.fill)
+    report = _report(picture, taken, fitted, depth_map, display, empty, args.fill)
     report.append(_written(args, fitted.rgbd, eia, empty, display))
     report.append(f"seconds    {time.perf_counter() - started:.1f}")
     return report, picture.warnings(taken, fitted, depth_map)
@@ -129,6 +195,8 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
     from inim.generators.registry import FILLS, one_of
 
     if args.hci is not None:
+        if args.photo is not None:
+            raise UsageError(f"{args.photo}: a photograph and --hci; give one of them")
         for name in ("color", "depth", "depth_unit", "intrinsics", "near", "far", "frame_at"):
             if getattr(args, name) is not None:
                 option = f"--{name.replace('_', '-')}"
@@ -150,7 +218,7 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
         if path.is_dir():
             raise FileError(f"{path}: is a folder; name a file with {option}")
         place = os.path.realpath(path)
-        inputs = [os.path.realpath(p) for p in (args.color, args.depth) if p is not None]
+        inputs = [os.path.realpath(p) for p in (args.photo, args.color, args.depth) if p]
         if place in inputs or place in outputs:
             raise UsageError(
                 f"{option} {path}: is also {outputs.get(place, 'what is read')}; give it another "
@@ -207,7 +275,6 @@ def _display_line(display: Display) -> str:
 def _report(
     picture: CameraPicture,
     taken: ColorDepth,
-    camera: Pinhole | None,
     fitted: Fitted,
     depth_map: DepthMap,
     display: Display,
@@ -219,16 +286,17 @@ def _report(
     rows, columns = taken.color.shape[:2]
     unit = " mm" if taken.values.has_unit else ""
     pixel, panel = display.pixel_pitch_mm, display.eia_shape
-    if camera is None:
+    if taken.camera is None:
         projection = "orthographic"
     else:
-        angle = 2 * np.degrees(np.arctan(columns / (2 * camera.fx)))
+        angle = 2 * np.degrees(np.arctan(columns / (2 * taken.camera.fx)))
         projection = f"unprojected ({angle:.3g} degrees wide), frame at {fitted.frame_at:.5g}{unit}"
     holes = "not told by this algorithm"
     if empty is not None:
         holes = f"{(empty & display.lensed).sum() / max(1, display.lensed.sum()):.1%} of the pixels"
     return [
         _display_line(display),
+        *picture.notes(taken, fitted),
         f"picture    colour {columns} x {rows}, depth {taken.depth_size[0]} x "
         f"{taken.depth_size[1]}, {projection}",
         f"depth      {depth_map.near:.5g} (near) .. {depth_map.far:.5g} (far){unit}, "
@@ -245,5 +313,5 @@ def _report(
 
 
 COMMANDS = {
-    "generate": Command("make an EIA of your own colour and depth picture", _add_arguments, _run)
+    "generate": Command("make EIAs of your own colour and depth pictures", _add_arguments, _run)
 }

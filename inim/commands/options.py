@@ -24,6 +24,7 @@ __all__ = [
     "add_quiet",
     "no_arguments",
     "picture_of",
+    "print_failed",
     "print_outcome",
     "print_warning",
 ]
@@ -113,7 +114,7 @@ def add_picture(parser: _Options) -> None:
     add("--color", type=Path, metavar="FILE", help="PNG, JPEG, ... (sRGB) or EXR (linear)")
     add("--depth", type=Path, metavar="FILE", help=".png, .pgm, .tif, .exr, .pfm or .npy")
     add("--depth-unit", metavar="UNIT", help="mm, cm, m, units per metre (5000), or none")
-    add("--intrinsics", metavar="FX,FY,CX,CY", help="of the camera, pixels of the colour picture")
+    add("--intrinsics", metavar="FX,FY,CX,CY", help="pixels of the colour picture; photo: its own")
     add("--orthographic", action="store_true", help="take the picture as orthographic")
     add("--depth-map", default="linear", help="linear, reciprocal (Li 2012), or printed (Eq. 4)")
     direction = parser.add_mutually_exclusive_group()
@@ -124,7 +125,7 @@ def add_picture(parser: _Options) -> None:
     add("--outside", default="clip", help="what lies beyond: clip takes it to the end, drop omits")
     add("--missing", default="", metavar="N,...", help="numbers of the file that mean no depth")
     add("--fill-depth", default="none", help="missing depth: none, nearest, behind or far")
-    add("--fit", default="contain", help="contain: all of the picture; cover: all of the array")
+    add("--fit", help="contain: all of the picture; cover: all of the array; auto: by its depth")
     add("--frame-at", type=float, metavar="D", help="distance at which it fits (the median)")
     add("--steepest", type=float, default=10.0, help="slope up to which samples are one surface")
     add("--swap-bytes", action="store_true", help="16-bit depth in the other byte order")
@@ -143,6 +144,12 @@ def print_warning(text: str) -> None:
     """Print a warning as one line, beside what the command prints."""
     line = "".join(c if c.isprintable() else " " for c in text)
     print(f"inim: warning: {line}", file=sys.stderr)
+
+
+def print_failed(text: str) -> None:
+    """Print what failed of several as one line, beside what the command prints."""
+    line = "".join(c if c.isprintable() else " " for c in text)
+    print(f"inim: failed: {line}", file=sys.stderr)
 
 
 def print_outcome(text: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +15,7 @@ from inim.commands.options import (
     add_definitions,
     add_exit_codes,
     add_quiet,
+    print_failed,
     print_outcome,
 )
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
@@ -94,7 +94,7 @@ def _sweep(args: argparse.Namespace) -> int:
 
 def _print_failed(failed: Mapping[str, str]) -> None:
     for label, error in failed.items():
-        print(f"inim: failed: {label}: {error}", file=sys.stderr)
+        print_failed(f"{label}: {error}")
 
 
 def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:

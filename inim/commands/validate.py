@@ -92,6 +92,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         ".xml with inim.* settings.",
     )
     picture.add_argument("--rgbd", type=Path, metavar="FILE", help="fitted colour and depth, .exr")
+    picture.add_argument("--photo", type=Path, metavar="FILE", help="a photo with depth inside")
     add_picture(picture)
 
 
@@ -106,10 +107,12 @@ def _add_preview(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     _check_words(args)
-    if args.rgbd or args.color or args.depth:
+    if args.rgbd or args.color or args.depth or args.photo:
         passed, out = _validate_picture(args)
     elif args.scene is None:
-        raise UsageError("validate: name a scene, or a picture with --rgbd, or --color and --depth")
+        raise UsageError(
+            "validate: name a scene, or a picture with --photo, --rgbd, or --color and --depth"
+        )
     else:
         passed, out = _validate_scene(args)
     return _ended(passed, out, args.quiet)
@@ -169,8 +172,10 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
 
     if args.scene is not None:
         raise UsageError(f"{args.scene}: a scene and a picture; validate one of them")
-    if args.rgbd is not None and (args.color is not None or args.depth is not None):
-        raise UsageError("--rgbd: is a fitted picture; leave --color and --depth out, or --rgbd")
+    if args.rgbd is not None and (args.color or args.depth or args.photo):
+        raise UsageError(
+            "--rgbd: is a fitted picture; leave --color, --depth and --photo out, or --rgbd"
+        )
     for option in ("eias", "misalign", "baseline", "preview", "time", "lazy", "allow_folders"):
         if getattr(args, option):
             shown = f"--{option.removesuffix('s').replace('_', '-')}"
@@ -187,7 +192,8 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
         backend=args.backend,
     )
     warn = no_warning if args.quiet else print_warning
-    return run_picture(request, quiet=args.quiet, debug=args.debug, warn=warn)
+    say = no_warning if args.quiet else print
+    return run_picture(request, quiet=args.quiet, debug=args.debug, warn=warn, say=say)
 
 
 def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:

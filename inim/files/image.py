@@ -263,9 +263,9 @@ def check_exr(path: Path) -> None:
     _decoded(path)
 
 
-def check_unfolding(path: Path, bytes_unfolded: int) -> None:
-    """Raise `FileError` where a file declares far more bytes than its size can mean."""
-    size = path.stat().st_size
+def check_unfolding(path: Path, bytes_unfolded: int, size: int | None = None) -> None:
+    """Raise `FileError` where a file, or `size` bytes of it, declare more than they can mean."""
+    size = path.stat().st_size if size is None else size
     if bytes_unfolded > max(_MOST_UNFOLDED_BYTES, _MOST_UNFOLDING * size):
         raise FileError(
             f"{path}: unfolds from {size} to {bytes_unfolded} bytes; refused as damaged, save it "

@@ -7,6 +7,7 @@ run-length coded; so every line of one is checked.
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import struct
@@ -106,7 +107,11 @@ def _head(path: Path) -> bytes:
 
 @contextmanager
 def open_picture(
-    path: Path, formats: Sequence[str], sample_bytes: int, unknown: str = ""
+    path: Path,
+    formats: Sequence[str],
+    sample_bytes: int,
+    unknown: str = "",
+    data: bytes | None = None,
 ) -> Iterator[Any]:
     """A picture that Pillow has opened, checked; whatever is wrong with it is a `FileError`.
 
@@ -119,6 +124,8 @@ def open_picture(
         That a sample takes once decoded.
     unknown : str
         What to say of a picture in no such format.
+    data : bytes, optional
+        The picture, where it was read already or lies inside the file.
 
     Raises
     ------
@@ -127,14 +134,16 @@ def open_picture(
     """
     from PIL import Image
 
-    check_png(path)
-    with open_file(path) as file, hushed():
+    if data is None:
+        check_png(path)
+    with open_file(path) if data is None else io.BytesIO(data) as file, hushed():
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # on sizes, which are checked below
                 with Image.open(file, formats=formats) as picture:
                     samples = picture.width * picture.height * len(picture.getbands())
-                    check_unfolding(path, sample_bytes * samples)
+                    size = None if data is None else len(data)
+                    check_unfolding(path, sample_bytes * samples, size)
                     yield picture
         except FileError:
             raise

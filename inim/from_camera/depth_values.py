@@ -80,6 +80,8 @@ class DepthValues:
     step : float
         Difference of neighbouring numbers of the file, in the same unit; 0 for floats.
     warnings : tuple of str
+    inverse_step : float
+        Difference of their inverses, where a file has those in even steps.
     """
 
     depth: NDArray[np.float32]
@@ -87,6 +89,7 @@ class DepthValues:
     has_unit: bool
     step: float
     warnings: tuple[str, ...]
+    inverse_step: float = 0.0
 
 
 def parse_unit(text: str) -> float:

@@ -285,6 +285,8 @@ class Fitted:
         taken as orthographic.
     scale : float
         Display millimetres per unit of depth across, or per picture pixel where orthographic.
+    framing : str or None
+        How range, place and size were chosen, where they were.
     """
 
     rgbd: RGBD
@@ -292,6 +294,7 @@ class Fitted:
     empty: float
     frame_at: float | None
     scale: float
+    framing: str | None = None
 
 
 def fit_picture(
@@ -360,7 +363,8 @@ def fit_picture(
         place = {"ax": scale / camera.fx, "ay": scale / camera.fy, "cx": camera.cx, "cy": camera.cy}
         place["ox"] = -place["ax"] * ((columns - 1) / 2 - camera.cx) * frame_at
         place["oy"] = place["ay"] * ((rows - 1) / 2 - camera.cy) * frame_at
-        apart, share = 0.0, steepest * coarseness / min(camera.fx, camera.fy)
+        share = steepest * coarseness / min(camera.fx, camera.fy)
+        apart, share = 0.0, max(share, 1.5 * values.inverse_step * depth_map.far)
     inverse = camera is not None or depth_map.over_depth
     ends = [1 / d if inverse else d for d in (depth_map.near, depth_map.far)]
     tiles = CameraTiles(
@@ -425,8 +429,8 @@ def _apart(values: DepthValues, depth_map: DepthMap, apart_mm: float) -> float:
         return math.inf
     least = apart_mm / abs(depth_map.slope)
     if depth_map.over_depth:
-        return max(least, 1.5 * values.step / float(d.min() ** 2))
-    return max(least, 1.5 * values.step)
+        return max(least, 1.5 * values.step / float(d.min() ** 2), 1.5 * values.inverse_step)
+    return max(least, 1.5 * values.step, 1.5 * values.inverse_step * float(d.max() ** 2))
 
 
 def empty_share(covered: np.ndarray, display: Display, cell_mm: float) -> float:

@@ -35,6 +35,7 @@ from inim.from_camera.fit import (
     map_depth,
     parse_intrinsics,
 )
+from inim.from_camera.framing import Framing, frame
 from inim.from_camera.picture_files import read_color, read_depth
 from inim.rgbd import RGBD
 
@@ -65,6 +66,17 @@ _TOLERATED = 4.0
 MOST = 0.5
 # How much better the edges must match there than where they are, above their mean match.
 _BETTER = 1.35
+# What a photograph with depth inside says itself.
+_OWN = (
+    "color",
+    "depth",
+    "depth_unit",
+    "near_is_large",
+    "far_is_large",
+    "missing",
+    "swap_bytes",
+)
+_OF_PHOTO = "photo"
 # A best match this many deviations above the others is none by chance: among the some thousand
 # shifts, pictures that have nothing in common reach 4.
 _BEYOND_CHANCE = 5.0
@@ -187,6 +199,10 @@ class ColorDepth:
     missing : float
         Share of its pixels that have no depth.
     warnings : tuple of str
+    camera : Pinhole or None
+        None where the picture is taken as orthographic.
+    said : tuple of str
+        What a photograph says of the depth inside it.
     """
 
     color: np.ndarray
@@ -195,13 +211,16 @@ class ColorDepth:
     depth_size: tuple[int, int]
     missing: float
     warnings: tuple[str, ...]
+    camera: Pinhole | None
+    said: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class CameraPicture:
-    """The two files of a picture, and what the user says of them; see `inim generate --help`.
+    """The files of a picture, and what the user says of them; see `inim generate --help`.
 
-    Every field is an option of that name.
+    Every field is an option of that name. `photo` is a photograph with depth inside, in place of
+    `color` and `depth`.
     """
 
     color: Path | None = None
@@ -217,13 +236,34 @@ class CameraPicture:
     outside: str = "clip"
     missing: str = ""
     fill_depth: str = "none"
-    fit: str = "contain"
+    fit: str | None = None
     frame_at: float | None = None
     steepest: float = 10.0
     swap_bytes: bool = False
+    photo: Path | None = None
+
+    @property
+    def fit_rule(self) -> str:
+        """How it is fitted: a photograph with depth inside by itself, two files as they are."""
+        return self.fit or ("contain" if self.photo is None else "auto")
+
+    @property
+    def shown(self) -> Path | None:
+        """The file to name."""
+        return self.color if self.photo is None else self.photo
 
     def check_files(self) -> None:
         """Raise `UsageError` unless there are two files, and it is said how they were taken."""
+        if self.photo is not None:
+            for name in _OWN:
+                if getattr(self, name):
+                    option = f"--{name.replace('_', '-')}"
+                    raise UsageError(f"{option}: {self.photo} has its own depth; leave it out")
+            if self.intrinsics and self.orthographic:
+                raise UsageError("--orthographic: and --intrinsics; give one of them")
+            return
+        if self.intrinsics == _OF_PHOTO:
+            raise UsageError("--intrinsics photo: is for photographs with depth inside")
         for name in ("color", "depth"):
             if getattr(self, name) is None:
                 raise UsageError(f"--{name}: missing; give --color FILE and --depth FILE")
@@ -238,7 +278,7 @@ class CameraPicture:
         words = {
             "--depth-map": (self.depth_map, DEPTH_MAPS),
             "--fill-depth": (self.fill_depth, FILL_RULES),
-            "--fit": (self.fit, FITS),
+            "--fit": (self.fit_rule, (*FITS, "auto")),
             "--outside": (self.outside, ("clip", "drop")),
         }
         for option, (word, known) in words.items():
@@ -246,21 +286,25 @@ class CameraPicture:
                 raise UsageError(f"{option} {word}: use {', '.join(known[:-1])} or {known[-1]}")
         if not (math.isfinite(self.steepest) and self.steepest > 0):
             raise UsageError(f"--steepest {self.steepest:g}: a slope above 0; 10 is 84 degrees")
-        if self.frame_at is not None and self.orthographic:
+        if self.frame_at is not None and not self.intrinsics:
             raise UsageError("--frame-at: an orthographic picture is as large at every distance")
 
     def camera(self) -> Pinhole | None:
-        """The camera; None where the picture is taken as orthographic."""
-        return None if self.orthographic else parse_intrinsics(str(self.intrinsics))
+        """The camera that is stated; None where there is none, or it is a photograph's own."""
+        if self.orthographic or not self.intrinsics or self.intrinsics == _OF_PHOTO:
+            return None
+        return parse_intrinsics(self.intrinsics)
 
     def read(self) -> ColorDepth:
-        """Read the two files.
+        """Read the files.
 
         Raises
         ------
         InimError
             A file that is damaged or makes no sense with what is said of it.
         """
+        if self.photo is not None:
+            return self._read_photo(self.photo)
         assert self.color is not None
         assert self.depth is not None
         stated = Meaning(
@@ -275,69 +319,113 @@ class CameraPicture:
         size = file.values.shape
         check_same_view((rows, columns), (size[0], size[1]), str(self.depth))
         values = read_meaning(file, stated, str(self.depth))
-        warnings = [*values.warnings]
+        taken = self._taken(color, values, self.camera(), str(self.depth))
+        if size == (rows, columns):
+            return taken
+        resized = (
+            f"{self.depth}: {size[1]} x {size[0]} pixels, colour {columns} x {rows}: depth was "
+            "brought to the colour's size by nearest pixel"
+        )
+        of_values = len(values.warnings)
+        said = (*taken.warnings[:of_values], resized, *taken.warnings[of_values:])
+        return replace(taken, warnings=said)
+
+    def _read_photo(self, path: Path) -> ColorDepth:
+        """Read a photograph with depth inside."""
+        from inim.from_camera.depth_photo.codes import distances
+        from inim.from_camera.depth_photo.read import read_depth_photo
+
+        photo = read_depth_photo(path)
+        rows, columns = photo.values.depth.shape
+        check_same_view((photo.color.shape[0], photo.color.shape[1]), (rows, columns), str(path))
+        if np.isnan(photo.values.depth).all():
+            raise FileError(f"{path}: no pixel of its depth has one; take the original file")
+        camera, values = self.camera(), photo.values
+        if self.intrinsics == _OF_PHOTO:
+            camera = photo.camera
+            if camera is None:
+                raise UsageError(
+                    f"--intrinsics photo: {path} does not say how it was taken; write "
+                    "fx,fy,cx,cy, or leave it out"
+                )
+        if camera is not None and values.near_is_large:
+            values = distances(values)
+        taken = self._taken(photo.color, values, camera, str(path))
+        return replace(taken, said=photo.said)
+
+    def _taken(
+        self, color: np.ndarray, values: DepthValues, camera: Pinhole | None, name: str
+    ) -> ColorDepth:
+        """Colour and depth on the colour's grid, and whether their edges agree."""
+        rows, columns = color.shape[:2]
+        size = values.depth.shape
         missing = float(np.isnan(values.depth).mean())
         filled = fill_missing(values.depth, self.fill_depth, near_is_large=values.near_is_large)
         values = replace(values, depth=resampled(filled, (rows, columns)))
-        if size != (rows, columns):
-            warnings.append(
-                f"{self.depth}: {size[1]} x {size[0]} pixels, colour {columns} x {rows}: depth was "
-                "brought to the colour's size by nearest pixel"
-            )
+        warnings = values.warnings
         shift = edge_shift(color, values.depth)
         if shift.found:
-            warnings.append(
-                f"{self.depth}: its edges match those of {self.color} better "
+            warnings = (
+                *warnings,
+                f"{name}: its edges match those of {self.shown} better "
                 f"{shift.right:+.0f} pixels to the right and {shift.down:+.0f} down: the two may "
-                "be misaligned; register depth to colour first"
+                "be misaligned; register depth to colour first",
             )
-        return ColorDepth(
-            color,
-            values,
-            max(1.0, columns / size[1]),
-            (size[1], size[0]),
-            missing,
-            tuple(warnings),
-        )
+        coarseness = max(1.0, columns / size[1])
+        return ColorDepth(color, values, coarseness, (size[1], size[0]), missing, warnings, camera)
 
     def fit_to(
         self, taken: ColorDepth, display: Display, pixels_per_pitch: float
     ) -> tuple[Fitted, DepthMap]:
         """What was read, fitted to a display; and how its depths were mapped."""
-        camera = self.camera()
-        if camera is not None:
+        if taken.camera is not None:
             rows, columns = taken.color.shape[:2]
-            check_pinhole(camera, (rows, columns))
-        ends = depth_range(taken.values, self.near, self.far)
+            check_pinhole(taken.camera, (rows, columns))
+        near, far, frame_at, fit, framing = self.near, self.far, self.frame_at, self.fit_rule, None
+        if fit == "auto":
+            framing = frame(taken.values, display.width_mm / display.height_mm)
+            taken, fit = _cropped(taken, framing), framing.fit
+            near = framing.near if near is None else near
+            far = framing.far if far is None else far
+            frame_at = framing.middle if frame_at is None else frame_at
+        ends = depth_range(taken.values, near, far)
         depth_map = map_depth(self.depth_map, taken.values, ends, display)
         fitted = fit_picture(
             taken.color,
             taken.values,
             depth_map,
             display,
-            camera=camera,
+            camera=taken.camera,
             pixels_per_pitch=pixels_per_pitch,
-            fit=self.fit,
-            frame_at=self.frame_at,
+            fit=fit,
+            frame_at=frame_at,
             steepest=self.steepest,
             coarseness=taken.coarseness,
             drop=self.outside == "drop",
         )
-        return fitted, depth_map
+        return replace(fitted, framing=None if framing is None else framing.said), depth_map
 
-    def fitted(self, display: Display, pixels_per_pitch: float) -> tuple[RGBD, tuple[str, ...]]:
-        """Check, read and fit the picture; its RGB-D in the display frame, and warnings."""
+    def fitted(
+        self, display: Display, pixels_per_pitch: float
+    ) -> tuple[RGBD, tuple[str, ...], tuple[str, ...]]:
+        """Check, read and fit the picture; its RGB-D in the display frame, warnings, and notes."""
         self.check_files()
         self.check_choices()
         self.camera()
         taken = self.read()
         fitted, depth_map = self.fit_to(taken, display, pixels_per_pitch)
-        return fitted.rgbd, self.warnings(taken, fitted, depth_map)
+        return fitted.rgbd, self.warnings(taken, fitted, depth_map), self.notes(taken, fitted)
+
+    def notes(self, taken: ColorDepth, fitted: Fitted) -> tuple[str, ...]:
+        """What a photograph says of its depth, and how a picture was framed, where by itself."""
+        said = [f"photo      {'; '.join(taken.said)}"] if taken.said else []
+        return (*said, *([] if fitted.framing is None else [f"framed     {fitted.framing}"]))
 
     def warnings(self, taken: ColorDepth, fitted: Fitted, depth_map: DepthMap) -> tuple[str, ...]:
         """What to say of the files, the map, and of a picture most of which is lost in it."""
         said = [*taken.warnings, *depth_map.warnings(fitted.clipped)]
-        if fitted.clipped > MOST and depth_map.name != "printed":
+        chosen = fitted.framing is not None and (self.near, self.far) == (None, None)
+        if fitted.clipped > MOST and depth_map.name != "printed" and not chosen:
             said.append(self._clipped_words(taken, fitted, depth_map))
         if fitted.empty > MOST:
             said.append(self._empty_words(taken, fitted))
@@ -348,18 +436,18 @@ class CameraPicture:
         unit = " mm" if taken.values.has_unit else ""
         done = "left out" if self.outside == "drop" else "moved to its ends, where they lie flat"
         words = (
-            f"{self.depth}: {fitted.clipped:.1%} of its depths lie beyond the range that is mapped "
-            f"and were {done}; they run from {known.min():.5g} to {known.max():.5g}{unit}, and "
-            f"--near {depth_map.near:.5g} --far {depth_map.far:.5g} were mapped: state a wider "
-            "range, or neither"
+            f"{self.depth or self.photo}: {fitted.clipped:.1%} of its depths lie beyond the range "
+            f"that is mapped and were {done}; they run from {known.min():.5g} to "
+            f"{known.max():.5g}{unit}, and --near {depth_map.near:.5g} --far {depth_map.far:.5g} "
+            "were mapped: state a wider range, or neither"
         )
         return words + ", or --depth-map linear" * (depth_map.name == "reciprocal")
 
     def _empty_words(self, taken: ColorDepth, fitted: Fitted) -> str:
         ways = []
-        if self.fit != "cover":
+        if self.fit_rule != "cover":
             ways.append("--fit cover fills an array of another shape")
-        if not self.orthographic:
+        if taken.camera is not None:
             ways.append("--orthographic in place of --intrinsics keeps the photograph's framing")
         if self.fill_depth == "none" and taken.missing > 0:
             ways.append(
@@ -368,8 +456,19 @@ class CameraPicture:
             )
         if self.outside == "drop" and fitted.clipped > 0:
             ways.append("--outside clip keeps what lies beyond the range")
-        words = f"{self.color}: {fitted.empty:.1%} of the lens array show nothing"
+        words = f"{self.shown}: {fitted.empty:.1%} of the lens array show nothing"
         return f"{words}: {'; '.join(ways)}" if ways else words
+
+
+def _cropped(taken: ColorDepth, framing: Framing) -> ColorDepth:
+    """What of a picture is shown."""
+    window, camera = (framing.rows, framing.columns), taken.camera
+    if camera is not None:
+        left, top = framing.columns.start, framing.rows.start
+        camera = replace(camera, cx=camera.cx - left, cy=camera.cy - top)
+    values = replace(taken.values, depth=np.ascontiguousarray(taken.values.depth[window]))
+    color = np.ascontiguousarray(taken.color[window])
+    return replace(taken, color=color, values=values, camera=camera)
 
 
 def _numbers(text: str) -> tuple[float, ...]:

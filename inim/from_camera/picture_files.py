@@ -7,8 +7,10 @@ neighbours differ by little, and in the wrong one by multiples of 256.
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +25,19 @@ from inim.files.picture import is_exr, open_picture, read_pfm
 from inim.regular_file import check_file
 from inim.version import __version__
 
-__all__ = ["DepthFile", "read_color", "read_depth", "write_depth"]
+__all__ = [
+    "DepthFile",
+    "depth_numbers",
+    "in_srgb",
+    "read_color",
+    "read_depth",
+    "write_depth",
+]
 
 _COLOR_FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM")
 _NO_COLOR = "not a colour picture that inim reads; save it as PNG, JPEG or EXR"
 _OPAQUE = 255
+_WITH_PROFILE = ("RGB", "RGBA", "L", "CMYK")
 _CODES_OF_16_BITS = 65535 / 255
 _PICTURES = {
     ".png": ("PNG",),
@@ -55,8 +65,8 @@ def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
     Parameters
     ----------
     path : Path
-        PNG, JPEG, TIFF, BMP, WebP or PPM, taken as sRGB, over black where transparent; or a
-        linear EXR.
+        PNG, JPEG, TIFF, BMP, WebP or PPM, brought to sRGB by its colour profile, over black where
+        transparent; or a linear EXR.
 
     Returns
     -------
@@ -80,7 +90,7 @@ def _decoded_color(path: Path) -> NDArray[np.uint8]:
     from PIL import Image, ImageOps
 
     with open_picture(path, _COLOR_FORMATS, 1, _NO_COLOR) as picture:
-        upright = ImageOps.exif_transpose(picture)
+        upright = in_srgb(ImageOps.exif_transpose(picture), path)
         if upright.mode.startswith("I"):  # Pillow would cut 16 bits off at 255
             grey = np.asarray(upright, np.float32) / _CODES_OF_16_BITS
             codes = np.rint(np.clip(grey, 0, 255)).astype(np.uint8)
@@ -90,6 +100,34 @@ def _decoded_color(path: Path) -> NDArray[np.uint8]:
         rgba = upright.convert("RGBA")
         black = Image.new("RGBA", rgba.size, (0, 0, 0, _OPAQUE))
         return np.asarray(Image.alpha_composite(black, rgba).convert("RGB"))
+
+
+def in_srgb(picture: Any, path: Path) -> Any:
+    """A Pillow picture in the colours of sRGB, where a profile in it says that they are others.
+
+    Raises
+    ------
+    FileError
+        A damaged profile.
+    """
+    from PIL import ImageCms
+
+    profile = picture.info.get("icc_profile")
+    if not profile or picture.mode not in _WITH_PROFILE:
+        return picture
+    try:
+        stored = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+        if "sRGB" in ImageCms.getProfileDescription(stored):
+            return picture
+        mode = "RGBA" if picture.mode == "RGBA" else "RGB"
+        return ImageCms.profileToProfile(
+            picture, stored, ImageCms.createProfile("sRGB"), outputMode=mode
+        )
+    except (OSError, ValueError, TypeError, ImageCms.PyCMSError) as error:
+        cause = str(error).partition("\n")[0]
+        raise FileError(
+            f"{path}: its colour profile is damaged ({cause}); save the picture as sRGB"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -154,13 +192,25 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
 
 
 def _decoded_depth(path: Path) -> np.ndarray:
-    with open_picture(path, _PICTURES[path.suffix.lower()], 4) as picture:
-        if picture.mode == "P":
-            raise FileError(f"{path}: holds numbers of a palette, not depths; save it as grey")
-        pixels = np.asarray(picture)
+    formats = _PICTURES[path.suffix.lower()]
+    with open_picture(path, formats, 4) as picture:
+        return depth_numbers(picture, path, wide=formats == ("TIFF",))
+
+
+def depth_numbers(picture: Any, path: Path, *, wide: bool = False) -> np.ndarray:
+    """The numbers of an open depth picture, (H, W); `wide`: it can hold 32 bits.
+
+    Raises
+    ------
+    FileError
+        Coloured, or of a palette.
+    """
+    if picture.mode == "P":
+        raise FileError(f"{path}: holds numbers of a palette, not depths; save it as grey")
+    pixels = np.asarray(picture)
     if pixels.ndim == 3:
         pixels = _grey(path, pixels)
-    if pixels.dtype == np.int32 and path.suffix.lower() in (".png", ".pgm"):
+    if pixels.dtype == np.int32 and not wide:
         pixels = pixels.astype(np.uint16)  # Pillow hands out 16 bits as 32 for some files
     return pixels.astype(np.uint8) if pixels.dtype == bool else pixels
 

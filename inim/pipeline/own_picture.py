@@ -95,7 +95,7 @@ class PictureRequest:
     @property
     def named(self) -> Path:
         """The file that it is called after."""
-        named = self.rgbd or self.picture.color
+        named = self.rgbd or self.picture.shown
         assert named is not None
         return named
 
@@ -126,10 +126,12 @@ def run_picture(
     quiet: bool = True,
     debug: bool = False,
     warn: Callable[[str], object] = no_warning,
+    say: Callable[[str], object] = no_warning,
 ) -> tuple[bool, Path]:
     """Validate a picture in a worker process; whether every check passed, and the folder.
 
-    `warn` is told what the report warns of, before anything is rendered.
+    `warn` is told what the report warns of, before anything is rendered; `say`, how a photograph
+    was taken and framed.
 
     Raises
     ------
@@ -140,17 +142,21 @@ def run_picture(
     _algorithms(settings.algorithms)
     _viewpoints(display, settings)
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     if request.rgbd is not None:
         rgbd = read_rgbd(request.rgbd)
         warnings = _fitted_warnings(rgbd, display, str(request.rgbd))
     else:
-        rgbd, warnings = request.picture.fitted(display, settings.capture_pixels_per_pitch)
+        pixels_per_pitch = settings.capture_pixels_per_pitch
+        rgbd, warnings, notes = request.picture.fitted(display, pixels_per_pitch)
     _check_picture(rgbd, display, str(request.named))
+    for note in notes:
+        say(note)
     for warning in warnings:
         warn(warning)
     passed = run_in_worker(
         "inim.pipeline.own_picture:work",
-        (request, warnings),
+        (request, (*(" ".join(note.split()) for note in notes), *warnings)),
         lambda: open_staging(request.folder, _FILES),
         fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
         backend=request.backend,

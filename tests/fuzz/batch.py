@@ -109,6 +109,12 @@ def _color(path: Path) -> None:
     read_color(path)
 
 
+def _photo(path: Path) -> None:
+    from inim.from_camera.depth_photo.read import read_depth_photo
+
+    read_depth_photo(path)
+
+
 class EndedError(InimError):
     """A command that did not succeed: its exit code and what it said."""
 
@@ -219,6 +225,7 @@ DOORS: dict[str, tuple[Read, ...]] = {
     "volume": (_in_a_scene(_VOLUME, ""),),
     **{f"depth-{kind}": (_depth,) for kind in ("exr", "png", "ppm", "tiff", "npy", "pfm")},
     "color": (_color,),
+    "photo": (_photo,),
     "xml": (_open_scene,),
     "document-report": (
         _command(_REPORT, "export", "OUT", "--quilt", "quilt.png", "--hci", "field"),
@@ -243,7 +250,7 @@ DOORS: dict[str, tuple[Read, ...]] = {
 }
 
 _WITHOUT_RENDERER = (
-    *(_new_scene, _eia, _rgbd, _depth, _color),
+    *(_new_scene, _eia, _rgbd, _depth, _color, _photo),
     *(door for kind, doors in DOORS.items() if kind.startswith("document") for door in doors),
 )
 #: What a refusal may name besides the file itself.

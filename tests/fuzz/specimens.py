@@ -25,6 +25,7 @@ from inim.files.image import write_exr, write_rgbd
 from inim.files.mesh import Mesh, write_ply
 from inim.rgbd import RGBD
 from inim.stress.pictures import solids_of
+from tests import depth_photographs as photographs
 from tests.conftest import scene_text, small_display, sphere, square
 
 __all__ = ["DISPLAY", "SPECIMENS", "TINY"]
@@ -371,6 +372,18 @@ def _study(folder: Path) -> tuple[bytes, ...]:
     return (STUDY.encode(),)
 
 
+def _photos(_: Path) -> tuple[bytes, ...]:
+    color, codes = photographs.room(24, 32)
+    jpeg, depth = photographs.picture(color), photographs.picture(codes, "PNG")
+    xml = photographs.apple_xml()
+    return (
+        photographs.gdepth(jpeg, depth, 1),
+        photographs.dynamic(jpeg, depth),
+        photographs.apple_jpeg(jpeg, photographs.picture(codes), xml),
+        photographs.heic(color, codes, xml),
+    )
+
+
 #: By format: the suffix its files get, and what makes sound ones, given a folder for companions.
 SPECIMENS = {
     "exr-rgbd": (".exr", _rgbd),
@@ -394,6 +407,7 @@ SPECIMENS = {
     "depth-npy": (".npy", lambda folder: _depth(folder, "npy")),
     "depth-pfm": (".pfm", lambda folder: _depth(folder, "pfm")),
     "color": (".png", lambda folder: (*_png(folder)[:2], _png(folder)[3], *_exr(folder)[:3])),
+    "photo": (".jpg", _photos),
     "xml": (".xml", _xml),
     "document-report": (".json", lambda folder: _of_run(folder, "OUT/report.json")),
     "document-baseline": (".json", lambda folder: _of_run(folder, "base/baseline.json")),

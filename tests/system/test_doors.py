@@ -117,6 +117,8 @@ DOORS: dict[str, Door] = {
         ["generate", "--color", "x.png", "--depth", "color.png", *TAKEN],
         "x.png", EXIT_USAGE, picture,
     ),
+    "a photograph with depth inside": (["generate", "x.jpg"], "x.jpg", EXIT_USAGE, nothing),
+    "a photograph to validate": (["validate", "--photo", "x.jpg"], "x.jpg", EXIT_USAGE, nothing),
     "a depth picture": (
         ["generate", "--color", "color.png", "--depth", "x.png", *TAKEN],
         "x.png", EXIT_USAGE, picture,

@@ -1,0 +1,183 @@
+"""Depth inside a photograph: whole numbers, and what they stand for.
+
+All formats quantise one of two quantities evenly: the distance, or its inverse (a disparity). With
+``v`` the number over the largest there is, ``q = first + v (last - first)`` is that quantity.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim.errors import FileError
+from inim.from_camera.depth_values import DepthValues
+from inim.from_camera.fit import Pinhole
+
+__all__ = [
+    "Coding",
+    "Inside",
+    "by_exif",
+    "decoded",
+    "distances",
+    "number",
+    "ranged",
+    "turned",
+    "upright",
+]
+
+# Of distances, in any unit; beyond it a float's own precision is used up.
+_LARGEST = 1e9
+_ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
+_RAY = "a photograph's depth, measured along the ray, was taken as along the optical axis"
+
+
+@dataclass(frozen=True)
+class Coding:
+    """What the numbers of a depth image stand for.
+
+    Attributes
+    ----------
+    inverse : bool
+        Whether they quantise the inverse of the distance.
+    first, last : float
+        The quantity at number 0 and at the largest number.
+    unit_mm : float
+        Millimetres of the unit of distance; 0 where the file does not vouch for one.
+    said : str
+        The kind of file, and what it says of the scale.
+    """
+
+    inverse: bool
+    first: float
+    last: float
+    unit_mm: float
+    said: str
+
+
+@dataclass(frozen=True)
+class Inside:
+    """A depth image as it lies in a photograph.
+
+    Attributes
+    ----------
+    codes : (h, w) uint8 or uint16
+    coding : Coding
+    camera : Pinhole or None
+        Of the stored colour picture, before it is turned upright.
+    camera_size : (columns, rows)
+        Of the picture that `camera` is stated for.
+    along_ray : bool
+        Distances go along the ray rather than along the optical axis.
+    """
+
+    codes: np.ndarray
+    coding: Coding
+    camera: Pinhole | None = None
+    camera_size: tuple[float, float] = (0.0, 0.0)
+    along_ray: bool = False
+
+
+def number(text: str | None, path: Path, name: str) -> float:
+    """A finite number of a photograph's metadata.
+
+    Raises
+    ------
+    FileError
+        Missing or none.
+    """
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= _LARGEST:
+        shown = "is missing" if text is None else f"is {text[:40]!r}, no usable number"
+        raise FileError(f"{path}: {name} of its depth {shown}; take the photograph's original file")
+    return value
+
+
+def ranged(
+    path: Path, form: str, near: float, far: float, unit_mm: float, said: str, inverse: bool
+) -> Coding:
+    """Coding of a depth image that states its nearest and farthest distance.
+
+    ``RangeLinear``: ``d = near + v (far - near)``; ``RangeInverse``:
+    ``d = far near / (far - v (far - near))``, so 1 / d goes evenly from 1 / near to 1 / far.
+
+    Raises
+    ------
+    FileError
+        A range that is none.
+    """
+    if not (0 < near <= far if inverse else 0 <= near <= far and far > 0):
+        raise FileError(
+            f"{path}: its depth, {form}, goes from Near {near:g} to Far {far:g}; distances from "
+            "the camera are above 0 and Near is less: the file is damaged"
+        )
+    ends = (1 / near, 1 / far) if inverse else (near, far)
+    return Coding(inverse, *ends, unit_mm, said)
+
+
+def decoded(inside: Inside) -> DepthValues:
+    """Distances in mm where the file vouches for a unit; otherwise plain numbers.
+
+    An inverse without a unit stays one, larger where nearer: taken as orthographic, planes stay
+    planes under it.
+    """
+    coding, most = inside.coding, np.iinfo(inside.codes.dtype).max
+    said = (_RAY,) if inside.along_ray else ()
+    step = abs(coding.last - coding.first) / most
+    share = inside.codes.astype(np.float64) / most
+    numbers = coding.first + share * (coding.last - coding.first)
+    if coding.inverse:
+        values = DepthValues(numbers.astype(np.float32), True, False, step, said)
+        return distances(values, coding.unit_mm) if coding.unit_mm else values
+    scale = coding.unit_mm or 1.0
+    depth = np.where(numbers > 0, numbers * scale, np.nan).astype(np.float32)
+    return DepthValues(depth, False, coding.unit_mm > 0, step * scale, said)
+
+
+def distances(values: DepthValues, unit_mm: float = 0.0) -> DepthValues:
+    """Distances of inverse ones, in mm or without a unit.
+
+    Below half a step of its numbers a file cannot tell far from infinitely far: that is farthest.
+    """
+    least = max(values.step / 2, 1 / _LARGEST)
+    scale = unit_mm or 1.0
+    depth = (scale / np.maximum(values.depth.astype(np.float64), least)).astype(np.float32)
+    return DepthValues(depth, False, unit_mm > 0, 0.0, values.warnings, values.step / scale)
+
+
+def by_exif(picture: Any) -> tuple[int, float]:
+    """Orientation, 1 to 8, and focal length in 35 mm film, 0 where not stated, of a Pillow picture.
+
+    Whatever is wrong with its EXIF is raised as Pillow does.
+    """
+    exif = picture.getexif()
+    orientation = exif.get(_ORIENTATION)
+    focal = exif.get_ifd(_EXIF).get(_FOCAL_35MM)
+    focal = float(focal) if isinstance(focal, (int, float)) and focal > 0 else 0.0
+    return orientation if orientation in range(1, 9) else 1, focal
+
+
+def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """Stored pixels as they are to be looked at, by EXIF's orientation, 1 to 8."""
+    pixels = pixels.swapaxes(0, 1) if orientation >= 5 else pixels
+    pixels = pixels[:, ::-1] if orientation in (2, 3, 6, 7) else pixels
+    return pixels[::-1] if orientation in (3, 4, 7, 8) else pixels
+
+
+def turned(camera: Pinhole, size: tuple[int, int], orientation: int) -> Pinhole:
+    """The camera of a picture of stored size, (columns, rows), once that is upright."""
+    columns, rows = size
+    if orientation >= 5:
+        camera = Pinhole(camera.fy, camera.fx, camera.cy, camera.cx)
+        columns, rows = rows, columns
+    if orientation in (2, 3, 6, 7):
+        camera = replace(camera, cx=columns - 1 - camera.cx)
+    if orientation in (3, 4, 7, 8):
+        camera = replace(camera, cy=rows - 1 - camera.cy)
+    return camera

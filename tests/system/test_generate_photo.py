@@ -1,0 +1,198 @@
+"""`inim generate PHOTO`, of a folder, and `inim validate --photo`: as the user types them."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inim.cli import main
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
+from inim.files.eia_file import read_eia
+from inim.files.image import read_rgbd
+from tests.conftest import small_display
+from tests.depth_photographs import apple_jpeg, apple_xml, gdepth, heic, picture
+
+SIZES = {"lens_columns": 24, "lens_rows": 12, "pixel_pitch_mm": 0.125}
+DISPLAY = [word for k, v in SIZES.items() for word in ("-D", f"inim.{k}={v}")]
+
+
+def subject(rows=96, columns=128):
+    """A red square before a green wall; its codes are those of RangeInverse, near 0, far 255."""
+    color = np.zeros((rows, columns, 3), np.uint8)
+    color[..., 1] = 160
+    codes = np.full((rows, columns), 230, np.uint8)
+    color[40:70, 50:90], codes[40:70, 50:90] = (220, 0, 0), 20
+    return color, codes
+
+
+COLOR, CODES = subject()
+METRIC = gdepth(picture(COLOR), picture(CODES, "PNG"), Units="m", Near=0.5, Far=4)
+
+
+def distance_mm(code: int) -> float:
+    return 1000 * 4 * 0.5 / (4 - code / 255 * 3.5)
+
+
+def generate(*words: object) -> int:
+    return main(["generate", *map(str, words), *DISPLAY])
+
+
+def line(text: str, name: str) -> str:
+    return next(row for row in text.splitlines() if row.startswith(name))
+
+
+def test_a_photograph_needs_nothing_but_its_name(tmp_path, capsys):
+    photo, out, fitted = (tmp_path / name for name in ("photo.jpg", "eia.png", "fitted.exr"))
+    photo.write_bytes(METRIC)
+    assert generate(photo, "-o", out, "--rgbd", fitted) == EXIT_PASSED
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert "units m: metric" in line(said.out, "photo")
+    assert "subject" in line(said.out, "framed")
+    assert " mm," in line(said.out, "depth")
+    display = small_display(columns=24, rows=12, pixels=8)
+    eia, _ = read_eia(out, display)
+    assert eia[..., 0].max() > 0.5
+    rgbd = read_rgbd(fitted)
+    low, high = display.depth_range_mm
+    red = rgbd.covered & (rgbd.color[..., 0] > 0.5)
+    green = rgbd.covered & (rgbd.color[..., 1] > 0.3)
+    # The subject at the front; the wall, beyond the range, a backdrop at its end.
+    np.testing.assert_allclose(rgbd.depth_mm[red], high, atol=0.01)
+    np.testing.assert_allclose(rgbd.depth_mm[green], low, atol=0.01)
+
+
+def test_stated_choices_win(tmp_path, capsys):
+    photo, fitted = tmp_path / "photo.jpg", tmp_path / "fitted.exr"
+    photo.write_bytes(METRIC)
+    ends = ("--near", "400", "--far", "4000")
+    words = (photo, "-o", tmp_path / "eia.png", "--rgbd", fitted, "--fit", "contain", *ends)
+    assert generate(*words) == EXIT_PASSED
+    out = capsys.readouterr().out
+    assert "framed" not in out
+    rgbd, display = read_rgbd(fitted), small_display(columns=24, rows=12, pixels=8)
+    low, high = display.depth_range_mm
+    red = rgbd.covered & (rgbd.color[..., 0] > 0.5)
+    wanted = low + (4000 - distance_mm(20)) / 3600 * (high - low)
+    np.testing.assert_allclose(rgbd.depth_mm[red], wanted, atol=0.01)
+
+
+def test_relative_depth_is_said_to_be(tmp_path, capsys):
+    photo = tmp_path / "photo.jpg"
+    photo.write_bytes(apple_jpeg(picture(COLOR), picture(255 - CODES), apple_xml()))
+    assert generate(photo, "-o", tmp_path / "eia.png") == EXIT_PASSED
+    out = capsys.readouterr().out
+    assert "relative, no millimetres" in line(out, "photo")
+    assert " mm," not in line(out, "depth")
+
+
+@pytest.mark.parametrize("accuracy", ["relative", "absolute"])
+def test_intrinsics_photo_takes_the_file_s_own_camera(tmp_path, capsys, accuracy):
+    photo = tmp_path / "photo.jpg"
+    xml = apple_xml(accuracy=accuracy, camera=(200, 128, 96, 256, 192))
+    photo.write_bytes(apple_jpeg(picture(COLOR), picture(255 - CODES), xml))
+    words = (photo, "-o", tmp_path / "eia.png")
+    assert generate(*words, "--intrinsics", "photo") == EXIT_PASSED
+    angle = 2 * np.degrees(np.arctan(64 / 100))
+    own = line(capsys.readouterr().out, "picture")
+    assert f"unprojected ({angle:.3g} degrees" in own
+    # The same as if it had been typed.
+    assert generate(*words, "--intrinsics", "100,100,63.5,47.5") == EXIT_PASSED
+    assert line(capsys.readouterr().out, "picture") == own
+
+
+def test_an_auto_fit_of_two_files_is_that_of_the_photograph(tmp_path, capsys):
+    from PIL import Image
+
+    Image.fromarray(COLOR).save(tmp_path / "color.png")
+    depth = np.vectorize(distance_mm)(CODES).astype(np.float32)
+    np.save(tmp_path / "depth.npy", depth)
+    (tmp_path / "photo.jpg").write_bytes(METRIC)
+    files = ("--color", tmp_path / "color.png", "--depth", tmp_path / "depth.npy")
+    stated = ("--depth-unit", "mm", "--orthographic", "--fit", "auto")
+    assert generate(*files, *stated, "-o", tmp_path / "eia.png") == EXIT_PASSED
+    of_files = line(capsys.readouterr().out, "framed")
+    assert generate(tmp_path / "photo.jpg", "-o", tmp_path / "eia.png") == EXIT_PASSED
+    assert line(capsys.readouterr().out, "framed") == of_files
+
+
+def folder_of(tmp_path: Path) -> Path:
+    pytest.importorskip("pillow_heif")
+    folder = tmp_path / "phone"
+    folder.mkdir()
+    (folder / "a.jpg").write_bytes(METRIC)
+    (folder / "b.JPG").write_bytes(METRIC[:-300])
+    (folder / "c.heic").write_bytes(heic(COLOR, 255 - CODES, apple_xml()))
+    (folder / "c.jpeg").write_bytes(METRIC)
+    (folder / "notes.txt").write_text("not a photograph")
+    return folder
+
+
+def test_of_a_folder_the_broken_one_is_said_and_the_others_are_made(tmp_path, capsys):
+    folder, out = folder_of(tmp_path), tmp_path / "eias"
+    assert generate(folder, "-o", out) == EXIT_CHECK_FAILED
+    said = capsys.readouterr()
+    assert sorted(p.name for p in out.iterdir()) == ["a.png", "c.heic.png", "c.jpeg.png"]
+    assert said.out.count("framed") == 3
+    assert said.out.splitlines()[-1] == f"3 of 4 photographs made; EIAs: {out}"
+    assert re.fullmatch(rf"inim: failed: {folder / 'b.JPG'}: .*cut short\n", said.err)
+    # As alone.
+    assert generate(folder / "a.jpg", "-o", tmp_path / "a.png") == EXIT_PASSED
+    assert (tmp_path / "a.png").read_bytes() == (out / "a.png").read_bytes()
+
+
+def test_a_whole_folder_passes(tmp_path):
+    folder = folder_of(tmp_path)
+    (folder / "b.JPG").unlink()
+    assert generate(folder, "-o", tmp_path / "eias") == EXIT_PASSED
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["phone", "-o", "eia.png"], "-o eia.png: phone is a folder; name a folder"),
+        (["phone", "-o", "o", "--pdf", "a.pdf"], "--pdf: is for one picture"),
+        (["phone", "-o", "o", "--fit", "round"], "--fit round: use contain, cover or auto"),
+        (["phone", "-o", "o", "--display", "wall"], "wall"),
+        (["empty", "-o", "o"], "empty: no photograph in it"),
+        (["phone/a.jpg", "--depth-unit", "m"], "--depth-unit: phone/a.jpg has its own depth"),
+        (["phone/a.jpg", "--color", "a.png"], "--color: phone/a.jpg has its own depth"),
+        (["phone/a.jpg", "--intrinsics", "photo"], "does not say how it was taken"),
+        (["phone/a.jpg", "--intrinsics", "photo", "--orthographic"], "give one of them"),
+        (["phone/a.jpg", "--frame-at", "300"], "--frame-at: an orthographic picture"),
+        (["phone/a.jpg", "--hci", "phone"], "a photograph and --hci"),
+        (["phone/a.jpg", "-o", "phone/a.jpg"], "-o phone/a.jpg"),
+        (["phone/none.jpg"], "phone/none.jpg: no such file"),
+        (["phone/notes.txt"], "phone/notes.txt: neither HEIC nor JPEG"),
+        (["--color", "a.png", "--depth", "b.png", "--intrinsics", "photo"], "--intrinsics photo"),
+    ],
+)
+def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, capsys, monkeypatch, words, says):
+    folder_of(tmp_path)
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert generate(*words) == EXIT_USAGE
+    said = capsys.readouterr()
+    assert says in said.err
+    assert said.err.count("\n") == 1
+    assert not list(tmp_path.glob("*.png"))
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_photograph_is_validated(tmp_path, capsys, renderer):
+    photo, out = tmp_path / "photo.jpg", tmp_path / "report"
+    photo.write_bytes(METRIC)
+    words = ["--photo", str(photo), "-o", str(out), "--algorithms", "template:samples=4"]
+    assert main(["validate", *words, "--viewpoints", "centre", *DISPLAY]) == EXIT_PASSED
+    said = capsys.readouterr()
+    assert "units m: metric" in line(said.out, "photo")
+    assert "subject" in line(said.out, "framed")
+    data = json.loads((out / "report.json").read_text())
+    assert any("units m: metric" in warning for warning in data["warnings"])
+    assert f"--photo {photo}" in data["command"]
+    assert main(["validate", "--photo", str(tmp_path), "-o", str(out)]) == EXIT_USAGE
+    assert f"{tmp_path}: is a folder" in capsys.readouterr().err

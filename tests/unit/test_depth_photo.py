@@ -1,0 +1,389 @@
+"""Photographs with depth inside: each format, the same way up, and a line for each damage."""
+
+from __future__ import annotations
+
+import io
+import struct
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.errors import FileError, UsageError
+from inim.from_camera.depth_photo.codes import turned, upright
+from inim.from_camera.depth_photo.read import read_depth_photo
+from inim.from_camera.depth_photo.xmp import read_xmp
+from inim.from_camera.fit import Pinhole
+from inim.from_camera.picture_files import read_color
+from tests.depth_photographs import (
+    DYNAMIC,
+    EXTENDED,
+    RDF,
+    apple_jpeg,
+    apple_xml,
+    dynamic,
+    edited,
+    gdepth,
+    heic,
+    picture,
+    room,
+    segment,
+    with_segments,
+    with_xmp,
+)
+
+COLOR, CODES = room()
+SMALL = np.ascontiguousarray(CODES[::2, ::2])
+DEPTH_PNG = picture(SMALL, "PNG")
+#: Of a JPEG at its best; chroma is rounded on the way there and back.
+JPEG_CODES = 3
+
+
+def read(tmp_path: Path, data: bytes, name="photo.jpg"):
+    (tmp_path / name).write_bytes(data)
+    return read_depth_photo(tmp_path / name)
+
+
+def inverse(codes, near, far, most=255):
+    """GDepth's own words for RangeInverse."""
+    v = codes.astype(np.float64) / most
+    return far * near / (far - v * (far - near))
+
+
+def linear(codes, near, far, most=255):
+    return near + codes.astype(np.float64) / most * (far - near)
+
+
+WRITERS = {"gdepth": gdepth, "dynamic": dynamic}
+UNITS = {"gdepth": "m", "dynamic": "Meters"}
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize(("form", "closed"), [("RangeInverse", inverse), ("RangeLinear", linear)])
+@pytest.mark.parametrize("most", [255, 65535])
+def test_near_and_far_give_the_distances_of_the_closed_form(tmp_path, kind, form, closed, most):
+    codes = SMALL if most == 255 else SMALL.astype(np.uint16) * 257
+    said = {"Format": form, "Near": 0.4, "Far": 6, "Units": UNITS[kind]}
+    data = WRITERS[kind](picture(COLOR), picture(codes, "PNG"), **said)
+    photo = read(tmp_path, data)
+    assert photo.values.has_unit
+    assert not photo.values.near_is_large
+    np.testing.assert_allclose(photo.values.depth, 1000 * closed(codes, 0.4, 6, most), rtol=1e-6)
+    assert np.abs(photo.color.astype(int) - COLOR).max() <= JPEG_CODES
+    assert photo.said[0].endswith("metric")
+
+
+def test_millimetres_are_millimetres(tmp_path):
+    photo = read(tmp_path, gdepth(picture(COLOR), DEPTH_PNG, Units="mm", Near=300, Far=900))
+    np.testing.assert_allclose(photo.values.depth, inverse(SMALL, 300, 900), rtol=1e-6)
+
+
+@pytest.mark.parametrize("units", [None, "None", "Diopters"])
+def test_without_a_unit_of_length_depth_is_relative_and_the_photograph_says_so(tmp_path, units):
+    photo = read(tmp_path, gdepth(picture(COLOR), DEPTH_PNG, Units=units, Near=2, Far=9))
+    assert not photo.values.has_unit
+    assert photo.values.near_is_large
+    np.testing.assert_allclose(1 / photo.values.depth, inverse(SMALL, 2, 9), rtol=1e-5)
+    assert "relative, no millimetres" in photo.said[0]
+    assert ("not stated" in photo.said[0]) == (units is None)
+
+
+def test_an_extension_of_the_metadata_is_put_together_whatever_its_order(tmp_path):
+    for order in (1, -1):
+        data = gdepth(picture(COLOR), DEPTH_PNG, extended=order, Units="m")
+        assert data.count(EXTENDED) > 3
+        shown = read(tmp_path, data).values.depth
+        np.testing.assert_allclose(shown, 1000 * inverse(SMALL, 1, 4), rtol=1e-6)
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_apple_s_disparity_is_found_among_the_pictures_of_a_jpeg(tmp_path, order):
+    depth = picture(SMALL)
+    photo = read(tmp_path, apple_jpeg(picture(COLOR), depth, apple_xml(), order))
+    codes = np.asarray(Image.open(io.BytesIO(depth))).astype(float)
+    np.testing.assert_allclose(photo.values.depth, 0.5 + codes / 255 * 2, rtol=1e-6)
+    assert photo.values.near_is_large
+    assert "accuracy relative: relative" in photo.said[0]
+
+
+def test_absolute_disparity_is_metric(tmp_path):
+    data = apple_jpeg(picture(COLOR), picture(SMALL), apple_xml(accuracy="absolute"))
+    photo = read(tmp_path, data)
+    codes = np.asarray(Image.open(io.BytesIO(picture(SMALL)))).astype(float)
+    np.testing.assert_allclose(photo.values.depth, 1000 / (0.5 + codes / 255 * 2), rtol=1e-6)
+    assert photo.values.has_unit
+
+
+def test_what_is_infinitely_far_is_farther_than_all_else_and_finite(tmp_path):
+    codes = np.array([[0, 1], [2, 255]], np.uint8)
+    xml = apple_xml(least=0, most=2.55, accuracy="absolute")
+    pytest.importorskip("pillow_heif")
+    color = np.zeros((16, 16, 3), np.uint8)
+    photo = read(tmp_path, heic(color, np.kron(codes, np.ones((8, 8), np.uint8)), xml), "x.heic")
+    found = photo.values.depth[4::8, 4::8]
+    np.testing.assert_allclose(found, [[200_000, 100_000], [50_000, 1000 / 2.55]], rtol=1e-5)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("kind", ["gdepth", "dynamic", "apple", "heic"])
+def test_colour_depth_and_camera_are_turned_alike(tmp_path, kind, orientation):
+    camera = (100, 60, 40, 128, 96)
+    jpeg = picture(COLOR, orientation=orientation)
+    if kind == "heic":
+        pytest.importorskip("pillow_heif")
+        data = heic(COLOR, SMALL, apple_xml(camera=camera), orientation)
+    elif kind == "apple":
+        data = apple_jpeg(jpeg, picture(SMALL), apple_xml(camera=camera))
+    else:
+        data = WRITERS[kind](jpeg, DEPTH_PNG)
+    photo = read(tmp_path, data, f"photo.{kind}")
+    np.testing.assert_allclose(photo.color, upright(COLOR, orientation), atol=JPEG_CODES)
+    # Red is the code: depth has to be where its colour is.
+    red = photo.color[::2, ::2, 0].astype(float)
+    shown = photo.values.depth
+    assert shown.shape == red.shape
+    order = np.corrcoef(red.ravel(), shown.ravel())[0, 1]
+    assert abs(order) > 0.9
+    stored = upright(SMALL, orientation).astype(float)
+    assert abs(np.corrcoef(stored.ravel(), shown.ravel())[0, 1]) > abs(order) - 0.01
+    if kind in ("apple", "heic"):
+        # The camera's middle goes where the pixel under it goes.
+        mark = np.zeros((96, 128))
+        mark[40, 60] = 1
+        y, x = np.argwhere(upright(mark, orientation))[0]
+        assert photo.camera is not None
+        assert (photo.camera.cx, photo.camera.cy) == (
+            pytest.approx(x, abs=0.51),
+            pytest.approx(y, abs=0.51),
+        )
+
+
+def test_upright_is_pillow_s_own_turning():
+    pixels = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    for orientation in range(1, 9):
+        from PIL import ImageOps
+
+        stored = Image.open(io.BytesIO(picture(pixels, "PNG", orientation)))
+        expected = np.asarray(ImageOps.exif_transpose(stored))
+        np.testing.assert_array_equal(upright(pixels, orientation), expected)
+
+
+def test_a_camera_turned_twice_by_half_a_turn_is_itself():
+    camera = Pinhole(100, 110, 30, 20)
+    assert turned(turned(camera, (80, 60), 3), (80, 60), 3) == camera
+    assert turned(turned(camera, (80, 60), 6), (60, 80), 8) == camera
+
+
+def test_cameras_are_scaled_to_the_colour_picture(tmp_path):
+    model = (
+        '<Camera:ImagingModel ImagingModel:FocalLengthX="1000" ImagingModel:FocalLengthY="1000" '
+        'ImagingModel:ImageWidth="1280" ImagingModel:ImageHeight="960"/>'
+    )
+    photo = read(tmp_path, dynamic(picture(COLOR), DEPTH_PNG, model=model))
+    assert photo.camera == Pinhole(100, 100, 63.5, 47.5)
+
+
+def test_a_focal_length_in_35_mm_film_is_a_camera(tmp_path):
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 26
+    stream = io.BytesIO()
+    Image.fromarray(COLOR).save(stream, "JPEG", exif=exif)
+    photo = read(tmp_path, gdepth(stream.getvalue(), DEPTH_PNG))
+    assert photo.camera is not None
+    assert photo.camera.fx == pytest.approx(26 * np.hypot(128, 96) / np.hypot(36, 24))
+    assert "EXIF, 26 mm" in photo.said[1]
+
+
+def test_a_matrix_for_another_shape_is_no_camera(tmp_path):
+    data = apple_jpeg(picture(COLOR), picture(SMALL), apple_xml(camera=(100, 64, 64, 128, 128)))
+    assert read(tmp_path, data).camera is None
+
+
+def test_heic_gives_back_colour_and_depth(tmp_path):
+    pytest.importorskip("pillow_heif")
+    photo = read(tmp_path, heic(COLOR, SMALL, apple_xml(accuracy="absolute")), "photo.heic")
+    assert np.abs(photo.color.astype(int) - COLOR).max() <= JPEG_CODES
+    np.testing.assert_allclose(photo.values.depth, 1000 / (0.5 + SMALL / 255 * 2), rtol=1e-5)
+
+
+def test_heic_without_apple_s_metadata_is_relative(tmp_path):
+    pytest.importorskip("pillow_heif")
+    photo = read(tmp_path, heic(COLOR, SMALL), "photo.heic")
+    np.testing.assert_allclose(photo.values.depth, SMALL / 255, atol=1e-6)
+    assert photo.values.near_is_large
+    assert "without Apple's metadata" in photo.said[0]
+
+
+#: Primaries of Display P3, adapted to ICC's white; and sRGB's.
+P3 = np.array(
+    [[0.51512, 0.29198, 0.15710], [0.24120, 0.69225, 0.06657], [-0.00105, 0.04189, 0.78407]]
+)
+SRGB = np.array(
+    [[0.43607, 0.38515, 0.14307], [0.22249, 0.71687, 0.06061], [0.01392, 0.09708, 0.71410]]
+)
+
+
+def display_p3() -> bytes:
+    """An ICC profile of Display P3's primaries with a gamma of 2.2."""
+
+    def fixed(values) -> bytes:
+        return b"".join(struct.pack(">i", round(float(v) * 65536)) for v in values)
+
+    white = (0.96420, 1.0, 0.82491)
+    columns = zip((b"rXYZ", b"gXYZ", b"bXYZ"), P3.T, strict=True)
+    tags = {name: b"XYZ \0\0\0\0" + fixed(column) for name, column in columns}
+    tags[b"wtpt"] = b"XYZ \0\0\0\0" + fixed(white)
+    curve = b"curv\0\0\0\0" + struct.pack(">IHH", 1, round(2.2 * 256), 0)
+    tags |= dict.fromkeys((b"rTRC", b"gTRC", b"bTRC"), curve)
+    text = b"Display P3\0"
+    tags[b"desc"] = (b"desc\0\0\0\0" + struct.pack(">I", len(text)) + text + bytes(78)).ljust(
+        104, b"\0"
+    )
+    table, body, place = struct.pack(">I", len(tags)), b"", 128 + 4 + 12 * len(tags)
+    for name, content in tags.items():
+        table += struct.pack(">4sII", name, place + len(body), len(content))
+        body += content
+    head = struct.pack(
+        ">I4sI4s4s4s", place + len(body), b"\0" * 4, 0x02400000, b"mntr", b"RGB ", b"XYZ "
+    )
+    head += bytes(12) + b"acsp" + bytes(28) + fixed(white)
+    return head.ljust(128, b"\0") + table + body
+
+
+@pytest.mark.parametrize("kind", ["jpeg", "heic", "png"])
+def test_colours_of_display_p3_become_those_of_srgb(tmp_path, kind):
+    codes = np.array([(200, 60, 90), (90, 160, 70), (40, 50, 120), (128, 128, 128)], np.uint8)
+    color = np.repeat(codes.repeat(32, 0)[None], 96, 0)
+    if kind == "heic":
+        pytest.importorskip("pillow_heif")
+        shown = read(tmp_path, heic(color, SMALL, apple_xml(), icc=display_p3()), "x.heic").color
+    elif kind == "png":
+        (tmp_path / "p3.png").write_bytes(picture(color, "PNG", icc=display_p3()))
+        shown = read_color(tmp_path / "p3.png")
+    else:
+        shown = read(tmp_path, gdepth(picture(color, icc=display_p3()), DEPTH_PNG)).color
+    light = np.linalg.solve(SRGB, P3 @ (codes / 255).T ** 2.2).T.clip(0, 1)
+    expected = 255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    np.testing.assert_allclose(shown[48, 16::32], expected, atol=JPEG_CODES)
+    assert np.abs(expected - codes).max() > 10  # it is another space
+
+
+def test_a_damaged_colour_profile_is_said(tmp_path):
+    data = gdepth(picture(COLOR, icc=b"no profile" * 20), DEPTH_PNG)
+    with pytest.raises(FileError, match="its colour profile is damaged"):
+        read(tmp_path, data)
+
+
+JPEG = picture(COLOR)
+BOMB = '<!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;&b;">]>' + RDF.format("&c;")
+HEADER = b"IHDR" + struct.pack(">IIBBBBB", 13_000, 13_000, 16, 0, 0, 0, 0)
+HUGE = DEPTH_PNG[:12] + HEADER + struct.pack(">I", zlib.crc32(HEADER)) + DEPTH_PNG[33:]
+APPLE = apple_jpeg(JPEG, picture(SMALL), apple_xml())
+DAMAGES = {
+    "no depth": (JPEG, "has no depth inside"),
+    "another kind": (b"GIF89a" + bytes(50), "neither HEIC nor JPEG"),
+    "empty": (b"", "neither HEIC nor JPEG"),
+    "entities": (with_xmp(JPEG, BOMB), "DOCTYPE; entities are refused"),
+    "broken XML": (with_xmp(JPEG, "<x:xmpmeta>"), "XMP metadata are broken"),
+    "deep XML": (with_xmp(JPEG, "<a>" * 70 + "</a>" * 70), "nest too deep"),
+    "wide XML": (
+        gdepth(JPEG, DEPTH_PNG, extended=1).replace(b"Near=", b"Nope="),
+        "GDepth:Near of its depth is missing",
+    ),
+    "near beyond far": (gdepth(JPEG, DEPTH_PNG, Near=5, Far=2), "goes from Near 5 to Far 2"),
+    "near zero": (gdepth(JPEG, DEPTH_PNG, Near=0, Far=2), "goes from Near 0 to Far 2"),
+    "far infinite": (gdepth(JPEG, DEPTH_PNG, Far="inf"), "GDepth:Far of its depth is 'inf'"),
+    "near a word": (gdepth(JPEG, DEPTH_PNG, Near="close"), "GDepth:Near of its depth is 'close'"),
+    "format": (gdepth(JPEG, DEPTH_PNG, Format="RangeOther"), "GDepth:Format 'RangeOther'"),
+    "base64": (
+        edited(gdepth(JPEG, DEPTH_PNG), b'Data="iVBOR', b'Data="iVBO'),
+        "GDepth:Data is no base64",
+    ),
+    "no picture": (gdepth(JPEG, b"nonsense"), "its depth is no JPEG or PNG"),
+    "huge": (gdepth(JPEG, HUGE), "unfolds from"),
+    "coloured": (gdepth(JPEG, picture(COLOR, "PNG")), "is coloured"),
+    "extension cut": (
+        gdepth(JPEG, DEPTH_PNG, extended=1).replace(b"xmp/extension/", b"xmp/extensioX/", 1),
+        "of its extended XMP metadata are there",
+    ),
+    "cut off": (dynamic(JPEG, DEPTH_PNG)[:-10], "appended pictures were cut off"),
+    "not listed": (dynamic(JPEG, DEPTH_PNG, uri="other"), "its directory does not list"),
+    "length": (
+        edited(dynamic(JPEG, DEPTH_PNG), b"<Item:Length>", b"<Item:Length>-"),
+        "Item:Length '-17' of a picture in it is no size",
+    ),
+    "length beyond": (
+        edited(dynamic(JPEG, DEPTH_PNG), b"<Item:Length>", b"<Item:Length>99999999"),
+        "appended pictures were cut off",
+    ),
+    "no end": (JPEG[:-2], "no end; it is cut short"),
+    "segment": (JPEG[:2] + b"\xff\xe1\xff\xff", "ends beyond the file"),
+    "segments": (with_segments(JPEG, segment(0xE5, b"") * 10_001), "more than 10000 segments"),
+    "pictures cut": (APPLE[:-20], "lists a picture of"),
+    "list": (APPLE.replace(b"MPF\0MM", b"MPF\0XX"), "list of pictures .MPF. is damaged"),
+    "list beyond": (
+        APPLE.replace(b"MM\0*\0\0\0\x08", b"MM\0*\xff\xff\xff\x08"),
+        "list of pictures .MPF. is damaged",
+    ),
+    "disparity": (
+        apple_jpeg(JPEG, picture(SMALL), apple_xml(least=3, most=1)),
+        "disparity goes from 3 to 1",
+    ),
+    "disparity a word": (
+        apple_jpeg(JPEG, picture(SMALL), apple_xml(least="nan")),
+        "FloatMinValue of its depth is 'nan'",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGES)
+def test_each_damage_has_its_line(tmp_path, name):
+    data, says = DAMAGES[name]
+    with pytest.raises(FileError, match=says) as caught:
+        read(tmp_path, data)
+    assert "photo.jpg" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_damaged_heic_has_its_line(tmp_path):
+    pytest.importorskip("pillow_heif")
+    data = heic(COLOR, SMALL, apple_xml())
+    for cut in (20, 100, 700, len(data) - 400):
+        with pytest.raises(FileError, match=r"photo\.heic: not a readable HEIC"):
+            read(tmp_path, data[:cut], "photo.heic")
+    with pytest.raises(FileError, match="has no depth inside"):
+        read(tmp_path, data.replace(b"auxl", b"xuxl"), "photo.heic")
+
+
+def test_a_heic_that_declares_more_than_it_holds_is_refused(tmp_path):
+    pytest.importorskip("pillow_heif")
+    data = heic(COLOR, SMALL, apple_xml())
+    size = struct.pack(">II", 128, 96)
+    assert data.count(size) == 1
+    with pytest.raises(FileError, match=r"unfolds from|not a readable HEIC"):
+        read(tmp_path, data.replace(size, struct.pack(">II", 30_000, 30_000)), "photo.heic")
+
+
+def test_without_pillow_heif_the_line_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    (tmp_path / "photo.heic").write_bytes(b"\0\0\0\x1cftypheic" + bytes(16))
+    with pytest.raises(UsageError, match=r"pip install 'inim\[photos\]'"):
+        read_depth_photo(tmp_path / "photo.heic")
+
+
+def test_properties_are_found_as_attributes_and_as_elements():
+    text = RDF.format(
+        f'<rdf:Description {DYNAMIC} DepthMap:Near="1"><DepthMap:Far> 2 </DepthMap:Far>'
+        "</rdf:Description>"
+    )
+    found = [node for node in read_xmp(text.encode(), Path("x")) if node]
+    assert found == [{"DepthMap:Near": "1", "DepthMap:Far": "2"}]
+
+
+def test_a_segmentation_is_no_depth(tmp_path):
+    data = dynamic(JPEG, DEPTH_PNG, ItemSemantic="Segmentation")
+    with pytest.raises(FileError, match="has no depth inside"):
+        read(tmp_path, data)

@@ -1,0 +1,97 @@
+"""`--fit auto`: the subject, its depth range and its place are found where there is one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inim.from_camera.depth_values import DepthValues
+from inim.from_camera.framing import frame
+
+
+def values(depth, near_is_large=False, has_unit=True):
+    return DepthValues(np.asarray(depth, np.float32), near_is_large, has_unit, 0.0, ())
+
+
+def box(rows=300, columns=400, at=(120, 220), size=(60, 80), near=500.0, far=3000.0):
+    """A box before a wall, its front bulging by 50."""
+    depth = np.full((rows, columns), far)
+    y, x = (slice(a, a + s) for a, s in zip(at, size, strict=True))
+    bulge = np.sin(np.linspace(0, np.pi, size[1]))[None]
+    depth[y, x] = near + 50 * (1 - bulge)
+    return depth
+
+
+def test_the_subject_is_what_stands_before_the_background():
+    framing = frame(values(box()), 2.0)
+    assert framing.near == pytest.approx(500, abs=1)
+    nearness = 1 / 500, 1 / 550
+    # A flat subject is given a tenth of the picture's range, and half of that behind it.
+    extent = max(nearness[0] - nearness[1], 0.1 * (1 / 500 - 1 / 3000))
+    assert framing.far == pytest.approx(1 / (nearness[1] - extent / 2), rel=0.01)
+    assert 500 < framing.middle < 550
+    assert "subject" in framing.said
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.0, 2.5])
+@pytest.mark.parametrize("at", [(0, 0), (120, 160), (240, 320)])
+def test_cover_has_the_display_s_shape_and_the_whole_subject(aspect, at):
+    framing = frame(values(box(at=at)), aspect)
+    if framing.fit == "contain":  # in the corner the rim weighs little
+        assert "no subject" in framing.said
+        assert at != (120, 160)
+        return
+    high = framing.rows.stop - framing.rows.start
+    wide = framing.columns.stop - framing.columns.start
+    assert wide / high == pytest.approx(aspect, rel=0.01)
+    assert high == 300 or wide == 400  # as much as there is
+    assert framing.rows.start <= at[0]
+    assert at[0] + 60 <= framing.rows.stop
+    assert framing.columns.start <= at[1]
+    assert at[1] + 80 <= framing.columns.stop
+
+
+def test_a_subject_that_cover_would_cut_keeps_the_picture_whole():
+    framing = frame(values(box(at=(20, 150), size=(260, 100))), 4.0)
+    assert framing.fit == "contain"
+    assert (framing.rows, framing.columns) == (slice(0, 300), slice(0, 400))
+    assert "cover would cut the subject" in framing.said
+
+
+@pytest.mark.parametrize("kind", ["ramp", "flat", "noise"])
+def test_where_there_is_no_subject_everything_is_shown(kind):
+    rng = np.random.default_rng(1)
+    nearness = {
+        "ramp": np.tile(np.linspace(1, 2, 300)[:, None], (1, 400)),
+        "flat": np.full((300, 400), 1.5),
+        "noise": rng.normal(5, 0.5, (300, 400)),
+    }[kind]
+    framing = frame(values(1000 / nearness), 2.0)
+    depth = (1000 / nearness).astype(np.float32)
+    # Half a percent of the weight at either end, which is less than that of the pixels at the rim.
+    assert ((depth >= framing.near) & (depth <= framing.far)).mean() > 0.95
+    assert framing.fit == "contain"
+    assert framing.said.startswith("no subject")
+
+
+def test_disparities_and_distances_are_framed_alike():
+    depth = box()
+    a, b = frame(values(depth), 2.0), frame(values(1000 / depth, near_is_large=True), 2.0)
+    assert (a.rows, a.columns, a.fit) == (b.rows, b.columns, b.fit)
+    assert 1000 / b.near == pytest.approx(a.near, rel=1e-5)
+    assert 1000 / b.far == pytest.approx(a.far, rel=1e-5)
+
+
+def test_missing_depth_and_a_mirror_change_nothing():
+    depth = box()
+    depth[:40] = np.nan
+    a, b = frame(values(depth), 2.0), frame(values(depth[:, ::-1]), 2.0)
+    assert (a.near, a.far, a.fit, a.rows) == (b.near, b.far, b.fit, b.rows)
+    assert abs(a.columns.start - (400 - b.columns.stop)) <= 1
+
+
+def test_a_finger_at_the_rim_is_no_subject():
+    depth = box()
+    depth[:20, :20] = 100
+    framing = frame(values(depth), 2.0)
+    assert framing.near == pytest.approx(500, abs=1)
