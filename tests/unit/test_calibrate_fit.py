@@ -470,6 +470,14 @@ def test_photographs_of_another_display_are_refused() -> None:
         calibrate(seen, other)
 
 
+@pytest.mark.parametrize("zoom", [0.9, 1.1, 1.25])
+def test_patterns_that_the_browser_scaled_are_refused(zoom: float) -> None:
+    one = lenses("near")
+    scaled = replace(one, panel_px=one.panel_px / zoom, middle_px=one.middle_px / zoom)
+    with pytest.raises(FileError, match=r"^near: lenses lie .* show the patterns pixel by pixel"):
+        calibrate({"near": scaled}, DESIGN)
+
+
 def test_more_lenses_than_there_are_is_another_display() -> None:
     fewer = DESIGN.replace(lens_columns=20, panel_rows=ROWS, panel_columns=COLUMNS)
     with pytest.raises(FileError, match=r"28 columns of lenses are seen, display small has 20"):
