@@ -14,7 +14,7 @@ from inim.calibrate.model import panel_mm
 from inim.display import Display
 from inim.errors import FileError
 
-__all__ = ["Counted", "Turned", "count_alike", "focal_guess", "pose_guess", "turned"]
+__all__ = ["Counted", "Turned", "check_pitch", "count_alike", "focal_guess", "pose_guess", "turned"]
 
 # Focal lengths tried, in widths of the photograph: a wide lens to a long one.
 _FOCAL_WIDTHS = np.geomspace(0.5, 8.0, 41)
@@ -127,6 +127,17 @@ def _panel_step(display: Display, lenses: Lenses) -> float:
     return math.sqrt(abs(float(np.linalg.det(_on_panel(display, lenses)[0]))))
 
 
+def check_pitch(display: Display, size: float, name: str) -> None:
+    """Raise `FileError` unless lenses lie about as far apart as designed, `size` times as far."""
+    if abs(size - 1) > _PITCH_OFF:
+        lens = display.pitch_mm / display.pixel_pitch_mm
+        raise FileError(
+            f"{name}: lenses lie {size * lens:.4g} panel pixels apart, those of display "
+            f"{display.name} {lens:.4g}; name the display that is photographed with --display, and "
+            "let the browser show the patterns pixel by pixel"
+        )
+
+
 class Turned(NamedTuple):
     """How the array lies over the panel, by one position's photographs.
 
@@ -154,13 +165,7 @@ def turned(display: Display, lenses: Lenses, pose: Pose, name: str) -> Turned:
     ((a, b), (c, d)), at_origin = _on_panel(display, lenses)
     x, y, z = pose.eye_mm
     size = _panel_step(display, lenses) / (1 + display.gap_mm / z)
-    if abs(size - 1) > _PITCH_OFF:
-        lens = display.pitch_mm / display.pixel_pitch_mm
-        raise FileError(
-            f"{name}: lenses lie {size * lens:.4g} panel pixels apart, those of display "
-            f"{display.name} {lens:.4g}; name the display that is photographed with --display, and "
-            "let the browser show the patterns pixel by pixel"
-        )
+    check_pitch(display, size, name)
     angle = math.atan2(c - b, a + d)
     turn = rotation([0.0, 0.0, angle])[:2, :2]
     return Turned(math.degrees(angle), size, at_origin + turn @ [x, y] * display.gap_mm / z)
