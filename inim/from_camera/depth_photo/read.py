@@ -99,7 +99,10 @@ def _made(
     values = decoded(inside)
     primaries = (picture.info.get("nclx_profile") or {}).get("color_primaries")
     if primaries not in _OF_SRGB:
-        said = f"{path}: its colours, of other primaries (nclx {primaries}), were taken as sRGB"
+        said = (
+            f"{path}: its colours have other primaries than sRGB (nclx {primaries}), and were "
+            "taken as sRGB"
+        )
         values = replace(values, warnings=(*values.warnings, said))
     if not is_upright:
         color = np.ascontiguousarray(upright(color, orientation))
