@@ -85,6 +85,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _run_folder(args: argparse.Namespace) -> int:
     """Each photograph of a folder; one that fails is said, and the others are made."""
+    from inim.files.eia_file import EIA_SUFFIXES
     from inim.from_camera.depth_photo.read import SUFFIXES
     from inim.worker.output import default_out
 
@@ -92,7 +93,7 @@ def _run_folder(args: argparse.Namespace) -> int:
         if getattr(args, option) is not None:
             raise UsageError(f"--{option}: is for one picture; leave it out with a folder")
     folder, out = args.photo, args.out or default_out(args.photo, "eia")
-    if out.suffix or out.is_file():
+    if out.suffix.lower() in EIA_SUFFIXES or out.is_file():
         raise UsageError(f"-o {out}: {folder} is a folder; name a folder for its EIAs")
     photos = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
     if not photos:

@@ -418,8 +418,8 @@ class CameraPicture:
 
     def notes(self, taken: ColorDepth, fitted: Fitted) -> tuple[str, ...]:
         """What a photograph says of its depth, and how a picture was framed, where by itself."""
-        said = [f"photo      {'; '.join(taken.said)}"] if taken.said else []
-        return (*said, *([] if fitted.framing is None else [f"framed     {fitted.framing}"]))
+        said = {"photo": "; ".join(taken.said), "framed": fitted.framing or ""}
+        return tuple(f"{name:<11}{words}" for name, words in said.items() if words)
 
     def warnings(self, taken: ColorDepth, fitted: Fitted, depth_map: DepthMap) -> tuple[str, ...]:
         """What to say of the files, the map, and of a picture most of which is lost in it."""

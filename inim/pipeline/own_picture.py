@@ -156,7 +156,7 @@ def run_picture(
         warn(warning)
     passed = run_in_worker(
         "inim.pipeline.own_picture:work",
-        (request, (*(" ".join(note.split()) for note in notes), *warnings)),
+        (request, warnings, notes),
         lambda: open_staging(request.folder, _FILES),
         fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
         backend=request.backend,
@@ -229,10 +229,12 @@ def _check_picture(rgbd: RGBD, display: Display, named: str) -> None:
 
 
 def work(
-    requested: tuple[PictureRequest, tuple[str, ...]], staging: Path, observer: Observer
+    requested: tuple[PictureRequest, tuple[str, ...], tuple[str, ...]],
+    staging: Path,
+    observer: Observer,
 ) -> bool:
     """The worker's side: make, look, score, write, publish."""
-    request, warnings = requested
+    request, warnings, notes = requested
     observer.stage("start")
     renderer = Renderer(request.backend, observer)
     display, settings = _chosen(request)
@@ -241,6 +243,7 @@ def work(
     observer.stage("write")
     write_rgbd_pngs(staging, rgbd, display)
     data = _record(request, display, settings, rgbd)
+    data["picture"]["notes"] = [": ".join(note.split(maxsplit=1)) for note in notes]
     data |= {"warnings": [*warnings], "backend": backend_data(renderer.backend)} | scored
     write_picture_report(data, staging)
     publish(staging, request.folder)

@@ -114,6 +114,7 @@ def _remarks(data: Mapping[str, Any]) -> list[str]:
         f"Picture: {picture['columns']} × {picture['rows']} pixels of "
         f"{number(picture['pixel_mm'], 4)} mm, {per_cent(picture['covered_fraction'], 1)} covered, "
         f"{number(picture['depth_min_mm'], 2)} to {number(picture['depth_max_mm'], 2)} mm deep.",
+        *(f"{note[:1].upper()}{note[1:]}." for note in items(picture, "notes")),
         f"Wrong sources: of {data['oracle_pixels']:,} panel pixels drawn at random.",
         "Of the picture's window nothing is met in "
         + ", ".join(f"{per_cent(1 - v, 1)} from {k}" for k, v in part(data, "met_fraction").items())

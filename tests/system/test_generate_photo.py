@@ -192,7 +192,13 @@ def test_a_photograph_is_validated(tmp_path, capsys, renderer):
     assert "units m: metric" in line(said.out, "photo")
     assert "subject" in line(said.out, "framed")
     data = json.loads((out / "report.json").read_text())
-    assert any("units m: metric" in warning for warning in data["warnings"])
+    assert data["warnings"] == []
+    kinds = [note.split(":")[0] for note in data["picture"]["notes"]]
+    assert kinds == ["photo", "framed"]
+    assert "metric" in data["picture"]["notes"][0]
+    assert data["picture"]["notes"][1].removeprefix("framed") in (
+        out / "report.html"
+    ).read_text().replace("&#x27;", "'")
     assert f"--photo {photo}" in data["command"]
     assert main(["validate", "--photo", str(tmp_path), "-o", str(out)]) == EXIT_USAGE
     assert f"{tmp_path}: is a folder" in capsys.readouterr().err

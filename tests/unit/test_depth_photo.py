@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import sys
+import time
 import zlib
 from pathlib import Path
 
@@ -356,6 +357,33 @@ def test_a_damaged_heic_has_its_line(tmp_path):
             read(tmp_path, data[:cut], "photo.heic")
     with pytest.raises(FileError, match="has no depth inside"):
         read(tmp_path, data.replace(b"auxl", b"xuxl"), "photo.heic")
+
+
+def test_damaged_exif_of_a_heic_has_its_line(tmp_path):
+    pytest.importorskip("pillow_heif")
+    data = heic(COLOR, SMALL, apple_xml())
+    tiff = b"MM\0*\0\0\0\x08"
+    assert data.count(tiff) == 1
+    with pytest.raises(FileError, match=r"not a readable HEIC \(not a TIFF"):
+        read(tmp_path, data.replace(tiff, b"MM\0?\0\0\0\x08"), "photo.heic")
+
+
+def test_begins_of_metadata_without_an_end_cost_no_time(tmp_path):
+    pytest.importorskip("pillow_heif")
+    data = heic(COLOR, SMALL) + b"<x:xmpmeta" * 500_000
+    started = time.perf_counter()
+    assert "without Apple's metadata" in read(tmp_path, data, "photo.heic").said[0]
+    assert time.perf_counter() - started < 10  # all of them: some minutes
+
+
+def test_colours_of_other_primaries_are_said(tmp_path):
+    pytest.importorskip("pillow_heif")
+    data = heic(COLOR, SMALL)
+    nclx = b"nclx" + struct.pack(">H", 1)
+    assert data.count(nclx) == 1
+    photo = read(tmp_path, data.replace(nclx, b"nclx" + struct.pack(">H", 12)), "photo.heic")
+    assert "other primaries than sRGB" in photo.values.warnings[0]
+    assert read(tmp_path, data, "photo.heic").values.warnings == ()
 
 
 def test_a_heic_that_declares_more_than_it_holds_is_refused(tmp_path):

@@ -84,12 +84,14 @@ def _packets(data: bytes) -> list[bytes]:
     """The XMP packets, found as their standard has scanners find them."""
     packets: list[bytes] = []
     at = 0
-    while len(packets) < _MOST_PACKETS and (begin := data.find(_BEGIN, at)) >= 0:
+    for _ in range(_MOST_PACKETS):  # whole ones or not: no file makes this slow
+        begin = data.find(_BEGIN, at)
+        if begin < 0:
+            break
         end = data.find(_END, begin, begin + _MOST_PACKET_BYTES)
-        at = begin + len(_BEGIN)
+        at = (begin if end < 0 else end) + len(_BEGIN)
         if end >= 0:
-            at = end + len(_END)
-            packets.append(data[begin:at])
+            packets.append(data[begin : end + len(_END)])
     return packets
 
 

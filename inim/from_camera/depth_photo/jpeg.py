@@ -48,7 +48,7 @@ def inside_jpeg(path: Path, data: bytes) -> Inside | None:
     FileError
         It is damaged.
     """
-    parts = list(_segments(path, data, 0))
+    parts = list(_segments(path, data))
     nodes = _metadata(path, parts)
     google = merged(nodes, "GDepth")
     if "GDepth:Data" in google:
@@ -59,7 +59,7 @@ def inside_jpeg(path: Path, data: bytes) -> Inside | None:
         return _google(path, image, google, "GDepth", nodes)
     for node in nodes:
         if "DepthMap:DepthURI" in node and node.get("DepthMap:ItemSemantic") != "Segmentation":
-            image = _appended(path, data, node["DepthMap:DepthURI"], nodes)
+            image = _appended(path, data, parts[-1][1], node["DepthMap:DepthURI"], nodes)
             return _google(path, image, node, "DepthMap", nodes)
     return _apple(path, data, parts)
 
@@ -67,9 +67,9 @@ def inside_jpeg(path: Path, data: bytes) -> Inside | None:
 _WAY_OUT = "take the photograph's original file"
 
 
-def _segments(path: Path, data: bytes, at: int) -> Iterator[tuple[int, int, bytes]]:
-    """Kind, place and content of each segment of the JPEG at a place; its end is the last."""
-    at += 2
+def _segments(path: Path, data: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """Kind, place and content of each segment of a JPEG; its end is the last."""
+    at = 2
     for _ in range(_MOST_SEGMENTS):
         found = _MARKER.search(data, at)
         if not found:
@@ -156,11 +156,10 @@ def _numbers(path: Path, image: bytes) -> np.ndarray:
     return numbers if numbers.dtype == np.uint16 else numbers.astype(np.uint8)
 
 
-def _appended(path: Path, data: bytes, uri: str, nodes: list[dict[str, str]]) -> bytes:
-    """The picture of that name behind the first one: the others lie there in their order."""
-    items = [node for node in nodes if "Item:Mime" in node]
-    at = end = _end(path, data)
-    for place, item in enumerate(items):
+def _appended(path: Path, data: bytes, end: int, uri: str, nodes: list[dict[str, str]]) -> bytes:
+    """The picture of that name behind the end of the first; they lie there in their order."""
+    at = end
+    for place, item in enumerate(node for node in nodes if "Item:Mime" in node):
         length, padding = (_size(path, item, name) for name in ("Length", "Padding"))
         if place == 0:  # the photograph itself
             at = (length or end) + padding
@@ -185,10 +184,6 @@ def _size(path: Path, item: dict[str, str], name: str) -> int:
     return int(text)
 
 
-def _end(path: Path, data: bytes) -> int:
-    return [place for _, place, _ in _segments(path, data, 0)][-1]
-
-
 def _apple(path: Path, data: bytes, parts: list[tuple[int, int, bytes]]) -> Inside | None:
     """The disparity or depth among the further pictures of a multi-picture file."""
     indices = [(place, text) for kind, place, text in parts if kind == _APP2]
@@ -199,7 +194,7 @@ def _apple(path: Path, data: bytes, parts: list[tuple[int, int, bytes]]) -> Insi
         if data[begin : begin + 3] != MAGIC:
             continue
         picture = data[begin : begin + size]
-        nodes = _metadata(path, list(_segments(path, picture, 0)))
+        nodes = _metadata(path, list(_segments(path, picture)))
         coding: Coding | None = apple_coding(nodes, path)
         if coding is not None:
             return Inside(_numbers(path, picture), coding, *apple_camera(nodes))

@@ -24,8 +24,8 @@ __all__ = ["SUFFIXES", "DepthPhoto", "read_depth_photo"]
 
 #: Of the photographs in a folder.
 SUFFIXES = (".heic", ".heif", ".hif", ".jpeg", ".jpg")
-# Photographs of 200 megapixels have a quarter of that.
-_MOST_BYTES = 2**28
+# Photographs of 200 megapixels have half of that.
+_MOST_BYTES = 2**27
 # ITU-T H.273: those of BT.709, which are sRGB's; unspecified; none stated.
 _OF_SRGB = (1, 2, None)
 _DIAGONAL_35MM = math.hypot(36, 24)
@@ -99,7 +99,10 @@ def _made(
     values = decoded(inside)
     primaries = (picture.info.get("nclx_profile") or {}).get("color_primaries")
     if primaries not in _OF_SRGB:
-        said = f"{path}: its colours, of other primaries (nclx {primaries}), were taken as sRGB"
+        said = (
+            f"{path}: its colours have other primaries than sRGB (nclx {primaries}), and were "
+            "taken as sRGB"
+        )
         values = replace(values, warnings=(*values.warnings, said))
     if not is_upright:
         color = np.ascontiguousarray(upright(color, orientation))
