@@ -20,7 +20,7 @@ import numpy as np
 from inim.calibrate.camera import Camera, Pose, rotation
 from inim.calibrate.lattice import Lenses
 from inim.calibrate.model import PARAMETERS, SHARED, Guess, Seen, first_lens_mm
-from inim.calibrate.start import count_alike, focal_guess, pose_guess, turned
+from inim.calibrate.start import check_pitch, count_alike, focal_guess, pose_guess, turned
 from inim.display import Display
 from inim.errors import DisplayError, FileError, UsageError
 
@@ -284,6 +284,8 @@ def _fitted(
         guess, counted = recounted(guess, counted, edges_seen, display)
     seen = Seen.of([_thinned(one) for one in counted], display).sharpened(guess)
     _check(names, display, sizes, counted)
+    # One position alone begins with a distance of its own choice.
+    check_pitch(display, guess.display.pitch_mm / display.pitch_mm, ", ".join(names))
     return guess, counted, seen, sizes
 
 
