@@ -1,0 +1,102 @@
+"""How accurately two displays must be known, beside what a calibration of them reaches.
+
+    python -m reports.tolerate.run --work out/tolerate -o reports/tolerate
+
+The goblet on the nominal display and the tripod on the phone, by `inim tolerate` with its own
+draws. The calibration is that of a case of `reports.calibration.cases` with the same design, from
+simulated photographs. `--work` keeps what is drawn: a run that was stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from inim.files.image import write_atomically
+from inim.report.tolerate import sentences
+from reports.calibration.cases import draw_case
+from reports.calibration.photographs import photograph_case
+
+__all__ = ["STUDIES", "Study", "table"]
+
+
+class Study(NamedTuple):
+    """A scene on a display, and the case whose calibration stands beside it."""
+
+    scene: str
+    display: str
+    viewpoints: str
+    case: int
+
+
+#: The phone from three viewpoints: its views have two and a half times the pixels.
+STUDIES = {
+    "goblet": Study("scenes/wine_coin.xml", "nominal", "centre,left,right,up,down", 0),
+    "phone": Study("scenes/tripod.xml", "phone", "centre,left,up", 1),
+}
+_KEPT = ("tolerate.html", "tolerate.json")
+_CALIBRATION = "calibration.json"
+
+
+def _inim(*words: str | Path) -> None:
+    subprocess.run([sys.executable, "-m", "inim", *map(str, words)], check=True)
+
+
+def _calibrated(study: Study, folder: Path) -> Path:
+    """The calibration of a case, from its photographs."""
+    found = folder / "display-calibration" / _CALIBRATION
+    if not found.is_file():
+        patterns, photographs = folder / "patterns", folder / "photographs"
+        _inim("calibrate", "patterns", "--display", study.display, "-o", patterns)
+        photograph_case(draw_case(study.case), patterns, photographs)
+        words = ("--display", study.display, "-o", folder / "display.xml")
+        _inim("calibrate", photographs, *words)
+    return found
+
+
+def _tolerated(study: Study, work: Path, out: Path) -> dict[str, Any]:
+    """What `inim tolerate` says, kept."""
+    drawn, calibration = work / "drawn", _calibrated(study, work)
+    words = ("--display", study.display, "--viewpoints", study.viewpoints)
+    _inim("tolerate", study.scene, *words, "--calibration", calibration, "-o", drawn)
+    out.mkdir(parents=True, exist_ok=True)
+    for name in _KEPT:
+        shutil.copyfile(drawn / name, out / name)
+    found: dict[str, Any] = json.loads((drawn / _KEPT[1]).read_text("utf-8"))
+    return found
+
+
+def table(found: dict[str, dict[str, Any]], command: str) -> str:
+    """The sentences of all studies in Markdown."""
+    lines = ["# How accurately displays must be known", "", f"Made by `{command}`."]
+    for name, data in found.items():
+        study = STUDIES[name]
+        lines += ["", f"## {name}: `{study.scene}` on {study.display}", ""]
+        lines += [f"`{data['command']}`", ""]
+        lines += [f"* {sentence}" for sentence in sentences(data)]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Draw what is missing, and write."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--work", type=Path, default=Path("out/tolerate"))
+    parser.add_argument("-o", "--out", type=Path, default=Path("reports/tolerate"))
+    args = parser.parse_args()
+    found = {
+        name: _tolerated(study, args.work / name, args.out / name)
+        for name, study in STUDIES.items()
+    }
+    words = ("python", "-m", "reports.tolerate.run", "--work", args.work, "-o", args.out)
+    text = table(found, shlex.join(map(str, words)))
+    write_atomically(args.out / "tolerate.md", lambda path: path.write_text(text, "utf-8"))
+
+
+if __name__ == "__main__":
+    main()
