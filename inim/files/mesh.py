@@ -21,6 +21,7 @@ import numpy as np
 
 from inim.errors import FileError
 from inim.files.ply import check_ply, is_ply, read_ply, write_ply
+from inim.files.splat_ply import SPLAT_SHAPES, check_splats
 from inim.files.triangle_mesh import (
     MESH_SUFFIXES,
     MOST_BYTES,
@@ -326,7 +327,7 @@ def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]
 
 
 def check_mesh_file(path: Path, plugin: str | None = None) -> None:
-    """Refuse a mesh file that Mitsuba's `ply`, `obj` or `serialized` shape cannot take safely.
+    """Refuse a file that Mitsuba's `ply`, `obj`, `serialized` or `ellipsoids` cannot take safely.
 
     Parameters
     ----------
@@ -341,6 +342,9 @@ def check_mesh_file(path: Path, plugin: str | None = None) -> None:
     """
     path = Path(path)
     data = read_bytes(path)
+    if plugin in SPLAT_SHAPES:
+        check_splats(path, data)
+        return
     if plugin is None:
         plugin = "serialized" if is_serialized(data) else mesh_kind(path, data)
     if plugin not in _BEFORE_MITSUBA:

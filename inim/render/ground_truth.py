@@ -14,6 +14,7 @@ from inim.display import Display
 from inim.display.pixels import SUBPIXELS
 from inim.display.viewpoint import Viewpoint
 from inim.observer import Observer
+from inim.render import splats
 from inim.render.depth_peeling import MOST_LAYERS, Peeled
 from inim.render.rays import (
     NonSeparableRays,
@@ -82,7 +83,7 @@ class _Camera:
 
     def picture(self, fitted: FittedScene, color: np.ndarray, observer: Observer | None) -> RGBD:
         """Colour with depth and coverage."""
-        found = surface(fitted.scene, self.sensor, observer)
+        found = surface(fitted.scene, fitted.integrator, self.sensor, observer)
         forward = fitted.fit.display_from_world
         with np.errstate(invalid="ignore"):  # rays that meet nothing end at infinity
             depth = found.point @ forward[2, :3] + forward[2, 3]
@@ -219,6 +220,8 @@ def _layer_light(fitted: FittedScene, sensor: Any, peeled: Peeled, layer: int) -
             return mi.Ray3f(found.o + begin * found.d, found.d)
 
         aside = ray((within - 0.5) * dr.gather(mi.Float, spread, index) + 0.5)
+        if fitted.shows_splats:
+            return splats.radiance(fitted.scene, fitted.integrator, sampler, aside)
         hit = fitted.scene.ray_intersect(aside)
         same = hit.is_valid() & (begin + hit.t <= end) & ~hit.shape.is_emitter()
         same &= (dr.dot(hit.n, aside.d) < 0) == dr.gather(mi.Bool, facing, index)
@@ -286,7 +289,7 @@ def true_view(
     rays = eye_rays(display, viewpoint, pixels_per_lens, fitted.start_mm)
     sensor = make_sensor(rays, fitted.fit.world_from_display)
     truth = _half_buffers(fitted, rays, sensor, spp, seed, skip, observer)
-    return truth, surface(fitted.scene, sensor, observer).covered
+    return truth, surface(fitted.scene, fitted.integrator, sensor, observer).covered
 
 
 def _tracer(fitted: FittedScene, sensor: Any, seed: int, observer: Observer | None) -> Tracer:

@@ -15,6 +15,7 @@ from inim.errors import FileError, SceneError
 from inim.files.mesh import check_mesh_file
 from inim.files.picture import check_picture, check_volume, read_texture
 from inim.observer import Observer
+from inim.render import splats
 from inim.render.culling import BoundsGrid, box_corners
 from inim.scene.file import SceneFile
 
@@ -27,7 +28,7 @@ _DEPTH_MARGIN = 0.01
 _FLAT = 1e-6
 # Integrators that return radiance ray by ray, and know `hide_emitters`. Others trace from the
 # lights, or return depth or moments, which would be scored as colour.
-_INTEGRATORS = ("path", "direct", "volpath", "volpathmis")
+_INTEGRATORS = ("path", "direct", "volpath", "volpathmis", splats.INTEGRATOR)
 # Those that hold another, and return its radiance with something more.
 _WRAPPERS = ("aov", "moment")
 # What some plugins need so much that Mitsuba dies without a word where it is missing.
@@ -72,6 +73,18 @@ class FittedScene:
     start_mm: float
     shapes: int
 
+    @property
+    def shows_splats(self) -> bool:
+        """Whether it is made of splats, and of nothing else."""
+        return splats.shows_splats(self.integrator)
+
+    @cached_property
+    def splats(self) -> int:
+        """How many splats there are."""
+        if not self.shows_splats:
+            return 0
+        return sum(splats.splat_count(shape) for shape in self.scene.shapes())
+
     @cached_property
     def bounds(self) -> BoundsGrid:
         """Where its shapes are, coarsely."""
@@ -106,10 +119,11 @@ def open_scene(
     relic = [shape for shape in scene.shapes() if not shape.is_emitter()]
     if not relic:
         raise SceneError(f"{file.path}: nothing to show: the scene has no shape but lights")
+    integrator = scene.integrator() or mi.load_dict(_DEFAULT_INTEGRATOR)
+    _check_splats(file, scene, integrator)
     points = np.concatenate([_extent_points(shape) for shape in relic])
     fit = fit_to_display(points, _orientation(scene), display, fit_share, str(file.path))
     low, high = display.depth_range_mm
-    integrator = scene.integrator() or mi.load_dict(_DEFAULT_INTEGRATOR)
     return FittedScene(scene, integrator, fit, high + _DEPTH_MARGIN * (high - low), len(relic))
 
 
@@ -197,6 +211,21 @@ def _check_integrator(file: SceneFile, name: str) -> None:
         raise SceneError(
             f"{file.path}: integrator {name!r} gives no radiance ray by ray; use 'path' or "
             "'volpath'"
+        )
+
+
+def _check_splats(file: SceneFile, scene: Any, integrator: Any) -> None:
+    """Refuse splats among other shapes or under another integrator: they would not be seen."""
+    are_splats = [shape.is_ellipsoids() for shape in scene.shapes()]
+    if splats.shows_splats(integrator) and not all(are_splats):
+        raise SceneError(
+            f"{file.path}: integrator {splats.INTEGRATOR!r} shows splats only, and the scene has "
+            "other shapes; take them out, lights too: splats shine by themselves"
+        )
+    if any(are_splats) and not splats.shows_splats(integrator):
+        raise SceneError(
+            f"{file.path}: splats shine by themselves, which other integrators do not show; use "
+            f"{splats.INTEGRATOR!r}"
         )
 
 
