@@ -21,7 +21,7 @@ from inim.regular_file import read_file
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Collection, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     import numpy as np
 
@@ -305,9 +305,9 @@ def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
 
 
 def _write_all(
-    out: Path, files: dict[Path, Callable[[Path], object]], xml: str, leftovers: Sequence[Path]
+    out: Path, files: Mapping[Path, Callable[[Path], object]], xml: str, leftovers: Sequence[Path]
 ) -> None:
-    """All files, each by its writer, into a hidden folder beside `out`, then renamed, the scene last.
+    """All files, each by its writer, into a hidden folder beside `out`, then renamed; last `out`.
 
     The leftovers of an earlier scene go when the new one stands.
     """

@@ -17,7 +17,15 @@ from inim.errors import FileError
 from inim.files.image import write_atomically
 from inim.files.triangle_mesh import Mesh, check_indices, numbers_in, usable_normals
 
-__all__ = ["PlyHeader", "check_ply", "columns_of", "is_ply", "read_ply", "sized_header", "write_ply"]
+__all__ = [
+    "PlyHeader",
+    "check_ply",
+    "columns_of",
+    "is_ply",
+    "read_ply",
+    "sized_header",
+    "write_ply",
+]
 
 _LINE_BYTES = 2**16
 _HEADER_BYTES = 16 * _LINE_BYTES

@@ -1,9 +1,9 @@
 """Which pixels are black for certain, and which layers no ray of a display can meet.
 
-Pixels (`BoundsGrid`): each triangle's box, each splat's, or each other shape's, is entered in a coarse grid of
-the display frame. A pixel's bundle of rays is a prism: in a slab of depths it stays within an
-interval across and one down. Where no slab has an occupied cell in there, no ray of the pixel meets
-a shape, and it is black: lights are hidden from cameras, and nothing else shines.
+Pixels (`BoundsGrid`): each triangle's box, each splat's, or each other shape's, is entered in a
+coarse grid of the display frame. A pixel's bundle of rays is a prism: in a slab of depths it stays
+within an interval across and one down. Where no slab has an occupied cell in there, no ray of the
+pixel meets a shape, and it is black: lights are hidden from cameras, and nothing else shines.
 
 Layers (`in_view`): a layer behind the front surface is in view if a ray gets behind what is before
 it. So the places where rays may be are followed from the viewer's side into the depth, slice by

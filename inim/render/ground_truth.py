@@ -26,10 +26,17 @@ from inim.render.rays import (
 from inim.render.scene import FittedScene
 from inim.render.sensors import make_sensor
 from inim.render.sides import side_light
-from inim.render.trace import Tracer, mean_light, scene_light, surface
+from inim.render.trace import Tracer, centre_rays, mean_light, scene_light, surface
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 
-__all__ = ["capture", "capture_halves", "capture_layers", "pickup", "true_view"]
+__all__ = [
+    "capture",
+    "capture_absorption",
+    "capture_halves",
+    "capture_layers",
+    "pickup",
+    "true_view",
+]
 
 
 def capture(
@@ -89,6 +96,16 @@ class _Camera:
             depth = found.point @ forward[2, :3] + forward[2, 3]
         depth = np.where(found.covered, depth, 0.0).astype(np.float32)
         return RGBD(color, depth, found.covered, self.pixel_mm)
+
+
+def capture_absorption(
+    fitted: FittedScene, display: Display, *, pixels_per_pitch: float
+) -> tuple[splats.Absorption, float]:
+    """Where the rays of `capture` lose their light in splats; and display mm per world unit."""
+    camera = _Camera.of(fitted, display, pixels_per_pitch)
+    lost = splats.absorption(fitted.scene, fitted.integrator, centre_rays(camera.sensor))
+    # The rays are parallel to the display's axis.
+    return lost, 1 / float(np.linalg.norm(fitted.fit.world_from_display[:3, 2]))
 
 
 def capture_layers(

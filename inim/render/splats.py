@@ -135,13 +135,16 @@ def _peak(shape: Any, splat: Any, ray: Any, active: Any) -> Any:
     hit = dr.zeros(mi.SurfaceInteraction3f)
     hit.prim_index = splat
     data = shape.eval_attribute_x("ellipsoid", hit, active)
-    centre, scale = mi.Point3f(*(data[k] for k in range(3))), mi.Vector3f(*(data[3 + k] for k in range(3)))
+    centre, scale = (
+        mi.Point3f(*(data[k] for k in range(3))),
+        mi.Vector3f(*(data[3 + k] for k in range(3))),
+    )
     own = dr.quat_to_matrix(mi.Matrix3f, mi.Quaternion4f(*(data[6 + k] for k in range(4)))).T
     origin, along = own * (ray.o - centre) / scale, own * ray.d / scale
     return -dr.dot(origin, along) / dr.dot(along, along)
 
 
-@dr.syntax
+@dr.syntax  # type: ignore[untyped-decorator]
 def _absorb(scene: Any, integrator: Any, ray: Any) -> tuple[Any, ...]:
     """The fields of `Absorption`."""
     ray = mi.Ray3f(ray)
@@ -166,7 +169,7 @@ def _absorb(scene: Any, integrator: Any, ray: Any) -> tuple[Any, ...]:
     return left, tenth, half, most, twice
 
 
-@dr.syntax
+@dr.syntax  # type: ignore[untyped-decorator]
 def _layers(
     scene: Any,
     integrator: Any,

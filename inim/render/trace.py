@@ -219,9 +219,7 @@ def centre_rays(sensor: Any) -> Any:
     return sensor.rays_through(mi.Point2u(lane % width, lane // width), mi.Point2f(0.5))
 
 
-def surface(
-    scene: Any, integrator: Any, sensor: Any, observer: Observer | None = None
-) -> Surface:
+def surface(scene: Any, integrator: Any, sensor: Any, observer: Observer | None = None) -> Surface:
     """First surface on the ray through each pixel's centre, past any light; of splats, half."""
     started = time.perf_counter()
     columns, rows = (int(n) for n in sensor.film().size())

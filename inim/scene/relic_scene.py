@@ -127,9 +127,9 @@ def _brightest(part: Mesh) -> float:
     return max(STONE)
 
 
-def defaults_xml(title: str, display: str) -> list[str]:
+def defaults_xml(title: str, display: str, **more: str) -> list[str]:
     """How a new scene begins: its settings, and robust intersections."""
-    defaults = {"title": title, "display": display, "algorithms": "wang2024,template"}
+    defaults = {"title": title, "display": display, "algorithms": "wang2024,template", **more}
     lines = ["<?xml version='1.0' encoding='utf-8'?>", '<scene version="3.0.0">']
     lines += ["    <!-- Lengths are millimetres; +y is up, +z towards the viewer. -->"]
     for key, value in defaults.items():

@@ -11,16 +11,12 @@ splats and much against the rounding of coordinates.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from inim.errors import UsageError
 from inim.files.splat_ply import Splats
 from inim.scene.relic_scene import attribute, camera_xml, defaults_xml
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 __all__ = ["SIZE_MM", "Frame", "placed_splats", "splat_scene_xml", "turned"]
 
@@ -84,11 +80,12 @@ class Frame:
 
     def holds(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Which boxes, (n, 3) corners each, lie within."""
-        inside: np.ndarray = ((low >= self.low) & (high <= self.high)).all(axis=1)
-        return inside
+        return np.all((low >= self.low) & (high <= self.high), axis=1)
 
     def __str__(self) -> str:
-        return ",".join(f"{end:.4g}" for pair in zip(self.low, self.high, strict=True) for end in pair)
+        return ",".join(
+            f"{end:.4g}" for pair in zip(self.low, self.high, strict=True) for end in pair
+        )
 
 
 def placed_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splats, np.ndarray]:
@@ -158,7 +155,8 @@ def splat_scene_xml(name: str, half_mm: np.ndarray, title: str, display: str) ->
     title, display : str
         Values of `inim.title` and `inim.display`.
     """
-    lines = defaults_xml(title, display)
+    # There is no light to sample: noise is that of a pixel's area alone, and a few samples do.
+    lines = defaults_xml(title, display, score_error="0.01")
     # Rays meet splats by the hundred; Mitsuba's default ends them at the 64th.
     lines += ['    <integrator type="volprim_rf_basic">']
     lines += ['        <integer name="max_depth" value="4096"/>', "    </integrator>", ""]
