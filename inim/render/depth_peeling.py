@@ -209,7 +209,7 @@ def _steepness(front: np.ndarray, pixel_mm: float) -> np.ndarray:
     slope = np.zeros(front.shape, np.float32)
     for axis in (1, 2):
         with np.errstate(invalid="ignore"):
-            step = np.nan_to_num(np.abs(np.diff(front, axis=axis)), nan=np.inf)
+            step = np.nan_to_num(np.abs(np.diff(front, axis=axis)), nan=np.inf, posinf=np.inf)
         ends = [(0, 0)] * 3
         ends[axis] = (1, 1)
         step = np.moveaxis(np.pad(step, ends, constant_values=np.inf), axis, 0)

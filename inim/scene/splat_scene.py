@@ -80,7 +80,8 @@ class Frame:
 
     def holds(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Which boxes, (n, 3) corners each, lie within."""
-        return np.all((low >= self.low) & (high <= self.high), axis=1)
+        inside: np.ndarray = np.all((low >= self.low) & (high <= self.high), axis=1)
+        return inside
 
     def __str__(self) -> str:
         return ",".join(
