@@ -326,7 +326,7 @@ def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]
     return [mesh for mesh in meshes if has_area(mesh.vertices, mesh.faces)]
 
 
-def check_mesh_file(path: Path, plugin: str | None = None) -> None:
+def check_mesh_file(path: Path, plugin: str | None = None) -> int:
     """Refuse a file that Mitsuba's `ply`, `obj`, `serialized` or `ellipsoids` cannot take safely.
 
     Parameters
@@ -334,6 +334,11 @@ def check_mesh_file(path: Path, plugin: str | None = None) -> None:
     path : Path
     plugin : str or None
         The shape plugin that will read the file; None goes by the file's content.
+
+    Returns
+    -------
+    int
+        How many splats it holds; 0 of a mesh.
 
     Raises
     ------
@@ -343,8 +348,7 @@ def check_mesh_file(path: Path, plugin: str | None = None) -> None:
     path = Path(path)
     data = read_bytes(path)
     if plugin in SPLAT_SHAPES:
-        check_splats(path, data)
-        return
+        return check_splats(path, data)
     if plugin is None:
         plugin = "serialized" if is_serialized(data) else mesh_kind(path, data)
     if plugin not in _BEFORE_MITSUBA:
@@ -354,6 +358,7 @@ def check_mesh_file(path: Path, plugin: str | None = None) -> None:
     for vertices, faces in _BEFORE_MITSUBA[plugin](path, data):
         check_indices(path, vertices, faces)
         check_area(path, [(vertices, faces)])
+    return 0
 
 
 def mesh_kind(path: Path, data: bytes) -> str:

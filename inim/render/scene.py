@@ -10,6 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from inim.backend import memory_limit_bytes
 from inim.display import Display
 from inim.errors import FileError, SceneError
 from inim.files.mesh import check_mesh_file
@@ -33,6 +34,8 @@ _INTEGRATORS = ("path", "direct", "volpath", "volpathmis", splats.INTEGRATOR)
 _WRAPPERS = ("aov", "moment")
 # What some plugins need so much that Mitsuba dies without a word where it is missing.
 _NEEDS = {"bitmap": "filename", "blendbsdf": "weight"}
+# A splat's shell, attributes and place in Embree's tree take.
+_SPLAT_BYTES = 3500
 _DEFAULT_INTEGRATOR = {"type": "path", "max_depth": 8, "hide_emitters": True}
 
 
@@ -104,8 +107,7 @@ def open_scene(
         A scene with nothing to show.
     """
     try:
-        for plugin, mesh in file.meshes:
-            check_mesh_file(mesh, plugin)
+        _check_room(file, sum(check_mesh_file(mesh, plugin) for plugin, mesh in file.meshes))
         for picture in file.pictures:
             check_picture(picture)
         for grid in file.volumes:
@@ -211,6 +213,16 @@ def _check_integrator(file: SceneFile, name: str) -> None:
         raise SceneError(
             f"{file.path}: integrator {name!r} gives no radiance ray by ray; use 'path' or "
             "'volpath'"
+        )
+
+
+def _check_room(file: SceneFile, count: int) -> None:
+    """Refuse more splats than memory holds: without it, the renderer dies."""
+    needed, limit = count * _SPLAT_BYTES, memory_limit_bytes()
+    if limit and needed > limit:
+        raise SceneError(
+            f"{file.path}: {count} splats take {needed / 2**30:.1f} GiB of the "
+            f"{limit / 2**30:.1f} GiB there are; keep fewer with `inim new-scene --crop`"
         )
 
 

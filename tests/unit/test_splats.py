@@ -317,7 +317,7 @@ def gem():
 
 
 def compared(open_fitted, tmp_path, per_edge):
-    """How the splats of a mesh differ from it in EIA, a view, depth and coverage; and their size."""
+    """How the splats of a mesh differ from it: EIA, view, depth and coverage; and their size."""
     from inim.display import Viewpoint
     from inim.render.ground_truth import capture, pickup, true_view
 
