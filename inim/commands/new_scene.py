@@ -181,7 +181,7 @@ def _splat_scene(
     if len(placed) < len(splats):
         warn(
             f"{source}: {len(placed)} of {len(splats)} splats are shown; the others are fainter "
-            f"than a hundredth or outside --crop {frame}"
+            f"than a hundredth, outside --crop {frame}, or half as wide as that"
         )
     leftovers = [path for path in _leftovers(out, [part]) if not path.samefile(source)]
     xml = splat_scene_xml(part.name, half, title or source.stem, display)

@@ -26,9 +26,11 @@ SIZE_MM = 100.0
 # `extent_adaptive_clamping` ends its support there, and cannot take a fainter one.
 _FAINTEST = 0.01
 # Splats far out are few and faint: this share of all opacity is left out at each end of an axis,
-# and the frame widened by so much of its largest side. A splat may reach out of it as far again.
+# and the frame widened by so much of its largest side.
 _STRAY = 0.005
 _WIDER = 0.05
+# Splats that reach farther, in largest sides of the frame, are fog or background.
+_FARTHEST = 0.25
 # Turned at a time: harmonics of a million splats take 0.2 GB.
 _SPLATS_AT_ONCE = 2**17
 
@@ -71,16 +73,12 @@ class Frame:
             order = np.argsort(places, kind="stable")
             share = weight[order].cumsum() / weight.sum()
             low[axis], high[axis] = places[order][np.searchsorted(share, (_STRAY, 1 - _STRAY))]
-        return cls(low, high).widened()
+        margin = _WIDER * (high - low).max()
+        return cls(low - margin, high + margin)
 
-    def widened(self) -> Frame:
-        """With a margin on all sides."""
-        margin = _WIDER * (self.high - self.low).max()
-        return Frame(self.low - margin, self.high + margin)
-
-    def holds(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Which boxes, (n, 3) corners each, lie within."""
-        inside: np.ndarray = np.all((low >= self.low) & (high <= self.high), axis=1)
+    def holds(self, points: np.ndarray) -> np.ndarray:
+        """Which points, (n, 3), lie within."""
+        inside: np.ndarray = np.all((points >= self.low) & (points <= self.high), axis=1)
         return inside
 
     def __str__(self) -> str:
@@ -98,7 +96,7 @@ def placed_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splat
     turn : (3, 3) float64
         Rotation from the file's axes to the scene's.
     frame : Frame
-        Holds their centres; and their supports, nearly.
+        Holds their centres.
 
     Returns
     -------
@@ -112,13 +110,16 @@ def placed_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splat
         None are left.
     """
     shown = splats[splats.opacity > _FAINTEST]
-    low, high = _reach(shown)
-    inside = frame.holds(shown.centre, shown.centre) & frame.widened().holds(low, high)
+    small = _reach(shown).max(axis=1) <= _FARTHEST * (frame.high - frame.low).max()
+    inside = frame.holds(shown.centre) & small
     if not inside.any():
-        raise UsageError(f"--crop {frame}: holds no splats; they are in {Frame.around(splats)}")
+        raise UsageError(
+            f"--crop {frame}: holds no splats that are small against it; they are in "
+            f"{Frame.around(splats)}"
+        )
     kept = turned(shown[inside], turn)
-    low, high = _reach(kept)
-    low, high = low.min(axis=0), high.max(axis=0)
+    reach = _reach(kept)
+    low, high = (kept.centre - reach).min(axis=0), (kept.centre + reach).max(axis=0)
     scale = SIZE_MM / (high - low).max()
     centre = (kept.centre - (low + high) / 2) * scale
     log_scale = kept.log_scale + np.float32(np.log(scale))
@@ -169,12 +170,12 @@ def splat_scene_xml(name: str, half_mm: np.ndarray, title: str, display: str) ->
     return "\n".join([*lines, "</scene>", ""])
 
 
-def _reach(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corners of the boxes of splats' supports, (n, 3) each."""
+def _reach(splats: Splats) -> np.ndarray:
+    """Half the sizes of the boxes of splats' supports, (n, 3) float64."""
     extent = np.sqrt(2 * np.log(np.maximum(splats.opacity / _FAINTEST, 1)))
     axes = _matrices(splats.turn.astype(np.float64)) * np.exp(splats.log_scale)[:, None]
-    half = np.linalg.norm(axes, axis=2) * extent[:, None]
-    return splats.centre - half, splats.centre + half
+    reach: np.ndarray = np.linalg.norm(axes, axis=2) * extent[:, None]
+    return reach
 
 
 # --- Rotations ----------------------------------------------------------------------------------
