@@ -133,6 +133,8 @@ def _boxes(shape: Any, display_from_world: np.ndarray) -> tuple[np.ndarray, np.n
         points = np.asarray(shape.vertex_positions_buffer()).reshape(-1, 3)
         points = (points @ turn.T.astype(np.float32)).astype(np.float32) + shift.astype(np.float32)
         shells = points.reshape(-1, shape.vertex_count() // splat_count(shape), 3)
+        # Splats too faint for `extent_adaptive_clamping` have none.
+        shells = shells[np.isfinite(shells).all(axis=(1, 2))]
         return shells.min(axis=1), shells.max(axis=1)
     if "vertex_positions" in parameters and "faces" in parameters:
         points = np.asarray(parameters["vertex_positions"], np.float64).reshape(-1, 3)

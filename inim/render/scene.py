@@ -35,7 +35,7 @@ _WRAPPERS = ("aov", "moment")
 # What some plugins need so much that Mitsuba dies without a word where it is missing.
 _NEEDS = {"bitmap": "filename", "blendbsdf": "weight"}
 # A splat's shell, attributes and place in Embree's tree take.
-_SPLAT_BYTES = 3500
+_SPLAT_BYTES = 2500
 _DEFAULT_INTEGRATOR = {"type": "path", "max_depth": 8, "hide_emitters": True}
 
 

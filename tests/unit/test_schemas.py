@@ -83,7 +83,7 @@ CHECK = {f"verdict/checks/0/{key}" for key in ("interval", "p_value", "unit", "k
 SCENE = {"scene", "display", "viewpoints", "picture", "yardstick", "noise_floor"}
 LATER = {"view_psnr_to_ceiling_db", "view_flip_to_ceiling"}
 OPTIONAL = {
-    "report": {"preview", "regression", "algorithms/a/yardsticks", *CHECK},
+    "report": {"preview", "regression", "scene/splats", "algorithms/a/yardsticks", *CHECK},
     "picture": CHECK,
     "compare": {"conditions/panel pixels", "verdict/checks/0/criterion"},
     "baseline": {"conditions/panel pixels"},

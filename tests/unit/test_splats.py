@@ -297,6 +297,32 @@ def test_ellipsoids_that_are_met_twice_are_noticed(open_fitted, tmp_path):
         assert lost.twice.any() == twice
 
 
+def test_the_eia_is_the_same_without_what_is_black(open_fitted, tmp_path):
+    from inim.observer import Observer
+    from inim.render.ground_truth import pickup
+
+    relic = random_splats(60, 1)
+    relic = replace(relic, log_scale=relic.log_scale - 1.5)
+    faint = replace(relic[:5], logit=np.full(5, -6, np.float32))  # Mitsuba's extents: not a number
+    text = splat_scene(tmp_path, joined(relic, faint)).replace(
+        "</shape>", '<boolean name="extent_adaptive_clamping" value="true"/></shape>'
+    )
+    fitted, observers = open_fitted(text, DISPLAY), (Observer(), Observer())
+    found = [
+        pickup(fitted, DISPLAY, spp=2, seed=1, skip=skip, observer=observer).image
+        for skip, observer in zip((True, False), observers, strict=True)
+    ]
+    assert found[0].max() > 0.1
+    np.testing.assert_array_equal(*found)
+    assert observers[0].samples < 0.9 * observers[1].samples
+
+
+def test_more_splats_than_memory_holds_are_refused(open_fitted, tmp_path, monkeypatch):
+    monkeypatch.setattr("inim.render.scene.memory_limit_bytes", lambda: 10_000)
+    with pytest.raises(SceneError, match=r"60 splats take .* keep fewer"):
+        open_fitted(splat_scene(tmp_path, random_splats(60, 0)), DISPLAY)
+
+
 def test_splats_and_surfaces_do_not_mix(open_fitted, tmp_path):
     text = splat_scene(tmp_path, pane(0, 0.5, [0.5] * 3))
     with pytest.raises(SceneError, match="shows splats only"):
