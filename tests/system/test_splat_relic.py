@@ -17,6 +17,7 @@ from inim.files.splat_ply import read_splats, write_splats
 from tests.schemas import assert_schema, read_document
 from tests.splat_relics import joined, random_splats, splats_at
 from tests.system.conftest import run_here
+from tests.system.test_bench_layers import run_study
 
 RED, GREEN, BLUE = (0.9, 0.02, 0.02), (0.02, 0.9, 0.02), (0.02, 0.02, 0.9)
 
@@ -107,3 +108,14 @@ def test_a_splat_relic_is_validated_with_layers_and_its_translucency(tmp_path: P
     assert found["touched_fraction"] >= data["rgbd"]["covered_fraction"] > 0
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert 'id="splats"' in page and f"{found['count']} splats touch" in page
+
+
+@pytest.mark.slow
+def test_the_study_of_their_number_writes_its_bench(tmp_path: Path) -> None:
+    ended = run_study("splats", 200, 400, "-o", "out", folder=tmp_path, timeout=600)
+    assert ended.returncode == EXIT_PASSED, ended.stderr
+    few, many = read_document(tmp_path / "out" / "bench.json")["splats"]
+    assert (few["splats"], many["splats"]) == (200, 400)
+    assert many["file_bytes"] > 1.9 * few["file_bytes"]
+    assert all(run["validate"]["peak_bytes"] > 1e8 for run in (few, many))
+    assert all(seconds > 0 for seconds in many["stages"].values())
