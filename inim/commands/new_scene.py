@@ -1,7 +1,8 @@
-"""`inim new-scene`: a lit, fitted stock Mitsuba 3 scene around a mesh of a relic.
+"""`inim new-scene`: a fitted stock Mitsuba 3 scene around a relic, a mesh or splats.
 
 The mesh is turned (+y up, +z towards the viewer), scaled to millimetres, centred and written as
 PLY beside the scene. Units and axes that a format does not state are asked for, never guessed.
+Splats (`inim.scene.splat_scene`) have no unit, and shine by themselves.
 The scene is plain Mitsuba: `mi.load_file` opens it, and the display travels in its `<default>`s.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +21,7 @@ from inim.regular_file import read_file
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Collection, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     import numpy as np
 
@@ -47,6 +49,7 @@ def new_scene(
     unit: str | None,
     up: str | None,
     front: str | None = None,
+    crop: str | None = None,
     title: str | None = None,
     display: str = "nominal",
     force: bool = False,
@@ -57,14 +60,18 @@ def new_scene(
     Parameters
     ----------
     source : Path
-        PLY, OBJ, OFF, STL, GLB or glTF.
+        PLY, OBJ, OFF, STL, GLB or glTF; or a PLY of 3D Gaussian splats.
     out : Path
         The scene's XML; `<stem>.ply` and `<stem>.png` go into the same folder.
     unit : str or None
-        Length of one unit of the file: mm, cm, m, in. None only for glTF, which is metres.
+        Length of one unit of the file: mm, cm, m, in. None only for glTF, which is metres, and
+        for splats, which have none.
     up, front : str or None
         The axis of the file that points up and the one that faces the viewer: x, -x, y, ...
         `up` None only for glTF (y); `front` None takes z, or -y where z is up.
+    crop : str or None
+        Of splats: x0,x1,y0,y1,z0,z1 of the box to keep, in the file's axes and unit. None takes
+        nearly all.
     title : str or None
         Name in reports; None takes the mesh file's name.
     display : str
@@ -87,11 +94,19 @@ def new_scene(
         Unit or axis missing or impossible, unknown display, or a file in the way.
     """
     from inim.files.mesh import UNIT_MM, read_mesh
-    from inim.files.triangle_mesh import smoothed
+    from inim.files.splat_ply import is_splats
+    from inim.files.triangle_mesh import read_bytes, smoothed
     from inim.scene.relic_scene import bounds, merged, placed, scene_xml
 
     source, out = Path(source), Path(out)
     _check_choices(out, unit, up, front, display)
+    data = read_bytes(source)
+    if is_splats(data):
+        if unit is not None:
+            raise UsageError(f"{source}: splats have no unit; leave out --unit {unit}")
+        return _splat_scene(source, data, out, up, front, crop, title, display, force, warn)
+    if crop is not None:
+        raise UsageError(f"{source}: --crop is for splats; cut a mesh where it was made")
     meshes = read_mesh(source, warn)
     unit, up = _unit_and_up(source, meshes, unit, up)
     turn = _turn(up, front or _USUAL_FRONT[up])
@@ -102,18 +117,20 @@ def new_scene(
     _check_size(source, high - low, warn)
     xml = scene_xml(files, (high - low) / 2, title or source.stem, display)
     leftovers = [path for path in _leftovers(out, files) if not path.samefile(source)]
-    _write_all(out, files, xml, leftovers)
+    writers = {path: partial(_write_part, part) for path, part in files.items()}
+    _write_all(out, writers, xml, leftovers)
     return out
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("mesh", type=Path, metavar="MESH", help="PLY, OBJ, OFF, STL, GLB or glTF file")
+    add("mesh", type=Path, metavar="MESH", help="PLY, OBJ, OFF, STL, GLB or glTF file; splats' PLY")
     add("-o", "--out", type=Path, metavar="XML", help="scene to write (default: MESH-scene.xml)")
     add("--unit", choices=_UNITS, help="length of one unit of the mesh (glTF: metres)")
     axes = f"{', '.join(_AXES)}; write a negative one as --up=-z"
     add("--up", metavar="AXIS", help=f"axis of the mesh that points up: {axes} (glTF: y)")
     add("--front", metavar="AXIS", help="axis that faces the viewer (default z; -y where z is up)")
+    add("--crop", metavar="BOX", help="of splats, what to keep: x0,x1,y0,y1,z0,z1 (nearly all)")
     add("--title", help="name of the scene in reports (default: the mesh file's name)")
     add("--display", default="nominal", help="display preset: nominal or phone")
     add("--force", action="store_true", help="replace existing files")
@@ -126,12 +143,50 @@ def _run(args: argparse.Namespace) -> int:
         unit=args.unit,
         up=args.up,
         front=args.front,
+        crop=args.crop,
         title=args.title,
         display=args.display,
         force=args.force,
     )
     print(f"wrote {path}; next: inim validate {shlex.quote(str(path))}")
     return 0
+
+
+def _splat_scene(
+    source: Path,
+    data: bytes,
+    out: Path,
+    up: str | None,
+    front: str | None,
+    crop: str | None,
+    title: str | None,
+    display: str,
+    force: bool,
+    warn: Callable[[str], object],
+) -> Path:
+    """As `new_scene`, of splats."""
+    from inim.files.splat_ply import read_splats, write_splats
+    from inim.scene.splat_scene import Frame, placed_splats, splat_scene_xml
+
+    splats = read_splats(source, data)
+    frame = Frame.parse(crop) if crop is not None else Frame.around(splats)
+    if up is None:
+        raise UsageError(
+            f"{source}: splats state no up axis, give --up (x, y, z, -x, -y, -z), mostly -y; "
+            f"nearly all lie in {frame} (x0,x1,y0,y1,z0,z1)"
+        )
+    placed, half = placed_splats(splats, _turn(up, front or _USUAL_FRONT[up]), frame)
+    part = out.parent / f"{_stem(out)}.ply"
+    _check_targets(source, [out, part], force)
+    if len(placed) < len(splats):
+        warn(
+            f"{source}: {len(placed)} of {len(splats)} splats are shown; the others are fainter "
+            f"than a hundredth, outside --crop {frame}, or half as wide as that"
+        )
+    leftovers = [path for path in _leftovers(out, [part]) if not path.samefile(source)]
+    xml = splat_scene_xml(part.name, half, title or source.stem, display)
+    _write_all(out, {part: lambda path: write_splats(path, placed)}, xml, leftovers)
+    return out
 
 
 # --- Arguments ----------------------------------------------------------------------------------
@@ -249,14 +304,14 @@ def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
     ]
 
 
-def _write_all(out: Path, files: dict[Path, Mesh], xml: str, leftovers: Sequence[Path]) -> None:
-    """All files into a hidden folder beside `out`, then renamed, the scene last.
+def _write_all(
+    out: Path, files: Mapping[Path, Callable[[Path], object]], xml: str, leftovers: Sequence[Path]
+) -> None:
+    """All files, each by its writer, into a hidden folder beside `out`, then renamed; last `out`.
 
     The leftovers of an earlier scene go when the new one stands.
     """
     import tempfile
-
-    from inim.files.mesh import write_ply
 
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -265,11 +320,8 @@ def _write_all(out: Path, files: dict[Path, Mesh], xml: str, leftovers: Sequence
             lambda made: made.cleanup(),
         ) as made:
             folder = Path(made.name)
-            for path, part in files.items():
-                if path.suffix == ".png":
-                    _write_texture(folder / path.name, part)
-                else:
-                    write_ply(folder / path.name, part)
+            for path, write in files.items():
+                write(folder / path.name)
             (folder / out.name).write_text(xml, encoding="utf-8")
             with interruption.publishing():
                 for path in (*files, out):
@@ -282,10 +334,16 @@ def _write_all(out: Path, files: dict[Path, Mesh], xml: str, leftovers: Sequence
         ) from error
 
 
-def _write_texture(path: Path, part: Mesh) -> None:
+def _write_part(part: Mesh, path: Path) -> None:
+    """A part's PLY, or its texture."""
     from PIL import Image
 
-    Image.fromarray(part.texture).save(path, "PNG")
+    from inim.files.mesh import write_ply
+
+    if path.suffix == ".png":
+        Image.fromarray(part.texture).save(path, "PNG")
+    else:
+        write_ply(path, part)
 
 
-COMMANDS = {"new-scene": Command("write a lit, fitted scene for a mesh", _add_arguments, _run)}
+COMMANDS = {"new-scene": Command("write a fitted scene for a mesh or splats", _add_arguments, _run)}

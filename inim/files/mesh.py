@@ -21,6 +21,7 @@ import numpy as np
 
 from inim.errors import FileError
 from inim.files.ply import check_ply, is_ply, read_ply, write_ply
+from inim.files.splat_ply import SPLAT_SHAPES, check_splats
 from inim.files.triangle_mesh import (
     MESH_SUFFIXES,
     MOST_BYTES,
@@ -325,14 +326,19 @@ def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]
     return [mesh for mesh in meshes if has_area(mesh.vertices, mesh.faces)]
 
 
-def check_mesh_file(path: Path, plugin: str | None = None) -> None:
-    """Refuse a mesh file that Mitsuba's `ply`, `obj` or `serialized` shape cannot take safely.
+def check_mesh_file(path: Path, plugin: str | None = None) -> int:
+    """Refuse a file that Mitsuba's `ply`, `obj`, `serialized` or `ellipsoids` cannot take safely.
 
     Parameters
     ----------
     path : Path
     plugin : str or None
         The shape plugin that will read the file; None goes by the file's content.
+
+    Returns
+    -------
+    int
+        How many splats it holds; 0 of a mesh.
 
     Raises
     ------
@@ -341,6 +347,8 @@ def check_mesh_file(path: Path, plugin: str | None = None) -> None:
     """
     path = Path(path)
     data = read_bytes(path)
+    if plugin in SPLAT_SHAPES:
+        return check_splats(path, data)
     if plugin is None:
         plugin = "serialized" if is_serialized(data) else mesh_kind(path, data)
     if plugin not in _BEFORE_MITSUBA:
@@ -350,6 +358,7 @@ def check_mesh_file(path: Path, plugin: str | None = None) -> None:
     for vertices, faces in _BEFORE_MITSUBA[plugin](path, data):
         check_indices(path, vertices, faces)
         check_area(path, [(vertices, faces)])
+    return 0
 
 
 def mesh_kind(path: Path, data: bytes) -> str:

@@ -17,7 +17,15 @@ from inim.errors import FileError
 from inim.files.image import write_atomically
 from inim.files.triangle_mesh import Mesh, check_indices, numbers_in, usable_normals
 
-__all__ = ["check_ply", "is_ply", "read_ply", "write_ply"]
+__all__ = [
+    "PlyHeader",
+    "check_ply",
+    "columns_of",
+    "is_ply",
+    "read_ply",
+    "sized_header",
+    "write_ply",
+]
 
 _LINE_BYTES = 2**16
 _HEADER_BYTES = 16 * _LINE_BYTES
@@ -83,13 +91,13 @@ def is_ply(data: bytes) -> bool:
     return first == b"ply"
 
 
-def read_ply_header(path: Path, data: bytes) -> PlyHeader:
-    """The header of a PLY file whose bytes suffice for what it declares, faces among it.
+def sized_header(path: Path, data: bytes) -> PlyHeader:
+    """The header of a PLY file whose bytes suffice for what it declares.
 
     Raises
     ------
     FileError
-        The header makes no sense, declares more than the file holds, or no plain faces.
+        The header makes no sense, or declares more than the file holds.
     """
     header = _parsed(path, data)
     for element in header.elements:
@@ -98,6 +106,12 @@ def read_ply_header(path: Path, data: bytes) -> PlyHeader:
                 f"{path}: declares {element.count} x {element.name}, but is only {len(data)} "
                 "bytes long; it is cut short or damaged"
             )
+    return header
+
+
+def read_ply_header(path: Path, data: bytes) -> PlyHeader:
+    """As `sized_header`, of a file of plain faces."""
+    header = sized_header(path, data)
     names = {element.name for element in header.elements if element.count}
     if "tristrips" in names:
         raise FileError(f"{path}: holds triangle strips; export it as plain triangles")
@@ -173,7 +187,7 @@ _Names = tuple[tuple[str, ...], ...]
 def read_ply(path: Path, data: bytes) -> list[Mesh] | None:
     """The mesh of a PLY in plain triangles, indices checked; None leaves the file to trimesh."""
     header = read_ply_header(path, data)
-    columns = _columns(data, header)
+    columns = columns_of(data, header)
     if columns is None:
         return None
     vertices, faces = _geometry(path, columns)
@@ -190,7 +204,7 @@ def read_ply(path: Path, data: bytes) -> list[Mesh] | None:
 def check_ply(path: Path, data: bytes) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Vertices and faces of a PLY that Mitsuba can read, or a FileError."""
     header = read_ply_header(path, data)
-    columns = _columns(data, header)
+    columns = columns_of(data, header)
     if columns is None or any(len(element.lists) > 1 for element in header.elements):
         raise FileError(
             f"{path}: not plain triangles, or its length does not match its header; Mitsuba "
@@ -222,8 +236,8 @@ def write_ply(path: Path, mesh: Mesh) -> None:
     write_atomically(path, lambda p: p.write_bytes(body))
 
 
-def _columns(data: bytes, header: PlyHeader) -> dict[str, _Columns] | None:
-    """Columns by element and property; None where the body is not triangles record by record."""
+def columns_of(data: bytes, header: PlyHeader) -> dict[str, _Columns] | None:
+    """Columns by element and property; None where lists are no triangles, or bytes are left."""
     tables = (_text_columns if header.is_text else _binary_columns)(data, header)
     if tables is None:
         return None

@@ -174,7 +174,7 @@ def covered_pixels(scene: Scene) -> np.ndarray:
 
     rays = pickup_rays(scene.display, fitted.start_mm)
     sensor = make_sensor(rays, fitted.fit.world_from_display)
-    return surface(fitted.scene, sensor, scene.renderer.observer).covered
+    return surface(fitted.scene, fitted.integrator, sensor, scene.renderer.observer).covered
 
 
 def _view_samples(

@@ -121,10 +121,12 @@ class Scene:
 
 @stage("scene", code=RENDERING)
 def scene_facts(scene: Scene) -> dict[str, Any]:
-    """Number of shapes, and the fit, as in report.json."""
+    """Number of shapes and splats, and the fit, as in report.json."""
     fit = scene.fitted.fit
+    of_splats = {"splats": {"count": scene.fitted.splats}} if scene.fitted.shows_splats else {}
     return {
         "shapes": scene.fitted.shapes,
+        **of_splats,
         "fit": {
             "scale_xy": fit.scale_xy,
             "scale_z": fit.scale_z,

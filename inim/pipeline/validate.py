@@ -32,6 +32,7 @@ from inim.pipeline.run_statistics import run_statistics
 from inim.pipeline.scene import Renderer, Scene, scene_facts
 from inim.pipeline.stage import Run
 from inim.pipeline.timing import generator_times
+from inim.pipeline.translucency import translucency
 from inim.report import Report
 
 __all__ = ["measure", "validate"]
@@ -57,6 +58,8 @@ def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measure
     makers = prepare_methods(plan.methods, Task(camera, s.eia_spp, mask), run=run)
 
     facts = scene_facts(scene, run=run)
+    if "splats" in facts:
+        facts = facts | {"splats": translucency(camera, run=run)}
     capture = capture_relic(camera, layers=plan.reads_layers, run=run)
     eia = pick_up_truth(scene, plan.mounted, s.eia_spp, s.seed, mask, run=run)
     sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)

@@ -1,9 +1,9 @@
 """Which pixels are black for certain, and which layers no ray of a display can meet.
 
-Pixels (`BoundsGrid`): each triangle's box, or each other shape's, is entered in a coarse grid of
-the display frame. A pixel's bundle of rays is a prism: in a slab of depths it stays within an
-interval across and one down. Where no slab has an occupied cell in there, no ray of the pixel meets
-a shape, and it is black: lights are hidden from cameras, and nothing else shines.
+Pixels (`BoundsGrid`): each triangle's box, each splat's, or each other shape's, is entered in a
+coarse grid of the display frame. A pixel's bundle of rays is a prism: in a slab of depths it stays
+within an interval across and one down. Where no slab has an occupied cell in there, no ray of the
+pixel meets a shape, and it is black: lights are hidden from cameras, and nothing else shines.
 
 Layers (`in_view`): a layer behind the front surface is in view if a ray gets behind what is before
 it. So the places where rays may be are followed from the viewer's side into the depth, slice by
@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from inim.display import Display
 from inim.render.rays import AxisRays, NonSeparableRays, SeparableRays
+from inim.render.splats import splat_count
 
 __all__ = ["BoundsGrid", "box_corners", "in_view"]
 
@@ -122,9 +123,19 @@ def box_corners(shape: Any) -> np.ndarray:
 
 
 def _boxes(shape: Any, display_from_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes in the display frame that hold a shape: of its triangles, or its own; low and high."""
+    """Boxes in the display frame that hold a shape: of its triangles, or its own; low and high.
+
+    Of splats in shells, a box for each shell.
+    """
     turn, shift = display_from_world[:3, :3], display_from_world[:3, 3]
     parameters = mi.traverse(shape)
+    if shape.is_ellipsoids() and isinstance(shape, mi.Mesh):
+        points = np.asarray(shape.vertex_positions_buffer()).reshape(-1, 3)
+        points = (points @ turn.T.astype(np.float32)).astype(np.float32) + shift.astype(np.float32)
+        shells = points.reshape(-1, shape.vertex_count() // splat_count(shape), 3)
+        # Splats too faint for `extent_adaptive_clamping` have none.
+        shells = shells[np.isfinite(shells).all(axis=(1, 2))]
+        return shells.min(axis=1), shells.max(axis=1)
     if "vertex_positions" in parameters and "faces" in parameters:
         points = np.asarray(parameters["vertex_positions"], np.float64).reshape(-1, 3)
         points = points @ turn.T + shift

@@ -35,11 +35,13 @@ from numpy.typing import NDArray
 
 from inim.display import Display
 from inim.observer import Observer
+from inim.render import splats
 from inim.render.culling import in_view
 from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
 from inim.render.sensors import make_sensor
 from inim.render.sides import Sides
+from inim.render.trace import centre_rays
 
 __all__ = ["MOST_LAYERS", "Peeled", "peel"]
 
@@ -77,6 +79,8 @@ class Peeled:
     hidden_share : float
         Share of what lies behind the front surface that is left out: no ray of the display meets
         it. Zero where nothing lies behind.
+    has_sides : bool
+        Whether what lies between a front and a back is solid, and shows sides.
     """
 
     display: Display
@@ -90,6 +94,7 @@ class Peeled:
     spread: NDArray[np.float32]
     cut_share: float
     hidden_share: float = 0.0
+    has_sides: bool = True
 
     @property
     def covered(self) -> NDArray[np.bool_]:
@@ -99,7 +104,8 @@ class Peeled:
     @cached_property
     def sides(self) -> Sides:
         """What rays from the side meet of the layers."""
-        return Sides.of(self.front_mm, self.back_mm, self.display, self.pixel_mm)
+        back_mm = self.back_mm if self.has_sides else self.front_mm
+        return Sides.of(self.front_mm, back_mm, self.display, self.pixel_mm)
 
 
 def peel(
@@ -125,6 +131,18 @@ def peel(
     """
     started = time.perf_counter()
     rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
+    peeled = (_splats if fitted.shows_splats else _surfaces)(fitted, display, rays)
+    if not hidden:
+        front, back = peeled.front_mm, peeled.back_mm
+        seen = in_view(front, back, display, peeled.pixel_mm)
+        peeled = _without(peeled, ~seen & peeled.covered)
+    if observer:
+        observer.rendered(time.perf_counter() - started)
+    return peeled
+
+
+def _surfaces(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peeled:
+    """The layers of surfaces, the hidden ones too."""
     rows, columns, pixel_mm = rays.rows, rays.columns, rays.x.place_step_mm
     hits = _Hits.of(fitted, make_sensor(rays, fitted.fit.world_from_display), rows * columns)
     front, back, hit, found = _solids(hits, _outward(hits))
@@ -135,8 +153,7 @@ def peel(
     slope = hits.slope[hit, np.arange(rows * columns)] if len(hits.slope) else np.zeros_like(front)
     front, back = front.reshape(shape), back.reshape(shape)
     _close_gaps(front, back, slope.reshape(shape), facing.reshape(shape), np.float32(pixel_mm))
-    covered = int(np.count_nonzero(found))
-    peeled = Peeled(
+    return Peeled(
         display,
         rays,
         pixel_mm,
@@ -146,13 +163,65 @@ def peel(
         far.reshape(shape),
         facing.reshape(shape),
         spread.reshape(shape),
-        cut_share=int(np.count_nonzero(found > MOST_LAYERS)) / max(1, covered),
+        cut_share=_cut_share(found),
     )
-    if not hidden:
-        peeled = _without(peeled, ~in_view(front, back, display, pixel_mm) & peeled.covered)
-    if observer:
-        observer.rendered(time.perf_counter() - started)
-    return peeled
+
+
+def _splats(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peeled:
+    """The layers of splats, the hidden ones too; see `inim.render.splats`.
+
+    They have no normals: how steep a surface is, the fronts beside it say.
+    """
+    pixel_mm = rays.x.place_step_mm
+    ray = centre_rays(make_sensor(rays, fitted.fit.world_from_display))
+    found = splats.runs(fitted.scene, fitted.integrator, ray, MOST_LAYERS)
+    layers = max(1, int(min(found.found.max(), MOST_LAYERS)))
+    shape = (layers, rays.rows, rays.columns)
+    origin, along = (np.stack(vector, dtype=np.float64) for vector in (ray.o, ray.d))
+    forward = fitted.fit.display_from_world
+
+    def depth(distance: np.ndarray) -> np.ndarray:
+        there = np.isfinite(distance[:layers])
+        points = origin[:, None] + np.where(there, distance[:layers], 0) * along[:, None]
+        z = np.tensordot(forward[2, :3], points, 1) + forward[2, 3]
+        return np.where(there, z, -np.inf).astype(np.float32).reshape(shape)
+
+    front, back = depth(found.front), depth(found.back)
+    everywhere = np.ones(shape, bool)
+    _close_gaps(front, back, _steepness(front, pixel_mm), everywhere, np.float32(pixel_mm))
+    return Peeled(
+        display,
+        rays,
+        pixel_mm,
+        front,
+        back,
+        np.maximum(found.near[:layers], 0).reshape(shape),
+        np.full(shape, np.inf, np.float32),
+        everywhere,
+        _spread(front, display, pixel_mm),
+        cut_share=_cut_share(found.found),
+        has_sides=False,
+    )
+
+
+def _steepness(front: np.ndarray, pixel_mm: float) -> np.ndarray:
+    """Slopes of fronts, (layers, rows, columns), x and y added, to the nearer of two neighbours."""
+    slope = np.zeros(front.shape, np.float32)
+    for axis in (1, 2):
+        with np.errstate(invalid="ignore"):
+            step = np.nan_to_num(np.abs(np.diff(front, axis=axis)), nan=np.inf, posinf=np.inf)
+        ends = [(0, 0)] * 3
+        ends[axis] = (1, 1)
+        step = np.moveaxis(np.pad(step, ends, constant_values=np.inf), axis, 0)
+        nearer = np.moveaxis(np.minimum(step[:-1], step[1:]), 0, axis) / pixel_mm
+        slope += np.where(np.isfinite(nearer), nearer, 0)
+    return slope
+
+
+def _cut_share(found: np.ndarray) -> float:
+    """Share of the covered pixels that lack layers, from the numbers of those found."""
+    cut, covered = np.count_nonzero(found > MOST_LAYERS), np.count_nonzero(found)
+    return int(cut) / max(1, int(covered))
 
 
 def _without(peeled: Peeled, hidden: np.ndarray) -> Peeled:
@@ -398,6 +467,15 @@ def _close_gaps(front, back, slope, facing, pixel):  # type: ignore[no-untyped-d
                 back[k, r, c] = end
 
 
+def _spread(front: np.ndarray, display: Display, pixel_mm: float) -> np.ndarray:
+    """Width in pixels over which the colours of fronts, -inf where there is none, are averaged."""
+    # A quarter of a panel pixel is what one of its four samples stands for at that depth.
+    width_mm = np.abs(front) * display.pixel_pitch_mm / display.gap_mm / 2
+    wide = np.where(np.isfinite(front), np.maximum(1, width_mm / pixel_mm), 1)
+    spread: np.ndarray = wide.astype(np.float32)
+    return spread
+
+
 def _same_surface(
     fitted: FittedScene,
     display: Display,
@@ -413,9 +491,7 @@ def _same_surface(
         return zero, zero, covered, zero + 1
     ray = np.arange(front.shape[1])
     own, facing = hits.distance[hit, ray], hits.facing[hit, ray]
-    # A quarter of a panel pixel is what one of its four samples stands for at that depth.
-    width_mm = np.abs(front) * display.pixel_pitch_mm / display.gap_mm / 2
-    spread = np.where(covered, np.maximum(1, width_mm / pixel_mm), 1).astype(np.float32)
+    spread = _spread(front, display, pixel_mm)
     # Neighbours on a slope lie that much deeper; on a steep one, as far as the display's steepest
     # ray gets across a pixel, and beyond it the centre's own samples do.
     slope = np.minimum(hits.slope[hit, ray], 2 * display.gap_mm / display.pitch_mm)

@@ -14,6 +14,7 @@ from inim.display import Display
 from inim.display.pixels import SUBPIXELS
 from inim.display.viewpoint import Viewpoint
 from inim.observer import Observer
+from inim.render import splats
 from inim.render.depth_peeling import MOST_LAYERS, Peeled
 from inim.render.rays import (
     NonSeparableRays,
@@ -25,10 +26,17 @@ from inim.render.rays import (
 from inim.render.scene import FittedScene
 from inim.render.sensors import make_sensor
 from inim.render.sides import side_light
-from inim.render.trace import Tracer, mean_light, scene_light, surface
+from inim.render.trace import Tracer, centre_rays, mean_light, scene_light, surface
 from inim.rgbd import RGBD, Layer, LayeredRGBD
 
-__all__ = ["capture", "capture_halves", "capture_layers", "pickup", "true_view"]
+__all__ = [
+    "capture",
+    "capture_absorption",
+    "capture_halves",
+    "capture_layers",
+    "pickup",
+    "true_view",
+]
 
 
 def capture(
@@ -82,12 +90,22 @@ class _Camera:
 
     def picture(self, fitted: FittedScene, color: np.ndarray, observer: Observer | None) -> RGBD:
         """Colour with depth and coverage."""
-        found = surface(fitted.scene, self.sensor, observer)
+        found = surface(fitted.scene, fitted.integrator, self.sensor, observer)
         forward = fitted.fit.display_from_world
         with np.errstate(invalid="ignore"):  # rays that meet nothing end at infinity
             depth = found.point @ forward[2, :3] + forward[2, 3]
         depth = np.where(found.covered, depth, 0.0).astype(np.float32)
         return RGBD(color, depth, found.covered, self.pixel_mm)
+
+
+def capture_absorption(
+    fitted: FittedScene, display: Display, *, pixels_per_pitch: float
+) -> tuple[splats.Absorption, float]:
+    """Where the rays of `capture` lose their light in splats; and display mm per world unit."""
+    camera = _Camera.of(fitted, display, pixels_per_pitch)
+    lost = splats.absorption(fitted.scene, fitted.integrator, centre_rays(camera.sensor))
+    # The rays are parallel to the display's axis.
+    return lost, 1 / float(np.linalg.norm(fitted.fit.world_from_display[:3, 2]))
 
 
 def capture_layers(
@@ -219,6 +237,8 @@ def _layer_light(fitted: FittedScene, sensor: Any, peeled: Peeled, layer: int) -
             return mi.Ray3f(found.o + begin * found.d, found.d)
 
         aside = ray((within - 0.5) * dr.gather(mi.Float, spread, index) + 0.5)
+        if fitted.shows_splats:
+            return splats.radiance(fitted.scene, fitted.integrator, sampler, aside)
         hit = fitted.scene.ray_intersect(aside)
         same = hit.is_valid() & (begin + hit.t <= end) & ~hit.shape.is_emitter()
         same &= (dr.dot(hit.n, aside.d) < 0) == dr.gather(mi.Bool, facing, index)
@@ -286,7 +306,7 @@ def true_view(
     rays = eye_rays(display, viewpoint, pixels_per_lens, fitted.start_mm)
     sensor = make_sensor(rays, fitted.fit.world_from_display)
     truth = _half_buffers(fitted, rays, sensor, spp, seed, skip, observer)
-    return truth, surface(fitted.scene, sensor, observer).covered
+    return truth, surface(fitted.scene, fitted.integrator, sensor, observer).covered
 
 
 def _tracer(fitted: FittedScene, sensor: Any, seed: int, observer: Observer | None) -> Tracer:

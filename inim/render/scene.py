@@ -10,11 +10,13 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from inim.backend import memory_limit_bytes
 from inim.display import Display
 from inim.errors import FileError, SceneError
 from inim.files.mesh import check_mesh_file
 from inim.files.picture import check_picture, check_volume, read_texture
 from inim.observer import Observer
+from inim.render import splats
 from inim.render.culling import BoundsGrid, box_corners
 from inim.scene.file import SceneFile
 
@@ -27,11 +29,13 @@ _DEPTH_MARGIN = 0.01
 _FLAT = 1e-6
 # Integrators that return radiance ray by ray, and know `hide_emitters`. Others trace from the
 # lights, or return depth or moments, which would be scored as colour.
-_INTEGRATORS = ("path", "direct", "volpath", "volpathmis")
+_INTEGRATORS = ("path", "direct", "volpath", "volpathmis", splats.INTEGRATOR)
 # Those that hold another, and return its radiance with something more.
 _WRAPPERS = ("aov", "moment")
 # What some plugins need so much that Mitsuba dies without a word where it is missing.
 _NEEDS = {"bitmap": "filename", "blendbsdf": "weight"}
+# A splat's shell, attributes and place in Embree's tree take.
+_SPLAT_BYTES = 2500
 _DEFAULT_INTEGRATOR = {"type": "path", "max_depth": 8, "hide_emitters": True}
 
 
@@ -72,6 +76,18 @@ class FittedScene:
     start_mm: float
     shapes: int
 
+    @property
+    def shows_splats(self) -> bool:
+        """Whether it is made of splats, and of nothing else."""
+        return splats.shows_splats(self.integrator)
+
+    @cached_property
+    def splats(self) -> int:
+        """How many splats there are."""
+        if not self.shows_splats:
+            return 0
+        return sum(splats.splat_count(shape) for shape in self.scene.shapes())
+
     @cached_property
     def bounds(self) -> BoundsGrid:
         """Where its shapes are, coarsely."""
@@ -91,8 +107,7 @@ def open_scene(
         A scene with nothing to show.
     """
     try:
-        for plugin, mesh in file.meshes:
-            check_mesh_file(mesh, plugin)
+        _check_room(file, sum(check_mesh_file(mesh, plugin) for plugin, mesh in file.meshes))
         for picture in file.pictures:
             check_picture(picture)
         for grid in file.volumes:
@@ -106,10 +121,11 @@ def open_scene(
     relic = [shape for shape in scene.shapes() if not shape.is_emitter()]
     if not relic:
         raise SceneError(f"{file.path}: nothing to show: the scene has no shape but lights")
+    integrator = scene.integrator() or mi.load_dict(_DEFAULT_INTEGRATOR)
+    _check_splats(file, scene, integrator)
     points = np.concatenate([_extent_points(shape) for shape in relic])
     fit = fit_to_display(points, _orientation(scene), display, fit_share, str(file.path))
     low, high = display.depth_range_mm
-    integrator = scene.integrator() or mi.load_dict(_DEFAULT_INTEGRATOR)
     return FittedScene(scene, integrator, fit, high + _DEPTH_MARGIN * (high - low), len(relic))
 
 
@@ -197,6 +213,31 @@ def _check_integrator(file: SceneFile, name: str) -> None:
         raise SceneError(
             f"{file.path}: integrator {name!r} gives no radiance ray by ray; use 'path' or "
             "'volpath'"
+        )
+
+
+def _check_room(file: SceneFile, count: int) -> None:
+    """Refuse more splats than memory holds: without it, the renderer dies."""
+    needed, limit = count * _SPLAT_BYTES, memory_limit_bytes()
+    if limit and needed > limit:
+        raise SceneError(
+            f"{file.path}: {count} splats take {needed / 2**30:.1f} GiB of the "
+            f"{limit / 2**30:.1f} GiB there are; keep fewer with `inim new-scene --crop`"
+        )
+
+
+def _check_splats(file: SceneFile, scene: Any, integrator: Any) -> None:
+    """Refuse splats among other shapes or under another integrator: they would not be seen."""
+    are_splats = [shape.is_ellipsoids() for shape in scene.shapes()]
+    if splats.shows_splats(integrator) and not all(are_splats):
+        raise SceneError(
+            f"{file.path}: integrator {splats.INTEGRATOR!r} shows splats only, and the scene has "
+            "other shapes; take them out, lights too: splats shine by themselves"
+        )
+    if any(are_splats) and not splats.shows_splats(integrator):
+        raise SceneError(
+            f"{file.path}: splats shine by themselves, which other integrators do not show; use "
+            f"{splats.INTEGRATOR!r}"
         )
 
 

@@ -18,12 +18,14 @@ import mitsuba as mi
 import numpy as np
 
 from inim.observer import Observer
+from inim.render import splats
 from inim.render.counter_sampler import PLUGIN
 
 __all__ = [
     "Light",
     "Surface",
     "Tracer",
+    "centre_rays",
     "first_not_light",
     "limit_rays",
     "mean_light",
@@ -52,7 +54,7 @@ def scene_light(scene: Any, integrator: Any) -> Light:
 
     def light(sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:
         ray = sensor.rays_through(pixel, within, pupil)
-        return integrator.sample(scene, sampler, mi.RayDifferential3f(ray))[0]
+        return splats.radiance(scene, integrator, sampler, ray)
 
     return light
 
@@ -190,7 +192,7 @@ class Surface:
     Attributes
     ----------
     covered : (rows, columns) bool
-        Whether there is a surface that is not a light.
+        Whether there is a surface that is not a light, or splats that take half of the light.
     distance : (rows, columns) float64
         World distance from the ray's start; infinite where not covered.
     origin, direction : (rows, columns, 3) float64
@@ -209,19 +211,28 @@ class Surface:
         return points
 
 
-def surface(scene: Any, sensor: Any, observer: Observer | None = None) -> Surface:
-    """First surface on the ray through each pixel's centre, past any light."""
-    started = time.perf_counter()
+def centre_rays(sensor: Any) -> Any:
+    """The rays through the centres of a sensor's pixels, row by row."""
     columns, rows = (int(n) for n in sensor.film().size())
     lane = dr.arange(mi.UInt32, rows * columns)
     width = dr.opaque(mi.UInt32, columns)
-    ray = sensor.rays_through(mi.Point2u(lane % width, lane // width), mi.Point2f(0.5))
-    hit = first_not_light(scene, ray)
-    distance = dr.select(hit.is_valid(), hit.t, dr.inf)
+    return sensor.rays_through(mi.Point2u(lane % width, lane // width), mi.Point2f(0.5))
+
+
+def surface(scene: Any, integrator: Any, sensor: Any, observer: Observer | None = None) -> Surface:
+    """First surface on the ray through each pixel's centre, past any light; of splats, half."""
+    started = time.perf_counter()
+    columns, rows = (int(n) for n in sensor.film().size())
+    ray = centre_rays(sensor)
+    if splats.shows_splats(integrator):
+        distance = splats.absorption(scene, integrator, ray).half
+    else:
+        hit = first_not_light(scene, ray)
+        distance = np.asarray(dr.select(hit.is_valid(), hit.t, dr.inf))
     shape = (rows, columns)
     found = Surface(
-        covered=np.asarray(hit.is_valid()).reshape(shape),
-        distance=np.asarray(distance, np.float64).reshape(shape),
+        covered=np.isfinite(distance).reshape(shape),
+        distance=distance.astype(np.float64).reshape(shape),
         origin=np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.o], -1),
         direction=np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.d], -1),
     )

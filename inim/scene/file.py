@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 from inim.errors import FileError, SceneError, UsageError
+from inim.files.splat_ply import SPLAT_SHAPES
 from inim.regular_file import open_file, read_file
 from inim.scene.parameters import Content, SceneFolder, SceneParameters, content_of
 from inim.settings import DISPLAY_KEYS, PREFIX, Settings
@@ -40,7 +41,7 @@ _MOST_INCLUDES = 64
 # Each shape, material and light costs Mitsuba up to a millisecond and a kernel some branches.
 _MOST_PLUGINS = 10_000
 _LARGEST_BYTES = 64 * 2**20
-_MESH_TYPES = frozenset({"ply", "obj", "serialized"})
+_MESH_TYPES = frozenset({"ply", "obj", "serialized"}) | SPLAT_SHAPES
 _VOLUME_TYPES = frozenset({"gridvolume", "sdfgrid"})
 # Of images; whatever the name ends with, the renderer goes by the content.
 _PICTURE_TYPES = frozenset({"bitmap", "envmap"})

@@ -17,7 +17,16 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-__all__ = ["attribute", "bounds", "merged", "placed", "scene_xml", "xml_text"]
+__all__ = [
+    "attribute",
+    "bounds",
+    "camera_xml",
+    "defaults_xml",
+    "merged",
+    "placed",
+    "scene_xml",
+    "xml_text",
+]
 
 
 def merged(meshes: Sequence[Mesh]) -> list[Mesh]:
@@ -95,15 +104,9 @@ def scene_xml(files: Mapping[Path, Mesh], half_mm: np.ndarray, title: str, displ
         Values of `inim.title` and `inim.display`.
     """
     radius = math.hypot(*half_mm)
-    defaults = {"title": title, "display": display, "algorithms": "wang2024,template"}
-    lines = ["<?xml version='1.0' encoding='utf-8'?>", '<scene version="3.0.0">']
-    lines += ["    <!-- Lengths are millimetres; +y is up, +z towards the viewer. -->"]
-    for key, value in defaults.items():
-        lines.append(f'    <default name="inim.{key}" value="{attribute(value)}"/>')
-    # Our rays run along edges and through vertices, where Embree's default lets them slip through.
-    lines += ["", '    <boolean name="embree_use_robust_intersections" value="true"/>']
+    lines = defaults_xml(title, display)
     lines += ['    <integrator type="path">', '        <integer name="max_depth" value="6"/>']
-    lines += ["    </integrator>", "", *_camera_xml(half_mm, radius), ""]
+    lines += ["    </integrator>", "", *camera_xml(half_mm, radius), ""]
     share = min(1.0, max(STONE) / max(map(_brightest, files.values())))
     for name, (direction, half_side, radiance) in _LAMPS.items():
         light = tuple(share * r for r in radiance)
@@ -124,7 +127,18 @@ def _brightest(part: Mesh) -> float:
     return max(STONE)
 
 
-def _camera_xml(half: np.ndarray, radius: float) -> list[str]:
+def defaults_xml(title: str, display: str, **more: str) -> list[str]:
+    """How a new scene begins: its settings, and robust intersections."""
+    defaults = {"title": title, "display": display, "algorithms": "wang2024,template", **more}
+    lines = ["<?xml version='1.0' encoding='utf-8'?>", '<scene version="3.0.0">']
+    lines += ["    <!-- Lengths are millimetres; +y is up, +z towards the viewer. -->"]
+    for key, value in defaults.items():
+        lines.append(f'    <default name="inim.{key}" value="{attribute(value)}"/>')
+    # Our rays run along edges and through vertices, where Embree's default lets them slip through.
+    return [*lines, "", '    <boolean name="embree_use_robust_intersections" value="true"/>']
+
+
+def camera_xml(half: np.ndarray, radius: float) -> list[str]:
     """First sensor: from +z, the whole relic in a square picture."""
     away = max(half[0], half[1]) * _AIR / math.tan(math.radians(_FIELD_OF_VIEW_DEG / 2))
     z = away + half[2]

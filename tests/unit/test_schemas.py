@@ -85,7 +85,7 @@ LATER_SETTINGS = {"luminance_cd_m2"}
 LATER = {"view_psnr_to_ceiling_db", "view_flip_to_ceiling"}
 OPTIONAL = {
     "report": {
-        *(f"settings/{key}" for key in LATER_SETTINGS), "preview", "regression",
+        *(f"settings/{key}" for key in LATER_SETTINGS), "preview", "regression", "scene/splats",
         "algorithms/a/yardsticks", *CHECK,
     },
     "picture": CHECK,

@@ -1,0 +1,214 @@
+"""Marching rays through 3D Gaussian splats, as Mitsuba's integrator `volprim_rf_basic` does.
+
+A ray meets the splats in the order in which it enters them. Each takes the share
+``opacity exp(-m/2)`` of what light is left, m being the least squared Mahalanobis distance of the
+ray from its centre, and it takes it all where that least is reached: at its **peak**. Colours and
+transmittance are the integrator's own; depths and layers are found here.
+
+* **Depth** is the peak of the splat at which half of the light is gone.
+* **Layers**: splats whose supports overlap along the ray make a **run**; between runs there is
+  nothing. A layer begins where half of the light is gone that was left at the end of the layer
+  before, and ends with its run, at the last peak.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "INTEGRATOR",
+    "Absorption",
+    "Runs",
+    "absorption",
+    "radiance",
+    "runs",
+    "shows_splats",
+    "splat_count",
+]
+
+#: Mitsuba's, of splats that shine by themselves.
+INTEGRATOR = "volprim_rf_basic"
+# A ray goes on so far behind where it entered a splat, in world units, and ends where so little
+# light is left: as in the integrator.
+_STEP = 1e-4
+# Of a shape's `data` for each splat: centre, scale, quaternion.
+_NUMBERS = 10
+_LEAST_LIGHT = 0.01
+
+
+def shows_splats(integrator: Any) -> bool:
+    """Whether an integrator is the one of splats."""
+    return hasattr(integrator, "eval_transmission")
+
+
+def splat_count(shape: Any) -> int:
+    """How many splats a shape of splats has."""
+    return len(mi.traverse(shape)["data"]) // _NUMBERS
+
+
+def radiance(scene: Any, integrator: Any, sampler: Any, ray: Any, active: Any = True) -> Any:
+    """What light rays bring, three channels, by an integrator in C++ or the one of splats."""
+    if shows_splats(integrator):
+        # Differentiable integrators in Python take a mode, and gradients that there are none of.
+        primal = dr.ADMode.Primal
+        return integrator.sample(primal, scene, sampler, ray, None, None, mi.Bool(active))[0]
+    return integrator.sample(scene, sampler, mi.RayDifferential3f(ray), active=active)[0]
+
+
+@dataclass(frozen=True)
+class Absorption:
+    """Where rays lose their light, (rays,) each.
+
+    Attributes
+    ----------
+    left : float32
+        Transmittance of all that they meet, down to 0.01: rays end there.
+    tenth, half, most : float32
+        World distances at which 10, 50 and 90 % are gone; infinite where they never are.
+    twice : bool
+        Whether the renderer met a splat twice in succession, which no straight line does: it
+        counted that splat double.
+    """
+
+    left: NDArray[np.float32]
+    tenth: NDArray[np.float32]
+    half: NDArray[np.float32]
+    most: NDArray[np.float32]
+    twice: NDArray[np.bool_]
+
+
+def absorption(scene: Any, integrator: Any, ray: Any) -> Absorption:
+    """Follow rays as far as the integrator does."""
+    found = _absorb(scene, integrator, ray)
+    dr.eval(found)
+    return Absorption(*(np.asarray(one) for one in found))
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Layers of splats along rays, (layers, rays) float32, nearest first, in world distances.
+
+    Attributes
+    ----------
+    near, front, back : float32
+        Where the layer before it has ended, and where this one begins and ends; -inf where there
+        is no layer.
+    found : (rays,) uint32
+        How many layers there are; those beyond the first dimension are cut off.
+    """
+
+    near: NDArray[np.float32]
+    front: NDArray[np.float32]
+    back: NDArray[np.float32]
+    found: NDArray[np.uint32]
+
+
+def runs(scene: Any, integrator: Any, ray: Any, most: int) -> Runs:
+    """Follow rays to their ends, through all that they meet; at most so many layers of each."""
+    rays = dr.width(ray.d)
+    tables = [dr.full(mi.Float, -dr.inf, most * rays) for _ in range(3)]
+    dr.eval(tables)
+    found = _layers(scene, integrator, ray, dr.arange(mi.UInt32, rays), rays, most, *tables)
+    dr.eval(found, tables)
+    near, front, back = (np.asarray(table).reshape(most, rays) for table in tables)
+    return Runs(near, front, back, np.asarray(found))
+
+
+def _next_splat(scene: Any, integrator: Any, ray: Any, active: Any) -> tuple[Any, Any, Any, Any]:
+    """The splat that rays enter next, whether there is one, what it lets pass, and its peak."""
+    hit = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=False, active=active)
+    met = active & hit.is_valid() & hit.shape.is_ellipsoids()
+    passed = integrator.eval_transmission(hit, ray, met)
+    return hit, met, passed, dr.dispatch(hit.shape, _peak, hit.prim_index, ray, met)
+
+
+def _peak(shape: Any, splat: Any, ray: Any, active: Any) -> Any:
+    """Distance along rays at which they are nearest to a splat, in its own measure."""
+    if shape is None or not shape.is_ellipsoids():
+        return mi.Float(0)
+    hit = dr.zeros(mi.SurfaceInteraction3f)
+    hit.prim_index = splat
+    data = shape.eval_attribute_x("ellipsoid", hit, active)
+    centre, scale = (
+        mi.Point3f(*(data[k] for k in range(3))),
+        mi.Vector3f(*(data[3 + k] for k in range(3))),
+    )
+    own = dr.quat_to_matrix(mi.Matrix3f, mi.Quaternion4f(*(data[6 + k] for k in range(4)))).T
+    origin, along = own * (ray.o - centre) / scale, own * ray.d / scale
+    return -dr.dot(origin, along) / dr.dot(along, along)
+
+
+@dr.syntax  # type: ignore[untyped-decorator]
+def _absorb(scene: Any, integrator: Any, ray: Any) -> tuple[Any, ...]:
+    """The fields of `Absorption`."""
+    ray = mi.Ray3f(ray)
+    start = mi.Point3f(ray.o)
+    active, twice = mi.Bool(True), mi.Bool(False)
+    left = mi.Float(1)
+    tenth, half, most = mi.Float(dr.inf), mi.Float(dr.inf), mi.Float(dr.inf)
+    last, count = mi.UInt32(0xFFFFFFFF), mi.UInt32(0)
+    while active:
+        hit, met, passed, peak = _next_splat(scene, integrator, ray, active)
+        peak += dr.dot(ray.o - start, ray.d)
+        twice |= met & (hit.prim_index == last)
+        last = dr.select(met, hit.prim_index, last)
+        before = left
+        left = dr.select(met, left * passed, left)
+        tenth = dr.select((before > 0.9) & (left <= 0.9), peak, tenth)
+        half = dr.select((before > 0.5) & (left <= 0.5), peak, half)
+        most = dr.select((before > 0.1) & (left <= 0.1), peak, most)
+        ray.o = dr.select(met, hit.p + ray.d * _STEP, ray.o)
+        count += 1
+        active = met & (left > _LEAST_LIGHT) & (count < integrator.max_depth)
+    return left, tenth, half, most, twice
+
+
+@dr.syntax  # type: ignore[untyped-decorator]
+def _layers(
+    scene: Any,
+    integrator: Any,
+    ray: Any,
+    lane: Any,
+    rays: int,
+    most: int,
+    nears: Any,
+    fronts: Any,
+    backs: Any,
+) -> Any:
+    """Fill the tables of `Runs`; how many layers were found."""
+    ray = mi.Ray3f(ray)
+    start = mi.Point3f(ray.o)
+    active, is_open = mi.Bool(True), mi.Bool(False)
+    left = mi.Float(1)  # of the light at the end of the layer before
+    near, end, deepest = mi.Float(0), mi.Float(-dr.inf), mi.Float(-dr.inf)
+    found, count = mi.UInt32(0), mi.UInt32(0)
+    while active:
+        hit, met, passed, peak = _next_splat(scene, integrator, ray, active)
+        travelled = dr.dot(ray.o - start, ray.d)
+        entry, peak = travelled + hit.t, travelled + peak
+        begins = met & (entry > end)
+        closes = begins & is_open
+        dr.scatter(backs, deepest, found * rays + lane, closes & (found < most))
+        found += dr.select(closes, mi.UInt32(1), mi.UInt32(0))
+        near = dr.select(closes, end, near)
+        left = dr.select(closes, 1, left)
+        is_open &= ~closes
+        deepest = dr.select(begins, peak, dr.select(met, dr.maximum(deepest, peak), deepest))
+        # A splat is symmetric about its peak.
+        end = dr.select(met, dr.maximum(end, 2 * peak - entry), end)
+        left = dr.select(met, left * passed, left)
+        opens = met & ~is_open & (left <= 0.5)
+        dr.scatter(fronts, peak, found * rays + lane, opens & (found < most))
+        dr.scatter(nears, near, found * rays + lane, opens & (found < most))
+        is_open |= opens
+        ray.o = dr.select(met, hit.p + ray.d * _STEP, ray.o)
+        count += 1
+        active = met & (count < integrator.max_depth)
+    dr.scatter(backs, deepest, found * rays + lane, is_open & (found < most))
+    return found + dr.select(is_open, mi.UInt32(1), mi.UInt32(0))

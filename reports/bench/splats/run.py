@@ -1,0 +1,146 @@
+"""What splats cost: time and memory of a validation against their number.
+
+    python -m reports.bench.splats.run 10000 100000 1000000 -o reports/bench/splats
+
+Each relic is a bumpy ball covered evenly with opaque splats that overlap as trained ones do, of all
+degrees of harmonics: the more there are, the smaller. `inim new-scene` and `inim validate` run on
+it as a user would run them, with few lenses and few samples, without the result cache.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim.cache.folder import FOLDER_VARIABLE
+from inim.errors import EXIT_PASSED, WorkerError
+from inim.files.splat_ply import Splats, write_splats
+from inim.report.bench import Part, Table
+from inim.report.wording import items, number, part
+from reports.bench.process import run_measured
+from reports.bench.study import new_parser, run_study
+
+__all__ = ["ball", "bench_splats", "parts_of"]
+
+# Of a validation, in its report's `timings`.
+_STAGES = ("open scene", "capture RGB-D", "ground-truth EIA", "ground-truth views")
+_SETTINGS = {
+    "lens_columns": 24, "lens_rows": 24, "capture_spp": 2, "eia_spp": 2, "view_spp": 2,
+    "reconstruction_spp": 2, "score_error": 0,
+}  # fmt: skip
+
+
+def ball(count: int) -> Splats:
+    """So many splats on a bumpy ball of radius 1, flat to it, three of them thick on average."""
+    k = np.arange(count) + 0.5
+    height, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    out = np.sqrt(1 - height**2)
+    normal = np.stack([out * np.cos(turn), out * np.sin(turn), height], -1)
+    radius = 1 + 0.05 * np.sin(9 * normal[:, 0]) * np.sin(8 * normal[:, 1])
+    sigma = np.sqrt(4 * np.pi / count)
+    # The turn that takes +z to the normal.
+    upright = np.column_stack([1 + height, -normal[:, 1], normal[:, 0], 0 * height])
+    draw = np.random.default_rng(1)
+    harmonics = draw.normal(0, 0.05, (count, 16, 3))
+    harmonics[:, 0] += 1.5 * np.sin(7 * normal)
+    return Splats(
+        (normal * radius[:, None]).astype(np.float32),
+        np.log(np.tile([sigma, sigma, sigma / 5], (count, 1))).astype(np.float32),
+        (upright / np.linalg.norm(upright, axis=1, keepdims=True)).astype(np.float32),
+        draw.uniform(-2, 3, count).astype(np.float32),
+        harmonics.astype(np.float32),
+    )
+
+
+def bench_splats(
+    counts: Sequence[int], listener: Any, folder: Path, variables: Mapping[str, str]
+) -> list[dict[str, Any]]:
+    """Make and validate a relic of each number of splats.
+
+    Returns
+    -------
+    list of dict
+        Under the names of bench.json: `splats`, `file_bytes`; of both commands
+        `processor_seconds`, `seconds` and `peak_bytes`; `stages` of the validation, in seconds.
+    """
+    variables = dict(variables) | {FOLDER_VARIABLE: "off"}
+    found = []
+    for count in counts:
+        listener.stage(f"{count} splats")
+        source, scene, out = (folder / name for name in ("relic.ply", "scene.xml", "report"))
+        write_splats(source, ball(count))
+        inim = [sys.executable, "-m", "inim"]
+        made = _run([*inim, "new-scene", str(source), "--up=y", "-o", str(scene)], variables)
+        words = [f"-Dinim.{name}={value}" for name, value in _SETTINGS.items()]
+        words += ["--algorithms", "template", "--viewpoints", "centre", "--quiet"]
+        validated = _run([*inim, "validate", str(scene), *words, "-o", str(out)], variables)
+        report = json.loads((out / "report.json").read_text("utf-8"))
+        stages = {name: report["timings"][name] for name in _STAGES}
+        size = source.stat().st_size
+        found.append(
+            {"splats": count, "file_bytes": size, "new_scene": made, "validate": validated}
+            | {"stages": stages}
+        )
+        listener.line(
+            f"{count:9}  {validated['processor_seconds']:7.1f} s of processors, "
+            f"{validated['peak_bytes'] / 2**30:.2f} GiB"
+        )
+        for path in (source, scene, scene.with_suffix(".ply")):
+            path.unlink()
+        shutil.rmtree(out)
+    return found
+
+
+def _run(words: Sequence[str], variables: Mapping[str, str]) -> dict[str, Any]:
+    taken = run_measured(words, variables)
+    code, said = taken.pop("code"), taken.pop("said")
+    if code != EXIT_PASSED:
+        raise WorkerError(f"inim {words[3]} ended with {code}: {said}")
+    return taken
+
+
+def parts_of(data: Mapping[str, Any]) -> list[Part]:
+    """One table."""
+    lead = (
+        "Whole commands by the number of splats: processor seconds of all processes, wall-clock "
+        "seconds of stages, and the memory of the largest process at its fullest."
+    )
+    heads = ["splats", "file MiB", "new-scene s", "validate s", "GiB", *(f"{s} s" for s in _STAGES)]
+    rows = [
+        [
+            f"{run['splats']}",
+            number(run["file_bytes"] / 2**20, 0),
+            number(part(run, "new_scene")["processor_seconds"], 1),
+            number(part(run, "validate")["processor_seconds"], 1),
+            number(max(run[name]["peak_bytes"] for name in ("new_scene", "validate")) / 2**30, 2),
+            *(number(part(run, "stages")[name], 1) for name in _STAGES),
+        ]
+        for run in items(data, "splats")
+    ]
+    remark = "Each command ran once, in processes of its own, and no yardstick."
+    table = Table("By the number of splats", heads, rows)
+    return [Part("splats", "Splats", lead, [table], remarks=[remark])]
+
+
+def main() -> int:
+    """Carry out the study; the exit code."""
+    variables = dict(os.environ)  # before the backend adds its own: as a user's commands have them
+    parser = new_parser(__doc__, "bench-splats")
+    parser.add_argument("counts", type=int, nargs="+", metavar="N", help="numbers of splats")
+    args = parser.parse_args()
+
+    def measure(_rounds: Any, listener: Any, folder: Path) -> dict[str, Any]:
+        return {"splats": bench_splats(args.counts, listener, folder, variables)}
+
+    return run_study(args, "reports.bench.splats.run", "Bench: splats", measure, parts_of)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,121 @@
+"""A PLY of splats becomes a scene that stands upright, and is validated to a report."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from inim.cli import main
+from inim.commands.new_scene import new_scene
+from inim.errors import EXIT_PASSED, UsageError
+from inim.files.splat_ply import read_splats, write_splats
+from tests.schemas import assert_schema, read_document
+from tests.splat_relics import joined, random_splats, splats_at
+from tests.system.conftest import run_here
+from tests.system.test_bench_layers import run_study
+
+RED, GREEN, BLUE = (0.9, 0.02, 0.02), (0.02, 0.9, 0.02), (0.02, 0.02, 0.9)
+
+
+def signpost(folder: Path) -> Path:
+    """Y down, as trained: red above, green right and blue left, as seen from -z of the file."""
+    bar = np.linspace(-1, 1, 21)[:, None]
+    body = splats_at(bar * [[0, 1, 0]], np.full(3, 0.1), 0.9, np.full(3, 0.3))
+    ends = [
+        splats_at(np.array([place], float), np.full(3, 0.15), 0.95, np.array(colour))
+        for place, colour in (((0, -1.2, 0), RED), ((0.8, 0, 0), GREEN), ((-0.8, 0, 0), BLUE))
+    ]
+    far = splats_at(np.array([[50.0, 0, 0]]), np.full(3, 0.1), 0.01001, np.array(RED))
+    path = folder / "signpost.ply"
+    write_splats(path, joined(body, *ends, far))
+    return path
+
+
+@pytest.fixture(scope="module")
+def mi() -> Any:
+    from inim.render import variant
+
+    variant.use()
+    import mitsuba
+
+    return mitsuba
+
+
+def test_a_relic_with_y_down_stands_upright_and_is_not_mirrored(mi: Any, tmp_path: Path) -> None:
+    """Whoever stands at -z of such a file, with -y up, has +x of it on the right."""
+    said: list[str] = []
+    scene = new_scene(
+        signpost(tmp_path), tmp_path / "a.xml", unit=None, up="-y", front="-z", warn=said.append
+    )
+    assert "24 of 25 splats" in said[0]
+    # Stock Mitsuba, by the scene's own camera.
+    image = np.array(mi.render(mi.load_file(str(scene)), spp=1))[..., :3]
+    rows, columns = image.shape[:2]
+    brightest = {
+        name: np.unravel_index((image[..., k] - image.sum(axis=-1) / 2).argmax(), (rows, columns))
+        for k, name in enumerate(("red", "green", "blue"))
+    }
+    assert brightest["red"][0] < rows / 3
+    assert brightest["green"][1] > 0.6 * columns and brightest["blue"][1] < 0.4 * columns
+
+
+def test_what_splats_do_not_say_is_asked_for(tmp_path: Path) -> None:
+    source, out = signpost(tmp_path), tmp_path / "a.xml"
+    with pytest.raises(UsageError, match=r"--up .*nearly all lie in -"):
+        new_scene(source, out, unit=None, up=None)
+    with pytest.raises(UsageError, match="splats have no unit"):
+        new_scene(source, out, unit="mm", up="-y")
+    with pytest.raises(UsageError, match="is the mesh itself"):
+        new_scene(source, tmp_path / "signpost.xml", unit=None, up="-y", force=True)
+    mesh = tmp_path / "mesh.stl"
+    trimesh.creation.box().export(str(mesh))
+    with pytest.raises(UsageError, match="--crop is for splats"):
+        new_scene(mesh, out, unit="mm", up="y", crop="0,1,0,1,0,1")
+    assert not out.exists()
+
+
+def test_crop_keeps_a_part(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, out = signpost(tmp_path), tmp_path / "a.xml"
+    words = ["new-scene", str(source), "--up=-y", "--crop=-0.5,0.5,-2,0.01,-1,1", "-o", str(out)]
+    assert main(words) == EXIT_PASSED
+    assert "12 of 25 splats" in capsys.readouterr().err
+    kept = read_splats(out.with_suffix(".ply"), out.with_suffix(".ply").read_bytes())
+    assert len(kept) == 12 and np.abs(kept.centre).max() < 50
+
+
+def test_a_splat_relic_is_validated_with_layers_and_its_translucency(tmp_path: Path) -> None:
+    relic = random_splats(300)
+    write_splats(tmp_path / "relic.ply", replace(relic, log_scale=relic.log_scale - 0.5))
+    new_scene(tmp_path / "relic.ply", tmp_path / "scene.xml", unit=None, up="y", warn=print)
+    ended = run_here(
+        "validate", "scene.xml", "-o", "out", "--algorithms", "layered,template",
+        "--viewpoints", "centre",
+        "-Dinim.lens_columns=8", "-Dinim.lens_rows=6", "-Dinim.capture_spp=2", "-Dinim.eia_spp=2",
+        "-Dinim.view_spp=2", "-Dinim.reconstruction_spp=2", "-Dinim.score_error=0",
+        folder=tmp_path,
+    )  # fmt: skip
+    assert ended.code == EXIT_PASSED, ended.stderr
+    data = read_document(tmp_path / "out" / "report.json")
+    assert_schema(data)
+    found = data["scene"]["splats"]
+    assert sum(found["coverage_histogram"]) == pytest.approx(1)
+    assert 0 < found["without_depth_fraction"] < found["never_opaque_fraction"] < 1
+    assert found["touched_fraction"] >= data["rgbd"]["covered_fraction"] > 0
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert 'id="splats"' in page and f"{found['count']} splats touch" in page
+
+
+@pytest.mark.slow
+def test_the_study_of_their_number_writes_its_bench(tmp_path: Path) -> None:
+    ended = run_study("splats", 200, 400, "-o", "out", folder=tmp_path, timeout=600)
+    assert ended.returncode == EXIT_PASSED, ended.stderr
+    few, many = read_document(tmp_path / "out" / "bench.json")["splats"]
+    assert (few["splats"], many["splats"]) == (200, 400)
+    assert many["file_bytes"] > 1.9 * few["file_bytes"]
+    assert all(run["validate"]["peak_bytes"] > 1e8 for run in (few, many))
+    assert all(seconds > 0 for seconds in many["stages"].values())
