@@ -28,7 +28,7 @@ def request_values(
     scene: Path,
     *,
     definitions: Mapping[str, Any] | None,
-    display: str | Display | None,
+    display: str | Path | Display | None,
     algorithms: Any,
     viewpoints: Any,
     lens_model: str | None,
@@ -49,6 +49,8 @@ def request_values(
         A value of a wrong type, or one that the scene's settings leave no way to state.
     """
     given = _definitions_text(definitions)
+    if isinstance(display, PathLike):
+        display = str(path("display", display))
     name = _word("display", display) if not isinstance(display, Display) else None
     if isinstance(display, Display):
         name, settings = _display_text(display, scene, given)

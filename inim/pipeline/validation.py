@@ -66,7 +66,7 @@ def validate(
     out: str | Path | None = None,
     *,
     definitions: Mapping[str, Any] | None = None,
-    display: str | Display | None = None,
+    display: str | Path | Display | None = None,
     algorithms: str | Sequence[str | Mapping[str, Any]] | Mapping[str, Any] | None = None,
     viewpoints: str | Viewpoint | Sequence[str | Viewpoint] | None = None,
     lens_model: str | None = None,
@@ -94,9 +94,9 @@ def validate(
     definitions : mapping, optional
         Settings and scene parameters to override, like ``{"inim.pitch_mm": 0.5}``: text or
         numbers.
-    display : str or Display, optional
-        A preset's name; or a display, whatever the scene says of its own. Reports call a display
-        that is no preset after the nearest one: "nominal, changed".
+    display : str, path or Display, optional
+        A preset's name; or a display file or a display, whatever the scene says of its own.
+        Reports call a display that is no preset after the nearest one: "nominal, changed".
     algorithms : str, sequence or mapping, optional
         Text as after ``--algorithms``; names, with options (``"template:samples=2"``) or without;
         or options by name: ``{"template": {"samples": 2}, "wang2024": {}}``.

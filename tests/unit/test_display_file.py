@@ -8,6 +8,7 @@ import pytest
 
 from inim.errors import FileError, InimError, SceneError
 from inim.pipeline.plan import make_plan
+from inim.pipeline.python_values import request_values
 from inim.pipeline.request import Request
 from inim.scene.file import chosen_display
 from inim.sweep.run import Place
@@ -51,6 +52,13 @@ def test_a_file_replaces_all_that_a_scene_says_of_its_display_and_nothing_else(s
     assert plan.display == chosen_display(mine, [], "")[0]
     assert (plan.display.pitch_mm, plan.display.gap_mm) == (0.9957, 3.3)
     assert (plan.settings.eia_spp, plan.settings.view_spp) == (4, 64)
+
+
+def test_python_takes_a_path(scene, mine):
+    none = dict.fromkeys(("definitions", "algorithms", "viewpoints", "lens_model", "misalign"))
+    for display in (Path(mine), mine):
+        found = request_values(scene, display=display, **none)
+        assert make_plan(Request(scene, Path("unused"), **found)).display.pitch_mm == 0.9957
 
 
 def test_the_command_line_has_the_last_word_on_single_values(scene, mine):
