@@ -97,8 +97,8 @@ def main() -> None:
         _inim("calibrate", photographs, "--display", case.design.name, "-o", found)
         made = folder / "made"
         algorithm = "template:samples=4"
-        words = ("--display", found, "--algorithms", algorithm, "--viewpoints", "centre")
-        _inim("validate", args.scene, *words, "--preview", "-o", made)
+        which = ("--display", found, "--algorithms", algorithm, "--viewpoints", "centre")
+        _inim("validate", args.scene, *which, "--preview", "-o", made)
         eia, photograph = made / "eia" / f"{algorithm}.png", folder / "photograph.jpg"
         _photographed(case, eia, photograph)
         compared = folder / "compared"
