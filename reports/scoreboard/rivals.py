@@ -1,10 +1,10 @@
-"""Makers of views that are not the project's: two naive ones, and MPEG's Reference View Synthesizer.
+"""Makers of views that are not the project's: two naive ones, and MPEG's view synthesiser.
 
-RVS (https://gitlab.com/mpeg-i-visual/rvs, BSD) is the reference of MPEG's immersive video. Between
-neighbouring picture pixels it spans triangles, moves their corners, and draws them, the nearer on
-top; what stays empty shows its nearest pixel. It is given cameras that see the light field's
-disparity: their axes parallel, their principal points shifted, the farthest twice as far as the
-nearest.
+The Reference View Synthesizer (https://gitlab.com/mpeg-i-visual/rvs, BSD) is that of MPEG's
+immersive video. Between neighbouring picture pixels it spans triangles, moves their corners, and
+draws them, the nearer on top; what stays empty shows its nearest pixel. It is given cameras that
+see the light field's disparity: their axes parallel, their principal points shifted, the farthest
+depth twice the nearest.
 """
 
 from __future__ import annotations

@@ -35,9 +35,9 @@ _SIDE = 27
 _CONVERGED, _LEAST, _MOST = 4, 0.0, 9.0
 _SQUARE = 4
 _PLANES = 145
-# Views up to this far from the middle one; farther ones are less like it.
-_NEAR = 6
-_WINDOW = 1.0
+# Views up to this far from the middle one are compared with it: all of its row and column.
+_NEAR = 13
+_WINDOW = 1.5
 _SOURCE = "https://github.com/linusmossberg/light-field-renderer, scene by Alex Treviño after a "
 _SOURCE += "concept by Anaïs Maamar; disparity: estimated from all true views by a plane sweep"
 
@@ -109,9 +109,7 @@ def main() -> None:
         # A point at disparity d moves against the camera.
         top = rim - _CONVERGED * (row - _SIDE // 2)
         left = rim - _CONVERGED * (column - _SIDE // 2)
-        high, wide = (
-            (n - 2 * rim) // _SQUARE * _SQUARE for n in (whole.shape[0], whole.shape[1])
-        )
+        high, wide = ((n - 2 * rim) // _SQUARE * _SQUARE for n in (whole.shape[0], whole.shape[1]))
         cut = whole[top : top + high, left : left + wide]
         squares = cut.reshape(high // _SQUARE, _SQUARE, wide // _SQUARE, _SQUARE, 3)
         views[row, column] = np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
