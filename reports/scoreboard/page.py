@@ -24,8 +24,9 @@ _KINDS = {
 _COMMAND = "`python -m reports.scoreboard.run FOLDER ... --rvs RVS -o reports/scoreboard`"
 
 
-def page(results: list[dict[str, Any]]) -> str:
-    """The results in Markdown."""
+def page(data: Mapping[str, Any]) -> str:
+    """`scoreboard.json` in Markdown."""
+    results = data["light_fields"]
     lines = [
         "# Scoreboard: light fields with true views",
         "",
@@ -48,7 +49,7 @@ def page(results: list[dict[str, Any]]) -> str:
         "  the nearest on top, and empty ones take the nearest pixel. *RVS*: MPEG's Reference View",
         "  Synthesizer 4.0 (https://gitlab.com/mpeg-i-visual/rvs, BSD), `RVS CONFIG --noopengl`,",
         f"  {_settings()}, of one view with a 16-bit depth map. It shares no code with",
-        "  this project. Built of commit d757a35 with OpenCV 4.6.",
+        f"  this project. Its build: {data['rvs_build'] or 'not said'}.",
         "* `template_jit` is `template` by another compiler. A method without `fill` leaves holes",
         "  black.",
     ]

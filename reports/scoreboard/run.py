@@ -44,7 +44,7 @@ KINDS = ("shown", "uncovered", "beyond_edge")
 #: The project's first hits with the naive fill: what `fill=hidden` is worth by itself.
 NEAREST = "template, holes from the nearest pixel"
 _FILL = ":fill=hidden"
-# What matters beside an algorithm as it is. Filled, `li2012` is all fill: most of its panel is holes.
+# What matters beside an algorithm as it is. Most of `li2012`'s panel is holes: filled, it is fill.
 _OPTIONS = {
     "template": (_FILL, ":samples=4", f":samples=4{_FILL}", ":columns=solid"),
     "layered": (_FILL,),
@@ -70,8 +70,9 @@ class Scores:
 
     def pixel_share(self) -> dict[str, float]:
         """How many pixels of the true views are of each kind."""
-        counts = sum(np.bincount(k.ravel(), minlength=len(KINDS)) for k in self._kinds.values())
-        return dict(zip(KINDS, (counts / np.sum(counts)).tolist(), strict=True))
+        by_view = [np.bincount(k.ravel(), minlength=len(KINDS)) for k in self._kinds.values()]
+        counts = np.sum(by_view, axis=0)
+        return dict(zip(KINDS, (counts / counts.sum()).tolist(), strict=True))
 
     def of(self, views: Views) -> dict[str, Any]:
         """Scores over all views, of the worst, by distance, and where the squared error is.
@@ -148,7 +149,7 @@ def _made(
     yield NEAREST, scores.nearest_fill(), ""
     for name in methods():
         eia = codes(inim.generate(field.rgbd, field.display, name))
-        yield name, field.of_eia(eia), hashlib.sha256(eia).hexdigest()
+        yield name, field.of_eia(eia), hashlib.sha256(eia.data).hexdigest()
 
 
 def _linear(view: np.ndarray) -> np.ndarray:
@@ -193,6 +194,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folders", nargs="+", type=Path, help="light fields")
     parser.add_argument("--rvs", type=Path, help="executable of MPEG's RVS")
+    parser.add_argument("--rvs-build", default="", help="which one, in words, for the page")
     parser.add_argument("-o", "--out", type=Path, default=Path("reports/scoreboard"))
     args = parser.parse_args()
     results = []
@@ -201,9 +203,10 @@ def main() -> None:
         if not kept.is_file():
             _write(kept, measure(read(folder), args.rvs))
         results.append(json.loads(kept.read_text("utf-8")))
-    data = {"inim_version": inim.__version__, "light_fields": results}
+    about = {"inim_version": inim.__version__, "rvs_build": args.rvs_build}
+    data = {**about, "light_fields": results}
     _write(args.out / "scoreboard.json", data)
-    text = page(results)
+    text = page(data)
     write_atomically(args.out / "scoreboard.md", lambda p: p.write_text(text, "utf-8"))
 
 

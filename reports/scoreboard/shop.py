@@ -76,7 +76,8 @@ def sweep(views: np.ndarray, disparities: np.ndarray, near: int = _NEAR) -> np.n
     part = np.where(bend > 0, (before - after) / (2 * np.where(bend > 0, bend, 1)), 0)
     step = disparities[1] - disparities[0]
     found = disparities[best] + np.clip(part, -0.5, 0.5) * step
-    return median_filter(found, 3).astype(np.float32)
+    smooth: np.ndarray = median_filter(found, 3).astype(np.float32)
+    return smooth
 
 
 def _difference(

@@ -158,7 +158,7 @@ def test_a_folder_is_read_with_its_grid_its_rim_and_its_source(tmp_path):
 
 def test_the_page_lists_the_worst_first_and_names_who_loses(measured):
     _, _, result = measured
-    text = page([result])
+    text = page({"rvs_build": "", "light_fields": [result]})
     board = text.split("## plane")[1].split("##")[0]
     rows = [row.split("|") for row in board.splitlines() if row.startswith("| ")]
     psnrs = [row[2].strip() for row in rows[2:]]
@@ -170,7 +170,7 @@ def test_the_page_lists_the_worst_first_and_names_who_loses(measured):
 def test_the_committed_page_is_that_of_the_committed_results():
     folder = Path(__file__).parents[2] / "reports/scoreboard"
     data = json.loads((folder / "scoreboard.json").read_text("utf-8"))
-    assert (folder / "scoreboard.md").read_text("utf-8") == page(data["light_fields"])
+    assert (folder / "scoreboard.md").read_text("utf-8") == page(data)
     assert len(data["light_fields"]) >= 3
     assert max(result["views"] for result in data["light_fields"]) >= 700
     for result in data["light_fields"]:
