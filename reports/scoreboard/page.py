@@ -13,7 +13,7 @@ __all__ = ["page"]
 _LABELS = {
     "copy": "copy of the middle view",
     "splat": "naive splat, nearest fill",
-    "rvs": "RVS 4.0 (MPEG)",
+    "rvs": "RVS (MPEG)",
 }
 _SPLIT = ("splat", "template, holes from the nearest pixel", "template:samples=4:fill=hidden")
 _KINDS = {
@@ -22,6 +22,39 @@ _KINDS = {
     "beyond_edge": "beyond the picture's edge, a hole",
 }
 _COMMAND = "`python -m reports.scoreboard.run FOLDER ... --rvs RVS -o reports/scoreboard`"
+_WHY = """\
+![One row of pixels in all views of the middle row: the truth, and methods](strip.png)
+
+One row of pixels of *shop*, a line a view
+(`python -m reports.scoreboard.strip shop --row 72 --rvs RVS -o reports/scoreboard/strip.png`).
+The project's algorithms and the splat show each colour of a whole picture pixel: edges run in
+stairs. RVS interpolates between pixels, `samples=4` softens. `gu2020` meets what lies on a ray at
+the depths that it steps through, `wang2024` at the entries of its matrix. `li2012` puts each picture
+pixel through each lens on one panel pixel: with as few picture pixels as lenses most of the panel
+stays empty.""".splitlines()
+_MEASURED = """\
+* PSNR is that of the mean squared error of all views, in dB; SSIM a mean over views.
+* *Shown* is the PSNR of those pixels alone that the middle view shows, too: what an algorithm
+  does wrong, without what it cannot know. A dash: equal to the last bit.
+* *Next* and *farthest*: PSNR of the views next to the middle one, and at the grid's rim; all
+  distances are in the JSON.
+* A method without `fill` leaves holes black. `template_jit` is `template` by another compiler.
+* *Copy*: every view is the middle view. *Naive splat*: each pixel moves to its place, the nearest
+  on top, and empty ones take the nearest pixel.
+* *RVS*: MPEG's Reference View Synthesizer (https://gitlab.com/mpeg-i-visual/rvs, BSD), by
+  `RVS CONFIG --noopengl`, of one view with a 16-bit depth map. It shares no code with this project.\
+""".splitlines()
+_NOT_MEASURED = """\
+## What this does not measure
+
+* No display: neither lenses, nor their blur and crosstalk, nor an eye. A panel pixel here is one
+  pixel of one view, and a lens one pixel of the picture.
+* No relic before black: these pictures fill their frame, and disparities are small. `fill=hidden`
+  is made for that, the default of every algorithm is not.
+* Where disparity was estimated, its errors count against all methods alike, and hide part of what
+  is between them. Of *shop* it was found in the true views themselves.
+* Shine moves with the eye: one picture does not say how, and no method here tries.
+* No synthesiser that has learned from pictures is among the others.""".splitlines()
 
 
 def page(data: Mapping[str, Any]) -> str:
@@ -31,27 +64,21 @@ def page(data: Mapping[str, Any]) -> str:
         "# Scoreboard: light fields with true views",
         "",
         "Each method is given the middle view of a light field and its disparity, and makes all",
-        f"other views; they are compared with the true ones. Made by {_COMMAND}, whose docstring",
-        "says what a folder holds. All figures: `scoreboard.json`.",
+        "other views; they are compared with the true ones. Made by",
+        f"{_COMMAND},",
+        "whose docstring says what a folder holds. All figures: `scoreboard.json`.",
         "",
         "## What it says",
         "",
         *(line for result in results for line in _verdict(result)),
         "",
+        *_WHY,
+        "",
         "## What was measured",
         "",
-        "* PSNR is that of the mean squared error of all views, in dB; SSIM a mean over views.",
-        "* *Shown* is the PSNR of those pixels alone that the middle view shows, too: what an",
-        "  algorithm does wrong, without what it cannot know. A dash: equal to the last bit.",
-        "* *Next* and *farthest*: PSNR of the views next to the middle one, and at the grid's rim;",
-        "  all distances are in the JSON.",
-        "* *Copy*: every view is the middle view. *Naive splat*: each pixel moves to its place,",
-        "  the nearest on top, and empty ones take the nearest pixel. *RVS*: MPEG's Reference View",
-        "  Synthesizer 4.0 (https://gitlab.com/mpeg-i-visual/rvs, BSD), `RVS CONFIG --noopengl`,",
-        f"  {_settings()}, of one view with a 16-bit depth map. It shares no code with",
-        f"  this project. Its build: {data['rvs_build'] or 'not said'}.",
-        "* `template_jit` is `template` by another compiler. A method without `fill` leaves holes",
-        "  black.",
+        *_MEASURED,
+        f"  Its settings: {_settings()}.",
+        f"  Its build: {data['rvs_build'] or 'not said'}.",
     ]
     for result in results:
         lines += _board(result)
@@ -59,17 +86,7 @@ def page(data: Mapping[str, Any]) -> str:
     lines += _sources(results)
     lines += [
         "",
-        "## What this does not measure",
-        "",
-        "* No display: neither lenses, nor their blur and crosstalk, nor an eye. A panel pixel",
-        "  here is one pixel of one view.",
-        "* No relic's depth: ranges are small, ±3 pixels from view to view at most. Most of these",
-        "  pictures fill their frame; relics before black do not.",
-        "* Of *shop* the disparity was found in the true views themselves, of *cotton* and *dino*",
-        "  by an estimator: errors of disparity count against all methods alike, and hide part of",
-        "  what is between them.",
-        "* Shine moves with the eye: a method of one picture cannot know how, and none here tries.",
-        "* No synthesiser that has learned from pictures is among the others.",
+        *_NOT_MEASURED,
     ]
     return "\n".join(lines) + "\n"
 

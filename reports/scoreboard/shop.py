@@ -39,7 +39,8 @@ _PLANES = 145
 _NEAR = 13
 _WINDOW = 1.5
 _SOURCE = "https://github.com/linusmossberg/light-field-renderer, scene by Alex Treviño after a "
-_SOURCE += "concept by Anaïs Maamar; disparity: estimated from all true views by a plane sweep"
+_SOURCE += "concept by Anaïs Maamar; disparity: estimated from the true views by a plane sweep"
+_LICENCE = "of the repository: MIT; of the scene itself it says nothing"
 
 
 def sweep(views: np.ndarray, disparities: np.ndarray, near: int = _NEAR) -> np.ndarray:
@@ -120,7 +121,7 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     write_hci(args.out, grid)
     write_pfm(args.out / "estimated.pfm", disparity)
-    about = {"source": _SOURCE, "licence": "MIT, as the repository says"}
+    about = {"source": _SOURCE, "licence": _LICENCE}
     (args.out / "source.json").write_text(json.dumps(about, ensure_ascii=False), "utf-8")
 
 
