@@ -8,14 +8,16 @@ from typing import Any
 
 from reports.scoreboard.rivals import RVS_SETTINGS
 
-__all__ = ["page"]
+__all__ = ["NEAREST", "page"]
 
 _LABELS = {
     "copy": "copy of the middle view",
     "splat": "naive splat, nearest fill",
     "rvs": "RVS (MPEG)",
 }
-_SPLIT = ("splat", "template, holes from the nearest pixel", "template:samples=4:fill=hidden")
+#: The project's first hits with the naive fill: what `fill=hidden` is worth by itself.
+NEAREST = "template, holes from the nearest pixel"
+_SPLIT = ("splat", NEAREST, "template:samples=4:fill=hidden")
 _KINDS = {
     "shown": "shown",
     "uncovered": "uncovered, a hole",
@@ -29,9 +31,9 @@ One row of pixels of *shop*, a line a view
 (`python -m reports.scoreboard.strip shop --row 72 --rvs RVS -o reports/scoreboard/strip.png`).
 The project's algorithms and the splat show each colour of a whole picture pixel: edges run in
 stairs. RVS interpolates between pixels, `samples=4` softens. `gu2020` meets what lies on a ray at
-the depths that it steps through, `wang2024` at the entries of its matrix. `li2012` puts each picture
-pixel through each lens on one panel pixel: with as few picture pixels as lenses most of the panel
-stays empty.""".splitlines()
+the depths that it steps through, `wang2024` at the entries of its matrix. `li2012` puts each
+picture pixel through each lens on one panel pixel: with a lens for each picture pixel, and
+disparities below 1, most of the panel stays empty.""".splitlines()
 _MEASURED = """\
 * PSNR is that of the mean squared error of all views, in dB; SSIM a mean over views.
 * *Shown* is the PSNR of those pixels alone that the middle view shows, too: what an algorithm
@@ -39,10 +41,11 @@ _MEASURED = """\
 * *Next* and *farthest*: PSNR of the views next to the middle one, and at the grid's rim; all
   distances are in the JSON.
 * A method without `fill` leaves holes black. `template_jit` is `template` by another compiler.
+* `gu2020` steps by the display's pixel in focus, here an eighth of a pixel of disparity.
 * *Copy*: every view is the middle view. *Naive splat*: each pixel moves to its place, the nearest
   on top, and empty ones take the nearest pixel.
 * *RVS*: MPEG's Reference View Synthesizer (https://gitlab.com/mpeg-i-visual/rvs, BSD), by
-  `RVS CONFIG --noopengl`, of one view with a 16-bit depth map. It shares no code with this project.\
+  `RVS CONFIG --noopengl`, of one view with a 16-bit depth map. It shares no code with inim.\
 """.splitlines()
 _NOT_MEASURED = """\
 ## What this does not measure
@@ -111,7 +114,7 @@ def _label(method: str) -> str:
 def _verdict(result: Mapping[str, Any]) -> list[str]:
     """The best of the project, how far it is from the others' and who loses to whom."""
     methods = result["methods"]
-    own = {name: _psnr(s) for name, s in methods.items() if name not in _LABELS}
+    own = {name: _psnr(s) for name, s in methods.items() if name not in (*_LABELS, NEAREST)}
     best = max(own, key=own.__getitem__)
     text = f"* **{result['name']}**: best of the project is {_label(best)}, {own[best]:.2f} dB"
     rivals = [name for name in _LABELS if name in methods]

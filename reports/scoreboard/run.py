@@ -32,17 +32,15 @@ from inim.generators import HOLE, algorithm_names, prepare
 from inim.generators.raycast.fill import Filled
 from inim.metrics import find, score_maps
 from reports.scoreboard.field import LightField, Place, Views, codes, read
-from reports.scoreboard.page import page
+from reports.scoreboard.page import NEAREST, page
 from reports.scoreboard.rivals import copy, nearest, rvs, splat
 
-__all__ = ["KINDS", "NEAREST", "Scores", "measure", "methods"]
+__all__ = ["KINDS", "Scores", "measure", "methods"]
 
 RUNS = Path("out", "scoreboard")
 #: Of a true view's pixels: the picture shows what is there; does not, for something hides it; or
 #: does not, for it lies beyond the picture's edge.
 KINDS = ("shown", "uncovered", "beyond_edge")
-#: The project's first hits with the naive fill: what `fill=hidden` is worth by itself.
-NEAREST = "template, holes from the nearest pixel"
 _FILL = ":fill=hidden"
 # What matters beside an algorithm as it is. Most of `li2012`'s panel is holes: filled, it is fill.
 _OPTIONS = {

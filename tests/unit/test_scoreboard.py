@@ -13,9 +13,9 @@ from PIL import Image
 from inim.files.picture import write_pfm
 from inim.generators import algorithm_names
 from reports.scoreboard.field import LightField, of_views, read
-from reports.scoreboard.page import page
+from reports.scoreboard.page import NEAREST, page
 from reports.scoreboard.rivals import copy, rvs, splat
-from reports.scoreboard.run import KINDS, NEAREST, Scores, measure, methods
+from reports.scoreboard.run import KINDS, Scores, measure, methods
 from reports.scoreboard.shop import sweep
 
 SIDE, ROWS, COLUMNS, RIM = 5, 24, 30, 8
