@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from math import inf
 from typing import Any
 
+from inim.generators.registry import DEFAULT
 from reports.scoreboard.rivals import RVS_SETTINGS
 
 __all__ = ["NEAREST", "page"]
@@ -73,6 +74,8 @@ def page(data: Mapping[str, Any]) -> str:
         "",
         "## What it says",
         "",
+        *_tally(results),
+        "",
         *(line for result in results for line in _verdict(result)),
         "",
         *_WHY,
@@ -111,10 +114,34 @@ def _label(method: str) -> str:
     return _LABELS.get(method, f"`{method}`")
 
 
+def _tally(results: list[dict[str, Any]]) -> list[str]:
+    """Over all light fields: how often the best of the project, and its default, are ahead."""
+    lines = []
+    for rival, label in _LABELS.items():
+        met = [r["methods"] for r in results if rival in r["methods"]]
+        best, default = (
+            sum(ahead(m) > _psnr(m[rival]) for m in met)
+            for ahead in (_best_of, lambda m: _psnr(m[DEFAULT]))
+        )
+        lines.append(
+            f"* Above {label}, of {len(met)} light fields: the best of the project on {best}, "
+            f"`{DEFAULT}` as it is on {default}."
+        )
+    return lines
+
+
+def _own(methods: Mapping[str, Any]) -> dict[str, float]:
+    return {name: _psnr(s) for name, s in methods.items() if name not in (*_LABELS, NEAREST)}
+
+
+def _best_of(methods: Mapping[str, Any]) -> float:
+    return max(_own(methods).values())
+
+
 def _verdict(result: Mapping[str, Any]) -> list[str]:
     """The best of the project, how far it is from the others' and who loses to whom."""
     methods = result["methods"]
-    own = {name: _psnr(s) for name, s in methods.items() if name not in (*_LABELS, NEAREST)}
+    own = _own(methods)
     best = max(own, key=own.__getitem__)
     text = f"* **{result['name']}**: best of the project is {_label(best)}, {own[best]:.2f} dB"
     rivals = [name for name in _LABELS if name in methods]
