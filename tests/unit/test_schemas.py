@@ -54,7 +54,7 @@ ROOT = Path(__file__).parents[2]
 # the project's own have tables of their own.
 OWN_KIND = {
     STUDY,
-    ROOT / "reports/light_fields/light_fields.json",
+    ROOT / "reports/scoreboard/scoreboard.json",
     ROOT / "reports/one_picture/one_picture.json",
     ROOT / "reports/calibration/calibration.json",
     ROOT / "reports/calibration/shown.json",

@@ -1,0 +1,159 @@
+"""A light field with true views, and its middle view as a picture for a display.
+
+A folder holds views ``input_CamNNN.png`` of a square grid, numbered row by row from the upper left,
+of which some may be missing but not the middle one, and one ``.pfm`` with the middle view's
+disparity: pixels to the next view, positive where nearer. So does the 4D Light Field Benchmark
+(Honauer et al., ACCV 2016). The grid's side is ``num_cams_x`` of ``parameters.cfg``; without it the
+benchmark's, 9. A disparity of fewer pixels is one whose rim was left out: it is carried on to the
+rim. ``source.json``, if there, says in ``source`` and ``licence`` where the views are from.
+"""
+
+from __future__ import annotations
+
+import configparser
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import inim
+from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.files.light_field import sub_aperture_views
+from inim.files.picture import read_pfm
+from inim.rgbd import RGBD
+
+__all__ = ["LightField", "Place", "Views", "codes", "of_views", "read"]
+
+Place = tuple[int, int]
+#: Places in the grid, (row, column), and (H, W, 3) uint8 sRGB.
+Views = Iterator[tuple[Place, np.ndarray]]
+
+_SIDE = 9
+_VIEW = re.compile(r"input_Cam(\d+)\.png")
+# Gap less focal length, times the squared side: whatever the grid, the pixel in focus, which
+# `gu2020` steps by, is an eighth of a pixel of disparity.
+_DEFOCUS_MM = 8.1
+# In front of all and behind it, pixels of disparity.
+_IN_FRONT, _BEHIND = 1 / 81, 5 / 81
+
+
+@dataclass(frozen=True)
+class LightField:
+    """True views, and what a method is given to make them of.
+
+    Attributes
+    ----------
+    name : str
+    side : int
+        Views in a row and in a column.
+    views : {(row, column): (H, W, 3) uint8}
+        The true ones, sRGB; all there are but the middle one.
+    rgbd : RGBD
+        The middle view and its depth.
+    display : Display
+        A lens for each picture pixel, a panel pixel for each view.
+    disparity_file, source, licence : str
+    """
+
+    name: str
+    side: int
+    views: dict[Place, np.ndarray]
+    rgbd: RGBD
+    display: inim.Display
+    disparity_file: str = ""
+    source: str = ""
+    licence: str = ""
+
+    @property
+    def disparity(self) -> np.ndarray:
+        """Pixels to the next view, (H, W)."""
+        return self.rgbd.depth_mm / np.float32(self.side**2)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """The middle view, (H, W, 3) uint8 sRGB."""
+        return codes(self.rgbd.color)
+
+    def offset(self, place: Place) -> Place:
+        """Rows and columns from the middle view."""
+        return place[0] - self.side // 2, place[1] - self.side // 2
+
+    def ring(self, place: Place) -> int:
+        """Views from the middle one, along the axis along which they are more."""
+        return max(map(abs, self.offset(place)))
+
+    def of_eia(self, eia: np.ndarray) -> Iterator[tuple[Place, np.ndarray]]:
+        """Each view's place, and what an EIA shows there."""
+        made = sub_aperture_views(eia, self.display)
+        return ((place, made[place]) for place in self.views)
+
+
+def codes(linear: np.ndarray) -> np.ndarray:
+    """Linear light as uint8 sRGB."""
+    return srgb_to_uint8(srgb_from_linear(linear))
+
+
+def of_views(
+    name: str,
+    side: int,
+    views: dict[Place, np.ndarray],
+    disparity: np.ndarray,
+    disparity_file: str = "",
+    source: str = "",
+    licence: str = "",
+) -> LightField:
+    """A light field of its views, the middle one among them, and that one's disparity."""
+    others = dict(views)
+    middle = others.pop((side // 2, side // 2))
+    rows, columns = disparity.shape
+    # One lens a pixel; z = side^2 d of disparity d moves by d pixels from view to view.
+    pixel_mm = np.float32(side**2)
+    depth = pixel_mm * disparity
+    display = inim.Display(
+        pitch_mm=1.0,
+        focal_length_mm=side - round(_DEFOCUS_MM / side**2, 4),
+        gap_mm=float(side),
+        pixel_pitch_mm=1 / side,
+        lens_columns=columns,
+        lens_rows=rows,
+        depth_min_mm=float(depth.min()) - float(_BEHIND * pixel_mm),
+        depth_max_mm=float(depth.max()) + float(_IN_FRONT * pixel_mm),
+    )
+    color = linear_from_srgb(middle.astype(np.float32) / 255)
+    rgbd = RGBD(color, depth, np.ones(depth.shape, bool), 1.0)
+    return LightField(name, side, others, rgbd, display, disparity_file, source, licence)
+
+
+def read(folder: Path) -> LightField:
+    """Read a light field's folder; see the module."""
+    from PIL import Image
+
+    side = _side(folder)
+    views = {}
+    for path in sorted(folder.iterdir()):
+        if found := _VIEW.fullmatch(path.name):
+            views[divmod(int(found[1]), side)] = np.asarray(Image.open(path).convert("RGB"))
+    (file,) = folder.glob("*.pfm")
+    disparity = read_pfm(file)
+    shape = views[(side // 2, side // 2)].shape
+    rim = [((n - m) // 2,) * 2 for n, m in zip(shape, disparity.shape, strict=False)]
+    said = folder / "source.json"
+    about = json.loads(said.read_text("utf-8")) if said.is_file() else {}
+    return of_views(
+        folder.name,
+        side,
+        views,
+        np.pad(disparity, rim, mode="edge"),
+        file.name,
+        about.get("source", ""),
+        about.get("licence", ""),
+    )
+
+
+def _side(folder: Path) -> int:
+    parameters = configparser.ConfigParser(interpolation=None)
+    parameters.read(folder / "parameters.cfg", "utf-8")
+    return parameters.getint("extrinsics", "num_cams_x", fallback=_SIDE)

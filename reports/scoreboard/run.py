@@ -1,0 +1,218 @@
+"""Light fields with true views: what each algorithm makes of the middle view, beside others' work.
+
+    python -m reports.scoreboard.run FOLDER ... --rvs RVS -o reports/scoreboard
+
+Folders are light fields (`reports.scoreboard.field`); their pictures stay with whoever runs this,
+what is committed are figures. ``--rvs`` is the executable of MPEG's Reference View Synthesizer
+(`reports.scoreboard.rivals`); without it its row is missing. Results lie in ``out/scoreboard``,
+too, a file a light field; one that is there is taken as it is: remove it after a change.
+
+The middle view and its disparity become a picture, the light field's grid a display: a lens for
+each picture pixel, a panel pixel for each direction, so that a method's EIA is the light field, and
+its sub-aperture views are compared with the true ones. All views are of 8 bits.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import inim
+from inim.color import linear_from_srgb
+from inim.files.image import write_atomically
+from inim.files.light_field import sub_aperture_views
+from inim.generators import HOLE, algorithm_names, prepare
+from inim.generators.raycast.fill import Filled
+from inim.metrics import find, score_maps
+from reports.scoreboard.field import LightField, Place, Views, codes, read
+from reports.scoreboard.page import NEAREST, page
+from reports.scoreboard.rivals import copy, nearest, rvs, splat
+
+__all__ = ["KINDS", "Scores", "measure", "methods"]
+
+RUNS = Path("out", "scoreboard")
+#: Of a true view's pixels: the picture shows what is there; does not, for something hides it; or
+#: does not, for it lies beyond the picture's edge.
+KINDS = ("shown", "uncovered", "beyond_edge")
+_FILL = ":fill=hidden"
+# What matters beside an algorithm as it is. Most of `li2012`'s panel is holes: filled, it is fill.
+_OPTIONS = {
+    "template": (_FILL, ":samples=4", f":samples=4{_FILL}", ":columns=solid"),
+    "layered": (_FILL,),
+    "gu2020": (_FILL,),
+    "wang2024": (":matching=ray", f":matching=ray{_FILL}"),
+}
+
+
+def methods() -> list[str]:
+    """Every algorithm that is installed, and of the project's own their options that matter."""
+    return [name + o for name in algorithm_names() for o in ("", *_OPTIONS.get(name, ()))]
+
+
+class Scores:
+    """How views compare with a light field's true ones."""
+
+    def __init__(self, field: LightField) -> None:
+        self._field = field
+        self._true = {place: _linear(view) for place, view in field.views.items()}
+        self._left = _left(field)
+        holes = sub_aperture_views(self._left, field.display)
+        self._kinds = {place: _kinds(field, place, holes[place] == HOLE) for place in field.views}
+
+    def pixel_share(self) -> dict[str, float]:
+        """How many pixels of the true views are of each kind."""
+        by_view = [np.bincount(k.ravel(), minlength=len(KINDS)) for k in self._kinds.values()]
+        counts = np.sum(by_view, axis=0)
+        return dict(zip(KINDS, (counts / counts.sum()).tolist(), strict=True))
+
+    def of(self, views: Views) -> dict[str, Any]:
+        """Scores over all views, of the worst, by distance, and where the squared error is.
+
+        PSNR is that of the mean squared error, null of equal pictures; SSIM a mean over views.
+        """
+        ssim = find("ssim")
+        assert ssim is not None
+        by_view: dict[Place, tuple[float, float]] = {}
+        squared, pixels = np.zeros(len(KINDS)), np.zeros(len(KINDS))
+        for place, view in views:
+            maps = score_maps(self._true[place], _linear(view), ("ssim", "psnr_db"))
+            errors, kinds = maps["psnr_db"], self._kinds[place].ravel()
+            squared += np.bincount(kinds, errors.ravel(), len(KINDS))
+            pixels += np.bincount(kinds, minlength=len(KINDS))
+            by_view[place] = float(errors.mean()), ssim.score(maps["ssim"])
+        if by_view.keys() != self._true.keys():
+            raise ValueError(f"{len(by_view)} views made; the light field has {len(self._true)}")
+        worst = max(by_view, key=lambda place: by_view[place][0])
+        rings = sorted({self._field.ring(place) for place in by_view})
+        total = squared.sum()
+        return {
+            **_mean(list(by_view.values())),
+            "shown_psnr_db": _decibels(squared[0] / pixels[0]),
+            "worst_view": {"place": list(worst), **_mean([by_view[worst]])},
+            "by_distance": {
+                str(ring): _mean([by_view[p] for p in by_view if self._field.ring(p) == ring])
+                for ring in rings
+            },
+            "error_share": dict(zip(KINDS, (squared / (total or 1)).tolist(), strict=True)),
+        }
+
+    def nearest_fill(self) -> Views:
+        """First hits, each hole from the nearest pixel of its own view, whatever that shows."""
+        palette = self._field.middle.reshape(-1, 3)
+        for place, view in self._field.of_eia(self._left):
+            yield place, palette[view[nearest(view == HOLE)]]
+
+
+def measure(field: LightField, program: Path | None = None) -> dict[str, Any]:
+    """Score every method on a light field, RVS where there is one."""
+    scores = Scores(field)
+    made: dict[str, Any] = {}
+    by_digest: dict[str, dict[str, Any]] = {}
+    for name, views, digest in _made(field, scores, program):
+        # Algorithms that make the same panel, bit for bit, have the same scores.
+        made[name] = by_digest.get(digest) or scores.of(views)
+        by_digest[digest or name] = made[name]
+        psnr = made[name]["psnr_db"]
+        print(f"{field.name:12} {name:45} {psnr and round(psnr, 2)} dB", flush=True)
+    low, high = float(field.disparity.min()), float(field.disparity.max())
+    return {
+        "name": field.name,
+        "source": field.source,
+        "licence": field.licence,
+        "side": field.side,
+        "views": len(field.views),
+        "view_px": [field.rgbd.shape[1], field.rgbd.shape[0]],
+        "disparity": field.disparity_file,
+        "disparity_range_px": [low, high],
+        "pixel_share": scores.pixel_share(),
+        "methods": made,
+    }
+
+
+def _made(
+    field: LightField, scores: Scores, program: Path | None
+) -> Iterator[tuple[str, Views, str]]:
+    """Each method's name, its views, and its panel's digest if it has a panel."""
+    yield "copy", copy(field), ""
+    yield "splat", splat(field), ""
+    if program:
+        yield "rvs", rvs(field, program), ""
+    yield NEAREST, scores.nearest_fill(), ""
+    for name in methods():
+        eia = codes(inim.generate(field.rgbd, field.display, name))
+        yield name, field.of_eia(eia), hashlib.sha256(eia.data).hexdigest()
+
+
+def _linear(view: np.ndarray) -> np.ndarray:
+    linear: np.ndarray = linear_from_srgb(view.astype(np.float32) / 255)
+    return linear
+
+
+def _mean(scored: list[tuple[float, float]]) -> dict[str, float | None]:
+    squared, similar = np.mean(scored, axis=0)
+    return {"psnr_db": _decibels(squared), "ssim": float(similar)}
+
+
+def _decibels(squared: float) -> float | None:
+    # Codes of 8 bits that are equal differ by the rounding of the sRGB curve, there and back.
+    return None if squared < (1e-3 / 255) ** 2 else float(-10 * np.log10(squared))
+
+
+def _left(field: LightField) -> np.ndarray:
+    """Sources of the panel, with the holes that a fill is given."""
+    shape, pixel = field.rgbd.shape, field.rgbd.pixel_mm
+    made = prepare(field.display, f"template{_FILL}", shape=shape, pixel_mm=pixel)
+    assert isinstance(made, Filled)
+    cells: np.ndarray = made.left.sources(field.rgbd)
+    return cells
+
+
+def _kinds(field: LightField, place: Place, holes: np.ndarray) -> np.ndarray:
+    """Index of each pixel's kind: a hole is beyond the edge if its ray leaves the picture."""
+    rows, columns = np.indices(holes.shape)
+    down, across = field.offset(place)
+    leaves = np.zeros(holes.shape, bool)
+    for disparity in (field.disparity.min(), field.disparity.max()):
+        row, column = rows + disparity * down, columns + disparity * across
+        leaves |= (row < 0) | (row > holes.shape[0] - 1)
+        leaves |= (column < 0) | (column > holes.shape[1] - 1)
+    kinds: np.ndarray = holes * (1 + (holes & leaves))
+    return kinds
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("folders", nargs="+", type=Path, help="light fields")
+    parser.add_argument("--rvs", type=Path, help="executable of MPEG's RVS")
+    parser.add_argument("--rvs-build", default="", help="which one, in words, for the page")
+    parser.add_argument("-o", "--out", type=Path, default=Path("reports/scoreboard"))
+    args = parser.parse_args()
+    results = []
+    for folder in args.folders:
+        kept = RUNS / f"{folder.resolve().name}.json"
+        if not kept.is_file():
+            _write(kept, measure(read(folder), args.rvs))
+        results.append(json.loads(kept.read_text("utf-8")))
+    about = {"inim_version": inim.__version__, "rvs_build": args.rvs_build}
+    data = {**about, "light_fields": results}
+    _write(args.out / "scoreboard.json", data)
+    text = page(data)
+    write_atomically(args.out / "scoreboard.md", lambda p: p.write_text(text, "utf-8"))
+
+
+def _write(path: Path, data: dict[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(data, indent=1) + "\n"
+    write_atomically(path, partial(Path.write_text, data=text, encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""Make a light field of the 27 x 27 views of "shop", rendered by others with camera positions.
+
+    python -m reports.scoreboard.shop light-fields/shop -o FOLDER/shop
+
+The views are those of https://github.com/linusmossberg/light-field-renderer (MIT licence), 960 x
+640, cameras in steps of 30.8 mm, their axes parallel. A window that moves by a whole number of
+pixels from view to view brings the middle of the scene to disparity 0; what it leaves is averaged
+over squares of pixels, so that an elemental image array of all views fits in memory.
+
+No depth comes with them. The middle view's disparity is found in the true views, by a sweep of
+planes: of each disparity, how far the views that it brings to the middle one differ from it, in
+the mean over each of the four halves of them, the best of the halves, smoothed over a window. So
+it is right where views agree, and no measurement: all methods are given the same.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import gaussian_filter, median_filter
+from scipy.ndimage import shift as moved
+
+from inim.files.light_field import write_hci
+from inim.files.picture import write_pfm
+
+__all__ = ["sweep"]
+
+_NAME = re.compile(r".*_(\d\d)_(\d\d)_.*\.jpg")
+_SIDE = 27
+# Pixels of the stored views, from view to view: where the window goes, and how far disparities go.
+_CONVERGED, _LEAST, _MOST = 4, 0.0, 9.0
+_SQUARE = 4
+_PLANES = 145
+# Views up to this far from the middle one are compared with it: all of its row and column.
+_NEAR = 13
+_WINDOW = 1.5
+_SOURCE = "https://github.com/linusmossberg/light-field-renderer, scene by Alex Treviño after a "
+_SOURCE += "concept by Anaïs Maamar; disparity: estimated from the true views by a plane sweep"
+_LICENCE = "of the repository: MIT; of the scene itself it says nothing"
+
+
+def sweep(views: np.ndarray, disparities: np.ndarray, near: int = _NEAR) -> np.ndarray:
+    """The middle view's disparity.
+
+    Parameters
+    ----------
+    views : (n, n, H, W, 3) uint8
+        Row 0 from the uppermost eye, column 0 from the leftmost.
+    disparities : (planes,) float
+        To try, evenly spaced.
+    near : int
+        Views up to this far from the middle one are compared with it.
+
+    Returns
+    -------
+    (H, W) float32, pixels to the next view
+    """
+    middle = views.shape[0] // 2
+    reference = views[middle, middle].astype(np.float32)
+    offsets = [(s * k, 0) for k in range(1, near + 1) for s in (-1, 1)]
+    offsets += [(0, across) for across, _ in offsets]
+    halves = [[o for o in offsets if sign * o[axis] > 0] for axis in (0, 1) for sign in (-1, 1)]
+    costs = []
+    for disparity in disparities:
+        far = {o: _difference(views, reference, o, disparity) for o in offsets}
+        means = [np.mean([far[o] for o in half], axis=0) for half in halves]
+        costs.append(gaussian_filter(np.min(means, axis=0), _WINDOW))
+    cost = np.stack(costs)
+    best = np.clip(cost.argmin(axis=0), 1, len(disparities) - 2)
+    # The parabola through the least cost and its neighbours.
+    before, least, after = (np.take_along_axis(cost, (best + d)[None], 0)[0] for d in (-1, 0, 1))
+    bend = before - 2 * least + after
+    part = np.where(bend > 0, (before - after) / (2 * np.where(bend > 0, bend, 1)), 0)
+    step = disparities[1] - disparities[0]
+    found = disparities[best] + np.clip(part, -0.5, 0.5) * step
+    smooth: np.ndarray = median_filter(found, 3).astype(np.float32)
+    return smooth
+
+
+def _difference(
+    views: np.ndarray, reference: np.ndarray, offset: tuple[int, int], disparity: float
+) -> np.ndarray:
+    """How far a view, brought to the middle one by a disparity, differs from it."""
+    middle = views.shape[0] // 2
+    view = views[middle + offset[0], middle + offset[1]].astype(np.float32)
+    shift = (disparity * offset[0], disparity * offset[1], 0)
+    there: np.ndarray = np.abs(moved(view, shift, order=1, mode="nearest") - reference).sum(axis=-1)
+    return there
+
+
+def main() -> None:
+    """Read, cut, estimate, write."""
+    from PIL import Image
+
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("folder", type=Path, help="of the views as they are stored")
+    parser.add_argument("-o", "--out", type=Path, required=True)
+    args = parser.parse_args()
+    rim = _CONVERGED * (_SIDE // 2)
+    views = {}
+    for path in sorted(args.folder.glob("*.jpg")):
+        # Rows are numbered from the lowest camera, columns from the rightmost.
+        found = _NAME.fullmatch(path.name)
+        assert found
+        row, column = _SIDE - 1 - int(found[1]), _SIDE - 1 - int(found[2])
+        whole = np.asarray(Image.open(path).convert("RGB"))
+        # A point at disparity d moves against the camera.
+        top = rim - _CONVERGED * (row - _SIDE // 2)
+        left = rim - _CONVERGED * (column - _SIDE // 2)
+        high, wide = ((n - 2 * rim) // _SQUARE * _SQUARE for n in (whole.shape[0], whole.shape[1]))
+        cut = whole[top : top + high, left : left + wide]
+        squares = cut.reshape(high // _SQUARE, _SQUARE, wide // _SQUARE, _SQUARE, 3)
+        views[row, column] = np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
+    grid = np.stack([np.stack([views[r, c] for c in range(_SIDE)]) for r in range(_SIDE)])
+    tried = np.linspace(_LEAST - _CONVERGED, _MOST - _CONVERGED, _PLANES) / _SQUARE
+    disparity = sweep(grid, tried)
+    args.out.mkdir(parents=True, exist_ok=True)
+    write_hci(args.out, grid)
+    write_pfm(args.out / "estimated.pfm", disparity)
+    about = {"source": _SOURCE, "licence": _LICENCE}
+    (args.out / "source.json").write_text(json.dumps(about, ensure_ascii=False), "utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""One row of pixels as all views of the middle row see it: the truth, and methods.
+
+    python -m reports.scoreboard.strip FOLDER --row 72 --rvs RVS -o reports/scoreboard/strip.png
+
+A line a view, the leftmost eye's on top: an epipolar image. What lies at one depth makes a straight
+edge, steeper where disparity is less; what comes out from behind something begins at its edge.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import inim
+from inim.files.image import write_atomically
+from reports.scoreboard.field import LightField, Views, codes, read
+from reports.scoreboard.rivals import rvs, splat
+
+_ALGORITHMS = ("template:samples=4:fill=hidden", "template:samples=4", "gu2020", "wang2024")
+_ENLARGED, _GAP = 4, 6
+
+
+def strip(views: Views, field: LightField, row: int) -> np.ndarray:
+    """A line a view, (side, columns, 3) uint8; the middle view among them."""
+    lines = {place[1]: view[row] for place, view in views}
+    lines[field.side // 2] = field.middle[row]
+    return np.stack([lines[column] for column in range(field.side)])
+
+
+def main() -> None:
+    """Make and draw."""
+    from PIL import Image, ImageDraw
+
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("folder", type=Path, help="a light field")
+    parser.add_argument("--row", type=int, required=True, help="of pixels")
+    parser.add_argument("--rvs", type=Path, required=True, help="executable of MPEG's RVS")
+    parser.add_argument("-o", "--out", type=Path, required=True)
+    args = parser.parse_args()
+    whole = read(args.folder)
+    row = whole.side // 2
+    field = replace(whole, views={p: v for p, v in whole.views.items() if p[0] == row})
+    made = {
+        "true views": iter(field.views.items()),
+        "naive splat": splat(field),
+        "RVS": rvs(field, args.rvs),
+        **{
+            name: field.of_eia(codes(inim.generate(field.rgbd, field.display, name)))
+            for name in _ALGORITHMS
+        },
+    }
+    high, wide = field.side * _ENLARGED, field.rgbd.shape[1] * _ENLARGED
+    text = 14
+    sheet = Image.new("RGB", (wide, len(made) * (high + text + _GAP)), "white")
+    draw = ImageDraw.Draw(sheet)
+    for n, (name, views) in enumerate(made.items()):
+        top = n * (high + text + _GAP)
+        draw.text((2, top + 1), name, fill="black")
+        drawn = Image.fromarray(strip(views, field, args.row))
+        sheet.paste(drawn.resize((wide, high), Image.Resampling.NEAREST), (0, top + text))
+    write_atomically(args.out, lambda p: sheet.quantize().save(p, "PNG", optimize=True))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,177 @@
+"""The scoreboard: what is known in closed form, a textured plane, is scored as it must be."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.files.picture import write_pfm
+from inim.generators import algorithm_names
+from reports.scoreboard.field import LightField, of_views, read
+from reports.scoreboard.page import NEAREST, page
+from reports.scoreboard.rivals import copy, rvs, splat
+from reports.scoreboard.run import KINDS, Scores, measure, methods
+from reports.scoreboard.shop import sweep
+
+SIDE, ROWS, COLUMNS, RIM = 5, 24, 30, 8
+GREY = 90
+
+
+def plane(disparity: int) -> LightField:
+    """A textured plane with a grey rim: a view is the next one, shifted by the disparity."""
+    wide = np.full((ROWS + 2 * RIM, COLUMNS + 2 * RIM, 3), GREY, np.uint8)
+    inner = 2 * RIM
+    texture = np.random.default_rng(5).integers(0, 256, wide[inner:-inner, inner:-inner].shape)
+    wide[inner:-inner, inner:-inner] = texture
+    views = {}
+    for row, column in np.ndindex(SIDE, SIDE):
+        top, left = (RIM + disparity * (n - SIDE // 2) for n in (row, column))
+        views[row, column] = wide[top : top + ROWS, left : left + COLUMNS]
+    return of_views("plane", SIDE, views, np.full((ROWS, COLUMNS), disparity, np.float32))
+
+
+# Four rays of a panel pixel lie a quarter of a view apart from its own: at disparity 2 they would
+# meet the border of the next picture pixel.
+@pytest.fixture(scope="module", params=[-1, 1])
+def measured(request):
+    return request.param, plane(request.param), measure(plane(request.param))
+
+
+def test_every_algorithm_shows_a_plane_to_the_last_bit_where_the_picture_does(measured):
+    _, _, result = measured
+    for name in methods():
+        assert result["methods"][name]["shown_psnr_db"] is None, name
+    assert set(algorithm_names()) <= result["methods"].keys()
+
+
+def test_what_fills_continues_the_plane_beyond_the_edge(measured):
+    _, _, result = measured
+    assert result["pixel_share"]["beyond_edge"] > 0
+    filling = ["splat", NEAREST, *(name for name in methods() if "fill=" in name)]
+    for name in filling:
+        assert result["methods"][name]["psnr_db"] is None, name
+        assert result["methods"][name]["ssim"] == pytest.approx(1)
+
+
+def test_black_holes_are_beyond_the_edge_and_count(measured):
+    disparity, _, result = measured
+    shares = [1 - (1 - abs(disparity * r) / ROWS) * (1 - abs(disparity * c) / COLUMNS)
+              for r in range(-2, 3) for c in range(-2, 3) if (r, c) != (0, 0)]  # fmt: skip
+    assert result["pixel_share"]["beyond_edge"] == pytest.approx(np.mean(shares))
+    expected = -10 * math.log10(np.mean(shares) * (GREY / 255) ** 2)
+    scored = result["methods"]["template"]
+    assert scored["psnr_db"] == pytest.approx(expected, abs=1e-3)
+    assert scored["error_share"] == pytest.approx(dict(zip(KINDS, (0, 0, 1), strict=True)))
+
+
+def test_a_copy_has_the_error_of_an_unshifted_plane(measured):
+    _, field, result = measured
+    middle = field.middle.astype(float)
+    squares = {p: np.mean((v - middle) ** 2) / 255**2 for p, v in field.views.items()}
+    scored = result["methods"]["copy"]
+    assert scored["psnr_db"] == pytest.approx(-10 * math.log10(np.mean(list(squares.values()))))
+    next_ones = [s for (r, c), s in squares.items() if max(abs(r - 2), abs(c - 2)) == 1]
+    expected = -10 * math.log10(np.mean(next_ones))
+    assert scored["by_distance"]["1"]["psnr_db"] == pytest.approx(expected)
+    assert squares[tuple(scored["worst_view"]["place"])] == max(squares.values())
+
+
+def test_a_maker_that_leaves_views_out_is_refused():
+    field = plane(1)
+    made = list(copy(field))[1:]
+    with pytest.raises(ValueError, match="23 views made; the light field has 24"):
+        Scores(field).of(iter(made))
+
+
+def test_splat_puts_the_nearest_on_top():
+    field = plane(0)
+    disparity = field.disparity.copy()
+    disparity[10, 10] = 2
+    views = dict(field.views) | {(2, 2): field.middle}
+    near = of_views("bump", SIDE, views, disparity)
+    shown = dict(splat(near))[2, 3]  # one view to the right: it moves left by two pixels
+    assert np.array_equal(shown[10, 8], field.middle[10, 10])
+
+
+# Instead of a view, where each camera sees what is on the input camera's axis.
+_STAND_IN = """#!/usr/bin/env python3
+import json, sys
+from PIL import Image
+config = json.load(open(sys.argv[1]))
+cameras = {c["Name"]: c for c in json.load(open(config["VirtualCameraParameterFile"]))["cameras"]}
+source = cameras[config["InputCameraNames"][0]]
+assert source["Position"] == [0, 0, 0]
+levels = Image.open(config["DepthMapNames"][0])
+near, far = source["Depth_range"]
+z = 1 / (1 / far + levels.getpixel((0, 0)) / 65535 * (1 / near - 1 / far))
+for name, out in zip(config["VirtualCameraNames"], config["OutputFiles"]):
+    camera = cameras[name]
+    left, up = camera["Position"][1:]
+    # Where a point on the input camera's axis is, from its principal point.
+    x = camera["Principle_point"][0] + camera["Focal"][0] * left / z - source["Principle_point"][0]
+    y = camera["Principle_point"][1] + camera["Focal"][1] * up / z - source["Principle_point"][1]
+    Image.new("RGB", levels.size, (128 + round(20 * x), 128 + round(20 * y), 7)).save(out)
+"""
+
+
+@pytest.mark.parametrize("disparity", [-2, 1])
+def test_rvs_is_given_cameras_that_see_the_disparity(tmp_path, disparity):
+    program = tmp_path / "rvs"
+    program.write_text(_STAND_IN, "utf-8")
+    program.chmod(0o755)
+    for (row, column), view in rvs(plane(disparity), program):
+        moved = (-disparity * (column - 2), -disparity * (row - 2))
+        assert view[0, 0].tolist() == [128 + 20 * moved[0], 128 + 20 * moved[1], 7]
+
+
+def test_the_middle_views_disparity_is_found_in_the_views():
+    field = plane(1)
+    views = dict(field.views) | {(2, 2): field.middle}
+    grid = np.stack([np.stack([views[r, c] for c in range(SIDE)]) for r in range(SIDE)])
+    found = sweep(grid, np.linspace(-2, 2, 17), near=2)
+    # Where there is texture, and all views have it.
+    assert np.abs(found[10:-10, 10:-10] - 1).max() < 0.05
+
+
+def test_a_folder_is_read_with_its_grid_its_rim_and_its_source(tmp_path):
+    field = plane(1)
+    folder = tmp_path / "plane"
+    folder.mkdir()
+    views = dict(field.views) | {(2, 2): field.middle}
+    del views[0, 3]
+    for (row, column), view in views.items():
+        Image.fromarray(view).save(folder / f"input_Cam{row * SIDE + column:03}.png")
+    (folder / "parameters.cfg").write_text(f"[extrinsics]\nnum_cams_x = {SIDE}\n", "utf-8")
+    write_pfm(folder / "gt.pfm", np.ones((ROWS - 4, COLUMNS - 2), np.float32))
+    (folder / "source.json").write_text(json.dumps({"source": "s", "licence": "l"}), "utf-8")
+    found = read(folder)
+    assert found.side == SIDE and (found.source, found.licence) == ("s", "l")
+    assert found.views.keys() == field.views.keys() - {(0, 3)}
+    assert np.array_equal(found.disparity, field.disparity)
+    assert all(np.array_equal(view, field.views[p]) for p, view in found.views.items())
+
+
+def test_the_page_lists_the_worst_first_and_names_who_loses(measured):
+    _, _, result = measured
+    text = page({"rvs_build": "", "light_fields": [result]})
+    board = text.split("## plane")[1].split("##")[0]
+    rows = [row.split("|") for row in board.splitlines() if row.startswith("| ")]
+    psnrs = [row[2].strip() for row in rows[2:]]
+    numbers = [math.inf if p == "—" else float(p) for p in psnrs]
+    assert len(numbers) == len(result["methods"]) and numbers == sorted(numbers)
+    assert "Below naive splat, nearest fill: " in text
+
+
+def test_the_committed_page_is_that_of_the_committed_results():
+    folder = Path(__file__).parents[2] / "reports/scoreboard"
+    data = json.loads((folder / "scoreboard.json").read_text("utf-8"))
+    assert (folder / "scoreboard.md").read_text("utf-8") == page(data)
+    assert len(data["light_fields"]) >= 3
+    assert max(result["views"] for result in data["light_fields"]) >= 700
+    for result in data["light_fields"]:
+        assert {"copy", "splat", "rvs", *algorithm_names()} <= result["methods"].keys()
