@@ -290,6 +290,7 @@ def zone_eyes(display: Display, count: int, distance_mm: float | None = None) ->
         Too close for a viewing zone.
     """
     distance = default_distance_mm(display) if distance_mm is None else distance_mm
+    check_viewpoint(Viewpoint("middle", 0.0, 0.0, distance), display)
     limit = display.flip_limit_mm(distance)[0]
     shares = (2 * np.arange(count) + 1) / count - 1
     eyes = [Viewpoint(f"view-{k}", float(x), 0.0, distance) for k, x in enumerate(shares * limit)]

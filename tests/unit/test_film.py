@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from inim.display.viewpoint import default_distance_mm, eye_path
+from inim.display.viewpoint import default_distance_mm, eye_path, zone_eyes
 from inim.errors import FileError, UsageError, ViewpointError
 from inim.pipeline.film import write_film
 from tests.conftest import small_display
@@ -58,6 +58,12 @@ def test_path_out_of_the_viewing_zone_is_refused():
     assert eye_path("0 0 200, 90 0 200", DISPLAY, 4, allow_flips=True)[2].position_mm[0] == 90
     with pytest.raises(ViewpointError, match="inside the picture"):
         eye_path("0 0 2, 90 0 2", DISPLAY, 4, allow_flips=True)
+
+
+@pytest.mark.parametrize("distance", [0.0, -5.0, float("nan"), 2.0])
+def test_no_zone_is_seen_from_no_distance(distance):
+    with pytest.raises(ViewpointError, match="middle: .*(z > 0|inside the picture)"):
+        zone_eyes(DISPLAY, 5, distance)
 
 
 def frames() -> list[np.ndarray]:
