@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inim.commands.options import Command, add_allow_folder, add_display, add_quiet
-from inim.errors import EXIT_PASSED, FileError, UsageError
+from inim.errors import EXIT_PASSED, FileError, UsageError, ViewpointError
 
 if TYPE_CHECKING:
     import argparse
@@ -263,7 +263,10 @@ def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
         aspect if args.aspect is None else args.aspect,
         _SPP if args.spp is None else args.spp,
     )
-    check_quilt(request)
+    try:
+        check_quilt(request)
+    except ViewpointError as error:
+        raise FileError(f"{args.what}: {error}") from None
     return request
 
 

@@ -62,7 +62,7 @@ def test_path_out_of_the_viewing_zone_is_refused():
 
 @pytest.mark.parametrize("distance", [0.0, -5.0, float("nan"), 2.0])
 def test_no_zone_is_seen_from_no_distance(distance):
-    with pytest.raises(ViewpointError, match="middle: .*(z > 0|inside the picture)"):
+    with pytest.raises(ViewpointError, match=r"middle: .*(z > 0|inside the picture)"):
         zone_eyes(DISPLAY, 5, distance)
 
 
