@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import shlex
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from inim.display import Display
-    from inim.pipeline.quilt import QuiltRequest, TracedScene
+    from inim.pipeline.quilt import QuiltRequest
     from inim.report import Report
 
 __all__ = ["COMMANDS"]
@@ -238,6 +236,7 @@ def _write_views(folder: Path, views: np.ndarray) -> None:
 def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
     """The quilt asked for, checked."""
     from inim.pipeline.quilt import QuiltRequest, check_quilt
+    from inim.pipeline.traced_scene import TracedScene
 
     if args.scene is not None and not chosen.is_truth:
         raise UsageError("--scene: is traced for the truth only; add --algorithm truth")
@@ -251,7 +250,9 @@ def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
         raise UsageError(f"--tiles {args.tiles}: say how large they are with --view-size WxH")
     request = QuiltRequest(
         args.quilt,
-        _traced(args, chosen.report) if chosen.is_truth and chosen.report else chosen.path,
+        TracedScene.of(chosen.report, args.scene, args.allow_folders)
+        if chosen.is_truth and chosen.report
+        else chosen.path,
         chosen.display,
         chosen.mounted,
         chosen.lens_model,
@@ -268,27 +269,6 @@ def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
     except ViewpointError as error:
         raise FileError(f"{args.what}: {error}") from None
     return request
-
-
-def _traced(args: argparse.Namespace, report: Report) -> TracedScene:
-    """The report's scene, with the definitions that its command gives."""
-    from inim.pipeline.quilt import TracedScene
-
-    scene, settings = report.data["scene"], report.data["settings"]
-    try:
-        words = shlex.split(report.data["command"])
-    except ValueError as error:
-        raise FileError(
-            f"{report.folder}: the report's command is not readable ({error})"
-        ) from None
-    given = tuple(word for flag, word in itertools.pairwise(words) if flag == "-D")
-    return TracedScene(
-        args.scene or Path(scene["path"]),
-        scene["sha256"],
-        given,
-        tuple(args.allow_folders),
-        settings["fit_share"],
-    )
 
 
 COMMANDS = {

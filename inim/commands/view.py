@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_definitions, add_quiet
+from inim.commands.options import Command, add_allow_folder, add_definitions, add_quiet
 from inim.errors import EXIT_PASSED, FileError, UsageError
 from inim.version import __version__
 
@@ -230,7 +230,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         help="the report's scene (.xml), in a pane of its own; with inim[perception] installed, "
         "the others are scored against it as films, in JOD",
     )
-    add_definitions(parser, "a parameter of --scene, as the report's run did")
+    add_allow_folder(parser)
     add("--frames", type=int, default=48, metavar="N", help="frames (48)")
     add("--rate", type=float, default=16.0, metavar="FPS", help="frames per second (16)")
     add("--spp", type=int, default=32, metavar="N", help="samples per pixel (32)")
@@ -240,6 +240,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
 def _film(args: argparse.Namespace) -> int:
     from inim.lens import lens_models
     from inim.pipeline.film import CEILING, FilmRequest, make_film
+    from inim.pipeline.traced_scene import TracedScene
     from inim.report import Report
     from inim.report.wording import best_algorithm
 
@@ -262,8 +263,7 @@ def _film(args: argparse.Namespace) -> int:
         spp=args.spp,
         pixels_per_lens=report.data["settings"]["view_pixels_per_lens"],
         allow_flips=args.allow_flips,
-        scene=args.scene,
-        definitions=tuple(args.definitions),
+        scene=args.scene and TracedScene.of(report, args.scene, args.allow_folders),
     )
     make_film(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:

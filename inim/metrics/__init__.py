@@ -46,6 +46,7 @@ __all__ = [
     "flip_map",
     "foreign_identities",
     "heat_map",
+    "perception_packages",
     "psnr_db",
     "relic_region",
     "score",
@@ -96,7 +97,8 @@ def _foreign(name: str) -> Metric:
         raise UsageError(f"metric {name!r} calls itself {found.name!r}; give both one name")
     if name in {metric.name for metric in (*_OWN, cvvdp.metric)}:
         raise UsageError(f"metric {name!r} is one of inim's own; give the other one another name")
-    return replace(found, function=_guarded(found))
+    heat_map = None if found.heat_map is None else _guarded_heat_map(found)
+    return replace(found, function=_guarded(found), heat_map=heat_map)
 
 
 def _guarded(metric: Metric) -> Callable[..., np.ndarray]:
@@ -129,6 +131,29 @@ def _guarded(metric: Metric) -> Callable[..., np.ndarray]:
     return function
 
 
+def _guarded_heat_map(metric: Metric) -> Callable[..., np.ndarray]:
+    """The same of its heat map."""
+    what = f"metric {metric.name!r}"
+
+    def heat_map(reference: np.ndarray, test: np.ndarray, *viewing: Viewing) -> np.ndarray:
+        assert metric.heat_map is not None
+        with _ONE_AT_A_TIME, blame(what, "making its heat map"):
+            found = np.asarray(metric.heat_map(reference, test, *viewing))
+        if found.shape != reference.shape[:2] or found.dtype.kind not in "fiu":
+            raise UsageError(
+                f"{what}: its heat map is an array of {found.dtype}, shape {found.shape}, not of "
+                f"numbers, {reference.shape[:2]}"
+            )
+        return found
+
+    return heat_map
+
+
+def perception_packages() -> tuple[str, ...]:
+    """Distributions whose versions decide what ColorVideoVDP says; none where it is not there."""
+    return cvvdp.PACKAGES if cvvdp.is_installed() else ()
+
+
 def find(score_name: str) -> Metric | None:
     """The metric of a score, by its own name or any score's: ``psnr``, ``psnr_to_ceiling_db``."""
     name = score_name.partition("_")[0]
@@ -141,7 +166,8 @@ def foreign_identities() -> dict[str, dict[str, str]]:
     Of ColorVideoVDP, where it is installed, the versions.
     """
     found = {m.name: identity(_ENTRY_POINTS, m.name) for m in _foreign_metrics()}
-    return found | ({cvvdp.metric.name: versions(cvvdp.PACKAGES)} if cvvdp.is_installed() else {})
+    packages = perception_packages()
+    return found | ({cvvdp.metric.name: versions(packages)} if packages else {})
 
 
 def score_maps(

@@ -28,6 +28,9 @@ _MODULE = "pycvvdp"
 _CONTRAST, _AMBIENT_LUX = 1000, 0
 # Shown at most: what a lens array loses is far from what is just seen.
 _HEAT_MAP_JOD = 6.0
+# Where its pyramid has bands of frequencies that people see; a pixel finer than half a second of
+# arc is nothing that a display is judged by.
+_MOST_PIXELS_PER_DEGREE = 5000.0
 _OWN = threading.local()
 
 
@@ -38,6 +41,12 @@ def is_installed() -> bool:
 
 def _model(viewing: Viewing, heat_map: str | None = None) -> Any:
     """A model, one for each thread: it keeps what it filters with."""
+    if viewing.pixels_per_degree > _MOST_PIXELS_PER_DEGREE:
+        raise UsageError(
+            f"CVVDP: a view of {viewing.pixels_per_degree:.4g} pixels per degree is finer than its "
+            f"model goes, {_MOST_PIXELS_PER_DEGREE:g}; lower inim.view_pixels_per_lens or "
+            "inim.viewing_distance_mm"
+        )
     models = _OWN.__dict__.setdefault("models", {})
     key = viewing, heat_map
     if key not in models:
@@ -73,13 +82,10 @@ def _packages() -> tuple[Any, Any]:
 
 
 def _predicted(model: Any, test: np.ndarray, reference: np.ndarray, **how: Any) -> Any:
+    """What a model says of sRGB, float32 in 0..1 or uint8."""
     torch, _ = _packages()
     with torch.no_grad():
-        return model.predict(
-            np.ascontiguousarray(np.clip(test, 0, 1), np.float32),
-            np.ascontiguousarray(np.clip(reference, 0, 1), np.float32),
-            **how,
-        )
+        return model.predict(test, reference, **how)
 
 
 def _jod(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> float:
@@ -103,7 +109,7 @@ def film_jod(
 
     Parameters
     ----------
-    reference, test : sequences of (rows, columns, 3) float32, sRGB
+    reference, test : sequences of (rows, columns, 3) uint8, sRGB
         Frames.
     viewing : Viewing
     frames_per_second : float

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,9 +27,9 @@ from inim.pipeline.ground_truth import render_view
 from inim.pipeline.reconstruct import Optics, ShownEIA
 from inim.pipeline.scene import Renderer, Scene
 from inim.pipeline.stage import Run
+from inim.pipeline.traced_scene import TracedScene
 from inim.report import Report
-from inim.scene.file import SceneFile, parse_definitions, read_scene_file
-from inim.settings import PREFIX, Settings
+from inim.settings import Settings
 from inim.worker.output import open_beside, publish_file
 from inim.worker.supervisor import run_in_worker
 
@@ -74,10 +74,8 @@ class FilmRequest:
     pixels_per_lens : int
     allow_flips : bool
         The path may leave the viewing zone.
-    scene : Path, optional
+    scene : TracedScene, optional
         The report's scene, for a pane of its own; the others are scored against it.
-    definitions : tuple of str
-        `-D` of the scene's own parameters.
     """
 
     folder: str
@@ -90,8 +88,7 @@ class FilmRequest:
     spp: int
     pixels_per_lens: int
     allow_flips: bool = False
-    scene: Path | None = None
-    definitions: tuple[str, ...] = ()
+    scene: TracedScene | None = None
 
 
 def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) -> None:
@@ -131,21 +128,7 @@ def _check(request: FilmRequest) -> None:
     eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
     _panels(request, report, display)
     if request.scene is not None:
-        _scene_file(request.scene, request, report)
-
-
-def _scene_file(scene: Path, request: FilmRequest, report: Report) -> SceneFile:
-    """The scene, which has to be the report's."""
-    given = parse_definitions(list(request.definitions))
-    if own := [key for key in given if key.startswith(PREFIX)]:
-        raise UsageError(f"-D {own[0]}: a film takes the report's settings; leave it out")
-    file = read_scene_file(scene, given)
-    if file.sha256 != report.data["scene"]["sha256"]:
-        raise UsageError(
-            f"{scene}: is not, or no longer, the scene of {request.folder}; name that one, or "
-            "validate this one anew"
-        )
-    return file
+        request.scene.file()
 
 
 def _display(request: FilmRequest, report: Report) -> tuple[Display, Display]:
@@ -173,25 +156,38 @@ def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     out = Path(request.out)
     film = staging / f"film{out.suffix.lower()}"
     report = Report.load(request.folder)
-    panes, scores = _panes(request, report, observer)
+    display, design = _display(request, report)
+    eyes = eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
+    # A frame is one half of a view.
+    optics = Optics(display, request.lens_model, request.pixels_per_lens, 2 * request.spp, seed=0)
+    panes = _panes(request, report, optics, eyes, observer)
+    names, views = zip(*panes, strict=True)
     observer.stage("write")
-    frames = [_frame(views, list(panes)) for views in zip(*panes.values(), strict=True)]
+    frames = [_frame(one, names) for one in zip(*views, strict=True)]
     write_film(film, frames, request.frames_per_second)
     publish_file(film, out)
-    for line in scores:
-        observer.line(line)
+    if request.scene is not None:
+        observer.stage("score")
+        luminance = report.data["settings"].get("luminance_cd_m2", Settings().luminance_cd_m2)
+        for line in _scores(panes, optics.viewing(eyes[0], luminance), request):
+            observer.line(line)
     return True
 
 
+#: A pane's name, and its views, (rows, columns, 3) uint8 sRGB.
+_Pane = tuple[str, list[np.ndarray]]
+
+
 def _panes(
-    request: FilmRequest, report: Report, observer: Observer
-) -> tuple[dict[str, list[np.ndarray]], list[str]]:
-    """Every pane's views by its name, (rows, columns, 3) uint8 sRGB; and lines on their scores."""
+    request: FilmRequest,
+    report: Report,
+    optics: Optics,
+    eyes: Sequence[Viewpoint],
+    observer: Observer,
+) -> list[_Pane]:
+    """What is shown side by side; the scene first."""
     display, design = _display(request, report)
-    eyes = eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
     renderer = Renderer("auto", observer)
-    # A frame is one half of a view.
-    optics = Optics(display, request.lens_model, request.pixels_per_lens, 2 * request.spp, seed=0)
     shown = [ShownEIA(eia, None, optics, renderer) for eia in _panels(request, report, display)]
     pixels = display.lens_rows * display.lens_columns * request.pixels_per_lens**2
     rays = pixels * request.spp * len(eyes) * len(shown)
@@ -201,22 +197,15 @@ def _panes(
         steps.append(Step(_SCENE, true_rays * _TRUE_RAY_S, true_rays))
         steps.append(Step("score", pixels * len(eyes) * len(shown) * _SCORE_S))
     observer.begin(steps)
-    panes: dict[str, list[np.ndarray]] = {}
+    panes: list[_Pane] = []
     if request.scene is not None:
         observer.stage(_SCENE)
-        file = _scene_file(request.scene, request, report)
-        scene = Scene(file, design, report.data["settings"]["fit_share"], renderer)
-        panes[_SCENE] = [_true_view(scene, eye, request) for eye in eyes]
+        scene = Scene(request.scene.file(), design, request.scene.fit_share, renderer)
+        panes.append((_SCENE, [_true_view(scene, eye, request) for eye in eyes]))
     observer.stage("film")
     for name, one in zip(request.show, shown, strict=True):
-        panes[name] = [_shown(one.view(eye, half=0)) for eye in eyes]
-    if request.scene is None:
-        return panes, []
-    if not cvvdp.is_installed():
-        return panes, ["not scored: pip install 'inim[perception]'"]
-    observer.stage("score")
-    luminance = report.data["settings"].get("luminance_cd_m2", Settings().luminance_cd_m2)
-    return panes, _scores(panes, optics.viewing(eyes[0], luminance), request)
+        panes.append((name, [_shown(one.view(eye, half=0)) for eye in eyes]))
+    return panes
 
 
 def _true_view(scene: Scene, eye: Viewpoint, request: FilmRequest) -> np.ndarray:
@@ -225,16 +214,13 @@ def _true_view(scene: Scene, eye: Viewpoint, request: FilmRequest) -> np.ndarray
     return _shown(found.view.image)
 
 
-def _scores(
-    panes: Mapping[str, Sequence[np.ndarray]], viewing: Viewing, request: FilmRequest
-) -> list[str]:
+def _scores(panes: Sequence[_Pane], viewing: Viewing, request: FilmRequest) -> list[str]:
     """Lines on how much worse each pane looks than the scene, in time."""
-    scene, *others = (
-        (name, [frame.astype(np.float32) / 255 for frame in frames])
-        for name, frames in panes.items()
-    )
+    if not cvvdp.is_installed():
+        return ["not scored: pip install 'inim[perception]'"]
+    (_, scene), *others = panes
     return [
-        f"{name}: {cvvdp.film_jod(scene[1], frames, viewing, request.frames_per_second):.2f} JOD "
+        f"{name}: {cvvdp.film_jod(scene, frames, viewing, request.frames_per_second):.2f} JOD "
         f"as a film, at {viewing.pixels_per_degree:.3g} pixels per degree and "
         f"{viewing.luminance_cd_m2:g} cd/m^2"
         for name, frames in others

@@ -212,6 +212,8 @@ def conditions_of(plan: Plan, variant: str | None = None) -> dict[str, Any]:
         "algorithms": sorted(method.name for method in plan.methods),
         **({"panel pixels": "observed ones only"} if request.lazy else {}),
     }
+    if any(metric.viewed for metric in all_metrics()):
+        conditions["luminance of white, cd/m^2"] = s.luminance_cd_m2
     return conditions if variant is None else {**conditions, "variant": variant}
 
 

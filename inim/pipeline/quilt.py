@@ -23,58 +23,17 @@ from inim.lens import check_lens_model
 from inim.observer import Observer
 from inim.pipeline.reconstruct import Optics, ShownEIA
 from inim.pipeline.scene import Renderer, Scene, seed_of
-from inim.scene.file import SceneFile, parse_definitions, read_scene_file
+from inim.pipeline.traced_scene import TracedScene
 from inim.worker.output import open_beside, publish_file
 from inim.worker.supervisor import run_in_worker
 
-__all__ = ["QuiltRequest", "TracedScene", "check_quilt", "make_quilt", "work"]
+__all__ = ["QuiltRequest", "check_quilt", "make_quilt", "work"]
 
 # Of a ray, through thick lenses or into a scene, and of writing the tiles: the bar moves by them.
 _RAY_S, _WRITE_S = 2e-8, 1.0
 _MOST_VIEWS = 1000
 _MOST_PIXELS = 2**28
 _MOST_SAMPLES = 2**16
-
-
-@dataclass(frozen=True)
-class TracedScene:
-    """The scene of a report, to be traced again.
-
-    Attributes
-    ----------
-    path : Path
-    sha256 : str
-        That the report has of it.
-    definitions : tuple of str
-        `key=value`, as after -D, that the report was made with.
-    allow_folders : tuple of Path
-        Where files that it names may lie, too.
-    fit_share : float
-        Share of the array that the relic fills.
-    """
-
-    path: Path
-    sha256: str
-    definitions: tuple[str, ...]
-    allow_folders: tuple[Path, ...]
-    fit_share: float
-
-    def file(self) -> SceneFile:
-        """The scene file, scanned.
-
-        Raises
-        ------
-        InimError
-            It cannot be read, or is no longer what the report was made of.
-        """
-        definitions = parse_definitions(list(self.definitions))
-        found = read_scene_file(self.path, definitions, self.allow_folders)
-        if found.sha256 != self.sha256:
-            raise FileError(
-                f"{self.path}: is not what the report was made of: another scene, or it or a file "
-                "that it names has changed; validate it anew, or name the scene with --scene"
-            )
-        return found
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ def report_of(
         "title": plan.settings.title or plan.request.scene.stem,
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "inim_version": __version__,
-        "versions": versions(_VERSIONS),
+        "versions": versions((*_VERSIONS, *metrics.perception_packages())),
         "command": shlex.join(["python", "-m", "inim.validate", *plan.request.command()]),
         "scene": {
             "path": str(plan.request.scene),

@@ -8,6 +8,7 @@ from datetime import datetime, timezone
 from typing import Any
 
 from inim.backend import Backend, machine
+from inim.metrics import perception_packages
 from inim.pipeline.measured import Measured
 from inim.pipeline.plan import Plan, conditions_of
 from inim.pipeline.statistics import Statistics
@@ -58,7 +59,7 @@ def _circumstances(plan: Plan, backend: Backend) -> dict[str, Any]:
         "title": plan.settings.title or plan.request.scene.stem,
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "inim": __version__,
-        **versions(_VERSIONS),
+        **versions((*_VERSIONS, *perception_packages())),
         "libLLVM": backend.libllvm_version,
         "device": backend.device,
         "processor": machine.cpu_model(),

@@ -50,7 +50,9 @@ _ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin1", "utf-16")
 _NAME_A_SCENE = "name a Mitsuba scene (.xml)"
 # What only leads to other elements, or to their parameters.
 _UNSEEN = frozenset({"default", "include", "path"})
-_OF_DISPLAY = frozenset(PREFIX + key for key in ("display", *DISPLAY_KEYS))
+_OF_DISPLAY = frozenset(
+    PREFIX + key for key in ("display", "misalign", "luminance_cd_m2", *DISPLAY_KEYS)
+)
 _PLUGIN = re.compile(r"\w+", re.ASCII)
 
 
@@ -228,7 +230,8 @@ def with_display(
     """A scene's `inim.*` texts on the display that `--display` names.
 
     A preset replaces the preset that a scene starts from; a file replaces all that a scene says of
-    its display. What the command line says of single values stays.
+    its display, misalignment and luminance with it, and what else it says is left alone. What the
+    command line says of single values stays.
 
     Parameters
     ----------
@@ -241,12 +244,13 @@ def with_display(
 
     Raises
     ------
-    FileError, SceneError
-        As `read_scene_file`.
+    InimError
+        As `chosen_display`.
     """
     if not _is_file(display):
         return {**settings, f"{PREFIX}display": display}
     stated = read_scene_settings(Path(display))
+    Settings.parse(stated, display).make_display(display)  # its mistakes are its own
     own = {k: v for k, v in settings.items() if k not in _OF_DISPLAY}
     said = {k: v for k, v in definitions.items() if k in _OF_DISPLAY}
     return own | {k: v for k, v in stated.items() if k in _OF_DISPLAY} | said

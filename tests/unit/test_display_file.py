@@ -54,6 +54,29 @@ def test_a_file_replaces_all_that_a_scene_says_of_its_display_and_nothing_else(s
     assert (plan.settings.eia_spp, plan.settings.view_spp) == (4, 64)
 
 
+def test_misalignment_is_of_the_display_that_it_was_said_of(scene, mine):
+    own = '<default name="inim.misalign" value="rotation_deg=0.5"/>'
+    scene.write_text(scene.read_text().replace('"3.0.0">', f'"3.0.0">{own}'))
+    assert make_plan(Request(scene, Path("unused"))).mounted.rotation_deg == 0.5
+    assert make_plan(Request(scene, Path("unused"), display=mine)).mounted.rotation_deg == 1.1
+    again = Request(scene, Path("unused"), display=mine, misalign="rotation_deg=0.2")
+    assert make_plan(again).mounted.rotation_deg == pytest.approx(1.3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ('"inim.pich_mm" value="1"', r"mine\.xml: unknown setting .* did you mean inim\.pitch_mm"),
+        ('"inim.gap_mm" value="abc"', r"mine\.xml: inim\.gap_mm = 'abc': must be a number"),
+        ('"inim.gap_mm" value="-1"', r"mine\.xml: gap_mm"),
+    ],
+)
+def test_a_mistake_in_the_file_is_the_file_s(scene, mine, wrong, says):
+    Path(mine).write_text(MINE.replace("</scene>", f"<default name={wrong}/></scene>"))
+    with pytest.raises(InimError, match=says):
+        make_plan(Request(scene, Path("unused"), display=mine))
+
+
 def test_python_takes_a_path(scene, mine):
     none = dict.fromkeys(("definitions", "algorithms", "viewpoints", "lens_model", "misalign"))
     for display in (Path(mine), mine):

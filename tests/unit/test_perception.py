@@ -104,6 +104,26 @@ def test_a_heat_map_is_told_how_it_is_seen_and_scaled(announce):
     np.testing.assert_allclose(metrics.heat_map(metric, a, b, SEEN), wanted, rtol=1e-5)
 
 
+def test_a_heat_map_of_another_package_that_fails_is_one_line_that_names_it(announce):
+    def score(reference: np.ndarray, test: np.ndarray) -> float:
+        return 1.0
+
+    a, b, _ = pictures(3)
+    for heat_map, why in (
+        (lambda *_: 1 / 0, r"metric 'hot' failed in making its heat map: ZeroDivisionError"),
+        (lambda *_: np.zeros(3), r"metric 'hot': its heat map is .* shape \(3,\)"),
+    ):
+        announce(hot=Metric("hot", score, tolerance=1, heat_map=heat_map))
+        with pytest.raises(UsageError, match=why):
+            metrics.heat_map(metrics.find("hot"), a, b, None)
+        metrics._all_metrics.cache_clear()
+
+
+def test_more_pixels_in_a_degree_than_the_model_has_bands_for_is_told():
+    with pytest.raises(UsageError, match=r"2.094e\+04 pixels per degree .* lower inim\.view"):
+        cvvdp._model(Viewing(20944.0, 500.0))
+
+
 def test_a_viewed_metric_of_eias_is_refused():
     with pytest.raises(UsageError, match="sees whole pictures"):
         Metric("seen", lambda *_: 1.0, viewed=True, of_eia=True, tolerance=1)
@@ -184,9 +204,9 @@ def test_equal_pictures_are_ten_and_more_noise_is_less(tmp_path: Path):
 @installed
 def test_a_flicker_that_no_frame_shows_alone_counts_in_a_film():
     """Frames brighter and darker in turn than those of the reference, against all too bright."""
-    still = 0.5 * np.ones((32, 32, 3), np.float32)
-    steady = [still + 0.03] * 16
-    flicker = [still + 0.03 * (-1) ** n for n in range(16)]
+    still = np.full((32, 32, 3), 128, np.uint8)
+    steady = [still + 8] * 16
+    flicker = [still + 8, still - 8] * 8
     reference = [still] * 16
     jod = [cvvdp.film_jod(reference, film, SEEN, 16) for film in (steady, flicker)]
     assert jod[1] < jod[0] - 0.5

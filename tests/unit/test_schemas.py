@@ -81,6 +81,7 @@ SCHEMAS = {
 # Keys that need not be there; the last two of a bench are not in those of earlier versions.
 CHECK = {f"verdict/checks/0/{key}" for key in ("interval", "p_value", "unit", "kind", "criterion")}
 SCENE = {"scene", "display", "viewpoints", "picture", "yardstick", "noise_floor"}
+PERCEPTION = ("cvvdp", "torch")
 LATER_SETTINGS = {"luminance_cd_m2"}
 LATER = {"view_psnr_to_ceiling_db", "view_flip_to_ceiling"}
 OPTIONAL = {
@@ -89,8 +90,15 @@ OPTIONAL = {
         "algorithms/a/yardsticks", *CHECK,
     },
     "picture": CHECK,
-    "compare": {"conditions/panel pixels", "verdict/checks/0/criterion"},
-    "baseline": {"conditions/panel pixels"},
+    "compare": {
+        *(f"{side}/circumstances/{key}" for side in ("before", "after") for key in PERCEPTION),
+        "conditions/luminance of white, cd/m^2", "conditions/panel pixels",
+        "verdict/checks/0/criterion",
+    },
+    "baseline": {
+        *(f"circumstances/{key}" for key in PERCEPTION),
+        *(f"conditions/{key}" for key in ("luminance of white, cd/m^2", "panel pixels")),
+    },
     "bench": {
         *SCENE, "scores", "captured_layers", "contenders/0/averaged_share",
         *(f"{place}/{key}" for place in ("contenders/0", "noise_floor") for key in LATER),
