@@ -54,6 +54,7 @@ def new_scene(
     display: str = "nominal",
     force: bool = False,
     warn: Callable[[str], object] = print_warning,
+    say: Callable[[str], object] = print,
 ) -> Path:
     """Write a scene for the mesh `source`, with its PLY and textures beside it.
 
@@ -80,6 +81,8 @@ def new_scene(
         Replace existing files; numbered parts that only the replaced scene needs are removed.
     warn : callable
         Called with a line for each picture that the mesh names and the scene goes without.
+    say : callable
+        Called with a line for the box that was taken of splats.
 
     Returns
     -------
@@ -104,7 +107,7 @@ def new_scene(
     if is_splats(data):
         if unit is not None:
             raise UsageError(f"{source}: splats have no unit; leave out --unit {unit}")
-        return _splat_scene(source, data, out, up, front, crop, title, display, force, warn)
+        return _splat_scene(source, data, out, up, front, crop, title, display, force, warn, say)
     if crop is not None:
         raise UsageError(f"{source}: --crop is for splats; cut a mesh where it was made")
     meshes = read_mesh(source, warn)
@@ -163,6 +166,7 @@ def _splat_scene(
     display: str,
     force: bool,
     warn: Callable[[str], object],
+    say: Callable[[str], object],
 ) -> Path:
     """As `new_scene`, of splats."""
     from inim.files.splat_ply import read_splats, write_splats
@@ -186,6 +190,7 @@ def _splat_scene(
     leftovers = [path for path in _leftovers(out, [part]) if not path.samefile(source)]
     xml = splat_scene_xml(part.name, half, title or source.stem, display)
     _write_all(out, {part: lambda path: write_splats(path, placed)}, xml, leftovers)
+    say(f"took {len(placed)} of {len(splats)} splats, --crop={frame}")
     return out
 
 

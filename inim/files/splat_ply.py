@@ -172,22 +172,27 @@ def _splats(path: Path, data: bytes, header: PlyHeader) -> Splats:
         stacked(_CENTRE), stacked(_SCALE), stacked(_TURN), stacked(("opacity",))[:, 0],
         np.concatenate(colours, axis=1),
     )  # fmt: skip
-    _check(path, splats)
-    splats.turn[:] /= np.linalg.norm(splats.turn, axis=1, keepdims=True)
+    length = np.linalg.norm(splats.turn.astype(np.float64), axis=1, keepdims=True)
+    _check(path, splats, length[:, 0])
+    splats.turn[:] = splats.turn / length
     return splats
 
 
-def _check(path: Path, splats: Splats) -> None:
-    """Values that make splats, or a FileError naming the first that does not."""
+def _check(path: Path, splats: Splats, length: np.ndarray) -> None:
+    """Values that make splats, or a FileError naming the first that does not.
+
+    `length` is that of their quaternions: its squares leave float32's range, not float64's.
+    """
     wrong = {
         "is not finite": ~np.isfinite(splats.centre).all(axis=1)
         | ~np.isfinite(splats.log_scale).all(axis=1)
         | ~np.isfinite(splats.turn).all(axis=1)
         | ~np.isfinite(splats.logit)
         | ~np.isfinite(splats.harmonics).all(axis=(1, 2)),
-        "has no orientation (its quaternion is zero)": ~(np.abs(splats.turn) > 0).any(axis=1),
+        "has no orientation (its quaternion is zero)": ~(length > 0),
         "lies or reaches impossibly far": (np.abs(splats.centre) > _MOST_EXTENT).any(axis=1)
         | (splats.log_scale > _MOST_LOG).any(axis=1),
+        "is impossibly thin": (splats.log_scale < -_MOST_LOG).any(axis=1),
     }
     for words, where in wrong.items():
         if where.any():

@@ -129,7 +129,7 @@ def depth_range(
     Raises
     ------
     UsageError
-        A stated near that is not in front of far.
+        A stated near that is not in front of far, or an end that all of the picture lies beyond.
     """
     known = sample(values.depth)
     ends = np.quantile(known, (_STRAY, 1 - _STRAY), method="nearest")
@@ -139,6 +139,16 @@ def depth_range(
         raise UsageError(f"--near {found[0]:g} --far {found[1]:g}: must be finite")
     in_front = found[0] >= found[1] if values.near_is_large else found[0] <= found[1]
     if not in_front or (near is not None and far is not None and near == far):
+        if near is None or far is None:
+            stated, other, beyond = (
+                (f"--near {near:g}", "--far", "behind")
+                if near is not None
+                else (f"--far {far:g}", "--near", "in front of")
+            )
+            raise UsageError(
+                f"{stated}: the picture has no depth {beyond} that (its depths run from {first:g} "
+                f"to {last:g}); give another, or {other} too"
+            )
         grow = "fall" if values.near_is_large else "grow"
         raise UsageError(
             f"--near {found[0]:g} --far {found[1]:g}: depths {grow} away from the viewer here (the "

@@ -382,13 +382,13 @@ class CameraPicture:
             rows, columns = taken.color.shape[:2]
             check_pinhole(taken.camera, (rows, columns))
         near, far, frame_at, fit, framing = self.near, self.far, self.frame_at, self.fit_rule, None
+        whole = taken.values
         if fit == "auto":
-            framing = frame(taken.values, display.width_mm / display.height_mm)
+            framing = frame(whole, display.width_mm / display.height_mm)
             taken, fit = _cropped(taken, framing), framing.fit
-            near = framing.near if near is None else near
-            far = framing.far if far is None else far
+            near, far = self._framed_range(framing, near_is_large=whole.near_is_large)
             frame_at = framing.middle if frame_at is None else frame_at
-        ends = depth_range(taken.values, near, far)
+        ends = depth_range(whole, near, far)
         depth_map = map_depth(self.depth_map, taken.values, ends, display)
         fitted = fit_picture(
             taken.color,
@@ -404,6 +404,21 @@ class CameraPicture:
             drop=self.outside == "drop",
         )
         return replace(fitted, framing=None if framing is None else framing.said), depth_map
+
+    def _framed_range(
+        self, framing: Framing, *, near_is_large: bool
+    ) -> tuple[float | None, float | None]:
+        """The stated ends, and those of the framing where they go with them; else None."""
+        if self.near is None and self.far is None and framing.near == framing.far:
+            raise FileError(
+                f"{self.depth or self.photo}: its depth is the same everywhere, "
+                f"{framing.near:.5g}; state --near and --far, or show it flat with --fit contain"
+            )
+        near = framing.near if self.near is None else self.near
+        far = framing.far if self.far is None else self.far
+        if near > far if near_is_large else near < far:
+            return near, far
+        return self.near, self.far
 
     def fitted(
         self, display: Display, pixels_per_pitch: float

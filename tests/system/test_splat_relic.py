@@ -79,11 +79,25 @@ def test_what_splats_do_not_say_is_asked_for(tmp_path: Path) -> None:
     assert not out.exists()
 
 
+def test_the_box_that_was_taken_is_printed_though_all_splats_are_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = np.array([[-1.0, -2, -3], [1, 2, 3]])
+    write_splats(tmp_path / "s.ply", splats_at(places, np.full(3, 0.1), 0.9, np.full(3, 0.3)))
+    out = tmp_path / "a.xml"
+    assert main(["new-scene", str(tmp_path / "s.ply"), "--up=-y", "-o", str(out)]) == EXIT_PASSED
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert printed.out.startswith("took 2 of 2 splats, --crop=-1.3,1.3,-2.3,2.3,-3.3,3.3\nwrote ")
+
+
 def test_crop_keeps_a_part(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, out = signpost(tmp_path), tmp_path / "a.xml"
     words = ["new-scene", str(source), "--up=-y", "--crop=-0.5,0.5,-2,0.01,-1,1", "-o", str(out)]
     assert main(words) == EXIT_PASSED
-    assert "12 of 25 splats" in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert "12 of 25 splats" in printed.err
+    assert "took 12 of 25 splats, --crop=-0.5,0.5,-2,0.01,-1,1\n" in printed.out
     kept = read_splats(out.with_suffix(".ply"), out.with_suffix(".ply").read_bytes())
     assert len(kept) == 12 and np.abs(kept.centre).max() < 50
 

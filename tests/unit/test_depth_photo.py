@@ -198,6 +198,17 @@ def test_a_focal_length_in_35_mm_film_is_a_camera(tmp_path):
     assert "EXIF, 26 mm" in photo.said[1]
 
 
+@pytest.mark.parametrize("camera", [(100, 64, 48, "inf", "1e400"), (100, 64, "inf", 128, 96)])
+def test_a_camera_that_is_not_finite_is_none(tmp_path, camera):
+    data = apple_jpeg(picture(COLOR), picture(SMALL), apple_xml(camera=camera))
+    assert read(tmp_path, data).camera is None
+    model = (
+        '<Camera:ImagingModel ImagingModel:FocalLengthX="1000" ImagingModel:FocalLengthY="1000" '
+        'ImagingModel:ImageWidth="1e400" ImagingModel:ImageHeight="inf"/>'
+    )
+    assert read(tmp_path, dynamic(picture(COLOR), DEPTH_PNG, model=model)).camera is None
+
+
 def test_a_matrix_for_another_shape_is_no_camera(tmp_path):
     data = apple_jpeg(picture(COLOR), picture(SMALL), apple_xml(camera=(100, 64, 64, 128, 128)))
     assert read(tmp_path, data).camera is None
@@ -338,6 +349,22 @@ DAMAGES = {
         "FloatMinValue of its depth is 'nan'",
     ),
 }
+
+
+def test_a_run_of_fill_bytes_costs_no_time(tmp_path):
+    started = time.perf_counter()
+    with pytest.raises(FileError, match="no end; it is cut short"):
+        read(tmp_path, JPEG[:-2] + b"\xff" * 50_000 + b"\0")
+    assert time.perf_counter() - started < 5  # with their number squared: half a minute
+
+
+def test_pictures_that_overlap_are_refused(tmp_path):
+    # The place of the matte, which is listed before the disparity, becomes the disparity's.
+    entries = APPLE.index(struct.pack(">HHI", 0xB002, 7, 48)) + 16
+    matte, disparity = (slice(entries + 16 * n, entries + 16 * (n + 1)) for n in (1, 2))
+    twice = APPLE.replace(APPLE[matte], APPLE[disparity])
+    with pytest.raises(FileError, match=r"photo\.jpg: lists two pictures that overlap"):
+        read(tmp_path, twice)
 
 
 @pytest.mark.parametrize("name", DAMAGES)

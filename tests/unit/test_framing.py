@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from inim.display import DISPLAYS
+from inim.errors import FileError
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.framing import frame
+from inim.from_camera.picture import CameraPicture, ColorDepth
+
+DISPLAY = DISPLAYS["nominal"]
 
 
 def values(depth, near_is_large=False, has_unit=True):
@@ -95,3 +103,33 @@ def test_a_finger_at_the_rim_is_no_subject():
     depth[:20, :20] = 100
     framing = frame(values(depth), 2.0)
     assert framing.near == pytest.approx(500, abs=1)
+
+
+@pytest.mark.parametrize("near_is_large", [False, True])
+def test_an_end_that_is_stated_alone_has_the_other_beyond_it(near_is_large):
+    depth = box()
+    shown = values(depth.max() + depth.min() - depth if near_is_large else depth, near_is_large)
+    taken = ColorDepth(np.zeros((*depth.shape, 3), np.uint8), shown, 1.0, (400, 300), 0.0, (), None)
+
+    def ends(**stated):
+        picture = CameraPicture(photo=Path("p.jpg"), orthographic=True, fit="auto", **stated)
+        depth_map = picture.fit_to(taken, DISPLAY, 1)[1]
+        return depth_map.near, depth_map.far
+
+    near, far = ends()
+    farthest = float(shown.depth.min() if near_is_large else shown.depth.max())
+    assert ends(near=near) == (near, far)
+    # Behind what the framing takes for the far end, and in front of the background.
+    behind = (far + (farthest - far) / 2, farthest)
+    assert ends(near=behind[0]) == pytest.approx(behind)
+
+
+def test_a_flat_photograph_is_told_so():
+    depth = values(np.full((30, 40), 1000.0))
+    taken = ColorDepth(np.zeros((30, 40, 3), np.uint8), depth, 1.0, (40, 30), 0.0, (), None)
+    picture = CameraPicture(photo=Path("p.jpg"), orthographic=True, fit="auto")
+    with pytest.raises(FileError, match=r"^p\.jpg: its depth is the same everywhere, 1000; "):
+        picture.fit_to(taken, DISPLAY, 1)
+    # Both ways out.
+    for words in ({"near": 500.0, "far": 2000.0}, {"fit": "contain"}):
+        replace(picture, **words).fit_to(taken, DISPLAY, 1)

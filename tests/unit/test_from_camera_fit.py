@@ -242,6 +242,14 @@ def test_the_range_passes_over_stray_pixels_unless_stated():
         depth_range(values(depth), 3000.0, 900.0)
 
 
+def test_one_end_that_all_depths_lie_beyond_is_told_without_the_other():
+    depth = values(np.linspace(1000, 2000, 4000).reshape(40, 100))
+    with pytest.raises(UsageError, match=r"^--near 5000: the picture has no depth behind that"):
+        depth_range(depth, near=5000.0)
+    with pytest.raises(UsageError, match=r"^--far 500: the picture has no depth in front of that"):
+        depth_range(depth, far=500.0)
+
+
 def test_the_slope_of_a_depth_map_never_turns_the_order_round():
     for display in (*DISPLAYS.values(), small_display(gap_mm=2.7)):
         made = map_depth("linear", values([[1.0, 2.0]]), (1.0, 2.0), display)

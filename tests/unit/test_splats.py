@@ -84,6 +84,7 @@ DAMAGES = {
     "infinite": (lambda d: _changed(d, "z", np.inf), "splat 3 is not finite"),
     "no turn": (lambda d: _changed(d, "rot_0 rot_1 rot_2 rot_3", 0), "splat 3 has no orientation"),
     "huge": (lambda d: _changed(d, "scale_0", 80), "splat 3 lies or reaches"),
+    "thin": (lambda d: _changed(d, "scale_2", -80), "splat 3 is impossibly thin"),
     "far": (lambda d: _changed(d, "x", 1e20), "splat 3 lies or reaches"),
 }  # fmt: skip
 
@@ -102,9 +103,10 @@ def test_a_damaged_file_gets_one_line(tmp_path, damage):
         assert "\n" not in str(caught.value) and "s.ply" in str(caught.value)
 
 
-def test_quaternions_need_not_be_of_unit_length(tmp_path):
+@pytest.mark.parametrize("length", [7, 1e-30, 1e30])
+def test_quaternions_need_not_be_of_unit_length(tmp_path, length):
     splats, path = random_splats(9, 0), tmp_path / "s.ply"
-    write_splats(path, replace(splats, turn=splats.turn * 7))
+    write_splats(path, replace(splats, turn=splats.turn * np.float32(length)))
     back = read_splats(path, path.read_bytes())
     np.testing.assert_allclose(back.turn, splats.turn, rtol=1e-6)
 

@@ -9,6 +9,7 @@ multi-picture file (CIPA DC-007), known by its own metadata.
 from __future__ import annotations
 
 import binascii
+import itertools
 import re
 import struct
 from collections.abc import Iterator
@@ -34,7 +35,7 @@ _APP1, _APP2, _SOS, _EOI = 0xE1, 0xE2, 0xDA, 0xD9
 _MOST_SEGMENTS = 10_000
 _MOST_PICTURES = 64
 # In coded data 0xff stands before 0 or a restart; before anything else it begins a segment.
-_MARKER = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])")
+_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
 _UNITS_MM = {"m": 1000.0, "meters": 1000.0, "mm": 1.0, "millimeters": 1.0}
 _RANGES = ("rangeinverse", "rangelinear")
 _GUID_BYTES = 32
@@ -230,4 +231,8 @@ def _further(path: Path, index: bytes, base: int, most: int) -> list[tuple[int, 
                 f"{path}: lists a picture of {length} bytes at {begin}, and the file has {most}; "
                 f"it is cut short: {_WAY_OUT}"
             )
+    placed = sorted(pictures)
+    for (before, length), (begin, _) in itertools.pairwise(placed):
+        if begin < before + length:
+            raise FileError(f"{path}: lists two pictures that overlap, at {begin}; {_WAY_OUT}")
     return pictures

@@ -126,16 +126,17 @@ def _camera(
 ) -> tuple[Pinhole | None, str]:
     """The camera of the stored colour picture, and how it is known."""
     camera, (columns, rows) = inside.camera, inside.camera_size
-    usable = camera is not None and min(camera.fx, camera.fy, columns, rows) > 0
-    if camera is not None and usable and all(map(math.isfinite, vars(camera).values())):
+    stated = () if camera is None else (*vars(camera).values(), columns, rows)
+    usable = all(map(math.isfinite, stated))
+    if camera is not None and usable and min(columns, rows) > 0:
         x, y = stored[0] / columns, stored[1] / rows
-        if abs(x / y - 1) <= _SAME_SHAPE:
-            scaled = Pinhole(
-                camera.fx * x,
-                camera.fy * y,
-                (camera.cx + 0.5) * x - 0.5,
-                (camera.cy + 0.5) * y - 0.5,
-            )
+        scaled = Pinhole(
+            camera.fx * x,
+            camera.fy * y,
+            (camera.cx + 0.5) * x - 0.5,
+            (camera.cy + 0.5) * y - 0.5,
+        )
+        if abs(x / y - 1) <= _SAME_SHAPE and min(scaled.fx, scaled.fy) > 0:
             return scaled, "camera by the file's own calibration"
     if 0 < focal_35mm < math.inf:
         focal = focal_35mm * math.hypot(*stored) / _DIAGONAL_35MM
