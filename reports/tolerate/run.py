@@ -3,7 +3,8 @@
     python -m reports.tolerate.run --work out/tolerate -o reports/tolerate
 
 The goblet on the nominal display and the tripod on the phone, by `inim tolerate` with its own
-draws. The calibration is that of a case of `reports.calibration.cases` with the same design, from
+draws; what the phone bears more of than is drawn by default once more, drawn farther (`phone.toml`
+beside this file). The calibration is that of a case of `reports.calibration.cases` with the same design, from
 simulated photographs. `--work` keeps what is drawn: a run that was stopped goes on where it was.
 """
 
@@ -33,12 +34,16 @@ class Study(NamedTuple):
     display: str
     viewpoints: str
     case: int
+    drawn: str | None = None
 
 
 #: The phone from three viewpoints: its views have two and a half times the pixels.
 STUDIES = {
     "goblet": Study("scenes/wine_coin.xml", "nominal", "centre,left,right,up,down", 0),
     "phone": Study("scenes/tripod.xml", "phone", "centre,left,up", 1),
+    "phone-farther": Study(
+        "scenes/tripod.xml", "phone", "centre,left,up", 1, "reports/tolerate/phone.toml"
+    ),
 }
 _KEPT = ("tolerate.html", "tolerate.json")
 _CALIBRATION = "calibration.json"
@@ -62,8 +67,9 @@ def _calibrated(study: Study, folder: Path) -> Path:
 
 def _tolerated(study: Study, work: Path, out: Path) -> dict[str, Any]:
     """What `inim tolerate` says, kept."""
-    drawn, calibration = work / "drawn", _calibrated(study, work)
-    words = ("--display", study.display, "--viewpoints", study.viewpoints)
+    drawn, calibration = work / out.name, _calibrated(study, work)
+    words: tuple[str, ...] = ("--display", study.display, "--viewpoints", study.viewpoints)
+    words += () if study.drawn is None else ("--study", study.drawn)
     _inim("tolerate", study.scene, *words, "--calibration", calibration, "-o", drawn)
     out.mkdir(parents=True, exist_ok=True)
     for name in _KEPT:
@@ -90,7 +96,7 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, default=Path("reports/tolerate"))
     args = parser.parse_args()
     found = {
-        name: _tolerated(study, args.work / name, args.out / name)
+        name: _tolerated(study, args.work / study.display, args.out / name)
         for name, study in STUDIES.items()
     }
     words = ("python", "-m", "reports.tolerate.run", "--work", args.work, "-o", args.out)
