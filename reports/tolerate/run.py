@@ -68,8 +68,8 @@ def _calibrated(study: Study, folder: Path) -> Path:
 def _tolerated(study: Study, work: Path, out: Path) -> dict[str, Any]:
     """What `inim tolerate` says, kept."""
     drawn, calibration = work / out.name, _calibrated(study, work)
-    words: tuple[str, ...] = ("--display", study.display, "--viewpoints", study.viewpoints)
-    words += () if study.drawn is None else ("--study", study.drawn)
+    words = ["--display", study.display, "--viewpoints", study.viewpoints]
+    words += [] if study.drawn is None else ["--study", study.drawn]
     _inim("tolerate", study.scene, *words, "--calibration", calibration, "-o", drawn)
     out.mkdir(parents=True, exist_ok=True)
     for name in _KEPT:
