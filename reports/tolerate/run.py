@@ -4,8 +4,9 @@
 
 The goblet on the nominal display and the tripod on the phone, by `inim tolerate` with its own
 draws; what the phone bears more of than is drawn by default once more, drawn farther (`phone.toml`
-beside this file). The calibration is that of a case of `reports.calibration.cases` with the same design, from
-simulated photographs. `--work` keeps what is drawn: a run that was stopped goes on where it was.
+beside this file). The calibration is that of a case of `reports.calibration.cases` with the same
+design, from simulated photographs. `--work` keeps what is drawn: a run that was stopped goes on
+where it was.
 """
 
 from __future__ import annotations
