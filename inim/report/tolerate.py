@@ -97,7 +97,8 @@ def _sentence(row: Mapping[str, Any]) -> str:
     if interval is None:
         return f"{name.capitalize()}: too few displays could be validated to say."
     if bears is None:
-        return f"{name.capitalize()} may be off by {_with_unit(row, row['farthest'])}, or by more."
+        farthest = _with_unit(row, row["farthest"])
+        return f"{name.capitalize()} may be off by {farthest}, or by more; a larger reach tells."
     low, high = ("more than was drawn" if end is None else f"{end:.3g}" for end in interval)
     return (
         f"With this sheet, {name} must be known to {_with_unit(row, bears)} (95{NBSP}% interval "

@@ -314,7 +314,7 @@ def test_an_error_that_may_be_larger_than_all_drawn_is_said_so(found):
     rows = [dict(found["parameters"][0], tolerance=None, interval=[None, None]),
             dict(found["parameters"][1], interval=[0.1, None])]  # fmt: skip
     turned, apart = plainly(sentences(data_of({**found, "parameters": rows, "together": None})))
-    assert turned == "Rotation may be off by 0.06 deg, or by more."
+    assert turned == "Rotation may be off by 0.06 deg, or by more; a larger reach tells."
     assert "(95 % interval 0.1 to more than was drawn)" in apart
 
 
