@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -99,8 +100,7 @@ def test_splat_puts_the_nearest_on_top():
 
 
 # Instead of a view, where each camera sees what is on the input camera's axis.
-_STAND_IN = """#!/usr/bin/env python3
-import json, sys
+_STAND_IN = """import json, sys
 from PIL import Image
 config = json.load(open(sys.argv[1]))
 cameras = {c["Name"]: c for c in json.load(open(config["VirtualCameraParameterFile"]))["cameras"]}
@@ -122,7 +122,7 @@ for name, out in zip(config["VirtualCameraNames"], config["OutputFiles"]):
 @pytest.mark.parametrize("disparity", [-2, 1])
 def test_rvs_is_given_cameras_that_see_the_disparity(tmp_path, disparity):
     program = tmp_path / "rvs"
-    program.write_text(_STAND_IN, "utf-8")
+    program.write_text(f"#!{sys.executable}\n{_STAND_IN}", "utf-8")
     program.chmod(0o755)
     for (row, column), view in rvs(plane(disparity), program):
         moved = (-disparity * (column - 2), -disparity * (row - 2))
