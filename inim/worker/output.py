@@ -10,6 +10,7 @@ import os
 import shutil
 import stat
 import tempfile
+import time
 from collections.abc import Container, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import BinaryIO
@@ -37,6 +38,7 @@ SCHEMA = "inim.files/1"
 _MOST_LIST_BYTES = 2**26
 _BLOCK_BYTES = 2**20
 _PARTIAL = ".partial"
+_REMOVALS, _BETWEEN_REMOVALS_S = 5, 0.02
 # The staging folders of this process, each with a descriptor that locks it: a lock ends with its
 # process, however that ends.
 _locks: dict[Path, int] = {}
@@ -163,7 +165,12 @@ def published(out: Path, names: Sequence[str]) -> Iterator[Path]:
 
 def remove_folder(folder: Path) -> None:
     """Remove a folder and all in it, which may be gone."""
-    shutil.rmtree(folder, ignore_errors=True)
+    # A thread that still writes may put a file where it was just emptied.
+    for _ in range(_REMOVALS):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            break
+        time.sleep(_BETWEEN_REMOVALS_S)
 
 
 def _move_into(
