@@ -186,7 +186,7 @@ def _panes(
     observer: Observer,
 ) -> list[_Pane]:
     """What is shown side by side; the scene first."""
-    display, design = _display(request, report)
+    display = optics.mounted
     renderer = Renderer("auto", observer)
     shown = [ShownEIA(eia, None, optics, renderer) for eia in _panels(request, report, display)]
     pixels = display.lens_rows * display.lens_columns * request.pixels_per_lens**2
@@ -200,7 +200,7 @@ def _panes(
     panes: list[_Pane] = []
     if request.scene is not None:
         observer.stage(_SCENE)
-        scene = Scene(request.scene.file(), design, request.scene.fit_share, renderer)
+        scene = Scene(request.scene.file(), report.design(), request.scene.fit_share, renderer)
         panes.append((_SCENE, [_true_view(scene, eye, request) for eye in eyes]))
     observer.stage("film")
     for name, one in zip(request.show, shown, strict=True):
