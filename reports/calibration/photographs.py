@@ -16,6 +16,8 @@ from __future__ import annotations
 
 import argparse
 import io
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +30,7 @@ from inim.parallel import threads
 from reports.calibration.cases import Case, Sensor, draw_case
 from reports.calibration.landing import SAMPLES, Camera, Landing, Pose, Sheet
 
-__all__ = ["Shot", "photograph_case"]
+__all__ = ["Shot", "calibrated", "photograph_case", "run_inim"]
 
 _QUALITY = 90
 _BRIGHT_QUANTILE = 0.99
@@ -123,6 +125,28 @@ def photograph_case(case: Case, patterns: Path, out: Path, *, facets: int | None
     sheet = Sheet(case.display, facets)
     for number, pose in enumerate(case.poses, 1):
         _position(case, sheet, pose, number, shown, out / f"position-{number}")
+
+
+def run_inim(*words: str | Path) -> None:
+    """Run a command of the project as a user does."""
+    subprocess.run([sys.executable, "-m", "inim", *map(str, words)], check=True)
+
+
+def calibrated(case: Case, folder: Path) -> Path:
+    """The display file of a case: patterns, photographs and calibration, as a user makes them.
+
+    Parameters
+    ----------
+    case : Case
+    folder : Path
+        Gets `patterns`, `photographs`, `display.xml` and `display-calibration`.
+    """
+    patterns, photographs = folder / "patterns", folder / "photographs"
+    design, found = ("--display", case.design.name), folder / "display.xml"
+    run_inim("calibrate", "patterns", *design, "-o", patterns)
+    photograph_case(case, patterns, photographs)
+    run_inim("calibrate", photographs, *design, "-o", found)
+    return found
 
 
 def _position(

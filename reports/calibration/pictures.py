@@ -11,8 +11,6 @@ photograph beside its simulation.
 from __future__ import annotations
 
 import argparse
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -21,7 +19,7 @@ from PIL import Image
 
 from reports.calibration.cases import Case, draw_case
 from reports.calibration.landing import Sheet
-from reports.calibration.photographs import Shot, photograph_case
+from reports.calibration.photographs import Shot, calibrated, run_inim
 from reports.gallery.pictures import keep
 
 __all__ = ["main"]
@@ -32,10 +30,6 @@ _SHOWN = ("00-white", "14-column-bit-2", "20-column-phase-000")
 _WIDTH = 480  # of each picture
 # Of the photographs' width, about their middle: what the lower row magnifies.
 _NEAR = 0.12
-
-
-def _inim(*words: str | Path) -> None:
-    subprocess.run([sys.executable, "-m", "inim", *map(str, words)], check=True)
 
 
 def _photographs(patterns: Path, position: Path) -> Image.Image:
@@ -89,21 +83,18 @@ def main() -> None:
     case = draw_case(_CASE)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        patterns, photographs, display = folder / "patterns", folder / "photographs", "display.xml"
-        _inim("calibrate", "patterns", "--display", case.design.name, "-o", patterns)
-        photograph_case(case, patterns, photographs)
-        keep(_photographs(patterns, photographs / "position-1"), args.out / "photographs.webp")
-        found = folder / display
-        _inim("calibrate", photographs, "--display", case.design.name, "-o", found)
+        found = calibrated(case, folder)
+        near = _photographs(folder / "patterns", folder / "photographs" / "position-1")
+        keep(near, args.out / "photographs.webp")
         made = folder / "made"
         algorithm = "template:samples=4"
         which = ("--display", found, "--algorithms", algorithm, "--viewpoints", "centre")
-        _inim("validate", args.scene, *which, "--preview", "-o", made)
+        run_inim("validate", args.scene, *which, "--preview", "-o", made)
         eia, photograph = made / "eia" / f"{algorithm}.png", folder / "photograph.jpg"
         _photographed(case, eia, photograph)
         compared = folder / "compared"
         words = ("--eia", eia, "--display", found, "--position", "position-1")
-        _inim("photo", photograph, *words, "-o", compared)
+        run_inim("photo", photograph, *words, "-o", compared)
         pair = []
         for one in ("photograph.png", "simulation.png"):
             with Image.open(compared / one) as image:

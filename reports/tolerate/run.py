@@ -15,15 +15,13 @@ import argparse
 import json
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from inim.files.image import write_atomically
 from inim.report.tolerate import sentences
 from reports.calibration.cases import draw_case
-from reports.calibration.photographs import photograph_case
+from reports.calibration.photographs import calibrated, run_inim
 
 __all__ = ["STUDIES", "Study", "table"]
 
@@ -47,31 +45,16 @@ STUDIES = {
     ),
 }
 _KEPT = ("tolerate.html", "tolerate.json")
-_CALIBRATION = "calibration.json"
-
-
-def _inim(*words: str | Path) -> None:
-    subprocess.run([sys.executable, "-m", "inim", *map(str, words)], check=True)
-
-
-def _calibrated(study: Study, folder: Path) -> Path:
-    """The calibration of a case, from its photographs."""
-    found = folder / "display-calibration" / _CALIBRATION
-    if not found.is_file():
-        patterns, photographs = folder / "patterns", folder / "photographs"
-        _inim("calibrate", "patterns", "--display", study.display, "-o", patterns)
-        photograph_case(draw_case(study.case), patterns, photographs)
-        words = ("--display", study.display, "-o", folder / "display.xml")
-        _inim("calibrate", photographs, *words)
-    return found
 
 
 def _tolerated(study: Study, work: Path, out: Path) -> dict[str, Any]:
     """What `inim tolerate` says, kept."""
-    drawn, calibration = work / out.name, _calibrated(study, work)
+    drawn, calibration = work / out.name, work / "display-calibration" / "calibration.json"
+    if not calibration.is_file():
+        calibrated(draw_case(study.case), work)
     words = ["--display", study.display, "--viewpoints", study.viewpoints]
     words += [] if study.drawn is None else ["--study", study.drawn]
-    _inim("tolerate", study.scene, *words, "--calibration", calibration, "-o", drawn)
+    run_inim("tolerate", study.scene, *words, "--calibration", calibration, "-o", drawn)
     out.mkdir(parents=True, exist_ok=True)
     for name in _KEPT:
         shutil.copyfile(drawn / name, out / name)
