@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.cli import COMMANDS
-from inim.pipeline.method import algorithm_table
+from inim.pipeline.stages.method import algorithm_table
 from inim.schemas import NAMES, schema
 from inim.settings import setting_table
 from inim.sweep.table import columns_as_markdown

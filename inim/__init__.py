@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from inim.display.viewpoint import Viewpoint as Viewpoint
     from inim.files.image import read_rgbd as read_rgbd
     from inim.generators import generate as generate
+    from inim.image.rgbd import RGBD as RGBD
     from inim.pipeline.validation import validate as validate
     from inim.render.reconstruct import reconstruct as reconstruct
     from inim.render.variant import register_plugins as register_plugins
     from inim.report import Report as Report
-    from inim.rgbd import RGBD as RGBD
 
 _HOME = {
     "DISPLAYS": "inim.display",
     "Display": "inim.display",
-    "RGBD": "inim.rgbd",
+    "RGBD": "inim.image.rgbd",
     "Report": "inim.report",
     "Viewpoint": "inim.display",
     "generate": "inim.generators",

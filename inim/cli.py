@@ -26,8 +26,6 @@ from inim.errors import (
 )
 from inim.version import __version__
 
-__all__ = ["COMMANDS", "main"]
-
 #: In the order of the help; each with its module in `inim.commands`.
 COMMANDS = {
     "demo": "validate",
@@ -83,7 +81,7 @@ def main(argv: list[str] | None = None) -> int:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     argv = sys.argv[1:] if argv is None else argv
     if "_ARGCOMPLETE" in os.environ:  # a shell asks how a word goes on
-        from inim.completion import complete
+        from inim.commands.completion import complete
 
         complete(_parser(None))
     if not argv:

@@ -18,8 +18,6 @@ from typing import Any, TextIO
 
 from inim.errors import InimError, OutOfMemoryError, UsageError
 
-__all__ = ["announced", "blame", "identity", "load", "stdout_to_stderr"]
-
 # Threads in which plugins run now, and what stdout is when there is none.
 _LOCK = Lock()
 _running = 0

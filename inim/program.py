@@ -10,8 +10,6 @@ TYPE_CHECKING = False  # `typing` takes longer to load than all else here
 if TYPE_CHECKING:
     from typing import NoReturn
 
-__all__ = ["run"]
-
 
 def run(*words: str) -> "NoReturn":
     """Carry out the command that these words and the process's own arguments name, and exit."""
@@ -25,7 +23,7 @@ def run(*words: str) -> "NoReturn":
     if sys.version_info < (3, 10):  # noqa: UP036 (in its own folder inim runs uninstalled)
         print("inim: error: Python 3.10 or newer is needed, not", sys.executable, file=sys.stderr)
         sys.exit(2)
-    from inim import interruption
+    from inim.process import interruption
 
     interruption.install()
     from inim.cli import main

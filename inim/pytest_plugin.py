@@ -22,8 +22,6 @@ import pytest
 if TYPE_CHECKING:
     from inim.report import Report
 
-__all__ = ["inim_validate"]
-
 # Imported by every run of pytest where inim is installed: nothing heavy at the top.
 
 
@@ -59,7 +57,7 @@ def inim_validate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..
 
     def validated(scene: str | Path, *, name: str | None = None, **options: Any) -> Report:
         from inim.errors import BaselineError
-        from inim.pipeline.baseline import accept
+        from inim.pipeline.output.baseline import accept
         from inim.pipeline.validation import validate
 
         label = re.sub(r"[^\w.+-]+", "-", name or request.node.name).strip("-.") or "test"

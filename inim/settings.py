@@ -15,8 +15,6 @@ from typing import Any
 from inim.display import DISPLAYS, Display
 from inim.errors import DisplayError, SceneError, known_words
 
-__all__ = ["DISPLAY_KEYS", "PREFIX", "Settings", "setting_table"]
-
 PREFIX = "inim."
 
 # Far above any sensible length, count or seed, and far below where arithmetic overflows.

@@ -15,8 +15,6 @@ from typing import Any
 
 from tests.chromium import Tab, browser
 
-__all__ = ["COUNT_WORK", "drag_about"]
-
 #: Put into a page before its own scripts: counts what goes to the graphics card. Each sample of
 #: the display's shader reads the panel's texture once, three times where the glass disperses.
 COUNT_WORK = """

@@ -33,7 +33,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.generators.oracle import lensed_pixels
-from inim.rgbd import RGBD, LayeredRGBD
+from inim.image.rgbd import RGBD, LayeredRGBD
 from reports.stress.study.oracles import first_hits
 from reports.stress.study.rays import rays_over
 

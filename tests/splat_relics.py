@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from inim.color import srgb_from_linear
 from inim.files.splat_ply import Splats, write_splats
+from inim.image.color import srgb_from_linear
 
 _Y0 = 0.28209479177387814
 

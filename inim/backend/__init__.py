@@ -20,8 +20,8 @@ from inim.backend.choice import (
     known_bad,
     private_folders,
 )
-from inim.backend.machine import memory_limit_bytes, peak_bytes
 from inim.backend.trial import Verdict, probe
+from inim.process.machine import memory_limit_bytes, peak_bytes
 
 __all__ = [
     "BACKENDS",

@@ -11,26 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from inim.backend import machine
 from inim.backend.trial import Verdict, verdict_on
 from inim.errors import BackendError, UsageError, missing_package
-
-__all__ = [
-    "BACKENDS",
-    "LLVM_VARIABLE",
-    "PRIVATE_MARKER",
-    "SEARCH_VARIABLE",
-    "Backend",
-    "activate",
-    "choose_backend",
-    "cuda_verdict",
-    "environment",
-    "find_libllvm",
-    "known_bad",
-    "llvm_verdicts",
-    "llvm_version",
-    "private_folders",
-]
+from inim.process import machine
 
 SEARCH_VARIABLE = "INIM_LLVM_SEARCH"
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"

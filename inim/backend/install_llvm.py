@@ -18,7 +18,6 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from inim import interruption
 from inim.backend import (
     LLVM_VARIABLE,
     PRIVATE_MARKER,
@@ -28,7 +27,8 @@ from inim.backend import (
     private_folders,
 )
 from inim.errors import BackendError, FileError, InimError, UsageError
-from inim.python_process import started
+from inim.process import interruption
+from inim.process.python_process import started
 
 Report = Callable[[str], object]
 Run = Callable[[Sequence[str]], "subprocess.CompletedProcess[str]"]

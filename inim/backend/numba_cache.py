@@ -15,8 +15,6 @@ from types import FrameType, TracebackType
 
 from inim.errors import FileError
 
-__all__ = ["go_without_cache", "is_cache_fault", "kernel_folder", "settle_cache"]
-
 _VARIABLE = "NUMBA_CACHE_DIR"
 _CACHING = "numba.core.caching"
 

@@ -11,11 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from inim import interruption
-from inim.backend import machine
-from inim.python_process import python_code, started
-
-__all__ = ["REMEMBERED", "Verdict", "cache_file", "probe", "verdict_on"]
+from inim.process import interruption, machine
+from inim.process.python_process import python_code, started
 
 _PROBE_SECONDS = 60.0
 _CURABLE = ("import", "start")

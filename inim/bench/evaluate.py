@@ -13,20 +13,9 @@ from inim import metrics
 from inim.display import Display
 from inim.generators import HOLE, NO_LENS, SourceGenerator, Sources, find_sources
 from inim.generators.raycast.supersampling import Supersampled
+from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.metrics import Viewing
 from inim.pipeline.timing import TimedMethod, linear_picture
-from inim.rgbd import RGBD, LayeredRGBD
-
-__all__ = [
-    "Reference",
-    "Score",
-    "all_scores",
-    "evaluate",
-    "make_reference",
-    "mark_fronts",
-    "noise_floor",
-]
-
 
 # Scores with a panel of their own; those of other packages' metrics have one, too.
 _PLOTTED = ("eia_psnr_db", "view_ssim_to_ceiling")

@@ -10,16 +10,14 @@ from typing import Any
 from inim.bench.record import load_average, record
 from inim.bench.scene import bench_scene, choose_algorithms, scene_plan
 from inim.errors import UsageError
-from inim.observer import Observer
 from inim.pipeline.plan import Plan
 from inim.pipeline.request import repeated
-from inim.pipeline.scene import Renderer
+from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.timing import Rounds, most_threads
+from inim.process.observer import Observer
 from inim.report.bench import write_bench
 from inim.worker.output import open_staging, publish
 from inim.worker.supervisor import run_in_worker
-
-__all__ = ["BenchRequest", "run_bench", "work"]
 
 _MARKER = "bench.json"
 _FILES = (_MARKER, "bench.html", "bench.md")

@@ -8,12 +8,10 @@ from collections.abc import Sequence
 from datetime import datetime, timezone
 from typing import Any
 
+from inim.backend.provenance import backend_data, versions
 from inim.pipeline.timing import Rounds, most_threads
-from inim.provenance import backend_data, versions
 from inim.report.bench import SCHEMA
 from inim.version import __version__
-
-__all__ = ["load_average", "record"]
 
 _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
 # Share of the cores that others may keep busy before times are in doubt.

@@ -19,16 +19,16 @@ from inim.bench.evaluate import (
 )
 from inim.display import Display
 from inim.errors import SceneError, UsageError
-from inim.forecast import Step
 from inim.generators import algorithm_names, check_algorithm, is_own, properties
-from inim.pipeline.capture import DepthCamera, capture_relic
+from inim.image.rgbd import RGBD
 from inim.pipeline.expected import capture_steps
-from inim.pipeline.ground_truth import pick_up_truth
 from inim.pipeline.plan import Plan, make_plan
-from inim.pipeline.reconstruct import reconstruct_views
 from inim.pipeline.request import Request
-from inim.pipeline.scene import Renderer, Scene
-from inim.pipeline.stage import Run
+from inim.pipeline.stages.capture import DepthCamera, capture_relic
+from inim.pipeline.stages.ground_truth import pick_up_truth
+from inim.pipeline.stages.reconstruct import reconstruct_views
+from inim.pipeline.stages.scene import Renderer, Scene
+from inim.pipeline.stages.stage import Run
 from inim.pipeline.timing import (
     YARDSTICK,
     Rounds,
@@ -39,9 +39,7 @@ from inim.pipeline.timing import (
     ratios,
     time_methods,
 )
-from inim.rgbd import RGBD
-
-__all__ = ["available", "bench_scene", "choose_algorithms", "method_data", "scene_plan"]
+from inim.process.forecast import Step
 
 # What is measured where nothing is named, with those that other packages announce: every
 # algorithm, and the settings that cost time.

@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["address_of", "array_digest", "code_digest", "value_digest"]
-
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 

@@ -6,9 +6,7 @@ import contextlib
 import os
 from pathlib import Path
 
-from inim import interruption
-
-__all__ = ["PARTIAL", "clear_partials", "store_folder"]
+from inim.process import interruption
 
 FOLDER_VARIABLE = "INIM_CACHE"
 _OFF = "off"

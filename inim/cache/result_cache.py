@@ -14,8 +14,6 @@ import numpy as np
 from inim.cache.digest import address_of, value_digest
 from inim.cache.store import Record, Store
 
-__all__ = ["ResultCache"]
-
 
 class ResultCache:
     """A store, and what successive runs have in common.

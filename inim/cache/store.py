@@ -28,18 +28,9 @@ from typing import Any
 
 import numpy as np
 
-from inim import interruption
 from inim.cache.folder import PARTIAL, store_folder
 from inim.errors import UsageError
-
-__all__ = [
-    "Record",
-    "Store",
-    "StoreInfo",
-    "open_store",
-    "remembered",
-    "use_store",
-]
+from inim.process import interruption
 
 SIZE_VARIABLE = "INIM_CACHE_GIB"
 _DEFAULT_GIB = 8.0

@@ -12,8 +12,6 @@ from inim.calibrate.fit import Calibration
 from inim.calibrate.model import PARAMETERS, SHARED, Guess, Seen, centres
 from inim.display import Display
 
-__all__ = ["Advice", "next_positions"]
-
 # Directions to look from: right and up, in shares of the angle at which views flip.
 _ASIDE = {
     "straight on": (0.0, 0.0),

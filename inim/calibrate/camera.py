@@ -10,8 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-__all__ = ["Camera", "Pose", "directions", "project", "rays", "rotation"]
-
 # Newton's method on a radius; distortions of photographs are small.
 _NEWTON_STEPS = 4
 

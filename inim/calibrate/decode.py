@@ -26,8 +26,6 @@ from inim.calibrate.patterns import CELL, PERIOD, bit_count
 from inim.calibrate.photographs import Position, read_photograph
 from inim.errors import FileError
 
-__all__ = ["Decoded", "decode"]
-
 # A lens is lit where it has this share of the light that bright ones have.
 _LIT_SHARE = 0.1
 _BRIGHT_QUANTILE = 0.95

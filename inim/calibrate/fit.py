@@ -24,8 +24,6 @@ from inim.calibrate.start import check_pitch, count_alike, focal_guess, pose_gue
 from inim.display import Display
 from inim.errors import DisplayError, FileError, UsageError
 
-__all__ = ["LIMITS", "Calibration", "Estimate", "calibrate", "check_display", "recounted", "stand"]
-
 #: A parameter with a larger standard error is not given; lengths as shares of the nominal pitch,
 #: gap and focal length. An interval that wide would not help to make an EIA.
 LIMITS = {

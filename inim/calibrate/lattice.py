@@ -19,8 +19,6 @@ from inim.errors import FileError
 if TYPE_CHECKING:
     from inim.calibrate.decode import Decoded
 
-__all__ = ["SAMPLES", "Lenses", "find_lenses"]
-
 # Jumps of panel coordinates, in lens pitches: above it pixels belong to two lenses, ...
 _SAME_LENS = 0.3
 # ... and a whole jump may be off by this much: pitch, perspective and rotation are all within it.

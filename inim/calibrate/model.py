@@ -39,19 +39,6 @@ from inim.lens.array import (
 from inim.lens.surface import sag
 from inim.lens.thick import bulge
 
-__all__ = [
-    "BLUR_PX",
-    "PARAMETERS",
-    "SHARED",
-    "STEPS",
-    "Guess",
-    "Seen",
-    "centres",
-    "first_lens_mm",
-    "panel_mm",
-    "panel_points",
-]
-
 #: Of the display, in the order in which they are fitted.
 PARAMETERS = (
     "pitch_mm",

@@ -10,16 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from inim.backend.provenance import versions
 from inim.calibrate.advice import Advice, next_positions
 from inim.calibrate.fit import Calibration
 from inim.calibrate.model import PARAMETERS, Seen
 from inim.display import Display
-from inim.provenance import versions
 from inim.report.calibration import SCHEMA
 from inim.settings import DISPLAY_KEYS, PREFIX
 from inim.version import __version__
-
-__all__ = ["as_data", "display_file", "residual_maps"]
 
 _VERSIONS = ("numpy", "scipy")
 _MOST_ADVICE = 3

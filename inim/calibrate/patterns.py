@@ -19,13 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.display import Display
 from inim.files.image import encoded
+from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.version import __version__
 from inim.worker.output import published
-
-__all__ = ["CELL", "PAGE", "PERIOD", "SCHEMA", "Pattern", "bit_count", "patterns", "write_patterns"]
 
 SCHEMA = "inim.patterns/1"
 #: File name of the page that shows the pictures.

@@ -16,17 +16,15 @@ import numpy as np
 from scipy.ndimage import binary_erosion, gaussian_filter, shift
 from scipy.optimize import least_squares, minimize_scalar
 
+from inim.backend.provenance import versions
 from inim.calibrate.camera import Camera, Pose, rays
 from inim.display import Display
 from inim.errors import FileError
 from inim.lens import trace_to_pixels
 from inim.metrics import score
-from inim.parallel import threads
-from inim.provenance import versions
+from inim.process.threads import threads
 from inim.report.photo import SCHEMA
 from inim.version import __version__
-
-__all__ = ["BLOCK_PX", "Difference", "Stage", "Tone", "as_data", "compare", "simulate"]
 
 #: Side of the squares whose movement the flow tells.
 BLOCK_PX = 64

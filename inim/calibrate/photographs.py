@@ -14,12 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from inim.calibrate.patterns import patterns
-from inim.color import linear_from_srgb
 from inim.display import Display
 from inim.errors import FileError
 from inim.files.picture import open_picture
-
-__all__ = ["Position", "read_colors", "read_photograph", "read_position", "read_positions"]
+from inim.image.color import linear_from_srgb
 
 _FORMATS = ("JPEG", "PNG")
 _ENDINGS = (".jpg", ".jpeg", ".png")

@@ -14,8 +14,6 @@ from inim.calibrate.model import panel_mm
 from inim.display import Display
 from inim.errors import FileError
 
-__all__ = ["Counted", "Turned", "check_pitch", "count_alike", "focal_guess", "pose_guess", "turned"]
-
 # Focal lengths tried, in widths of the photograph: a wide lens to a long one.
 _FOCAL_WIDTHS = np.geomspace(0.5, 8.0, 41)
 # What they are like without a word from the photographs (logarithms), how far lattices seem to be

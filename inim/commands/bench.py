@@ -16,8 +16,6 @@ from inim.commands.options import (
 )
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
-__all__ = ["COMMANDS"]
-
 
 def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)

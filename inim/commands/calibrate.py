@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from inim.calibrate.lattice import Lenses
     from inim.display import Display
 
-__all__ = ["COMMANDS"]
-
 _PATTERNS = "patterns"
 _EPILOG = """first
   inim calibrate patterns --display phone -o DIR

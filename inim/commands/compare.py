@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from inim.regression import RunStatistics
     from inim.report import Report
 
-__all__ = ["COMMANDS", "compare_reports"]
-
 
 def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
@@ -31,7 +29,7 @@ def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _baseline(args: argparse.Namespace) -> int:
-    from inim.pipeline.baseline import accept
+    from inim.pipeline.output.baseline import accept
 
     print(f"baseline: {accept(args.out, args.reason, args.to)}")
     return EXIT_PASSED
@@ -82,7 +80,7 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     FileError
         No report there, or `out` cannot be written.
     """
-    from inim.pipeline.baseline import read_run, regression_data, verdict_lines
+    from inim.pipeline.output.baseline import read_run, regression_data, verdict_lines
     from inim.regression import all_passed, compare
     from inim.report.compare import SCHEMA, write_comparison
     from inim.worker.output import published
@@ -121,7 +119,7 @@ def _copy_pictures(reports: list[Report], name: str, staging: Path) -> bool:
     """The two pictures of a name, and their difference; whether both are there."""
     from PIL import Image
 
-    from inim.pipeline.baseline import FOLDER
+    from inim.pipeline.output.baseline import FOLDER
     from inim.report.images import ENCODINGS, Images, difference
 
     found = [Images(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in reports]

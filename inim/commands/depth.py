@@ -18,14 +18,12 @@ from typing import TYPE_CHECKING, Any
 
 from inim.commands.options import Command, add_debug
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
-from inim.regular_file import check_file
+from inim.files.regular_file import check_file
 
 if TYPE_CHECKING:
     import argparse
 
     import numpy as np
-
-__all__ = ["COMMANDS", "relative_distance", "says_distance"]
 
 _DEFAULT_MODEL = "depth-anything/Depth-Anything-V2-Small-hf"
 _KINDS = ("auto", "inverse", "metres")
@@ -139,8 +137,8 @@ def _predicted(estimator: Any, photo: Path, model: str) -> np.ndarray:
     import numpy as np
     from PIL import Image
 
-    from inim.color import srgb_from_linear, srgb_to_uint8
     from inim.from_camera.picture_files import read_color
+    from inim.image.color import srgb_from_linear, srgb_to_uint8
 
     color = read_color(photo)
     codes = color if color.dtype == np.uint8 else srgb_to_uint8(srgb_from_linear(color))

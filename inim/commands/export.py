@@ -16,10 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from inim.display import Display
-    from inim.pipeline.quilt import QuiltRequest
     from inim.report import Report
-
-__all__ = ["COMMANDS"]
+    from inim.views.quilt import QuiltRequest
 
 #: Quilts of published devices, by their columns and rows of views: width and height of a view in
 #: pixels, and its width over its height as seen, where its pixels are not square.
@@ -110,7 +108,7 @@ def _run(args: argparse.Namespace) -> int:
     quilt = None if args.quilt is None else _quilt(args, chosen)
     written = _write_sheet_and_views(args, chosen)
     if quilt is not None:
-        from inim.pipeline.quilt import make_quilt
+        from inim.views.quilt import make_quilt
 
         written.append(make_quilt(quilt, quiet=args.quiet, debug=args.debug))
     if not args.quiet:
@@ -163,7 +161,8 @@ def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
 
 def _best(report: Report) -> tuple[str, str]:
     """The best algorithm, and the words that say so."""
-    from inim.report.wording import HEADLINE_WORDS, best_algorithm
+    from inim.metrics.headline import HEADLINE_WORDS
+    from inim.report.wording import best_algorithm
 
     names, best = list(report.data["algorithms"]), best_algorithm(report.data)
     if len(names) == 1:
@@ -177,9 +176,9 @@ def _best(report: Report) -> tuple[str, str]:
 
 
 def _write_sheet_and_views(args: argparse.Namespace, chosen: _Chosen) -> list[Path]:
-    from inim.color import srgb_codes
     from inim.files.eia_file import read_eia, write_true_size_pdf
     from inim.files.light_field import sub_aperture_views, write_hci
+    from inim.image.color import srgb_codes
 
     grid = None if args.grid is None else _pair("--grid", args.grid, 10_000)[::-1]
     if args.pdf is None and args.views is None and args.hci is None:
@@ -235,8 +234,8 @@ def _write_views(folder: Path, views: np.ndarray) -> None:
 
 def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
     """The quilt asked for, checked."""
-    from inim.pipeline.quilt import QuiltRequest, check_quilt
-    from inim.pipeline.traced_scene import TracedScene
+    from inim.views.quilt import QuiltRequest, check_quilt
+    from inim.views.traced_scene import TracedScene
 
     if args.scene is not None and not chosen.is_truth:
         raise UsageError("--scene: is traced for the truth only; add --algorithm truth")

@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     from inim.display import Display
     from inim.from_camera.fit import DepthMap, Fitted
     from inim.from_camera.picture import CameraPicture, ColorDepth
-    from inim.rgbd import RGBD
+    from inim.image.rgbd import RGBD
     from inim.settings import Settings
-
-__all__ = ["COMMANDS"]
 
 _DEFAULT_ALGORITHM = "template"
 _EPILOG = """depth
@@ -238,7 +236,7 @@ def _generated(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """A picture's EIA, linear RGB, and where it shows nothing, if the algorithm says."""
     from inim.generators import prepare
-    from inim.pipeline.plugin_guard import blamed, run_generator
+    from inim.pipeline.stages.plugin_guard import blamed, run_generator
 
     with blamed(algorithm, "prepare"):
         generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)

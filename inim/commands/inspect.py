@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from inim.inspect.findings import Findings
     from inim.settings import Settings
 
-__all__ = ["COMMANDS"]
-
 _NAME = "inspect"
 
 

@@ -13,14 +13,12 @@ if TYPE_CHECKING:
     from inim.backend import Verdict
     from inim.cache.store import StoreInfo
 
-__all__ = ["COMMANDS", "describe", "sys_info"]
-
 _NO_STORE = "no store is used: INIM_CACHE is off, or there is no home folder; let it name a folder"
 _DISTRIBUTIONS = ("inim", "mitsuba", "drjit", "numpy", "OpenEXR", "trimesh", "flip-evaluator")
 
 
 def _algorithms(_: argparse.Namespace) -> int:
-    from inim.pipeline.method import algorithm_table
+    from inim.pipeline.stages.method import algorithm_table
 
     print(algorithm_table())
     return EXIT_PASSED
@@ -83,8 +81,8 @@ def describe() -> dict[str, Any]:
     import platform
 
     from inim.backend.choice import choose_backend, cuda_verdict, llvm_verdicts
-    from inim.backend.machine import cpu_count, cpu_model, memory_limit_bytes
     from inim.backend.trial import cache_file
+    from inim.process.machine import cpu_count, cpu_model, memory_limit_bytes
 
     cuda = cuda_verdict()
     chosen: dict[str, Any] | str

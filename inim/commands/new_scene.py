@@ -14,10 +14,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim import interruption
 from inim.commands.options import Command, print_warning
 from inim.errors import FileError, UsageError
-from inim.regular_file import read_file
+from inim.files.regular_file import read_file
+from inim.process import interruption
 
 if TYPE_CHECKING:
     import argparse
@@ -25,9 +25,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from inim.files.mesh import Mesh
-
-__all__ = ["COMMANDS", "new_scene"]
+    from inim.files.triangle_mesh import Mesh
 
 # As `inim.scene` reads.
 _MOST_SCENE_BYTES = 2**26
@@ -343,7 +341,7 @@ def _write_part(part: Mesh, path: Path) -> None:
     """A part's PLY, or its texture."""
     from PIL import Image
 
-    from inim.files.mesh import write_ply
+    from inim.files.ply import write_ply
 
     if path.suffix == ".png":
         Image.fromarray(part.texture).save(path, "PNG")

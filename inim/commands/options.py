@@ -12,23 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from inim.from_camera.picture import CameraPicture
 
-__all__ = [
-    "DISPLAY_HELP",
-    "Command",
-    "add_allow_folder",
-    "add_debug",
-    "add_definitions",
-    "add_display",
-    "add_exit_codes",
-    "add_picture",
-    "add_quiet",
-    "no_arguments",
-    "picture_of",
-    "print_failed",
-    "print_outcome",
-    "print_warning",
-]
-
 DISPLAY_HELP = "a preset, nominal or phone, or an .xml with inim.* settings"
 _EXIT_CODES = """exit codes:
   0 passed    1 a check failed    2 usage, scene or file error

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from inim.calibrate.camera import Camera, Pose
     from inim.display import Display
 
-__all__ = ["COMMANDS"]
-
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim import interruption
 from inim.commands.options import (
     DISPLAY_HELP,
     Command,
@@ -19,11 +18,10 @@ from inim.commands.options import (
     print_outcome,
 )
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
+from inim.process import interruption
 
 if TYPE_CHECKING:
     from inim.sweep.run import Place
-
-__all__ = ["COMMANDS"]
 
 _KEPT = "results are kept: run it again to go on"
 

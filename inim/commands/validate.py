@@ -22,9 +22,6 @@ from inim.commands.options import (
 )
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, FileError, UsageError
 
-__all__ = ["COMMANDS"]
-
-
 _REPEATED = ("definitions", "eias", "allow_folders")
 
 
@@ -168,7 +165,7 @@ def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
 
 
 def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
-    from inim.pipeline.own_picture import PictureRequest, no_warning, run_picture
+    from inim.views.own_picture import PictureRequest, no_warning, run_picture
 
     if args.scene is not None:
         raise UsageError(f"{args.scene}: a scene and a picture; validate one of them")

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from inim.display import Display
 
-__all__ = ["COMMANDS", "view_eia", "view_report"]
-
 #: A page alone may be larger than a report: it is not sent by mail with each run.
 _MOST_BYTES = 60_000_000
 _PAGE = "virtual-display.html"
@@ -123,10 +121,10 @@ def view_eia(
     InimError
         Of the kind that fits: a display or an EIA that cannot be, or that do not fit together.
     """
-    from inim.color import srgb_codes
     from inim.display.misalignment import mounted
     from inim.display.viewpoint import parse_viewpoints
     from inim.files.eia_file import read_eia
+    from inim.image.color import srgb_codes
     from inim.report.images import ENCODINGS, Images
     from inim.report.virtual_display import (
         LIVE,
@@ -239,10 +237,10 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _film(args: argparse.Namespace) -> int:
     from inim.lens import lens_models
-    from inim.pipeline.film import CEILING, FilmRequest, make_film
-    from inim.pipeline.traced_scene import TracedScene
     from inim.report import Report
     from inim.report.wording import best_algorithm
+    from inim.views.film import CEILING, FilmRequest, make_film
+    from inim.views.traced_scene import TracedScene
 
     report = Report.load(args.folder)
     best = best_algorithm(report.data)

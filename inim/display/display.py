@@ -29,8 +29,6 @@ from inim.display.pixels import (
 )
 from inim.errors import DisplayError
 
-__all__ = ["DISPLAYS", "Display"]
-
 _LENGTHS = (
     "pitch_mm",
     "pitch_y_mm",

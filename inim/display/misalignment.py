@@ -5,8 +5,6 @@ from __future__ import annotations
 from inim.display.display import Display
 from inim.errors import DisplayError, UsageError, known_words
 
-__all__ = ["MISALIGNMENTS", "mounted"]
-
 #: What can be off, and what a positive number means.
 MISALIGNMENTS = {
     "shift_x_mm": "the array lies to the right",

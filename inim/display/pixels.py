@@ -15,24 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inim.buffers import row_bands
 from inim.errors import DisplayError
+from inim.image.buffers import row_bands
 
 if TYPE_CHECKING:
     from inim.display.display import Display
-
-__all__ = [
-    "SUBPIXELS",
-    "PixelAxis",
-    "PixelRays",
-    "SubPixel",
-    "least_gap_mm",
-    "pixel_axis",
-    "pixel_rays",
-    "row_blocks",
-    "shining",
-    "stated",
-]
 
 
 @dataclass(frozen=True)

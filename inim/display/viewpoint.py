@@ -11,18 +11,6 @@ import numpy as np
 from inim.display.display import Display
 from inim.errors import UsageError, ViewpointError, known_words
 
-__all__ = [
-    "DEFAULT_VIEWPOINTS",
-    "Viewpoint",
-    "check_viewpoint",
-    "default_distance_mm",
-    "eye_path",
-    "focus_distance_mm",
-    "is_file_safe",
-    "parse_viewpoints",
-    "zone_eyes",
-]
-
 #: Direction of each named viewpoint, in shares of the side step below.
 DEFAULT_VIEWPOINTS = {
     "centre": (0, 0),

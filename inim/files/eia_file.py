@@ -15,16 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.buffers import row_bands
-from inim.color import linear_from_srgb, srgb_codes
 from inim.display import Display
 from inim.errors import FileError
 from inim.files.image import exr_size, read_exr_channels, write_atomically
 from inim.files.picture import check_png
-from inim.regular_file import check_file, open_file
+from inim.files.regular_file import check_file, open_file
+from inim.image.buffers import row_bands
+from inim.image.color import linear_from_srgb, srgb_codes
 from inim.version import __version__
-
-__all__ = ["EIA_SUFFIXES", "check_eia_name", "read_eia", "write_eia", "write_true_size_pdf"]
 
 # Pillow's names for grey of 16 bits.
 _GREY_16 = ("I;16", "I;16B", "I")

@@ -14,30 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from inim import interruption
 from inim.cache.digest import value_digest
 from inim.cache.store import remembered
-from inim.color import srgb_codes
 from inim.errors import FileError, UsageError
-from inim.regular_file import check_file
-from inim.rgbd import RGBD, Layer, LayeredRGBD
+from inim.files.regular_file import check_file
+from inim.image.color import srgb_codes
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from inim.process import interruption
 from inim.version import __version__
-
-__all__ = [
-    "check_exr",
-    "check_unfolding",
-    "encoded",
-    "exr_size",
-    "hushed",
-    "read_exr",
-    "read_exr_channels",
-    "read_exr_texture",
-    "read_rgbd",
-    "write_atomically",
-    "write_exr",
-    "write_png",
-    "write_rgbd",
-]
 
 # A picture beyond this is a bomb or a mistake; 8K panels have 33 million pixels.
 _MOST_PIXELS = 2**28

@@ -14,14 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inim.errors import FileError
-from inim.regular_file import read_file
+from inim.files.regular_file import read_file
 from inim.schemas import schema
 
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
     from jsonschema.protocols import Validator
-
-__all__ = ["read_json"]
 
 # The project's own reports have some 45 kB and a thousand values.
 _MOST_BYTES = 2**24

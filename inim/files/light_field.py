@@ -30,21 +30,8 @@ from inim.display.pixels import PixelAxis
 from inim.errors import FileError, UsageError
 from inim.files.image import write_atomically
 from inim.files.picture import open_picture, read_pfm, write_pfm
-from inim.regular_file import read_file
-from inim.rgbd import RGBD
-
-__all__ = [
-    "LightField",
-    "centre_disparity",
-    "disparity_step_mm",
-    "eia_from_views",
-    "quilt_path",
-    "read_hci",
-    "sub_aperture_views",
-    "view_grid",
-    "write_hci",
-    "write_quilt",
-]
+from inim.files.regular_file import read_file
+from inim.image.rgbd import RGBD
 
 _VIEW = re.compile(r"input_Cam(\d{3,4})\.png")
 _PARAMETERS = "parameters.cfg"

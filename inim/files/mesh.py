@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from inim.errors import FileError
-from inim.files.ply import check_ply, is_ply, read_ply, write_ply
+from inim.files.ply import check_ply, is_ply, read_ply
 from inim.files.splat_ply import SPLAT_SHAPES, check_splats
 from inim.files.triangle_mesh import (
     MESH_SUFFIXES,
@@ -34,8 +34,6 @@ from inim.files.triangle_mesh import (
     numbers_in,
     read_bytes,
 )
-
-__all__ = ["UNIT_MM", "Mesh", "check_mesh_file", "read_mesh", "write_ply"]
 
 _BLOCK_BYTES = 2**22
 

@@ -21,18 +21,7 @@ import numpy as np
 
 from inim.errors import FileError
 from inim.files.image import check_exr, check_unfolding, hushed, read_exr_texture
-from inim.regular_file import open_file, read_file
-
-__all__ = [
-    "check_picture",
-    "check_png",
-    "check_volume",
-    "is_exr",
-    "open_picture",
-    "read_pfm",
-    "read_texture",
-    "write_pfm",
-]
+from inim.files.regular_file import open_file, read_file
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HEAD_BYTES = 16

@@ -12,20 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from inim.color import linear_from_srgb
 from inim.errors import FileError
 from inim.files.image import write_atomically
 from inim.files.triangle_mesh import Mesh, check_indices, numbers_in, usable_normals
-
-__all__ = [
-    "PlyHeader",
-    "check_ply",
-    "columns_of",
-    "is_ply",
-    "read_ply",
-    "sized_header",
-    "write_ply",
-]
+from inim.image.color import linear_from_srgb
 
 _LINE_BYTES = 2**16
 _HEADER_BYTES = 16 * _LINE_BYTES

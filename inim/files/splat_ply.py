@@ -20,8 +20,6 @@ from inim.errors import FileError
 from inim.files.image import write_atomically
 from inim.files.ply import PlyHeader, columns_of, is_ply, sized_header
 
-__all__ = ["SPLAT_SHAPES", "Splats", "check_splats", "is_splats", "read_splats", "write_splats"]
-
 #: Mitsuba's shapes that are made of such a file.
 SPLAT_SHAPES = frozenset({"ellipsoids", "ellipsoidsmesh"})
 _CENTRE = ("x", "y", "z")

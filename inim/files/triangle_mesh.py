@@ -13,22 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from inim.errors import FileError
-from inim.regular_file import read_file
-
-__all__ = [
-    "MESH_SUFFIXES",
-    "MOST_BYTES",
-    "Mesh",
-    "check_area",
-    "check_indices",
-    "check_points",
-    "first_line",
-    "has_area",
-    "numbers_in",
-    "read_bytes",
-    "smoothed",
-    "usable_normals",
-]
+from inim.files.regular_file import read_file
 
 
 @dataclass(frozen=True)

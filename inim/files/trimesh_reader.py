@@ -16,12 +16,10 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.errors import FileError
+from inim.files.regular_file import open_file, read_file
 from inim.files.triangle_mesh import Mesh, check_indices, first_line, usable_normals
-from inim.regular_file import open_file, read_file
-
-__all__ = ["read_with_trimesh"]
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 
 _MOST_TEXTURE_PIXELS = 2**26
 _MOST_INSTANCED_FACES = 50_000_000

@@ -18,16 +18,6 @@ from numpy.typing import NDArray
 from inim.errors import FileError, UsageError
 from inim.from_camera.picture_files import DepthFile
 
-__all__ = [
-    "FILL_RULES",
-    "DepthValues",
-    "Meaning",
-    "fill_missing",
-    "parse_unit",
-    "read_meaning",
-    "sample",
-]
-
 FILL_RULES = ("none", "nearest", "behind", "far")
 
 _UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}

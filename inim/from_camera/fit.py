@@ -38,21 +38,7 @@ from inim.display import Display
 from inim.errors import UsageError
 from inim.from_camera.depth_values import DepthValues, sample
 from inim.from_camera.tiles import CameraTiles, draw_tiles
-from inim.rgbd import RGBD
-
-__all__ = [
-    "DEPTH_MAPS",
-    "FITS",
-    "DepthMap",
-    "Fitted",
-    "Pinhole",
-    "check_pinhole",
-    "depth_range",
-    "empty_share",
-    "fit_picture",
-    "map_depth",
-    "parse_intrinsics",
-]
+from inim.image.rgbd import RGBD
 
 DEPTH_MAPS = ("linear", "reciprocal", "printed")
 # Stray pixels at the rims of objects must not set the range.

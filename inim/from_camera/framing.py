@@ -16,8 +16,6 @@ import numpy as np
 
 from inim.from_camera.depth_values import DepthValues
 
-__all__ = ["Framing", "frame"]
-
 # Enough to see a subject by; the choice does not need every pixel.
 _LOOKED_AT = 512
 _BINS = 256

@@ -12,15 +12,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from inim.color import linear_from_srgb
 from inim.display import Display
 from inim.errors import FileError
 from inim.files.light_field import LightField, disparity_step_mm, eia_from_views
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import depth_range, fit_picture, map_depth
-from inim.rgbd import RGBD
-
-__all__ = ["centre_view_picture", "shift_px", "step_mm", "true_eia"]
+from inim.image.color import linear_from_srgb
+from inim.image.rgbd import RGBD
 
 
 def centre_view_picture(

@@ -37,17 +37,7 @@ from inim.from_camera.fit import (
 )
 from inim.from_camera.framing import Framing, frame
 from inim.from_camera.picture_files import read_color, read_depth
-from inim.rgbd import RGBD
-
-__all__ = [
-    "MOST",
-    "CameraPicture",
-    "ColorDepth",
-    "Shift",
-    "check_same_view",
-    "edge_shift",
-    "resampled",
-]
+from inim.image.rgbd import RGBD
 
 # Weights of red, green and blue; any that look at all three would do.
 _LUMA = (0.3, 0.6, 0.1)

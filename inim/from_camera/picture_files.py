@@ -22,17 +22,8 @@ from inim.files.image import (
     write_atomically,
 )
 from inim.files.picture import is_exr, open_picture, read_pfm
-from inim.regular_file import check_file
+from inim.files.regular_file import check_file
 from inim.version import __version__
-
-__all__ = [
-    "DepthFile",
-    "depth_numbers",
-    "in_srgb",
-    "read_color",
-    "read_depth",
-    "write_depth",
-]
 
 _COLOR_FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM")
 _NO_COLOR = "not a colour picture that inim reads; save it as PNG, JPEG or EXR"

@@ -20,9 +20,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.color import linear_from_srgb
-
-__all__ = ["CameraTiles", "Drawn", "draw_tiles"]
+from inim.image.color import linear_from_srgb
 
 # Colours become floats in blocks of about this many samples.
 _BLOCK = 2**20

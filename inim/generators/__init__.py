@@ -46,7 +46,7 @@ from inim.generators.registry import (
     parse_algorithm,
     properties,
 )
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
 
 __all__ = [
     "FILLS",

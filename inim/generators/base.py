@@ -20,32 +20,10 @@ from typing import Any, NamedTuple, Protocol, overload, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.buffers import row_bands
 from inim.display import Display
 from inim.errors import UsageError
-from inim.rgbd import RGBD
-
-__all__ = [
-    "HOLE",
-    "MASKED",
-    "NO_LENS",
-    "Generator",
-    "OnPanel",
-    "PictureShape",
-    "PixelList",
-    "Ray",
-    "SourceGenerator",
-    "Sources",
-    "check_mask",
-    "check_out",
-    "colour_of",
-    "for_mask",
-    "hole_fraction",
-    "is_sparse",
-    "masked",
-    "masked_pixels",
-    "require_separable",
-]
+from inim.image.buffers import row_bands
+from inim.image.rgbd import RGBD
 
 #: A panel pixel whose ray meets no surface.
 HOLE = -1

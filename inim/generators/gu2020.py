@@ -44,9 +44,7 @@ from inim.generators.base import (
 from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.raycast.cells import Aside, cell_rays
 from inim.generators.registry import algorithm, one_of, positive_mm
-from inim.rgbd import RGBD
-
-__all__ = ["prepare"]
+from inim.image.rgbd import RGBD
 
 # Ten thousand times finer than the default on usual displays: more is a slip of the keyboard.
 _MOST_STEPS = 1_000_000

@@ -1,7 +1,7 @@
 """`layered`: the exact first hit in a picture that knows what lies behind its front surface.
 
 Definition. As `inim.generators.template`, but a pixel's column is solid only from each layer's
-front down to its back (`inim.rgbd.LayeredRGBD`), and nothing is shown where a ray meets none.
+front down to its back (`inim.image.rgbd.LayeredRGBD`), and nothing is shown where a ray meets none.
 
 A picture without layers shows what `template` shows.
 """
@@ -13,8 +13,6 @@ import numpy as np
 from inim.display import Display
 from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.registry import algorithm
-
-__all__ = ["prepare"]
 
 
 @algorithm(exact=True, reads_layers=True, color="#6a51a3", marker="P")

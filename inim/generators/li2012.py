@@ -49,9 +49,7 @@ from inim.generators.base import (
 )
 from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.registry import algorithm, one_of
-from inim.rgbd import RGBD
-
-__all__ = ["ForwardAxis", "forward_axes", "prepare"]
+from inim.image.rgbd import RGBD
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53

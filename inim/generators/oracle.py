@@ -31,21 +31,7 @@ import numpy as np
 from inim.display import Display
 from inim.display.pixels import stated
 from inim.generators.base import HOLE, Sources
-from inim.rgbd import RGBD, Layer, LayeredRGBD
-
-__all__ = [
-    "CENTRE",
-    "Aside",
-    "AxisRays",
-    "ExactHits",
-    "Line",
-    "axis_rays",
-    "column_layers",
-    "exact_hits",
-    "first_hits_of",
-    "lensed_pixels",
-    "why_no_oracle",
-]
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
 # Panel pixels that are followed in fractions, a millisecond or two each; a share of one in a
 # hundred is known to a quarter of it.

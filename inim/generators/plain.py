@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["IMPLEMENTATIONS", "compiled", "prange", "run"]
-
 IMPLEMENTATIONS = ("compiled", "python")
 #: Of a kernel's outer loop; compiled, its turns are shared among the threads.
 prange = range

@@ -32,27 +32,6 @@ from inim.errors import UsageError, known_words
 from inim.generators.base import Generator
 from inim.plugins import announced, load
 
-__all__ = [
-    "DEFAULT",
-    "FILL",
-    "FILLS",
-    "LEAVE_HOLES",
-    "MASK",
-    "PICKUP",
-    "Algorithm",
-    "AlgorithmProperties",
-    "algorithm",
-    "algorithm_names",
-    "algorithm_summary",
-    "check_algorithm",
-    "find_algorithm",
-    "is_own",
-    "one_of",
-    "parse_algorithm",
-    "positive_mm",
-    "properties",
-]
-
 #: The algorithm of whoever names none; listed first.
 DEFAULT = "template"
 #: Ray tracing the scene itself, which a validation can score as it does the generators.
@@ -109,7 +88,7 @@ def algorithm(
     portable : bool
         Its EIA depends on comparisons of stored numbers only: the same bits on every machine.
     reads_layers : bool
-        It makes use of `inim.rgbd.LayeredRGBD`.
+        It makes use of `inim.image.rgbd.LayeredRGBD`.
     color, marker : str, optional
         Of its points in plots, as matplotlib names them.
     interpreted_with : {option: value}, optional

@@ -38,8 +38,6 @@ from inim.display import Display
 from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.registry import algorithm, one_of
 
-__all__ = ["prepare", "ray_by_ray"]
-
 
 @algorithm(exact=True, portable=True, color="#0072b2", marker="o")
 def prepare(

@@ -12,8 +12,6 @@ from inim.errors import UsageError
 from inim.generators.base import PictureShape, SourceGenerator, require_separable
 from inim.generators.registry import algorithm
 
-__all__ = ["prepare"]
-
 
 @algorithm()
 def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:

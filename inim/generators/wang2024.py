@@ -58,9 +58,7 @@ from inim.generators.base import (
 from inim.generators.plain import IMPLEMENTATIONS, prange, run
 from inim.generators.raycast.cells import cell_rays
 from inim.generators.registry import algorithm, one_of
-from inim.rgbd import RGBD
-
-__all__ = ["prepare"]
+from inim.image.rgbd import RGBD
 
 _MATCHINGS = ("matrix", "ray")
 _ROUNDINGS = ("nearest", "up")

@@ -10,15 +10,6 @@ import numpy as np
 from inim.display import Display
 from inim.inspect.spots import array_to_display, cell_of, land, lens_at
 
-__all__ = [
-    "CrosstalkMap",
-    "LightShares",
-    "Samples",
-    "array_samples",
-    "crosstalk_map",
-    "light_shares",
-]
-
 _LENSES_ACROSS = 16
 _POINTS_ACROSS = 4  # of a cell
 # Roberts's R2 sequence: it fills the square evenly at any length.

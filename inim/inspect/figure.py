@@ -13,8 +13,6 @@ from inim.inspect.findings import Findings
 from inim.inspect.geometry import zone_outline_mm
 from inim.inspect.spots import Spot
 
-__all__ = ["draw_figure"]
-
 _PNG_DPI = 130
 _SIZE_INCHES = (13.0, 8.6)
 _INK, _SOFT, _LINE = "#1e2022", "#5a5f63", "#dedbd3"

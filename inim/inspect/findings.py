@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from inim.accuracy_limits import lenses_beside_panel
 from inim.display import Display
 from inim.display.pixels import least_gap_mm
 from inim.errors import DisplayError
+from inim.inspect.accuracy_limits import lenses_beside_panel
 from inim.inspect.crosstalk import (
     CrosstalkMap,
     LightShares,
@@ -29,16 +29,6 @@ from inim.inspect.spots import Spot, spots
 from inim.lens import check_lens_model
 from inim.lens import lens_model as find_lens_model
 from inim.settings import Settings
-
-__all__ = [
-    "DEFAULT_LENS_MODEL",
-    "PIXEL_STEPS",
-    "Findings",
-    "cautions",
-    "inspect_display",
-    "misalignments",
-    "usable_model",
-]
 
 #: Tried first where none is chosen.
 DEFAULT_LENS_MODEL = Settings.lens_model

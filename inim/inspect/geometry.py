@@ -15,21 +15,6 @@ from inim.display import Display
 from inim.display.viewpoint import DEFAULT_VIEWPOINTS, Viewpoint, named_viewpoint
 from inim.errors import DisplayError
 
-__all__ = [
-    "PixelChoice",
-    "ViewingZone",
-    "VoxelCurve",
-    "aperture_blur_mm",
-    "has_whole_pixels",
-    "mode",
-    "pixel_choice",
-    "pixel_footprint_mm",
-    "viewing_zone",
-    "voxel_curve",
-    "voxel_mm",
-    "zone_outline_mm",
-]
-
 # Panels are driven with 8 bits of red, green and blue.
 _BYTES_PER_PIXEL = 3
 _OUTLINE_POINTS = 201

@@ -24,8 +24,6 @@ from inim.inspect.geometry import (
 from inim.lens import lens_model as find_lens_model
 from inim.version import __version__
 
-__all__ = ["SCHEMA", "as_data", "as_text"]
-
 #: Of the JSON: stable keys with units, null for infinity.
 SCHEMA = "inim.inspect/1"
 _COLUMNS = 100

@@ -15,20 +15,6 @@ from inim.display import Display
 from inim.lens import channel_indices, lens_array, lens_model, lens_traits, trace_to_panel
 from inim.lens.array import NUMPY_OPS, in_aperture, lens_centre, to_array, to_panel
 
-__all__ = [
-    "COLOURS",
-    "Landings",
-    "Lens",
-    "Spot",
-    "array_to_display",
-    "cell_of",
-    "field_angles_deg",
-    "land",
-    "lens_at",
-    "spot",
-    "spots",
-]
-
 # A lens alone has a cell so many pitches wide: no ray near it leaves that.
 _ROOM = 3
 # Two traces of one ray through one lens differ by rounding; through two lenses, by optics.

@@ -14,23 +14,6 @@ import numpy as np
 
 from inim.display import Display
 
-__all__ = [
-    "CHANNEL_WAVELENGTHS_NM",
-    "NUMPY_OPS",
-    "LensArray",
-    "LensTraits",
-    "Ops",
-    "PanelRay",
-    "channel_indices",
-    "in_aperture",
-    "lens_array",
-    "lens_centre",
-    "lens_traits",
-    "pass_straight",
-    "to_array",
-    "to_panel",
-]
-
 
 class Ops(NamedTuple):
     """The functions a lens model may use, so that it runs on NumPy and on Dr.Jit alike."""

@@ -28,8 +28,6 @@ from inim.lens.array import NUMPY_OPS, LensArray, channel_indices, lens_array
 from inim.lens.model import LensModel, SheetMesh
 from inim.lens.surface import Face, sag, steepness
 
-__all__ = ["MODEL", "check", "facet_error_mm", "facets_per_lens", "sheet_mesh"]
-
 # Facets may depart from the surface by this many panel pixels. A ray then meets the facet aside of
 # the surface's point by the error times the tangent of its angle to the normal; the interpolated
 # normals of a sphere are exact there. Of 200,000 rays 99 in 100 landed on the panel less than the

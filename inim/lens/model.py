@@ -13,8 +13,6 @@ from inim.display import Display
 from inim.errors import UsageError
 from inim.lens.array import LensArray, LensTraits, Ops, PanelRay
 
-__all__ = ["LensModel", "SheetMesh", "Trace"]
-
 #: (array, traits, ops, x, y, sx, sy, index) to the ray at the panel; see `inim.lens`.
 Trace = Callable[[LensArray, LensTraits, Ops, Any, Any, Any, Any, Any], PanelRay]
 

@@ -18,8 +18,6 @@ from inim.lens.array import (
 )
 from inim.lens.model import LensModel
 
-__all__ = ["MODEL", "trace"]
-
 
 def trace(
     array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, sx: Any, sy: Any, index: Any

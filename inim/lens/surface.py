@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from inim.lens.array import Ops
 
-__all__ = ["Face", "carry", "meet", "normal", "refract", "sag", "steepness"]
-
 # Newton's steps from the conic to the asphere: quadratic, so that the fourth is below rounding for
 # any face that is nearly a conic; one to spare for those that are not.
 _NEWTON_STEPS = 5

@@ -45,8 +45,6 @@ from inim.lens.array import (
 from inim.lens.model import LensModel
 from inim.lens.surface import Face, carry, meet, normal, refract, sag, steepness
 
-__all__ = ["MODEL", "bulge", "check", "on_axis_transmittance", "relief_mm", "trace"]
-
 _AGAINST_THE_LIGHT = (0.0, 0.0, -1.0)  # a flat face's normal
 # Below this a ray runs along the array and never reaches the panel.
 _ALONG_THE_ARRAY = 1e-6

@@ -21,8 +21,9 @@ from threading import Lock
 
 import numpy as np
 
-from inim.color import srgb_from_linear
+from inim.backend.provenance import versions
 from inim.errors import UsageError
+from inim.image.color import srgb_from_linear
 from inim.metrics import cvvdp
 from inim.metrics.base import Metric, Viewing, maps_of
 from inim.metrics.flip import flip, flip_map
@@ -32,7 +33,6 @@ from inim.metrics.psnr import psnr_db
 from inim.metrics.ssim import SSIM_WINDOW, ssim, ssim_map
 from inim.metrics.ssim import metric as _ssim
 from inim.plugins import announced, blame, identity, load
-from inim.provenance import versions
 
 __all__ = [
     "RELIC_MARGIN_PX",

@@ -13,11 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from inim.buffers import row_bands
-from inim.color import srgb_from_linear
 from inim.errors import UsageError
-
-__all__ = ["Metric", "Viewing", "check_alike", "maps_of"]
+from inim.image.buffers import row_bands
+from inim.image.color import srgb_from_linear
 
 _NAME = re.compile(r"[a-z][a-z0-9]*")
 _UNIT = re.compile(r"[A-Za-z]*")

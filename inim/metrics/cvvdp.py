@@ -19,8 +19,6 @@ import numpy as np
 from inim.errors import UsageError
 from inim.metrics.base import Metric, Viewing
 
-__all__ = ["PACKAGES", "film_jod", "is_installed", "metric"]
-
 #: Distributions whose versions decide its scores.
 PACKAGES = ("cvvdp", "torch")
 _MODULE = "pycvvdp"

@@ -8,8 +8,6 @@ import numpy as np
 
 from inim.metrics.base import Metric, maps_of
 
-__all__ = ["FLIP_REACH", "flip", "flip_map", "metric"]
-
 # A view at about arm's length on an ordinary monitor (0.7 m, 0.7 m wide, 3840 pixels).
 _PIXELS_PER_DEGREE = 67.0
 #: How far its filters reach at that, in pixels: three sigma of the blue-yellow contrast

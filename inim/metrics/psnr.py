@@ -6,11 +6,9 @@ import math
 
 import numpy as np
 
-from inim.buffers import row_bands
-from inim.color import srgb_from_linear
+from inim.image.buffers import row_bands
+from inim.image.color import srgb_from_linear
 from inim.metrics.base import Metric, check_alike
-
-__all__ = ["metric", "psnr_db"]
 
 
 def _squared_error(reference: np.ndarray, test: np.ndarray) -> np.ndarray:

@@ -6,8 +6,6 @@ import numpy as np
 
 from inim.metrics.base import Metric, maps_of
 
-__all__ = ["SSIM_WINDOW", "metric", "ssim", "ssim_map"]
-
 #: Side of the window in pixels, as scikit-image cuts it off at 3.5 sigma; the least picture side.
 SSIM_WINDOW = 11
 # Arguments of skimage.metrics.structural_similarity, as Wang et al. 2004 define the score.

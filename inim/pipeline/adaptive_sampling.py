@@ -23,15 +23,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from inim.pipeline.expected import expected_steps
-from inim.pipeline.images import Images
 from inim.pipeline.measured import Measured
+from inim.pipeline.output.images import Images
 from inim.pipeline.plan import Plan
-from inim.pipeline.scene import Renderer
-from inim.pipeline.stage import Run
+from inim.pipeline.stages.scene import Renderer
+from inim.pipeline.stages.stage import Run
 from inim.regression import ScoreEstimate, score_interval
 from inim.settings import Settings
-
-__all__ = ["FIRST_SHARE", "known_within", "measure_until_known", "next_share", "with_share"]
 
 #: Of all samples, in the first round.
 FIRST_SHARE = 1 / 16

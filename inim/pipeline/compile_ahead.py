@@ -17,17 +17,15 @@ from contextlib import contextmanager, suppress
 
 import numpy as np
 
-from inim.backend.machine import cpu_count
 from inim.errors import InimError
 from inim.generators import is_own, parse_algorithm, properties
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.pipeline.compiled_marks import compiling, is_compiled
-from inim.pipeline.generate import GeneratorHandle
 from inim.pipeline.plan import Plan
-from inim.python_process import child_environment, python_module, started, wait_for_parent
+from inim.pipeline.stages.generate import GeneratorHandle
+from inim.process.machine import cpu_count
+from inim.process.python_process import child_environment, python_module, started, wait_for_parent
 from inim.regression import reference_input
-from inim.rgbd import RGBD, Layer, LayeredRGBD
-
-__all__ = ["compiling_ahead"]
 
 # Small panels take other kernels than large ones, which these are enough for.
 _LENSES = 64

@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from inim import generators
-from inim.backend.machine import cpu_model
 from inim.backend.numba_cache import kernel_folder
+from inim.backend.provenance import versions
 from inim.cache.digest import code_digest, value_digest
 from inim.display import Display
-from inim.provenance import versions
-
-__all__ = ["compiling", "is_compiled", "wait_until_compiled"]
+from inim.process.machine import cpu_model
 
 # Longer than all kernels take where four processes share a processor.
 _MOST_WAIT_S = 60.0

@@ -5,13 +5,11 @@ Seconds on two processors, from a profile of the amphora; a machine's own pace i
 
 from __future__ import annotations
 
-from inim.forecast import Step
 from inim.lens import lens_model
 from inim.pipeline.compiled_marks import is_compiled
-from inim.pipeline.method import Method
 from inim.pipeline.plan import Plan
-
-__all__ = ["capture_steps", "expected_steps", "view_steps"]
+from inim.pipeline.stages.method import Method
+from inim.process.forecast import Step
 
 _PREPARE_S = 0.3
 _LIBRARIES_S = 2.0

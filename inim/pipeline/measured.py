@@ -6,17 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from inim.backend import Backend
-from inim.pipeline.capture import Capture
-from inim.pipeline.evaluate import MethodResult, Scores
-from inim.pipeline.generate import Reference
-from inim.pipeline.ground_truth import GroundTruth
+from inim.metrics.headline import HEADLINE_TO_SCENE, MAIN
 from inim.pipeline.plan import Plan
-from inim.pipeline.stage import Run
+from inim.pipeline.stages.capture import Capture
+from inim.pipeline.stages.evaluate import MethodResult, Scores
+from inim.pipeline.stages.generate import Reference
+from inim.pipeline.stages.ground_truth import GroundTruth
+from inim.pipeline.stages.stage import Run
 from inim.regression import ScoreEstimate, is_above
-from inim.report.wording import HEADLINE_TO_SCENE, MAIN
-
-__all__ = ["Measured"]
-
 
 # Rays through edges of splats' shells; Mitsuba's `ellipsoids` does it to half of the pixels.
 _COUNTED_TWICE = 0.02

@@ -13,14 +13,12 @@ from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import OutOfMemoryError, SceneError, UsageError
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW, Viewing, all_metrics
-from inim.pipeline.method import Method, parse_methods
-from inim.pipeline.reconstruct import Optics
 from inim.pipeline.request import PREVIEW, SHORTHANDS, Request
+from inim.pipeline.stages.method import Method, parse_methods
+from inim.pipeline.stages.reconstruct import Optics
 from inim.regression import BASELINE, RunStatistics, check_comparable, read_statistics
 from inim.scene.file import SceneFile, parse_definitions, read_scene_file, with_display
 from inim.settings import PREFIX, Settings
-
-__all__ = ["LEAST_BYTES", "Plan", "check_baseline", "conditions_of", "make_plan", "rays_in_flight"]
 
 # Running out of memory is a native death, not an exception, so it is planned against: pictures have
 # to fit whole, and what they leave decides how many rays the renderer traces at once. Fewer rays a

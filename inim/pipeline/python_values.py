@@ -19,8 +19,6 @@ from inim.errors import UsageError
 from inim.scene.file import read_scene_settings
 from inim.settings import DISPLAY_KEYS, PREFIX, Settings
 
-__all__ = ["path", "paths", "request_values"]
-
 _PUPIL = ("pupil_mm", "focus_mm")
 
 

@@ -6,8 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["PREVIEW", "SHORTHANDS", "Request", "repeated"]
-
 #: Settings that a request can also name directly.
 SHORTHANDS = ("algorithms", "viewpoints", "lens_model", "misalign")
 #: What a preview sets, unless `-D` or a shorthand says otherwise: one algorithm from one place, by

@@ -20,31 +20,15 @@ from typing import Any
 
 import numpy as np
 
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators import Generator, is_own, parse_algorithm, prepare
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.pipeline.measured import Measured
-from inim.pipeline.plugin_guard import blamed, check_made
-from inim.pipeline.stage import Run
+from inim.pipeline.stages.plugin_guard import blamed, check_made
+from inim.pipeline.stages.stage import Run
 from inim.regression import is_steady, log_ratios
-from inim.rgbd import RGBD, LayeredRGBD
-
-__all__ = [
-    "YARDSTICK",
-    "Rounds",
-    "TimedMethod",
-    "Timing",
-    "display_ready",
-    "generator_times",
-    "in_turn",
-    "linear_picture",
-    "most_threads",
-    "prepare_method",
-    "ratios",
-    "threads",
-    "time_methods",
-]
 
 #: The reference kernel's name among the timings.
 YARDSTICK = "yardstick"

@@ -5,37 +5,35 @@
       ├────► true EIA ──► its views: the ceiling ─────────┤
       └────► true views ──────────────────────────────────┘
 
-Each line below calls a stage, a plain function in a file of its own. `inim.pipeline.stage` finds
-its result in the cache, times it and says what was skipped.
+Each line below calls a stage, a plain function in a file of its own. `inim.pipeline.stages.stage`
+looks up its result in the cache, times it and records what was skipped.
 """
 
 from __future__ import annotations
 
 from inim.pipeline.adaptive_sampling import measure_until_known
-from inim.pipeline.baseline import judge
-from inim.pipeline.capture import DepthCamera, capture_relic
-from inim.pipeline.evaluate import (
+from inim.pipeline.measured import Measured
+from inim.pipeline.output.baseline import judge
+from inim.pipeline.output.images import Images
+from inim.pipeline.output.report_data import report_of
+from inim.pipeline.output.run_statistics import run_statistics
+from inim.pipeline.plan import Plan
+from inim.pipeline.stages.capture import DepthCamera, capture_relic
+from inim.pipeline.stages.evaluate import (
     ceiling_scores,
     evaluate,
     heat_maps,
     noise_floor,
     truth_statistics,
 )
-from inim.pipeline.ground_truth import collect_truth, pick_up_truth, render_view
-from inim.pipeline.images import Images
-from inim.pipeline.measured import Measured
-from inim.pipeline.method import Task, make_eia, prepare_methods
-from inim.pipeline.plan import Plan
-from inim.pipeline.reconstruct import observed_pixels, reconstruct_views
-from inim.pipeline.report_data import report_of
-from inim.pipeline.run_statistics import run_statistics
-from inim.pipeline.scene import Renderer, Scene, scene_facts
-from inim.pipeline.stage import Run
+from inim.pipeline.stages.ground_truth import collect_truth, pick_up_truth, render_view
+from inim.pipeline.stages.method import Task, make_eia, prepare_methods
+from inim.pipeline.stages.reconstruct import observed_pixels, reconstruct_views
+from inim.pipeline.stages.scene import Renderer, Scene, scene_facts
+from inim.pipeline.stages.stage import Run
+from inim.pipeline.stages.translucency import translucency
 from inim.pipeline.timing import generator_times
-from inim.pipeline.translucency import translucency
 from inim.report import Report
-
-__all__ = ["measure", "validate"]
 
 
 def validate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Report:

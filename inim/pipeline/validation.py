@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from inim.display.viewpoint import Viewpoint
     from inim.report import Report
 
-__all__ = ["validate", "validate_in_worker"]
-
 
 def validate_in_worker(request: Request, *, quiet: bool = True, debug: bool = False) -> bool:
     """Validate in a worker process; the report is in `request.out` afterwards.

@@ -9,25 +9,17 @@ from typing import Any
 
 from inim.cache.result_cache import ResultCache
 from inim.cache.store import open_store, use_store
-from inim.observer import Observer
-from inim.pipeline.images import Images
+from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS
+from inim.pipeline.output.images import Images
 from inim.pipeline.plan import Plan, check_baseline, make_plan
 from inim.pipeline.request import Request
-from inim.pipeline.scene import Renderer
-from inim.pipeline.stage import Run
+from inim.pipeline.stages.scene import Renderer
+from inim.pipeline.stages.stage import Run
 from inim.pipeline.validate import validate
+from inim.process.observer import Observer
 from inim.report import Report
-from inim.report.wording import (
-    HEADLINE,
-    HEADLINE_TO_SCENE,
-    HEADLINE_WORDS,
-    best_algorithm,
-    suggested_criteria,
-    verdict,
-)
+from inim.report.wording import best_algorithm, suggested_criteria, verdict
 from inim.worker.output import publish
-
-__all__ = ["run", "work"]
 
 
 def work(request: Request, staging: Path, observer: Observer) -> bool:

@@ -31,19 +31,6 @@ from inim.regression.verdict import (
     within,
 )
 
-__all__ = [
-    "changed_circumstances",
-    "changed_pixels",
-    "check_comparable",
-    "check_times",
-    "compare",
-    "compare_noise",
-    "compare_pictures",
-    "drift",
-    "tile_change",
-    "tile_pictures",
-]
-
 #: One step of an 8-bit panel: a smaller difference of a tile's mean cannot be shown.
 SMALLEST_CODES = 1.0
 #: Noise of the ground truth may grow by this much in standard error: a tenth of the samples more

@@ -17,12 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from inim.buffers import row_bands
 from inim.display import Display
+from inim.image.buffers import row_bands
+from inim.image.rgbd import RGBD
 from inim.regression.verdict import FALSE_ALARM_RATE, Verdict, binomial_interval
-from inim.rgbd import RGBD
-
-__all__ = ["Fingerprint", "compare_fingerprints", "fingerprint", "reference_input"]
 
 #: Share of the pixels that may change where an algorithm does not promise exact equality: rays
 #: that graze an edge may fall to either side in another machine's rounding.

@@ -21,19 +21,10 @@ import numpy as np
 from inim.errors import BaselineError, FileError
 from inim.files.image import write_atomically
 from inim.files.json_file import read_json
+from inim.files.regular_file import read_file
 from inim.regression.fingerprints import Fingerprint
 from inim.regression.scores import ScoreEstimate
 from inim.regression.tiles import TileStatistics
-from inim.regular_file import read_file
-
-__all__ = [
-    "BASELINE",
-    "CANDIDATE",
-    "SCHEMA",
-    "RunStatistics",
-    "read_statistics",
-    "write_statistics",
-]
 
 SCHEMA = "inim.baseline/2"
 #: Names of the files, without what follows the dot.

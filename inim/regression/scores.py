@@ -59,8 +59,6 @@ from inim.regression.verdict import (
     within,
 )
 
-__all__ = ["ScoreEstimate", "compare_scores", "is_above", "score_interval", "view_scores"]
-
 #: Confidence of the interval shown beside a single score.
 SHOWN_LEVEL = 0.05
 # A ratio of variances beyond these is no matter of sample counts, and has a verdict of its own.

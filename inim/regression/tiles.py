@@ -34,10 +34,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.buffers import row_bands
+from inim.image.buffers import row_bands
 from inim.regression.verdict import freedom_of_sum
-
-__all__ = ["HalfBuffer", "TileStatistics", "eia_tile", "tile_statistics", "view_tile"]
 
 # Views: small enough to see a shift of half a pixel at an edge, large enough for a standard error.
 _LEAST_TILE_PX = 8

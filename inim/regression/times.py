@@ -17,8 +17,6 @@ from collections.abc import Mapping, Sequence
 
 from inim.regression.verdict import FALSE_ALARM_RATE, Verdict, shift_of, sidak
 
-__all__ = ["MOST_SLOWDOWN", "compare_times", "is_steady", "log_ratios", "yardsticks"]
-
 #: Fewer rounds say nothing: with nine on each side the interval still has an end at this level.
 LEAST_ROUNDS = 9
 #: A slowdown below this passes: from one process to the next, where code and data come to lie in

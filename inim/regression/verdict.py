@@ -15,20 +15,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = [
-    "FALSE_ALARM_RATE",
-    "Shift",
-    "Verdict",
-    "all_passed",
-    "binomial_interval",
-    "freedom_of_sum",
-    "shift_of",
-    "sidak",
-    "welch_half_width",
-    "welch_p_value",
-    "within",
-]
-
 #: Chance that one family of tests (all tiles, all scores, all times) of an unchanged program fails
 #: by noise alone: in a daily check, once in three years.
 FALSE_ALARM_RATE = 1e-3

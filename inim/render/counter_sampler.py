@@ -18,8 +18,6 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-__all__ = ["PLUGIN", "register"]
-
 PLUGIN = "inim_counter"
 
 # Multipliers of the Laine-Karras permutation, as improved by Vegdahl (2021).

@@ -30,8 +30,6 @@ from inim.display import Display
 from inim.render.rays import AxisRays, NonSeparableRays, SeparableRays
 from inim.render.splats import splat_count
 
-__all__ = ["BoundsGrid", "box_corners", "in_view"]
-
 # Cells across, down and in depth: finer than what a panel pixel sees gains little.
 _CELLS = (192, 192, 24)
 # What float32 rays and the renderer's own rounding may stray, in cells.

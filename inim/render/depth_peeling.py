@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
-from inim.observer import Observer
+from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.culling import in_view
 from inim.render.rays import SeparableRays, capture_rays
@@ -42,8 +42,6 @@ from inim.render.scene import FittedScene
 from inim.render.sensors import make_sensor
 from inim.render.sides import Sides
 from inim.render.trace import centre_rays
-
-__all__ = ["MOST_LAYERS", "Peeled", "peel"]
 
 #: What lies behind more than this is cut off, and counted.
 MOST_LAYERS = 8

@@ -40,8 +40,6 @@ from inim.render.plugin_properties import (
     refusing,
 )
 
-__all__ = ["LensedPanel", "register"]
-
 PLUGIN = "inim_display"
 _OWN = ("filename", "bitmap", "eia", "lens_model", "brightness")
 _PICTURES = ("filename", "bitmap", "eia")

@@ -9,11 +9,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from inim.buffers import HalfBuffers
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS
 from inim.display.viewpoint import Viewpoint
-from inim.observer import Observer
+from inim.image.buffers import HalfBuffers
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.depth_peeling import MOST_LAYERS, Peeled
 from inim.render.rays import (
@@ -27,16 +28,6 @@ from inim.render.scene import FittedScene
 from inim.render.sensors import make_sensor
 from inim.render.sides import side_light
 from inim.render.trace import Tracer, centre_rays, mean_light, scene_light, surface
-from inim.rgbd import RGBD, Layer, LayeredRGBD
-
-__all__ = [
-    "capture",
-    "capture_absorption",
-    "capture_halves",
-    "capture_layers",
-    "pickup",
-    "true_view",
-]
 
 
 def capture(

@@ -19,8 +19,6 @@ from inim.errors import DisplayError, SceneError
 from inim.lens import lens_array
 from inim.settings import DISPLAY_KEYS, Settings
 
-__all__ = ["display_of", "display_place", "half_extent_mm", "read_properties", "refusing"]
-
 _DISPLAY = ("preset", *DISPLAY_KEYS, "misalign")
 _OBJECTS = (mi.Properties.Type.Object, mi.Properties.Type.ResolvedReference)
 # A rectangle's sides may be rounded to three digits; more, and the picture is stretched.

@@ -29,17 +29,6 @@ from inim.display import Display
 from inim.display.pixels import SUBPIXELS, PixelAxis, PixelRays, SubPixel, pixel_rays, row_blocks
 from inim.display.viewpoint import Viewpoint, focus_distance_mm
 
-__all__ = [
-    "WHOLE_PIXEL",
-    "AxisRays",
-    "NonSeparableRays",
-    "SeparableRays",
-    "capture_rays",
-    "eye_rays",
-    "frustum_rays",
-    "pickup_rays",
-]
-
 #: All of a pixel shines.
 WHOLE_PIXEL = SUBPIXELS["none"][0]
 

@@ -14,14 +14,12 @@ from inim.display.viewpoint import Viewpoint, check_viewpoint
 from inim.errors import UsageError
 from inim.lens import SheetMesh, channel_indices, lens_array
 from inim.lens import lens_model as find_lens_model
-from inim.observer import Observer
+from inim.process.observer import Observer
 from inim.render import variant
 from inim.render.display_emitter import LensedPanel
 from inim.render.rays import eye_rays
 from inim.render.sensors import make_sensor
 from inim.render.trace import Tracer, mean_light
-
-__all__ = ["DisplayScene", "LensMesh", "mesh_shape", "observed_pixels", "reconstruct"]
 
 # Into the glass, out of it, and the panel is seen.
 _MAX_DEPTH = 3

@@ -24,8 +24,6 @@ from inim.display.pixels import stated
 from inim.generators.base import PictureShape
 from inim.render import variant
 
-__all__ = ["AxisAddress", "ReferenceKernel", "axis_addresses", "drjit_threads", "plane_mm"]
-
 
 @dataclass(frozen=True)
 class AxisAddress:

@@ -15,12 +15,10 @@ from inim.display import Display
 from inim.errors import FileError, SceneError
 from inim.files.mesh import check_mesh_file
 from inim.files.picture import check_picture, check_volume, read_texture
-from inim.observer import Observer
+from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.culling import BoundsGrid, box_corners
 from inim.scene.file import SceneFile
-
-__all__ = ["Fit", "FittedScene", "fit_to_display", "open_scene"]
 
 # Keep the relic this share of the range clear of both ends: a depth equal to z_min in float64
 # falls below it in float32, and whole surfaces become holes.

@@ -31,8 +31,6 @@ from inim.render.plugin_properties import (
 )
 from inim.render.rays import NonSeparableRays, SeparableRays, frustum_rays, pickup_rays
 
-__all__ = ["make_sensor", "register"]
-
 _EYE = ("x_mm", "y_mm", "z_mm", "pupil_mm", "focus_mm")
 _STOCK = ("to_world", "shutter_open", "shutter_close")
 # A view without a film of its own.

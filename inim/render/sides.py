@@ -33,8 +33,6 @@ from inim.render.rays import SeparableRays
 from inim.render.scene import FittedScene
 from inim.render.trace import first_not_light
 
-__all__ = ["PIECES", "Sides", "side_light"]
-
 #: Of a side as tall as the depth range. A panel pixel sees |z| P_D / g across, and of a side, by
 #: the steepest ray, 2 g / P times that: at the central depth plane of `nominal` a tenth of its
 #: range, whatever its picture's pixels are.

@@ -21,17 +21,6 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "INTEGRATOR",
-    "Absorption",
-    "Runs",
-    "absorption",
-    "radiance",
-    "runs",
-    "shows_splats",
-    "splat_count",
-]
-
 #: Mitsuba's, of splats that shine by themselves.
 INTEGRATOR = "volprim_rf_basic"
 # A ray goes on so far behind where it entered a splat, in world units, and ends where so little

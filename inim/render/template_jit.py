@@ -21,10 +21,8 @@ from inim.generators.base import HOLE, PictureShape, SourceGenerator, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.columns import SURFACE, columns_of
 from inim.generators.raycast.ray_by_ray import entered, leaves
+from inim.image.rgbd import RGBD
 from inim.render import variant
-from inim.rgbd import RGBD
-
-__all__ = ["prepare"]
 
 # A hole, among unsigned sources.
 _NOWHERE = HOLE % 2**32

@@ -17,21 +17,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from inim.observer import Observer
+from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.counter_sampler import PLUGIN
-
-__all__ = [
-    "Light",
-    "Surface",
-    "Tracer",
-    "centre_rays",
-    "first_not_light",
-    "limit_rays",
-    "mean_light",
-    "scene_light",
-    "surface",
-]
 
 # Rays in flight, at most; see `limit_rays`. Larger gains nothing on two cores.
 _RAYS_PER_PASS = 2**22

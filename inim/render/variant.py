@@ -13,8 +13,6 @@ from inim import backend as backends
 from inim.errors import BackendError
 from inim.render import counter_sampler, display_emitter, sensors
 
-__all__ = ["borrowed", "register_plugins", "use"]
-
 # With one thread Mitsuba's own file readers hang, and Embree builds crawl.
 _FEWEST_THREADS = 2
 

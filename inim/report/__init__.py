@@ -11,7 +11,7 @@ from typing import Any
 from inim.display import Display
 from inim.errors import FileError, InimError, UsageError, known_words
 from inim.files.json_file import read_json
-from inim.regular_file import read_file
+from inim.files.regular_file import read_file
 from inim.report.files import from_strict, write_forms
 from inim.report.wording import verdict
 

@@ -27,20 +27,6 @@ from inim.report.plots import (
 from inim.report.summary import markdown_command, markdown_line, markdown_section
 from inim.report.wording import MISSING, is_number, items, number, part, per_cent, plain
 
-__all__ = [
-    "SCHEMA",
-    "TIME",
-    "TIME_HEADS",
-    "Part",
-    "Table",
-    "milliseconds",
-    "render_markdown",
-    "scene_parts",
-    "time_cells",
-    "times",
-    "write_bench",
-]
-
 SCHEMA = "inim.bench/1"
 #: The label of a time axis.
 TIME = "milliseconds per EIA"

@@ -14,8 +14,6 @@ from inim.report.page import Section, data_note, how_to_reproduce, render_page, 
 from inim.report.plots import new_figure, save, style
 from inim.report.wording import MISSING, items, number, part
 
-__all__ = ["FILES", "SCHEMA", "write_calibration"]
-
 SCHEMA = "inim.calibration/1"
 #: What a report has for certain, its JSON first.
 FILES = ("calibration.json", "calibration.html", "residuals.svg", "residuals.png")

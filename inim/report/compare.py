@@ -15,8 +15,6 @@ from inim.report.sections.regression import regression
 from inim.report.summary import render_checks, render_junit
 from inim.report.wording import MISSING, part, verdict
 
-__all__ = ["SCHEMA", "write_comparison"]
-
 SCHEMA = "inim.compare/1"
 _SHOWN = ("title", "created", "inim", "mitsuba", "libLLVM", "device", "threads", "seed")
 _SIDES = ("before", "after")

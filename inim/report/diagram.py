@@ -18,11 +18,9 @@ import numpy as np
 
 from inim.errors import InimError
 from inim.files.image import read_rgbd
+from inim.image.rgbd import RGBD
 from inim.report.markup import element, text
 from inim.report.wording import is_number, items, mm, part, plain
-from inim.rgbd import RGBD
-
-__all__ = ["depth_profile", "plan_view"]
 
 _WIDTH, _HEIGHT = 900.0, 250.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 24.0, 128.0, 34.0, 46.0

@@ -13,16 +13,6 @@ from typing import Any
 
 from inim.files.image import write_atomically
 
-__all__ = [
-    "NOT_FINITE",
-    "from_strict",
-    "json_text",
-    "list_files",
-    "to_strict",
-    "write_forms",
-    "write_text",
-]
-
 #: The top-level key under which the paths of lost numbers are listed.
 NOT_FINITE = "not_finite"
 

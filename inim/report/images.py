@@ -14,25 +14,12 @@ import numpy as np
 
 from inim.cache.digest import code_digest, value_digest
 from inim.cache.store import remembered
-from inim.color import linear_from_srgb
 from inim.errors import FileError
 from inim.files.image import encoded
 from inim.files.picture import open_picture
+from inim.image.color import linear_from_srgb
 from inim.metrics import SSIM_WINDOW, ssim_map
 from inim.report.markup import element, text, void
-
-__all__ = [
-    "DIFFERENCE_GAIN",
-    "ENCODINGS",
-    "Encoding",
-    "Images",
-    "data_uri",
-    "difference",
-    "is_wide",
-    "magma",
-    "similarity",
-    "similarity_scale",
-]
 
 #: Differences are shown this many times brighter: most are below what an eye notices.
 DIFFERENCE_GAIN = 4

@@ -9,21 +9,6 @@ from pathlib import Path
 
 from inim.report.wording import plain
 
-__all__ = [
-    "bullets",
-    "captioned",
-    "element",
-    "figure",
-    "folded",
-    "mark",
-    "plot",
-    "saved_plot",
-    "table",
-    "text",
-    "text_table",
-    "void",
-]
-
 _SIGNS = {"passed": "✓", "ran clean": "–", "failed": "✕"}
 
 

@@ -18,18 +18,6 @@ from typing import Any
 from inim.report.markup import element, folded, mark, table, text
 from inim.report.wording import MISSING, check_passed, checks, items, part, plain, short, verdict
 
-__all__ = [
-    "Section",
-    "Widget",
-    "badge",
-    "check_badge",
-    "data_note",
-    "how_to_reproduce",
-    "package_text",
-    "render_page",
-    "timestamp",
-]
-
 _POLICY = (
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; {scripts}; "
     "base-uri 'none'; form-action 'none'"

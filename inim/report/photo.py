@@ -16,8 +16,6 @@ from inim.report.page import Section, data_note, how_to_reproduce, render_page, 
 from inim.report.plots import new_figure, save, style
 from inim.report.wording import items, number, part
 
-__all__ = ["FILES", "SCHEMA", "write_photo"]
-
 SCHEMA = "inim.photo/1"
 _PICTURES = ("photograph", "simulation", "matched")
 #: What a report has for certain, its JSON first.

@@ -15,25 +15,6 @@ from inim.errors import UsageError
 from inim.files.image import write_atomically
 from inim.generators import properties
 
-__all__ = [
-    "LINES",
-    "SOFT",
-    "Name",
-    "across",
-    "colour_of",
-    "draw_front",
-    "draw_point",
-    "marker_of",
-    "new_figure",
-    "on_front",
-    "plain_ticks",
-    "point_name",
-    "save",
-    "set_apart",
-    "style",
-    "svg",
-]
-
 _PNG_DPI = 160
 _INK = "#1e2022"
 #: Of labels and whatever else stands back.

@@ -14,21 +14,6 @@ from inim.report.page import Section, data_note, how_to_reproduce, render_page, 
 from inim.report.summary import markdown_command, markdown_line, markdown_section
 from inim.report.wording import MISSING, is_number, items, number, part, per_cent
 
-__all__ = [
-    "SCHEMA",
-    "Table",
-    "checks_table",
-    "count",
-    "grouped",
-    "jitter_table",
-    "relations_table",
-    "small",
-    "summary_lines",
-    "tables_of",
-    "write_stress",
-]
-
-
 SCHEMA = "inim.stress/2"
 # Digits of figures in the file: enough for any table, and a third of its size.
 _DIGITS = 6

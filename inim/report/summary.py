@@ -7,10 +7,8 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, MAIN
 from inim.report.wording import (
-    HEADLINE,
-    HEADLINE_TO_SCENE,
-    MAIN,
     MISSING,
     PREVIEW_WORDS,
     best_algorithm,
@@ -31,18 +29,6 @@ from inim.report.wording import (
     verdict_words,
     viewpoint_names,
 )
-
-__all__ = [
-    "markdown_command",
-    "markdown_line",
-    "markdown_section",
-    "markdown_table",
-    "markdown_text",
-    "render_checks",
-    "render_junit",
-    "render_summary",
-    "render_text",
-]
 
 _SUITE = "inim.validate"
 

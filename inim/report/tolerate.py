@@ -6,22 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from inim.metrics.headline import HEADLINE_WORDS
 from inim.report.files import write_forms
 from inim.report.markup import bullets, element, plot, text, text_table
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.plots import LINES, SOFT, across, new_figure, style, svg
-from inim.report.wording import (
-    HEADLINE_WORDS,
-    MISSING,
-    NBSP,
-    is_number,
-    items,
-    number,
-    part,
-    per_cent,
-)
-
-__all__ = ["PAGE", "SCHEMA", "sentences", "write_tolerance"]
+from inim.report.wording import MISSING, NBSP, is_number, items, number, part, per_cent
 
 SCHEMA = "inim.tolerate/1"
 PAGE = "tolerate.html"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from inim.metrics import RELIC_MARGIN_PX, all_metrics
+from inim.metrics.headline import MAIN
 from inim.report.files import list_files, write_forms
 from inim.report.images import Encoding, Images, is_wide
 from inim.report.markup import bullets, element, figure, folded, table, text, text_table
@@ -29,7 +30,6 @@ from inim.report.sections.virtual_display import Shown, of_algorithm, shown_disp
 from inim.report.summary import markdown_section, markdown_table, markdown_text
 from inim.report.virtual_display import ANCHOR, LIVE, TITLE
 from inim.report.wording import (
-    MAIN,
     MISSING,
     is_number,
     items,
@@ -41,8 +41,6 @@ from inim.report.wording import (
     verdict_words,
     viewpoint_names,
 )
-
-__all__ = ["SCHEMA", "write_picture_report"]
 
 SCHEMA = "inim.picture/1"
 _STYLE = """

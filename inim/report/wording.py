@@ -2,8 +2,7 @@
 
 A number is written the same way in the page, the Markdown and the JUnit file, and whatever is
 missing, of another type or not a number shows as "–" and passes nothing. What is shown of scores
-follows the metrics that `inim.metrics` knows. `MAIN` on the relic, to the ceiling, is the headline:
-the score by which algorithms are ranked, everywhere.
+follows the metrics that `inim.metrics` knows.
 """
 
 from __future__ import annotations
@@ -14,52 +13,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeGuard
 
 from inim.metrics import Metric, all_metrics, find
-from inim.metrics.ssim import metric as MAIN  # noqa: N812
-
-__all__ = [
-    "CEILING",
-    "HEADLINE",
-    "HEADLINE_TO_SCENE",
-    "HEADLINE_WORDS",
-    "MAIN",
-    "MISSING",
-    "NBSP",
-    "PREVIEW_WORDS",
-    "TRUE_EIA",
-    "TRUTH",
-    "best_algorithm",
-    "by_noise",
-    "check_finding",
-    "check_interval",
-    "check_passed",
-    "check_sentence",
-    "check_value",
-    "checks",
-    "disagreements",
-    "full_command",
-    "headlines",
-    "is_number",
-    "items",
-    "metric_scores",
-    "mm",
-    "number",
-    "part",
-    "per_cent",
-    "plain",
-    "relation",
-    "score",
-    "short",
-    "suggested_criteria",
-    "verdict",
-    "verdict_words",
-    "viewpoint_names",
-]
+from inim.metrics.headline import HEADLINE, MAIN
 
 ScoreKind = Literal["scene", "ceiling", "relic", "relic to ceiling", "eia"]
-
-#: Name of the headline score, and of the same to the scene.
-HEADLINE, HEADLINE_TO_SCENE = MAIN.on_relic_to_ceiling_key, MAIN.on_relic_key
-HEADLINE_WORDS = f"{MAIN.label} on the relic, to the ceiling"
 
 #: The scene itself; the true EIA through the lenses; and that EIA, on the panel.
 TRUTH, CEILING, TRUE_EIA = "Ground truth", "Ceiling", "True EIA"

@@ -16,22 +16,13 @@ from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 from inim.errors import FileError, SceneError, UsageError
+from inim.files.regular_file import open_file, read_file
 from inim.files.splat_ply import SPLAT_SHAPES
-from inim.regular_file import open_file, read_file
 from inim.scene.parameters import Content, SceneFolder, SceneParameters, content_of
 from inim.settings import DISPLAY_KEYS, PREFIX, Settings
 
 if TYPE_CHECKING:
     from inim.display import Display
-
-__all__ = [
-    "SceneFile",
-    "chosen_display",
-    "parse_definitions",
-    "read_scene_file",
-    "read_scene_settings",
-    "with_display",
-]
 
 # Generous for scenes written by people or exporters, small against what harms: Mitsuba overflows
 # its stack near 20,000 levels, and include fan-out grows as a power.

@@ -19,9 +19,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from inim.errors import FileError, SceneError
-from inim.regular_file import open_file
-
-__all__ = ["Content", "SceneFolder", "SceneParameters", "content_of"]
+from inim.files.regular_file import open_file
 
 #: A file's SHA-256, size, and times [ns] of the last changes of its content, and of its name or
 #: rights: what was changed and changed back has other times.

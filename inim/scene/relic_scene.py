@@ -9,24 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from inim.color import linear_from_srgb
-from inim.files.mesh import Mesh
+from inim.files.triangle_mesh import Mesh
+from inim.image.color import linear_from_srgb
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
-
-
-__all__ = [
-    "attribute",
-    "bounds",
-    "camera_xml",
-    "defaults_xml",
-    "merged",
-    "placed",
-    "scene_xml",
-    "xml_text",
-]
 
 
 def merged(meshes: Sequence[Mesh]) -> list[Mesh]:

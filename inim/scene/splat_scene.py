@@ -18,8 +18,6 @@ from inim.errors import UsageError
 from inim.files.splat_ply import Splats
 from inim.scene.relic_scene import attribute, camera_xml, defaults_xml
 
-__all__ = ["SIZE_MM", "Frame", "placed_splats", "splat_scene_xml", "turned"]
-
 #: The largest side of a relic of splats.
 SIZE_MM = 100.0
 # Of a splat's greatest share of light, below which it counts as nothing: Mitsuba's

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.display import Display, Viewpoint
-from inim.rgbd import RGBD
-
-__all__ = ["two_spheres", "two_spheres_eia", "two_spheres_view"]
+from inim.image.color import srgb_from_linear, srgb_to_uint8
+from inim.image.rgbd import RGBD
 
 # In shares of the array's half width and of the depth range's half depth: centre x, y, z; radii
 # across and in depth; linear colours of the checks. They overlap, so that one hides the other.

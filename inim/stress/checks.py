@@ -1,9 +1,9 @@
 """Algorithms against the exact first hits, and against themselves with the depth a little off.
 
 For an algorithm that shows first hits by definition every panel pixel must agree, ties included,
-but on displays whose lengths have too many digits (`inim.accuracy_limits` warns of them). Of others
-`check_first_hits` says how far their definition, or their arithmetic, is from what a viewer would
-see.
+but on displays whose lengths have too many digits (`inim.inspect.accuracy_limits` warns of them).
+Of others `check_first_hits` says how far their definition, or their arithmetic, is from what a
+viewer would see.
 
 Jitter, one ulp or one quantum of 8, 10 or 16 bits of depth, faults no arithmetic: the exact answer
 to a slightly other question is another answer. `measure_jitter` says how much of a picture hangs on
@@ -21,14 +21,14 @@ from typing import Any
 import numpy as np
 
 from inim import metrics
-from inim.accuracy_limits import accuracy_warnings
 from inim.display import Display
 from inim.errors import InimError
 from inim.generators import SourceGenerator, prepare
 from inim.generators.oracle import exact_hits
 from inim.generators.registry import properties
-from inim.pipeline.plugin_guard import blamed
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
+from inim.inspect.accuracy_limits import accuracy_warnings
+from inim.pipeline.stages.plugin_guard import blamed
 from inim.stress.pictures import (
     DISPLAYS,
     SHAPES,
@@ -42,8 +42,6 @@ from inim.stress.pictures import (
     small_display,
     tied,
 )
-
-__all__ = ["JITTERS", "Case", "cases", "check_first_hits", "measure_jitter", "quantised"]
 
 # Panel pixels of a case that are followed in fractions.
 _MOST_PIXELS = 100

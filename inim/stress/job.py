@@ -12,29 +12,21 @@ from typing import Any
 
 import numpy as np
 
+from inim.backend.provenance import backend_data, versions
 from inim.errors import SceneError, UsageError
-from inim.forecast import Step
 from inim.generators import algorithm_names, check_algorithm, is_own
-from inim.observer import Observer
-from inim.pipeline.capture import DepthCamera, capture_relic
+from inim.image.rgbd import RGBD
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request, repeated
-from inim.pipeline.scene import Renderer, Scene
-from inim.pipeline.stage import Run
-from inim.provenance import backend_data, versions
+from inim.pipeline.stages.capture import DepthCamera, capture_relic
+from inim.pipeline.stages.scene import Renderer, Scene
+from inim.pipeline.stages.stage import Run
+from inim.process.forecast import Step
+from inim.process.observer import Observer
 from inim.report.stress import SCHEMA, write_stress
-from inim.rgbd import RGBD
 from inim.version import __version__
 from inim.worker.output import open_staging, publish
 from inim.worker.supervisor import run_in_worker
-
-__all__ = [
-    "StressRequest",
-    "record",
-    "run_stress",
-    "spheres",
-    "work",
-]
 
 _MARKER = "stress.json"
 _FILES = (_MARKER, "stress.html", "stress.md")
@@ -238,8 +230,8 @@ def _picture_of(request: StressRequest, renderer: Renderer) -> tuple[RGBD, Any, 
 
 def spheres(lenses: int) -> tuple[RGBD, Any]:
     """Two spheres in closed form, and so many lenses along each side of the nominal display."""
-    from inim.color import linear_from_srgb
     from inim.display import DISPLAYS
+    from inim.image.color import linear_from_srgb
     from inim.scene.two_spheres import two_spheres
 
     display = DISPLAYS["nominal"].replace(lens_columns=lenses, lens_rows=lenses)

@@ -16,30 +16,7 @@ import numpy as np
 from inim.display import Display
 from inim.generators import SourceGenerator, colour_of, prepare, properties
 from inim.generators.oracle import axis_rays
-from inim.rgbd import RGBD, Layer, LayeredRGBD
-
-__all__ = [
-    "DISPLAYS",
-    "MOUNTINGS",
-    "SHAPES",
-    "Made",
-    "Show",
-    "colours_of",
-    "eia_of",
-    "input_of",
-    "is_first_hit",
-    "mounted_pictures",
-    "noise",
-    "noise_pictures",
-    "random_picture",
-    "shaped",
-    "shown",
-    "small_display",
-    "solids_of",
-    "tied",
-    "window",
-    "with_depth",
-]
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
 Made = tuple[Display, RGBD]
 

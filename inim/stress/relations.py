@@ -20,7 +20,7 @@ import numpy as np
 from inim.display import Display
 from inim.errors import InimError
 from inim.generators import properties
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
 from inim.stress.pictures import (
     Made,
     Show,
@@ -31,17 +31,6 @@ from inim.stress.pictures import (
     shown,
     small_display,
 )
-
-__all__ = [
-    "RELATIONS",
-    "Comparison",
-    "Doubt",
-    "Relation",
-    "check_relation",
-    "run_relations",
-    "same_colour",
-    "within_rounding",
-]
 
 # By how much lengths are moved to see what hangs on rounding: about an ulp of float32.
 _NUDGE = 1e-7

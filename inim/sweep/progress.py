@@ -8,8 +8,6 @@ import threading
 import time
 from dataclasses import dataclass, field
 
-__all__ = ["Progress", "clock_words"]
-
 _REDRAW_S = 0.2
 _NARROWEST = 40
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
-from inim.backend.machine import cpu_count
 from inim.errors import FileError
 from inim.pipeline.request import repeated
+from inim.process.machine import cpu_count
 from inim.report.sweep import PAGE, write_page
 from inim.sweep.progress import Progress
 from inim.sweep.study import Study, read_study
@@ -21,16 +21,6 @@ from inim.sweep.task import FOLDER, Results, Task, make_task, report_folder
 from inim.sweep.unit import Unit, expand, making_of
 from inim.sweep.workers import check_answers, check_dask, choose_slots, run_cluster, run_pool
 from inim.version import __version__
-
-__all__ = [
-    "Outcome",
-    "Place",
-    "SweepPlan",
-    "SweepRequest",
-    "carry_out",
-    "plan_study",
-    "run_sweep",
-]
 
 
 @dataclass(frozen=True)

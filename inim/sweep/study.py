@@ -21,14 +21,12 @@ from typing import Any
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import is_file_safe
 from inim.errors import FileError, InimError, UsageError
+from inim.files.regular_file import check_file
 from inim.lens import lens_models
-from inim.pipeline.method import parse_methods
-from inim.regular_file import check_file
+from inim.pipeline.stages.method import parse_methods
 from inim.scene.file import chosen_display
 from inim.settings import PREFIX, Settings
 from inim.sweep.tables import MOST_NAMED, Tables, shown
-
-__all__ = ["AS_SCENE", "MOST_UNITS", "NamedDisplay", "Study", "read_study"]
 
 #: The display that a scene itself names.
 AS_SCENE = "scene"

@@ -11,29 +11,13 @@ from typing import Any
 
 from inim.errors import UsageError
 from inim.files.image import write_atomically
+from inim.files.regular_file import check_file
 from inim.metrics import Metric, all_metrics
-from inim.regular_file import check_file
 from inim.report.sweep.results import SETTING_COLUMNS
 from inim.report.wording import check_finding, check_passed, checks, part
 from inim.scene.file import parse_definitions
 from inim.settings import PREFIX, Settings
 from inim.sweep.unit import Unit
-
-__all__ = [
-    "DISPLAY_COLUMNS",
-    "REFERENCES",
-    "SCHEMA",
-    "TABLE",
-    "check_pyarrow",
-    "columns",
-    "columns_as_markdown",
-    "eia_columns",
-    "failed_rows",
-    "finished_rows",
-    "read_table",
-    "result_of",
-    "write_table",
-]
 
 #: Of the display: what papers state of it.
 DISPLAY_COLUMNS = (

@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from inim.errors import FileError, UsageError, known_words
-from inim.regular_file import read_file
+from inim.files.regular_file import read_file
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
-
-__all__ = ["MOST_NAMED", "Tables", "shown"]
 
 #: Of algorithms, displays or lens models; each is looked up or made, to be checked.
 MOST_NAMED = 100

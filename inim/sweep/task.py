@@ -18,20 +18,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inim import interruption
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
 from inim.files.json_file import read_json
-from inim.observer import Observer
 from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
 from inim.pipeline.request import Request
+from inim.process import interruption
+from inim.process.observer import Observer
 from inim.report import Report
 from inim.report.files import from_strict, to_strict
 from inim.sweep.table import result_of
 from inim.sweep.unit import Unit, key_of, making_of
 from inim.worker.output import open_staging, publish
 from inim.worker.supervisor import OnStage, OnStart, run_in_worker
-
-__all__ = ["FOLDER", "SCHEMA", "Results", "Task", "attempt", "make_task", "report_folder", "work"]
 
 SCHEMA = "inim.unit/1"
 FOLDER = "units"
@@ -275,7 +273,7 @@ def _validated(task: Task, plan: Plan, staging: Path, observer: Observer) -> Rep
 
 
 def _times(staging: Path) -> Mapping[str, Sequence[float]]:
-    from inim.pipeline.baseline import FOLDER as STATISTICS
+    from inim.pipeline.output.baseline import FOLDER as STATISTICS
     from inim.regression import CANDIDATE, read_statistics
 
     return read_statistics(staging / STATISTICS, CANDIDATE).times

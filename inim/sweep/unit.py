@@ -16,18 +16,16 @@ from pathlib import Path
 from typing import Any
 
 import inim
+from inim.backend.provenance import versions
 from inim.errors import InimError, UsageError
 from inim.generators import PICKUP, is_own, parse_algorithm
 from inim.metrics import foreign_identities
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.plugins import identity
-from inim.provenance import versions
 from inim.settings import PREFIX
 from inim.sweep.study import NamedDisplay, Study
 from inim.version import __version__
-
-__all__ = ["Unit", "expand", "key_of", "making_of", "unit_hash"]
 
 _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "scikit-image")
 # Of the settings: what is no part of a result, or is in the key under another name.

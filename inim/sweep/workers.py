@@ -32,8 +32,6 @@ from inim.errors import InimError, UsageError
 from inim.sweep.progress import Progress
 from inim.sweep.task import Task, attempt
 
-__all__ = ["check_answers", "check_dask", "choose_slots", "on_worker", "run_cluster", "run_pool"]
-
 # How often the progress's clocks move on.
 _TICK_S = 0.5
 

@@ -8,8 +8,6 @@ from inim.display.misalignment import MISALIGNMENTS
 from inim.errors import FileError
 from inim.files.json_file import read_json
 
-__all__ = ["read_standard_errors"]
-
 _WAY_OUT = "name the calibration.json that a calibration wrote"
 
 

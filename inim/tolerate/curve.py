@@ -18,8 +18,6 @@ from random import Random
 
 import numpy as np
 
-__all__ = ["Curve", "fit_curve", "share_interval", "tolerance_interval"]
-
 _RESAMPLED = 200
 _COVERAGE = 0.95
 # Residuals beyond this count by their size, no longer by their square: in `_stretched` units, of

@@ -10,8 +10,6 @@ from inim.errors import SceneError
 from inim.tolerate.curve import Curve, fit_curve, share_interval, tolerance_interval
 from inim.tolerate.study import LEAST_ALONE, ToleranceStudy
 
-__all__ = ["findings", "misalignment"]
-
 # Of figures that were fitted or drawn: no draw knows more, and another processor rounds alike.
 _DIGITS = 4
 # Of a normal error: the median of its size is this part of its standard deviation.

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from inim.errors import SceneError, UsageError
+from inim.metrics.headline import HEADLINE
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request, repeated
 from inim.report.sweep.results import mean
 from inim.report.tolerate import SCHEMA, write_tolerance
-from inim.report.wording import HEADLINE
 from inim.settings import PREFIX
 from inim.sweep.run import Place, SweepPlan, carry_out, plan_study
 from inim.sweep.study import AS_SCENE, NamedDisplay, Study
@@ -22,8 +22,6 @@ from inim.tolerate.calibration import read_standard_errors
 from inim.tolerate.findings import findings, misalignment
 from inim.tolerate.study import ToleranceStudy, read_tolerance_study
 from inim.version import __version__
-
-__all__ = ["ToleranceRequest", "plan_tolerance", "run_tolerance"]
 
 # What this command itself gives: the error that is drawn, and a criterion of its own.
 _OWN = ("misalign", "min_ssim_to_ceiling")

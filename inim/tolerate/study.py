@@ -22,8 +22,6 @@ from inim.display.misalignment import MISALIGNMENTS
 from inim.sweep.study import MOST_UNITS
 from inim.sweep.tables import Tables, shown
 
-__all__ = ["LEAST_ALONE", "Spread", "ToleranceStudy", "default_spreads", "read_tolerance_study"]
-
 #: Fewer draws say nothing of a curve of three numbers.
 LEAST_ALONE = 5
 _DISTRIBUTIONS = ("normal", "uniform")

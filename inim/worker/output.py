@@ -15,21 +15,8 @@ from collections.abc import Container, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import BinaryIO
 
-from inim import interruption
 from inim.errors import FileError
-
-__all__ = [
-    "SCHEMA",
-    "default_out",
-    "list_name",
-    "open_beside",
-    "open_staging",
-    "publish",
-    "publish_file",
-    "published",
-    "remove_folder",
-    "undisturbed",
-]
+from inim.process import interruption
 
 _MARKER = "report.json"
 #: What a report has at its top, whatever else it has: the data, which mark a whole one, first.

@@ -22,15 +22,13 @@ from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
-from inim import interruption
 from inim.backend.numba_cache import go_without_cache, is_cache_fault
 from inim.errors import InimError, missing_package
-from inim.forecast import Forecast, Step
-from inim.observer import Observer
-from inim.python_process import wait_for_parent
+from inim.process import interruption
+from inim.process.forecast import Forecast, Step
+from inim.process.observer import Observer
+from inim.process.python_process import wait_for_parent
 from inim.worker.output import remove_folder
-
-__all__ = ["ConsoleObserver", "Job", "Work", "answer", "read_job", "serve"]
 
 _BAR = "{desc}: {percentage:3.0f}%|{bar}|{postfix}"
 _REDRAW_S = 0.2

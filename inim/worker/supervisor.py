@@ -21,14 +21,13 @@ from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
-from inim import errors, interruption
+from inim import errors
 from inim.cache.folder import clear_partials
 from inim.errors import InimError, OutOfMemoryError, WorkerError
-from inim.python_process import child_environment, end_process, python_module, started
+from inim.process import interruption
+from inim.process.python_process import child_environment, end_process, python_module, started
 from inim.worker.output import remove_folder
 from inim.worker.serve import Job
-
-__all__ = ["OnStage", "OnStart", "outcome_of", "run_in_worker"]
 
 OnStart = Callable[["subprocess.Popen[bytes]"], object]
 OnStage = Callable[[str], object]

@@ -18,8 +18,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-__all__ = ["peak_bytes", "resident_bytes", "run_measured"]
-
 
 def peak_bytes() -> int:
     """Largest resident size of this process so far.

@@ -20,24 +20,14 @@ from inim import reconstruct
 from inim.bench import Rounds, load_average, record, scene_plan
 from inim.display import Display, Viewpoint
 from inim.errors import InimError
+from inim.image.rgbd import RGBD
 from inim.lens import white_exposure
-from inim.observer import Observer
 from inim.pipeline.plan import Plan
+from inim.process.observer import Observer
 from inim.report.bench import Part, write_bench
-from inim.rgbd import RGBD
 from inim.scene.two_spheres import two_spheres
 from inim.worker.output import open_staging, publish
 from inim.worker.serve import ConsoleObserver
-
-__all__ = [
-    "Measure",
-    "add_scene_arguments",
-    "new_parser",
-    "picture_of",
-    "plan_of",
-    "run_study",
-    "square_display",
-]
 
 #: Measures, with an empty folder for whatever it writes meanwhile; what bench.json says of it.
 Measure = Callable[[Rounds, Observer, Path], Mapping[str, Any]]

@@ -13,8 +13,6 @@ import numpy as np
 from inim.display import DISPLAYS, Display
 from reports.calibration.landing import Camera, Pose, look_at
 
-__all__ = ["Case", "Sensor", "draw_case"]
-
 _SEED = 19
 # Sensor and focal length that let the sheet fill it from some 20 cm (nominal) and 35 cm (phone).
 _SENSORS = {"nominal": (1600, 1200, 3400.0), "phone": (2400, 1350, 5000.0)}

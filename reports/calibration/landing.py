@@ -24,8 +24,6 @@ from inim.render import variant
 from inim.render.counter_sampler import PLUGIN
 from inim.render.reconstruct import mesh_shape
 
-__all__ = ["SAMPLES", "Camera", "Landing", "Pose", "Sheet", "look_at"]
-
 #: Rays a camera pixel, two by two.
 SAMPLES = 4
 # Fixed-point steps from a distorted radius to the true one.

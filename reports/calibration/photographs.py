@@ -24,13 +24,11 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.files.image import write_atomically
-from inim.parallel import threads
+from inim.image.color import srgb_from_linear, srgb_to_uint8
+from inim.process.threads import threads
 from reports.calibration.cases import Case, Sensor, draw_case
 from reports.calibration.landing import SAMPLES, Camera, Landing, Pose, Sheet
-
-__all__ = ["Shot", "calibrated", "photograph_case", "run_inim"]
 
 _QUALITY = 90
 _BRIGHT_QUANTILE = 0.99

@@ -22,8 +22,6 @@ from reports.calibration.landing import Sheet
 from reports.calibration.photographs import Shot, calibrated, run_inim
 from reports.gallery.pictures import keep
 
-__all__ = ["main"]
-
 _CASE = 1
 # White, stripes of the Gray code, a phase.
 _SHOWN = ("00-white", "14-column-bit-2", "20-column-phase-000")

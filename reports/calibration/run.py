@@ -33,8 +33,6 @@ from inim.files.image import write_atomically
 from reports.calibration.cases import Case, draw_case
 from reports.calibration.photographs import photograph_case
 
-__all__ = ["TARGETS", "measure", "table"]
-
 
 class Target(NamedTuple):
     """How well a parameter has to be found, and how the table shows it."""

@@ -23,8 +23,6 @@ from inim.display.misalignment import MISALIGNMENTS
 from inim.files.image import write_atomically
 from reports.calibration.cases import Case, draw_case
 
-__all__ = ["shown", "table"]
-
 #: An EIA for the calibrated display has to reach this share of what knowing the truth gives.
 TARGET = 0.98
 _ALGORITHM, _VIEWPOINTS = "template:samples=4", ("centre", "left")

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["ENTRIES", "EYE", "ROOM", "Entry"]
-
 _TWO = ("--algorithms", "template,layered")
 _ANGLES = (0.25, 0.5, 1)
 _CENTRE = ("--viewpoints", "centre", "--algorithms", "template")

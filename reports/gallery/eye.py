@@ -20,8 +20,6 @@ from reports.gallery.entries import EYE
 from reports.gallery.pictures import keep, magnified, picture
 from tests.chromium import Tab, browser
 
-__all__ = ["eye_viewpoints", "film_beyond_zone", "film_eye", "photograph_report"]
-
 
 def photograph_report(run: Path, out: Path, profile: Path) -> None:
     """The first screen of a report."""

@@ -8,9 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from inim.report.wording import HEADLINE, HEADLINE_TO_SCENE
-
-__all__ = ["gallery_page"]
+from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE
 
 _LINE = 76
 _GALLERY_HEAD = """\

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from PIL import Image
 
-__all__ = ["LENSES_MAGNIFIED", "keep", "magnified", "middle", "picture"]
-
 #: Along a side of what `magnified` shows.
 LENSES_MAGNIFIED = 12
 _QUALITY = 85

@@ -20,12 +20,10 @@ from pathlib import Path
 import numpy as np
 
 import inim
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.files.light_field import sub_aperture_views
 from inim.files.picture import read_pfm
-from inim.rgbd import RGBD
-
-__all__ = ["LightField", "Place", "Views", "codes", "of_views", "read"]
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.image.rgbd import RGBD
 
 Place = tuple[int, int]
 #: Places in the grid, (row, column), and (H, W, 3) uint8 sRGB.

@@ -9,8 +9,6 @@ from typing import Any
 from inim.generators.registry import DEFAULT
 from reports.scoreboard.rivals import RVS_SETTINGS
 
-__all__ = ["NEAREST", "page"]
-
 _LABELS = {
     "copy": "copy of the middle view",
     "splat": "naive splat, nearest fill",

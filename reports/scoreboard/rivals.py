@@ -19,8 +19,6 @@ from scipy.ndimage import distance_transform_edt
 
 from reports.scoreboard.field import LightField, Place, Views
 
-__all__ = ["RVS_SETTINGS", "copy", "nearest", "rvs", "splat"]
-
 #: What RVS is told, beside cameras and files.
 RVS_SETTINGS = {
     "Precision": 1.0,

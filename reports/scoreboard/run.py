@@ -25,17 +25,15 @@ from typing import Any
 import numpy as np
 
 import inim
-from inim.color import linear_from_srgb
 from inim.files.image import write_atomically
 from inim.files.light_field import sub_aperture_views
 from inim.generators import HOLE, algorithm_names, prepare
 from inim.generators.raycast.fill import Filled
+from inim.image.color import linear_from_srgb
 from inim.metrics import find, score_maps
 from reports.scoreboard.field import LightField, Place, Views, codes, read
 from reports.scoreboard.page import NEAREST, page
 from reports.scoreboard.rivals import copy, nearest, rvs, splat
-
-__all__ = ["KINDS", "Scores", "measure", "methods"]
 
 RUNS = Path("out", "scoreboard")
 #: Of a true view's pixels: the picture shows what is there; does not, for something hides it; or

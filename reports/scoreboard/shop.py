@@ -27,8 +27,6 @@ from scipy.ndimage import shift as moved
 from inim.files.light_field import write_hci
 from inim.files.picture import write_pfm
 
-__all__ = ["sweep"]
-
 _NAME = re.compile(r".*_(\d\d)_(\d\d)_.*\.jpg")
 _SIDE = 27
 # Pixels of the stored views, from view to view: where the window goes, and how far disparities go.

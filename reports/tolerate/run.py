@@ -23,8 +23,6 @@ from inim.report.tolerate import sentences
 from reports.calibration.cases import draw_case
 from reports.calibration.photographs import calibrated, run_inim
 
-__all__ = ["STUDIES", "Study", "table"]
-
 
 class Study(NamedTuple):
     """A scene on a display, and the case whose calibration stands beside it."""

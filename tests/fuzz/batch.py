@@ -128,7 +128,7 @@ def _command(place: str, *words: str) -> Read:
 
     def read(path: Path) -> None:
         from inim.cli import main
-        from inim.pipeline import film, quilt
+        from inim.views import film, quilt
 
         # Frames are no matter of a document; what is looked at before them is.
         film.run_in_worker = quilt.run_in_worker = lambda *_, check, **__: check()
@@ -172,7 +172,7 @@ def _baseline(place: str) -> Read:
     """A plan with the baseline, and the verdict of a run on it."""
 
     def read(path: Path) -> None:
-        from inim.pipeline.baseline import judge
+        from inim.pipeline.output.baseline import judge
         from inim.pipeline.plan import make_plan
         from inim.pipeline.request import Request
         from inim.regression import CANDIDATE, read_statistics

@@ -25,8 +25,6 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["mutated_document"]
-
 _NUMBERS: tuple[Any, ...] = (
     0, 1, -1, 2, 3, 7, 0.5, -0.0, 1.0, 1e308, -1e308, 1e-308, 5e-324, 1e9, 1e-9, 10**6, 10**9,
     2**31, -(2**31), 2**53, 2**63, 2**64, -(2**63), 10**18,

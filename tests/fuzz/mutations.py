@@ -8,8 +8,6 @@ import struct
 import zlib
 from collections.abc import Callable
 
-__all__ = ["mutated"]
-
 # Counts and sizes that overflow, wrap, or ask for more than there is.
 _NUMBERS = (
     0, 1, 2, 3, 7, 255, 256, 65535, 65536, 2**24, 2**30, 10**9, 2**31 - 1, 2**31, 2**32 - 1,

@@ -22,13 +22,12 @@ import numpy as np
 
 from inim.display import Display
 from inim.files.image import write_exr, write_rgbd
-from inim.files.mesh import Mesh, write_ply
-from inim.rgbd import RGBD
+from inim.files.ply import write_ply
+from inim.files.triangle_mesh import Mesh
+from inim.image.rgbd import RGBD
 from inim.stress.pictures import solids_of
 from tests import depth_photographs as photographs
 from tests.conftest import scene_text, small_display, sphere, square
-
-__all__ = ["DISPLAY", "SPECIMENS", "TINY"]
 
 _ROOT = str(Path(__file__).parents[2])
 

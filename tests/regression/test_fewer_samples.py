@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from inim.metrics import psnr_db, ssim
-from inim.observer import Observer
+from inim.process.observer import Observer
 from inim.scene.file import read_scene_file
 from inim.settings import Settings
 

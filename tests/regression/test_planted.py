@@ -16,23 +16,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.buffers import HalfBuffers
 from inim.generators import prepare
-from inim.observer import Observer
-from inim.pipeline.evaluate import ceiling_scores, evaluate, truth_statistics
-from inim.pipeline.generate import GeneratedEIA, Reference
-from inim.pipeline.ground_truth import GroundTruth
-from inim.pipeline.images import Images
+from inim.image.buffers import HalfBuffers
+from inim.image.rgbd import RGBD
 from inim.pipeline.measured import Measured
+from inim.pipeline.output.images import Images
+from inim.pipeline.output.run_statistics import run_statistics
 from inim.pipeline.plan import make_plan
-from inim.pipeline.reconstruct import reconstruct_views
 from inim.pipeline.request import Request
-from inim.pipeline.run_statistics import run_statistics
-from inim.pipeline.scene import Renderer
-from inim.pipeline.stage import Run
+from inim.pipeline.stages.evaluate import ceiling_scores, evaluate, truth_statistics
+from inim.pipeline.stages.generate import GeneratedEIA, Reference
+from inim.pipeline.stages.ground_truth import GroundTruth
+from inim.pipeline.stages.reconstruct import reconstruct_views
+from inim.pipeline.stages.scene import Renderer
+from inim.pipeline.stages.stage import Run
 from inim.pipeline.validate import measure
+from inim.process.observer import Observer
 from inim.regression import RunStatistics, Verdict, compare, fingerprint, reference_input
-from inim.rgbd import RGBD
 
 SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"
 SMALL = {

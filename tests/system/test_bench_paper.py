@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from inim.observer import Observer
 from inim.pipeline.timing import Rounds
+from inim.process.observer import Observer
 from inim.report.bench import write_bench
 from reports.bench.paper.experiments import Sizes, bench_paper
 from reports.bench.paper.report import parts_of

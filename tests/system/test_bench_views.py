@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.observer import Observer
 from inim.pipeline.timing import Rounds
+from inim.process.observer import Observer
 from inim.report.bench import SCHEMA, write_bench
 from reports.bench.views.run import RECTANGLE, bench_views, parts_of
 from tests.conftest import small_display

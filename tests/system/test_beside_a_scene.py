@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from inim.errors import EXIT_PASSED
-from inim.python_process import child_environment, python_code, python_module
+from inim.process.python_process import child_environment, python_code, python_module
 from tests.system.conftest import TINY, definitions, write_scene
 
 #: Of the standard library, of what is installed, what Python itself looks for, and the package.

@@ -21,7 +21,7 @@ from PIL import Image
 
 from inim.errors import EXIT_BASELINE, EXIT_USAGE, FileError
 from inim.files.image import hushed
-from inim.regular_file import open_file, read_file
+from inim.files.regular_file import open_file, read_file
 from tests.conftest import scene_text
 from tests.schemas import completed
 from tests.system.conftest import assert_one_line, run_here, write_scene

@@ -16,7 +16,6 @@ import pytest
 from PIL import Image
 
 from inim.cli import main
-from inim.color import srgb_codes
 from inim.display import Display
 from inim.display.viewpoint import zone_eyes
 from inim.errors import EXIT_PASSED, EXIT_USAGE
@@ -26,10 +25,11 @@ from inim.files.light_field import eia_from_views, read_hci
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import fit_picture, map_depth
 from inim.generators import generate
+from inim.image.color import srgb_codes
+from inim.image.rgbd import RGBD
 from inim.lens import white_exposure
 from inim.metrics import ssim
 from inim.report import Report
-from inim.rgbd import RGBD
 from tests.conftest import scene_text, small_display, sphere, square
 from tests.system.conftest import Ended, assert_one_line, definitions, nothing_left, run_here
 from tests.system.test_view import whole_report_data
@@ -191,7 +191,7 @@ def test_a_report_s_light_field_has_a_view_in_the_middle(tmp_path, pixels, views
 
 
 def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
-    from inim.pipeline.scene import seed_of
+    from inim.pipeline.stages.scene import seed_of
     from inim.render.ground_truth import true_view
     from inim.render.scene import open_scene
     from inim.scene.file import read_scene_file

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from inim.color import linear_from_srgb
 from inim.display.viewpoint import eye_path
 from inim.files.image import write_exr
+from inim.image.color import linear_from_srgb
 from inim.metrics import ssim
 from inim.report import Report
 from tests.system.conftest import Ended, assert_one_line, nothing_left, run_here

@@ -29,7 +29,7 @@ from inim.pipeline import compile_ahead, compiled_marks
 from inim.pipeline.compile_ahead import compiling_ahead
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import PREVIEW, Request
-from inim.python_process import child_environment, python_code
+from inim.process.python_process import child_environment, python_code
 from tests.schemas import read_document
 from tests.system.conftest import TINY, Ended, assert_one_line, command, write_scene
 
@@ -171,7 +171,7 @@ print(is_compiled("template", plan.display))
 MAKE = """
 import sys, numba.core.event as event
 from pathlib import Path
-from inim.pipeline.generate import GeneratorHandle
+from inim.pipeline.stages.generate import GeneratorHandle
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.regression import reference_input

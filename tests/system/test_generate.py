@@ -15,11 +15,11 @@ import pytest
 from PIL import Image
 
 from inim.cli import main
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display, Viewpoint
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.files.eia_file import read_eia
 from inim.files.image import read_rgbd
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.report.virtual_display.still import still_view
 from tests.conftest import small_display
 

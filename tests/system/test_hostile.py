@@ -22,12 +22,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.color import linear_from_srgb
 from inim.errors import EXIT_PASSED, FileError, InimError, SceneError, UsageError
 from inim.files.eia_file import read_eia
 from inim.files.image import check_exr, read_exr, write_exr
 from inim.files.mesh import check_mesh_file, read_mesh
 from inim.files.picture import check_picture
+from inim.image.color import linear_from_srgb
 from inim.scene.file import SceneFile, read_scene_file
 from inim.scene.parameters import SceneParameters
 from tests.conftest import scene_text, small_display, sphere, square
@@ -543,7 +543,7 @@ def test_an_integrator_that_wraps_another_is_unwrapped(
 
 def test_infinite_pixel_size_names_the_file(tmp_path: Path) -> None:
     from inim.files.image import read_rgbd, write_rgbd
-    from inim.rgbd import RGBD
+    from inim.image.rgbd import RGBD
 
     path = tmp_path / "a.exr"
     ones = np.ones((4, 4), np.float32)

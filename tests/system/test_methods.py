@@ -24,20 +24,20 @@ from PIL import Image
 
 import inim
 from inim.cli import main
-from inim.color import linear_from_srgb
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, UsageError
 from inim.files.eia_file import read_eia
 from inim.files.image import read_exr, write_exr
 from inim.generators import SourceGenerator
-from inim.observer import Observer
-from inim.pipeline.capture import DepthCamera
-from inim.pipeline.method import Task, parse_methods
+from inim.image.color import linear_from_srgb
 from inim.pipeline.plan import Plan, make_plan
-from inim.pipeline.plugin_guard import run_generator
 from inim.pipeline.request import Request
-from inim.pipeline.scene import Scene
-from inim.pipeline.stage import Run as StageRun
+from inim.pipeline.stages.capture import DepthCamera
+from inim.pipeline.stages.method import Task, parse_methods
+from inim.pipeline.stages.plugin_guard import run_generator
+from inim.pipeline.stages.scene import Scene
+from inim.pipeline.stages.stage import Run as StageRun
 from inim.pipeline.work import setup
+from inim.process.observer import Observer
 from tests.conftest import small_display, square
 from tests.schemas import read_document
 from tests.system.conftest import (

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.commands.new_scene import COMMANDS, new_scene
 from inim.errors import FileError, UsageError
-from inim.files.mesh import Mesh, check_mesh_file, read_mesh, write_ply
-from inim.files.triangle_mesh import smoothed
+from inim.files.mesh import check_mesh_file, read_mesh
+from inim.files.ply import write_ply
+from inim.files.triangle_mesh import Mesh, smoothed
+from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.scene.relic_scene import STONE, scene_xml
 
 

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter, shift
 
 from inim.calibrate.camera import Camera, Pose
 from inim.calibrate.photo import simulate
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.report.files import json_text
 from inim.schemas import schema
 from tests.conftest import small_display

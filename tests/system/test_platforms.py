@@ -16,7 +16,7 @@ import pytest
 from inim.display import DISPLAYS
 from inim.errors import EXIT_BACKEND
 from inim.files.image import read_exr, write_png, write_rgbd
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
 from tests.system.conftest import Ended, assert_one_line, write_scene
 
 WITHOUT_POSIX = """

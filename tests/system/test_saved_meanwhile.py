@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from inim.files.image import read_exr, write_exr, write_png
-from inim.files.mesh import Mesh, write_ply
+from inim.files.ply import write_ply
+from inim.files.triangle_mesh import Mesh
 from inim.render import scene as render_scene
 from tests.conftest import scene_text, square
 from tests.system.conftest import Ended, assert_one_line, command

@@ -24,7 +24,7 @@ import pytest
 import inim
 from inim.backend import numba_cache
 from inim.errors import EXIT_BACKEND, EXIT_PASSED, FileError
-from inim.observer import Observer
+from inim.process.observer import Observer
 from inim.worker.output import open_staging, publish
 from tests.schemas import read_document
 from tests.system.conftest import (

@@ -27,9 +27,9 @@ from PIL import Image
 
 import inim
 from inim.cli import main
-from inim.color import srgb_from_linear
 from inim.errors import EXIT_BACKEND, EXIT_CHECK_FAILED, EXIT_INTERNAL, EXIT_PASSED
 from inim.files.image import read_exr
+from inim.image.color import srgb_from_linear
 from tests.conftest import scene_text, sphere
 from tests.schemas import read_document
 from tests.system.conftest import (

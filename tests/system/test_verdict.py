@@ -14,13 +14,13 @@ import pytest
 
 from inim import metrics
 from inim.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
-from inim.observer import Observer
 from inim.pipeline import generate as generating
 from inim.pipeline import validate as validating
-from inim.pipeline.checks import check, missing_viewpoints
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
+from inim.pipeline.stages.checks import check, missing_viewpoints
 from inim.pipeline.work import run as run_plan
+from inim.process.observer import Observer
 from inim.report import Report
 from tests.conftest import scene_text, square
 from tests.system.conftest import TINY, write_scene
@@ -175,7 +175,7 @@ def test_noise_against_black_scores_next_to_nothing() -> None:
 
 def test_constants_of_the_data_range_are_those_of_pictures_in_0_to_1() -> None:
     """Wang et al.'s closed form for flat pictures: (2ab + c1) / (a^2 + b^2 + c1), c1 = 0.01^2."""
-    from inim.color import srgb_from_linear
+    from inim.image.color import srgb_from_linear
 
     one, other = np.full((32, 32, 3), 0.2, np.float32), np.full((32, 32, 3), 0.6, np.float32)
     a, b = (float(srgb_from_linear(x)[0, 0, 0]) for x in (one, other))

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.commands.view import view_eia
 from inim.display import DISPLAYS, Display, Viewpoint
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.lens import white_exposure
 from inim.metrics import ssim
 from inim.report.sections import render_html

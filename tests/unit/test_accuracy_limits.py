@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from inim import accuracy_limits as limits
-from inim.accuracy_limits import accuracy_warnings
 from inim.display import DISPLAYS, Viewpoint
 from inim.generators import find_sources
+from inim.image.rgbd import RGBD
+from inim.inspect.accuracy_limits import accuracy_warnings
 from inim.lens import lens_model, lens_models
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.rgbd import RGBD
 from reports.stress.study.oracles import exact_first_hits
 from reports.stress.study.rays import chosen_pixels, rays_over
 from tests.conftest import small_display

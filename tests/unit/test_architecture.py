@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 import inim
-from inim import parallel
 from inim.metrics.ssim import metric
+from inim.process import threads as parallel
 from inim.worker import supervisor
 from tests.conftest import scene_text, sphere
 

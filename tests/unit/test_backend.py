@@ -13,9 +13,10 @@ from types import SimpleNamespace
 import pytest
 
 from inim import backend
-from inim.backend import Backend, Verdict, choice, machine, trial
+from inim.backend import Backend, Verdict, choice, trial
 from inim.commands.installation import describe, sys_info
 from inim.errors import BackendError, UsageError
+from inim.process import machine
 
 GOOD = Verdict(True, version="19.1.7", device="2 threads", stage="done")
 X86 = os.uname().machine in ("x86_64", "i686")

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from inim.display import Viewpoint
-from inim.observer import Observer
+from inim.process.observer import Observer
 from tests.conftest import scene_text, small_display, sphere
 
 LAMP = """<shape type="rectangle"><transform name="to_world"><scale value="2"/>

@@ -18,7 +18,7 @@ from inim.calibrate import decode, photographs
 from inim.calibrate.camera import Camera, Pose
 from inim.calibrate.photo import simulate
 from inim.cli import main
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.scene.file import chosen_display
 from tests.calibration_photographs import look_at
 from tests.schemas import completed, read_document

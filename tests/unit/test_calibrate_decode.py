@@ -14,9 +14,9 @@ from scipy.ndimage import gaussian_filter
 from inim.calibrate.decode import decode
 from inim.calibrate.patterns import patterns
 from inim.calibrate.photographs import read_photograph, read_positions
-from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS
 from inim.errors import FileError
+from inim.image.color import srgb_from_linear, srgb_to_uint8
 from tests.conftest import small_display
 
 DISPLAY = small_display(18, 14, 17)

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from inim.calibrate.patterns import CELL, PAGE, PERIOD, bit_count, patterns, write_patterns
-from inim.color import linear_from_srgb
 from inim.display import DISPLAYS
 from inim.errors import FileError
+from inim.image.color import linear_from_srgb
 from tests.conftest import small_display
 from tests.schemas import read_document
 

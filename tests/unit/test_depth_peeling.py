@@ -148,7 +148,7 @@ def test_a_sheet_is_as_thick_as_its_slope_and_shows_no_gaps(open_fitted, more):
 
 
 def sources(found, back_mm):
-    from inim.rgbd import LayeredRGBD
+    from inim.image.rgbd import LayeredRGBD
 
     front = np.where(found.covered, found.front_mm, 0)[0]
     color = np.zeros((*front.shape, 3))
@@ -157,7 +157,7 @@ def sources(found, back_mm):
 
 
 def test_columns_that_reach_the_back_are_the_template_s(open_fitted):
-    from inim.rgbd import RGBD
+    from inim.image.rgbd import RGBD
 
     _, found = peeled(open_fitted, scene_text(sphere((0, 0, 0), 5.0)))
     front = np.where(found.covered, found.front_mm, 0)[0]
@@ -326,7 +326,7 @@ def validated(folder, algorithms):
 
 def test_layers_are_captured_for_those_that_want_them_and_change_nothing_else(tmp_path):
     from inim.files.image import read_exr, read_rgbd
-    from inim.rgbd import LayeredRGBD
+    from inim.image.rgbd import LayeredRGBD
 
     both, with_layers = validated(tmp_path, "layered,template")
     alone, without = validated(tmp_path, "template")

@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 import inim
-from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
 from inim.generators.raycast.columns import STEEPEST
 from inim.generators.raycast.fill import Filled
 from inim.generators.registry import Algorithm
-from inim.rgbd import RGBD
+from inim.image.color import srgb_from_linear, srgb_to_uint8
+from inim.image.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
 

@@ -12,7 +12,7 @@ from PIL import Image, ImageSequence
 
 from inim.display.viewpoint import default_distance_mm, eye_path, zone_eyes
 from inim.errors import FileError, UsageError, ViewpointError
-from inim.pipeline.film import write_film
+from inim.views.film import write_film
 from tests.conftest import small_display
 
 DISPLAY = small_display(24, 20, 17)

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from inim.forecast import Forecast, Step
+from inim.process.forecast import Forecast, Step
 
 STEPS = [Step("load", 2), Step("trace", 10, rays=1000), Step("view", 1), Step("view", 1)]
 

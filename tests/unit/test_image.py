@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from inim import metrics
-from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.errors import FileError, UsageError
 from inim.files import image
+from inim.image.color import srgb_from_linear, srgb_to_uint8
+from inim.image.rgbd import RGBD
 from inim.regression import view_scores
-from inim.rgbd import RGBD
 
 RANDOM = np.random.default_rng(3)
 

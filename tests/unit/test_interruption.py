@@ -17,8 +17,8 @@ import pytest
 LINE = "inim: interrupted; nothing was written\n"
 PREAMBLE = """
 import os, signal, sys, threading, time
-from inim import interruption
-from inim.interruption import publishing, undone_afterwards
+from inim.process import interruption
+from inim.process.interruption import publishing, undone_afterwards
 def interrupt(number=signal.SIGINT): os.kill(os.getpid(), number); time.sleep(0)
 def say(text): os.write(1, (text + " ").encode())
 def temporary(name): return undone_afterwards(lambda: name, lambda name: say("undone " + name))
@@ -142,7 +142,7 @@ except KeyboardInterrupt: say("raised")
 
 def test_child_does_not_hear_the_terminal_and_ends_with_the_program() -> None:
     code = """
-from inim.python_process import python_code, started
+from inim.process.python_process import python_code, started
 hears = "import os, signal, time; os.kill(os.getpid(), signal.SIGINT); print('here', flush=True)"
 import subprocess
 with started(python_code(hears + "; time.sleep(60)"), stdout=subprocess.PIPE) as child:

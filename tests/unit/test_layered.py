@@ -13,7 +13,7 @@ from inim.generators import find_sources, generate, prepare
 from inim.generators.raycast.columns import LAYERS
 from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
 from inim.generators.raycast.shared_directions import SharedDirections
-from inim.rgbd import RGBD, Layer, LayeredRGBD
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.stress.pictures import noise, solids_of
 from reports.stress.study.cases import ties
 from tests import oracle

@@ -9,7 +9,7 @@ import pytest
 
 from inim.errors import FileError, UsageError
 from inim.files import image
-from inim.rgbd import RGBD, Layer, LayeredRGBD
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
 ROWS, COLUMNS = 7, 11
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from inim.generators import find_sources, generate
+from inim.image.rgbd import Layer, LayeredRGBD
 from inim.render.culling import in_view
-from inim.rgbd import Layer, LayeredRGBD
 from tests.conftest import small_display
 from tests.unit.test_layered import VIRTUAL, picture
 

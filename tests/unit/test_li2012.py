@@ -11,7 +11,7 @@ import pytest
 
 from inim.display import Display
 from inim.generators import HOLE, find_sources, generate, hole_fraction
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
 

@@ -22,7 +22,7 @@ from inim.files.light_field import (
     write_quilt,
 )
 from inim.generators import generate
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
 from tests.conftest import small_display
 
 COUNTS = [(5, 7, 4), (6, 4, 5), (4, 4, 8), (3, 8, 3)]

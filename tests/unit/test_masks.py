@@ -25,8 +25,8 @@ from inim.generators.raycast.cells import cell_rays
 from inim.generators.raycast.columns import SURFACE, columns_of
 from inim.generators.raycast.ray_by_ray import RayByRay, first_hit
 from inim.generators.template import ray_by_ray
-from inim.pipeline.plugin_guard import run_generator
-from inim.rgbd import RGBD, Layer, LayeredRGBD
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from inim.pipeline.stages.plugin_guard import run_generator
 from tests.conftest import small_display
 
 ALGORITHMS = [

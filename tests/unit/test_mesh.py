@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 
 from inim.errors import FileError
-from inim.files.mesh import UNIT_MM, Mesh, check_mesh_file, read_mesh, write_ply
+from inim.files.mesh import UNIT_MM, check_mesh_file, read_mesh
+from inim.files.ply import write_ply
+from inim.files.triangle_mesh import Mesh
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], np.float32)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.uint32)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from inim import metrics
-from inim.color import srgb_from_linear
 from inim.errors import UsageError
+from inim.image.color import srgb_from_linear
 from inim.metrics import Metric
 from inim.plugins import stdout_to_stderr
 from inim.regression import ScoreEstimate, view_scores

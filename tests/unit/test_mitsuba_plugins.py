@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.color import srgb_codes
 from inim.display import DISPLAYS, Viewpoint
 from inim.errors import FileError, SceneError
+from inim.image.color import srgb_codes
 from tests.conftest import no_cuda, small_display, square
 
 ROOT = Path(__file__).parents[2]

@@ -8,7 +8,7 @@ import pytest
 
 from inim import parallel as module
 from inim.cache.store import Store, remembered, use_store
-from inim.parallel import threads
+from inim.process.threads import threads
 
 
 @pytest.fixture(params=[1, 4], ids=["one processor", "four"])

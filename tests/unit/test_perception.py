@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from inim import metrics
-from inim.color import linear_from_srgb, srgb_from_linear
 from inim.display import DISPLAYS
 from inim.display.viewpoint import Viewpoint
 from inim.errors import UsageError
+from inim.image.color import linear_from_srgb, srgb_from_linear
 from inim.metrics import Metric, Viewing, cvvdp
-from inim.pipeline.reconstruct import Optics
+from inim.pipeline.stages.reconstruct import Optics
 from inim.regression import view_scores
 from inim.report.wording import disagreements
 

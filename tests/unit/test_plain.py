@@ -21,7 +21,7 @@ from inim.generators import (
     prepare,
 )
 from inim.generators.plain import compiled
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
 from tests.conftest import small_display
 
 ALGORITHMS = [

@@ -10,7 +10,7 @@ import pytest
 
 from inim.display.viewpoint import default_distance_mm, zone_eyes
 from inim.errors import UsageError, ViewpointError
-from inim.pipeline.quilt import QuiltRequest, check_quilt
+from inim.views.quilt import QuiltRequest, check_quilt
 from tests.conftest import small_display
 
 DISPLAY = small_display(24, 20, 17)

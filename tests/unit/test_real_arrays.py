@@ -13,7 +13,6 @@ import math
 import numpy as np
 import pytest
 
-from inim.color import srgb_from_linear, srgb_to_uint8
 from inim.display import Display, Viewpoint
 from inim.display.pixels import pixel_rays
 from inim.errors import DisplayError, UsageError
@@ -21,8 +20,9 @@ from inim.generators import HOLE, MASKED, NO_LENS, find_sources, generate
 from inim.generators.raycast.columns import SURFACE
 from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
 from inim.generators.raycast.ray_by_ray import RayByRay
+from inim.image.color import srgb_from_linear, srgb_to_uint8
+from inim.image.rgbd import RGBD
 from inim.lens import trace_to_panel
-from inim.rgbd import RGBD
 from tests import oracle
 from tests.conftest import scene_text, small_display
 

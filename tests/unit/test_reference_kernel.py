@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from inim.image.rgbd import RGBD
 from inim.pipeline.timing import threads
-from inim.rgbd import RGBD
 from tests.conftest import small_display
 
 DISPLAYS = {

@@ -176,7 +176,7 @@ def test_tile_of_an_eia_is_one_elemental_image_or_a_block_of_them():
 
 
 def test_codes_are_those_of_srgb():
-    from inim.color import srgb_from_linear
+    from inim.image.color import srgb_from_linear
 
     values = np.linspace(0, 1, 999)
     np.testing.assert_allclose(codes_from_linear(values), 255 * srgb_from_linear(values), atol=1e-3)

@@ -18,12 +18,12 @@ from skimage.metrics import structural_similarity
 
 from inim.display import DISPLAYS
 from inim.files.image import write_rgbd
+from inim.image.rgbd import RGBD
 from inim.report import sections as report_html
 from inim.report.diagram import depth_profile, plan_view
 from inim.report.page import package_text
 from inim.report.sections import all_sections, render_html
 from inim.report.sections.views import WIPE
-from inim.rgbd import RGBD
 
 PAGE_SCRIPT = package_text("page.js")
 HOSTILE = "</style><script>alert(1)</script>\"'`$\n&amp; 双耳陶罐 \x00\ud800"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from inim.errors import UsageError
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
 
 COLOR = np.linspace(0, 1, 2 * 3 * 3).reshape(2, 3, 3)
 DEPTH = np.arange(6.0).reshape(2, 3)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from inim.accuracy_limits import lenses_beside_panel
 from inim.display import DISPLAYS
 from inim.display.viewpoint import Viewpoint, check_viewpoint, parse_viewpoints
 from inim.errors import DisplayError, FileError, SceneError, UsageError, ViewpointError
+from inim.inspect.accuracy_limits import lenses_beside_panel
 from inim.scene.file import parse_definitions, read_scene_file
 from inim.settings import Settings
 from tests.conftest import small_display

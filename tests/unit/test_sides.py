@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from inim.generators import find_sources, generate
-from inim.rgbd import LayeredRGBD
+from inim.image.rgbd import LayeredRGBD
 from tests.conftest import small_display, sphere
 from tests.unit.test_depth_peeling import PER_PITCH, PIXEL_MM, around, cube
 
@@ -163,7 +163,7 @@ def test_sides_move_no_ray(open_fitted, samples):
 
 
 def _layer(color, found, number):
-    from inim.rgbd import Layer
+    from inim.image.rgbd import Layer
 
     own = found.covered[number]
     front, back = (np.where(own, v[number], 0) for v in (found.front_mm, found.back_mm))

@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from inim.color import linear_from_srgb, srgb_from_linear
 from inim.errors import FileError, SceneError, UsageError
-from inim.files.mesh import Mesh, check_mesh_file, write_ply
+from inim.files.mesh import check_mesh_file
+from inim.files.ply import write_ply
 from inim.files.splat_ply import check_splats, is_splats, read_splats, write_splats
+from inim.files.triangle_mesh import Mesh
+from inim.image.color import linear_from_srgb, srgb_from_linear
 from inim.scene.splat_scene import SIZE_MM, Frame, placed_splats, turned
 from tests.conftest import small_display, square
 from tests.splat_relics import joined, on_triangles, random_splats, splat_scene, splats_at
@@ -300,7 +302,7 @@ def test_ellipsoids_that_are_met_twice_are_noticed(open_fitted, tmp_path):
 
 
 def test_the_eia_is_the_same_without_what_is_black(open_fitted, tmp_path):
-    from inim.observer import Observer
+    from inim.process.observer import Observer
     from inim.render.ground_truth import pickup
 
     relic = random_splats(60, 1)

@@ -11,9 +11,9 @@ import pytest
 
 from inim.cache.result_cache import ResultCache
 from inim.cache.store import Store
-from inim.observer import Observer
 from inim.pipeline import stage as module
-from inim.pipeline.stage import Code, Run, stage
+from inim.pipeline.stages.stage import Code, Run, stage
+from inim.process.observer import Observer
 
 CODE = Code(("version.py",), ("numpy",))
 

@@ -15,14 +15,14 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.database import DirectoryBasedExampleDatabase
 
-from inim.accuracy_limits import accuracy_warnings
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
 from inim.generators.oracle import lensed_pixels
 from inim.generators.template import ray_by_ray
+from inim.image.rgbd import RGBD
+from inim.inspect.accuracy_limits import accuracy_warnings
 from inim.lens import trace_to_panel
-from inim.rgbd import RGBD
 from inim.stress.pictures import MOUNTINGS, noise, shown
 from reports.stress.study import generators, lens_cases, lens_models, lens_relations, relations
 from reports.stress.study.cases import FULL, MOUNTED_FAMILIES, Case, Family, ties

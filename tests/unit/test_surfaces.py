@@ -13,13 +13,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from inim.color import srgb_from_linear
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
 from inim.generators.oracle import exact_hits
 from inim.generators.raycast.columns import STEEPEST, THICKNESS_PX, surface_backs
 from inim.generators.registry import properties
-from inim.rgbd import RGBD
+from inim.image.color import srgb_from_linear
+from inim.image.rgbd import RGBD
 from inim.scene.two_spheres import two_spheres, two_spheres_eia
 from tests import oracle
 from tests.conftest import small_display

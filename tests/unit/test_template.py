@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, hole_fraction
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
 from tests import oracle
 
 BINARY = {

@@ -8,7 +8,6 @@ import numba
 import numpy as np
 import pytest
 
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
@@ -18,7 +17,8 @@ from inim.generators.raycast.direction_lists import shares_directions
 from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
 from inim.generators.raycast.ray_by_ray import AxisRuns, RayByRay, doubtful_pixels
 from inim.generators.raycast.shared_directions import SharedDirections
-from inim.rgbd import RGBD
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.image.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
 

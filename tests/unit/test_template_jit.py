@@ -9,7 +9,7 @@ from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, NO_LENS, find_sources, generate, prepare
 from inim.generators.raycast.cells import cell_rays
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
 from tests import oracle
 from tests.conftest import no_cuda, small_display
 from tests.unit.test_template_forms import STRADDLING, VIRTUAL, picture

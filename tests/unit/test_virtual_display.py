@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import DISPLAYS, Display
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.report import sections as report_html
 from inim.report.images import ENCODINGS, Images
 from inim.report.page import package_text

@@ -14,8 +14,6 @@ from inim.from_camera.depth_photo.codes import Coding, number
 from inim.from_camera.depth_photo.xmp import merged
 from inim.from_camera.fit import Pinhole
 
-__all__ = ["apple_camera", "apple_coding"]
-
 _KINDS = ("disparity", "depth")
 
 

@@ -17,18 +17,6 @@ from inim.errors import FileError
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import Pinhole
 
-__all__ = [
-    "Coding",
-    "Inside",
-    "by_exif",
-    "decoded",
-    "distances",
-    "number",
-    "ranged",
-    "turned",
-    "upright",
-]
-
 # Of distances, in any unit; beyond it a float's own precision is used up.
 _LARGEST = 1e9
 _ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405

@@ -17,8 +17,6 @@ from inim.from_camera.depth_photo.apple import apple_camera, apple_coding
 from inim.from_camera.depth_photo.codes import Coding, Inside, by_exif
 from inim.from_camera.depth_photo.xmp import read_xmp
 
-__all__ = ["is_heif", "read_heif"]
-
 _BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 _BEGIN, _END = b"<x:xmpmeta", b"</x:xmpmeta>"
 _MOST_PACKETS = 64

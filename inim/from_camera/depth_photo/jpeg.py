@@ -25,8 +25,6 @@ from inim.from_camera.depth_photo.xmp import merged, read_xmp
 from inim.from_camera.fit import Pinhole
 from inim.from_camera.picture_files import depth_numbers
 
-__all__ = ["MAGIC", "inside_jpeg"]
-
 MAGIC = b"\xff\xd8\xff"
 _XMP, _EXTENDED = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _MPF = b"MPF\0"

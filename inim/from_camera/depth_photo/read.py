@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 
 from inim.errors import FileError
 from inim.files.picture import open_picture
+from inim.files.regular_file import read_file
 from inim.from_camera.depth_photo.codes import Inside, by_exif, decoded, turned, upright
 from inim.from_camera.depth_photo.heif import is_heif, read_heif
 from inim.from_camera.depth_photo.jpeg import MAGIC, inside_jpeg
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import Pinhole
 from inim.from_camera.picture_files import in_srgb
-from inim.regular_file import read_file
-
-__all__ = ["SUFFIXES", "DepthPhoto", "read_depth_photo"]
 
 #: Of the photographs in a folder.
 SUFFIXES = (".heic", ".heif", ".hif", ".jpeg", ".jpg")

@@ -10,8 +10,6 @@ from xml.parsers import expat
 
 from inim.errors import FileError
 
-__all__ = ["merged", "read_xmp"]
-
 _NAMESPACES = {
     "http://ns.google.com/photos/1.0/depthmap/": "GDepth",
     "http://ns.google.com/photos/dd/1.0/depthmap/": "DepthMap",

@@ -12,8 +12,6 @@ from inim.display import Display
 from inim.display.pixels import PixelAxis, PixelRays, stated
 from inim.errors import UsageError
 
-__all__ = ["CENTRE", "Aside", "CellRays", "cell_rays", "check_ray_length", "free_cell_rays"]
-
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53
 # Picture pixels on one ray: ten thousand times those of usual displays.

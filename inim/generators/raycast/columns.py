@@ -15,8 +15,8 @@ from a front to a back, by one of four rules:
 `SOLID`
     Solid all the way back.
 `LAYERS`
-    As a layered depth image says (`inim.rgbd.LayeredRGBD`), solid after solid; of a picture without
-    layers, `SURFACE`.
+    The solids of a layered depth image (`inim.image.rgbd.LayeredRGBD`), one after another; of a
+    picture without layers, `SURFACE`.
 """
 
 from __future__ import annotations
@@ -27,19 +27,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from inim.rgbd import RGBD, Layer, LayeredRGBD
-
-__all__ = [
-    "LAYERS",
-    "SEEN",
-    "SOLID",
-    "STEEPEST",
-    "SURFACE",
-    "THICKNESS_PX",
-    "Columns",
-    "columns_of",
-    "surface_backs",
-]
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
 SURFACE, SEEN, SOLID, LAYERS = "surface", "seen", "solid", "layers"
 

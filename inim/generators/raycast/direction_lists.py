@@ -18,13 +18,6 @@ from inim.generators.base import PictureShape
 from inim.generators.raycast.cells import CENTRE, Aside, CellRays, cell_rays
 from inim.generators.raycast.ray_by_ray import rounded_up, walk
 
-__all__ = [
-    "DirectionLists",
-    "build_lists",
-    "cells_per_pitch",
-    "shares_directions",
-]
-
 
 @dataclass(frozen=True)
 class DirectionLists:

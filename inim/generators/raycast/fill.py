@@ -31,16 +31,14 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display
 from inim.display.pixels import PixelAxis
 from inim.errors import UsageError
 from inim.generators.base import HOLE, NO_LENS, Ray, SourceGenerator, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.columns import STEEPEST
-from inim.rgbd import RGBD
-
-__all__ = ["Filled"]
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.image.rgbd import RGBD
 
 # Lenses to look aside from a hole: the parallax of any display, and a bound on the time.
 _REACH = 64

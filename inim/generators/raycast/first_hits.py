@@ -21,8 +21,6 @@ from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
 from inim.generators.raycast.shared_directions import SharedDirections
 from inim.generators.raycast.supersampling import averaged
 
-__all__ = ["first_hits"]
-
 # Of usual pictures, with sides: what tables are made for is not known before a picture comes.
 _LAYERS = 12
 

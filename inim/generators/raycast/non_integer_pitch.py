@@ -51,8 +51,6 @@ from inim.generators.raycast.simd import (
     store,
 )
 
-__all__ = ["NonIntegerPitch"]
-
 _LANES = np.uintp(LANES)
 
 

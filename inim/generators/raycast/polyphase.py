@@ -30,17 +30,7 @@ from inim.generators.raycast.cells import cell_rays
 from inim.generators.raycast.columns import Columns, columns_of
 from inim.generators.raycast.direction_lists import cells_per_pitch
 from inim.generators.raycast.simd import BLOCK, LANES, transpose
-from inim.rgbd import RGBD, Layer
-
-__all__ = [
-    "PhaseGenerator",
-    "Phases",
-    "farthest_end",
-    "fits_tables",
-    "index_payload",
-    "nearest_surface",
-    "write_strip",
-]
+from inim.image.rgbd import RGBD, Layer
 
 _NO_PAYLOAD, _NO_BACKS = np.empty((0, 0), np.uint32), np.empty((0, 0), np.float32)
 

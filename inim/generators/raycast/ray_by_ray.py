@@ -19,21 +19,7 @@ from inim.display.pixels import pixel_rays, row_blocks
 from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources
 from inim.generators.raycast.cells import CENTRE, Aside, CellRays, cell_rays, free_cell_rays
 from inim.generators.raycast.columns import Columns, columns_of
-from inim.rgbd import RGBD
-
-__all__ = [
-    "AxisRuns",
-    "NonSeparable",
-    "RayByRay",
-    "axis_runs",
-    "doubtful_pixels",
-    "entered",
-    "first_hit",
-    "leaves",
-    "ray_blocks",
-    "rounded_up",
-    "walk",
-]
+from inim.image.rgbd import RGBD
 
 
 @numba.njit(cache=True, nogil=True)

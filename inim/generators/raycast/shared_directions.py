@@ -40,9 +40,7 @@ from inim.generators.raycast.simd import (
     same,
     store,
 )
-from inim.rgbd import Layer
-
-__all__ = ["SharedDirections"]
+from inim.image.rgbd import Layer
 
 # Of the compiler's own type: a Python integer would make addresses signed, and checked.
 _LANES = np.uintp(LANES)

@@ -20,26 +20,6 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, models, register_model
 
-__all__ = [
-    "LANES",
-    "all_lanes",
-    "any_lane",
-    "at_least",
-    "both",
-    "but_not",
-    "choose",
-    "either",
-    "greatest",
-    "lanes_of",
-    "least",
-    "less",
-    "load",
-    "no_lanes",
-    "same",
-    "store",
-    "transpose",
-]
-
 # Two 512-bit vectors, or four of 256; as many as a word has bits. More lenses have looser depth
 # bounds and fewer searches that end early; fewer have more overhead, and more loads that straddle
 # cache lines.

@@ -19,14 +19,12 @@ from functools import cache, cached_property
 import numba
 import numpy as np
 
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS, SubPixel, stated
 from inim.generators.base import Ray, SourceGenerator, Sources
 from inim.generators.raycast.cells import CENTRE, Aside
-from inim.rgbd import RGBD
-
-__all__ = ["Subpixelled", "Supersampled", "averaged"]
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.image.rgbd import RGBD
 
 _WHOLE = SUBPIXELS["none"][0]
 _A = Fraction(1, 4)
@@ -211,7 +209,7 @@ class Subpixelled(SourceGenerator):
 def _transfer() -> tuple[np.ndarray, ...]:
     """Light and opacity of each 8-bit code; code at each step's begin; light that begins each code.
 
-    Exactly what `inim.color` makes of a float32: no interpolation.
+    Exactly what `inim.image.color` makes of a float32: no interpolation.
     """
     opacity = np.arange(256, dtype=np.float32) / np.float32(255)
     # The codes grow with the light, and positive floats with their bits: bisect on these.

@@ -16,7 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from inim.parallel import threads
+from inim.process.threads import threads
 from inim.report.images import ENCODINGS, Encoding, Images
 from inim.report.markup import text
 from inim.report.page import Section, Widget, check_badge, data_note, render_page, timestamp

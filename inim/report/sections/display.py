@@ -11,8 +11,6 @@ from inim.report.markup import element, figure, folded, text, text_table
 from inim.report.sections import ReportSection
 from inim.report.wording import MISSING, NBSP, is_number, items, mm, part, per_cent, short
 
-__all__ = ["SECTIONS", "display", "rgbd"]
-
 # The renderer works in single precision, and so does the depth picture.
 _SLACK = 1e-5
 

@@ -13,8 +13,6 @@ from inim.report.markup import captioned, element, text
 from inim.report.sections import ReportSection
 from inim.report.wording import TRUE_EIA, is_number, metric_scores, part, score
 
-__all__ = ["SECTIONS", "elemental_images"]
-
 _CROP_LENSES = 5
 _WHOLE_EIA_PX = 420
 _INTRO = (

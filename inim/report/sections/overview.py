@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
 from inim.report.images import Images, is_wide
 from inim.report.markup import element, figure, table, text
 from inim.report.sections import ReportSection
 from inim.report.wording import (
     CEILING,
-    HEADLINE,
-    HEADLINE_TO_SCENE,
-    HEADLINE_WORDS,
-    MAIN,
     MISSING,
     PREVIEW_WORDS,
     TRUTH,
@@ -29,8 +26,6 @@ from inim.report.wording import (
     score,
     viewpoint_names,
 )
-
-__all__ = ["SECTIONS", "failures", "overview"]
 
 _FAILURES_ON_TOP = 3
 _NOTE = (

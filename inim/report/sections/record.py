@@ -31,8 +31,6 @@ from inim.report.wording import (
     verdict,
 )
 
-__all__ = ["SECTIONS", "check_list"]
-
 _TOTAL, _RENDER = "total", "mitsuba_render"
 _EXACT = "Every score on this page is what it would be, had nothing been skipped."
 _NO_CRITERIA = (

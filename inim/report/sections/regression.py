@@ -12,8 +12,6 @@ from inim.report.markup import element, figure, text, text_table
 from inim.report.sections import ReportSection
 from inim.report.wording import MISSING, check_passed, checks, is_number, items, part, short
 
-__all__ = ["SECTIONS", "regression"]
-
 _FOLDER = "regression"
 # The rest is in report.json.
 _MOST_DRIFTS = 12

@@ -10,8 +10,6 @@ from inim.report.markup import element, text, text_table
 from inim.report.sections import ReportSection
 from inim.report.wording import is_number, items, mm, part, per_cent, short
 
-__all__ = ["SECTIONS", "splats"]
-
 
 def splats(data: Mapping[str, Any], _images: Images) -> str:
     """The section on splats; empty for other scenes."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from inim.cache.digest import code_digest, value_digest
 from inim.cache.store import remembered
+from inim.metrics.headline import HEADLINE_WORDS
 from inim.metrics.psnr import metric as PSNR  # noqa: N812
 from inim.report.images import Images
 from inim.report.markup import element, plot, text
@@ -29,9 +30,7 @@ from inim.report.plots import (
     svg,
 )
 from inim.report.sections import ReportSection
-from inim.report.wording import HEADLINE_WORDS, headlines, is_number, part, plain, viewpoint_names
-
-__all__ = ["SECTIONS", "time_against_error"]
+from inim.report.wording import headlines, is_number, part, plain, viewpoint_names
 
 _YARDSTICKS = "yardsticks"
 _WORDS = "Down and left is better; the line joins those that no other beats in both. "

@@ -37,8 +37,6 @@ from inim.report.wording import (
     viewpoint_names,
 )
 
-__all__ = ["SECTIONS", "WIPE", "parallax", "views"]
-
 _INTRO = (
     "Below each picture are its difference and its SSIM map. Differences are absolute differences "
     f"of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: black is equal. The ceiling is "

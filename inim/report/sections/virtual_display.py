@@ -24,15 +24,6 @@ from inim.report.virtual_display import (
 )
 from inim.report.wording import CEILING, best_algorithm, is_number, items, part, viewpoint_names
 
-__all__ = [
-    "REPORT_PANEL_BYTES",
-    "SECTIONS",
-    "Shown",
-    "of_algorithm",
-    "report_display",
-    "shown_display",
-]
-
 #: Room for a report's panels; the rest of the page has as much again.
 REPORT_PANEL_BYTES = 6_000_000
 

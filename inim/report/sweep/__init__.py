@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.metrics import all_metrics
+from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
 from inim.report.files import write_text
 from inim.report.markup import element, plot, table, text, text_table
 from inim.report.page import Section, badge, data_note, how_to_reproduce, render_page, timestamp
@@ -31,14 +32,7 @@ from inim.report.sweep.results import (
     settings_of,
     varied_settings,
 )
-from inim.report.wording import (
-    HEADLINE,
-    HEADLINE_TO_SCENE,
-    HEADLINE_WORDS,
-    MAIN,
-    MISSING,
-    number,
-)
+from inim.report.wording import MISSING, number
 
 __all__ = ["PAGE", "render_sweep", "write_page"]
 

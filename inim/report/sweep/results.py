@@ -13,18 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from inim.metrics import all_metrics
-from inim.report.wording import HEADLINE, HEADLINE_TO_SCENE, MAIN, is_number
-
-__all__ = [
-    "REFERENCES",
-    "SETTING_COLUMNS",
-    "Result",
-    "mean",
-    "names_of",
-    "results_of",
-    "settings_of",
-    "varied_settings",
-]
+from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, MAIN
+from inim.report.wording import is_number
 
 Row = Mapping[str, Any]
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from inim.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.display import Display
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.lens import channel_indices, trace_to_pixels, white_exposure
-
-__all__ = ["still_view"]
 
 
 def still_view(

@@ -11,12 +11,10 @@ from inim.bench import YARDSTICK, Rounds, display_ready, in_turn, prepare_method
 from inim.display import Display, Viewpoint
 from inim.errors import DisplayError
 from inim.generators import prepare
+from inim.image.rgbd import RGBD
 from inim.lens import check_lens_model
 from inim.pipeline.plan import Plan
-from inim.pipeline.plugin_guard import run_generator
-from inim.rgbd import RGBD
-
-__all__ = ["bench_masked"]
+from inim.pipeline.stages.plugin_guard import run_generator
 
 _ALGORITHM = "template"
 # `full` scatters rays between the lenses: all of the EIA may be observed.

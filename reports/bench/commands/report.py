@@ -9,8 +9,6 @@ from inim.report.bench import Part, Table, milliseconds, times
 from inim.report.plots import LINES, SOFT, colour_of, new_figure, plain_ticks, style
 from inim.report.wording import MISSING, is_number, items, number, part, per_cent
 
-__all__ = ["parts_of"]
-
 _MIB = 2**20
 _SAME = {
     "everything": "all but times",

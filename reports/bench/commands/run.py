@@ -32,8 +32,6 @@ from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, sample
 from reports.bench.process import run_measured
 from reports.bench.study import add_scene_arguments, new_parser, plan_of, run_study
 
-__all__ = ["ALGORITHMS", "CHANGED", "bench_commands"]
-
 #: What is validated, and what is when one algorithm is another.
 ALGORITHMS = "template,wang2024"
 CHANGED = "template,gu2020"

@@ -6,8 +6,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-__all__ = ["EVERYTHING", "SCORES", "VIEWS", "samples_of", "unlike"]
-
 #: What has to be the same: the report but for what tells of the run itself; the scores of what
 #: both have; of those, the ones of views.
 EVERYTHING, SCORES, VIEWS = "everything", "scores", "views"

@@ -12,8 +12,6 @@ from typing import Any
 
 from reports.bench.paper.scaling import PowerLaw, power_law
 
-__all__ = ["READINGS", "claims"]
-
 _PYTHON = ":implementation=python"
 #: The paper's algorithm in all readings, the default first.
 READINGS = (

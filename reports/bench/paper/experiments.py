@@ -31,8 +31,6 @@ from reports.bench.paper.claims import claims
 from reports.bench.paper.steps import depth_steps
 from reports.bench.study import picture_of, square_display, views_of
 
-__all__ = ["FULL", "NAMES", "Sizes", "bench_paper"]
-
 #: Who takes part, the paper's three in both forms first.
 NAMES = (
     "li2012:implementation=python",

@@ -11,8 +11,6 @@ from typing import Any
 
 from reports.bench.process import peak_bytes
 
-__all__ = ["measure"]
-
 
 def measure(lenses: int, pixels_per_pitch: int = 2) -> dict[str, Any]:
     """Generate once on a display of `lenses` by `lenses`; peaks before and after, bytes.

@@ -13,8 +13,6 @@ from inim.generators import find_sources
 from inim.generators.base import colour_of, hole_fraction
 from inim.metrics import psnr_db
 
-__all__ = ["SCENES", "bench_readings"]
-
 _SCENES = Path(__file__).parents[3] / "scenes"
 SCENES = ("two_spheres", "amphora", "wine_coin", "tripod", "jade", "ibex", "altar")
 _MATCHINGS = ("matrix", "ray")

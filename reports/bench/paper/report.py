@@ -10,8 +10,6 @@ from inim.report.bench import TIME, TIME_HEADS, Part, Table, milliseconds, time_
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
 from inim.report.wording import MISSING, is_number, items, number, part, per_cent
 
-__all__ = ["parts_of"]
-
 _GIB = 2**30
 
 

@@ -16,15 +16,6 @@ from inim.display import Display
 from inim.errors import WorkerError
 from reports.bench.study import picture_of, square_display
 
-__all__ = [
-    "LENS_COUNTS",
-    "PIXELS_PER_PITCH",
-    "PowerLaw",
-    "bench_scaling",
-    "growth",
-    "power_law",
-]
-
 #: Lenses along a side, 17 pixels each: up to 4080 x 4080, the largest array measured in print.
 LENS_COUNTS = (16, 24, 32, 48, 64, 96, 128, 176, 240)
 #: Picture pixels per lens pitch, on `_FIXED_LENSES` lenses along a side.

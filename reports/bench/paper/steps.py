@@ -16,8 +16,6 @@ from inim.display import DISPLAYS, Display
 from inim.generators.raycast.cells import cell_rays
 from reports.bench.study import square_display
 
-__all__ = ["depth_steps"]
-
 # Steps this much beyond a bound are on it, but for rounding.
 _ROUNDING = 1e-9
 

@@ -25,8 +25,6 @@ from inim.report.wording import items, number, part
 from reports.bench.process import run_measured
 from reports.bench.study import new_parser, run_study
 
-__all__ = ["bench_samples", "parts_of"]
-
 ALGORITHM = "template"
 # Samples a pixel of the true EIA and of the true view.
 LEVELS = ((16, 32), (32, 64), (64, 256))

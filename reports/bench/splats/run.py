@@ -27,8 +27,6 @@ from inim.report.wording import items, number, part
 from reports.bench.process import run_measured
 from reports.bench.study import new_parser, run_study
 
-__all__ = ["ball", "bench_splats", "parts_of"]
-
 # Of a validation, in its report's `timings`.
 _STAGES = ("open scene", "capture RGB-D", "ground-truth EIA", "ground-truth views")
 _SETTINGS = {

@@ -13,8 +13,6 @@ import numpy as np
 
 from inim.display import Display
 
-__all__ = ["TexturedRectangle"]
-
 
 class TexturedRectangle:
     """A glowing picture of a display's size, seen from straight ahead.

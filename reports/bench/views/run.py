@@ -23,8 +23,6 @@ from inim.report.wording import items, number, part, per_cent
 from inim.scene.two_spheres import two_spheres_eia
 from reports.bench.study import new_parser, run_study, square_display
 
-__all__ = ["RECTANGLE", "bench_views", "parts_of"]
-
 RECTANGLE = "textured rectangle"
 _MODELS = ("pinhole", "thin", "thick")
 # Renders a view with a seed.

@@ -5,8 +5,8 @@ definition alone (`oracles`, `lens_oracle`; rays in `rays`), over families of ca
 parameter at a time to where arithmetic fails (`cases`, `lens_cases`). Relations that need no oracle
 are those of `inim.stress`, and more of layers, implementations and lens models (`relations`,
 `lens_relations`). From the cases follows, per parameter, the range inside which results are safe
-(`limits`): `inim.accuracy_limits` holds these limits for the warnings of validations, and a test
-compares the two.
+(`limits`): `inim.inspect.accuracy_limits` holds these limits for the warnings of validations, and
+a test compares the two.
 
 From the root of the repository::
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
-from inim.observer import Observer
+from inim.process.observer import Observer
 from inim.report.stress import write_stress
 from inim.stress.job import record, spheres
 from reports.stress.study.tables import summary_lines, tables_of

@@ -30,19 +30,6 @@ from inim.stress.pictures import (
     with_depth,
 )
 
-__all__ = [
-    "FAMILIES",
-    "FULL",
-    "MOUNTED_FAMILIES",
-    "QUICK",
-    "Case",
-    "Family",
-    "Size",
-    "case_at",
-    "cases_of",
-    "ties",
-]
-
 
 @dataclass(frozen=True)
 class Size:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from inim import metrics
-from inim.accuracy_limits import accuracy_warnings
 from inim.display import Display
 from inim.display.pixels import stated
 from inim.errors import InimError
@@ -20,14 +19,13 @@ from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, pr
 from inim.generators.oracle import Aside
 from inim.generators.raycast.direction_lists import cells_per_pitch, shares_directions
 from inim.generators.template import ray_by_ray
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
+from inim.inspect.accuracy_limits import accuracy_warnings
 from inim.stress.pictures import solids_of
 from reports.stress.study.cases import FAMILIES, Case, Family, Size, cases_of
 from reports.stress.study.oracles import answer, with_rational_ties
 from reports.stress.study.rays import Rays, chosen_pixels, rays_over
 from reports.stress.study.ulps import deciding_ulps
-
-__all__ = ["VARIANTS", "Variant", "run_case", "run_cases"]
 
 
 @dataclass(frozen=True)

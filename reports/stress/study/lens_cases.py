@@ -14,8 +14,6 @@ from inim.display import Display
 from reports.stress.study.cases import Case, case_at
 from reports.stress.study.lens_oracle import LensRays
 
-__all__ = ["LENS_FAMILIES", "LensFamily", "cases_of", "display_of", "rays_over"]
-
 _LENSES = 9
 
 

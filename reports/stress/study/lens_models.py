@@ -7,15 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from inim.accuracy_limits import accuracy_warnings
 from inim.display import Display
 from inim.errors import InimError
+from inim.inspect.accuracy_limits import accuracy_warnings
 from inim.lens import trace_to_panel
 from reports.stress.study.cases import Case
 from reports.stress.study.lens_cases import LENS_FAMILIES, LensFamily, cases_of
 from reports.stress.study.lens_oracle import Landing, LensRays, land
-
-__all__ = ["run_lens_case", "run_lens_cases"]
 
 # Roundings a landing point may collect: each in an ulp of the largest coordinate on the way, or in
 # an eps of the numbers of its ray, which grazing rays amplify.

@@ -15,8 +15,6 @@ import numpy as np
 
 from inim.display import Display
 
-__all__ = ["WIDE", "Landing", "LensRays", "land"]
-
 WIDE = np.longdouble
 _NEWTON_STEPS = 16
 # Places looked at on the way from one bulge to the next.

@@ -12,8 +12,6 @@ from inim.lens import trace_to_panel
 from reports.stress.study.lens_cases import display_of, rays_over
 from reports.stress.study.lens_oracle import LensRays
 
-__all__ = ["LENS_RELATIONS", "Trace", "run_lens_relations"]
-
 #: As `inim.lens.trace_to_panel`.
 Trace = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
 #: What rays gave, and what the relation expects: x, y, weight each.

@@ -6,9 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from inim.accuracy_limits import LANDING_PIXELS
-
-__all__ = ["accuracy_limits_of", "checks_of", "regions_of"]
+from inim.inspect.accuracy_limits import LANDING_PIXELS
 
 Rows = Sequence[Mapping[str, Any]]
 
@@ -75,7 +73,7 @@ def _widest_safe(rows: Rows) -> tuple[float | None, float | None]:
 
 
 def accuracy_limits_of(generators: Rows, lens_models: Rows, pixels_per_lens: int) -> dict[str, Any]:
-    """What `inim.accuracy_limits` states as constants, as this run measured it.
+    """What `inim.inspect.accuracy_limits` states as constants, as this run measured it.
 
     Returns
     -------

@@ -26,10 +26,8 @@ from inim.display.pixels import stated
 from inim.generators import HOLE
 from inim.generators.oracle import column_layers, first_hits_of
 from inim.generators.registry import properties
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
 from reports.stress.study.rays import Rays, band_of
-
-__all__ = ["Answer", "answer", "exact_first_hits", "first_hits", "with_rational_ties"]
 
 # Numbers in the largest array an oracle makes at once.
 _CHUNK = 2_000_000

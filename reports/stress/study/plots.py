@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from inim.accuracy_limits import LANDING_PIXELS
 from inim.files.image import write_atomically
+from inim.inspect.accuracy_limits import LANDING_PIXELS
 from inim.report.plots import LINES, across, style
-
-__all__ = ["draw_plots"]
 
 _PNG_DPI = 130
 # Okabe and Ito's colours, as in the other reports.

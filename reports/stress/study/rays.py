@@ -17,9 +17,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.generators.oracle import CENTRE, Aside, AxisRays, Line, axis_rays, lensed_pixels
-from inim.rgbd import RGBD
-
-__all__ = ["Rays", "band_of", "chosen_pixels", "rays_over"]
+from inim.image.rgbd import RGBD
 
 # Rounding errors a coordinate collects on its way: of start, slope, depth, product and sum.
 _ROUNDINGS = 4

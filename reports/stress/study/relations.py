@@ -15,7 +15,7 @@ import numpy as np
 from inim.display import Display
 from inim.generators import find_sources
 from inim.generators.template import ray_by_ray
-from inim.rgbd import RGBD, Layer, LayeredRGBD
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.stress.pictures import Show, colours_of, input_of, noise_pictures, shown, solids_of
 from inim.stress.relations import (
     RELATIONS,
@@ -26,14 +26,6 @@ from inim.stress.relations import (
 )
 from reports.stress.study.oracles import answer
 from reports.stress.study.rays import rays_over
-
-__all__ = [
-    "EXPLAINED",
-    "LAYER_RELATIONS",
-    "all_relations",
-    "run_layer_relations",
-    "run_relations",
-]
 
 _LAYERED = "layered:samples=1"
 _SOLID = "template:columns=solid"

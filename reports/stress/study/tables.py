@@ -16,8 +16,6 @@ from inim.report.stress import (
 )
 from inim.report.wording import MISSING, is_number, items, part, per_cent, short
 
-__all__ = ["summary_lines", "tables_of"]
-
 Rows = Sequence[Mapping[str, Any]]
 
 

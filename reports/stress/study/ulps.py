@@ -20,10 +20,8 @@ from inim.generators.li2012 import _position, forward_axes
 from inim.generators.oracle import AxisRays, axis_rays
 from inim.generators.raycast.cells import CellRays, cell_rays, free_cell_rays
 from inim.generators.raycast.ray_by_ray import leaves, rounded_up
-from inim.rgbd import RGBD
+from inim.image.rgbd import RGBD
 from reports.stress.study.rays import chosen_pixels, rays_over
-
-__all__ = ["deciding_ulps"]
 
 # Rays of each axis, and places along each, that are looked at.
 _RAYS, _PLACES = 12, 8

@@ -1,0 +1,1 @@
+"""Pictures as values: RGB-D, colour conversions and buffers."""

@@ -1,0 +1,59 @@
+"""Transfer between linear light and display-referred sRGB (IEC 61966-2-1)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inim.image.buffers import row_bands
+
+# Where the straight part of the curve ends, in linear light and in code value.
+_KNEE = 0.0031308
+_KNEE_CODE = 0.04045
+
+
+def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
+    """Linear RGB to sRGB in 0..1, clipped to the panel's range.
+
+    Parameters
+    ----------
+    linear : (...) float array
+        Linear radiance, 1 being the panel's white.
+
+    Returns
+    -------
+    (...) float32 array.
+    """
+    clipped = np.clip(np.asarray(linear, np.float32), 0.0, 1.0)
+    curve = 1.055 * np.power(np.maximum(clipped, _KNEE), 1 / 2.4) - 0.055
+    return np.where(clipped <= _KNEE, 12.92 * clipped, curve).astype(np.float32)
+
+
+def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
+    """The linear RGB of sRGB in 0..1, by IEC 61966-2-1: the inverse of `srgb_from_linear`.
+
+    Parameters
+    ----------
+    srgb : (...) float array
+        Code values over the largest one: 8-bit values divided by 255.
+
+    Returns
+    -------
+    (...) float32 array.
+    """
+    srgb = np.asarray(srgb, np.float32)
+    curve = np.power((np.maximum(srgb, _KNEE_CODE) + 0.055) / 1.055, 2.4)
+    return np.where(srgb <= _KNEE_CODE, srgb / 12.92, curve).astype(np.float32)
+
+
+def srgb_to_uint8(srgb: np.ndarray) -> np.ndarray:
+    """The 8-bit code values of sRGB in 0..1, rounded to nearest."""
+    codes: np.ndarray = np.rint(np.clip(srgb, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return codes
+
+
+def srgb_codes(linear: np.ndarray) -> np.ndarray:
+    """The 8-bit sRGB of linear light, (rows, columns, ...), a band of rows at a time."""
+    codes = np.empty(linear.shape, np.uint8)
+    for band in row_bands(*linear.shape[:2]):
+        codes[band] = srgb_to_uint8(srgb_from_linear(linear[band]))
+    return codes

@@ -1,0 +1,193 @@
+"""Colour and depth pictures, of one layer (`RGBD`) or of several (`LayeredRGBD`)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inim.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A surface of a picture, with the solid that it begins.
+
+    Attributes
+    ----------
+    color : (H, W, channels)
+        As in the picture.
+    front_mm, back_mm : (H, W) float32
+        Where the solid begins and ends, ``back_mm <= front_mm``.
+    covered : (H, W) bool
+        Where there is such a layer.
+    """
+
+    color: np.ndarray
+    front_mm: NDArray[np.float32]
+    back_mm: NDArray[np.float32]
+    covered: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RGBD:
+    """What a depth camera in front of the display would hand to a generator.
+
+    An orthographic colour and depth picture in the display frame, centred on its axis.
+
+    Row 0 is the top. Pixel (r, c) covers x in ``[(c - W/2) p, (c + 1 - W/2) p]`` and y in
+    ``[(H/2 - r - 1) p, (H/2 - r) p]``, p being `pixel_mm`.
+
+    Parameters
+    ----------
+    color : (H, W, 3) float32, or (H, W, 4) uint8
+        Linear RGB, for verification; or sRGB with alpha, as a player sends it to the panel.
+    depth_mm : (H, W) float32
+        z of the front surface in the display frame, towards the viewer; ignored where not covered.
+    covered : (H, W) bool
+        Whether there is a surface. Background is this flag, never a depth value.
+    pixel_mm : float
+        Side of a pixel.
+
+    Raises
+    ------
+    UsageError
+        Shapes that differ, an empty picture, or a covered pixel whose depth is not finite.
+    """
+
+    color: NDArray[np.float32] | NDArray[np.uint8]
+    depth_mm: NDArray[np.float32]
+    covered: NDArray[np.bool_]
+    pixel_mm: float
+
+    def __post_init__(self) -> None:
+        # Copies: a caller's later changes must not slip past these checks.
+        as_shown = np.asarray(self.color).dtype == np.uint8
+        color = np.array(self.color, np.uint8 if as_shown else np.float32)
+        channels = 4 if as_shown else 3
+        depth = np.array(self.depth_mm, np.float32)
+        covered = np.array(self.covered, bool)
+        if color.ndim != 3 or color.shape[2] != channels or color.size == 0:
+            raise UsageError(
+                f"RGBD: color is {color.dtype} of shape {color.shape}; it must be (H, W, 3) float "
+                "or (H, W, 4) uint8"
+            )
+        if depth.shape != color.shape[:2] or covered.shape != color.shape[:2]:
+            raise UsageError(
+                f"RGBD: color is {color.shape[:2]}, depth_mm {depth.shape}, covered "
+                f"{covered.shape}; all three must have the same rows and columns"
+            )
+        pixel: Any = self.pixel_mm
+        if not (isinstance(pixel, Real) and 0 < float(pixel) < math.inf):
+            raise UsageError(f"RGBD: pixel_mm = {self.pixel_mm!r}; it must be a positive length")
+        if not np.isfinite(depth[covered]).all():
+            bad = int(np.count_nonzero(~np.isfinite(depth[covered])))
+            raise UsageError(
+                f"RGBD: {bad} covered pixels have no finite depth; clear `covered` there"
+            )
+        for name, value in (("color", color), ("depth_mm", depth), ("covered", covered)):
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "pixel_mm", float(self.pixel_mm))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.depth_mm.shape[0], self.depth_mm.shape[1]
+
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """All layers, the front surface first; one without a back is solid all the way down."""
+        back = np.full(self.shape, -np.inf, np.float32)
+        return (Layer(self.color, self.depth_mm, back, self.covered),)
+
+    @property
+    def palette(self) -> np.ndarray:
+        """The colours that source numbers point into, row by row."""
+        return self.color
+
+    @property
+    def width_mm(self) -> float:
+        """Width of the picture."""
+        return self.shape[1] * self.pixel_mm
+
+    @property
+    def height_mm(self) -> float:
+        """Height of the picture."""
+        return self.shape[0] * self.pixel_mm
+
+
+@dataclass(frozen=True)
+class LayeredRGBD(RGBD):
+    """A layered depth image, whose columns are solid from each front only down to its back.
+
+    After Shade et al., Layered depth images, SIGGRAPH 1998; a layer here also has a back. To a
+    generator that knows no layers it is the RGB-D picture of its front surface.
+
+    Parameters
+    ----------
+    color, depth_mm, covered, pixel_mm :
+        The front surface, as in `RGBD`.
+    back_mm : (H, W) float32
+        Where the solid behind the front surface ends; -inf: never.
+    deeper : tuple of Layer
+        What follows behind it, nearest first. A pixel covered in one is covered in all before it.
+
+    Raises
+    ------
+    UsageError
+        As `RGBD`; a back in front of its front, or a layer without or in front of the one before
+        it.
+    """
+
+    back_mm: NDArray[np.float32]
+    deeper: tuple[Layer, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "back_mm", np.array(self.back_mm, np.float32))
+        object.__setattr__(self, "deeper", tuple(self.deeper))
+        above, before = self.covered, self.layers[0]
+        for number, layer in enumerate(self.layers):
+            if layer.color.shape != self.color.shape or layer.color.dtype != self.color.dtype:
+                raise UsageError(
+                    f"LayeredRGBD: layer {number} has {layer.color.dtype} colours of shape "
+                    f"{layer.color.shape}; the picture's are {self.color.dtype} "
+                    f"{self.color.shape}"
+                )
+            for name in ("front_mm", "back_mm", "covered"):
+                if getattr(layer, name).shape != self.shape:
+                    raise UsageError(
+                        f"LayeredRGBD: layer {number}: {name} of shape "
+                        f"{getattr(layer, name).shape}; the picture has {self.shape}"
+                    )
+            front, back = layer.front_mm[layer.covered], layer.back_mm[layer.covered]
+            if not (back <= front).all():
+                raise UsageError(
+                    f"LayeredRGBD: layer {number}: {np.count_nonzero(~(back <= front))} pixels "
+                    "have a back in front of their front"
+                )
+            if (layer.covered & ~above).any():
+                raise UsageError(
+                    f"LayeredRGBD: layer {number} covers pixels that the layer before it does not"
+                )
+            if number and (front > before.front_mm[layer.covered]).any():
+                raise UsageError(
+                    f"LayeredRGBD: layer {number} begins in front of the layer before it"
+                )
+            above, before = layer.covered, layer
+
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """See `RGBD.layers`."""
+        return (Layer(self.color, self.depth_mm, self.back_mm, self.covered), *self.deeper)
+
+    @cached_property
+    def palette(self) -> np.ndarray:
+        """The colours of all layers one below the other, (layers x H, W, channels)."""
+        return np.concatenate([layer.color for layer in self.layers])

@@ -1,0 +1,1 @@
+"""What a validation writes: pictures, report data, statistics and baselines."""

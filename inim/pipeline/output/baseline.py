@@ -1,0 +1,220 @@
+"""Baselines: the verdict on a run against an accepted one, and accepting.
+
+A finished run's folder holds `regression/candidate.json` and `.npz`. `accept` copies them, with a
+reason and the date, to where baselines are kept; `judge` compares the run under way with one.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.errors import BaselineError, UsageError
+from inim.files.image import write_png
+from inim.pipeline.plan import Plan
+from inim.pipeline.stages.generate import Reference
+from inim.regression import (
+    BASELINE,
+    CANDIDATE,
+    Fingerprint,
+    RunStatistics,
+    Verdict,
+    changed_circumstances,
+    compare,
+    drift,
+    read_statistics,
+    write_statistics,
+)
+from inim.regression.comparison import changed_pixels, tile_pictures
+from inim.report import Report
+from inim.worker.output import undisturbed
+
+#: Of a report: the candidate and, where it fails, images of the differences.
+FOLDER = "regression"
+#: Where baselines are kept, below where the command is typed.
+BASELINES = Path("reports/baselines")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A run beside its baseline.
+
+    Attributes
+    ----------
+    data : dict or None
+        The `regression` of report.json; None without a baseline.
+    checks : tuple of dict
+        Rows of the verdict.
+    """
+
+    data: dict[str, Any] | None = None
+    checks: tuple[dict[str, Any], ...] = ()
+
+
+def judge(
+    plan: Plan, folder: Path, candidate: RunStatistics, references: Mapping[str, Reference]
+) -> Comparison:
+    """Compare a run with its baseline; images of what changed are written.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+        Of the report.
+    candidate : RunStatistics
+        What the run leaves behind.
+    references : mapping of str to Reference
+        What the generators make of the reference input, by method.
+    """
+    write_statistics(folder / FOLDER, CANDIDATE, candidate)
+    baseline, where = plan.baseline, str(plan.request.baseline)
+    if baseline is None:
+        return Comparison()
+    for name, reference in references.items():
+        old = baseline.fingerprints.get(name)
+        _keep_changed(folder, name, reference, candidate.fingerprints[name], old, plan.display)
+    verdicts = compare(baseline, candidate, where)
+    failed = [v for v in verdicts if v.kind == "picture" and not v.passed]
+    pictures = [
+        name
+        for name in baseline.pictures
+        if any(v.name.startswith(f"{name}: ") for v in failed)
+        and write_difference(folder, name, baseline, candidate)
+    ]
+    data = regression_data(where, baseline, candidate, pictures)
+    return Comparison(data, tuple(one.as_check() for one in verdicts))
+
+
+def _keep_changed(
+    folder: Path,
+    name: str,
+    reference: Reference,
+    new: Fingerprint,
+    old: Fingerprint | None,
+    display: Display,
+) -> None:
+    """The changed EIA of the reference input, if it has changed, and where."""
+    if old is None or old.eia_sha256 == new.eia_sha256 or old.sample.shape != new.sample.shape:
+        return
+    place = folder / FOLDER / "fixed"
+    write_png(place / f"{name}-candidate.png", np.nan_to_num(reference.eia()))
+    write_png(place / f"{name}-difference.png", changed_pixels(old, new, display))
+
+
+def write_difference(
+    folder: Path, name: str, baseline: RunStatistics, candidate: RunStatistics
+) -> bool:
+    """The candidate's picture beside the baseline's tiles and what changed; whether it could be."""
+    old, new = baseline.pictures[name], candidate.pictures.get(name)
+    if new is None or (new.shape, new.tile) != (old.shape, old.tile):
+        return False
+    before, change = tile_pictures(old, new)
+    target = folder / FOLDER / name
+    write_png(target.with_name(f"{target.name}-baseline.png"), before)
+    write_png(target.with_name(f"{target.name}-difference.png"), change)
+    source = folder / f"{name}.png"
+    if source.is_file():
+        shutil.copyfile(source, target.with_name(f"{target.name}-candidate.png"))
+    return True
+
+
+def regression_data(
+    where: str, baseline: RunStatistics, candidate: RunStatistics, pictures: list[str]
+) -> dict[str, Any]:
+    """What a report says of a comparison besides its checks."""
+    return {
+        "baseline": where,
+        "reason": baseline.reason,
+        "accepted": baseline.accepted,
+        "circumstances": changed_circumstances(baseline, candidate),
+        "drift": drift(baseline, candidate),
+        "pictures": pictures,
+    }
+
+
+def default_baseline(title: str) -> Path:
+    """Where the baseline of a scene is kept: a folder named after its title."""
+    return BASELINES / (re.sub(r"[^\w.+-]+", "-", title).strip("-.") or "scene")
+
+
+def read_run(out: Path) -> tuple[Report, RunStatistics]:
+    """A report and its statistics, of one run, though another may just be published there.
+
+    Raises
+    ------
+    FileError, BaselineError
+        One of the two is missing or damaged.
+    """
+    with undisturbed(out):
+        return Report.load(out), read_statistics(out / FOLDER, CANDIDATE)
+
+
+def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
+    """Make the run in `out` the baseline; its folder.
+
+    Parameters
+    ----------
+    out : Path
+        A report.
+    reason : str
+        Why, for whoever reads the history; it may not be empty.
+    folder : Path, optional
+        Where to; the baseline that the run was compared with, or `default_baseline`.
+
+    Raises
+    ------
+    UsageError
+        No reason, a preview, or a run that failed on its own: no baseline excuses that.
+    BaselineError, FileError
+        No report, or one without a candidate.
+    """
+    if not reason.strip():
+        raise UsageError("--reason is empty; say in a line why this is the new baseline")
+    report, candidate = read_run(out)
+    if "preview" in report.data:
+        raise UsageError(
+            f"{out}: is a preview, of too few samples to compare with; make the full report: "
+            f"{report.data['preview']['full_command']}"
+        )
+    own = [c for c in report.data["verdict"]["checks"] if "kind" not in c and not c["passed"]]
+    if own:
+        raise UsageError(
+            f"{out}: failed {len(own)} checks of its own ({own[0]['name']}); mend that first"
+        )
+    _check_whole(candidate, out)
+    if folder is None:
+        compared = report.data.get("regression")
+        folder = Path(compared["baseline"]) if compared else default_baseline(report.data["title"])
+    today = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    write_statistics(folder, BASELINE, candidate.accept(reason.strip(), today))
+    return folder
+
+
+def _check_whole(candidate: RunStatistics, out: Path) -> None:
+    """A baseline with a hole in it would let everything pass, or nothing."""
+    wrong = [
+        f"{what} {name}"
+        for what, scores in candidate.scores.items()
+        for name, score in scores.items()
+        if math.isnan(score.value)
+    ]
+    wrong += [n for n, found in candidate.pictures.items() if not np.isfinite(found.mean).all()]
+    views = candidate.conditions.get("viewpoints") or {}
+    missing = [v for v in views if f"truth/{v}" not in candidate.pictures]
+    if wrong or missing or not views:
+        what = f"{wrong[0]} is not a number" if wrong else f"no view {', '.join(missing)}".strip()
+        raise BaselineError(f"{out}: cannot be a baseline: {what}; make the report anew")
+
+
+def verdict_lines(verdicts: list[Verdict]) -> list[str]:
+    """The verdicts as text, failed ones first."""
+    return [v.line() for v in sorted(verdicts, key=lambda v: v.passed)]

@@ -1,0 +1,121 @@
+"""The image files of a report, written while the run goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.files.image import write_exr, write_png, write_rgbd
+from inim.image.color import linear_from_srgb
+from inim.image.rgbd import RGBD
+from inim.pipeline.stages.capture import Capture
+from inim.pipeline.stages.ground_truth import GroundTruth
+from inim.process.observer import Observer
+from inim.report.images import magma
+
+# Images that wait are held in memory, so large ones are waited for: a quarter of a gigabyte.
+_WAITING_BYTES = 2**28
+_TIMED = "write pictures"
+
+
+class Images:
+    """Writes images in a thread of its own: packing them takes as long as scoring them.
+
+    Parameters
+    ----------
+    folder : Path
+    attributes : mapping of str to str
+        Of every EXR file.
+    observer : Observer
+    """
+
+    def __init__(self, folder: Path, attributes: Mapping[str, str], observer: Observer) -> None:
+        self.folder = folder
+        self._observer = observer
+        self._attributes = attributes
+        self._thread = ThreadPoolExecutor(1, "images")
+        self._waiting: list[tuple[Future[None], int]] = []
+
+    def save(self, name: str, linear: np.ndarray) -> None:
+        """Write an image, (rows, columns, 3) linear RGB that stays as it is, as PNG and EXR.
+
+        Raises
+        ------
+        FileError
+            Where this or an earlier one cannot be written; see `finish` for the last ones.
+        """
+
+        def write() -> None:
+            write_png(self.folder / f"{name}.png", linear)
+            write_exr(self.folder / f"{name}.exr", linear, self._attributes)
+
+        self._submit(write, linear.nbytes)
+
+    def save_capture(self, capture: Capture, display: Display) -> None:
+        """Write the RGB-D picture, and its colour and depth to look at."""
+        rgbd = capture.rgbd
+
+        def write() -> None:
+            write_rgbd(self.folder / "rgbd.exr", capture.layered or rgbd, self._attributes)
+            write_rgbd_pngs(self.folder, rgbd, display)
+
+        self._submit(write, rgbd.color.nbytes)
+
+    def save_truth(self, truth: GroundTruth) -> None:
+        """Write the true EIA, the true views, the relic's regions in them, the ceiling's views."""
+        self.save("truth/eia", truth.eia.image)
+        for name, view in truth.views.items():
+            self.save(f"truth/{name}", view.image)
+            region = truth.regions[name]
+            white = np.repeat(region[..., None], 3, axis=-1).astype(np.float32)
+            path = self.folder / "truth" / "relic" / f"{name}.png"
+            self._submit(partial(write_png, path, white), white.nbytes)
+        self.save_views("ceiling", truth.ceiling)
+
+    def save_views(self, name: str, views: Mapping[str, Any]) -> None:
+        """Write views of an EIA, by viewpoint."""
+        for viewpoint, view in views.items():
+            self.save(f"views/{name}/{viewpoint}", view.image)
+
+    def save_heat_maps(self, name: str, maps: Mapping[str, np.ndarray]) -> None:
+        """Write heat maps of a method's views in colours: ``maps/cvvdp/template/left.png``."""
+        for place, share in maps.items():
+            metric, _, viewpoint = place.partition("/")
+            path = self.folder / "maps" / metric / name / f"{viewpoint}.png"
+            colors = linear_from_srgb(magma(share).astype(np.float32) / 255)
+            self._submit(partial(write_png, path, colors), colors.nbytes)
+
+    def _submit(self, write: Callable[[], None], size: int) -> None:
+        """Call what writes a file, which holds so many bytes of memory until then."""
+        with self._observer.timed(_TIMED):
+            while self._waiting and (
+                self._waiting[0][0].done()
+                or sum(held for _, held in self._waiting) > _WAITING_BYTES
+            ):
+                self._waiting.pop(0)[0].result()
+        # With this thread's context, which knows the store in use.
+        task: Any = copy_context().run
+        self._waiting.append((self._thread.submit(task, write), size))
+        if size > _WAITING_BYTES:
+            self.finish()
+
+    def finish(self) -> None:
+        """Wait until all is written."""
+        with self._observer.timed(_TIMED):
+            while self._waiting:
+                self._waiting.pop(0)[0].result()
+
+
+def write_rgbd_pngs(folder: Path, rgbd: RGBD, display: Display) -> None:
+    """Write colour and depth to look at: the farther within the depth range the darker."""
+    low, high = display.depth_range_mm
+    grey = np.where(rgbd.covered, 0.1 + 0.9 * (rgbd.depth_mm - low) / (high - low), 0.0)
+    write_png(folder / "rgbd_color.png", rgbd.color)
+    write_png(folder / "rgbd_depth.png", np.repeat(grey[..., None], 3, axis=-1))

@@ -1,0 +1,316 @@
+"""Scores: of a method's EIA and views, of the ceiling, and of the ground truth against itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from inim import metrics
+from inim.image.buffers import HalfBuffers
+from inim.metrics import Viewing
+from inim.metrics.headline import HEADLINE, HEADLINE_WORDS
+from inim.pipeline.plan import Plan
+from inim.pipeline.stages.checks import (
+    BLACK,
+    CLIPPED_SHARE,
+    check,
+    criterion,
+    missing_viewpoints,
+    share_outside,
+)
+from inim.pipeline.stages.generate import GeneratedEIA, Reference
+from inim.pipeline.stages.ground_truth import GroundTruth
+from inim.pipeline.stages.reconstruct import ReconstructedView
+from inim.pipeline.stages.stage import SCORING, Run, stage
+from inim.pipeline.stages.statistics import Half, Statistics, eia_statistics, view_statistics
+from inim.process.threads import Submit, threads
+from inim.regression import HalfBuffer, ScoreEstimate, score_interval, view_scores
+
+# A score takes some 100 bytes a pixel while it is made: 0.4 GB for all of them together.
+_PIXELS_AT_ONCE = 2**22
+# Scores by their names in report.json.
+Scores = dict[str, ScoreEstimate]
+
+
+class Sampled(Protocol):
+    """A view and the two halves of its samples, (rows, columns, 3) float32 each."""
+
+    @property
+    def image(self) -> np.ndarray:
+        """The mean of the halves."""
+
+    @property
+    def first(self) -> np.ndarray:
+        """By one half of the samples."""
+
+    @property
+    def second(self) -> np.ndarray:
+        """By the other."""
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """What a method is worth.
+
+    Attributes
+    ----------
+    scores : dict
+        As in report.json.
+    statistics : Statistics
+        That later runs can be compared with.
+    reference : Reference, optional
+        What it makes of the reference input, where it is a generator.
+    checks : tuple of dict
+    warnings : tuple of str
+    """
+
+    scores: dict[str, Any]
+    statistics: Statistics = field(default_factory=Statistics)
+    reference: Reference | None = None
+    checks: tuple[dict[str, Any], ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@stage("scores of a view", code=SCORING, makes=(ScoreEstimate,))
+def score_view(
+    reference: Sampled, test: Sampled, region: np.ndarray, viewing: Viewing | None
+) -> Scores:
+    """Scores of a view, of the whole and on the relic.
+
+    Parameters
+    ----------
+    reference, test : Sampled
+    region : (rows, columns) bool
+        The relic's; see `inim.metrics.relic_region`.
+    viewing : Viewing, optional
+        How it is seen; None if no metric asks for it.
+    """
+    truth, shown = ((one.image, one.first, one.second) for one in (reference, test))
+    return view_scores(truth, shown, region, viewing=viewing)
+
+
+@stage("scores of two halves", code=SCORING)
+def _score_halves(
+    halves: HalfBuffers, region: np.ndarray, viewing: Viewing | None
+) -> dict[str, float]:
+    """One half of the samples against the other, by every metric."""
+    return metrics.score(halves.first, halves.second, region, viewing)
+
+
+@stage("scores of an EIA", code=SCORING)
+def _score_eia(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
+    """Scores of a panel by the metrics that apply to one."""
+    return metrics.eia_scores(reference, test)
+
+
+def evaluate(
+    name: str,
+    made: GeneratedEIA,
+    views: Mapping[str, ReconstructedView],
+    truth: GroundTruth,
+    plan: Plan,
+    *,
+    run: Run,
+) -> MethodResult:
+    """Score a method: its EIA against the true one, its views against the scene and the ceiling.
+
+    Parameters
+    ----------
+    name : str
+    made : GeneratedEIA
+    views : mapping of str to ReconstructedView
+        By viewpoint.
+    truth : GroundTruth
+    plan : Plan
+    run : Run
+    """
+    eia, noise = made.eia, made.noise
+    halves: tuple[Half, Half] = (eia, eia)
+    if noise is not None:
+        halves = HalfBuffer(eia, noise, 1), HalfBuffer(eia, noise, -1)
+    with run.observer.timed("score"), scoring_threads(plan) as submit:
+        # The longest first.
+        how = {"whole": truth.whole, "generated": True, "run": run}
+        statistics = submit(eia_statistics, f"eia/{name}", halves, plan.display, **how)
+        whole = submit(_eia_scores, truth, run, eia)
+        seen = _viewing(plan)
+        pending = {
+            view: submit(_against, truth, view, one, seen[view], run) for view, one in views.items()
+        }
+        # In this thread: a generator of another package may count on its own.
+        reference = made.reference
+        prints = {} if reference is None else {name: reference.fingerprint()}
+        found = {view: one.result() for view, one in pending.items()}
+        scores = {
+            "eia": whole.result() | {"hole_fraction": made.hole_fraction},
+            **scores_data(found),
+            "seconds": made.seconds,
+        }
+        judged = {f"{name}/{view}": one for view, one in found.items()}
+        kept = Statistics(statistics.result(), judged, prints)
+    eyes = [eye.name for eye in plan.viewpoints]
+    checks = [
+        *made.checks,
+        *missing_viewpoints(name, eyes, views),
+        _shows_something(name, made),
+        *_limits(name, plan, found),
+    ]
+    warnings = _too_bright(name, eia, truth)
+    return MethodResult(scores, kept, reference, tuple(checks), tuple(warnings))
+
+
+def scores_data(views: Mapping[str, Scores]) -> dict[str, Any]:
+    """Scores by viewpoint, as in report.json: `views`, free of noise, and their `precision`."""
+    return {
+        "views": {
+            view: {k: one.value for k, one in found.items()} for view, found in views.items()
+        },
+        "precision": {
+            view: {
+                key: {"plain": one.plain, "interval": list(score_interval(one))}
+                for key, one in found.items()
+            }
+            for view, found in views.items()
+        },
+    }
+
+
+def _viewing(plan: Plan) -> dict[str, Viewing | None]:
+    """How each view is seen, by viewpoint, if there is a metric that asks for it."""
+    asked = any(metric.viewed for metric in metrics.all_metrics())
+    return {eye.name: plan.viewing(eye) if asked else None for eye in plan.viewpoints}
+
+
+def _against(
+    truth: GroundTruth, name: str, view: ReconstructedView, viewing: Viewing | None, run: Run
+) -> Scores:
+    """Scores of a view against the rendered view, and against the ceiling's."""
+    region = truth.regions[name]
+    to_scene = score_view(truth.views[name], view, region, viewing, run=run)
+    to_ceiling = score_view(truth.ceiling[name], view, region, viewing, run=run)
+    names = {metric.key: metric.to_ceiling_key for metric in metrics.all_metrics()}
+    names |= {m.on_relic_key: m.on_relic_to_ceiling_key for m in metrics.all_metrics()}
+    return to_scene | {names[key]: one for key, one in to_ceiling.items()}
+
+
+def _eia_scores(
+    truth: GroundTruth, run: Run, eia: np.ndarray | None = None
+) -> dict[str, float | None]:
+    """Scores of an EIA; none where the run makes only what is observed of it.
+
+    Without an EIA, the noise floor's.
+    """
+    if not truth.whole:
+        return {metric.key: None for metric in metrics.all_metrics() if metric.of_eia}
+    if eia is None:
+        return dict(_score_eia(truth.eia.first, truth.eia.second, run=run))
+    return dict(_score_eia(truth.eia.image, eia, run=run))
+
+
+@stage("heat map of a view", code=SCORING)
+def _heat_map(
+    reference: np.ndarray, test: np.ndarray, viewing: Viewing | None, metric: str
+) -> np.ndarray:
+    """What a metric finds lost where, (rows, columns), in shares of what is shown at most."""
+    found = metrics.find(metric)
+    assert found is not None
+    return metrics.heat_map(found, reference, test, viewing)
+
+
+def heat_maps(
+    references: Mapping[str, Sampled], views: Mapping[str, Sampled], plan: Plan, *, run: Run
+) -> dict[str, np.ndarray]:
+    """Where views lose to what they are compared with, by metric and viewpoint: ``cvvdp/left``.
+
+    Of metrics that have a `heat_map`; see there.
+    """
+    shown = [metric.name for metric in metrics.all_metrics() if metric.heat_map is not None]
+    seen = _viewing(plan)
+    with run.observer.timed("score"), scoring_threads(plan) as submit:
+        pending = {
+            f"{metric}/{eye}": submit(
+                _heat_map, references[eye].image, view.image, seen[eye], metric, run=run
+            )
+            for metric in shown
+            for eye, view in views.items()
+        }
+        return {name: one.result() for name, one in pending.items()}
+
+
+def ceiling_scores(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Scores]:
+    """What perfect elemental images show, against the rendered view, by viewpoint."""
+    seen = _viewing(plan)
+    with run.observer.timed("score"), scoring_threads(plan) as submit:
+        pending = {
+            name: submit(
+                score_view, view, truth.ceiling[name], truth.regions[name], seen[name], run=run
+            )
+            for name, view in truth.views.items()
+        }
+        return {name: one.result() for name, one in pending.items()}
+
+
+def noise_floor(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Any]:
+    """The ground truth against itself, one half of its samples against the other."""
+    with run.observer.timed("score"), scoring_threads(plan) as submit:
+        whole, seen = submit(_eia_scores, truth, run), _viewing(plan)
+        pending = {
+            name: submit(_score_halves, view, truth.regions[name], seen[name], run=run)
+            for name, view in truth.views.items()
+        }
+        views = {name: one.result() for name, one in pending.items()}
+        return {"eia": whole.result(), "views": views}
+
+
+def truth_statistics(
+    truth: GroundTruth, ceiling: Mapping[str, Scores], plan: Plan, *, run: Run
+) -> Statistics:
+    """Statistics of the ground truth, and scores of the ceiling, by viewpoint."""
+    with scoring_threads(plan) as submit:
+        halves = (truth.eia.first, truth.eia.second)
+        how = {"whole": truth.whole, "generated": False, "run": run}
+        whole = submit(eia_statistics, "truth/eia", halves, plan.display, **how)
+        pending = {n: submit(view_statistics, view, run) for n, view in truth.views.items()}
+        views = {f"truth/{name}": one.result() for name, one in pending.items()}
+        pictures = whole.result() | views
+    return Statistics(pictures, {f"ceiling/{name}": found for name, found in ceiling.items()})
+
+
+def scoring_threads(plan: Plan) -> AbstractContextManager[Submit]:
+    """Threads to score a run's images in, as many as their memory allows."""
+    display, per_lens = plan.display, plan.settings.view_pixels_per_lens
+    view = display.lens_rows * display.lens_columns * per_lens**2
+    return threads(_PIXELS_AT_ONCE // max(view, display.eia_shape[0] * display.eia_shape[1]))
+
+
+def _shows_something(name: str, made: GeneratedEIA) -> dict[str, Any]:
+    """An EIA that shows nothing is a failure to report."""
+    if made.hole_fraction is None:
+        return check(f"{name}: brightest value", float(made.eia.max()), ">=", BLACK, "not black")
+    shown = 1 - made.hole_fraction
+    return check(f"{name}: share of pixels shown", shown, ">=", 1e-6, "not all holes")
+
+
+def _too_bright(name: str, eia: np.ndarray, truth: GroundTruth) -> list[str]:
+    # What the scene's own light clips has its warning already.
+    outside = share_outside(eia)
+    if outside - truth.clipped <= CLIPPED_SHARE:
+        return []
+    return [
+        f"eia/{name}: {outside:.1%} of the pixels are below black or brighter than the panel's "
+        "white, which no panel shows; clip them, or check that they are linear"
+    ]
+
+
+def _limits(name: str, plan: Plan, found: Mapping[str, Scores]) -> list[dict[str, Any]]:
+    """Each view's headline score against the least that was asked for."""
+    if name not in plan.ssim_limits:
+        return []
+    return [
+        criterion(f"{name}/{view}: {HEADLINE_WORDS}", scores[HEADLINE], plan.ssim_limits[name])
+        for view, scores in found.items()
+    ]

@@ -1,0 +1,281 @@
+"""Ground truth: the EIA traced through every lens centre, and the scene from every eye."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display, Viewpoint
+from inim.display.pixels import SUBPIXELS
+from inim.image.buffers import HalfBuffers
+from inim.metrics import relic_region
+from inim.pipeline.stages.capture import Capture
+from inim.pipeline.stages.checks import (
+    BLACK,
+    CLIPPED_SHARE,
+    any_colour,
+    check,
+    finite,
+    share_outside,
+)
+from inim.pipeline.stages.reconstruct import ReconstructedView
+from inim.pipeline.stages.scene import BLACK_FOR_CERTAIN, Scene, samples_traced, seed_of
+from inim.pipeline.stages.stage import RENDERING, Run, stage
+
+_NOT_OBSERVED = "no asked-for view has a sample there; "
+
+
+@dataclass(frozen=True)
+class PickedUp:
+    """An EIA ray traced from the scene.
+
+    Attributes
+    ----------
+    eia : HalfBuffers
+        (rows, columns, 3) float32 linear RGB; black outside a mask.
+    seconds : float
+        That it took when it was made.
+    """
+
+    eia: HalfBuffers
+    seconds: float
+
+
+@dataclass(frozen=True)
+class TrueView:
+    """The scene itself from an eye.
+
+    Attributes
+    ----------
+    view : HalfBuffers
+        (rows, columns, 3) float32 linear RGB.
+    relic : (rows, columns) bool
+        Where the relic is.
+    """
+
+    view: HalfBuffers
+    relic: np.ndarray
+
+
+@dataclass(frozen=True)
+class Finite:
+    """A rendered image without values that are not finite.
+
+    Attributes
+    ----------
+    halves : HalfBuffers
+        Black where a half was not finite.
+    checks : tuple of dict
+        One that fails, where there were such pixels.
+    """
+
+    halves: HalfBuffers
+    checks: tuple[dict[str, Any], ...]
+
+    @classmethod
+    def of(cls, name: str, halves: HalfBuffers) -> Finite:
+        """Mend an image."""
+        mended, checks = finite(name, halves.first, halves.second)
+        return cls(HalfBuffers(*mended), tuple(checks))
+
+    @cached_property
+    def image(self) -> np.ndarray:
+        """Mean of the halves; made once, as of an 8K panel it takes 0.4 GB."""
+        return self.halves.image
+
+    @property
+    def parts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Image and noise."""
+        return self.image, self.halves.noise
+
+
+def _panel_samples(
+    samples: int, eia_spp: int, mounted: Display, mask: np.ndarray | None, **_: Any
+) -> tuple[str, str, str]:
+    whole = 2 * max(1, eia_spp // 2) * mounted.eia_shape[0] * mounted.eia_shape[1]
+    whole *= len({(place.right, place.width) for place in SUBPIXELS[mounted.subpixels]})
+    why = ("" if mask is None else _NOT_OBSERVED) + BLACK_FOR_CERTAIN
+    return samples_traced(samples, whole, why)
+
+
+@stage("{name}", code=RENDERING, makes=(PickedUp, HalfBuffers), describe=_panel_samples)
+def pick_up(
+    scene: Scene,
+    mounted: Display,
+    eia_spp: int,
+    seed: int,
+    mask: np.ndarray | None = None,
+    name: str = "ground-truth EIA",
+) -> PickedUp:
+    """The EIA traced from the scene through every lens centre (Eq. 1).
+
+    Parameters
+    ----------
+    scene : Scene
+    mounted : Display
+        The one it is made for, `through_pinholes`: for the ground truth as it is mounted, for a
+        method as it is designed.
+    eia_spp : int
+        Samples per panel pixel, both halves.
+    seed : int
+        Of this picture; see `seed_of`.
+    mask : (rows, columns) bool, optional
+        Panel pixels to trace; all if None.
+    name : str
+        In the report.
+    """
+    from inim.render.ground_truth import pickup
+
+    fitted, started = scene.fitted, perf_counter()
+    eia = pickup(fitted, mounted, spp=eia_spp, seed=seed, mask=mask, **scene.effort)
+    return PickedUp(eia, perf_counter() - started)
+
+
+def pick_up_truth(
+    scene: Scene,
+    mounted: Display,
+    eia_spp: int,
+    seed: int,
+    mask: np.ndarray | None,
+    *,
+    run: Run,
+) -> Finite:
+    """The ground-truth EIA, finite: of the display as it is mounted, by the run's seed."""
+    name = "ground-truth EIA" if mask is None else "ground-truth EIA, where observed"
+    display, own = mounted.through_pinholes(), seed_of("eia", seed)
+    with run.observer.timed("ground-truth EIA"):
+        found = pick_up(scene, display, eia_spp, own, mask, name, run=run)
+        return Finite.of("truth/eia", found.eia)
+
+
+@stage("panel pixels that meet the scene", code=RENDERING)
+def covered_pixels(scene: Scene) -> np.ndarray:
+    """Panel pixels whose centre ray meets something of the scene, (rows, columns) bool."""
+    fitted = scene.fitted
+    from inim.render.rays import pickup_rays
+    from inim.render.sensors import make_sensor
+    from inim.render.trace import surface
+
+    rays = pickup_rays(scene.display, fitted.start_mm)
+    sensor = make_sensor(rays, fitted.fit.world_from_display)
+    return surface(fitted.scene, fitted.integrator, sensor, scene.renderer.observer).covered
+
+
+def _view_samples(
+    samples: int, scene: Scene, view_pixels_per_lens: int, view_spp: int, **_: Any
+) -> tuple[str, str, str]:
+    pixels = scene.display.lens_rows * scene.display.lens_columns * view_pixels_per_lens**2
+    return samples_traced(samples, 2 * max(1, view_spp // 2) * pixels, BLACK_FOR_CERTAIN)
+
+
+@stage(
+    "true view: {viewpoint.name}",
+    code=RENDERING,
+    makes=(TrueView, HalfBuffers),
+    timed="ground-truth views",
+    describe=_view_samples,
+)
+def render_view(
+    scene: Scene, viewpoint: Viewpoint, view_pixels_per_lens: int, view_spp: int, seed: int
+) -> TrueView:
+    """The scene itself from an eye, through the window of the array.
+
+    Parameters
+    ----------
+    scene : Scene
+    viewpoint : Viewpoint
+    view_pixels_per_lens : int
+    view_spp : int
+        Samples per pixel, both halves.
+    seed : int
+        Of the run.
+    """
+    from inim.render.ground_truth import true_view
+
+    view, relic = true_view(
+        scene.fitted,
+        scene.display,
+        viewpoint,
+        pixels_per_lens=view_pixels_per_lens,
+        spp=view_spp,
+        seed=seed_of("views", seed),
+        **scene.effort,
+    )
+    return TrueView(view, relic)
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """Everything that methods are compared with.
+
+    Attributes
+    ----------
+    eia : HalfBuffers
+        Finite; black where the run observes nothing of it.
+    whole : bool
+        Whether all of it was made.
+    clipped : float
+        Share of its pixels that no panel shows.
+    views : dict of str to HalfBuffers
+        The scene itself, by viewpoint; finite.
+    regions : dict of str to (rows, columns) bool
+        The relic's in each view: the same for all methods, as it is known without them.
+    ceiling : dict of str to ReconstructedView
+        Views of the ground-truth EIA.
+    checks : tuple of dict
+    warnings : tuple of str
+    """
+
+    eia: HalfBuffers
+    whole: bool
+    clipped: float
+    views: dict[str, HalfBuffers]
+    regions: dict[str, np.ndarray]
+    ceiling: dict[str, ReconstructedView]
+    checks: tuple[dict[str, Any], ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def collect_truth(
+    capture: Capture,
+    eia: Finite,
+    views: dict[str, TrueView],
+    ceiling: dict[str, ReconstructedView],
+    *,
+    whole: bool,
+) -> GroundTruth:
+    """The ground truth from what was rendered, checked.
+
+    A ground truth that shows nothing is a failure to report, not a picture to score.
+    """
+    image = eia.image  # of an 8K panel 0.4 GB: made once
+    true = {name: Finite.of(f"truth/{name}", one.view) for name, one in views.items()}
+    covered = float(capture.rgbd.covered.mean())
+    checks = [*eia.checks, *(row for one in true.values() for row in one.checks)]
+    checks.append(check("RGB-D: covered share", covered, ">=", 1e-6, "the relic is seen"))
+    images = {"truth/eia": image, **{f"truth/{n}": one.image for n, one in true.items()}}
+    for name, one in images.items():
+        row = check(f"{name}: brightest value", float(one.max()), ">=", BLACK, "not black")
+        checks.append(row)
+    clipped = {name: float(any_colour(one > 1).mean()) for name, one in images.items()}
+    worst = max(clipped, key=lambda name: clipped[name])
+    warnings = []
+    if clipped[worst] > CLIPPED_SHARE:
+        warnings.append(
+            f"{worst}: {clipped[worst]:.1%} of the pixels are brighter than the panel's white and "
+            "clipped; dim the scene's lights"
+        )
+    return GroundTruth(
+        eia.halves,
+        whole,
+        share_outside(image),
+        {name: one.halves for name, one in true.items()},
+        {name: relic_region(one.relic) for name, one in views.items()},
+        ceiling,
+        tuple(checks),
+        tuple(warnings),
+    )

@@ -1,0 +1,53 @@
+"""Who observes how a run goes on: its progress, and the time and samples that it took."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from inim.process.forecast import Step
+
+
+class Observer:
+    """Observes a run and counts; the command line's version also prints and draws a bar.
+
+    Attributes
+    ----------
+    timings : dict of str to float
+        Seconds of each stage.
+    render_seconds : float
+        Spent inside the renderer.
+    samples : int
+        Traced there.
+    """
+
+    def __init__(self) -> None:
+        self.timings: dict[str, float] = {}
+        self.render_seconds = 0.0
+        self.samples = 0
+
+    def begin(self, steps: Sequence[Step]) -> None:
+        """What the run, or the rest of it, consists of."""
+
+    def stage(self, name: str) -> None:
+        """A stage begins."""
+
+    def rays(self, count: int) -> None:
+        """So many rays more are done."""
+
+    def line(self, text: str) -> None:
+        """A result worth a line."""
+
+    def rendered(self, seconds: float, samples: int = 0) -> None:
+        """The renderer took so long for so many samples."""
+        self.render_seconds += seconds
+        self.samples += samples
+
+    @contextmanager
+    def timed(self, name: str) -> Iterator[None]:
+        """A stage, from begin to end; the times of equal names add up."""
+        self.stage(name)
+        started = time.perf_counter()
+        yield
+        self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - started

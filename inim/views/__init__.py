@@ -1,0 +1,1 @@
+"""Films, quilts and validations of a picture without a scene."""

@@ -1,0 +1,330 @@
+"""A film, from a report's folder to one file: all that can go wrong first, then the rendering.
+
+An animated GIF or WebP, or an MP4 where its encoder is installed. With the scene in a pane of its
+own, the others are scored against it as people see films: flips and crosstalk jump in time.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from inim.display import Display
+from inim.display.misalignment import mounted
+from inim.display.viewpoint import Viewpoint, eye_path
+from inim.errors import FileError, InimError, UsageError
+from inim.lens import check_lens_model
+from inim.metrics import Viewing, cvvdp
+from inim.pipeline.stages.ground_truth import render_view
+from inim.pipeline.stages.reconstruct import Optics, ShownEIA
+from inim.pipeline.stages.scene import Renderer, Scene
+from inim.pipeline.stages.stage import Run
+from inim.process.forecast import Step
+from inim.process.observer import Observer
+from inim.report import Report
+from inim.settings import Settings
+from inim.views.traced_scene import TracedScene
+from inim.worker.output import open_beside, publish_file
+from inim.worker.supervisor import run_in_worker
+
+_KINDS = (".gif", ".webp", ".mp4")
+_ENCODER = "imageio_ffmpeg"
+_WEBP_QUALITY = 90
+#: What `show` calls the true EIA, seen through the lenses.
+CEILING = "ceiling"
+_SCENE = "scene"
+# Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
+_LEAST_ROWS_PX = 384
+# Of a ray through thick lenses, and of writing a frame: the bar moves by them.
+_RAY_S, _WRITE_S = 1.5e-8, 0.1
+# The same of a ray into the scene, and of a frame's pixel that is scored.
+_TRUE_RAY_S, _SCORE_S = 5e-7, 1.5e-6
+_SPACE_BETWEEN_PX = 8
+_LABEL_ROWS_PX = 28
+_MOST_FRAMES = 2000
+
+
+@dataclass(frozen=True)
+class FilmRequest:
+    """What the user asked for.
+
+    Attributes
+    ----------
+    folder : str
+        Of the report.
+    out : str
+        The film.
+    show : tuple of str
+        Panels side by side: "ceiling" or names of the report's algorithms.
+    path : str
+        See `inim.display.viewpoint.eye_path`.
+    lens_model : str
+    frames : int
+    frames_per_second : float
+    spp : int
+        Samples per view pixel.
+    pixels_per_lens : int
+    allow_flips : bool
+        The path may leave the viewing zone.
+    scene : TracedScene, optional
+        The report's scene, for a pane of its own; the others are scored against it.
+    """
+
+    folder: str
+    out: str
+    show: tuple[str, ...]
+    path: str
+    lens_model: str
+    frames: int
+    frames_per_second: float
+    spp: int
+    pixels_per_lens: int
+    allow_flips: bool = False
+    scene: TracedScene | None = None
+
+
+def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) -> None:
+    """Film in a worker process; `request.out` is there afterwards, whole.
+
+    Raises
+    ------
+    InimError
+        Of the kind that fits; mistakes are found out before anything is rendered.
+    """
+    run_in_worker(
+        "inim.views.film:work",
+        request,
+        lambda: open_beside(Path(request.out)),
+        check=lambda: _check(request),
+        about=request.out,
+        quiet=quiet,
+        debug=debug,
+    )
+
+
+def _check(request: FilmRequest) -> None:
+    """All that can go wrong without rendering."""
+    out = Path(request.out)
+    _check_kind(out)
+    if out.is_dir():
+        raise FileError(f"{out}: is a folder; name a film with -o")
+    for name, value, high in (
+        ("--frames", request.frames, _MOST_FRAMES),
+        ("--rate", request.frames_per_second, 100),
+        ("--spp", request.spp, 2**16),
+    ):
+        if not 1 <= value <= high:
+            raise UsageError(f"{name} {value:g}: must lie in 1..{high}")
+    report = Report.load(request.folder)
+    display, design = _display(request, report)
+    eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
+    _panels(request, report, display)
+    if request.scene is not None:
+        request.scene.file()
+
+
+def _display(request: FilmRequest, report: Report) -> tuple[Display, Display]:
+    """The report's display as its array lies, and as designed."""
+    design = report.design()
+    try:
+        display = mounted(design, report.data["misalign"])
+        check_lens_model(request.lens_model, display)
+    except InimError as error:
+        raise FileError(f"{request.folder}: {error}") from None
+    return display, design
+
+
+def _panels(request: FilmRequest, report: Report, display: Display) -> list[np.ndarray]:
+    """The EIAs to be shown, (rows, columns, 3) float32 linear."""
+    from inim.files.eia_file import read_eia
+
+    places = [report.eia_path(name, "--show", true=CEILING) for name in request.show]
+    return [read_eia(place, display)[0] for place in places]
+
+
+def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
+    """The worker's side: look from every place, write the film, put it where it belongs."""
+    observer.stage("start")
+    out = Path(request.out)
+    film = staging / f"film{out.suffix.lower()}"
+    report = Report.load(request.folder)
+    display, design = _display(request, report)
+    eyes = eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
+    # A frame is one half of a view.
+    optics = Optics(display, request.lens_model, request.pixels_per_lens, 2 * request.spp, seed=0)
+    panes = _panes(request, report, optics, eyes, observer)
+    names, views = zip(*panes, strict=True)
+    observer.stage("write")
+    frames = [_frame(one, names) for one in zip(*views, strict=True)]
+    write_film(film, frames, request.frames_per_second)
+    publish_file(film, out)
+    if request.scene is not None:
+        observer.stage("score")
+        luminance = report.data["settings"].get("luminance_cd_m2", Settings().luminance_cd_m2)
+        for line in _scores(panes, optics.viewing(eyes[0], luminance), request):
+            observer.line(line)
+    return True
+
+
+#: A pane's name, and its views, (rows, columns, 3) uint8 sRGB.
+_Pane = tuple[str, list[np.ndarray]]
+
+
+def _panes(
+    request: FilmRequest,
+    report: Report,
+    optics: Optics,
+    eyes: Sequence[Viewpoint],
+    observer: Observer,
+) -> list[_Pane]:
+    """What is shown side by side; the scene first."""
+    display = optics.mounted
+    renderer = Renderer("auto", observer)
+    shown = [ShownEIA(eia, None, optics, renderer) for eia in _panels(request, report, display)]
+    pixels = display.lens_rows * display.lens_columns * request.pixels_per_lens**2
+    rays = pixels * request.spp * len(eyes) * len(shown)
+    steps = [Step("film", rays * _RAY_S, rays), Step("write", len(eyes) * _WRITE_S)]
+    if request.scene is not None:
+        true_rays = pixels * request.spp * len(eyes)
+        steps.append(Step(_SCENE, true_rays * _TRUE_RAY_S, true_rays))
+        steps.append(Step("score", pixels * len(eyes) * len(shown) * _SCORE_S))
+    observer.begin(steps)
+    panes: list[_Pane] = []
+    if request.scene is not None:
+        observer.stage(_SCENE)
+        scene = Scene(request.scene.file(), report.design(), request.scene.fit_share, renderer)
+        panes.append((_SCENE, [_true_view(scene, eye, request) for eye in eyes]))
+    observer.stage("film")
+    for name, one in zip(request.show, shown, strict=True):
+        panes.append((name, [_shown(one.view(eye, half=0)) for eye in eyes]))
+    return panes
+
+
+def _true_view(scene: Scene, eye: Viewpoint, request: FilmRequest) -> np.ndarray:
+    """The scene from an eye, by as many samples as a frame has, both halves."""
+    found = render_view(scene, eye, request.pixels_per_lens, request.spp, 0, run=Run())
+    return _shown(found.view.image)
+
+
+def _scores(panes: Sequence[_Pane], viewing: Viewing, request: FilmRequest) -> list[str]:
+    """Lines on how much worse each pane looks than the scene, in time."""
+    if not cvvdp.is_installed():
+        return ["not scored: pip install 'inim[perception]'"]
+    (_, scene), *others = panes
+    return [
+        f"{name}: {cvvdp.film_jod(scene, frames, viewing, request.frames_per_second):.2f} JOD "
+        f"as a film, at {viewing.pixels_per_degree:.3g} pixels per degree and "
+        f"{viewing.luminance_cd_m2:g} cd/m^2"
+        for name, frames in others
+    ]
+
+
+def _shown(view: np.ndarray) -> np.ndarray:
+    """As a screen shows it."""
+    from inim.image.color import srgb_from_linear, srgb_to_uint8
+
+    return srgb_to_uint8(srgb_from_linear(view))
+
+
+def _frame(views: Sequence[np.ndarray], names: Sequence[str]) -> np.ndarray:
+    """Views side by side under their names, magnified by a whole number, of even size."""
+    rows = views[0].shape[0]
+    times = max(1, math.ceil(_LEAST_ROWS_PX / rows))
+    large = [
+        np.concatenate(
+            [_label(name, times * view.shape[1]), view.repeat(times, 0).repeat(times, 1)]
+        )
+        for name, view in zip(names, views, strict=True)
+    ]
+    space = np.zeros((large[0].shape[0], _SPACE_BETWEEN_PX, 3), np.uint8)
+    parts = [large[0], *(part for view in large[1:] for part in (space, view))]
+    frame = np.concatenate(parts, axis=1)
+    return np.pad(frame, [(0, frame.shape[0] % 2), (0, frame.shape[1] % 2), (0, 0)])
+
+
+def _label(name: str, columns: int) -> np.ndarray:
+    """A pane's name in white on black, (rows, columns, 3) uint8."""
+    from matplotlib import get_data_path
+    from PIL import Image, ImageDraw, ImageFont
+
+    band = Image.new("RGB", (columns, _LABEL_ROWS_PX))
+    font = ImageFont.truetype(Path(get_data_path(), "fonts/ttf/DejaVuSans.ttf"), 16)
+    middle = (columns / 2, _LABEL_ROWS_PX / 2)
+    ImageDraw.Draw(band).text(middle, name, "white", font, anchor="mm")
+    return np.asarray(band)
+
+
+def _check_kind(path: Path) -> None:
+    """Raise unless a film of this name can be written here, found out before frames are made.
+
+    Raises
+    ------
+    UsageError
+        Another kind of file, or MP4 without its encoder.
+    """
+    kind = path.suffix.lower()
+    if kind not in _KINDS:
+        raise UsageError(f"{path}: a film is a {', '.join(_KINDS[:-1])} or {_KINDS[-1]}")
+    if kind == ".mp4" and importlib.util.find_spec(_ENCODER) is None:
+        raise UsageError(
+            f"{path}: writing .mp4 needs imageio-ffmpeg; pip install imageio-ffmpeg, or choose "
+            ".webp or .gif"
+        )
+
+
+def write_film(path: Path, frames: Sequence[np.ndarray], frames_per_second: float) -> None:
+    """Write frames as a film that runs in a loop (GIF, WebP) or once (MP4).
+
+    Parameters
+    ----------
+    path : Path
+        Its ending says the kind, `.gif`, `.webp` or `.mp4`.
+    frames : sequence of (rows, columns, 3) uint8
+        sRGB, all of one size; for MP4 of even rows and columns.
+    frames_per_second : float
+
+    Raises
+    ------
+    UsageError
+        See `_check_kind`.
+    FileError
+        It cannot be written.
+    """
+    _check_kind(path)
+    try:
+        if path.suffix.lower() == ".mp4":
+            _write_mp4(path, frames, frames_per_second)
+        else:
+            _write_animation(path, frames, frames_per_second)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def _write_animation(path: Path, frames: Sequence[np.ndarray], frames_per_second: float) -> None:
+    from PIL import Image
+
+    gif = path.suffix.lower() == ".gif"
+    options = {} if gif else {"quality": _WEBP_QUALITY, "method": 4}
+    # GIF counts in hundredths of a second, and players take 1/100 for a slip.
+    least, unit = (20, 10) if gif else (1, 1)
+    duration_ms = max(least, unit * round(1000 / frames_per_second / unit))
+    first, *rest = map(Image.fromarray, frames)
+    first.save(path, save_all=True, append_images=rest, duration=duration_ms, loop=0, **options)
+
+
+def _write_mp4(path: Path, frames: Sequence[np.ndarray], frames_per_second: float) -> None:
+    encoder = importlib.import_module(_ENCODER)
+    rows, columns = frames[0].shape[:2]
+    writer = encoder.write_frames(
+        str(path), (columns, rows), fps=frames_per_second, quality=8, macro_block_size=2
+    )
+    writer.send(None)  # starts the encoder
+    for frame in frames:
+        writer.send(np.ascontiguousarray(frame))
+    writer.close()
