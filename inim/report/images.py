@@ -119,7 +119,7 @@ def similarity(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
         first, second = (linear_from_srgb(codes.astype(np.float32) / 255) for codes in (a, b))
         return magma(1 - ssim_map(first, second))
 
-    code = code_digest("metrics", "color.py", "report/images.py")
+    code = code_digest("metrics", "image", "report/images.py")
     return remembered(lambda: value_digest(["map of SSIM", a, b, code]), make)
 
 

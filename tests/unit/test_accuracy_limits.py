@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim import accuracy_limits as limits
 from inim.display import DISPLAYS, Viewpoint
 from inim.generators import find_sources
 from inim.image.rgbd import RGBD
+from inim.inspect import accuracy_limits as limits
 from inim.inspect.accuracy_limits import accuracy_warnings
 from inim.lens import lens_model, lens_models
 from inim.pipeline.plan import make_plan

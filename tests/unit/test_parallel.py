@@ -6,8 +6,8 @@ import time
 import numpy as np
 import pytest
 
-from inim import parallel as module
 from inim.cache.store import Store, remembered, use_store
+from inim.process import threads as module
 from inim.process.threads import threads
 
 

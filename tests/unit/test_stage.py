@@ -11,7 +11,7 @@ import pytest
 
 from inim.cache.result_cache import ResultCache
 from inim.cache.store import Store
-from inim.pipeline import stage as module
+from inim.pipeline.stages import stage as module
 from inim.pipeline.stages.stage import Code, Run, stage
 from inim.process.observer import Observer
 

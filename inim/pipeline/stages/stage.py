@@ -59,9 +59,16 @@ class Code:
         return found | ({} if self.plugins is None else {"plugins": self.plugins()})
 
 
-_VALUES = ("color.py", "display", "buffers.py", "rgbd.py", "scene")
+_VALUES = ("image", "display", "scene")
 RENDERING = Code(
-    ("render", "lens", "files", "pipeline/scene.py", "pipeline/plugin_guard.py", *_VALUES),
+    (
+        "render",
+        "lens",
+        "files",
+        "pipeline/stages/scene.py",
+        "pipeline/stages/plugin_guard.py",
+        *_VALUES,
+    ),
     ("drjit", "mitsuba", "numpy", "OpenEXR", "trimesh"),
 )
 GENERATING = Code(
@@ -69,7 +76,7 @@ GENERATING = Code(
     (*RENDERING.packages, "llvmlite", "numba"),
 )
 SCORING = Code(
-    ("metrics", "color.py", "buffers.py", "regression"),
+    ("metrics", "image", "regression"),
     ("flip-evaluator", "numpy", "scikit-image", "scipy"),
     metrics.foreign_identities,
 )
