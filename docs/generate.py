@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from inim.cli import COMMANDS
+from inim.documents import NAMES, schema
 from inim.pipeline.stages.method import algorithm_table
-from inim.schemas import NAMES, schema
 from inim.settings import setting_table
 from inim.sweep.table import columns_as_markdown
 
@@ -109,11 +109,17 @@ def _referred(stated: Mapping[str, Any]) -> str:
 
 def _resolved(stated: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
     """A part with what it refers to in it; its own words go first."""
+    if "anyOf" in stated:  # a value or null
+        values = [_resolved(one, shared) for one in stated["anyOf"]]
+        kinds = " or ".join(_type(one, shared) for one in values)
+        return values[0] | {k: v for k, v in stated.items() if k != "anyOf"} | {"kinds": kinds}
     name = _referred(stated)
     return (_resolved(shared[name], shared) if name else {}) | dict(stated)
 
 
 def _type(whole: Mapping[str, Any], shared: Mapping[str, Any]) -> str:
+    if "kinds" in whole:
+        return str(whole["kinds"])
     if "const" in whole:
         return f"`{whole['const']}`"
     if "enum" in whole:

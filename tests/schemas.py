@@ -13,7 +13,7 @@ from jsonschema.exceptions import best_match
 from referencing import Registry, Resource
 
 import inim.schemas
-from inim.schemas import schema
+from inim.documents import NAMES, schema
 
 FOLDER = Path(inim.schemas.__file__).parent
 #: Of the study of accuracy, whose stress.json is not that of the command.
@@ -67,8 +67,9 @@ def file_of(name: str) -> dict[str, Any]:
 
 @cache
 def _files() -> dict[str, dict[str, Any]]:
-    """All files, by what they are called in references."""
-    return {one["$id"]: one for one in map(_read, [*FOLDER.glob("*.json"), STUDY])}
+    """All schemas, by what they are called in references."""
+    files = map(_read, [*FOLDER.glob("*.json"), STUDY])
+    return {one["$id"]: one for one in [*files, *map(schema, NAMES)]}
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -77,11 +78,22 @@ def _read(path: Path) -> dict[str, Any]:
 
 def flat(part: dict[str, Any], name: str) -> dict[str, Any]:
     """A part of a schema with what it refers to in its place."""
+    if "anyOf" in part:  # a value or null
+        values = [flat(one, name) for one in part["anyOf"]]
+        kinds = [kind for one in values for kind in types_of(one)]
+        return values[0] | {k: v for k, v in part.items() if k != "anyOf"} | {"type": kinds}
     if "$ref" not in part:
         return part
     meant = flat(schema(name)["$defs"][part["$ref"].removeprefix("#/$defs/")], name)
     required = [*meant.get("required", ()), *part.get("required", ())]
     return meant | part | ({"required": required} if required else {})
+
+
+def types_of(part: dict[str, Any]) -> list[str]:
+    """The JSON types that a flat part allows."""
+    if "enum" in part:
+        return ["string"]
+    return [part["type"]] if isinstance(part["type"], str) else part["type"]
 
 
 def example(part: dict[str, Any], name: str) -> Any:
@@ -92,7 +104,7 @@ def example(part: dict[str, Any], name: str) -> Any:
     for chosen in ("examples", "enum"):
         if chosen in part:
             return part[chosen][0]
-    kind = part["type"] if isinstance(part["type"], str) else part["type"][0]
+    kind = types_of(part)[0]
     if kind == "object":
         return {key: example(one, name) for key, one in members(part)}
     if kind == "array":

@@ -21,6 +21,7 @@ from jsonschema import Draft202012Validator
 from inim.calibrate import patterns
 from inim.display import DISPLAYS, Display
 from inim.display.misalignment import MISALIGNMENTS
+from inim.documents import NAMES, schema
 from inim.inspect import output
 from inim.regression import run_statistics
 from inim.report import SCHEMA as REPORT
@@ -33,7 +34,6 @@ from inim.report import (
     tolerate,
     without_scene,
 )
-from inim.schemas import NAMES, schema
 from inim.settings import Settings
 from inim.sweep import table, task
 from inim.worker import output as worker_output

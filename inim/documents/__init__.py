@@ -1,0 +1,11 @@
+"""Documents that inim writes: one typed declaration each, in a file of its own.
+
+A declaration is a `Document` of typed fields, each with its description. Its JSON Schema, its
+reader with all checks, and the table in the documentation follow from it.
+"""
+
+from inim.documents.document import Document, Part, doc
+from inim.documents.files import read_document, write_document
+from inim.documents.schemas import NAMES, schema
+
+__all__ = ["NAMES", "Document", "Part", "doc", "read_document", "schema", "write_document"]

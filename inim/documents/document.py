@@ -1,0 +1,161 @@
+"""Base classes of all documents, and their form as strict JSON.
+
+JSON has no number that is not finite. A document's text has null in its place. The paths of NaN and
+minus infinity are listed under `not_finite`, and a reader puts NaN there. Any other null is a value
+that does not exist, or plus infinity: the PSNR of identical images.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, Union
+
+import msgspec
+
+if TYPE_CHECKING:
+    from typing_extensions import dataclass_transform
+else:  # before Python 3.11 there is none
+
+    def dataclass_transform(**_):  # noqa: D103
+        return lambda declared: declared
+
+
+_LARGEST_INTEGER_DIGITS = 20
+_SHOWN_CHARACTERS = 60
+_NOT_FINITE = "not_finite"
+
+_OPTIONS = {
+    "frozen": True,
+    "kw_only": True,
+    "forbid_unknown_fields": True,
+    "omit_defaults": True,
+}
+
+_Path = tuple[str | int, ...]
+
+
+def doc(text: str, **schema: Any) -> msgspec.Meta:
+    """Description of a field, with its unit; `schema` adds keys to its JSON Schema."""
+    return msgspec.Meta(description=text, extra_json_schema=schema or None)
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+class _Declaration(msgspec.StructMeta):
+    """Passes the options of `Part` to its subclasses, which msgspec does for some of them only."""
+
+    def __new__(mcs, name: str, bases: Any, namespace: Any, **options: Any) -> Any:
+        return super().__new__(mcs, name, bases, namespace, **_OPTIONS | options)
+
+
+class Part(msgspec.Struct, metaclass=_Declaration):
+    """An object in a document. A field with a default is left out of the JSON if it has it."""
+
+
+class Document(Part, tag_field="schema"):
+    """A whole document. Its `tag` is the name of its schema and stands in the key `schema`.
+
+    The first line of a document's docstring is the title of its schema.
+    """
+
+    not_finite: Annotated[
+        list[list[str | int]],
+        doc(
+            "Paths (keys and indices) of the nulls that stand for NaN or minus infinity. A null "
+            "PSNR that is not listed is infinite; any other null is a value that does not exist."
+        ),
+    ] = []
+
+
+_D = TypeVar("_D", bound=Document)
+
+
+def encode(document: Document) -> str:
+    """The document as text of strict JSON."""
+    values = msgspec.to_builtins(document, enc_hook=lambda number: number.item())
+    values.pop(_NOT_FINITE, None)
+    paths: list[_Path] = []
+    strict = _without_nonfinite(values, (), paths)
+    strict |= {_NOT_FINITE: paths} if paths else {}
+    return json.dumps(strict, indent=1, allow_nan=False, ensure_ascii=False)
+
+
+def decode(text: str, *types: type[_D]) -> _D:
+    """The document in a text of strict JSON.
+
+    Parameters
+    ----------
+    text : str
+    *types : type of Document
+        The key `schema` selects among them.
+
+    Raises
+    ------
+    ValueError
+        Not strict JSON, nested too deeply, or not as the type declares; the message gives the
+        place in the document.
+    """
+    try:
+        values = json.loads(
+            text, parse_constant=_finite_float, parse_float=_finite_float, parse_int=_short_int
+        )
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    except ValueError as error:
+        raise ValueError(f"not a JSON document ({error})") from None
+    schemas = [str(type_.__struct_config__.tag) for type_ in types]
+    name = values.get("schema") if isinstance(values, dict) else None
+    if name not in schemas:
+        raise ValueError(f"schema is {_shown(name)}, not {' or '.join(schemas)}")
+    document: _D = msgspec.convert(values, Union[types])  # noqa: UP007
+    if document.not_finite:
+        for path in document.not_finite:
+            _put_nan(values, path)
+        document = msgspec.convert(values, Union[types])  # noqa: UP007
+    return document
+
+
+def _without_nonfinite(value: Any, path: _Path, paths: list[_Path]) -> Any:
+    """`value` with null for each number that is not finite; add to `paths` those to report."""
+    if isinstance(value, Mapping):
+        return {str(k): _without_nonfinite(v, (*path, str(k)), paths) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_without_nonfinite(v, (*path, i), paths) for i, v in enumerate(value)]
+    if not isinstance(value, float) or math.isfinite(value):
+        return value
+    if value != math.inf:
+        paths.append(path)
+    return None
+
+
+def _put_nan(values: dict[str, Any], path: Sequence[Any]) -> None:
+    place: Any = values
+    try:
+        *keys, last = path
+        for key in keys:
+            place = place[key]
+        is_null = place[last] is None
+    except (LookupError, TypeError, ValueError):
+        is_null = False
+    if not is_null:
+        raise ValueError(f"{_NOT_FINITE} lists {_shown(path)}, where there is no null")
+    place[last] = math.nan
+
+
+def _finite_float(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:_SHOWN_CHARACTERS]} is not a finite number")
+    return number
+
+
+def _short_int(text: str) -> int:
+    if len(text) > _LARGEST_INTEGER_DIGITS:
+        raise ValueError(f"an integer of {len(text)} digits")
+    return int(text)
+
+
+def _shown(value: object) -> str:
+    text = ascii(value) if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= _SHOWN_CHARACTERS else text[:_SHOWN_CHARACTERS] + "..."

@@ -1,0 +1,69 @@
+"""Files of documents: strict on reading, written whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TypeVar
+
+from inim.documents.document import Document, decode, encode
+from inim.errors import FileError
+from inim.files.image import write_atomically
+from inim.files.regular_file import read_file
+
+# The project's own reports have about 100 kB and two thousand values.
+_LARGEST_BYTES = 2**24
+_LARGEST_VALUE_COUNT = 300_000
+_LONGEST_MESSAGE = 200
+
+_D = TypeVar("_D", bound=Document)
+
+
+def read_document(path: Path, remedy: str, *types: type[_D]) -> _D:
+    """Read and check a document.
+
+    Parameters
+    ----------
+    path : Path
+    remedy : str
+        End of each error message.
+    *types : type of Document
+        The key `schema` selects among them.
+
+    Raises
+    ------
+    FileError
+        Missing, not a regular file, too large, not strict JSON, or not as its type declares. The
+        line names the file and the place in the document.
+    """
+    data = read_file(path, _LARGEST_BYTES, way_out=remedy)
+    try:
+        value_count = data.count(b",")
+        if value_count > _LARGEST_VALUE_COUNT:
+            raise ValueError(f"{value_count} values; at most {_LARGEST_VALUE_COUNT} are read")
+        return decode(data.decode("utf-8"), *types)
+    except ValueError as error:
+        raise FileError(f"{path}: {_one_line(str(error))}; {remedy}") from None
+
+
+def write_document(path: Path, document: Document) -> None:
+    """Write a document whole or not at all."""
+    write_text(path, encode(document))
+
+
+def write_text(path: Path, content: str) -> None:
+    """Write UTF-8 text that ends in one line break, whole or not at all."""
+    line = content.rstrip("\n") + "\n"
+
+    def put(temporary: Path) -> None:
+        # A path may hold bytes that are not UTF-8. Python keeps them as lone surrogates. Written as
+        # backslash and number they are valid UTF-8, and in JSON the escape that reads back.
+        temporary.write_text(line, encoding="utf-8", errors="backslashreplace")
+
+    write_atomically(path, put)
+
+
+def _one_line(message: str) -> str:
+    """A message in printable characters; a long one loses its middle, and its end is the place."""
+    text = "".join(c if c.isprintable() else " " for c in message)
+    half = _LONGEST_MESSAGE // 2
+    return text if len(text) <= _LONGEST_MESSAGE else f"{text[:half]} ... {text[-half:]}"
