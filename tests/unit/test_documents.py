@@ -1,107 +1,93 @@
-"""Documents: strict JSON in, typed values out, and back.
+"""The documents keep to the program: what drifts is found here, without running anything slow.
 
-Expected: each refusal is one short line that gives the place and the remedy; numbers that are not
-finite return as NaN, and an infinite PSNR as null.
+Expected: every command parses, every block of Python compiles, every link leads somewhere, README
+is short, and pages quote the examples that the tests run.
 """
 
 from __future__ import annotations
 
-import json
-import math
+import argparse
+import re
+import shlex
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
 
 import pytest
-from jsonschema import Draft202012Validator
 
-from inim.documents import Document, Part, doc, read_document, write_document
-from inim.documents.document import decode, encode
-from inim.errors import FileError
+from inim import errors
+from inim.cli import COMMANDS
+from tests.documents import ROOT, blocks, check_syntax, commands, pages
 
-
-class Score(Part):
-    value: float | None
-    note: str = ""
-
-
-class Notes(Document, tag="inim.notes/1"):
-    title: Annotated[str, doc("Title.")]
-    scores: dict[str, Score] = {}  # noqa: RUF012
-    columns: int = 1
+EXAMPLES = ROOT / "tests" / "example_package"
+MOST_CHARACTERS_OF_README = 8_000
+_LINK = re.compile(r"\]\(([^)\s]*)\)")
+_CODE = re.compile(r"```.*?```|`[^`\n]*`", re.S)
 
 
-class Other(Document, tag="inim.other/3"):
-    title: str
+def parser_of(name: str) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(exit_on_error=False)
+    import_module(f"inim.commands.{COMMANDS[name]}").COMMANDS[name].add_arguments(parser)
+    return parser
 
 
-def refusal(path: Path, content: str | bytes) -> str:
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(FileError) as caught:
-        read_document(path, "write it again", Notes, Other)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ") and message.endswith("; write it again")
-    assert message.isprintable() and len(message) < len(str(path)) + 260
-    return message
+@pytest.mark.parametrize("page", pages())
+def test_its_commands_are_the_program_s(page):
+    for block in blocks(page):
+        for line in commands(block) if block.language == "sh" else ():
+            words = shlex.split(re.split(r"\s(?:\|\||&&|[|>])\s", line)[0])
+            if words[:2] == ["python", "-m"] and words[2].startswith("inim."):
+                words = ["inim", words[2].removeprefix("inim."), *words[3:]]
+            if words[0] == "inim" and not words[1].startswith("-"):
+                parser_of(words[1]).parse_args(words[2:])
 
 
-def test_document_reads_back_as_written(tmp_path: Path) -> None:
-    document = Notes(title="jug \udcff", scores={"a": Score(value=0.5, note="b")}, columns=3)
-    write_document(tmp_path / "notes.json", document)
-    assert read_document(tmp_path / "notes.json", "", Other, Notes) == document
+@pytest.mark.parametrize("page", pages())
+def test_its_blocks_compile_and_its_exceptions_have_a_reason(page):
+    for block in blocks(page):
+        if block.language == "python":
+            check_syntax(block)
+        assert block.language in {"sh", "python", "text", "toml", "sql", "xml", "json"} or (
+            block.language.startswith("{")
+        ), block
+        assert block.not_run is None or len(block.not_run) > 10, block
 
 
-def test_defaults_are_left_out() -> None:
-    assert json.loads(encode(Notes(title="a"))) == {"schema": "inim.notes/1", "title": "a"}
+@pytest.mark.parametrize("page", pages())
+def test_its_links_lead_somewhere(page):
+    text = _CODE.sub("", (ROOT / page).read_text("utf-8"))
+    for target in _LINK.findall(text):
+        if not re.match(r"[a-z]+:", target) and not target.startswith("#"):
+            path = (ROOT / page).parent / target.partition("#")[0]
+            made = "generated" in path.parts
+            assert made or path.exists() or path.with_suffix(".ipynb").exists(), target
 
 
-def test_numbers_that_are_not_finite_are_null_and_return_as_nan() -> None:
-    values = {"nan": math.nan, "low": -math.inf, "psnr": math.inf, "none": None}
-    text = encode(Notes(title="a", scores={k: Score(value=v) for k, v in values.items()}))
-    assert json.loads(text)["not_finite"] == [["scores", k, "value"] for k in ("nan", "low")]
-    scores = decode(text, Notes).scores
-    assert math.isnan(scores["nan"].value or 0) and math.isnan(scores["low"].value or 0)
-    assert scores["psnr"].value is None and scores["none"].value is None
-    assert encode(decode(text, Notes)) == text
+def test_readme_is_short():
+    assert len((ROOT / "README.md").read_text("utf-8")) <= MOST_CHARACTERS_OF_README
 
 
-NOTES: dict[str, Any] = {"schema": "inim.notes/1", "title": "a"}
+def test_exit_codes_are_the_program_s():
+    text = (ROOT / "docs/reference/exit-codes.md").read_text("utf-8")
+    for name, value in vars(errors).items():
+        if name.startswith("EXIT_"):
+            assert f"| {value} |" in text, name
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    ("page", "example"),
     [
-        ("", "not a JSON document"),
-        (b"\xff\xfe", "can't decode byte"),
-        ("[" * 100_000, "nested too deeply"),
-        ('{"a":' * 100_000, "nested too deeply"),
-        ("[]", "schema is null, not inim.notes/1 or inim.other/3"),
-        (json.dumps({"schema": ["inim.notes/1"]}), 'schema is ["inim.notes/1"], not'),
-        (json.dumps(NOTES | {"schema": "inim.notes/9"}), "schema is 'inim.notes/9', not"),
-        (json.dumps({"schema": "inim.notes/1"}), "missing required field `title`"),
-        (json.dumps(NOTES | {"mine": 1}), "unknown field `mine`"),
-        (json.dumps(NOTES | {"\x1b" * 10**6: 1}), "unknown field"),
-        (json.dumps(NOTES | {"title": 7}), "got `int` - at `$.title`"),
-        (json.dumps(NOTES | {"columns": 12.0}), "got `float` - at `$.columns`"),
-        (json.dumps(NOTES | {"columns": True}), "got `bool` - at `$.columns`"),
-        (json.dumps(NOTES | {"scores": {"a": {"value": "0"}}}), "at `$.scores[...].value`"),
-        (json.dumps(NOTES | {"not_finite": [["title"]]}), "where there is no null"),
-        (json.dumps(NOTES | {"not_finite": [["scores", 3]]}), "where there is no null"),
-        (json.dumps(NOTES | {"not_finite": [[]]}), "where there is no null"),
-        (json.dumps(NOTES | {"not_finite": 3}), "at `$.not_finite`"),
-        (json.dumps(NOTES | {"columns": math.nan}), "NaN is not a finite number"),
-        (json.dumps(NOTES)[:-1] + ', "columns": 1e999}', "1e999 is not a finite number"),
-        (json.dumps(NOTES | {"columns": 0}).replace("0", "9" * 4000), "an integer of 4000 digits"),
-        ("[" + "0," * 300_001 + "0]", "300001 values; at most 300000"),
-        (" " * (2**24 + 1), "at most 16 MiB are read"),
+        ("own-algorithm", "inim_example.py"),
+        ("own-lens-model", "inim_example_lens.py"),
+        ("own-metric", "inim_example_metric.py"),
     ],
-)  # fmt: skip
-def test_a_refusal_is_one_line_with_the_place(content: Any, message: str, tmp_path: Path) -> None:
-    assert message in refusal(tmp_path / "notes.json", content)
+)
+def test_example_is_the_one_that_the_tests_run(page, example):
+    text = (EXAMPLES / example).read_text("utf-8")
+    assert text in [block.text for block in blocks(f"docs/how-to/{page}.md")]
 
 
-def test_text_is_valid_for_an_independent_validator() -> None:
-    import msgspec
-
-    schema = msgspec.json.schema(Notes)
-    document = json.loads(encode(Notes(title="a", scores={"b": Score(value=math.nan)})))
-    Draft202012Validator(schema).validate(document)
+def test_workflow_of_the_documents_runs_what_contributors_run():
+    steps = (ROOT / ".github/workflows/docs.yml").read_text("utf-8")
+    for target in ("make docs", "make test-docs"):
+        assert target in steps
+    assert f"{target}:".removeprefix("make ") in Path(ROOT / "Makefile").read_text("utf-8")

@@ -1,0 +1,107 @@
+"""Documents: strict JSON in, typed values out, and back.
+
+Expected: each refusal is one short line that gives the place and the remedy; numbers that are not
+finite return as NaN, and an infinite PSNR as null.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from inim.documents import Document, Part, doc, read_document, write_document
+from inim.documents.document import decode, encode
+from inim.errors import FileError
+
+
+class Score(Part):
+    value: float | None
+    note: str = ""
+
+
+class Notes(Document, tag="inim.notes/1"):
+    title: Annotated[str, doc("Title.")]
+    scores: dict[str, Score] = {}  # noqa: RUF012
+    columns: int = 1
+
+
+class Other(Document, tag="inim.other/3"):
+    title: str
+
+
+def refusal(path: Path, content: str | bytes) -> str:
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(FileError) as caught:
+        read_document(path, "write it again", Notes, Other)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ") and message.endswith("; write it again")
+    assert message.isprintable() and len(message) < len(str(path)) + 260
+    return message
+
+
+def test_document_reads_back_as_written(tmp_path: Path) -> None:
+    document = Notes(title="jug \udcff", scores={"a": Score(value=0.5, note="b")}, columns=3)
+    write_document(tmp_path / "notes.json", document)
+    assert read_document(tmp_path / "notes.json", "", Other, Notes) == document
+
+
+def test_defaults_are_left_out() -> None:
+    assert json.loads(encode(Notes(title="a"))) == {"schema": "inim.notes/1", "title": "a"}
+
+
+def test_numbers_that_are_not_finite_are_null_and_return_as_nan() -> None:
+    values = {"nan": math.nan, "low": -math.inf, "psnr": math.inf, "none": None}
+    text = encode(Notes(title="a", scores={k: Score(value=v) for k, v in values.items()}))
+    assert json.loads(text)["not_finite"] == [["scores", k, "value"] for k in ("nan", "low")]
+    scores = decode(text, Notes).scores
+    assert math.isnan(scores["nan"].value or 0) and math.isnan(scores["low"].value or 0)
+    assert scores["psnr"].value is None and scores["none"].value is None
+    assert encode(decode(text, Notes)) == text
+
+
+NOTES: dict[str, Any] = {"schema": "inim.notes/1", "title": "a"}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "not a JSON document"),
+        (b"\xff\xfe", "can't decode byte"),
+        ("[" * 100_000, "nested too deeply"),
+        ('{"a":' * 100_000, "nested too deeply"),
+        ("[]", "schema is null, not inim.notes/1 or inim.other/3"),
+        (json.dumps({"schema": ["inim.notes/1"]}), 'schema is ["inim.notes/1"], not'),
+        (json.dumps(NOTES | {"schema": "inim.notes/9"}), "schema is 'inim.notes/9', not"),
+        (json.dumps({"schema": "inim.notes/1"}), "missing required field `title`"),
+        (json.dumps(NOTES | {"mine": 1}), "unknown field `mine`"),
+        (json.dumps(NOTES | {"\x1b" * 10**6: 1}), "unknown field"),
+        (json.dumps(NOTES | {"title": 7}), "got `int` - at `$.title`"),
+        (json.dumps(NOTES | {"columns": 12.0}), "got `float` - at `$.columns`"),
+        (json.dumps(NOTES | {"columns": True}), "got `bool` - at `$.columns`"),
+        (json.dumps(NOTES | {"scores": {"a": {"value": "0"}}}), "at `$.scores[...].value`"),
+        (json.dumps(NOTES | {"not_finite": [["title"]]}), "where there is no null"),
+        (json.dumps(NOTES | {"not_finite": [["scores", 3]]}), "where there is no null"),
+        (json.dumps(NOTES | {"not_finite": [[]]}), "where there is no null"),
+        (json.dumps(NOTES | {"not_finite": 3}), "at `$.not_finite`"),
+        (json.dumps(NOTES | {"columns": math.nan}), "NaN is not a finite number"),
+        (json.dumps(NOTES)[:-1] + ', "columns": 1e999}', "1e999 is not a finite number"),
+        (json.dumps(NOTES | {"columns": 0}).replace("0", "9" * 4000), "an integer of 4000 digits"),
+        ("[" + "0," * 300_001 + "0]", "300001 values; at most 300000"),
+        (" " * (2**24 + 1), "at most 16 MiB are read"),
+    ],
+)  # fmt: skip
+def test_a_refusal_is_one_line_with_the_place(content: Any, message: str, tmp_path: Path) -> None:
+    assert message in refusal(tmp_path / "notes.json", content)
+
+
+def test_text_is_valid_for_an_independent_validator() -> None:
+    import msgspec
+
+    schema = msgspec.json.schema(Notes)
+    document = json.loads(encode(Notes(title="a", scores={"b": Score(value=math.nan)})))
+    Draft202012Validator(schema).validate(document)
