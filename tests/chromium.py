@@ -1,16 +1,14 @@
-"""A headless Chromium, driven over its DevTools pipe with the standard library alone."""
+"""A headless Chromium of the system's, driven by Playwright."""
 
 from __future__ import annotations
 
-import base64
-import fcntl
+import atexit
 import json
-import os
 import shutil
-import subprocess
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,24 +16,18 @@ import pytest
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 _FLAGS = (
-    "--headless",
-    "--no-sandbox",
     "--disable-gpu",
-    "--no-first-run",
-    "--disable-background-networking",
     "--disable-dev-shm-usage",
-    "--hide-scrollbars",
     "--force-prefers-reduced-motion",  # the display sways where a test asks for it
-    "--remote-debugging-pipe",
 )
 #: WebGL in software.
 WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 NO_WEBGL = ("--disable-3d-apis",)
-_LONGEST_ANSWER_S = 90.0
+_LONGEST_ANSWER_MS = 90_000
 
 
 class Tab:
-    """One page, and what went wrong on it.
+    """A page, and the errors and warnings on it.
 
     Attributes
     ----------
@@ -43,92 +35,51 @@ class Tab:
         Errors and warnings of the console, uncaught exceptions and log entries.
     """
 
-    def __init__(self, to_browser: int, from_browser: int) -> None:
-        self._to, self._from = to_browser, from_browser
-        self._rest, self._number, self._session = b"", 0, None
+    def __init__(self, page: Any) -> None:
         self.complaints: list[str] = []
-        self._loaded = False
-        target = self.send("Target.createTarget", url="about:blank")["targetId"]
-        session = self.send("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = session["sessionId"]
-        for domain in ("Page", "Runtime", "Log"):
+        self._page, self._devtools = page, page.context.new_cdp_session(page)
+        page.set_default_timeout(_LONGEST_ANSWER_MS)
+        page.on("console", lambda message: self._note(message.type, message.text))
+        page.on("pageerror", lambda error: self._note("error", str(error)))
+        self._devtools.on(
+            "Log.entryAdded",
+            lambda event: self._note(event["entry"]["level"], event["entry"]["text"]),
+        )
+        for domain in ("Log", "Page"):
             self.send(f"{domain}.enable")
+        self.evaluate, self.click = page.evaluate, page.click
+
+    def _note(self, level: str, text: str) -> None:
+        # Software rendering always warns that reading pictures back is slow.
+        slow = "GL Driver Message (OpenGL, Performance" in text
+        if level in ("error", "warning", "assert") and not slow:
+            self.complaints.append(f"{level}: {text}")
+
+    def _note_log(self, level: str, text: str, **_: Any) -> None:
+        self._note(level, text)
 
     def send(self, method: str, **params: Any) -> Any:
-        """Send a command and return its result; what happens meanwhile is recorded."""
-        self._number += 1
-        message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
-        if self._session:
-            message["sessionId"] = self._session
-        os.write(self._to, json.dumps(message).encode() + b"\0")
-        end = time.monotonic() + _LONGEST_ANSWER_S
-        while time.monotonic() < end:
-            answer = self._next()
-            if answer.get("id") == self._number:
-                assert "error" not in answer, f"{method}: {answer['error']}"
-                return answer["result"]
-        raise TimeoutError(f"{method}: no answer in {_LONGEST_ANSWER_S:g} s")
-
-    def _next(self) -> dict[str, Any]:
-        while b"\0" not in self._rest:
-            read = os.read(self._from, 1 << 20)
-            assert read, "the browser has gone"
-            self._rest += read
-        line, _, self._rest = self._rest.partition(b"\0")
-        message: dict[str, Any] = json.loads(line)
-        self._note(message)
-        return message
-
-    def _note(self, message: dict[str, Any]) -> None:
-        params = message.get("params", {})
-        if message.get("method") == "Runtime.consoleAPICalled":
-            if params["type"] in ("error", "warning", "assert"):
-                self.complaints.append(f"{params['type']}: {params['args']}")
-        elif message.get("method") == "Runtime.exceptionThrown":
-            self.complaints.append(str(params["exceptionDetails"]))
-        elif message.get("method") == "Log.entryAdded":
-            entry = params["entry"]
-            # Reading pictures back is what drawing in software is.
-            slow = "GL Driver Message (OpenGL, Performance" in entry["text"]
-            if entry["level"] in ("error", "warning") and not slow:
-                self.complaints.append(f"{entry['level']}: {entry['text']}")
-        elif message.get("method") == "Page.loadEventFired":
-            self._loaded = True
+        """Send a DevTools command and return its result."""
+        return self._devtools.send(method, params)
 
     def open(self, path: Path) -> None:
-        """Load a file and wait until it and its pictures are there."""
-        self._loaded = False
-        self.send("Page.navigate", url=path.resolve().as_uri())
-        while not self._loaded:
-            self._next()
+        """Load a file and its pictures."""
+        self._page.goto(path.resolve().as_uri())
 
     def size(self, width: int, height: int, *, mobile: bool = False) -> None:
-        """The window's inside, in CSS pixels."""
-        self.send(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=mobile,
-        )
-
-    def evaluate(self, expression: str) -> Any:
-        """The value of a JavaScript expression; a promise is waited for."""
-        said = self.send(
-            "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
-        )
-        assert "exceptionDetails" not in said, said["exceptionDetails"]
-        return said["result"].get("value")
+        """Set the size of the window's inside, CSS pixels."""
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
+        self.send("Emulation.setDeviceMetricsOverride", **size)
 
     def until(self, expression: str, seconds: float = 30.0) -> None:
-        """Wait until an expression holds."""
+        """Wait until a JavaScript expression is true."""
         end = time.monotonic() + seconds
         while not self.evaluate(expression):
             assert time.monotonic() < end, f"never came true: {expression}"
-            time.sleep(0.05)
+            self._page.wait_for_timeout(50)
 
     def middle(self, selector: str) -> tuple[float, float]:
-        """The middle of an element, scrolled into view, in window coordinates."""
+        """Scroll an element into view and return its middle, window coordinates."""
         script = (
             f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
             "e.scrollIntoView({block: 'center', behavior: 'instant'});"
@@ -138,69 +89,49 @@ class Tab:
         x, y = self.evaluate(script)
         return x, y
 
-    def mouse(self, kind: str, at: tuple[float, float], **more: Any) -> None:
-        """A mouse event: `mousePressed`, `mouseMoved`, `mouseReleased`, `mouseWheel`."""
-        held = {"button": "left", "buttons": 1, "clickCount": 1} if kind != "mouseWheel" else {}
-        self.send("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], **(held | more))
-
-    def click(self, selector: str) -> None:
-        """Click the middle of an element."""
-        at = self.middle(selector)
-        self.mouse("mousePressed", at)
-        self.mouse("mouseReleased", at)
-
     def drag(self, selector: str, by: tuple[float, float]) -> None:
         """Press in the middle of an element, move in ten steps, let go."""
         x, y = self.middle(selector)
-        self.mouse("mousePressed", (x, y))
-        for step in range(1, 11):
-            self.mouse("mouseMoved", (x + by[0] * step / 10, y + by[1] * step / 10))
-        self.mouse("mouseReleased", (x + by[0], y + by[1]))
+        mouse = self._page.mouse
+        mouse.move(x, y)
+        mouse.down()
+        mouse.move(x + by[0], y + by[1], steps=10)
+        mouse.up()
 
-    def key(self, name: str, text: str = "") -> None:
+    def mouse(self, kind: str, at: tuple[float, float], **more: Any) -> None:
+        """Send a mouse event: `mousePressed`, `mouseMoved`, `mouseReleased`, `mouseWheel`."""
+        button = {"button": "left", "buttons": 1, "clickCount": 1} if kind != "mouseWheel" else {}
+        self.send("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], **(button | more))
+
+    def key(self, name: str) -> None:
         """Press a key and let it go."""
-        more = {"text": text} if text else {}
-        self.send("Input.dispatchKeyEvent", type="keyDown", key=name, **more)
-        self.send("Input.dispatchKeyEvent", type="keyUp", key=name)
+        self._page.keyboard.press(name)
 
     def screenshot(self, path: Path, *, whole: bool = True) -> None:
-        """The page as PNG."""
-        shot = self.send("Page.captureScreenshot", captureBeyondViewport=whole)
-        path.write_bytes(base64.b64decode(shot["data"]))
+        """Save the page as PNG."""
+        self._page.screenshot(path=path, full_page=whole)
+
+
+@cache
+def _playwright() -> Any:
+    """Playwright, which a process can start once."""
+    from playwright.sync_api import sync_playwright
+
+    playwright = sync_playwright().start()
+    atexit.register(playwright.stop)
+    return playwright
 
 
 @contextmanager
-def browser(profile: Path, flags: Sequence[str] = WEBGL) -> Iterator[Tab]:
-    """A tab of a browser of its own; skips the test where there is no Chromium."""
+def browser(flags: Sequence[str] = WEBGL) -> Iterator[Tab]:
+    """A tab of a browser of its own; the test is skipped where there is no Chromium."""
     program = next(filter(None, map(shutil.which, _NAMES)), None)
     if program is None:
-        pytest.skip(f"none of {', '.join(_NAMES)} is here")
-    from_us, to_browser = os.pipe()
-    from_browser, to_us = os.pipe()
-    # The pipe's ends are descriptors 3 and 4 of the browser; bash puts them there, from places
-    # that are not in the way.
-    ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 20) for end in (from_us, to_us)]
-    os.close(from_us)
-    os.close(to_us)
-    shell = f'exec "$@" 3<&{ends[0]} 4>&{ends[1]}'
-    words = [program, *_FLAGS, *flags, f"--user-data-dir={profile}", "about:blank"]
-    process = subprocess.Popen(
-        ["bash", "-c", shell, "bash", *words],
-        pass_fds=ends,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        env={**os.environ, "HOME": str(profile)},
-    )
-    for end in ends:
-        os.close(end)
+        pytest.skip(f"none of {', '.join(_NAMES)} is installed")
+    chromium = _playwright().chromium.launch(executable_path=program, args=[*_FLAGS, *flags])
+    # "null": the flags and the tests decide.
+    media = dict.fromkeys(("color_scheme", "reduced_motion", "forced_colors"), "null")
     try:
-        yield Tab(to_browser, from_browser)
+        yield Tab(chromium.new_page(no_viewport=True, **media))
     finally:
-        os.close(to_browser)  # at which the browser ends
-        os.close(from_browser)
-        try:
-            process.wait(timeout=20)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        chromium.close()

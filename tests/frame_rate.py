@@ -9,7 +9,6 @@ is the same on any machine. The times are this processor's; no graphics card is 
 from __future__ import annotations
 
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -109,7 +108,7 @@ def _report(tab: Tab, model: str) -> None:
 
 def main(page: Path) -> None:
     """Print what single frames cost and what dragging does, for both lens models."""
-    with tempfile.TemporaryDirectory() as folder, browser(Path(folder)) as tab:
+    with browser() as tab:
         tab.send("Page.addScriptToEvaluateOnNewDocument", source=COUNT_WORK)
         tab.size(1280, 900)
         tab.open(page)

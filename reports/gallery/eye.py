@@ -21,10 +21,10 @@ from reports.gallery.pictures import keep, magnified, picture
 from tests.chromium import Tab, browser
 
 
-def photograph_report(run: Path, out: Path, profile: Path) -> None:
+def photograph_report(run: Path, out: Path) -> None:
     """The first screen of a report."""
     shot = out.with_suffix(".png")
-    with browser(profile) as tab:
+    with browser() as tab:
         tab.send("Emulation.setDeviceMetricsOverride", **EYE.report_window, mobile=False)
         tab.open(run / "report.html")
         assert tab.evaluate("inimDisplay.ready")
@@ -61,7 +61,7 @@ def film_eye(run: Path, out: Path) -> None:
     _film(out, frames, EYE.frame_ms)
 
 
-def film_beyond_zone(run: Path, out: Path, profile: Path) -> tuple[float, float]:
+def film_beyond_zone(run: Path, out: Path) -> tuple[float, float]:
     """A report's live display, its eye moved to the next viewing zone and back.
 
     Returns
@@ -72,7 +72,7 @@ def film_beyond_zone(run: Path, out: Path, profile: Path) -> tuple[float, float]
     middle, half = sum(EYE.line) / 2, (EYE.line[1] - EYE.line[0]) / 2
     zones = [((left - middle) / half, (right - middle) / half) for left, right in EYE.zones]
     frames = []
-    with browser(profile) as tab:
+    with browser() as tab:
         tab.open(run / "report.html")
         assert tab.evaluate("inimDisplay.ready")
         tab.evaluate("document.querySelector('input[name=lens-model][value=thin]').click()")

@@ -72,7 +72,7 @@ def make_entry(name: str) -> None:
         shown.reports[label] = f"{file_name('report', label)}.json"
         shutil.copy(runs[label] / "report.json", folder / shown.reports[label])
     if name == "zone":
-        far, end = film_beyond_zone(runs[""], folder / "zone.webp", RUNS / "profile")
+        far, end = film_beyond_zone(runs[""], folder / "zone.webp")
         words = f"the eye goes {far:.0f} mm to the right and back; the zone ends at {end:.1f} mm"
         shown.pictures.append(Picture("zone.webp", words))
     elif name == "museum_room":
@@ -141,7 +141,7 @@ def make_readme() -> None:
     """README's two pictures."""
     IMAGES.mkdir(exist_ok=True)
     run = validate(RUNS / "readme", EYE.report_scene, EYE.report_options)
-    photograph_report(run, IMAGES / "report.webp", RUNS / "profile")
+    photograph_report(run, IMAGES / "report.webp")
     run = validate(RUNS / "eye", EYE.scene, [*EYE.options, "--viewpoints", eye_viewpoints()])
     film_eye(run, IMAGES / "eye.webp")
 

@@ -21,7 +21,7 @@ NAMES = [pattern.name for pattern in patterns((ROWS, COLUMNS))]
 
 @pytest.fixture(scope="module")
 def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
-    with browser(tmp_path_factory.mktemp("profile"), NO_WEBGL) as opened:
+    with browser(NO_WEBGL) as opened:
         yield opened
 
 
@@ -79,7 +79,7 @@ def shot(tab: Tab, path: Path) -> np.ndarray:
 def test_a_panel_pixel_is_a_device_pixel_whatever_the_ratio(page, tmp_path, ratio, size):
     # Of a ratio that is emulated the browser does not say what it rounds.
     flags = (*NO_WEBGL, f"--force-device-scale-factor={ratio}")
-    with browser(tmp_path / "profile", flags) as tab:
+    with browser(flags) as tab:
         window(tab, size, ratio)
         check_all_pictures(tab, page, tmp_path)
 

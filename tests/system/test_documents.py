@@ -56,7 +56,7 @@ def test_every_link_and_picture_of_the_site_is_there(site):
 
 
 def test_no_page_is_wider_than_a_phone(site, tmp_path):
-    with browser(tmp_path) as tab:
+    with browser() as tab:
         tab.size(*PHONE, mobile=True)
         for path in sorted(site.rglob("*.html")):
             if path.name in {"genindex.html", "search.html"} or "_static" in path.parts:

@@ -18,7 +18,7 @@ from tests.system.test_view import report_data, report_folder
 def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
     # In a process of its own the frame would be out of this pipe's reach, too.
     flags = (*WEBGL, "--disable-features=IsolateSandboxedIframes")
-    with browser(tmp_path_factory.mktemp("profile"), flags) as tab:
+    with browser(flags) as tab:
         tab.size(1100, 1000)
         yield tab
 

@@ -183,7 +183,7 @@ def test_the_page_begins_with_picture_depth_view_and_live_display(finished):
 
 
 def test_tables_scroll_in_their_boxes_on_a_phone(finished, tmp_path):
-    with browser(tmp_path / "profile") as tab:
+    with browser() as tab:
         for width in (390, 1280):
             tab.size(width, 800)
             tab.open(finished[0] / "out" / "report.html")

@@ -32,7 +32,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def shared_tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
-    with browser(tmp_path_factory.mktemp("profile")) as tab:
+    with browser() as tab:
         yield tab
 
 
@@ -128,7 +128,7 @@ def test_no_word_of_a_table_is_broken_into_letters_on_a_phone(tmp_path):
     data["verdict"] = {"passed": True, "checks": [named, named]}
     path = report_folder(tmp_path) / "report.html"
     path.write_text(render_html(data, path.parent), encoding="utf-8")
-    with browser(tmp_path / "profile") as tab:
+    with browser() as tab:
         tab.size(390, 844, mobile=True)
         tab.open(path)
         tab.evaluate(UNFOLD.format("true"))
@@ -231,7 +231,7 @@ def test_tables_are_sorted_from_their_heads_by_mouse_and_keyboard(tab):
     # By number, what algorithms are measured against below them.
     assert tab.evaluate(FIRST_CELLS) == ["wang2024", "template", *references]
     tab.evaluate(f"document.querySelector('{HEAD} button').focus()")
-    tab.key("Enter", "\r")
+    tab.key("Enter")
     assert tab.evaluate(f"document.querySelector('{HEAD}').ariaSort") == "descending"
     assert tab.evaluate(FIRST_CELLS) == ["template", "wang2024", *references]
     assert tab.evaluate("document.querySelectorAll('#overview [aria-sort]').length") == 1
