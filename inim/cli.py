@@ -24,6 +24,7 @@ from inim.errors import (
     known_words,
     missing_package,
 )
+from inim.process.current_folder import configuration_hidden
 from inim.version import __version__
 
 #: In the order of the help; each with its module in `inim.commands`.
@@ -63,6 +64,7 @@ class _Parser(argparse.ArgumentParser):
         self.exit(EXIT_USAGE, f"inim: error: {message}; see {self.about or self.prog} --help\n")
 
 
+@configuration_hidden()
 def main(argv: list[str] | None = None) -> int:
     """Run one command and return its exit code.
 

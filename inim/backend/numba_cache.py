@@ -19,8 +19,8 @@ _VARIABLE = "NUMBA_CACHE_DIR"
 _CACHING = "numba.core.caching"
 
 
-def settle_cache(package: Path) -> None:
-    """Name a folder for compiled kernels where numba would find none; before numba is imported.
+def cache_folder(package: Path) -> str:
+    """The folder for compiled kernels that numba must be given; empty where it finds its own.
 
     Parameters
     ----------
@@ -30,10 +30,11 @@ def settle_cache(package: Path) -> None:
     Raises
     ------
     FileError
-        Nothing can be written at all.
+        No folder can be written.
     """
-    if os.environ.get(_VARIABLE) or any(map(_can_hold, (package / "__pycache__", _user_cache()))):
-        return
+    named = os.environ.get(_VARIABLE, "")
+    if named or any(map(_can_hold, (package / "__pycache__", _user_cache()))):
+        return named
     folder = Path(tempfile.gettempdir()) / f"inim-{_user()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -47,15 +48,13 @@ def settle_cache(package: Path) -> None:
             f"{folder}: belongs to another user or is open to others; set {_VARIABLE} to a folder "
             "of your own"
         )
-    os.environ[_VARIABLE] = str(folder)
-    if "numba" in sys.modules:
-        sys.modules["numba"].config.CACHE_DIR = str(folder)
+    return str(folder)
 
 
 def kernel_folder(package: Path) -> Path:
     """Where compiled kernels of a package's modules, or folders of them, are kept."""
     own = package / "__pycache__"
-    return Path(os.environ.get(_VARIABLE) or (own if _can_hold(own) else _user_cache()))
+    return Path(cache_folder(package) or (own if _can_hold(own) else _user_cache()))
 
 
 def is_cache_fault(error: BaseException) -> bool:

@@ -13,10 +13,3 @@
 
 All of it is NumPy and numba; nothing imports the renderer.
 """
-
-from pathlib import Path
-
-from inim.backend.numba_cache import settle_cache
-
-# Before `tiles` imports numba, which refuses to start where it can keep nothing.
-settle_cache(Path(__file__).parent)

@@ -16,10 +16,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from inim.backend.kernels import compiled
 from inim.image.color import linear_from_srgb
 
 # Colours become floats in blocks of about this many samples.
@@ -131,24 +131,24 @@ def _linear(color: np.ndarray) -> NDArray[np.float32]:
     return np.asarray(color, np.float32)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _held(q, limits):  # type: ignore[no-untyped-def]
     """A number taken to the range; NaN stays NaN."""
     return limits[0] if q < limits[0] else limits[1] if q > limits[1] else q
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _joined(a, b, limits):  # type: ignore[no-untyped-def]
     return abs(a - b) <= limits[2] + limits[3] * min(a, b)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _depth_of(q, frame, over_q):  # type: ignore[no-untyped-def]
     z = frame[6] + (frame[7] / q if over_q else frame[7] * q)
     return min(max(z, frame[8]), frame[9])
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _beyond(q, frame, limits, over_q):  # type: ignore[no-untyped-def]
     """Whether a sample lies outside of the range, but for rounding."""
     z = frame[6] + (frame[7] / q if over_q else frame[7] * q)
@@ -158,7 +158,7 @@ def _beyond(q, frame, limits, over_q):  # type: ignore[no-untyped-def]
     return out or q < limits[0] - aside or q > limits[1] + aside
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _corner(q, i, j, di, dj, own, limits):  # type: ignore[no-untyped-def]
     """Mean q of the samples that meet `own`'s surface in the corner at (i + di/2, j + dj/2)."""
     rows, columns = q.shape
@@ -205,7 +205,7 @@ def _corner(q, i, j, di, dj, own, limits):  # type: ignore[no-untyped-def]
     return total / members
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _draw(q, frame, limits, flags, depth, owner):  # type: ignore[no-untyped-def]
     """Draw all tiles; the number of samples beyond the range."""
     perspective, over_q, drop = flags
@@ -236,7 +236,7 @@ def _draw(q, frame, limits, flags, depth, owner):  # type: ignore[no-untyped-def
     return clipped
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _fill(u, v, z, a, b, c, number, depth, owner):  # type: ignore[no-untyped-def]
     """One triangle into the cells whose centres it covers, where it is the nearest."""
     height, width = depth.shape
@@ -266,7 +266,7 @@ def _fill(u, v, z, a, b, c, number, depth, owner):  # type: ignore[no-untyped-de
                     owner[row, column] = number
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _add_colors(  # type: ignore[no-untyped-def]
     q, start, color, frame, limits, flags, depth, same, sums, counts
 ):

@@ -7,12 +7,10 @@ An algorithm is one file of this folder, or a function that another package anno
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from inim.backend.numba_cache import settle_cache
 from inim.display import Display
 from inim.errors import UsageError
 from inim.generators.base import (
@@ -73,9 +71,6 @@ __all__ = [
     "prepare",
     "properties",
 ]
-
-# Before numba is imported: it would refuse to start where nothing can be written.
-settle_cache(Path(__file__).parent)
 
 
 def prepare(

@@ -55,19 +55,19 @@ def run(
 @cache
 def compiled(kernel: FunctionType) -> Any:
     """A plain function compiled by numba, and with it the functions of this package it calls."""
-    import numba
+    from inim.backend import kernels
 
     names = dict(kernel.__globals__)
     called = {name: names[name] for name in kernel.__code__.co_names if name in names}
     parallel = called.get("prange") is prange
     for name, value in called.items():
         if value is prange:
-            names[name] = numba.prange
+            names[name] = kernels.prange
         elif isinstance(value, FunctionType):
             names[name] = compiled(value)
     copy = FunctionType(kernel.__code__, names, kernel.__name__)
     copy.__qualname__ = kernel.__qualname__
-    return numba.njit(parallel=parallel, cache=True, nogil=True)(copy)
+    return kernels.compiled(copy, parallel=parallel)
 
 
 def _as_plain(value: Any) -> Any:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from inim.backend.kernels import compiled, prange
 from inim.display import Display, Viewpoint
 from inim.generators.base import HOLE
 from inim.generators.raycast.columns import SURFACE, columns_of
@@ -62,12 +62,12 @@ def _places(pixels: int, size_mm: float) -> np.ndarray:
     return centres
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _see(fronts, backs, continue_behind, color, u0, du, v0, dv, z_min, z_max, view, met):  # type: ignore[no-untyped-def]
     """Mean colour of what each pixel's rays meet, and how many do."""
     columns = fronts.shape[2]
     share = np.float32(1 / (_RAYS * _RAYS))
-    for row in numba.prange(view.shape[0]):
+    for row in prange(view.shape[0]):
         for column in range(view.shape[1]):
             for i in range(row * _RAYS, (row + 1) * _RAYS):
                 for j in range(column * _RAYS, (column + 1) * _RAYS):

@@ -6,9 +6,11 @@ The module is loaded while the supervisor still checks the request; the job come
 import sys
 from importlib import import_module
 
+from inim.process.current_folder import configuration_hidden
 from inim.worker.serve import read_job, serve
 
 if __name__ == "__main__":
     module, _, function = sys.argv[1].partition(":")
-    work = getattr(import_module(module), function)
-    serve(read_job(), int(sys.argv[2]), work)
+    with configuration_hidden():
+        work = getattr(import_module(module), function)
+        serve(read_job(), int(sys.argv[2]), work)

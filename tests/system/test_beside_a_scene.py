@@ -1,10 +1,11 @@
-"""Python files beside a scene are never executed.
+"""Python and configuration files next to a scene have no effect.
 
 Expected: whatever modules lie in the current folder, a run there is as anywhere else.
 """
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -26,7 +27,21 @@ def trapped(tmp_path: Path) -> Path:
     for name in MODULES:
         mark = f"open({str(tmp_path / 'executed')!r}, 'a').write('{name} ')"
         (tmp_path / f"{name}.py").write_text(f"{mark}\nraise SystemExit('{name} was executed')\n")
-    return tmp_path
+    return configured(tmp_path)
+
+
+def configured(folder: Path) -> Path:
+    """A folder with configuration files that hang, crash or redirect the packages reading them."""
+    lines = ("num_threads: 1000000", "threading_layer: no_such_layer", "disable_jit: 1")
+    text = "\n".join([f"cache_dir: {folder / 'kernels'}", *lines])
+    (folder / ".numba_config.yaml").write_text(text, "utf-8")
+    os.mkfifo(folder / "matplotlibrc")
+    return folder
+
+
+def without_cache_variable() -> dict[str, str]:
+    """Variables for a child in which a configuration file could name numba's cache folder."""
+    return {k: v for k, v in child_environment().items() if k != "NUMBA_CACHE_DIR"}
 
 
 @pytest.mark.parametrize("start", ["script", "module"])
@@ -42,13 +57,68 @@ def test_modules_in_the_current_folder_are_not_executed(trapped: Path, start: st
     ended = subprocess.run(
         [*words, "tiny.xml", "-o", "out", *definitions(TINY)],
         cwd=trapped,
-        env=child_environment(),
+        env=without_cache_variable(),
         capture_output=True,
         text=True,
+        timeout=600,
     )
     assert not (trapped / "executed").exists(), (trapped / "executed").read_text()
+    assert not (trapped / "kernels").exists()
     assert ended.returncode == EXIT_PASSED, ended.stderr
     assert (trapped / "out" / "report.json").exists()
+
+
+PICTURE = """
+import numpy as np
+import inim
+depth = np.zeros((24, 24), np.float32)
+rgbd = inim.RGBD(np.ones((24, 24, 3), np.float32), depth, depth == 0, 0.5)
+display = inim.DISPLAYS["nominal"].replace(lens_rows=4, lens_columns=4)
+eia = inim.generate(rgbd, display)
+"""
+
+
+def test_python_functions_ignore_the_current_folder_s_configuration(tmp_path: Path) -> None:
+    script = PICTURE + "import sys\nassert 'matplotlib' not in sys.modules\nprint(eia.shape)"
+    ended = subprocess.run(
+        python_code(script),
+        cwd=configured(tmp_path),
+        env=without_cache_variable(),
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert ended.returncode == EXIT_PASSED, ended.stderr
+    assert not (tmp_path / "kernels").exists()
+
+
+def test_a_program_s_own_kernels_obey_its_configuration(tmp_path: Path) -> None:
+    script = PICTURE + (
+        "import numba\n"
+        "assert not numba.config.BOUNDSCHECK\n"
+        "numba.njit(lambda: 1)()\n"
+        "assert numba.config.BOUNDSCHECK\n"
+        "inim.generate(rgbd, display, 'li2012')\n"
+        "assert numba.config.BOUNDSCHECK\n"
+    )
+    (tmp_path / ".numba_config.yaml").write_text("boundscheck: 1", "utf-8")
+    subprocess.run(
+        python_code(script), cwd=tmp_path, env=without_cache_variable(), check=True, timeout=300
+    )
+
+
+def test_pictures_are_drawn_without_the_current_folder_s_configuration(tmp_path: Path) -> None:
+    words = python_module("inim", "inspect", "nominal", "-o", "out")
+    ended = subprocess.run(
+        words,
+        cwd=configured(tmp_path),
+        env=without_cache_variable(),
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert ended.returncode == EXIT_PASSED, ended.stderr
+    assert list((tmp_path / "out").rglob("*.png"))
 
 
 def test_children_do_not_search_the_current_folder(trapped: Path) -> None:

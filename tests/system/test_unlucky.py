@@ -57,20 +57,16 @@ def nothing_to_write(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         monkeypatch.delenv(name)
     monkeypatch.setenv("HOME", str(NOWHERE))
     monkeypatch.setattr(numba_cache.tempfile, "tempdir", str(tmp_path))
-    monkeypatch.delitem(sys.modules, "numba", raising=False)
     return tmp_path
 
 
 def test_kernels_find_a_private_folder_where_nothing_else_can_be_written(
     nothing_to_write: Path,
 ) -> None:
-    numba_cache.settle_cache(NOWHERE)
-    folder = Path(os.environ["NUMBA_CACHE_DIR"])
+    folder = Path(numba_cache.cache_folder(NOWHERE))
     assert folder.parent == nothing_to_write
     assert folder.stat().st_mode & 0o777 == 0o700
-    del os.environ["NUMBA_CACHE_DIR"]
-    numba_cache.settle_cache(NOWHERE)  # a second run takes the same
-    assert os.environ["NUMBA_CACHE_DIR"] == str(folder)
+    assert numba_cache.cache_folder(NOWHERE) == str(folder)  # a second run takes the same
 
 
 @pytest.mark.parametrize("spoil", ["open", "link", "file"])
@@ -87,19 +83,17 @@ def test_folder_that_others_could_fill_with_code_is_refused(
     else:
         folder.write_text("")
     with pytest.raises(FileError, match="NUMBA_CACHE_DIR"):
-        numba_cache.settle_cache(NOWHERE)
-    assert "NUMBA_CACHE_DIR" not in os.environ
+        numba_cache.cache_folder(NOWHERE)
 
 
 def test_kernels_stay_beside_the_source_or_at_home_where_they_can(
     nothing_to_write: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    numba_cache.settle_cache(nothing_to_write)
+    assert not numba_cache.cache_folder(nothing_to_write)
     monkeypatch.setenv("XDG_CACHE_HOME", str(nothing_to_write / "cache"))
-    numba_cache.settle_cache(NOWHERE)
+    assert not numba_cache.cache_folder(NOWHERE)
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/as/the/user/says")
-    numba_cache.settle_cache(NOWHERE)
-    assert os.environ["NUMBA_CACHE_DIR"] == "/as/the/user/says"
+    assert numba_cache.cache_folder(NOWHERE) == "/as/the/user/says"
 
 
 def test_nowhere_to_write_at_all_is_one_line(
@@ -107,7 +101,7 @@ def test_nowhere_to_write_at_all_is_one_line(
 ) -> None:
     monkeypatch.setattr(numba_cache.tempfile, "tempdir", str(NOWHERE))
     with pytest.raises(FileError, match="set NUMBA_CACHE_DIR"):
-        numba_cache.settle_cache(NOWHERE)
+        numba_cache.cache_folder(NOWHERE)
 
 
 def loaded_anew(path: Path) -> ModuleType:

@@ -24,9 +24,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from inim.backend.kernels import compiled, prange
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
 SURFACE, SEEN, SOLID, LAYERS = "surface", "seen", "solid", "layers"
@@ -101,15 +101,15 @@ def surface_backs(depth_mm: np.ndarray, covered: np.ndarray, pixel_mm: float) ->
     return back
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _end(depth, covered, straight, diagonal, thickness, front, back):  # type: ignore[no-untyped-def]
     """Fill `front`, which is of nothing and has a border, and `back`."""
     rows, columns = depth.shape
-    for i in numba.prange(rows):
+    for i in prange(rows):
         for j in range(columns):
             if covered[i, j]:
                 front[i + 1, j + 1] = depth[i, j]
-    for i in numba.prange(rows):
+    for i in prange(rows):
         above, middle, below = front[i], front[i + 1], front[i + 2]
         for j in range(columns):
             here = middle[j + 1]
@@ -125,7 +125,7 @@ def _end(depth, covered, straight, diagonal, thickness, front, back):  # type: i
             back[i, j] = low if low > -np.inf else np.float32(np.inf)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _lower(low, here, beside, most):  # type: ignore[no-untyped-def]
     """A neighbour that is lower and one surface with `here`, or what was the lowest."""
     joined = beside if here - beside <= most else low

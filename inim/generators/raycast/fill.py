@@ -28,9 +28,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import PixelAxis
 from inim.errors import UsageError
@@ -186,13 +186,13 @@ def _lattice(
     return axis.lens, first, end, pitch_mm / display.pixel_pitch_mm
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _fill(
     holes, sources, down, across, row_rays, column_rays, front, depth, palette, same_mm, aspect,
     z_min, no_ground, colour, filled,
 ):  # fmt: skip
     """Fill each hole; see the module's definition."""
-    for n in numba.prange(len(holes)):
+    for n in prange(len(holes)):
         i, j = divmod(holes[n], sources.shape[1])
         if _seen_at(front, row_rays, i, column_rays, j, z_min) == -np.inf:
             continue
@@ -232,7 +232,7 @@ def _fill(
             colour[n, 0], colour[n, 1], colour[n, 2] = red / weight, green / weight, blue / weight
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _seen_at(front, row_rays, i, column_rays, j, z):
     """What the picture shows where a ray is at a depth; beyond its edge, what may be anything."""
     v0, dv, v1 = row_rays
@@ -244,7 +244,7 @@ def _seen_at(front, row_rays, i, column_rays, j, z):
     return np.float32(np.inf)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _next_of_surface(source, step, depth, shape, same_mm):
     """The picture's next pixel in a direction, if it is the same surface; or the pixel itself."""
     row, column = divmod(source % (shape[0] * shape[1]), shape[1])
@@ -258,7 +258,7 @@ def _next_of_surface(source, step, depth, shape, same_mm):
     return source
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _next_shown(sources, i, j, step, down, across):
     """Source of the next pixel of a view that shows something, or -1; and how many lenses on."""
     if step[0] == 0 and step[1] == 0:
@@ -272,7 +272,7 @@ def _next_shown(sources, i, j, step, down, across):
     return np.int64(-1), 0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _beside(pixel, lenses, axis):
     """The pixel of another elemental image that is nearest to the same place; -1 if none is."""
     lens, first, end, pitch = axis

@@ -16,9 +16,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import PixelAxis
 from inim.generators.base import PictureShape, PixelList
@@ -305,14 +305,14 @@ def cell_pairs(rows: RowRuns, columns: StripColumns) -> CellPairs:
     return CellPairs(first, row, column, lanes)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _find_pairs(  # type: ignore[no-untyped-def]
     row_first, row_exit, row_entry, row_lens, pass_first, exits, count, first, row, column, lanes,
     write,
 ):  # fmt: skip
     """Count the pairs of each panel row and pass, or write them."""
     passes = len(pass_first) - 1
-    for r in numba.prange(len(row_lens)):
+    for r in prange(len(row_lens)):
         if row_lens[r] >= 0:
             for p in range(passes):
                 at = first[r * passes + p]
@@ -329,7 +329,7 @@ def _find_pairs(  # type: ignore[no-untyped-def]
                 count[r, p] = found
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _visiting(entered, left, z_exit, z_entry):  # type: ignore[no-untyped-def]
     """Lenses that are in a column between two depths, a bit each."""
     bits = np.uint32(0)
@@ -360,7 +360,7 @@ def run_strips(
     )  # fmt: skip
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _run(  # type: ignore[no-untyped-def]
     depth, back, payload, columns_end, continue_behind, row_stride, nearest, farthest, row_first,
     row_lens, row_offset, row_exit, row_came, row_reach, strip_first, pixel, pass_first, offset,
@@ -368,7 +368,7 @@ def _run(  # type: ignore[no-untyped-def]
     lens_pixels, empty, out,
 ):  # fmt: skip
     """All panel rows, shared among the threads."""
-    for r in numba.prange(out.shape[0]):
+    for r in prange(out.shape[0]):
         out[r, :] = empty
         if row_lens[r] >= 0:
             strip = np.empty(int(lens_pixels.max()) * LANES, np.uint32)
@@ -381,7 +381,7 @@ def _run(  # type: ignore[no-untyped-def]
             )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _run_row(  # type: ignore[no-untyped-def]
     r, depth, back, payload, columns_end, continue_behind, row_stride, nearest, farthest, row_first,
     row_lens, row_offset, row_exit, row_came, row_reach, strip_first, pixel, pass_first, offset,

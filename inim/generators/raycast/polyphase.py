@@ -21,9 +21,9 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.generators.base import HOLE, PictureShape, SourceGenerator, Sources
 from inim.generators.raycast.cells import cell_rays
@@ -234,13 +234,13 @@ def index_payload(shape: PictureShape) -> np.ndarray:
     return np.arange(shape[0] * shape[1], dtype=np.uint32).reshape(shape)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _fill_shared(  # type: ignore[no-untyped-def]
     depth, covered, back, payload, anew, row0, column0, phase_depth, phase_back, phase_payload,
     reach, nearest, farthest,
 ):  # fmt: skip
     """`_fill`, shared among the threads."""
-    for i in numba.prange(phase_depth.shape[0]):
+    for i in prange(phase_depth.shape[0]):
         row = np.int64(i)
         _fill_row(
             row, depth, covered, back, payload, anew, row0, column0, phase_depth, phase_back,
@@ -249,7 +249,7 @@ def _fill_shared(  # type: ignore[no-untyped-def]
         _bound_row(row, phase_depth, phase_back, reach, nearest, farthest)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _fill(  # type: ignore[no-untyped-def]
     depth, covered, back, payload, anew, row0, column0, phase_depth, phase_back, phase_payload,
     reach, nearest, farthest,
@@ -266,7 +266,7 @@ def _fill(  # type: ignore[no-untyped-def]
         _bound_row(i, phase_depth, phase_back, reach, nearest, farthest)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _fill_row(  # type: ignore[no-untyped-def]
     i, depth, covered, back, payload, anew, row0, column0, phase_depth, phase_back, phase_payload
 ):
@@ -291,7 +291,7 @@ def _fill_row(  # type: ignore[no-untyped-def]
                     phase_payload[i, p, q, j] = payload[row, column0 + j * k + q]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _bound_row(i, depth, back, reach, nearest, farthest):  # type: ignore[no-untyped-def]
     _, k, _, across = depth.shape
     peaks = np.full(across, -np.inf, np.float32)  # of each slot
@@ -313,7 +313,7 @@ def _bound_row(i, depth, back, reach, nearest, farthest):  # type: ignore[no-unt
         nearest[i, s], farthest[i, s] = most, least
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def nearest_surface(nearest, top, bottom, strip):  # type: ignore[no-untyped-def]
     """Greatest depth that a strip can reach in slot rows top to bottom, both counted.
 
@@ -325,7 +325,7 @@ def nearest_surface(nearest, top, bottom, strip):  # type: ignore[no-untyped-def
     return most
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def farthest_end(farthest, top, bottom, strip):  # type: ignore[no-untyped-def]
     """Least depth at which a column ends that a strip can reach; as `nearest_surface`."""
     least = farthest[top, strip]
@@ -334,7 +334,7 @@ def farthest_end(farthest, top, bottom, strip):  # type: ignore[no-untyped-def]
     return least
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def write_strip(strip, columns, widths, start, shared, row):  # type: ignore[no-untyped-def]
     """Write a strip to its panel row.
 

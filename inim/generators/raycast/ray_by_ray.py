@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import pixel_rays, row_blocks
 from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources
@@ -22,7 +22,7 @@ from inim.generators.raycast.columns import Columns, columns_of
 from inim.image.rgbd import RGBD
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def leaves(cell, start, slope, scale):  # type: ignore[no-untyped-def]
     """Depth at which a ray leaves a cell in one axis; never, if it does not move in it."""
     if slope == 0.0:
@@ -30,7 +30,7 @@ def leaves(cell, start, slope, scale):  # type: ignore[no-untyped-def]
     return ((cell if slope > 0 else cell + 1) * scale - start) / slope
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def entered(start, slope, scale, z_max):  # type: ignore[no-untyped-def]
     """The cell a ray is in just below z_max; on a border, the one it is about to enter."""
     cell = int(np.floor((start + slope * z_max) / scale))
@@ -45,7 +45,7 @@ def entered(start, slope, scale, z_max):  # type: ignore[no-untyped-def]
     return cell
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def first_hit(fronts, backs, continue_behind, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
     """Walk one ray from z_max down to z_min: the source of its first hit, or `HOLE`.
 
@@ -86,7 +86,7 @@ def first_hit(fronts, backs, continue_behind, u0, du, u1, v0, dv, v1, z_min, z_m
 _OVER, _OVER_NOTHING, _BEHIND = -1, -2, -3
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _met(fronts, backs, row, column, z_entry, z_exit):  # type: ignore[no-untyped-def]
     """The layer that a ray hits in a cell between two depths, or how it leaves it."""
     front = fronts[0, row, column]
@@ -100,7 +100,7 @@ def _met(fronts, backs, row, column, z_entry, z_exit):  # type: ignore[no-untype
     return _BEHIND
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def walk(u0, du, u1, v0, dv, v1, z_min, z_max, cells, exits):  # type: ignore[no-untyped-def]
     """The cells a ray visits from z_max down to z_min, and the depths at which it leaves them.
 
@@ -184,7 +184,7 @@ def axis_runs(rays: CellRays, depth_range_mm: tuple[float, float]) -> AxisRuns:
     return AxisRuns(first, cells[used], exits[used])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _walk_axis(start, slope, scale, z_min, z_max, cells, exits, counts):  # type: ignore[no-untyped-def]
     for i in range(len(start)):
         step = -1 if slope[i] > 0 else 1
@@ -261,25 +261,25 @@ def _below(runs: AxisRuns, nearest_mm: float) -> np.ndarray:
     return below
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _first_hits(rows, columns, fronts, backs, continue_behind, z_min, found):  # type: ignore[no-untyped-def]
     """First hits of all panel pixels."""
-    for i in numba.prange(found.shape[0]):
+    for i in prange(found.shape[0]):
         for j in range(found.shape[1]):
             found[i, j] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _first_hits_at(  # type: ignore[no-untyped-def]
     rows, columns, at_row, at_column, fronts, backs, continue_behind, z_min, found
 ):
     """First hits of the panel pixels in some rows and columns, (n,) each."""
-    for n in numba.prange(len(at_row)):
+    for n in prange(len(at_row)):
         i, j = at_row[n], at_column[n]
         found[n] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min):  # type: ignore[no-untyped-def]
     """The source of the first hit of panel pixel (i, j), or `HOLE`; as `first_hit`."""
     row_begin, row_cell, row_exit = rows
@@ -322,9 +322,9 @@ def doubtful_pixels(rows: AxisRuns, columns: AxisRuns) -> np.ndarray:
     return found
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _find_doubtful(row_first, row64, row32, column_first, column64, column32, found):  # type: ignore[no-untyped-def]
-    for r in numba.prange(found.shape[0]):
+    for r in prange(found.shape[0]):
         for c in range(found.shape[1]):
             i, j = row_first[r], column_first[c]
             doubt = False
@@ -416,11 +416,11 @@ def ray_blocks(
         yield np.ones((1, end - first), bool), picked, (slice(None), slice(first, end))
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _free_first_hits(lensed, fronts, backs, continue_behind, rays, z_min, z_max, found):  # type: ignore[no-untyped-def]
     """`first_hit` of the pixels under lenses, into `found`; rays as of `free_cell_rays`."""
     u0, du, v0, dv = rays
-    for i in numba.prange(found.shape[0]):
+    for i in prange(found.shape[0]):
         for j in range(found.shape[1]):
             if lensed[i, j]:
                 found[i, j] = first_hit(

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.generators.base import PictureShape
 from inim.generators.raycast.cells import CENTRE, Aside
@@ -167,7 +167,7 @@ class _Deeper:
             self.held[number] = own
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _put_cells(cells, own, front, back, words, fronts, backs, payload):  # type: ignore[no-untyped-def]
     """Write some cells of a layer into their own slots."""
     for i in range(len(cells)):
@@ -175,7 +175,7 @@ def _put_cells(cells, own, front, back, words, fronts, backs, payload):  # type:
         fronts[slot], backs[slot], payload[slot] = front[cell], back[cell], words[cell]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _bound(own, fronts, reach, nearest):  # type: ignore[no-untyped-def]
     """Note the greatest depth of some slots that each strip can reach, by rows of slots."""
     across = len(fronts) // len(nearest)
@@ -194,7 +194,7 @@ def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
     does not need would cost the others a third of their time.
     """
 
-    @numba.njit(cache=True, nogil=True)
+    @compiled
     def run_row(  # type: ignore[no-untyped-def]
         m, front, back, payload, deeper_front, deeper_back, deeper_payload, row_stride, row_phases,
         nearest, farthest, deeper_nearest, first, offset, phase_row, reach, exits, entries,
@@ -256,7 +256,7 @@ def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
     return row
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _hit_deeper(below, searching, shown, left, came, cell, fronts, backs, payloads):  # type: ignore[no-untyped-def]
     """What is searched for and shown, once lanes below the front surface met what lies deeper."""
     layer = 0
@@ -277,26 +277,26 @@ _solid_row, _surface_row, _layered_row = (
 )
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _run_solid(rows, pixels, met, lists, shown, out):  # type: ignore[no-untyped-def]
     """All lens rows of columns without an end, shared among the threads."""
-    for m in numba.prange(rows):
+    for m in prange(rows):
         strip = np.empty(pixels * LANES, np.uint32)
         # The loop's own index is unsigned: passed on as it is, the row is compiled twice.
         _solid_row(np.int64(m), *met, *lists, *shown, strip, out)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _run_surface(rows, pixels, met, lists, shown, out):  # type: ignore[no-untyped-def]
     """All lens rows of columns of one layer that end."""
-    for m in numba.prange(rows):
+    for m in prange(rows):
         strip = np.empty(pixels * LANES, np.uint32)
         _surface_row(np.int64(m), *met, *lists, *shown, strip, out)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _run_layered(rows, pixels, met, lists, shown, out):  # type: ignore[no-untyped-def]
     """All lens rows of layered columns."""
-    for m in numba.prange(rows):
+    for m in prange(rows):
         strip = np.empty(pixels * LANES, np.uint32)
         _layered_row(np.int64(m), *met, *lists, *shown, strip, out)

@@ -16,9 +16,9 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cache, cached_property
 
-import numba
 import numpy as np
 
+from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS, SubPixel, stated
 from inim.generators.base import Ray, SourceGenerator, Sources
@@ -228,12 +228,12 @@ def _code(linear: np.ndarray) -> np.ndarray:
     return srgb_to_uint8(srgb_from_linear(linear))
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _mean_colours(sources, palette, mean):  # type: ignore[no-untyped-def]
     """Mean over (rays, rows, columns) sources of the colours of a palette, (n, channels)."""
     rays, rows, columns = sources.shape
     share = np.float32(1 / rays)
-    for row in numba.prange(rows):
+    for row in prange(rows):
         for column in range(columns):
             first, same = sources[0, row, column], True
             for ray in range(1, rays):
@@ -250,16 +250,16 @@ def _mean_colours(sources, palette, mean):  # type: ignore[no-untyped-def]
                 mean[row, column, c] = light
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _decode(codes, light, opacity, linear):  # type: ignore[no-untyped-def]
     """Light and opacity of (n, 4) codes; see `_transfer`."""
-    for n in numba.prange(len(codes)):
+    for n in prange(len(codes)):
         for c in range(3):
             linear[n, c] = light[codes[n, c]]
         linear[n, 3] = opacity[codes[n, 3]]
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _mean_codes(sources, words, linear, step_code, code_begins, mean):  # type: ignore[no-untyped-def]
     """Mean RGBA words over (2 or 4, rows, columns) sources of colours, in their light (n, 4).
 
@@ -268,7 +268,7 @@ def _mean_codes(sources, words, linear, step_code, code_begins, mean):  # type: 
     """
     rays, rows, columns = sources.shape
     share = np.float32(1 / rays)
-    for row in numba.prange(rows):
+    for row in prange(rows):
         third, fourth = sources[rays - 2, row], sources[rays - 1, row]
         for column in range(columns):
             a = _colour(sources[0, row, column])
@@ -289,13 +289,13 @@ def _mean_codes(sources, words, linear, step_code, code_begins, mean):  # type: 
             mean[row, column] = word
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _colour(source):  # type: ignore[no-untyped-def]
     """Where a source's colour is."""
     return np.uintp(max(source, -1) + 1)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _sum(linear, a, b, c, d, channel, share):  # type: ignore[no-untyped-def]
     return (
         share * linear[a, channel]
@@ -305,7 +305,7 @@ def _sum(linear, a, b, c, d, channel, share):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _opacity(alpha):  # type: ignore[no-untyped-def]
     """The code of an opacity, to the nearest and the even one, without a call of the C library."""
     whole = np.float32(2**23)
