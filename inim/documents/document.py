@@ -26,13 +26,6 @@ _LARGEST_INTEGER_DIGITS = 20
 _SHOWN_CHARACTERS = 60
 _NOT_FINITE = "not_finite"
 
-_OPTIONS = {
-    "frozen": True,
-    "kw_only": True,
-    "forbid_unknown_fields": True,
-    "omit_defaults": True,
-}
-
 _Path = tuple[str | int, ...]
 
 
@@ -41,15 +34,21 @@ def doc(text: str, **schema: Any) -> msgspec.Meta:
     return msgspec.Meta(description=text, extra_json_schema=schema or None)
 
 
-@dataclass_transform(frozen_default=True, kw_only_default=True)
 class _Declaration(msgspec.StructMeta):
-    """Passes the options of `Part` to its subclasses, which msgspec does for some of them only."""
+    """Passes `kw_only` on to subclasses, which msgspec does not."""
 
     def __new__(mcs, name: str, bases: Any, namespace: Any, **options: Any) -> Any:
-        return super().__new__(mcs, name, bases, namespace, **_OPTIONS | options)
+        return super().__new__(mcs, name, bases, namespace, **{"kw_only": True} | options)
 
 
-class Part(msgspec.Struct, metaclass=_Declaration):
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(msgspec.field,))
+class Part(
+    msgspec.Struct,
+    frozen=True,
+    forbid_unknown_fields=True,
+    omit_defaults=True,
+    metaclass=_Declaration,
+):
     """An object in a document. A field with a default is left out of the JSON if it has it."""
 
 

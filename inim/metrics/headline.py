@@ -5,9 +5,35 @@ It is `MAIN` on the relic, to the ceiling.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 from inim.metrics.ssim import metric
 
 MAIN = metric
 #: Keys of the headline score and of the same score to the scene.
 HEADLINE, HEADLINE_TO_SCENE = MAIN.on_relic_to_ceiling_key, MAIN.on_relic_key
 HEADLINE_WORDS = f"{MAIN.label} on the relic, to the ceiling"
+
+
+def best_algorithm(headlines: Mapping[str, Sequence[float]]) -> str | None:
+    """The algorithm with the best mean headline score; the first of equal ones.
+
+    One that lacks any of the scores is never the best while another has them all.
+
+    Parameters
+    ----------
+    headlines : mapping of str to sequence of float
+        Finite scores of the views, by algorithm.
+
+    Returns
+    -------
+    str or None
+        None without any score.
+    """
+
+    def rank(algorithm: str) -> tuple[int, float]:
+        scores = headlines[algorithm]
+        return len(scores), sum(scores) / len(scores) if scores else 0.0
+
+    best = max(headlines, key=rank, default=None)
+    return best if best is not None and headlines[best] else None

@@ -1,0 +1,385 @@
+"""Parts that several documents share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Annotated, Literal
+
+from msgspec import Meta, field
+
+from inim.display import Display
+from inim.documents.document import Part, doc
+
+Created = Annotated[
+    str,
+    doc(
+        "Time of creation: UTC, ISO 8601.",
+        format="date-time",
+        examples=["2026-11-22T05:01:10+00:00"],
+    ),
+]
+InimVersion = Annotated[str, doc("Version of inim.")]
+Versions = Annotated[
+    dict[str, str],
+    doc("Versions of Python and of packages by name; `unknown`: not installed."),
+]
+Command = Annotated[str, doc("The command line that repeats it.")]
+Files = Annotated[list[str], doc("All its files, relative to its folder.")]
+Sha256 = Annotated[str, doc("A SHA-256 in hexadecimal digits.", pattern="^[0-9a-f]{64}$")]
+LensModel = Annotated[str, doc("Lens model of the views.")]
+Warnings = Annotated[list[str], doc("What to know before trusting the results, a text each.")]
+
+
+class Backend(Part):
+    """The renderer's backend."""
+
+    variant: Annotated[str, doc("Variant of Mitsuba.")]
+    libllvm: Annotated[str | None, doc("Version of the LLVM library; null: the CUDA backend.")]
+    device: Annotated[str, doc("Name of the processor or graphics card.")]
+
+
+class DerivedDisplay(Part):
+    """Lengths and angles that follow from a display's parameters."""
+
+    width_mm: Annotated[float, doc("Width of the lens array, mm.")]
+    height_mm: Annotated[float, doc("Height of the lens array, mm.")]
+    eia_rows: Annotated[int, doc("Panel pixels down, the rows of an elemental image array (EIA).")]
+    eia_columns: Annotated[int, doc("Panel pixels across, the columns of an EIA.")]
+    pixels_per_lens: Annotated[
+        float, doc("Panel pixels per elemental image along one axis; rarely an integer.")
+    ]
+    central_depth_mm: Annotated[
+        float | None,
+        doc("Central depth plane D = f g / (g - f), z in mm; null: infinite, a focused display."),
+    ]
+    scene_pixel_mm: Annotated[
+        float | None,
+        doc("Size of a panel pixel's image at that plane, P_I = |D| P_D / g, mm; null: infinite."),
+    ]
+    depth_span_mm: Annotated[
+        float | None, doc("Displayable depth by the formula, 2 |D| P_I / P, mm; null: infinite.")
+    ]
+    depth_min_mm: Annotated[float, doc("Far end of the depth range for pictures, z in mm.")]
+    depth_max_mm: Annotated[float, doc("Near end of the depth range for pictures, z in mm.")]
+    depth_range_is_cut: Annotated[
+        bool, doc("True if the range by the formula reached into the lens array and was cut.")
+    ]
+    viewing_half_angle_deg: Annotated[
+        float, doc("Half of the angle inside which no view repeats, degrees.")
+    ]
+    nearest_viewing_distance_mm: Annotated[
+        float | None,
+        doc("Distance from which an eye on the axis sees no flipped view, mm; null: none."),
+    ]
+
+
+class DisplayRecord(Part):
+    """The display as designed."""
+
+    given: Annotated[Display, doc("Its parameters.")]
+    derived: DerivedDisplay
+
+    @classmethod
+    def of(cls, display: Display) -> DisplayRecord:
+        """Record a display."""
+        return cls(given=display, derived=DerivedDisplay(**display.derived()))
+
+
+class EyePosition(Part):
+    """An eye position."""
+
+    name: Annotated[str, doc("Its name.")]
+    position_mm: Annotated[
+        tuple[float, float, float],
+        doc(
+            "Position x, y, z of the eye in the display frame, mm: x to the right, y up, z "
+            "towards the viewer from the lens array."
+        ),
+    ]
+
+
+Viewpoints = Annotated[list[EyePosition], doc("Eye positions, in order.")]
+
+
+# -- checks ---------------------------------------------------------------------------------------
+
+
+class Check(Part):
+    """A value against a limit."""
+
+    name: Annotated[str, doc("What is checked.")]
+    value: Annotated[
+        float | None, doc("Measured value; null: not a number, or infinite, which may pass.")
+    ]
+    relation: Annotated[
+        Literal[">=", "<=", "within"],
+        doc("Relation of value and limit; `within` is between -limit and limit."),
+    ]
+    limit: Annotated[float, doc("Limit of the value.")]
+    passed: Annotated[bool, doc("True if the check passed.")]
+    detail: Annotated[str, doc("The rest in words; may be empty.")]
+    interval: Annotated[
+        tuple[float | None, float | None] | None,
+        doc(
+            "Confidence interval of the value, if its noise is known; null: an end that is "
+            "unknown or infinite."
+        ),
+    ] = None
+    p_value: Annotated[
+        float | None,
+        doc("p-value of no change, two-sided, before the correction for many tests."),
+    ] = None
+    unit: Annotated[
+        str | None, doc("Unit of the value in a comparison with a baseline; may be empty.")
+    ] = None
+    kind: Annotated[
+        Literal["picture", "score", "pixels", "noise", "time"] | None,
+        doc("Object of a comparison with a baseline."),
+    ] = None
+    criterion: Annotated[
+        bool, doc("True for a check of quality, against a limit that the user set.")
+    ] = False
+
+    def __post_init__(self) -> None:
+        if self.passed and self.value is not None and math.isnan(self.value):
+            raise ValueError("passed, but the value is not a number")
+
+    @property
+    def is_of_quality(self) -> bool:
+        """True for a check against a limit that the user set, or against a baseline."""
+        return self.criterion or self.kind is not None
+
+
+class Checks(Part):
+    """The verdict: all checks."""
+
+    passed: Annotated[bool, doc("True if every check passed.")]
+    checks: Annotated[list[Check], doc("The checks, in order.")]
+
+    @property
+    def word(self) -> Literal["passed", "ran clean", "failed", "no verdict"]:
+        """The verdict in a word or two.
+
+        "ran clean" if all checks passed, but none of them is of quality; "no verdict" if nothing
+        was checked.
+        """
+        if not self.passed:
+            return "failed"
+        if not self.checks:
+            return "no verdict"
+        return "passed" if any(check.is_of_quality for check in self.checks) else "ran clean"
+
+    @property
+    def passed_count(self) -> int:
+        """Number of checks that passed."""
+        return sum(check.passed for check in self.checks)
+
+    def __post_init__(self) -> None:
+        if self.passed and not all(check.passed for check in self.checks):
+            raise ValueError("passed, but one of the checks failed")
+
+
+# -- scores ---------------------------------------------------------------------------------------
+
+_SSIM = "Structural similarity (SSIM), -1 to 1, 1 for equal pictures"
+_PSNR = "Peak signal-to-noise ratio (PSNR), dB, higher is better; null: infinite, of equal pictures"
+_FLIP = "Mean FLIP, 0 to 1, 0 for equal pictures"
+_NO_RELIC = "; null: no pixel shows the relic."
+#: Names and descriptions of the scores of a view that every run has.
+VIEW_SCORES = {
+    "ssim": f"{_SSIM}.",
+    "psnr_db": f"{_PSNR}.",
+    "flip": f"{_FLIP}.",
+    "ssim_on_relic": f"SSIM on the relic alone{_NO_RELIC}",
+    "psnr_on_relic_db": "PSNR on the relic alone, dB; null: infinite, or no pixel shows the relic.",
+    "flip_on_relic": f"FLIP on the relic alone{_NO_RELIC}",
+}
+#: The same of an EIA.
+EIA_SCORES = {key: VIEW_SCORES[key] for key in ("ssim", "psnr_db")}
+
+
+def scores(text: str, named: dict[str, str], other: str) -> Meta:
+    """Description of a mapping of scores by name: those it always has, and `other` ones."""
+    number = {"type": ["number", "null"]}
+    return doc(
+        text,
+        properties={name: number | {"description": about} for name, about in named.items()},
+        required=list(named),
+        additionalProperties=number | {"description": other},
+    )
+
+
+Scores = Annotated[
+    dict[str, float | None],
+    scores(
+        "Scores of one picture against another by every metric, whole and on the relic.",
+        VIEW_SCORES,
+        "The same of another package's metric, under its name and unit, with `_on_relic` on the "
+        "relic; null: infinite.",
+    ),
+]
+EiaScores = Annotated[
+    dict[str, float | None],
+    scores(
+        "Scores of an EIA against the ground truth by the metrics that apply to a panel; null with "
+        "`--lazy`.",
+        EIA_SCORES,
+        "The same of another package's metric, under its name and unit; null: infinite.",
+    ),
+]
+
+
+class ScorePrecision(Part):
+    """Precision of a score."""
+
+    plain: Annotated[float | None, doc("The score of the noisy pictures; null: as for the score.")]
+    interval: Annotated[
+        tuple[float | None, float | None],
+        doc("95 % interval of the score without noise; null: an unknown or infinite end."),
+    ]
+
+    @property
+    def half_width(self) -> float | None:
+        """Half of the interval's width."""
+        low, high = self.interval
+        if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
+            return None
+        return (high - low) / 2
+
+
+Precision = Annotated[
+    dict[str, dict[str, ScorePrecision]],
+    doc("Precision of the scores: by viewpoint, then by the score's name."),
+]
+
+
+def check_scores(place: str, values: dict[str, float | None], named: dict[str, str]) -> None:
+    """Raise ValueError if a score is missing that every run has."""
+    missing = [name for name in named if name not in values]
+    if missing:
+        raise ValueError(f"{place}: {missing[0]} is missing")
+
+
+# -- comparisons ----------------------------------------------------------------------------------
+
+
+class Change(Part):
+    """A circumstance that differs."""
+
+    name: Annotated[str, doc("Its name.")]
+    baseline: Annotated[
+        str | int | float | bool | None, doc("Its value in the baseline; null: none.")
+    ]
+    candidate: Annotated[str | int | float | bool | None, doc("Its value now; null: none.")]
+
+
+class Drift(Part):
+    """A score of both runs."""
+
+    what: Annotated[
+        str, doc("Scored object: an algorithm's EIA, or one of its views as `ALGORITHM/VIEWPOINT`.")
+    ]
+    score: Annotated[str, doc("Name of the score.")]
+    baseline: Annotated[float | None, doc("Its value in the baseline; null: none, or not finite.")]
+    candidate: Annotated[float | None, doc("Its value now; null: none, or not finite.")]
+    change: Annotated[float | None, doc("Increase; null: one of the two is null.")]
+
+
+class Regression(Part):
+    """Results of a comparison with a baseline, except its checks."""
+
+    baseline: Annotated[str, doc("Folder of the baseline, or of the report before.")]
+    reason: Annotated[str, doc("Reason for the baseline; empty for a report.")]
+    accepted: Annotated[str, doc("Time of its acceptance, UTC, ISO 8601; empty for a report.")]
+    circumstances: Annotated[
+        list[Change], doc("Other differences: versions, samples, seed, machine.")
+    ]
+    drift: Annotated[list[Drift], doc("Every score of both runs.")]
+    pictures: Annotated[list[str], doc("Names of the changed pictures in `regression/`.")]
+
+
+class Conditions(Part):
+    """Conditions that two runs must share to be compared."""
+
+    scene_sha256: Annotated[
+        str, doc("SHA-256 over the scene's XML and all files it names.", pattern="^[0-9a-f]{64}$")
+    ] = field(name="scene (SHA-256)")
+    scene_parameters: Annotated[
+        list[str], doc("Values of the scene's own parameters, as `NAME=VALUE`.")
+    ] = field(name="scene parameters")
+    display: Annotated[Display, doc("Parameters of the display; absent: the default.")]
+    derived: DerivedDisplay = field(name="display as derived")
+    misalign: Annotated[
+        str,
+        doc(
+            "Misalignment that generators do not know, as `rotation_deg=0.5, gap_mm=0.1`; empty: "
+            "none."
+        ),
+    ] = field(name="array as mounted")
+    fit_share: Annotated[float, doc("Share of the array that the relic may fill, 0 to 1.")] = field(
+        name="share of the array filled"
+    )
+    lens_model: LensModel = field(name="lens model")
+    viewpoints: Annotated[
+        dict[str, tuple[float, float, float, float, float | None]],
+        doc(
+            "By name: position x, y, z in the display frame, diameter of the pupil, and distance "
+            "of the eye's focus (null: the central depth plane), mm."
+        ),
+    ]
+    view_pixels_per_lens: Annotated[int, doc("Pixels per lens of the views, along one axis.")] = (
+        field(name="view pixels per lens")
+    )
+    capture_pixels_per_pitch: Annotated[
+        int | float, doc("Pixels of the RGB-D picture per lens pitch.")
+    ] = field(name="RGB-D pixels per pitch")
+    algorithms: Annotated[list[str], doc("Names of the algorithms, in alphabetical order.")]
+    luminance_cd_m2: Annotated[
+        float | None, doc("Only with metrics of perception: luminance of the panel's white.")
+    ] = field(name="luminance of white, cd/m^2", default=None)
+    panel_pixels: Annotated[Literal["observed ones only"] | None, doc("Only with `--lazy`.")] = (
+        field(name="panel pixels", default=None)
+    )
+    variant: Annotated[str | None, doc("Variant of the renderer.")] = None
+
+
+class Circumstances(Part):
+    """Circumstances of a run, which may differ between two that are compared."""
+
+    title: Annotated[str, doc("Name of the scene.")]
+    created: Created
+    inim: InimVersion
+    python: Annotated[str, doc("Version of Python.")]
+    drjit: Annotated[str, doc("Version of Dr.Jit.")]
+    mitsuba: Annotated[str, doc("Version of Mitsuba.")]
+    numba: Annotated[str, doc("Version of numba.")]
+    numpy: Annotated[str, doc("Version of NumPy.")]
+    scikit_image: Annotated[str, doc("Version of scikit-image.")] = field(name="scikit-image")
+    cvvdp: Annotated[str | None, doc("Version of ColorVideoVDP, if installed.")] = None
+    torch: Annotated[str | None, doc("Version of PyTorch, if ColorVideoVDP is installed.")] = None
+    libllvm: Annotated[str | None, doc("Version of the LLVM library; null: the CUDA backend.")] = (
+        field(name="libLLVM")
+    )
+    device: Annotated[str, doc("Name of the processor or graphics card that rendered.")]
+    processor: Annotated[
+        str, doc("Model of the processor. Times are compared only between equal ones.")
+    ]
+    threads: Annotated[
+        int, doc("Threads of the processor. Times are compared only between equal numbers.")
+    ]
+    capture_spp: Annotated[int, doc("Samples per pixel of the RGB-D picture.")]
+    eia_spp: Annotated[int, doc("Samples per pixel of the ground-truth EIA, both halves.")]
+    view_spp: Annotated[int, doc("Samples per pixel of a ground-truth view, both halves.")]
+    reconstruction_spp: Annotated[int, doc("Samples per pixel of a reconstructed view.")]
+    seed: Annotated[int, doc("Random seed of the ground truth.")]
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Raise ValueError for a name of an algorithm or viewpoint that leads out of the folder.
+
+    They name files.
+    """
+    for name in names:
+        if not name or name.startswith(".") or any(c in "/\\" or not c.isprintable() for c in name):
+            raise ValueError(f"{name[:40]!a} names no file of the report")

@@ -1,0 +1,325 @@
+"""`report.json`: validation of a scene."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from inim.documents.document import Document, Part, doc
+from inim.documents.parts import (
+    EIA_SCORES,
+    VIEW_SCORES,
+    Backend,
+    Checks,
+    Command,
+    Created,
+    DisplayRecord,
+    EiaScores,
+    Files,
+    InimVersion,
+    LensModel,
+    Precision,
+    Regression,
+    Scores,
+    Sha256,
+    Versions,
+    Viewpoints,
+    Warnings,
+    check_names,
+    check_scores,
+    scores,
+)
+from inim.metrics.headline import HEADLINE, best_algorithm
+from inim.settings import Settings
+
+_Row = tuple[float, float, float, float]
+
+_ALGORITHM_VIEW_SCORES = VIEW_SCORES | {
+    "ssim_to_ceiling": "SSIM against the ceiling's view: the loss of the algorithm.",
+    "psnr_to_ceiling_db": "PSNR against the ceiling's view, dB; null: infinite.",
+    "flip_to_ceiling": "FLIP against the ceiling's view.",
+    "ssim_on_relic_to_ceiling": (
+        "SSIM against the ceiling's view on the relic alone: the headline; null: no pixel shows "
+        "the relic."
+    ),
+    "psnr_on_relic_to_ceiling_db": (
+        "PSNR against the ceiling's view on the relic alone, dB; null: infinite, or no pixel shows "
+        "the relic."
+    ),
+    "flip_on_relic_to_ceiling": (
+        "FLIP against the ceiling's view on the relic alone; null: no pixel shows the relic."
+    ),
+}
+_ALGORITHM_EIA_SCORES = EIA_SCORES | {
+    "hole_fraction": "Share of the lensed panel pixels that show nothing, 0 to 1; null: unknown."
+}
+
+
+class Preview(Part):
+    """A preview takes few samples: its scores are rough."""
+
+    full_command: Annotated[str, doc("Command line for the full report.")]
+
+
+class Splats(Part):
+    """Translucency of a relic of 3D Gaussian splats, by the rays of the RGB-D picture."""
+
+    count: Annotated[int, doc("Number of splats.")]
+    touched_fraction: Annotated[
+        float,
+        doc(
+            "Share of the RGB-D picture's pixels whose ray loses at least a hundredth of its "
+            "light, 0 to 1: the shares below are of these pixels."
+        ),
+    ]
+    mean_coverage: Annotated[
+        float | None, doc("Mean share of the lost light, 0 to 1; null: splats touch no pixel.")
+    ]
+    coverage_histogram: Annotated[
+        list[float],
+        doc("Shares of the pixels that lose 0 to 10 %, 10 to 20 %, ... of the light: 10 numbers."),
+    ]
+    without_depth_fraction: Annotated[
+        float, doc("Share of the pixels that never lose half of the light: they have no depth.")
+    ]
+    never_opaque_fraction: Annotated[
+        float, doc("Share of the pixels that never lose nine tenths of the light.")
+    ]
+    depth_spread_mm: Annotated[
+        float | None,
+        doc(
+            "Median depth from the first tenth of the light lost to the last, mm; null: no pixel "
+            "loses nine tenths."
+        ),
+    ]
+    depth_spread_p95_mm: Annotated[float | None, doc("The same, of the pixel at 95 %, mm.")]
+    counted_twice_fraction: Annotated[
+        float, doc("Share of the pixels in which the renderer counts a splat twice.")
+    ]
+
+
+class Fit(Part):
+    """Fit of the scene into the display."""
+
+    scale_xy: Annotated[float, doc("Display millimetres per world unit, across and down.")]
+    scale_z: Annotated[float, doc("Display millimetres per world unit, in depth.")]
+    display_from_world: Annotated[
+        tuple[_Row, _Row, _Row, _Row],
+        doc("Matrix from world to display coordinates, rows of a 4 x 4."),
+    ]
+
+
+class SceneRecord(Part):
+    """The scene."""
+
+    path: Annotated[str, doc("Path of the scene's XML, as given.")]
+    sha256: Annotated[Sha256, doc("SHA-256 over the XML and all files it names.")]
+    definitions: Annotated[
+        dict[str, str], doc("Settings and scene parameters of the command line (`-D`), by name.")
+    ]
+    allow_folders: Annotated[
+        list[str], doc("Folders, besides the scene's own, with files that it may name.")
+    ]
+    shapes: Annotated[int, doc("Number of shapes that are not lights.")]
+    splats: Splats | None = None
+    fit: Fit
+
+
+class CapturedPicture(Part):
+    """The RGB-D picture of the scene, the input of the algorithms."""
+
+    rows: Annotated[int, doc("Pixels down.")]
+    columns: Annotated[int, doc("Pixels across.")]
+    pixel_mm: Annotated[float, doc("Size of a pixel, mm.")]
+    covered_fraction: Annotated[float, doc("Share of the pixels that show something, 0 to 1.")]
+    depth_min_mm: Annotated[
+        float | None, doc("Farthest depth, z in mm; null: the picture shows nothing.")
+    ]
+    depth_max_mm: Annotated[
+        float | None, doc("Nearest depth, z in mm; null: the picture shows nothing.")
+    ]
+
+
+class NoiseFloor(Part):
+    """The ground truth against itself, one half of its samples against the other.
+
+    Smaller differences are noise.
+    """
+
+    eia: Annotated[EiaScores, doc("Scores of the ground-truth EIA.")]
+    views: Annotated[dict[str, Scores], doc("Scores of the ground-truth views, by viewpoint.")]
+
+
+class MetricSettings(Part):
+    """Settings of a metric."""
+
+    border_px: Annotated[int, doc("Pixels along each side of a picture that do not count.")]
+    arguments: Annotated[
+        dict[str, float | str | bool],
+        doc(
+            "For SSIM the arguments of scikit-image's structural_similarity, for FLIP the pixels "
+            "per degree."
+        ),
+    ]
+
+
+class Scoring(Part):
+    """All that decides scores, to compute them again from the EXR pictures."""
+
+    headline: Annotated[str, doc("Name of the score that ranks algorithms.")]
+    relic_margin_px: Annotated[
+        int,
+        doc(
+            "Scores on the relic are of its pixels in the true view and of those within so many "
+            "pixels of them, along each axis: `truth/relic`."
+        ),
+    ]
+    metrics: Annotated[dict[str, MetricSettings], doc("Settings of each metric, by its name.")]
+
+
+class Ceiling(Part):
+    """Views of the ground-truth EIA through the same lenses.
+
+    No algorithm scores higher on the display by more than noise, unless a warning says so.
+    """
+
+    views: Annotated[dict[str, Scores], doc("Scores against the scene, by viewpoint.")]
+    precision: Precision
+
+
+class AlgorithmResult(Part):
+    """Results of an algorithm or a finished EIA."""
+
+    eia: Annotated[
+        dict[str, float | None],
+        scores(
+            "Scores of the EIA against the ground truth, before any optics; null with `--lazy`.",
+            _ALGORITHM_EIA_SCORES,
+            "The same of another package's metric, under its name and unit; null: infinite.",
+        ),
+    ]
+    views: Annotated[
+        dict[
+            str,
+            Annotated[
+                dict[str, float | None],
+                scores(
+                    "Scores of a view without noise.",
+                    _ALGORITHM_VIEW_SCORES,
+                    "The same of another package's metric: NAME_UNIT against the scene, "
+                    "NAME_to_ceiling_UNIT against the ceiling's view, NAME_on_relic_UNIT and "
+                    "NAME_on_relic_to_ceiling_UNIT on the relic; null: infinite.",
+                ),
+            ],
+        ],
+        doc("Scores of its views, by viewpoint."),
+    ]
+    precision: Precision
+    seconds: Annotated[
+        float | None, doc("Seconds to generate the EIA, once and cold; null: a finished EIA.")
+    ]
+    yardsticks: Annotated[
+        float | None,
+        doc("With `--time`: a generator's time as a multiple of the reference kernel's, median."),
+    ] = None
+
+
+class SkippedStep(Part):
+    """A step of the run, in words."""
+
+    what: Annotated[str, doc("The step.")]
+    done: Annotated[str, doc("The part that was done.")]
+    skipped: Annotated[str, doc("The part that was skipped.")]
+    why: Annotated[str, doc("Why that is safe.")]
+
+
+class ReportDocument(Document, tag="inim.report/2"):
+    """Report of a validation.
+
+    `report.json` in the folder of `inim validate SCENE`: the results of a validation as data.
+    """
+
+    title: Annotated[str, doc("Name of the scene.")]
+    created: Created
+    inim_version: InimVersion
+    versions: Versions
+    command: Command
+    preview: Preview | None = None
+    scene: SceneRecord
+    settings: Annotated[
+        Settings,
+        doc(
+            "Every `inim.*` setting in force, by its name without `inim.`; null: not given. With "
+            "`score_error`, the samples are those that were taken."
+        ),
+    ]
+    display: DisplayRecord
+    misalign: Annotated[
+        str, doc("Misalignment of the array that generators do not know; empty: none.")
+    ]
+    backend: Backend
+    lens_model: LensModel
+    viewpoints: Viewpoints
+    rgbd: CapturedPicture
+    noise_floor: NoiseFloor
+    scoring: Scoring
+    ceiling: Ceiling
+    algorithms: Annotated[
+        dict[str, AlgorithmResult],
+        doc(
+            "Results, by name: an algorithm with its options, or the name of a finished EIA "
+            "(`--eia`)."
+        ),
+    ]
+    timings: Annotated[
+        dict[str, float],
+        doc(
+            "Seconds by stage; `start`: until the stages began; `mitsuba_render`: inside the "
+            "renderer, all stages together; `total`: the whole run.",
+            required=["start", "mitsuba_render", "total"],
+        ),
+    ]
+    skipped: Annotated[list[SkippedStep], doc("Done and skipped parts of each step.")]
+    warnings: Warnings
+    verdict: Checks
+    files: Files = []
+    regression: Annotated[Regression | None, doc("Only with `--baseline`.")] = None
+
+    def __post_init__(self) -> None:
+        check_names([*self.viewpoint_names, *self.algorithms])
+        if "total" not in self.timings:
+            raise ValueError("timings: total is missing")
+        check_scores("noise_floor.eia", self.noise_floor.eia, EIA_SCORES)
+        for name in self.viewpoint_names:
+            for place in ("noise_floor", "ceiling"):
+                views = getattr(self, place).views
+                if name not in views:
+                    raise ValueError(f"{place}: has no scores of {name[:40]!a}")
+                check_scores(f"{place}.{name[:40]!a}", views[name], VIEW_SCORES)
+        for name, result in self.algorithms.items():
+            check_scores(f"algorithms.{name}.eia", result.eia, _ALGORITHM_EIA_SCORES)
+            for view, found in result.views.items():
+                check_scores(f"algorithms.{name}.{view[:40]!a}", found, _ALGORITHM_VIEW_SCORES)
+        for place, views in {
+            **{f"algorithms.{name}": one.views for name, one in self.algorithms.items()},
+            "ceiling": self.ceiling.views,
+        }.items():
+            for view in views:
+                if view not in self.viewpoint_names:
+                    raise ValueError(f"{place}: has scores of {view[:40]!a}, which is no viewpoint")
+
+    @property
+    def viewpoint_names(self) -> list[str]:
+        """Names of the viewpoints, in order."""
+        return [eye.name for eye in self.viewpoints]
+
+    def headlines(self, algorithm: str) -> list[float]:
+        """Headline scores of an algorithm's views, those that are finite numbers."""
+        views = self.algorithms[algorithm].views
+        values = [views[name][HEADLINE] for name in self.viewpoint_names if name in views]
+        return [v for v in values if v is not None and math.isfinite(v)]
+
+    @property
+    def best_algorithm(self) -> str | None:
+        """The algorithm with the best mean headline score; None without any score."""
+        return best_algorithm({name: self.headlines(name) for name in self.algorithms})
