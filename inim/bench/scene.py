@@ -20,6 +20,7 @@ from inim.bench.evaluate import (
 from inim.display import Display
 from inim.errors import SceneError, UsageError
 from inim.generators import algorithm_names, check_algorithm, is_own, properties
+from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.expected import capture_steps
 from inim.pipeline.plan import Plan, make_plan
@@ -211,12 +212,14 @@ def _render(plan: Plan, names: Sequence[str], renderer: Renderer) -> _Inputs:
     capture = capture_relic(camera, layers=reads_layers, run=run)
     if not capture.rgbd.covered.any():
         raise SceneError(f"{plan.request.scene}: the depth camera sees nothing to time with")
-    truth = pick_up_truth(scene, plan.display, s.eia_spp, s.seed, None, run=run).halves
+    truth = pick_up_truth(scene, plan.display, s.eia_spp, s.seed, None, run=run)
 
     def views_of(eia: np.ndarray) -> list[np.ndarray]:
         """As a validation reconstructs them."""
         optics = replace(plan.optics, mounted=plan.display)
-        seen = reconstruct_views("", eia, None, plan.viewpoints, optics, renderer, run=run)
+        seen = reconstruct_views(
+            "", NoisyImage.from_image(eia), plan.viewpoints, optics, renderer, run=run
+        )
         return [view.image for view in seen.values()]
 
     ready = display_ready(capture.rgbd)

@@ -62,7 +62,7 @@ def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measure
     eia = pick_up_truth(scene, plan.mounted, s.eia_spp, s.seed, mask, run=run)
     sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
     views = {eye.name: render_view(scene, eye, *sampling, run=run) for eye in eyes}
-    ceiling = reconstruct_views("ceiling", *eia.parts, eyes, optics, renderer, run=run)
+    ceiling = reconstruct_views("ceiling", eia, eyes, optics, renderer, run=run)
     truth = collect_truth(capture, eia, views, ceiling, whole=mask is None)
     images.save_capture(capture, plan.display)
     images.save_truth(truth)
@@ -71,8 +71,8 @@ def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measure
     results = {}
     for method, maker in zip(plan.methods, makers, strict=True):
         made = make_eia(method, maker, capture, run=run)
-        images.save(f"eia/{method.name}", made.eia)
-        seen = reconstruct_views(method.name, made.eia, made.noise, eyes, optics, renderer, run=run)
+        images.save(f"eia/{method.name}", made.eia.image)
+        seen = reconstruct_views(method.name, made.eia, eyes, optics, renderer, run=run)
         images.save_views(method.name, seen)
         images.save_heat_maps(method.name, heat_maps(truth.ceiling, seen, plan, run=run))
         results[method.name] = evaluate(method.name, made, seen, truth, plan, run=run)

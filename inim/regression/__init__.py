@@ -33,7 +33,7 @@ from inim.regression.run_statistics import (
     write_statistics,
 )
 from inim.regression.scores import ScoreEstimate, is_above, score_interval, view_scores
-from inim.regression.tiles import HalfBuffer, TileStatistics, eia_tile, tile_statistics, view_tile
+from inim.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
 from inim.regression.times import is_steady, log_ratios, yardsticks
 from inim.regression.verdict import Verdict, all_passed
 
@@ -42,7 +42,6 @@ __all__ = [
     "CANDIDATE",
     "SCHEMA",
     "Fingerprint",
-    "HalfBuffer",
     "RunStatistics",
     "ScoreEstimate",
     "TileStatistics",

@@ -48,6 +48,7 @@ from typing import Any
 
 import numpy as np
 
+from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric, Viewing, all_metrics, find, score_maps
 from inim.regression.verdict import (
     FALSE_ALARM_RATE,
@@ -126,13 +127,13 @@ class ScoreEstimate:
         return cls(*(math.nan if one is None else float(one) for one in found))
 
 
-#: A picture, and the two halves it is the mean of: (rows, columns, 3) float32, linear RGB.
-Halved = tuple[np.ndarray, np.ndarray, np.ndarray]
+# An image, and the difference of its halves.
+_Moving = tuple[np.ndarray, np.ndarray]
 
 
 def view_scores(
-    reference: Halved,
-    test: Halved,
+    reference: NoisyImage,
+    test: NoisyImage,
     region: np.ndarray | None = None,
     keys: Sequence[str] | None = None,
     viewing: Viewing | None = None,
@@ -141,8 +142,7 @@ def view_scores(
 
     Parameters
     ----------
-    reference, test : three (rows, columns, 3) float32, linear RGB
-        The picture, and the two halves it is the mean of.
+    reference, test : NoisyImage
     region : (rows, columns) bool, optional
         The relic's: scores of it, too, by `on_relic_key`.
     keys : sequence of str, optional
@@ -151,18 +151,19 @@ def view_scores(
         Without it, metrics that are `viewed` are left out.
     """
     wanted = [m for m in all_metrics() if keys is None or m.key in keys]
-    maps = score_maps(reference[0], test[0], [metric.key for metric in wanted], viewing)
+    truth, view = _moving(reference), _moving(test)
+    maps = score_maps(truth[0], view[0], [metric.key for metric in wanted], viewing)
     metrics = [metric for metric in wanted if metric.key in maps]
     local = [metric for metric in metrics if maps[metric.key].ndim]
 
     moved = [
-        score_maps(_moved(*reference, by), _moved(*test, by), [metric.key for metric in local])
+        score_maps(_moved(*truth, by), _moved(*view, by), [metric.key for metric in local])
         for by in map(np.float32, _STEPS)
     ]
     means: dict[str, ScoreEstimate] = {}
     for slow, patterns in ((False, _PATTERNS), (True, _PATTERNS_OF_SLOW)):
         others = {m.key: float(maps[m.key]) for m in metrics if m not in local and m.slow is slow}
-        means |= _without_maps(reference, test, others, viewing, patterns)
+        means |= _without_maps(truth, view, others, viewing, patterns)
     found = {}
     for metric in metrics:
         key = metric.key
@@ -177,11 +178,14 @@ def view_scores(
     return found
 
 
-def _moved(
-    whole: np.ndarray, first: np.ndarray, second: np.ndarray, by: np.ndarray | np.float32
-) -> np.ndarray:
-    """The picture, so many steps towards its first half: everywhere, or by (rows, columns, 1)."""
-    moved: np.ndarray = whole + by / 2 * (first - second)
+def _moving(image: NoisyImage) -> _Moving:
+    first, second = image.halves()
+    return image.image, first - second
+
+
+def _moved(image: np.ndarray, difference: np.ndarray, by: np.ndarray | np.float32) -> np.ndarray:
+    """The image, so many steps towards its first half: everywhere, or by (rows, columns, 1)."""
+    moved: np.ndarray = image + by / 2 * difference
     return moved
 
 
@@ -217,8 +221,8 @@ def _error_of_sum(blocks: np.ndarray) -> tuple[float, float]:
 
 
 def _without_maps(
-    reference: Halved,
-    test: Halved,
+    reference: _Moving,
+    test: _Moving,
     values: Mapping[str, float],
     viewing: Viewing | None,
     patterns: int,
@@ -227,7 +231,8 @@ def _without_maps(
 
     Parameters
     ----------
-    reference, test : as `view_scores`
+    reference, test : two (rows, columns, 3) float32
+        The image, and the difference of its halves.
     values : mapping of str to float
         The scores, by key.
     viewing : Viewing, optional

@@ -35,6 +35,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.image.buffers import row_bands
+from inim.image.noisy_image import NoisyImage
 from inim.regression.verdict import freedom_of_sum
 
 # Views: small enough to see a shift of half a pixel at an edge, large enough for a standard error.
@@ -97,34 +98,6 @@ class TileStatistics:
         return cls(tile, shape, **kept)
 
 
-@dataclass(frozen=True)
-class HalfBuffer:
-    """A half of a picture's samples, from the picture and its noise, made as its rows are read.
-
-    Attributes
-    ----------
-    image : (rows, columns, 3) float32, linear RGB
-    noise : (rows, columns, 3) float32
-        Half of the difference of the two halves.
-    sign : {+1, -1}
-        Which of the two.
-    """
-
-    image: np.ndarray
-    noise: np.ndarray
-    sign: int
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """As the picture's."""
-        return self.image.shape
-
-    def __getitem__(self, rows: slice) -> np.ndarray:
-        image, noise = self.image[rows], self.noise[rows]
-        half: np.ndarray = image + noise if self.sign > 0 else image - noise
-        return half
-
-
 def view_tile(shape: tuple[int, int]) -> tuple[int, int]:
     """Tile of a view: eight pixels square, larger where that makes more than 32 along a side."""
     size = max(_LEAST_TILE_PX, *(math.ceil(n / _MOST_TILES_ALONG) for n in shape))
@@ -149,8 +122,7 @@ def eia_tile(shape: tuple[int, int], lens_counts: tuple[int, int]) -> tuple[int,
 
 
 def tile_statistics(
-    first: np.ndarray | HalfBuffer,
-    second: np.ndarray | HalfBuffer,
+    image: NoisyImage,
     tile: tuple[int, int],
     *,
     generated: bool = False,
@@ -159,18 +131,18 @@ def tile_statistics(
 
     Parameters
     ----------
-    first, second : (rows, columns, 3) float32, linear RGB
+    image : NoisyImage
         Read a band of rows at a time.
     tile : (int, int)
         Rows and columns of a tile.
     generated : bool
         Whether pixels may show the same pixel of another picture, as a generator's EIA does.
     """
-    rows, columns = first.shape[:2]
+    rows, columns = image.shape
     # Whole rows of tiles: what is found of a tile depends on its own pixels only.
     tiles = max(1, _PIXELS_AT_ONCE // (columns * tile[0]))
     found = [
-        _Sums.of(first[band], second[band], tile, generated=generated)
+        _Sums.of(*image.halves(band), tile, generated=generated)
         for band in row_bands(rows, columns, tiles * tile[0] * columns)
     ]
     all_tiles = _Sums(*(np.concatenate(each) for each in zip(*found, strict=True)))

@@ -12,7 +12,7 @@ import numpy as np
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS
 from inim.display.viewpoint import Viewpoint
-from inim.image.buffers import HalfBuffers
+from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.process.observer import Observer
 from inim.render import splats
@@ -60,7 +60,7 @@ def capture_halves(
     `skip`: see `pickup`.
     """
     camera = _Camera.of(fitted, display, pixels_per_pitch)
-    halves = _half_buffers(fitted, camera.rays, camera.sensor, spp, seed, skip, observer)
+    halves = _rendered(fitted, camera.rays, camera.sensor, spp, seed, skip, observer)
     first = camera.picture(fitted, halves.first, observer)
     return first, replace(first, color=halves.second)
 
@@ -248,7 +248,7 @@ def pickup(
     skip: bool = True,
     mask: np.ndarray | None = None,
     observer: Observer | None = None,
-) -> HalfBuffers:
+) -> NoisyImage:
     """The ground-truth EIA: every panel pixel path traced through its lens centre (Eq. 1).
 
     Over what shines of the pixel: each colour through a pickup of its own where sub-pixels have
@@ -269,14 +269,14 @@ def pickup(
     for place in dict.fromkeys(places):
         rays = pickup_rays(display, fitted.start_mm, place)
         sensor = make_sensor(rays, fitted.fit.world_from_display)
-        seen[place] = _half_buffers(fitted, rays, sensor, spp, seed, skip, observer, mask=mask)
+        seen[place] = _rendered(fitted, rays, sensor, spp, seed, skip, observer, mask=mask)
 
     def colours(half: str) -> np.ndarray:
         """Red of the first colour's pickup, green of the second's, blue of the third's."""
         each = [getattr(seen[place], half)[..., channel] for channel, place in enumerate(places)]
         return np.stack(each, axis=-1)
 
-    return HalfBuffers(colours("first"), colours("second"))
+    return NoisyImage.from_halves(colours("first"), colours("second"))
 
 
 def true_view(
@@ -289,14 +289,14 @@ def true_view(
     seed: int,
     skip: bool = True,
     observer: Observer | None = None,
-) -> tuple[HalfBuffers, np.ndarray]:
+) -> tuple[NoisyImage, np.ndarray]:
     """The scene itself from an eye, through the window of the array; and where the relic is.
 
     `skip`: see `pickup`; `pixels_per_lens`: see `eye_rays`.
     """
     rays = eye_rays(display, viewpoint, pixels_per_lens, fitted.start_mm)
     sensor = make_sensor(rays, fitted.fit.world_from_display)
-    truth = _half_buffers(fitted, rays, sensor, spp, seed, skip, observer)
+    truth = _rendered(fitted, rays, sensor, spp, seed, skip, observer)
     return truth, surface(fitted.scene, fitted.integrator, sensor, observer).covered
 
 
@@ -305,7 +305,7 @@ def _tracer(fitted: FittedScene, sensor: Any, seed: int, observer: Observer | No
     return Tracer(light, sensor, seed, observer)
 
 
-def _half_buffers(
+def _rendered(
     fitted: FittedScene,
     rays: SeparableRays | NonSeparableRays,
     sensor: Any,
@@ -314,7 +314,7 @@ def _half_buffers(
     skip: bool,
     observer: Observer | None,
     mask: np.ndarray | None = None,
-) -> HalfBuffers:
+) -> NoisyImage:
     if skip:
         visible = fitted.bounds.visible_pixels(rays)
         mask = visible if mask is None else mask & visible
@@ -322,4 +322,4 @@ def _half_buffers(
         mean_light(_tracer(fitted, sensor, 2 * seed + half, observer), max(1, spp // 2), mask)
         for half in (0, 1)
     ]
-    return HalfBuffers(halves[0], halves[1])
+    return NoisyImage.from_halves(halves[0], halves[1])

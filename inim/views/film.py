@@ -208,8 +208,8 @@ def _panes(
 
 def _true_view(scene: Scene, eye: Viewpoint, request: FilmRequest) -> np.ndarray:
     """The scene from an eye, by as many samples as a frame has, both halves."""
-    found = render_view(scene, eye, request.pixels_per_lens, request.spp, 0, run=Run())
-    return _shown(found.view.image)
+    view, _ = render_view(scene, eye, request.pixels_per_lens, request.spp, 0, run=Run())
+    return _shown(view.image)
 
 
 def _scores(panes: Sequence[_Pane], viewing: Viewing, request: FilmRequest) -> list[str]:

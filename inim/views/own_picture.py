@@ -22,12 +22,13 @@ from inim.from_camera.picture import MOST, CameraPicture
 from inim.generators import SourceGenerator, check_algorithm, generate
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
 from inim.generators.registry import properties
+from inim.image.noisy_image import NoisyImage, replace_nonfinite
 from inim.image.rgbd import RGBD
 from inim.lens import check_lens_model
 from inim.metrics.headline import MAIN
 from inim.pipeline.output.images import write_rgbd_pngs
 from inim.pipeline.request import repeated
-from inim.pipeline.stages.checks import BLACK, check, finite
+from inim.pipeline.stages.checks import BLACK, check
 from inim.pipeline.stages.generate import GeneratorHandle, hole_fraction
 from inim.pipeline.stages.method import parse_methods
 from inim.pipeline.stages.plugin_guard import blamed
@@ -286,7 +287,9 @@ def _scored(
     optics = Optics(display, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed)
 
     def views_of(name: str, eia: np.ndarray) -> dict[str, np.ndarray]:
-        seen = reconstruct_views(name, eia, None, viewpoints, optics, renderer, run=run)
+        seen = reconstruct_views(
+            name, NoisyImage.from_image(eia), viewpoints, optics, renderer, run=run
+        )
         for viewpoint, view in seen.items():
             write_png(folder / "views" / name / f"{viewpoint}.png", view.image)
         return {viewpoint: view.image for viewpoint, view in seen.items()}
@@ -354,7 +357,7 @@ def _made(
         with blamed(algorithm, "sources"):
             wrong = hits.wrong_share(generator.generator.sources(rgbd))
     bad = float((~np.isfinite(eia).all(axis=-1)).mean())
-    (eia,), _ = finite(algorithm, eia)
+    (eia,), _ = replace_nonfinite(eia)
     write_eia(folder / "eia" / f"{algorithm}.png", eia, empty, display.pixel_pitch_mm)
     return eia, {
         "seconds": generator.seconds + seconds,

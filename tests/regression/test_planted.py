@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from inim.generators import prepare
-from inim.image.buffers import HalfBuffers
+from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.measured import Measured
 from inim.pipeline.output.images import Images
@@ -66,10 +66,10 @@ class Finished:
         truth, generate = truth or self.found.truth, generate or self.generate
         plan, capture, run = self.found.plan, self.found.capture, Run()
         first, second = (generate(rgbd) for rgbd in capture.halves)
-        eia, noise = (first + second) / 2, (first - second) / 2
-        made = GeneratedEIA(eia, noise, None, None, self._reference(generate))
+        eia = NoisyImage.from_image((first + second) / 2, (first - second) / 2)
+        made = GeneratedEIA(eia, None, None, self._reference(generate))
         how = (plan.viewpoints, plan.optics, self.renderer)
-        views = seen(reconstruct_views("template", eia, noise, *how, run=run))
+        views = seen(reconstruct_views("template", eia, *how, run=run))
         results = {"template": evaluate("template", made, views, truth, plan, run=run)}
         ceiling = ceiling_scores(truth, plan, run=run)
         found = dataclasses.replace(self.found, truth=truth, ceiling=ceiling, results=results)
@@ -237,7 +237,9 @@ def test_swapped_views_of_the_scene_are_found_by_name(baseline, run):
 @pytest.mark.parametrize("edit", [half_a_pixel, gamma_twice], ids=["half a pixel", "gamma twice"])
 def test_renderer_that_went_wrong_is_found(baseline, run, edit):
     view = run.found.truth.views["centre"]
-    wrong = HalfBuffers(*(edit(half).astype(np.float32) for half in (view.first, view.second)))
+    wrong = NoisyImage.from_halves(
+        *(edit(half).astype(np.float32) for half in (view.first, view.second))
+    )
     truth = dataclasses.replace(run.found.truth, views=run.found.truth.views | {"centre": wrong})
     found = failed(baseline, run.statistics(truth=truth))
     assert tiles("centre") in found

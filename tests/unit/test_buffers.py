@@ -14,10 +14,11 @@ from inim.errors import UsageError
 from inim.generators import colour_of
 from inim.image.buffers import row_bands
 from inim.image.color import linear_from_srgb, srgb_codes, srgb_from_linear, srgb_to_uint8
+from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.metrics.flip import FLIP_REACH
 from inim.regression import fingerprint, reference_input
-from inim.regression.tiles import HalfBuffer, tile_statistics
+from inim.regression.tiles import tile_statistics
 from tests.conftest import small_display
 
 # Pixels of a band: single rows, a few, one less than all, all.
@@ -125,7 +126,7 @@ def test_statistics_of_tiles_are_those_of_each_tile_alone(generated, band):
     palette = pictures(2, 40)
     source = np.random.default_rng(3).integers(0, 80, (40, 37))
     halves = [p.reshape(-1, 3)[source] for p in palette] if generated else pictures()
-    found = tile_statistics(*halves, (9, 8), generated=generated)
+    found = tile_statistics(NoisyImage.from_halves(*halves), (9, 8), generated=generated)
     assert found.mean.shape == (5, 5, 3)
     for r in range(5):
         for c in range(5):
@@ -140,17 +141,19 @@ def test_statistics_of_tiles_are_the_same_in_any_bands(generated, band, monkeypa
     palette = pictures(2, 40)
     source = np.random.default_rng(3).integers(0, 80, (40, 37))
     halves = [p.reshape(-1, 3)[source] for p in palette] if generated else pictures()
-    found = tile_statistics(*halves, (9, 8), generated=generated).arrays()
+    found = tile_statistics(NoisyImage.from_halves(*halves), (9, 8), generated=generated).arrays()
     monkeypatch.setattr("inim.regression.tiles._PIXELS_AT_ONCE", 2**30)
-    whole = tile_statistics(*halves, (9, 8), generated=generated).arrays()
+    whole = tile_statistics(NoisyImage.from_halves(*halves), (9, 8), generated=generated).arrays()
     assert all(np.array_equal(found[name], whole[name]) for name in whole)
 
 
 def test_halves_made_as_they_are_read_have_the_same_statistics(band):
     image, noise = pictures()
-    read = (HalfBuffer(image, noise, +1), HalfBuffer(image, noise, -1))
-    found = tile_statistics(*read, (9, 8), generated=True).arrays()
-    known = tile_statistics(image + noise, image - noise, (9, 8), generated=True).arrays()
+    computed = NoisyImage.from_image(image, noise)
+    stored = NoisyImage.from_halves(image + noise, image - noise)
+    found, known = (
+        tile_statistics(each, (9, 8), generated=True).arrays() for each in (computed, stored)
+    )
     assert all(np.array_equal(found[name], known[name]) for name in known)
 
 
@@ -182,8 +185,11 @@ def test_colours_of_sources_are_looked_up_one_by_one(band):
         (lambda a, b: metrics.ssim(a, b), 0.6),  # the map alone is a third
         (lambda a, b: metrics.psnr_db(a, b), 0.2),
         (lambda a, b: srgb_codes(a), 0.4),  # the codes alone are a quarter
-        (lambda a, b: tile_statistics(a, b, (40, 40)), 0.6),
-        (lambda a, b: tile_statistics(a, HalfBuffer(a, b, -1), (40, 40), generated=True), 0.6),
+        (lambda a, b: tile_statistics(NoisyImage.from_halves(a, b), (40, 40)), 0.6),
+        (
+            lambda a, b: tile_statistics(NoisyImage.from_image(a, b), (40, 40), generated=True),
+            0.6,
+        ),
     ],
     ids=["ssim", "psnr", "codes", "tiles", "generated tiles"],
 )

@@ -11,6 +11,7 @@ from inim import metrics
 from inim.errors import FileError, UsageError
 from inim.files import image
 from inim.image.color import srgb_from_linear, srgb_to_uint8
+from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.regression import view_scores
 
@@ -131,7 +132,7 @@ def test_ssim_is_scikit_image_s_own_number(shape):
     wanted = structural_similarity(*shown, **ssim.settings)
     assert metrics.ssim(a, b) == pytest.approx(wanted, abs=1e-6)
     assert metrics.score(a, b)["ssim"] == metrics.eia_scores(a, b)["ssim"] == metrics.ssim(a, b)
-    both = (a, a, a), (b, b, b)
+    both = NoisyImage.from_image(a), NoisyImage.from_image(b)
     assert view_scores(*both, keys=["ssim"])["ssim"].value == pytest.approx(wanted, abs=1e-6)
     assert abs(metrics.ssim_map(a, b).mean() - wanted) > 1e-4, "its map's mean is another number"
 

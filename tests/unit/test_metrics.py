@@ -12,6 +12,7 @@ import pytest
 from inim import metrics
 from inim.errors import UsageError
 from inim.image.color import srgb_from_linear
+from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric
 from inim.plugins import stdout_to_stderr
 from inim.regression import ScoreEstimate, view_scores
@@ -205,11 +206,10 @@ def test_keys_carry_the_unit() -> None:
     assert metrics.find("lpips_to_ceiling") is None
 
 
-def halves(rng: np.random.Generator, image: np.ndarray, noise: float) -> tuple[np.ndarray, ...]:
-    first, second = (
-        (image + rng.normal(0, noise, image.shape)).astype(np.float32) for _ in range(2)
+def halves(rng: np.random.Generator, image: np.ndarray, noise: float) -> NoisyImage:
+    return NoisyImage.from_halves(
+        *((image + rng.normal(0, noise, image.shape)).astype(np.float32) for _ in range(2))
     )
-    return (first + second) / np.float32(2), first, second
 
 
 def test_score_without_a_map_is_as_sure_as_the_same_with_one(announce: Announce) -> None:

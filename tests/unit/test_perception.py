@@ -15,6 +15,7 @@ from inim.display import DISPLAYS
 from inim.display.viewpoint import Viewpoint
 from inim.errors import UsageError
 from inim.image.color import linear_from_srgb, srgb_from_linear
+from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric, Viewing, cvvdp
 from inim.pipeline.stages.reconstruct import Optics
 from inim.regression import view_scores
@@ -86,7 +87,9 @@ def test_the_error_of_a_slow_metric_is_estimated_from_few_evaluations(announce, 
     announce(seen=Metric("seen", score, viewed=True, slow=slow, better="lower", tolerance=1))
     a, b, noise = pictures(2)
     noise = 0.02 * (noise - 0.5)
-    found = view_scores((a, a, a), (b, b + noise, b - noise), viewing=SEEN)["seen"]
+    found = view_scores(NoisyImage.from_image(a), NoisyImage.from_image(b, noise), viewing=SEEN)[
+        "seen"
+    ]
     assert calls == [SEEN] * evaluations
     assert found.freedom == (evaluations - 1) / 4
     assert 0 < found.error < 0.01

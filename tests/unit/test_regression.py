@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from inim.image.noisy_image import NoisyImage
 from inim.metrics import find
 from inim.regression import (
     is_above,
@@ -126,11 +127,15 @@ def scene():
 
 
 def statistics(rng, scene, noise=0.05):
-    return {"truth/a": tile_statistics(*rendered(rng, scene, noise), view_tile(scene.shape[:2]))}
+    return {
+        "truth/a": tile_statistics(
+            NoisyImage.from_halves(*rendered(rng, scene, noise)), view_tile(scene.shape[:2])
+        )
+    }
 
 
 def test_tiles_hold_the_means_of_the_picture(scene):
-    found = tile_statistics(scene, scene, (8, 8))
+    found = tile_statistics(NoisyImage.from_image(scene), (8, 8))
     blocks = scene.reshape(8, 8, 10, 8, 3)
     np.testing.assert_allclose(found.mean, blocks.mean(axis=(1, 3)), rtol=1e-6)
     np.testing.assert_allclose(found.power, np.square(blocks).mean(axis=(1, 3, 4)), rtol=1e-6)
@@ -138,7 +143,7 @@ def test_tiles_hold_the_means_of_the_picture(scene):
 
 
 def test_last_tiles_are_cut_and_count_what_they_have(scene):
-    found = tile_statistics(scene[:61, :75], scene[:61, :75], (8, 8))
+    found = tile_statistics(NoisyImage.from_image(scene[:61, :75]), (8, 8))
     assert found.mean.shape == (8, 10, 3)
     np.testing.assert_allclose(found.mean[-1, -1], scene[56:61, 72:75].mean(axis=(0, 1)), rtol=1e-6)
 
@@ -152,7 +157,7 @@ def test_errors_are_as_large_as_the_means_really_vary(scene, repeat):
     for _ in range(100):
         noise = 0.1 * rng.normal(size=(2, 64 // repeat, 80 // repeat, 3))
         halves = scene + noise.repeat(repeat, axis=1).repeat(repeat, axis=2)
-        found = tile_statistics(*halves, (16, 16), generated=repeat > 1)
+        found = tile_statistics(NoisyImage.from_halves(*halves), (16, 16), generated=repeat > 1)
         p.append(2 * stats.t.sf(np.abs(found.mean - exact) / found.mean_error, found.freedom))
     for level in (0.3, 0.1, 0.02):
         assert 0.4 * level < np.mean(np.array(p) < level) < 1.15 * level
@@ -208,7 +213,7 @@ def test_firefly_is_no_change(scene):
     rng = np.random.default_rng(9)
     first, second = rendered(rng, scene, 0.02)
     first[20, 30] += 500
-    found = {"truth/a": tile_statistics(first, second, (8, 8))}
+    found = {"truth/a": tile_statistics(NoisyImage.from_halves(first, second), (8, 8))}
     assert compare_pictures(statistics(rng, scene, 0.02), found)[0].passed
 
 
@@ -239,7 +244,10 @@ def _spot(scene):
 
 
 def test_change_below_one_code_is_none_however_sure(scene):
-    old, new = ({"truth/a": tile_statistics(s, s, (8, 8))} for s in (scene, scene * 1.008))
+    old, new = (
+        {"truth/a": tile_statistics(NoisyImage.from_image(s), (8, 8))}
+        for s in (scene, scene * 1.008)
+    )
     verdict = compare_pictures(old, new)[0]
     assert verdict.passed
     assert 0.5 < verdict.value < 1
@@ -272,8 +280,7 @@ def test_noise_of_half_the_samples_fails_and_of_a_twentieth_fewer_does_not(scene
 
 
 def seen(rng, scene, noise):
-    first, second = rendered(rng, scene, noise)
-    return (first + second) / 2, first, second
+    return NoisyImage.from_halves(*rendered(rng, scene, noise))
 
 
 @pytest.mark.parametrize(
@@ -316,7 +323,7 @@ def test_score_free_of_noise_is_that_of_pictures_without(scene, names, on_relic)
     made = np.roll(scene, 1, axis=0)
     region = np.zeros(scene.shape[:2], bool)
     region[20:50, 10:40] = True
-    clean = view_scores((scene,) * 3, (made,) * 3, region, names)
+    clean = view_scores(NoisyImage.from_image(scene), NoisyImage.from_image(made), region, names)
     found = [
         view_scores(seen(rng, scene, 0.005), seen(rng, made, 0.005), region, names)
         for _ in range(30)
@@ -336,7 +343,9 @@ def test_interval_holds_the_score_of_pictures_without_noise(scene):
     rng = np.random.default_rng(17)
     big = np.tile(scene, (2, 2, 1))
     made = np.roll(big, 1, axis=0)
-    clean = view_scores((big,) * 3, (made,) * 3, keys=["ssim"])["ssim"].value
+    clean = view_scores(NoisyImage.from_image(big), NoisyImage.from_image(made), keys=["ssim"])[
+        "ssim"
+    ].value
     held = 0
     for _ in range(40):
         pair = seen(rng, big, 0.002), seen(rng, made, 0.002)
@@ -355,7 +364,12 @@ def test_score_is_above_another_by_more_than_the_noise_of_both():
 
 
 def test_region_without_a_pixel_has_no_score(scene):
-    none = view_scores((scene,) * 3, (scene,) * 3, np.zeros(scene.shape[:2], bool), ["ssim"])
+    none = view_scores(
+        NoisyImage.from_image(scene),
+        NoisyImage.from_image(scene),
+        np.zeros(scene.shape[:2], bool),
+        ["ssim"],
+    )
     assert math.isnan(none["ssim_on_relic"].value)
     assert none["ssim"].value == 1
 
@@ -364,7 +378,7 @@ def test_score_s_bias_is_what_noise_adds_to_it(scene):
     rng = np.random.default_rng(14)
     made = np.roll(scene, 1, axis=0)
     names = ("ssim", "psnr_db")
-    clean = view_scores((scene, scene, scene), (made, made, made), keys=names)
+    clean = view_scores(NoisyImage.from_image(scene), NoisyImage.from_image(made), keys=names)
     found = [
         view_scores(seen(rng, scene, 0.01), seen(rng, made, 0.01), keys=names) for _ in range(30)
     ]
@@ -401,7 +415,7 @@ def test_scores_are_those_of_the_report(scene):
     from inim import metrics
 
     made = np.roll(scene, 1, axis=0)
-    found = view_scores((scene, scene, scene), (made, made, made))
+    found = view_scores(NoisyImage.from_image(scene), NoisyImage.from_image(made))
     assert found["ssim"].value == pytest.approx(metrics.ssim(scene, made))
     assert found["psnr_db"].value == pytest.approx(metrics.psnr_db(scene, made))
     assert found["flip"].value == pytest.approx(metrics.flip(scene, made))

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from inim.errors import EXIT_BASELINE, BaselineError
+from inim.image.noisy_image import NoisyImage
 from inim.regression import (
     BASELINE,
     RunStatistics,
@@ -49,7 +50,7 @@ def statistics():
     return RunStatistics(
         conditions=CONDITIONS,
         circumstances=MADE["circumstances"],
-        pictures={"truth/left": tile_statistics(*halves, (8, 8))},
+        pictures={"truth/left": tile_statistics(NoisyImage.from_halves(*halves), (8, 8))},
         scores={"template/left": {"ssim_to_ceiling": ScoreEstimate(0.9, 0.001, 12.0, -0.01)}},
         fingerprints={"template": fingerprint(rgbd, eia, DISPLAY, exact=True)},
         times={"template": tuple(0.01 * n for n in range(31))},
@@ -74,7 +75,9 @@ def test_what_is_written_is_read_back(statistics, tmp_path):
 def test_arrays_of_another_run_are_found_out(statistics, tmp_path):
     write_statistics(tmp_path, BASELINE, statistics)
     old = (tmp_path / "baseline.json").read_bytes()
-    other = {"truth/left": tile_statistics(*np.full((2, 40, 48, 3), 0.5), (8, 8))}
+    other = {
+        "truth/left": tile_statistics(NoisyImage.from_image(np.full((40, 48, 3), 0.5)), (8, 8))
+    }
     write_statistics(tmp_path, BASELINE, replace(statistics, pictures=other))
     (tmp_path / "baseline.json").write_bytes(old)
     with pytest.raises(BaselineError, match="of another run; one that is just being replaced"):
@@ -83,7 +86,9 @@ def test_arrays_of_another_run_are_found_out(statistics, tmp_path):
 
 def test_a_baseline_that_is_replaced_meanwhile_is_one_of_the_two(statistics, tmp_path):
     """Read at any moment: the old one, the new one, or a line."""
-    pictures = {"truth/left": tile_statistics(*np.full((2, 40, 48, 3), 0.5), (8, 8))}
+    pictures = {
+        "truth/left": tile_statistics(NoisyImage.from_image(np.full((40, 48, 3), 0.5)), (8, 8))
+    }
     versions = [statistics, replace(statistics, pictures=pictures)]
     means = [one.pictures["truth/left"].mean for one in versions]
     write_statistics(tmp_path, BASELINE, versions[0])

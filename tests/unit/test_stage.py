@@ -81,7 +81,7 @@ def test_edited_code_and_the_stage_s_own_file_make_another_result(
     monkeypatch.setattr(module, "code_digest", lambda *given: places.append(given) or "edited")
     product(Picture("one", np.arange(3.0)), 2, run=run)
     assert calls == [2, 2]
-    assert places == [("version.py", "pipeline/stage.py")]
+    assert places == [("version.py", "pipeline/stages/stage.py")]
 
 
 def test_the_report_says_what_was_made_found_and_why(run: Run) -> None:

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from inim.image.noisy_image import replace_nonfinite
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
-from inim.pipeline.stages.checks import check, finite
+from inim.pipeline.stages.checks import check, nonfinite_checks
 from inim.pipeline.stages.scene import BLACK_FOR_CERTAIN, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 
@@ -119,11 +120,11 @@ class Capture:
 def capture_relic(camera: DepthCamera, *, layers: bool, run: Run) -> Capture:
     """Colour and depth, and the layers behind where they are wanted; finite, and checked."""
     first, second = capture_rgbd(camera, run=run)
-    (one, other), checks = finite("RGB-D", first.color, second.color)
+    (one, other), nonfinite = replace_nonfinite(first.color, second.color)
     halves = replace(first, color=one), replace(second, color=other)
     color = np.float32(0.5) * (one + other)
     mean = replace(first, color=color.astype(np.float32))
-    capture = Capture(camera, mean, halves, checks=(*checks,))
+    capture = Capture(camera, mean, halves, checks=tuple(nonfinite_checks("RGB-D", nonfinite)))
     if layers:
         return _with_layers(capture, capture_layers(camera, run=run), run)
     what, why = "layers behind the picture", "no algorithm reads them"
@@ -215,7 +216,8 @@ def _with_layers(capture: Capture, found: Layers, run: Run) -> Capture:
             f"RGB-D: {found.cut_share:.2%} of the covered pixels have more than {found.most} "
             "solids; what lies behind those is left out"
         )
-    (one, other), more = finite("RGB-D layers", first.palette, second.palette)
+    (one, other), nonfinite = replace_nonfinite(first.palette, second.palette)
+    checks += nonfinite_checks("RGB-D layers", nonfinite)
     halves = _recoloured(first, one), _recoloured(second, other)
     return replace(
         capture,
@@ -223,7 +225,7 @@ def _with_layers(capture: Capture, found: Layers, run: Run) -> Capture:
         layered_halves=halves,
         covered_shares=found.covered_shares,
         hidden_share=found.hidden_share,
-        checks=(*capture.checks, *checks, *more),
+        checks=(*capture.checks, *checks),
         warnings=(*capture.warnings, *warnings),
     )
 

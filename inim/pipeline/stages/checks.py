@@ -56,20 +56,9 @@ def criterion(name: str, score: ScoreEstimate, limit: float) -> dict[str, Any]:
     return row | {"criterion": True}
 
 
-def finite(name: str, *images: np.ndarray) -> tuple[list[np.ndarray], list[dict[str, Any]]]:
-    """Images, (rows, columns, channels), with black for pixels not finite, and their check.
-
-    The check is there only where there are such pixels: it fails.
-    """
-    if all(np.isfinite(image).all() for image in images):
-        return list(images), []
-    wrong = [~np.isfinite(image).all(axis=-1) for image in images]
-    bad = sum(int(np.count_nonzero(w)) for w in wrong)
-    mended = [
-        np.where(w[..., None], np.float32(0), image) if w.any() else image
-        for w, image in zip(wrong, images, strict=True)
-    ]
-    return mended, [check(f"{name}: pixels not finite", bad, "<=", 0, "taken as black")]
+def nonfinite_checks(name: str, count: int) -> list[dict[str, Any]]:
+    """A check that fails where pixels were not finite."""
+    return [check(f"{name}: pixels not finite", count, "<=", 0, "taken as black")] if count else []
 
 
 def missing_viewpoints(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from inim import metrics
-from inim.image.buffers import HalfBuffers
+from inim.image.noisy_image import NoisyImage
 from inim.metrics import Viewing
 from inim.metrics.headline import HEADLINE, HEADLINE_WORDS
 from inim.pipeline.plan import Plan
@@ -20,36 +20,20 @@ from inim.pipeline.stages.checks import (
     check,
     criterion,
     missing_viewpoints,
+    nonfinite_checks,
     share_outside,
 )
 from inim.pipeline.stages.generate import GeneratedEIA, Reference
 from inim.pipeline.stages.ground_truth import GroundTruth
-from inim.pipeline.stages.reconstruct import ReconstructedView
 from inim.pipeline.stages.stage import SCORING, Run, stage
-from inim.pipeline.stages.statistics import Half, Statistics, eia_statistics, view_statistics
+from inim.pipeline.stages.statistics import Statistics, eia_statistics, view_statistics
 from inim.process.threads import Submit, threads
-from inim.regression import HalfBuffer, ScoreEstimate, score_interval, view_scores
+from inim.regression import ScoreEstimate, score_interval, view_scores
 
 # A score takes some 100 bytes a pixel while it is made: 0.4 GB for all of them together.
 _PIXELS_AT_ONCE = 2**22
 # Scores by their names in report.json.
 Scores = dict[str, ScoreEstimate]
-
-
-class Sampled(Protocol):
-    """A view and the two halves of its samples, (rows, columns, 3) float32 each."""
-
-    @property
-    def image(self) -> np.ndarray:
-        """The mean of the halves."""
-
-    @property
-    def first(self) -> np.ndarray:
-        """By one half of the samples."""
-
-    @property
-    def second(self) -> np.ndarray:
-        """By the other."""
 
 
 @dataclass(frozen=True)
@@ -77,28 +61,27 @@ class MethodResult:
 
 @stage("scores of a view", code=SCORING, makes=(ScoreEstimate,))
 def score_view(
-    reference: Sampled, test: Sampled, region: np.ndarray, viewing: Viewing | None
+    reference: NoisyImage, test: NoisyImage, region: np.ndarray, viewing: Viewing | None
 ) -> Scores:
     """Scores of a view, of the whole and on the relic.
 
     Parameters
     ----------
-    reference, test : Sampled
+    reference, test : NoisyImage
     region : (rows, columns) bool
         The relic's; see `inim.metrics.relic_region`.
     viewing : Viewing, optional
         How it is seen; None if no metric asks for it.
     """
-    truth, shown = ((one.image, one.first, one.second) for one in (reference, test))
-    return view_scores(truth, shown, region, viewing=viewing)
+    return view_scores(reference, test, region, viewing=viewing)
 
 
 @stage("scores of two halves", code=SCORING)
 def _score_halves(
-    halves: HalfBuffers, region: np.ndarray, viewing: Viewing | None
+    image: NoisyImage, region: np.ndarray, viewing: Viewing | None
 ) -> dict[str, float]:
     """One half of the samples against the other, by every metric."""
-    return metrics.score(halves.first, halves.second, region, viewing)
+    return metrics.score(image.first, image.second, region, viewing)
 
 
 @stage("scores of an EIA", code=SCORING)
@@ -110,7 +93,7 @@ def _score_eia(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
 def evaluate(
     name: str,
     made: GeneratedEIA,
-    views: Mapping[str, ReconstructedView],
+    views: Mapping[str, NoisyImage],
     truth: GroundTruth,
     plan: Plan,
     *,
@@ -122,21 +105,18 @@ def evaluate(
     ----------
     name : str
     made : GeneratedEIA
-    views : mapping of str to ReconstructedView
+    views : mapping of str to NoisyImage
         By viewpoint.
     truth : GroundTruth
     plan : Plan
     run : Run
     """
-    eia, noise = made.eia, made.noise
-    halves: tuple[Half, Half] = (eia, eia)
-    if noise is not None:
-        halves = HalfBuffer(eia, noise, 1), HalfBuffer(eia, noise, -1)
+    eia = made.eia
     with run.observer.timed("score"), scoring_threads(plan) as submit:
         # The longest first.
         how = {"whole": truth.whole, "generated": True, "run": run}
-        statistics = submit(eia_statistics, f"eia/{name}", halves, plan.display, **how)
-        whole = submit(_eia_scores, truth, run, eia)
+        statistics = submit(eia_statistics, f"eia/{name}", eia, plan.display, **how)
+        whole = submit(_eia_scores, truth, run, eia.image)
         seen = _viewing(plan)
         pending = {
             view: submit(_against, truth, view, one, seen[view], run) for view, one in views.items()
@@ -154,12 +134,12 @@ def evaluate(
         kept = Statistics(statistics.result(), judged, prints)
     eyes = [eye.name for eye in plan.viewpoints]
     checks = [
-        *made.checks,
+        *nonfinite_checks(f"eia/{name}", eia.nonfinite),
         *missing_viewpoints(name, eyes, views),
         _shows_something(name, made),
         *_limits(name, plan, found),
     ]
-    warnings = _too_bright(name, eia, truth)
+    warnings = _too_bright(name, eia.image, truth)
     return MethodResult(scores, kept, reference, tuple(checks), tuple(warnings))
 
 
@@ -186,7 +166,7 @@ def _viewing(plan: Plan) -> dict[str, Viewing | None]:
 
 
 def _against(
-    truth: GroundTruth, name: str, view: ReconstructedView, viewing: Viewing | None, run: Run
+    truth: GroundTruth, name: str, view: NoisyImage, viewing: Viewing | None, run: Run
 ) -> Scores:
     """Scores of a view against the rendered view, and against the ceiling's."""
     region = truth.regions[name]
@@ -222,7 +202,7 @@ def _heat_map(
 
 
 def heat_maps(
-    references: Mapping[str, Sampled], views: Mapping[str, Sampled], plan: Plan, *, run: Run
+    references: Mapping[str, NoisyImage], views: Mapping[str, NoisyImage], plan: Plan, *, run: Run
 ) -> dict[str, np.ndarray]:
     """Where views lose to what they are compared with, by metric and viewpoint: ``cvvdp/left``.
 
@@ -271,9 +251,8 @@ def truth_statistics(
 ) -> Statistics:
     """Statistics of the ground truth, and scores of the ceiling, by viewpoint."""
     with scoring_threads(plan) as submit:
-        halves = (truth.eia.first, truth.eia.second)
         how = {"whole": truth.whole, "generated": False, "run": run}
-        whole = submit(eia_statistics, "truth/eia", halves, plan.display, **how)
+        whole = submit(eia_statistics, "truth/eia", truth.eia, plan.display, **how)
         pending = {n: submit(view_statistics, view, run) for n, view in truth.views.items()}
         views = {f"truth/{name}": one.result() for name, one in pending.items()}
         pictures = whole.result() | views
@@ -290,7 +269,9 @@ def scoring_threads(plan: Plan) -> AbstractContextManager[Submit]:
 def _shows_something(name: str, made: GeneratedEIA) -> dict[str, Any]:
     """An EIA that shows nothing is a failure to report."""
     if made.hole_fraction is None:
-        return check(f"{name}: brightest value", float(made.eia.max()), ">=", BLACK, "not black")
+        return check(
+            f"{name}: brightest value", float(made.eia.image.max()), ">=", BLACK, "not black"
+        )
     shown = 1 - made.hole_fraction
     return check(f"{name}: share of pixels shown", shown, ">=", 1e-6, "not all holes")
 

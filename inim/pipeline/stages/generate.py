@@ -14,6 +14,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.generators import Generator, prepare, properties
+from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.compiled_marks import wait_until_compiled
 from inim.pipeline.stages.capture import Capture, DepthCamera
@@ -44,27 +45,21 @@ class GeneratedEIA:
 
     Attributes
     ----------
-    eia : (rows, columns, 3) float32
-        Linear RGB; it may hold values that are not finite.
-    noise : (rows, columns, 3) float32, or None
-        Half of the difference of what two halves of the input's samples yield: the EIA is known
-        to this. None: it has no noise.
+    eia : NoisyImage
+        Its noise is half the difference of the EIAs of two halves of the input's samples. It may
+        hold values that are not finite.
     seconds : float or None
         What it took; None where nobody measured it.
     hole_fraction : float or None
         Share of the lensed panel pixels that show nothing; None where it cannot be told.
     reference : Reference, optional
         Where it is a generator's whole EIA.
-    checks : tuple of dict
-        One that fails, where values were not finite.
     """
 
-    eia: np.ndarray
-    noise: np.ndarray | None
+    eia: NoisyImage
     seconds: float | None
     hole_fraction: float | None
     reference: Reference | None = None
-    checks: tuple[dict[str, Any], ...] = ()
 
 
 class GeneratorHandle:
@@ -139,7 +134,7 @@ class GeneratorHandle:
 @stage(
     "EIA of {generator.algorithm}",
     code=GENERATING,
-    makes=(GeneratedEIA,),
+    makes=(GeneratedEIA, NoisyImage),
     describe=("generated", "nothing", "the algorithm or its picture is new"),
 )
 def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
@@ -152,7 +147,7 @@ def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
     # In place: of an 8K panel each of these takes 0.4 GB.
     noise -= second
     noise /= 2
-    return GeneratedEIA(eia, noise, generator.seconds + seconds, holes)
+    return GeneratedEIA(NoisyImage.from_image(eia, noise), generator.seconds + seconds, holes)
 
 
 @stage("EIA of {generator.algorithm}, reference input", code=GENERATING, makes=(Fingerprint,))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from time import perf_counter
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from inim.display import Display, Viewpoint
 from inim.display.pixels import SUBPIXELS
-from inim.image.buffers import HalfBuffers
+from inim.image.noisy_image import NoisyImage
 from inim.metrics import relic_region
 from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.checks import (
@@ -19,78 +18,13 @@ from inim.pipeline.stages.checks import (
     CLIPPED_SHARE,
     any_colour,
     check,
-    finite,
+    nonfinite_checks,
     share_outside,
 )
-from inim.pipeline.stages.reconstruct import ReconstructedView
 from inim.pipeline.stages.scene import BLACK_FOR_CERTAIN, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 
 _NOT_OBSERVED = "no asked-for view has a sample there; "
-
-
-@dataclass(frozen=True)
-class PickedUp:
-    """An EIA ray traced from the scene.
-
-    Attributes
-    ----------
-    eia : HalfBuffers
-        (rows, columns, 3) float32 linear RGB; black outside a mask.
-    seconds : float
-        That it took when it was made.
-    """
-
-    eia: HalfBuffers
-    seconds: float
-
-
-@dataclass(frozen=True)
-class TrueView:
-    """The scene itself from an eye.
-
-    Attributes
-    ----------
-    view : HalfBuffers
-        (rows, columns, 3) float32 linear RGB.
-    relic : (rows, columns) bool
-        Where the relic is.
-    """
-
-    view: HalfBuffers
-    relic: np.ndarray
-
-
-@dataclass(frozen=True)
-class Finite:
-    """A rendered image without values that are not finite.
-
-    Attributes
-    ----------
-    halves : HalfBuffers
-        Black where a half was not finite.
-    checks : tuple of dict
-        One that fails, where there were such pixels.
-    """
-
-    halves: HalfBuffers
-    checks: tuple[dict[str, Any], ...]
-
-    @classmethod
-    def of(cls, name: str, halves: HalfBuffers) -> Finite:
-        """Mend an image."""
-        mended, checks = finite(name, halves.first, halves.second)
-        return cls(HalfBuffers(*mended), tuple(checks))
-
-    @cached_property
-    def image(self) -> np.ndarray:
-        """Mean of the halves; made once, as of an 8K panel it takes 0.4 GB."""
-        return self.halves.image
-
-    @property
-    def parts(self) -> tuple[np.ndarray, np.ndarray]:
-        """Image and noise."""
-        return self.image, self.halves.noise
 
 
 def _panel_samples(
@@ -102,7 +36,7 @@ def _panel_samples(
     return samples_traced(samples, whole, why)
 
 
-@stage("{name}", code=RENDERING, makes=(PickedUp, HalfBuffers), describe=_panel_samples)
+@stage("{name}", code=RENDERING, makes=(NoisyImage,), describe=_panel_samples)
 def pick_up(
     scene: Scene,
     mounted: Display,
@@ -110,8 +44,10 @@ def pick_up(
     seed: int,
     mask: np.ndarray | None = None,
     name: str = "ground-truth EIA",
-) -> PickedUp:
-    """The EIA traced from the scene through every lens centre (Eq. 1).
+) -> tuple[NoisyImage, float]:
+    """The EIA traced from the scene through every lens centre (Eq. 1), and the seconds it took.
+
+    Black outside the mask.
 
     Parameters
     ----------
@@ -132,7 +68,7 @@ def pick_up(
 
     fitted, started = scene.fitted, perf_counter()
     eia = pickup(fitted, mounted, spp=eia_spp, seed=seed, mask=mask, **scene.effort)
-    return PickedUp(eia, perf_counter() - started)
+    return eia, perf_counter() - started
 
 
 def pick_up_truth(
@@ -143,13 +79,13 @@ def pick_up_truth(
     mask: np.ndarray | None,
     *,
     run: Run,
-) -> Finite:
+) -> NoisyImage:
     """The ground-truth EIA, finite: of the display as it is mounted, by the run's seed."""
     name = "ground-truth EIA" if mask is None else "ground-truth EIA, where observed"
     display, own = mounted.through_pinholes(), seed_of("eia", seed)
     with run.observer.timed("ground-truth EIA"):
-        found = pick_up(scene, display, eia_spp, own, mask, name, run=run)
-        return Finite.of("truth/eia", found.eia)
+        eia, _ = pick_up(scene, display, eia_spp, own, mask, name, run=run)
+        return eia.replace_nonfinite()
 
 
 @stage("panel pixels that meet the scene", code=RENDERING)
@@ -175,14 +111,14 @@ def _view_samples(
 @stage(
     "true view: {viewpoint.name}",
     code=RENDERING,
-    makes=(TrueView, HalfBuffers),
+    makes=(NoisyImage,),
     timed="ground-truth views",
     describe=_view_samples,
 )
 def render_view(
     scene: Scene, viewpoint: Viewpoint, view_pixels_per_lens: int, view_spp: int, seed: int
-) -> TrueView:
-    """The scene itself from an eye, through the window of the array.
+) -> tuple[NoisyImage, np.ndarray]:
+    """The scene itself from an eye, through the window of the array, and the relic's pixels.
 
     Parameters
     ----------
@@ -196,7 +132,7 @@ def render_view(
     """
     from inim.render.ground_truth import true_view
 
-    view, relic = true_view(
+    return true_view(
         scene.fitted,
         scene.display,
         viewpoint,
@@ -205,7 +141,6 @@ def render_view(
         seed=seed_of("views", seed),
         **scene.effort,
     )
-    return TrueView(view, relic)
 
 
 @dataclass(frozen=True)
@@ -214,37 +149,37 @@ class GroundTruth:
 
     Attributes
     ----------
-    eia : HalfBuffers
+    eia : NoisyImage
         Finite; black where the run observes nothing of it.
     whole : bool
         Whether all of it was made.
     clipped : float
         Share of its pixels that no panel shows.
-    views : dict of str to HalfBuffers
+    views : dict of str to NoisyImage
         The scene itself, by viewpoint; finite.
     regions : dict of str to (rows, columns) bool
         The relic's in each view: the same for all methods, as it is known without them.
-    ceiling : dict of str to ReconstructedView
+    ceiling : dict of str to NoisyImage
         Views of the ground-truth EIA.
     checks : tuple of dict
     warnings : tuple of str
     """
 
-    eia: HalfBuffers
+    eia: NoisyImage
     whole: bool
     clipped: float
-    views: dict[str, HalfBuffers]
+    views: dict[str, NoisyImage]
     regions: dict[str, np.ndarray]
-    ceiling: dict[str, ReconstructedView]
+    ceiling: dict[str, NoisyImage]
     checks: tuple[dict[str, Any], ...] = ()
     warnings: tuple[str, ...] = ()
 
 
 def collect_truth(
     capture: Capture,
-    eia: Finite,
-    views: dict[str, TrueView],
-    ceiling: dict[str, ReconstructedView],
+    eia: NoisyImage,
+    views: dict[str, tuple[NoisyImage, np.ndarray]],
+    ceiling: dict[str, NoisyImage],
     *,
     whole: bool,
 ) -> GroundTruth:
@@ -252,16 +187,16 @@ def collect_truth(
 
     A ground truth that shows nothing is a failure to report, not a picture to score.
     """
-    image = eia.image  # of an 8K panel 0.4 GB: made once
-    true = {name: Finite.of(f"truth/{name}", one.view) for name, one in views.items()}
+    finite_views = {name: view.replace_nonfinite() for name, (view, _) in views.items()}
     covered = float(capture.rgbd.covered.mean())
-    checks = [*eia.checks, *(row for one in true.values() for row in one.checks)]
+    truth = {"truth/eia": eia} | {f"truth/{name}": view for name, view in finite_views.items()}
+    checks = [row for name, one in truth.items() for row in nonfinite_checks(name, one.nonfinite)]
     checks.append(check("RGB-D: covered share", covered, ">=", 1e-6, "the relic is seen"))
-    images = {"truth/eia": image, **{f"truth/{n}": one.image for n, one in true.items()}}
-    for name, one in images.items():
-        row = check(f"{name}: brightest value", float(one.max()), ">=", BLACK, "not black")
+    images = {name: one.image for name, one in truth.items()}
+    for name, image in images.items():
+        row = check(f"{name}: brightest value", float(image.max()), ">=", BLACK, "not black")
         checks.append(row)
-    clipped = {name: float(any_colour(one > 1).mean()) for name, one in images.items()}
+    clipped = {name: float(any_colour(image > 1).mean()) for name, image in images.items()}
     worst = max(clipped, key=lambda name: clipped[name])
     warnings = []
     if clipped[worst] > CLIPPED_SHARE:
@@ -270,11 +205,11 @@ def collect_truth(
             "clipped; dim the scene's lights"
         )
     return GroundTruth(
-        eia.halves,
+        eia,
         whole,
-        share_outside(image),
-        {name: one.halves for name, one in true.items()},
-        {name: relic_region(one.relic) for name, one in views.items()},
+        share_outside(images["truth/eia"]),
+        finite_views,
+        {name: relic_region(relic) for name, (_, relic) in views.items()},
         ceiling,
         tuple(checks),
         tuple(warnings),

@@ -27,8 +27,8 @@ from inim.generators import (
     parse_algorithm,
     properties,
 )
+from inim.image.noisy_image import NoisyImage
 from inim.pipeline.stages.capture import Capture, DepthCamera
-from inim.pipeline.stages.checks import finite
 from inim.pipeline.stages.generate import GeneratedEIA, hole_fraction, prepare_generator
 from inim.pipeline.stages.ground_truth import covered_pixels, pick_up
 from inim.pipeline.stages.scene import seed_of
@@ -117,9 +117,7 @@ def make_eia(method: Method, make: Make, capture: Capture, *, run: Run) -> Gener
     """The EIA of a method; black where it is not finite, which fails a check."""
     with run.observer.timed(f"{method.verb} {method.name}"):
         made = make(capture)
-    (eia,), checks = finite(f"eia/{method.name}", made.eia)
-    noise = None if made.noise is None else np.nan_to_num(made.noise)
-    return replace(made, eia=eia, noise=noise, checks=tuple(checks))
+    return replace(made, eia=made.eia.replace_nonfinite())
 
 
 def generator_method(name: str) -> Method:
@@ -139,7 +137,7 @@ def file_method(name: str, path: Path) -> Method:
         eia, shown = read_eia(path, task.camera.scene.display)
         empty = None if shown is None else ~shown
         holes = hole_fraction(empty, task.camera.scene.display, task.mask)
-        return lambda _: GeneratedEIA(eia, None, None, holes)
+        return lambda _: GeneratedEIA(NoisyImage.from_image(eia), None, holes)
 
     return Method(name, "read", prepare, path=path)
 
@@ -153,10 +151,12 @@ def pickup_method(name: str, spp: int = 0) -> Method:
 
         def make(_: Capture) -> GeneratedEIA:
             wanted = spp or task.eia_spp
-            made = pick_up(scene, display, wanted, seed, task.mask, f"EIA of {name}", run=run)
+            eia, seconds = pick_up(
+                scene, display, wanted, seed, task.mask, f"EIA of {name}", run=run
+            )
             empty = ~covered_pixels(scene, run=run)
             holes = hole_fraction(empty, scene.display, task.mask)
-            return GeneratedEIA(made.eia.image, made.eia.noise, made.seconds, holes)
+            return GeneratedEIA(NoisyImage.from_image(eia.image, eia.noise), seconds, holes)
 
         return make
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from inim.cache.digest import array_digest
 from inim.display import Display, Viewpoint
+from inim.image.noisy_image import NoisyImage
 from inim.lens import foreign_identity, white_exposure
 from inim.metrics import Viewing
 from inim.pipeline.stages.scene import Renderer
@@ -65,35 +66,6 @@ class Optics:
 
 
 @dataclass(frozen=True)
-class ReconstructedView:
-    """A view, and by how much noise could have made it another.
-
-    Attributes
-    ----------
-    image : (rows, columns, 3) float32, linear RGB
-        Depends on the EIA and the seed only: equal EIAs look equal.
-    noise : (rows, columns, 3) float32
-        Half of the difference of what two halves of the samples yield, those of the EIA and those
-        of the view.
-    """
-
-    image: np.ndarray
-    noise: np.ndarray
-
-    @property
-    def first(self) -> np.ndarray:
-        """The view by one half of the samples."""
-        half: np.ndarray = self.image + self.noise
-        return half
-
-    @property
-    def second(self) -> np.ndarray:
-        """The view by the other half."""
-        half: np.ndarray = self.image - self.noise
-        return half
-
-
-@dataclass(frozen=True)
 class ShownEIA:
     """An EIA on the display: its scene in the renderer is made once for all viewpoints.
 
@@ -143,15 +115,16 @@ class ShownEIA:
 @stage(
     "view of {name}: {viewpoint.name}",
     code=RENDERING,
-    makes=(ReconstructedView,),
+    makes=(NoisyImage,),
     timed="reconstruct views",
     describe=("reconstructed", "nothing", "its EIA or its eye is new"),
     follows=("name",),
 )
-def reconstruct(name: str, shown: ShownEIA, viewpoint: Viewpoint) -> ReconstructedView:
+def reconstruct(name: str, shown: ShownEIA, viewpoint: Viewpoint) -> NoisyImage:
     """The view of an EIA from one eye, exposed so that the panel's white looks white.
 
-    Two views of half of the samples each make it. A view is linear in its EIA; so what the EIA's
+    It depends on the EIA and the seed only: equal EIAs have equal views. Two views of half of the
+    samples each make it. A view is linear in its EIA; so what the EIA's
     noise does to it is a third view, with the first one's random numbers, less the first.
 
     Parameters
@@ -165,34 +138,31 @@ def reconstruct(name: str, shown: ShownEIA, viewpoint: Viewpoint) -> Reconstruct
     moved = first if shown.noise is None else shown.view(viewpoint, 0, moved=True)
     image = np.float32(0.5) * (first + second)
     noise = np.float32(0.5) * (first - second) + (moved - first)
-    return ReconstructedView(image, noise)
+    return NoisyImage.from_image(image, noise)
 
 
 def reconstruct_views(
     name: str,
-    eia: np.ndarray,
-    noise: np.ndarray | None,
+    eia: NoisyImage,
     viewpoints: Sequence[Viewpoint],
     optics: Optics,
     renderer: Renderer,
     *,
     run: Run,
-) -> dict[str, ReconstructedView]:
+) -> dict[str, NoisyImage]:
     """The views of an EIA, by viewpoint.
 
     Parameters
     ----------
     name : str
         Whose EIA it is.
-    eia : (rows, columns, 3) float32, linear RGB
-    noise : (rows, columns, 3) float32, or None
-        Half of the difference of two halves of the EIA's samples; None where it has no noise.
+    eia : NoisyImage
     viewpoints : sequence of Viewpoint
     optics : Optics
     renderer : Renderer
     run : Run
     """
-    shown = ShownEIA(eia, noise, optics, renderer)
+    shown = ShownEIA(eia.image, eia.noise, optics, renderer)
     return {eye.name: reconstruct(name, shown, eye, run=run) for eye in viewpoints}
 
 

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from inim.display import Display
-from inim.image.buffers import HalfBuffers
+from inim.image.noisy_image import NoisyImage
 from inim.pipeline.stages.stage import SCORING, Run, stage
 from inim.regression import (
     Fingerprint,
-    HalfBuffer,
     ScoreEstimate,
     TileStatistics,
     eia_tile,
     tile_statistics,
     view_tile,
 )
-
-#: A half of an image's samples.
-Half = np.ndarray | HalfBuffer
 
 
 @dataclass(frozen=True)
@@ -41,13 +35,13 @@ class Statistics:
 
 
 @stage("tile statistics", code=SCORING, makes=(TileStatistics,))
-def _tiles(halves: tuple[Half, Half], tile: tuple[int, int], generated: bool) -> TileStatistics:
-    return tile_statistics(*halves, tile, generated=generated)
+def _tiles(image: NoisyImage, tile: tuple[int, int], generated: bool) -> TileStatistics:
+    return tile_statistics(image, tile, generated=generated)
 
 
 def eia_statistics(
     name: str,
-    halves: tuple[Half, Half],
+    eia: NoisyImage,
     display: Display,
     *,
     whole: bool,
@@ -59,7 +53,7 @@ def eia_statistics(
     Parameters
     ----------
     name : str
-    halves : two (rows, columns, 3)
+    eia : NoisyImage
     display : Display
     whole : bool
         Whether all of it was made.
@@ -70,9 +64,9 @@ def eia_statistics(
     if not whole:
         return {}
     tile = eia_tile(display.eia_shape, (display.lens_rows, display.lens_columns))
-    return {name: _tiles(halves, tile, generated, run=run)}
+    return {name: _tiles(eia, tile, generated, run=run)}
 
 
-def view_statistics(view: HalfBuffers, run: Run) -> TileStatistics:
+def view_statistics(view: NoisyImage, run: Run) -> TileStatistics:
     """Statistics of a rendered view."""
-    return _tiles((view.first, view.second), view_tile(view.first.shape[:2]), False, run=run)
+    return _tiles(view, view_tile(view.shape), False, run=run)

@@ -1,0 +1,106 @@
+"""An image with its noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class NoisyImage:
+    """An image with its noise, from two independent halves of its samples.
+
+    The image is the mean of the halves, its noise is half their difference. A rendered image stores
+    its halves, any other image stores itself and its noise. The other two follow, in float32: an
+    8K panel takes 0.4 GB per array, so they are computed on each request.
+
+    Attributes
+    ----------
+    arrays : two (rows, columns, 3) float32, linear RGB
+        The halves, or the image and its noise. The noise is None for an image without noise.
+    stores_halves : bool
+    nonfinite : int
+        Number of pixels that were not finite and are black instead.
+    """
+
+    arrays: tuple[np.ndarray, np.ndarray | None]
+    stores_halves: bool = False
+    nonfinite: int = 0
+
+    @classmethod
+    def from_halves(cls, first: np.ndarray, second: np.ndarray) -> NoisyImage:
+        """The mean of two halves."""
+        return cls((first, second), stores_halves=True)
+
+    @classmethod
+    def from_image(cls, image: np.ndarray, noise: np.ndarray | None = None) -> NoisyImage:
+        """An image with known noise, None: without noise."""
+        return cls((image, noise))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.arrays[0].shape[:2]
+        return rows, columns
+
+    @property
+    def image(self) -> np.ndarray:
+        """Mean of the halves, (rows, columns, 3) float32."""
+        first, second = self.arrays
+        if not self.stores_halves or second is None:
+            return first
+        mean: np.ndarray = first + second
+        mean /= 2
+        return mean
+
+    @property
+    def noise(self) -> np.ndarray | None:
+        """Half of their difference, (rows, columns, 3) float32."""
+        first, second = self.arrays
+        if not self.stores_halves or second is None:
+            return second
+        half: np.ndarray = first - second
+        half /= 2
+        return half
+
+    @property
+    def first(self) -> np.ndarray:
+        """The image from the first half of the samples."""
+        return self.halves()[0]
+
+    @property
+    def second(self) -> np.ndarray:
+        """The image from the second half of the samples."""
+        return self.halves()[1]
+
+    def halves(self, rows: slice = slice(None)) -> tuple[np.ndarray, np.ndarray]:
+        """Both halves, restricted to a band of rows."""
+        image, noise = self.arrays[0][rows], self.arrays[1]
+        if noise is None:
+            return image, image
+        if self.stores_halves:
+            return image, noise[rows]
+        return image + noise[rows], image - noise[rows]
+
+    def replace_nonfinite(self) -> NoisyImage:
+        """The same with black pixels where a stored half, or the image, is not finite."""
+        first, second = self.arrays
+        if self.stores_halves and second is not None:
+            (first, second), count = replace_nonfinite(first, second)
+        else:
+            (first,), count = replace_nonfinite(first)
+            second = None if second is None else np.nan_to_num(second)
+        return replace(self, arrays=(first, second), nonfinite=count)
+
+
+def replace_nonfinite(*images: np.ndarray) -> tuple[list[np.ndarray], int]:
+    """Images, (rows, columns, channels), with black nonfinite pixels, and the number of these."""
+    if all(np.isfinite(image).all() for image in images):
+        return list(images), 0
+    wrong = [~np.isfinite(image).all(axis=-1) for image in images]
+    replaced = [
+        np.where(w[..., None], np.float32(0), image) if w.any() else image
+        for w, image in zip(wrong, images, strict=True)
+    ]
+    return replaced, sum(int(np.count_nonzero(w)) for w in wrong)
