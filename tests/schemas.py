@@ -13,6 +13,7 @@ from jsonschema.exceptions import best_match
 from referencing import Registry, Resource
 
 import inim.schemas
+from inim.display import DISPLAYS
 from inim.documents import NAMES, schema
 
 FOLDER = Path(inim.schemas.__file__).parent
@@ -99,6 +100,8 @@ def types_of(part: dict[str, Any]) -> list[str]:
 def example(part: dict[str, Any], name: str) -> Any:
     """A value of a schema with all that it allows, and one of each where it allows any number."""
     part = flat(part, name)
+    if part.get("title") == "Display":
+        return DISPLAYS["nominal"].given()
     if "const" in part:
         return part["const"]
     for chosen in ("examples", "enum"):
@@ -116,7 +119,8 @@ def example(part: dict[str, Any], name: str) -> Any:
 def members(part: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """The keys of an example of an object, each with its schema."""
     allows = Draft202012Validator(part.get("propertyNames", True)).is_valid
-    found = [(key, one) for key, one in part.get("properties", {}).items() if allows(key)]
+    listed = [*part.get("required", ()), *set(part.get("properties", {})) - {"not_finite"}]
+    found = [(k, one) for k, one in part.get("properties", {}).items() if allows(k) and k in listed]
     if part.get("additionalProperties"):
         key = next(filter(allows, ("a", "a_to_ceiling")))
         found.append((key, part["additionalProperties"]))

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import fields
 from datetime import datetime, timezone
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,17 @@ from inim.calibrate.advice import Advice, next_positions
 from inim.calibrate.fit import Calibration
 from inim.calibrate.model import PARAMETERS, Seen
 from inim.display import Display
-from inim.report.calibration import SCHEMA
+from inim.documents.calibration import (
+    CalibrationDocument,
+    CameraEstimate,
+    CameraPosition,
+    CertainShift,
+    Correlation,
+    Estimate,
+    NextPosition,
+    Vector,
+)
+from inim.documents.parts import DisplayRecord
 from inim.settings import DISPLAY_KEYS, PREFIX
 from inim.version import __version__
 
@@ -100,75 +109,79 @@ def _mapped(index: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> np
     return mean
 
 
-def as_data(found: Calibration, title: str, command: str) -> dict[str, Any]:
-    """The calibration as plain data, schema `inim.calibration/1`."""
-    camera, shape = found.guess.camera, found.lenses[0].shape
+def calibration_document(found: Calibration, title: str, command: str) -> CalibrationDocument:
+    """The calibration as a document, without the list of its files."""
     advice = next_positions(found)
-    return {
-        "schema": SCHEMA,
-        "title": title,
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "inim_version": __version__,
-        "versions": versions(_VERSIONS),
-        "command": command,
-        "display": {"given": found.display.given(), "derived": found.display.derived()},
-        "parameters": _parameters(found),
-        "not_determined": found.unknown,
-        "shift_is_certain": {"x": found.edges_seen[0], "y": found.edges_seen[1]},
-        "camera": {
-            "is_given": "focal_px" not in found.estimates,
-            "width_px": shape[1],
-            "height_px": shape[0],
-            **camera._asdict(),
-            "standard_errors": {
-                name: found.estimates[name].error if name in found.estimates else None
-                for name in camera._fields
-            },
+    return CalibrationDocument(
+        title=title,
+        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        inim_version=__version__,
+        versions=versions(_VERSIONS),
+        command=command,
+        display=DisplayRecord.of(found.display),
+        parameters={name: _estimate(found, name) for name in PARAMETERS},
+        not_determined=found.unknown,
+        shift_is_certain=CertainShift(x=found.edges_seen[0], y=found.edges_seen[1]),
+        camera=_camera(found),
+        correlation=Correlation(names=list(found.estimates), matrix=found.correlation.tolist()),
+        positions=[_position(found, n) for n in range(len(found.names))],
+        next=[
+            NextPosition(where=one.where, eye_mm=one.eye_mm, standard_errors=one.errors)
+            for one in advice[:_MOST_ADVICE]
+        ],
+        warnings=_warnings(found, advice),
+        files=[],
+    )
+
+
+def _estimate(found: Calibration, name: str) -> Estimate:
+    estimate = found.estimates[name]
+    low, high = estimate.interval
+    return Estimate(
+        value=estimate.value,
+        standard_error=estimate.error,
+        low=low,
+        high=high,
+        largest_standard_error=estimate.limit,
+        is_determined=estimate.is_known,
+        nominal=getattr(found.nominal, name),
+    )
+
+
+def _camera(found: Calibration) -> CameraEstimate:
+    camera, (height, width) = found.guess.camera, found.lenses[0].shape
+    is_given = "focal_px" not in found.estimates
+    return CameraEstimate(
+        is_given=is_given,
+        width_px=width,
+        height_px=height,
+        **camera._asdict(),
+        standard_errors={
+            name: None if is_given else found.estimates[name].error for name in camera._fields
         },
-        "correlation": {
-            "names": list(found.estimates),
-            "matrix": found.correlation.tolist(),
-        },
-        "positions": [_position(found, n) for n in range(len(found.names))],
-        "next": [_advice(one) for one in advice[:_MOST_ADVICE]],
-        "warnings": _warnings(found, advice),
-    }
+    )
 
 
-def _parameters(found: Calibration) -> dict[str, Any]:
-    return {
-        name: {
-            "value": found.estimates[name].value,
-            "standard_error": found.estimates[name].error,
-            "low": found.estimates[name].interval[0],
-            "high": found.estimates[name].interval[1],
-            "largest_standard_error": found.estimates[name].limit,
-            "is_determined": found.estimates[name].is_known,
-            "nominal": getattr(found.nominal, name),
-        }
-        for name in PARAMETERS
-    }
-
-
-def _position(found: Calibration, n: int) -> dict[str, Any]:
+def _position(found: Calibration, n: int) -> CameraPosition:
     pose, errors, lenses = found.guess.poses[n], found.pose_errors[n], found.lenses[n]
     x, y, z = pose.eye_mm
-    return {
-        "name": found.names[n],
-        "eye_mm": pose.eye_mm.tolist(),
-        "eye_standard_error_mm": errors[3:].tolist(),
-        "turn": pose.turn.tolist(),
-        "turn_standard_error_deg": np.degrees(errors[:3]).tolist(),
-        "off_straight_deg": math.degrees(math.atan2(math.hypot(x, y), z)),
-        "lenses": len(lenses.index),
-        "whole_lenses": int(lenses.is_whole.sum()),
-        "panel_residual_um": 1e3 * float(found.sizes[n, 0]),
-        "outline_residual_px": float(found.sizes[n, 1]),
-    }
+    return CameraPosition(
+        name=found.names[n],
+        eye_mm=tuple(pose.eye_mm.tolist()),
+        eye_standard_error_mm=tuple(errors[3:].tolist()),
+        turn=_rows(pose.turn),
+        turn_standard_error_deg=tuple(np.degrees(errors[:3]).tolist()),
+        off_straight_deg=math.degrees(math.atan2(math.hypot(x, y), z)),
+        lenses=len(lenses.index),
+        whole_lenses=int(lenses.is_whole.sum()),
+        panel_residual_um=1e3 * float(found.sizes[n, 0]),
+        outline_residual_px=float(found.sizes[n, 1]),
+    )
 
 
-def _advice(one: Advice) -> dict[str, Any]:
-    return {"where": one.where, "eye_mm": list(one.eye_mm), "standard_errors": one.errors}
+def _rows(matrix: np.ndarray) -> tuple[Vector, Vector, Vector]:
+    first, second, third = (tuple(row) for row in matrix.tolist())
+    return first, second, third
 
 
 def _warnings(found: Calibration, advice: Sequence[Advice]) -> list[str]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import base64
 import html
-import json
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
@@ -20,12 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
+from inim.documents.document import encode
+from inim.documents.patterns import PatternsDocument
 from inim.files.image import encoded
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.version import __version__
 from inim.worker.output import published
 
-SCHEMA = "inim.patterns/1"
 #: File name of the page that shows the pictures.
 PAGE = "patterns.html"
 #: Panel pixels of a period of the cosine, and of a cell of the Gray code.
@@ -105,17 +105,16 @@ def write_patterns(display: Display, folder: Path) -> Path:
     for name, codes in patterns((rows, columns)):
         grey = np.broadcast_to(codes, (rows, columns))
         pictures[f"{name}.png"] = encoded(grey, "PNG", optimize=True)
-    about = {
-        "schema": SCHEMA,
-        "inim_version": __version__,
-        "display": display.name,
-        "panel_rows": rows,
-        "panel_columns": columns,
-        "pixel_pitch_mm": display.pixel_pitch_mm,
-        "pictures": list(pictures),
-    }
+    about = PatternsDocument(
+        inim_version=__version__,
+        display=display.name,
+        panel_rows=rows,
+        panel_columns=columns,
+        pixel_pitch_mm=display.pixel_pitch_mm,
+        pictures=list(pictures),
+    )
     files = {
-        _MARKER: json.dumps(about, indent=1).encode() + b"\n",
+        _MARKER: encode(about).encode() + b"\n",
         PAGE: _page(display, pictures).encode(),
         **pictures,
     }

@@ -10,7 +10,7 @@ told apart in an order: first the photograph is moved against it (geometry), the
 from __future__ import annotations
 
 from datetime import datetime, timezone
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import binary_erosion, gaussian_filter, shift
@@ -19,11 +19,12 @@ from scipy.optimize import least_squares, minimize_scalar
 from inim.backend.provenance import versions
 from inim.calibrate.camera import Camera, Pose, rays
 from inim.display import Display
+from inim.documents.parts import DisplayRecord
+from inim.documents.photo import MatchedStage, PhotoDocument, Shift, ToneCurve
 from inim.errors import FileError
 from inim.lens import trace_to_pixels
 from inim.metrics import score
 from inim.process.threads import threads
-from inim.report.photo import SCHEMA
 from inim.version import __version__
 
 #: Side of the squares whose movement the flow tells.
@@ -301,7 +302,7 @@ def _blur(grey: np.ndarray, placed: np.ndarray, counts: np.ndarray) -> float:
     return float(found.x) if found.x > _LEAST_BLUR_PX else 0.0
 
 
-def as_data(
+def photo_document(
     found: Difference,
     display: Display,
     lens_px: float,
@@ -311,8 +312,8 @@ def as_data(
     photograph: str,
     eia: str,
     position: str,
-) -> dict[str, Any]:
-    """A comparison as plain data, schema `inim.photo/1`.
+) -> PhotoDocument:
+    """A comparison as a document, without the list of its files.
 
     Parameters
     ----------
@@ -321,46 +322,46 @@ def as_data(
     lens_px : float
         Lens pitch in pixels of the photograph.
     title, command, photograph, eia, position : str
-        What to call things.
+        Names of the document and its inputs.
     """
     errors = [
         float(np.mean((stage.picture - found.photograph)[found.counts] ** 2))
         for stage in found.stages
     ]
     rows, columns = found.window
-    return {
-        "schema": SCHEMA,
-        "title": title,
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "inim_version": __version__,
-        "versions": versions(("numpy", "scipy")),
-        "command": command,
-        "photograph": photograph,
-        "eia": eia,
-        "position": position,
-        "display": {"given": display.given(), "derived": display.derived()},
-        "window_px": [columns.start, rows.start, columns.stop, rows.stop],
-        "geometry": {
-            "right_px": found.right_px,
-            "down_px": found.down_px,
-            "standard_error_px": float(found.error_px),
-            "lens_px": lens_px,
-            "block_px": BLOCK_PX,
-            "largest_block_px": float(
+    return PhotoDocument(
+        title=title,
+        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        inim_version=__version__,
+        versions=versions(("numpy", "scipy")),
+        command=command,
+        photograph=photograph,
+        eia=eia,
+        position=position,
+        display=DisplayRecord.of(display),
+        window_px=(columns.start, rows.start, columns.stop, rows.stop),
+        geometry=Shift(
+            right_px=found.right_px,
+            down_px=found.down_px,
+            standard_error_px=float(found.error_px),
+            lens_px=lens_px,
+            block_px=BLOCK_PX,
+            largest_block_px=float(
                 np.nanmax(np.hypot(found.flow[..., 0], found.flow[..., 1]), initial=0.0)
             ),
-        },
-        "blur": {"sigma_px": found.blur_px},
-        "tone": {
-            color: tone._asdict()
+        ),
+        blur_sigma_px=found.blur_px,
+        tone={
+            color: ToneCurve(**tone._asdict())
             for color, tone in zip(("red", "green", "blue"), found.tones, strict=True)
         },
-        "stages": [
-            {
-                "name": stage.name,
-                "error_share": error / errors[0],
-                **score(found.photograph, stage.picture),
-            }
+        stages=[
+            MatchedStage(
+                name=stage.name,
+                error_share=error / errors[0],
+                scores=score(found.photograph, stage.picture),
+            )
             for stage, error in zip(found.stages, errors, strict=True)
         ],
-    }
+        files=[],
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from inim.commands.options import (
     Command,
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from inim.calibrate.fit import Calibration
     from inim.calibrate.lattice import Lenses
     from inim.display import Display
+    from inim.documents.calibration import CalibrationDocument
 
 _PATTERNS = "patterns"
 _EPILOG = """first
@@ -95,9 +96,9 @@ def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
     check_display(display)
     lenses, focal_px = _lenses(photos, display)
     found = calibrate(lenses, display, camera=camera, focal_px=focal_px)
-    data = _write(found, args, out, preset)
+    document = _write(found, args, out, preset)
     print("\n".join(_table(found)))
-    for warning in data["warnings"]:
+    for warning in document.warnings:
         print_warning(warning)
     print_outcome(f"calibrated: {out}, {_report_folder(out) / 'calibration.html'}")
     return EXIT_CHECK_FAILED if found.unknown else EXIT_PASSED
@@ -146,11 +147,13 @@ def _report_folder(out: Path) -> Path:
     return out.with_name(f"{out.stem}-calibration")
 
 
-def _write(found: Calibration, args: argparse.Namespace, out: Path, preset: str) -> dict[str, Any]:
-    """The report's folder, then the display file; the report's data."""
+def _write(
+    found: Calibration, args: argparse.Namespace, out: Path, preset: str
+) -> CalibrationDocument:
+    """Write the report's folder, then the display file."""
     import shlex
 
-    from inim.calibrate.output import as_data, display_file, residual_maps
+    from inim.calibrate.output import calibration_document, display_file, residual_maps
     from inim.pipeline.request import repeated
     from inim.report.calibration import FILES, write_calibration
     from inim.report.files import write_text
@@ -160,12 +163,13 @@ def _write(found: Calibration, args: argparse.Namespace, out: Path, preset: str)
     for option, value in (("--display", args.display), ("--intrinsics", args.intrinsics)):
         words += [] if value is None else [option, value]
     words += repeated("-D", args.definitions)
-    data = as_data(found, f"Calibration: {Path(args.photos).resolve().name}", shlex.join(words))
+    title = f"Calibration: {Path(args.photos).resolve().name}"
+    document = calibration_document(found, title, shlex.join(words))
     folder = _report_folder(out)
     with published(folder, FILES) as staging:
-        write_calibration(data, residual_maps(found), staging)
+        write_calibration(document, residual_maps(found), staging)
     write_text(out, display_file(found, preset))
-    return data
+    return document
 
 
 def _table(found: Calibration) -> list[str]:

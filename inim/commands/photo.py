@@ -18,6 +18,8 @@ from inim.errors import EXIT_PASSED, UsageError, known_words
 if TYPE_CHECKING:
     from inim.calibrate.camera import Camera, Pose
     from inim.display import Display
+    from inim.documents.calibration import CalibrationDocument, CameraPosition
+    from inim.documents.photo import PhotoDocument
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +48,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     from inim.calibrate.camera import Camera
-    from inim.calibrate.photo import as_data, compare, simulate
+    from inim.calibrate.photo import compare, photo_document, simulate
     from inim.calibrate.photographs import read_colors
     from inim.files.eia_file import read_eia
     from inim.scene.file import chosen_display
@@ -55,20 +57,20 @@ def _run(args: argparse.Namespace) -> int:
     if not (args.display or "").lower().endswith(".xml"):
         raise UsageError("--display: name the display file that inim calibrate wrote")
     display, _ = chosen_display(args.display, args.definitions, "inim photo")
-    data = _calibration(Path(args.display))
-    known = data["camera"]
-    camera = Camera(*(known[field] for field in Camera._fields))
-    shape = known["height_px"], known["width_px"]
+    calibration = _calibration(Path(args.display))
+    fitted = calibration.camera
+    camera = Camera(*(getattr(fitted, field) for field in Camera._fields))
+    shape = fitted.height_px, fitted.width_px
     photograph = read_colors(args.photo)
     _check_shape(args.photo, photograph.shape[:2], shape)
     if args.patterns is None:
-        pose, position = _calibrated_pose(data["positions"], args.position)
+        pose, position = _calibrated_pose(calibration.positions, args.position)
     else:
         pose, position = _pose(args.patterns, display, camera, shape), args.patterns.resolve().name
     eia, _ = read_eia(args.eia, display)
     light, seen = simulate(eia, display, camera, pose, shape)
     found = compare(photograph, light, seen, str(args.photo))
-    data = as_data(
+    document = photo_document(
         found,
         display,
         camera.focal_px * display.pitch_mm / _distance_mm(pose),
@@ -84,18 +86,21 @@ def _run(args: argparse.Namespace) -> int:
         "simulation": found.stages[0].picture,
         "matched": found.stages[-1].picture,
     }
-    _write(data, pictures, found.flow, out)
-    print("\n".join(_lines(data)))
+    _write(document, pictures, found.flow, out)
+    print("\n".join(_lines(document)))
     print_outcome(f"compared: {out / 'photo.html'}")
     return EXIT_PASSED
 
 
-def _calibration(display: Path) -> dict[str, Any]:
-    """What `inim calibrate` wrote beside a display file."""
-    from inim.files.json_file import read_json
+def _calibration(display: Path) -> CalibrationDocument:
+    """The calibration that `inim calibrate` wrote next to a display file."""
+    from inim.documents import read_document
+    from inim.documents.calibration import CalibrationDocument
 
     path = display.with_name(f"{display.stem}-calibration") / "calibration.json"
-    return read_json(path, "keep the report that inim calibrate wrote beside it", "calibration")
+    return read_document(
+        path, "keep the report that inim calibrate wrote beside it", CalibrationDocument
+    )
 
 
 def _check_shape(name: Path, shape: tuple[int, ...], wanted: tuple[int, int]) -> None:
@@ -106,13 +111,13 @@ def _check_shape(name: Path, shape: tuple[int, ...], wanted: tuple[int, int]) ->
         )
 
 
-def _calibrated_pose(positions: list[dict[str, Any]], name: str | None) -> tuple[Pose, str]:
+def _calibrated_pose(positions: list[CameraPosition], name: str | None) -> tuple[Pose, str]:
     """Pose and name of a position of a calibration."""
     import numpy as np
 
     from inim.calibrate.camera import Pose
 
-    places = {one["name"]: one for one in positions}
+    places = {position.name: position for position in positions}
     if name is None and len(places) > 1:
         raise UsageError(
             f"--position: the camera stood in one; use {' or '.join(places)}, or --patterns FOLDER "
@@ -121,7 +126,7 @@ def _calibrated_pose(positions: list[dict[str, Any]], name: str | None) -> tuple
     name = next(iter(places)) if name is None else name
     if name not in places:
         raise UsageError(f"--position {name}: {known_words(name, places)}")
-    return Pose(np.array(places[name]["turn"]), np.array(places[name]["eye_mm"])), name
+    return Pose(np.array(places[name].turn), np.array(places[name].eye_mm)), name
 
 
 def _pose(folder: Path, display: Display, camera: Camera, shape: tuple[int, int]) -> Pose:
@@ -152,26 +157,26 @@ def _command(args: argparse.Namespace) -> str:
     return shlex.join(words + ([] if args.out is None else ["-o", str(args.out)]))
 
 
-def _write(data: dict[str, Any], pictures: dict[str, Any], flow: Any, out: Path) -> None:
+def _write(document: PhotoDocument, pictures: dict[str, Any], flow: Any, out: Path) -> None:
     from inim.report.photo import FILES, write_photo
     from inim.worker.output import published
 
     with published(out, FILES) as staging:
-        write_photo(data, pictures, flow, staging)
+        write_photo(document, pictures, flow, staging)
 
 
-def _lines(data: dict[str, Any]) -> list[str]:
-    geometry, tone, stages = data["geometry"], data["tone"], data["stages"]
-    gammas = ", ".join(f"{one['gamma']:.3f}" for one in tone.values())
+def _lines(document: PhotoDocument) -> list[str]:
+    geometry = document.geometry
+    gammas = ", ".join(f"{curve.gamma:.3f}" for curve in document.tone.values())
     return [
-        f"geometry  {geometry['right_px']:+.3f} px right, {geometry['down_px']:+.3f} px down "
-        f"(± {geometry['standard_error_px']:.3f})",
-        f"blur      {data['blur']['sigma_px']:.2f} px",
+        f"geometry  {geometry.right_px:+.3f} px right, {geometry.down_px:+.3f} px down "
+        f"(± {geometry.standard_error_px:.3f})",
+        f"blur      {document.blur_sigma_px:.2f} px",
         f"tone      gamma {gammas}",
         *(
-            f"SSIM {one['ssim']:.4f}, PSNR {one['psnr_db']:.2f} dB, FLIP {one['flip']:.4f}: "
-            f"{one['name']}"
-            for one in stages
+            f"SSIM {stage.scores['ssim']:.4f}, PSNR {stage.scores['psnr_db']:.2f} dB, "
+            f"FLIP {stage.scores['flip']:.4f}: {stage.name}"
+            for stage in document.stages
         ),
     ]
 

@@ -154,12 +154,12 @@ def _tolerate(args: argparse.Namespace) -> int:
         print("\n".join(plan_tolerance(request).lines()))
         return EXIT_PASSED
     interruption.say(_KEPT)
-    data = run_tolerance(request, quiet=args.quiet, debug=args.debug)
-    failed = {one["display"]: one["error"] for one in data["failed"]}
+    document = run_tolerance(request, quiet=args.quiet, debug=args.debug)
+    failed = {display.display: display.error for display in document.failed}
     if args.quiet:
         _print_failed(failed)
     else:
-        print("\n".join(sentences(data)))
+        print("\n".join(sentences(document)))
         print_outcome(f"tolerances: {request.place.out / PAGE}")
     return EXIT_CHECK_FAILED if failed else EXIT_PASSED
 

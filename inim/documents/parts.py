@@ -26,7 +26,9 @@ Versions = Annotated[
 ]
 Command = Annotated[str, doc("The command line that repeats it.")]
 Files = Annotated[list[str], doc("All its files, relative to its folder.")]
-Sha256 = Annotated[str, doc("A SHA-256 in hexadecimal digits.", pattern="^[0-9a-f]{64}$")]
+Sha256 = Annotated[
+    str, doc("A SHA-256 in hexadecimal digits.", pattern="^[0-9a-f]{64}$", examples=["0" * 64])
+]
 LensModel = Annotated[str, doc("Lens model of the views.")]
 Warnings = Annotated[list[str], doc("What to know before trusting the results, a text each.")]
 

@@ -15,7 +15,12 @@ from inim.settings import Settings
 
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 # Class of each document, in the module of the document's name, which loads on demand.
-_CLASSES: dict[str, str] = {}
+_CLASSES = {
+    "calibration": "CalibrationDocument",
+    "patterns": "PatternsDocument",
+    "photo": "PhotoDocument",
+    "tolerate": "ToleranceDocument",
+}
 #: Names of the documents.
 NAMES = inim.schemas.NAMES
 

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
-from inim.report.files import list_files, write_forms
+from inim.documents import write_document
+from inim.documents.calibration import CalibrationDocument
+from inim.documents.files import write_text
+from inim.report.files import folder_files
 from inim.report.markup import bullets, element, saved_plot, text, text_table
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.plots import new_figure, save, style
-from inim.report.wording import MISSING, items, number, part
+from inim.report.wording import number
 
-SCHEMA = "inim.calibration/1"
 #: What a report has for certain, its JSON first.
 FILES = ("calibration.json", "calibration.html", "residuals.svg", "residuals.png")
 _STYLE = """
@@ -59,20 +62,21 @@ _QUANTILE = 0.98
 Maps = Sequence[tuple[str, np.ndarray, np.ndarray]]
 
 
-def write_calibration(data: Mapping[str, Any], maps: Maps, folder: Path) -> None:
+def write_calibration(data: CalibrationDocument, maps: Maps, folder: Path) -> None:
     """Write all forms into a folder, `calibration.json` last: it marks a whole report.
 
     Parameters
     ----------
-    data : mapping
-        Schema `inim.calibration/1`; `files` is added here.
+    data : CalibrationDocument
+        `files` is set here.
     maps : sequence of (str, (rows, columns, 2) array, (rows, columns, 2) array)
         Of each position, by lens: residuals on the panel, µm, and in the photograph, pixels.
     folder : Path
     """
     save(_draw(maps), folder, "residuals")
-    forms = {"calibration.html": lambda data: _page(data, folder)}
-    write_forms(list_files(data, folder, FILES[0], *forms), folder, FILES[0], forms)
+    data = replace(data, files=folder_files(folder, *FILES))
+    write_text(folder / FILES[1], _page(data, folder))
+    write_document(folder / FILES[0], data)
 
 
 def _draw(maps: Maps) -> Any:
@@ -109,17 +113,16 @@ def _draw(maps: Maps) -> Any:
     return figure
 
 
-def _page(data: Mapping[str, Any], folder: Path) -> str:
-    title = data.get("title", "Calibration")
+def _page(data: CalibrationDocument, folder: Path) -> str:
     return render_page(
-        title,
+        data.title,
         [
             "Calibrated from photographs",
-            text(_count(len(items(data, "positions")), "position")),
+            text(_count(len(data.positions), "position")),
             timestamp(data),
         ],
         [
-            Section("warnings", "Warnings", bullets(items(data, "warnings"), "cautions")),
+            Section("warnings", "Warnings", bullets(data.warnings, "cautions")),
             Section("parameters", "Parameters", _parameters(data)),
             Section("next", "What to photograph next", _next(data)),
             Section("residuals", "Residuals", _residuals(folder)),
@@ -127,7 +130,7 @@ def _page(data: Mapping[str, Any], folder: Path) -> str:
             Section("correlation", "Correlations", _correlation(data)),
             how_to_reproduce(data),
         ],
-        window_title=f"{title} – inim",
+        window_title=f"{data.title} – inim",
         footer=data_note(data, FILES[0]),
         style=_STYLE,
     )
@@ -137,21 +140,19 @@ def _count(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
-def _parameters(data: Mapping[str, Any]) -> str:
+def _parameters(data: CalibrationDocument) -> str:
     rows = []
-    for name, (label, _, digits) in _NAMES.items():
-        one = part(data, "parameters", name)
-        if not one:
-            continue
-        value = number(one.get("value"), digits)
+    for name, estimate in data.parameters.items():
+        label, _, digits = _NAMES[name]
+        value = number(estimate.value, digits)
         rows.append(
             [
                 label,
-                value if one.get("is_determined") else f"not determined ({value})",
-                f"± {number(one.get('standard_error'), digits + 1)}",
-                f"{number(one.get('low'), digits)} to {number(one.get('high'), digits)}",
-                number(one.get("nominal"), digits),
-                number(one.get("largest_standard_error"), digits),
+                value if estimate.is_determined else f"not determined ({value})",
+                f"± {number(estimate.standard_error, digits + 1)}",
+                f"{number(estimate.low, digits)} to {number(estimate.high, digits)}",
+                number(estimate.nominal, digits),
+                number(estimate.largest_standard_error, digits),
             ]
         )
     heads = ["Parameter", "Found", "Standard error", "95 % interval", "Design", "Limit"]
@@ -160,19 +161,16 @@ def _parameters(data: Mapping[str, Any]) -> str:
     )
 
 
-def _next(data: Mapping[str, Any]) -> str:
-    advised = items(data, "next")
-    if not advised:
+def _next(data: CalibrationDocument) -> str:
+    if not data.next:
         return ""
-    names = list(part(advised[0], "standard_errors"))
-    now = [part(data, "parameters", name).get("standard_error") for name in names]
-    rows = [["as it is", *(number(v, _digits(k)) for k, v in zip(names, now, strict=True))]]
-    rows += [
-        [
-            f"from {one.get('where')}",
-            *(number(v, _digits(k)) for k, v in part(one, "standard_errors").items()),
-        ]
-        for one in advised
+    names = list(data.next[0].standard_errors)
+    now = {name: data.parameters[name].standard_error for name in names}
+    advised = {"as it is": now}
+    advised |= {f"from {position.where}": position.standard_errors for position in data.next}
+    rows = [
+        [where, *(number(errors[name], _digits(name)) for name in names)]
+        for where, errors in advised.items()
     ]
     heads = ["Position", *(_NAMES[name][1] for name in names)]
     return element("p", text(_NEXT), class_="lead") + text_table(
@@ -189,46 +187,44 @@ def _residuals(folder: Path) -> str:
     return element("p", text(_MAPS), class_="lead") + saved_plot(folder / "residuals.svg", words)
 
 
-def _positions(data: Mapping[str, Any]) -> str:
-    rows = []
-    for one in items(data, "positions"):
-        eye, errors = items(one, "eye_mm"), items(one, "eye_standard_error_mm")
-        rows.append(
-            [
-                str(one.get("name")),
-                *(f"{number(v, 1)} ± {number(e, 1)}" for v, e in zip(eye, errors, strict=True)),
-                number(one.get("off_straight_deg"), 1),
-                str(one.get("lenses", MISSING)),
-                number(one.get("panel_residual_um"), 1),
-                number(one.get("outline_residual_px"), 2),
-            ]
-        )
+def _positions(data: CalibrationDocument) -> str:
+    rows = [
+        [
+            position.name,
+            *(
+                f"{number(value, 1)} ± {number(error, 1)}"
+                for value, error in zip(
+                    position.eye_mm, position.eye_standard_error_mm, strict=True
+                )
+            ),
+            number(position.off_straight_deg, 1),
+            str(position.lenses),
+            number(position.panel_residual_um, 1),
+            number(position.outline_residual_px, 2),
+        ]
+        for position in data.positions
+    ]
     heads = [
         "Position", "right, mm", "up, mm", "away, mm", "off straight, °", "lenses",
         "residual, panel µm", "residual, outline px",
     ]  # fmt: skip
-    camera = part(data, "camera")
-    given = camera.get("is_given")
-    own = part(camera, "standard_errors")
     intrinsics = [
         [
-            label,
-            number(camera.get(name), digits),
-            "given" if given else f"± {number(own.get(name), digits + 1)}",
+            _NAMES[name][0],
+            number(getattr(data.camera, name), _NAMES[name][2]),
+            "given" if error is None else f"± {number(error, _digits(name))}",
         ]
-        for name, (label, _, digits) in _NAMES.items()
-        if name in camera
+        for name, error in data.camera.standard_errors.items()
     ]
     return text_table("Where the camera stood", heads, rows, "calibration") + text_table(
         "The camera", ["Intrinsic", "Value", "Standard error"], intrinsics, "calibration"
     )
 
 
-def _correlation(data: Mapping[str, Any]) -> str:
-    names = items(part(data, "correlation"), "names")
-    labels = [_NAMES[name][1].partition(",")[0] for name in names]
+def _correlation(data: CalibrationDocument) -> str:
+    labels = [_NAMES[name][1].partition(",")[0] for name in data.correlation.names]
     rows = [
         [label, *(number(value, 2) for value in row)]
-        for label, row in zip(labels, items(part(data, "correlation"), "matrix"), strict=True)
+        for label, row in zip(labels, data.correlation.matrix, strict=True)
     ]
     return text_table("Correlations of the estimates", ["", *labels], rows, "calibration")

@@ -15,6 +15,9 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
+import msgspec
+
+from inim.documents import Document
 from inim.report.markup import element, folded, mark, table, text
 from inim.report.wording import MISSING, check_passed, checks, items, part, plain, short, verdict
 
@@ -185,30 +188,39 @@ def check_badge(data: Mapping[str, Any]) -> str:
     return badge(verdict(data), *lines)
 
 
-def timestamp(data: Mapping[str, Any]) -> str:
-    """When a report was made, as HTML."""
-    words = plain(data.get("created") or MISSING).replace("T", " ")
+def timestamp(data: Mapping[str, Any] | Document) -> str:
+    """Time of a document, as HTML."""
+    words = plain(_values(data).get("created") or MISSING).replace("T", " ")
     return element("time", text(words.replace("+00:00", " UTC").replace("Z", " UTC")))
 
 
-def data_note(data: Mapping[str, Any], file: str) -> str:
+def data_note(document: Mapping[str, Any] | Document, file: str) -> str:
     """The footer's words: what wrote the page, and which file has its data."""
+    data = _values(document)
     version = f"inim {plain(data['inim_version'])} · " if data.get("inim_version") else ""
     schema = f" ({plain(data['schema'])})" if data.get("schema") else ""
     return f"{version}data in {file}{schema}"
 
 
-def how_to_reproduce(data: Mapping[str, Any], more: str = "") -> Section:
+def _values(document: Mapping[str, Any] | Document) -> Mapping[str, Any]:
+    if isinstance(document, Document):
+        values: dict[str, Any] = msgspec.to_builtins(document)
+        return values
+    return document
+
+
+def how_to_reproduce(document: Mapping[str, Any] | Document, more: str = "") -> Section:
     """The command of a report and whatever could make another run differ.
 
     Parameters
     ----------
-    data : mapping
-        Of a report. Only what it has of `command`, `settings`, `scene`, `versions` and `backend`
+    document : mapping or Document
+        Only what it has of `command`, `settings`, `scene`, `versions` and `backend`
         is shown.
     more : str
         HTML below the command.
     """
+    data = _values(document)
     command = element("pre", element("code", text(data.get("command", MISSING))), tabindex=0)
     scene = {**part(data, "scene"), **part(data, "scene", "fit")}
     tables = {

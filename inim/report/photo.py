@@ -7,16 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
+from inim.documents import write_document
+from inim.documents.files import write_text
+from inim.documents.photo import PhotoDocument
 from inim.files.image import write_png
-from inim.report.files import list_files, write_forms
+from inim.report.files import folder_files
 from inim.report.images import DIFFERENCE_GAIN, ENCODINGS, Images, difference
 from inim.report.markup import element, figure, saved_plot, text, text_table
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.plots import new_figure, save, style
-from inim.report.wording import items, number, part
+from inim.report.wording import number, per_cent
 
-SCHEMA = "inim.photo/1"
 _PICTURES = ("photograph", "simulation", "matched")
 #: What a report has for certain, its JSON first.
 FILES = (
@@ -47,14 +50,14 @@ _FLOW = (
 
 
 def write_photo(
-    data: Mapping[str, Any], pictures: Mapping[str, np.ndarray], flow: np.ndarray, folder: Path
+    data: PhotoDocument, pictures: Mapping[str, np.ndarray], flow: np.ndarray, folder: Path
 ) -> None:
     """Write all forms into a folder, `photo.json` last: it marks a whole report.
 
     Parameters
     ----------
-    data : mapping
-        Schema `inim.photo/1`; `files` is added here.
+    data : PhotoDocument
+        `files` is set here.
     pictures : mapping of str to (H, W, 3) array, linear
         The photograph, its simulation, and that matched in all three respects.
     flow : (rows, columns, 2) array
@@ -64,8 +67,9 @@ def write_photo(
     for name in _PICTURES:
         write_png(folder / f"{name}.png", pictures[name])
     save(_draw(flow), folder, "flow")
-    forms = {"photo.html": lambda data: _page(data, folder)}
-    write_forms(list_files(data, folder, FILES[0], *forms), folder, FILES[0], forms)
+    data = replace(data, files=folder_files(folder, *FILES))
+    write_text(folder / FILES[1], _page(data, folder))
+    write_document(folder / FILES[0], data)
 
 
 def _draw(flow: np.ndarray) -> Any:
@@ -82,11 +86,10 @@ def _draw(flow: np.ndarray) -> Any:
     return figure
 
 
-def _page(data: Mapping[str, Any], folder: Path) -> str:
-    title = data.get("title", "Photograph")
+def _page(data: PhotoDocument, folder: Path) -> str:
     return render_page(
-        title,
-        ["Photograph against simulation", text(data.get("photograph", "")), timestamp(data)],
+        data.title,
+        ["Photograph against simulation", text(data.photograph), timestamp(data)],
         [
             Section("causes", "What differs", _causes(data)),
             Section("pictures", "Pictures", _pictures(folder)),
@@ -94,24 +97,27 @@ def _page(data: Mapping[str, Any], folder: Path) -> str:
             Section("flow", "Remaining shift", _flow(folder)),
             how_to_reproduce(data),
         ],
-        window_title=f"{title} – inim",
+        window_title=f"{data.title} – inim",
         footer=data_note(data, FILES[0]),
         style=_STYLE,
     )
 
 
-def _causes(data: Mapping[str, Any]) -> str:
-    geometry, tone = part(data, "geometry"), part(data, "tone")
-    error = number(geometry.get("standard_error_px"), 3)
+def _causes(data: PhotoDocument) -> str:
+    geometry = data.geometry
     rows = [
         [
             "Geometry: shift, photograph px",
-            f"{number(geometry.get('right_px'), 3)} right, {number(geometry.get('down_px'), 3)} "
-            f"down, ± {error}; a lens is {number(geometry.get('lens_px'), 1)} wide",
+            f"{number(geometry.right_px, 3)} right, {number(geometry.down_px, 3)} down, "
+            f"± {number(geometry.standard_error_px, 3)}; a lens is {number(geometry.lens_px, 1)} "
+            "wide",
         ],
-        ["Blur: sigma, photograph px", number(part(data, "blur").get("sigma_px"), 2)],
+        ["Blur: sigma, photograph px", number(data.blur_sigma_px, 2)],
         *(
-            [f"Tone: {label}", ", ".join(number(part(tone, c).get(key), 3) for c in tone)]
+            [
+                f"Tone: {label}",
+                ", ".join(number(getattr(curve, key), 3) for curve in data.tone.values()),
+            ]
             for key, label in (
                 ("gamma", "gamma (red, green, blue)"),
                 ("black", "black level"),
@@ -136,16 +142,16 @@ def _pictures(folder: Path) -> str:
     return element("div", *figures, class_="photos")
 
 
-def _scores(data: Mapping[str, Any]) -> str:
+def _scores(data: PhotoDocument) -> str:
     rows = [
         [
-            str(one.get("name")),
-            number(one.get("ssim"), 4),
-            number(one.get("psnr_db"), 2),
-            number(one.get("flip"), 4),
-            f"{100 * one['error_share']:.1f} %" if one.get("error_share") is not None else "",
+            stage.name,
+            number(stage.scores["ssim"], 4),
+            number(stage.scores["psnr_db"], 2),
+            number(stage.scores["flip"], 4),
+            per_cent(stage.error_share, 1),
         ]
-        for one in items(data, "stages")
+        for stage in data.stages
     ]
     heads = ["Simulation", "SSIM", "PSNR, dB", "FLIP", "squared error left"]
     table = text_table("Against the photograph", heads, rows, "photo")

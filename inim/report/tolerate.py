@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from inim.documents import write_document
+from inim.documents.files import write_text
+from inim.documents.tolerate import ParameterTolerance, Together, ToleranceDocument
 from inim.metrics.headline import HEADLINE_WORDS
-from inim.report.files import write_forms
 from inim.report.markup import bullets, element, plot, text, text_table
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.plots import LINES, SOFT, across, new_figure, style, svg
-from inim.report.wording import MISSING, NBSP, is_number, items, number, part, per_cent
+from inim.report.wording import MISSING, NBSP, number, per_cent
 
-SCHEMA = "inim.tolerate/1"
 PAGE = "tolerate.html"
 #: Of a normal error, 95 % lie within so many standard errors.
 _WITHIN = 1.96
@@ -42,52 +42,46 @@ _TOGETHER = (
 )
 
 
-def write_tolerance(data: Mapping[str, Any], folder: Path) -> None:
+def write_tolerance(data: ToleranceDocument, folder: Path) -> None:
     """Write data and page, the data last.
 
     Parameters
     ----------
-    data : mapping
-        Schema `inim.tolerate/1`.
+    data : ToleranceDocument
     folder : Path
         Of the sweep.
     """
-    write_forms(data, folder, "tolerate.json", {PAGE: _page})
+    write_text(folder / PAGE, _page(data))
+    write_document(folder / "tolerate.json", data)
 
 
-def sentences(data: Mapping[str, Any]) -> list[str]:
-    """What this display can bear, a sentence each.
-
-    Parameters
-    ----------
-    data : mapping
-        Schema `inim.tolerate/1`.
-    """
-    found = [_sentence(row) for row in items(data, "parameters")]
-    together = part(data, "together")
-    if together:
-        low, high = together["interval"]
-        found.append(
-            f"Off in all of that at once, as their spreads say, {per_cent(together['share'], 0)} "
-            f"of {len(together['draws'])} displays lose no more ({per_cent(low, 0)} to "
+def sentences(data: ToleranceDocument) -> list[str]:
+    """Sentences on the errors that this display tolerates, one for each parameter and on all."""
+    lines = [_sentence(row) for row in data.parameters]
+    if data.together is not None:
+        together = data.together
+        low, high = together.interval
+        lines.append(
+            f"Off in all of that at once, as their spreads say, {per_cent(together.share, 0)} "
+            f"of {len(together.draws)} displays lose no more ({per_cent(low, 0)} to "
             f"{per_cent(high, 0)})."
         )
-        if is_number(together["to_sum"]) and is_number(together["part_of_each"]):
-            found.append(
-                f"Together, errors cost {together['to_sum']:.2g} times the sum of what each costs "
+        if together.to_sum is not None and together.part_of_each is not None:
+            lines.append(
+                f"Together, errors cost {together.to_sum:.2g} times the sum of what each costs "
                 "alone: if losses add up, all at once may each be "
-                f"{together['part_of_each']:.2g} of the errors above."
+                f"{together.part_of_each:.2g} of the errors above."
             )
-    return found
+    return lines
 
 
-def _sentence(row: Mapping[str, Any]) -> str:
-    name = _words(row["name"])
-    bears, interval = row["tolerance"], row["interval"]
+def _sentence(row: ParameterTolerance) -> str:
+    name = _words(row.name)
+    bears, interval = row.tolerance, row.interval
     if interval is None:
         return f"{name.capitalize()}: too few displays could be validated to say."
     if bears is None:
-        farthest = _with_unit(row, row["farthest"])
+        farthest = _with_unit(row, row.farthest)
         return f"{name.capitalize()} may be off by {farthest}, or by more; a larger reach tells."
     low, high = ("more than was drawn" if end is None else f"{end:.3g}" for end in interval)
     return (
@@ -96,13 +90,13 @@ def _sentence(row: Mapping[str, Any]) -> str:
     )
 
 
-def _beside(row: Mapping[str, Any]) -> str:
+def _beside(row: ParameterTolerance) -> str:
     """What a calibration reaches, where one is given."""
-    error = row["calibration_standard_error"]
-    if not is_number(error):
+    error = row.calibration_standard_error
+    if error is None or row.tolerance is None:
         return ""
     within = _WITHIN * error
-    often = row["tolerance"] / within
+    often = row.tolerance / within
     enough = f"{often:.2g} times better than needed" if often >= 1 else "not good enough"
     return f" A calibration reaches {_with_unit(row, within)} in 95{NBSP}% of cases: {enough}."
 
@@ -111,23 +105,22 @@ def _words(name: str) -> str:
     return name.rpartition("_")[0].replace("_", " ")
 
 
-def _with_unit(row: Mapping[str, Any], value: float) -> str:
-    return f"{value:.3g}{NBSP}{row['name'].rpartition('_')[2]}"
+def _with_unit(row: ParameterTolerance, value: float) -> str:
+    return f"{value:.3g}{NBSP}{row.name.rpartition('_')[2]}"
 
 
-def _page(data: Mapping[str, Any]) -> str:
-    criterion = number(data["criterion"], 4).rstrip("0")
+def _page(data: ToleranceDocument) -> str:
+    criterion = number(data.criterion, 4).rstrip("0")
     lead = (
         f"An elemental image array made for the display as designed, shown on one that is off. Its "
         f"score is {HEADLINE_WORDS}, the mean over the viewpoints; the ceiling knows the error. "
-        f"What may be lost: {criterion} of the {number(data['aligned'], 4)} that the aligned "
+        f"What may be lost: {criterion} of the {number(data.aligned, 4)} that the aligned "
         "display scores."
     )
-    rows = items(data, "parameters")
-    together = part(data, "together")
-    failed = [f"{one['display']}: {one['error']}" for one in items(data, "failed")]
+    rows = data.parameters
+    failed = [f"{one.display}: {one.error}" for one in data.failed]
     return render_page(
-        data["title"],
+        data.title,
         _facts(data),
         [
             Section("failures", "What failed", bullets(failed, "failures")),
@@ -148,91 +141,93 @@ def _page(data: Mapping[str, Any]) -> str:
                 "together",
                 "All errors at once",
                 element("p", text(_TOGETHER), class_="lead")
-                + plot(_draw_together(data, together), "Share of displays against what they lose")
-                if together
+                + plot(
+                    _draw_together(data, data.together), "Share of displays against what they lose"
+                )
+                if data.together is not None
                 else "",
             ),
             how_to_reproduce(data),
         ],
-        window_title=f"{data['title']} – inim tolerate",
+        window_title=f"{data.title} – inim tolerate",
         footer=data_note(data, "tolerate.json"),
         style=_STYLE,
     )
 
 
-def _facts(data: Mapping[str, Any]) -> list[str]:
-    alone = sum(len(row["draws"]) for row in items(data, "parameters"))
-    together = len(items(part(data, "together"), "draws"))
+def _facts(data: ToleranceDocument) -> list[str]:
+    alone = sum(len(row.draws) for row in data.parameters)
+    together = len(data.together.draws) if data.together is not None else 0
     return [
         text(f"{alone} displays off in one parameter, {together} in all"),
-        text(f"EIA of {data['algorithm']}"),
-        text(", ".join(data["viewpoints"])),
+        text(f"EIA of {data.algorithm}"),
+        text(", ".join(data.viewpoints)),
         timestamp(data),
     ]
 
 
-def _is_calibrated(rows: Sequence[Mapping[str, Any]]) -> bool:
-    return any(row["calibration_standard_error"] is not None for row in rows)
+def _is_calibrated(rows: Sequence[ParameterTolerance]) -> bool:
+    return any(row.calibration_standard_error is not None for row in rows)
 
 
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+def _table(rows: Sequence[ParameterTolerance]) -> str:
     heads = ["Parameter", "Must be known to", "95 % interval", "Drawn alone to", "Curve's scatter"]
     heads += ["Spread, all at once"]
     calibrated = _is_calibrated(rows)
     heads += ["A calibration reaches", "Better than needed"] if calibrated else []
     cells = []
     for row in rows:
-        bears, ends = row["tolerance"], row["interval"] or [None, None]
-        known = _with_unit(row, bears) if is_number(bears) else MISSING
-        between = [f"{end:.3g}" if is_number(end) else "…" for end in ends]
-        line = [_words(row["name"]), known, " – ".join(between), _with_unit(row, row["farthest"])]
+        bears, ends = row.tolerance, row.interval or [None, None]
+        known = MISSING if bears is None else _with_unit(row, bears)
+        between = ["…" if end is None else f"{end:.3g}" for end in ends]
+        line = [_words(row.name), known, " – ".join(between), _with_unit(row, row.farthest)]
         line += [
-            number(row["scatter"], 4),
-            f"{row['distribution']} {_with_unit(row, row['spread'])}",
+            number(row.scatter, 4),
+            f"{row.distribution} {_with_unit(row, row.spread)}",
         ]
-        error = row["calibration_standard_error"]
+        error = row.calibration_standard_error
         if calibrated:
-            within = _with_unit(row, _WITHIN * error) if is_number(error) else MISSING
-            both = is_number(bears) and is_number(error)
-            line += [within, f"{bears / (_WITHIN * error):.2g} ×" if both else MISSING]
+            within = MISSING if error is None else _with_unit(row, _WITHIN * error)
+            better = None if bears is None or error is None else bears / (_WITHIN * error)
+            line += [within, MISSING if better is None else f"{better:.2g} ×"]
         cells.append(line)
     caption = "Errors that cost no more than the criterion, each alone"
     return text_table(caption, heads, cells, "tolerances")
 
 
-def _panel(data: Mapping[str, Any], row: Mapping[str, Any]) -> str:
+def _panel(data: ToleranceDocument, row: ParameterTolerance) -> str:
     """A parameter's draws and its curve; all panels have one scale of scores."""
     figure, (axis,) = new_figure(1, _PANEL_HEIGHT)
-    name, aligned = _words(row["name"]), data["aligned"]
-    style(axis, name, row["name"].rpartition("_")[2], "SSIM to the ceiling")
-    axis.axhline(aligned - data["criterion"], **LINES["floor"])
-    axis.set_xlim(-1.04 * row["farthest"], 1.04 * row["farthest"])
-    scores = [draw["score"] for one in items(data, "parameters") for draw in one["draws"]]
-    low, high = min([*scores, aligned - 2 * data["criterion"]]), max([*scores, aligned])
+    name, aligned = _words(row.name), data.aligned
+    style(axis, name, row.name.rpartition("_")[2], "SSIM to the ceiling")
+    axis.axhline(aligned - data.criterion, **LINES["floor"])
+    axis.set_xlim(-1.04 * row.farthest, 1.04 * row.farthest)
+    scores = [draw.score for one in data.parameters for draw in one.draws]
+    low, high = min([*scores, aligned - 2 * data.criterion]), max([*scores, aligned])
     axis.set_ylim(low - 0.05 * (high - low), high + 0.08 * (high - low))
-    error = row["calibration_standard_error"]
-    if is_number(error):
+    error = row.calibration_standard_error
+    if error is not None:
         axis.axvspan(-_WITHIN * error, _WITHIN * error, color=_REACHED, alpha=0.2, linewidth=0)
-    if row["curve"] is not None:
-        at, lost = zip(*row["curve"]["line"], strict=True)
+    if row.curve is not None:
+        at, lost = zip(*row.curve.line, strict=True)
         axis.plot(at, [aligned - loss for loss in lost], color=_CURVE, linewidth=1.0)
-    errors = [draw["error"] for draw in row["draws"]]
-    axis.plot(errors, [d["score"] for d in row["draws"]], "o", color=_DRAWN, markersize=3.5)
-    if is_number(row["tolerance"]):
+    errors = [draw.error for draw in row.draws]
+    axis.plot(errors, [draw.score for draw in row.draws], "o", color=_DRAWN, markersize=3.5)
+    if row.tolerance is not None:
         for side in (-1, 1):
-            place = side * row["tolerance"]
+            place = side * row.tolerance
             axis.axvline(place, color=_BEARS, linewidth=1.0, linestyle=":")
-        across(axis, f"{row['tolerance']:.3g}", x=row["tolerance"])
+        across(axis, f"{row.tolerance:.3g}", x=row.tolerance)
     return plot(svg(figure), f"Score against the error of {name}")
 
 
-def _draw_together(data: Mapping[str, Any], together: Mapping[str, Any]) -> bytes:
+def _draw_together(data: ToleranceDocument, together: Together) -> bytes:
     figure, (axis,) = new_figure(1, 3.4)
-    draws, criterion = together["draws"], data["criterion"]
-    lost = sorted(data["aligned"] - draw["score"] for draw in draws)
+    draws, criterion = together.draws, data.criterion
+    lost = sorted(data.aligned - draw.score for draw in draws)
     shares = [(i + 1) / len(lost) for i in range(len(lost))]
     axis.step([min(0.0, lost[0]), *lost], [0, *shares], where="post", color=_CURVE, linewidth=1.3)
-    sums = sorted(d["sum_of_losses"] for d in draws if d["sum_of_losses"] is not None)
+    sums = sorted(d.sum_of_losses for d in draws if d.sum_of_losses is not None)
     if sums:
         axis.step([0.0, *sums], [0, *shares], where="post", color=SOFT, linestyle="--", linewidth=1)
     axis.axvline(criterion, color=_BEARS, linewidth=1.0, linestyle=":")

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from statistics import median
-from typing import Any
 
+from msgspec.structs import replace
+
+from inim.documents.tolerate import (
+    DrawAlone,
+    DrawTogether,
+    LossCurve,
+    ParameterTolerance,
+    Together,
+)
 from inim.errors import SceneError
 from inim.tolerate.curve import Curve, fit_curve, share_interval, tolerance_interval
 from inim.tolerate.study import LEAST_ALONE, ToleranceStudy
@@ -26,10 +34,10 @@ def misalignment(errors: Mapping[str, float]) -> str:
     return ", ".join(f"{name}={error!r}" for name, error in errors.items())
 
 
-def findings(
+def parameter_tolerances(
     study: ToleranceStudy, scores: Scores, criterion: float, reached: Mapping[str, float]
-) -> dict[str, Any]:
-    """What the draws say.
+) -> tuple[list[ParameterTolerance], Together | None]:
+    """Tolerances of each parameter alone, and losses of displays with all errors at once.
 
     Parameters
     ----------
@@ -40,40 +48,42 @@ def findings(
     reached : mapping of str to float
         Standard errors of a calibration, by parameter.
 
-    Returns
-    -------
-    dict
-        `aligned`, `parameters` and `together` of schema `inim.tolerate/1`.
-
     Raises
     ------
     SceneError
         The display as designed has no score.
     """
+    aligned = aligned_score(scores)
+    rows: list[ParameterTolerance] = []
+    curves: dict[str, Curve] = {}
+    for name, spread in study.spreads.items():
+        draws = _scored([{name: error} for error in study.draw_alone(name)], scores)
+        row = ParameterTolerance(
+            name=name,
+            distribution=spread.distribution,
+            spread=spread.size,
+            farthest=_rounded(study.reach * spread.size),
+            tolerance=None,
+            interval=None,
+            curve=None,
+            scatter=None,
+            calibration_standard_error=reached.get(name),
+            draws=[DrawAlone(error=errors[name], score=score) for errors, score in draws],
+        )
+        if len(draws) >= LEAST_ALONE:
+            losses = [(errors[name], aligned - score) for errors, score in draws]
+            curves[name], row = _alone(row, losses, criterion, f"{study.seed} {name}")
+        rows.append(row)
+    together = _scored(study.draw_together(), scores)
+    return rows, _together(together, aligned, criterion, rows, curves) if together else None
+
+
+def aligned_score(scores: Scores) -> float:
+    """Score of the display as designed."""
     aligned = scores.get("")
     if aligned is None:
         raise SceneError("the display as designed has no score: the relic is in none of its views")
-    rows, curves = [], {}
-    for name, spread in study.spreads.items():
-        draws = _scored([{name: error} for error in study.draw_alone(name)], scores)
-        row: dict[str, Any] = {
-            "name": name,
-            "distribution": spread.distribution,
-            "spread": spread.size,
-            "farthest": _short(study.reach * spread.size),
-            **dict.fromkeys(("tolerance", "interval", "curve", "scatter")),
-            "calibration_standard_error": reached.get(name),
-            "draws": [{"error": errors[name], "score": score} for errors, score in draws],
-        }
-        if len(draws) >= LEAST_ALONE:
-            losses = [(errors[name], aligned - score) for errors, score in draws]
-            curve, known = _alone(losses, row["farthest"], criterion, f"{study.seed} {name}")
-            row |= known
-            curves[name] = curve
-        rows.append(row)
-    together = _scored(study.draw_together(), scores)
-    found = _together(together, aligned, criterion, rows, curves) if together else None
-    return {"aligned": aligned, "parameters": rows, "together": found}
+    return aligned
 
 
 def _scored(
@@ -85,24 +95,27 @@ def _scored(
 
 
 def _alone(
-    losses: Sequence[tuple[float, float]], farthest: float, criterion: float, seed: str
-) -> tuple[Curve, dict[str, Any]]:
+    row: ParameterTolerance, losses: Sequence[tuple[float, float]], criterion: float, seed: str
+) -> tuple[Curve, ParameterTolerance]:
+    """The curve through a parameter's draws, and its row with what follows from the curve."""
     errors, lost = zip(*losses, strict=True)
+    farthest = row.farthest
     curve = fit_curve(errors, lost, criterion)
-    bears = curve.tolerance(criterion)
+    tolerance = curve.tolerance(criterion)
     off = median(abs(curve.loss(error) - loss) for error, loss in losses) / _MEDIAN_OF_NORMAL
-    ends = tolerance_interval(curve, errors, lost, farthest, criterion, seed)
-    return curve, {
-        "tolerance": _short(bears if bears <= farthest else None),
-        "interval": [_short(end) for end in ends],
-        "curve": {
-            "power": _short(curve.power),
-            "below": _short(curve.below),
-            "above": _short(curve.above),
-            "line": [[_short(e), _short(curve.loss(e))] for e in _places(farthest)],
-        },
-        "scatter": _short(off),
-    }
+    low, high = tolerance_interval(curve, errors, lost, farthest, criterion, seed)
+    return curve, replace(
+        row,
+        tolerance=_rounded(tolerance) if tolerance <= farthest else None,
+        interval=(_rounded_or_none(low), _rounded_or_none(high)),
+        curve=LossCurve(
+            power=_rounded(curve.power),
+            below=_rounded(curve.below),
+            above=_rounded(curve.above),
+            line=[(_rounded(e), _rounded(curve.loss(e))) for e in _places(farthest)],
+        ),
+        scatter=_rounded(off),
+    )
 
 
 def _places(farthest: float) -> list[float]:
@@ -115,9 +128,9 @@ def _together(
     drawn: Sequence[tuple[Mapping[str, float], float]],
     aligned: float,
     criterion: float,
-    rows: Sequence[Mapping[str, Any]],
+    rows: Sequence[ParameterTolerance],
     curves: Mapping[str, Curve],
-) -> dict[str, Any]:
+) -> Together:
     """The share of displays that lose no more, and whether losses add up."""
     lost = [aligned - score for _, score in drawn]
     passed = sum(loss <= criterion for loss in lost)
@@ -132,23 +145,24 @@ def _together(
         for loss, total in zip(lost, sums, strict=True)
         if total is not None and total >= criterion / 2
     ]
-    return {
-        "share": passed / len(drawn),
-        "interval": [_short(end) for end in share_interval(passed, len(drawn))],
-        "to_sum": _short(median(ratios)) if ratios else None,
-        "part_of_each": _short(_part_of_each(rows, curves, criterion)),
-        "draws": [
-            {"errors": dict(errors), "score": score, "sum_of_losses": _short(total)}
+    low, high = share_interval(passed, len(drawn))
+    return Together(
+        share=passed / len(drawn),
+        interval=(_rounded(low), _rounded(high)),
+        to_sum=_rounded(median(ratios)) if ratios else None,
+        part_of_each=_rounded_or_none(_part_of_each(rows, curves, criterion)),
+        draws=[
+            DrawTogether(errors=dict(errors), score=score, sum_of_losses=_rounded_or_none(total))
             for (errors, score), total in zip(drawn, sums, strict=True)
         ],
-    }
+    )
 
 
 def _part_of_each(
-    rows: Sequence[Mapping[str, Any]], curves: Mapping[str, Curve], criterion: float
+    rows: Sequence[ParameterTolerance], curves: Mapping[str, Curve], criterion: float
 ) -> float | None:
     """The part of its tolerance that each error may have at once, if losses add up."""
-    bears = {row["name"]: row["tolerance"] for row in rows if row["tolerance"] is not None}
+    bears = {row.name: row.tolerance for row in rows if row.tolerance is not None}
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS if bears else 0):
         part = (low + high) / 2
@@ -160,5 +174,9 @@ def _part_of_each(
     return high if bears else None
 
 
-def _short(value: float | None) -> float | None:
-    return None if value is None else float(f"{value:.{_DIGITS}g}")
+def _rounded(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
+
+
+def _rounded_or_none(value: float | None) -> float | None:
+    return None if value is None else _rounded(value)

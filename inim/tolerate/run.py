@@ -9,17 +9,20 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from inim.documents.parts import DisplayRecord
+from inim.documents.record import SceneFile
+from inim.documents.tolerate import FailedDisplay, ToleranceDocument
 from inim.errors import SceneError, UsageError
 from inim.metrics.headline import HEADLINE
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request, repeated
 from inim.report.sweep.results import mean
-from inim.report.tolerate import SCHEMA, write_tolerance
+from inim.report.tolerate import write_tolerance
 from inim.settings import PREFIX
 from inim.sweep.run import Place, SweepPlan, carry_out, plan_study
 from inim.sweep.study import AS_SCENE, NamedDisplay, Study
 from inim.tolerate.calibration import read_standard_errors
-from inim.tolerate.findings import findings, misalignment
+from inim.tolerate.findings import aligned_score, misalignment, parameter_tolerances
 from inim.tolerate.study import ToleranceStudy, read_tolerance_study
 from inim.version import __version__
 
@@ -81,13 +84,13 @@ def plan_tolerance(request: ToleranceRequest) -> SweepPlan:
 
 def run_tolerance(
     request: ToleranceRequest, *, quiet: bool = True, debug: bool = False
-) -> dict[str, Any]:
-    """Draw displays, have the sweep compute what is missing of them, and write what they say.
+) -> ToleranceDocument:
+    """Draw displays, let the sweep compute what is missing of them, and write the tolerances.
 
     Returns
     -------
-    dict
-        Schema `inim.tolerate/1`; also in the folder, with its page.
+    ToleranceDocument
+        Also in the folder, with its page.
 
     Raises
     ------
@@ -108,24 +111,27 @@ def run_tolerance(
     for why in aligned.failed.values():
         raise SceneError(f"{request.scene}: as designed, it cannot be validated: {why}")
     outcome = carry_out(swept, request.place, **how)
-    data = {
-        "schema": SCHEMA,
-        "title": f"Tolerances: {plan.settings.title or request.scene.stem}",
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "inim_version": __version__,
-        "command": request.command(),
-        "scene": {"path": str(request.scene), "sha256": plan.file.sha256},
-        "display": {"given": plan.display.given(), "derived": plan.display.derived()},
-        "viewpoints": [viewpoint.name for viewpoint in plan.viewpoints],
-        "algorithm": request.algorithm,
-        "criterion": request.criterion,
-        "reach": study.reach,
-        "seed": study.seed,
-        **findings(study, _scores(outcome.rows), request.criterion, reached),
-        "failed": [{"display": name, "error": why} for name, why in outcome.failed.items()],
-    }
-    write_tolerance(data, request.place.out)
-    return data
+    scores = _scores(outcome.rows)
+    parameters, together = parameter_tolerances(study, scores, request.criterion, reached)
+    document = ToleranceDocument(
+        title=f"Tolerances: {plan.settings.title or request.scene.stem}",
+        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        inim_version=__version__,
+        command=request.command(),
+        scene=SceneFile(path=str(request.scene), sha256=plan.file.sha256),
+        display=DisplayRecord.of(plan.display),
+        viewpoints=[viewpoint.name for viewpoint in plan.viewpoints],
+        algorithm=request.algorithm,
+        criterion=request.criterion,
+        reach=study.reach,
+        seed=study.seed,
+        aligned=aligned_score(scores),
+        parameters=parameters,
+        together=together,
+        failed=[FailedDisplay(display=name, error=why) for name, why in outcome.failed.items()],
+    )
+    write_tolerance(document, request.place.out)
+    return document
 
 
 def _design(request: ToleranceRequest) -> Plan:

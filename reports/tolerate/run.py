@@ -12,12 +12,13 @@ where it was.
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import shutil
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from inim.documents import read_document
+from inim.documents.tolerate import ToleranceDocument
 from inim.files.image import write_atomically
 from inim.report.tolerate import sentences
 from reports.calibration.cases import draw_case
@@ -45,7 +46,7 @@ STUDIES = {
 _KEPT = ("tolerate.html", "tolerate.json")
 
 
-def _tolerated(study: Study, work: Path, out: Path) -> dict[str, Any]:
+def _tolerated(study: Study, work: Path, out: Path) -> ToleranceDocument:
     """What `inim tolerate` says, kept."""
     drawn, calibration = work / out.name, work / "display-calibration" / "calibration.json"
     if not calibration.is_file():
@@ -56,17 +57,16 @@ def _tolerated(study: Study, work: Path, out: Path) -> dict[str, Any]:
     out.mkdir(parents=True, exist_ok=True)
     for name in _KEPT:
         shutil.copyfile(drawn / name, out / name)
-    found: dict[str, Any] = json.loads((drawn / _KEPT[1]).read_text("utf-8"))
-    return found
+    return read_document(drawn / _KEPT[1], "draw again", ToleranceDocument)
 
 
-def table(found: dict[str, dict[str, Any]], command: str) -> str:
+def table(found: dict[str, ToleranceDocument], command: str) -> str:
     """The sentences of all studies in Markdown."""
     lines = ["# How accurately displays must be known", "", f"Made by `{command}`."]
     for name, data in found.items():
         study = STUDIES[name]
         lines += ["", f"## {name}: `{study.scene}` on {study.display}", ""]
-        lines += [f"`{data['command']}`", ""]
+        lines += [f"`{data.command}`", ""]
         lines += [f"* {sentence}" for sentence in sentences(data)]
     return "\n".join(lines) + "\n"
 

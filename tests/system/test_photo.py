@@ -67,11 +67,11 @@ def test_shift_blur_and_gamma_are_found_each_in_its_row(bench):
     geometry = data["geometry"]
     assert (geometry["right_px"], geometry["down_px"]) == pytest.approx(MOVED, abs=0.03)
     assert geometry["lens_px"] == pytest.approx(3000 / 210, rel=1e-3)
-    assert data["blur"]["sigma_px"] == pytest.approx(BLUR, abs=0.1)
+    assert data["blur_sigma_px"] == pytest.approx(BLUR, abs=0.1)
     for tone in data["tone"].values():
         assert tone["gamma"] == pytest.approx(GAMMA, abs=0.05)
         assert tone["black"] == pytest.approx(0.01, abs=0.01)
-    ssim = [stage["ssim"] for stage in data["stages"]]
+    ssim = [stage["scores"]["ssim"] for stage in data["stages"]]
     assert ssim[-1] == max(ssim) > ssim[0] + 0.005
     assert data["stages"][-1]["error_share"] < 0.1
     page = (bench / "out" / "photo.html").read_text("utf-8")

@@ -164,7 +164,7 @@ def test_a_photograph_is_simulated_from_where_the_patterns_were_photographed(ben
     geometry = data["geometry"]
     assert abs(geometry["right_px"]) < 0.1 and abs(geometry["down_px"]) < 0.1
     assert geometry["largest_block_px"] < 0.3
-    assert data["stages"][0]["ssim"] > 0.98
+    assert data["stages"][0]["scores"]["ssim"] > 0.98
     assert data["position"] == "again" and "--patterns shots/again" in data["command"]
 
 

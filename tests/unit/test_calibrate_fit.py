@@ -18,14 +18,16 @@ from inim.calibrate.camera import Camera, Pose, directions, project, rays, rotat
 from inim.calibrate.fit import Calibration, calibrate, recounted, stand
 from inim.calibrate.lattice import Lenses, find_lenses
 from inim.calibrate.model import PARAMETERS, SHARED, Guess, Seen, centres, panel_points
-from inim.calibrate.output import as_data, display_file, residual_maps
+from inim.calibrate.output import calibration_document, display_file, residual_maps
 from inim.display import DISPLAYS, Display
+from inim.documents import read_document
+from inim.documents.calibration import CalibrationDocument
+from inim.documents.document import decode, encode
 from inim.errors import FileError, UsageError
 from inim.lens import trace_to_panel
 from inim.report.calibration import write_calibration
 from inim.scene.file import chosen_display
 from tests.calibration_photographs import Lens, Photograph, look_at, photograph
-from tests.schemas import assert_schema, read_document
 
 DESIGN = DISPLAYS["phone"].replace(
     lens_columns=28, lens_rows=20, panel_columns=470, panel_rows=344, name="small"
@@ -545,12 +547,14 @@ def test_a_file_of_what_is_not_determined_says_so(tmp_path) -> None:
 
 def test_the_report_keeps_its_schema_and_shows_what_it_says(tmp_path) -> None:
     result = found(*EYES)
-    data = as_data(result, "Calibration: <photos>", "inim calibrate photos -o mine.xml")
-    write_calibration(data, residual_maps(result), tmp_path)
-    document = read_document(tmp_path / "calibration.json")
-    assert document["parameters"]["gap_mm"]["is_determined"] is True
-    assert np.array(document["correlation"]["matrix"]).shape == (13, 13)
-    np.testing.assert_allclose(np.diag(document["correlation"]["matrix"]), 1)
+    document = calibration_document(
+        result, "Calibration: <photos>", "inim calibrate photos -o mine.xml"
+    )
+    write_calibration(document, residual_maps(result), tmp_path)
+    document = read_document(tmp_path / "calibration.json", "", CalibrationDocument)
+    assert document.parameters["gap_mm"].is_determined
+    assert np.array(document.correlation.matrix).shape == (13, 13)
+    np.testing.assert_allclose(np.diag(document.correlation.matrix), 1)
     page = (tmp_path / "calibration.html").read_text("utf-8")
     assert "<photos>" not in page and "&lt;photos&gt;" in page
     for words in ("Lens pitch P, mm", "What to photograph next", "data:image/svg+xml", "near"):
@@ -572,9 +576,9 @@ def test_maps_of_residuals_have_no_pattern(tmp_path) -> None:
 def test_advice_says_what_a_further_position_brings() -> None:
     three = found("near", "left", "above")
     advised = next_positions(three)
-    data = as_data(three, "Calibration", "inim calibrate")
-    assert_schema({**data, "files": [], "not_finite": []})
-    assert len(data["next"]) == 3
+    document = calibration_document(three, "Calibration", "inim calibrate")
+    assert decode(encode(document), CalibrationDocument) == document
+    assert len(document.next) == 3
     own = three.estimates
     assert all(one.errors[name] <= own[name].error for one in advised for name in PARAMETERS)
     best = advised[0]

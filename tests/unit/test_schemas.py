@@ -18,20 +18,15 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
-from inim.calibrate import patterns
 from inim.display import DISPLAYS, Display
-from inim.display.misalignment import MISALIGNMENTS
 from inim.documents import NAMES, schema
 from inim.inspect import output
 from inim.regression import run_statistics
 from inim.report import SCHEMA as REPORT
 from inim.report import (
     bench,
-    calibration,
     compare,
-    photo,
     stress,
-    tolerate,
     without_scene,
 )
 from inim.settings import Settings
@@ -70,12 +65,8 @@ SCHEMAS = {
     "bench": bench.SCHEMA,
     "stress": stress.SCHEMA,
     "sweep": table.SCHEMA,
-    "tolerate": tolerate.SCHEMA,
     "unit": task.SCHEMA,
     "inspect": output.SCHEMA,
-    "patterns": patterns.SCHEMA,
-    "calibration": calibration.SCHEMA,
-    "photo": photo.SCHEMA,
     "files": worker_output.SCHEMA,
 }
 # Keys that need not be there; the last two of a bench are not in those of earlier versions.
@@ -113,7 +104,7 @@ OPTIONAL = {
 PARTLY = ("conditions/display/", "display/given/")
 
 At = tuple[str | int, ...]
-every = pytest.mark.parametrize("name", NAMES)
+every = pytest.mark.parametrize("name", SCHEMAS)  # those with a schema file
 
 
 @cache
@@ -185,9 +176,9 @@ def is_told(part: Any) -> bool:
 
 
 def test_files_are_those_that_are_named_and_every_part_is_used() -> None:
-    assert {p.name.partition(".")[0] for p in FOLDER.glob("*.json")} == {*NAMES, "parts"}
+    assert {p.name.partition(".")[0] for p in FOLDER.glob("*.json")} == {*SCHEMAS, "parts"}
     parts, used = file_of("parts")["$defs"], set()
-    for name in NAMES:
+    for name in SCHEMAS:
         own = file_of(name).get("$defs", {}).keys()
         assert not own & parts.keys(), "one would stand for the other"
         used |= schema(name).get("$defs", {}).keys()
@@ -201,6 +192,27 @@ def test_schema_names_what_the_code_writes(name: str) -> None:
     assert schema(name)["$id"] == "urn:" + SCHEMAS[name].replace(".", ":").replace("/", ":")
     if name != "sweep":  # there the table's metadata name it
         assert schema(name)["properties"]["schema"]["const"] == SCHEMAS[name]
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in SCHEMAS])
+def test_generated_schema_describes_each_key(name: str) -> None:
+    generated = schema(name)
+    Draft202012Validator.check_schema(generated)
+    Draft202012Validator(generated).validate(example(generated, name))
+    assert generated["title"] and generated["description"].endswith(".")
+    parts = generated["$defs"]
+    undescribed = [
+        key
+        for key, part in properties_in(generated)
+        if key != "schema" and "description" not in part | parts.get(referred(part), {})
+    ]
+    assert undescribed == []
+
+
+def referred(part: dict[str, Any]) -> str:
+    """Name of the part that is referred to, alone or as an alternative to null."""
+    choices = [part, *part.get("anyOf", ())]
+    return next((one["$ref"] for one in choices if "$ref" in one), "").rpartition("/")[2]
 
 
 # -- what is refused ------------------------------------------------------------------------------
@@ -221,7 +233,7 @@ def test_each_missing_key_is_refused_but_those_that_need_not_be_there(name: str)
         if at and at[-1] in whole(name)[1][at[:-1]].get("properties", ())
         if not "/".join(map(str, at)).startswith(PARTLY)
     ]
-    assert len(keys) > {"files": 1, "patterns": 6}.get(name, 20)
+    assert len(keys) > {"files": 1}.get(name, 20)
     needed = [key for key in keys if "/".join(map(str, key)) not in OPTIONAL.get(name, ())]
     assert len(needed) == len(keys) - len(OPTIONAL.get(name, ()))
     assert let_in(name, [(at, None) for at in needed]) == []
@@ -297,11 +309,6 @@ def test_displays_are_those_of_the_code() -> None:
         assert ("null" in given["properties"][f.name]["type"]) == ("None" in str(f.type)), f.name
     for display in DISPLAYS.values():
         assert list(derived["properties"]) == list(display.derived())
-
-
-def test_parameters_that_can_be_off_are_those_of_the_code() -> None:
-    name = whole("tolerate")[1][("parameters", 0, "name")]
-    assert name["enum"] == list(MISALIGNMENTS)
 
 
 def test_a_sweep_s_columns_are_those_of_the_code() -> None:

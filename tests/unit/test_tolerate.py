@@ -13,21 +13,26 @@ from random import Random
 from statistics import fmean, pstdev
 
 import pytest
+from msgspec.structs import replace
 
 from inim.display import DISPLAYS
 from inim.display.misalignment import MISALIGNMENTS, mounted
+from inim.documents import read_document, schema
+from inim.documents.parts import DisplayRecord
+from inim.documents.record import SceneFile
+from inim.documents.tolerate import FailedDisplay, ToleranceDocument
 from inim.errors import FileError, SceneError, UsageError
 from inim.report.tolerate import sentences, write_tolerance
 from inim.tolerate.calibration import read_standard_errors
 from inim.tolerate.curve import Curve, fit_curve, share_interval, tolerance_interval
-from inim.tolerate.findings import findings, misalignment
+from inim.tolerate.findings import aligned_score, misalignment, parameter_tolerances
 from inim.tolerate.study import (
     Spread,
     ToleranceStudy,
     default_spreads,
     read_tolerance_study,
 )
-from tests.schemas import assert_schema, completed, read_document
+from tests.schemas import example
 
 NOMINAL = DISPLAYS["nominal"]
 SPREADS = {"rotation_deg": Spread("normal", 0.01), "gap_mm": Spread("uniform", 0.05)}
@@ -181,8 +186,8 @@ def test_an_error_that_costs_nothing_bears_more_than_was_drawn():
     assert found.tolerance(CRITERION) > 0.3
     assert tolerance_interval(found, errors, seen, 0.3, CRITERION, "s")[1] is None
     scores = scores_of(STUDY, LAW | {"gap_mm": Curve(1.0, 1e9, 1e9)})
-    row = findings(STUDY, scores, CRITERION, {})["parameters"][1]
-    assert row["tolerance"] is None and row["interval"] == [None, None]
+    row = parameter_tolerances(STUDY, scores, CRITERION, {})[0][1]
+    assert row.tolerance is None and row.interval == (None, None)
 
 
 @pytest.mark.slow
@@ -227,34 +232,44 @@ def scores_of(study, law=LAW, aligned=0.98):
     }
 
 
+def document_of(scores, reached=(), **changes):
+    parameters, together = parameter_tolerances(STUDY, scores, CRITERION, dict(reached))
+    values = {
+        "title": "T <b>&", "created": "2026-11-23T05:00:00+00:00", "inim_version": "1",
+        "command": "inim tolerate s.xml", "scene": SceneFile(path="s.xml", sha256="0" * 64),
+        "display": DisplayRecord.of(NOMINAL), "viewpoints": ["centre"], "algorithm": "pickup",
+        "criterion": CRITERION, "reach": 6.0, "seed": 3, "aligned": aligned_score(scores),
+        "parameters": parameters, "together": together, "failed": [],
+    }  # fmt: skip
+    return ToleranceDocument(**values | changes)
+
+
 @pytest.fixture(scope="module")
 def found():
-    reached = {"rotation_deg": 0.002, "gap_mm": 0.1}
-    return findings(STUDY, scores_of(STUDY), CRITERION, reached)
+    return document_of(scores_of(STUDY), {"rotation_deg": 0.002, "gap_mm": 0.1})
 
 
 def test_each_parameter_alone_bears_what_its_law_says(found):
-    assert [row["name"] for row in found["parameters"]] == ["rotation_deg", "gap_mm"]
-    for row in found["parameters"]:
-        known = LAW[row["name"]].tolerance(CRITERION)
-        assert row["tolerance"] == pytest.approx(known, rel=0.01)
-        assert row["interval"][0] <= row["tolerance"] <= row["interval"][1]
-        assert row["scatter"] < 1e-3 and len(row["draws"]) == 20
-        line = row["curve"]["line"]
-        assert line[0][0] == -row["farthest"] == -line[-1][0]
-        assert line[20] == [0, 0]
+    assert [row.name for row in found.parameters] == ["rotation_deg", "gap_mm"]
+    for row in found.parameters:
+        known = LAW[row.name].tolerance(CRITERION)
+        assert row.tolerance == pytest.approx(known, rel=0.01)
+        assert row.interval[0] <= row.tolerance <= row.interval[1]
+        assert row.scatter < 1e-3 and len(row.draws) == 20
+        line = row.curve.line
+        assert line[0][0] == -row.farthest == -line[-1][0]
+        assert line[20] == (0, 0)
 
 
 def test_losses_that_add_up_are_found_to(found):
-    together = found["together"]
-    assert together["to_sum"] == pytest.approx(1, abs=0.02)
-    lost = [found["aligned"] - draw["score"] for draw in together["draws"]]
-    assert together["share"] == sum(loss <= CRITERION for loss in lost) / 60
-    assert 0.2 < together["share"] < 1
-    part = together["part_of_each"]
+    together = found.together
+    assert together.to_sum == pytest.approx(1, abs=0.02)
+    lost = [found.aligned - draw.score for draw in together.draws]
+    assert together.share == sum(loss <= CRITERION for loss in lost) / 60
+    assert 0.2 < together.share < 1
     whole = sum(
-        LAW[row["name"]].loss(side * part * row["tolerance"])
-        for row, side in zip(found["parameters"], (-1, 1), strict=True)
+        LAW[row.name].loss(side * together.part_of_each * row.tolerance)
+        for row, side in zip(found.parameters, (-1, 1), strict=True)
     )
     assert whole == pytest.approx(CRITERION, rel=0.02)
 
@@ -266,29 +281,16 @@ def test_displays_that_failed_are_left_out_and_too_few_say_nothing():
             scores[misalignment({"gap_mm": error})] = None
     for one in STUDY.draw_together()[:10]:
         scores[misalignment(one)] = None
-    said = findings(STUDY, scores, CRITERION, {})
-    gap = said["parameters"][1]
-    assert [gap[key] for key in ("tolerance", "interval", "curve", "scatter")] == [None] * 4
-    assert len(gap["draws"]) == 4
-    assert len(said["together"]["draws"]) == 50
-    assert said["together"]["to_sum"] is None
+    (_, gap), together = parameter_tolerances(STUDY, scores, CRITERION, {})
+    assert (gap.tolerance, gap.interval, gap.curve, gap.scatter) == (None,) * 4
+    assert len(gap.draws) == 4
+    assert len(together.draws) == 50
+    assert together.to_sum is None
     with pytest.raises(SceneError, match="no score"):
-        findings(STUDY, scores | {"": None}, CRITERION, {})
+        parameter_tolerances(STUDY, scores | {"": None}, CRITERION, {})
 
 
 # -- the report -----------------------------------------------------------------------------------
-
-
-def data_of(found, **changes):
-    display = DISPLAYS["nominal"]
-    return {
-        "schema": "inim.tolerate/1", "title": "T <b>&", "created": "2026-11-23T05:00:00+00:00",
-        "inim_version": "1", "command": "inim tolerate s.xml",
-        "scene": {"path": "s.xml", "sha256": "0" * 64},
-        "display": {"given": display.given(), "derived": display.derived()},
-        "viewpoints": ["centre"], "algorithm": "pickup", "criterion": CRITERION, "reach": 6.0,
-        "seed": 3, **found, "failed": [], **changes,
-    }  # fmt: skip
 
 
 def plainly(lines):
@@ -296,32 +298,34 @@ def plainly(lines):
 
 
 def test_the_sentences_say_what_the_numbers_do(found):
-    turned, apart, share, sums = plainly(sentences(data_of(found)))
-    row = found["parameters"][0]
-    low, high = row["interval"]
+    turned, apart, share, sums = plainly(sentences(found))
+    row = found.parameters[0]
+    low, high = row.interval
     assert turned == (
-        f"With this sheet, rotation must be known to {row['tolerance']:.3g} deg (95 % interval "
+        f"With this sheet, rotation must be known to {row.tolerance:.3g} deg (95 % interval "
         f"{low:.3g} to {high:.3g}). A calibration reaches 0.00392 deg in 95 % of cases: "
-        f"{row['tolerance'] / 0.00392:.2g} times better than needed."
+        f"{row.tolerance / 0.00392:.2g} times better than needed."
     )
     assert apart.endswith("A calibration reaches 0.196 mm in 95 % of cases: not good enough.")
-    assert f"{found['together']['share']:.0%}".replace("%", " %") in share
+    assert f"{found.together.share:.0%}".replace("%", " %") in share
     assert "60 displays" in share
     assert sums.startswith("Together, errors cost 1 times the sum of what each costs alone")
 
 
 def test_an_error_that_may_be_larger_than_all_drawn_is_said_so(found):
-    rows = [dict(found["parameters"][0], tolerance=None, interval=[None, None]),
-            dict(found["parameters"][1], interval=[0.1, None])]  # fmt: skip
-    turned, apart = plainly(sentences(data_of({**found, "parameters": rows, "together": None})))
+    rows = [
+        replace(found.parameters[0], tolerance=None, interval=(None, None)),
+        replace(found.parameters[1], interval=(0.1, None)),
+    ]
+    turned, apart = plainly(sentences(replace(found, parameters=rows, together=None)))
     assert turned == "Rotation may be off by 0.06 deg, or by more; a larger reach tells."
     assert "(95 % interval 0.1 to more than was drawn)" in apart
 
 
-def test_data_keep_their_schema_and_the_page_shows_them(found, tmp_path):
-    failed = [{"display": "s · <off>", "error": "why"}]
-    write_tolerance(data_of(found, failed=failed), tmp_path)
-    read_document(tmp_path / "tolerate.json")
+def test_document_reads_back_and_the_page_shows_it(found, tmp_path):
+    document = replace(found, failed=[FailedDisplay(display="s · <off>", error="why")])
+    write_tolerance(document, tmp_path)
+    assert read_document(tmp_path / "tolerate.json", "", ToleranceDocument) == document
     page = (tmp_path / "tolerate.html").read_text("utf-8")
     assert "T &lt;b&gt;&amp;" in page and "s · &lt;off&gt;: why" in page
     assert page.count("data:image/svg+xml") == 3
@@ -331,17 +335,25 @@ def test_data_keep_their_schema_and_the_page_shows_them(found, tmp_path):
 # -- what a calibration reaches -------------------------------------------------------------------
 
 
-def calibration_of(**parameters):
-    return completed("calibration", {"parameters": parameters})
+def calibration_of(**errors):
+    """A calibration's text, with standard errors by parameter."""
+    estimate = {
+        "value": 0.0,
+        "low": 0.0,
+        "high": 0.0,
+        "largest_standard_error": 1.0,
+        "nominal": 0.0,
+    }
+    parameters = {
+        name: estimate | {"standard_error": error, "is_determined": name != "pitch_mm"}
+        for name, error in errors.items()
+    }
+    return json.dumps(example(schema("calibration"), "calibration") | {"parameters": parameters})
 
 
 def test_standard_errors_are_read_where_a_calibration_has_them(tmp_path):
     path = tmp_path / "calibration.json"
-    told = {name: {"standard_error": 0.002, "is_determined": False} for name in MISALIGNMENTS}
-    told["rotation_deg"]["is_determined"] = True
-    document = calibration_of(**told)
-    assert_schema(document)
-    path.write_text(json.dumps(document))
+    path.write_text(calibration_of(rotation_deg=0.002, pitch_mm=0.1, focal_length_mm=0.1))
     assert read_standard_errors(path) == {"rotation_deg": 0.002}
 
 
@@ -351,10 +363,10 @@ def test_standard_errors_are_read_where_a_calibration_has_them(tmp_path):
         ("[", "not a JSON document"),
         ("[" * 100_000, "nested too deeply"),
         ('{"parameters": {"gap_mm": {"standard_error": 1}}}', "schema is null"),
-        (json.dumps(calibration_of(gap_mm={"standard_error": "wide"})),
-         "parameters.gap_mm.standard_error: is 'wide', not of type number"),
-        (json.dumps(calibration_of(gap_mm={"standard_error": math.nan})), "NaN"),
-        (json.dumps(calibration_of(gap_mm={"standard_error": -1})),
+        (calibration_of(gap_mm="wide"),
+         "Expected `float`, got `str` - at `$.parameters[...].standard_error`"),
+        (calibration_of(gap_mm=math.nan), "NaN"),
+        (calibration_of(gap_mm=-1),
          "parameters.gap_mm.standard_error is -1, not a positive number"),
     ],
 )  # fmt: skip
