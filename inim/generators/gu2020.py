@@ -41,22 +41,21 @@ from inim.generators.base import (
     Sources,
     for_mask,
 )
-from inim.generators.plain import IMPLEMENTATIONS, prange, run
+from inim.generators.plain import prange, run
 from inim.generators.raycast.cells import Aside, cell_rays
-from inim.generators.registry import algorithm, one_of, positive_mm
+from inim.generators.registry import algorithm, positive_mm
 from inim.image.rgbd import RGBD
 
 # Ten thousand times finer than the default on usual displays: more is a slip of the keyboard.
 _MOST_STEPS = 1_000_000
 
 
-@algorithm(color="#009e73", marker="^", interpreted_with={"implementation": "python"})
+@algorithm(color="#009e73", marker="^")
 def prepare(
     display: Display,
     shape: PictureShape,
     pixel_mm: float,
     step_mm: float | str | None = None,
-    implementation: str = "compiled",
     *,
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
@@ -68,8 +67,6 @@ def prepare(
         See `inim.generators.prepare`.
     step_mm : float, optional
         Depth between two samples of a ray; by default P_I.
-    implementation : {"compiled", "python"}
-        The same result, by numba on all threads or by plain Python on one.
 
     Raises
     ------
@@ -80,7 +77,6 @@ def prepare(
         focused = math.isinf(display.scene_pixel_mm)
         step_mm = pixel_mm if focused else display.scene_pixel_mm
     depths = _sampled_depths(display, positive_mm("step_mm", step_mm))
-    chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
 
     from inim.generators.raycast.supersampling import averaged
 
@@ -88,7 +84,7 @@ def prepare(
         return averaged(
             display,
             1,
-            lambda aside: _Gu2020(display, shape, pixel_mm, depths, chosen, aside, pixels),
+            lambda aside: _Gu2020(display, shape, pixel_mm, depths, aside, pixels),
         )
 
     return for_mask(mask, display, searched)
@@ -101,14 +97,12 @@ class _Gu2020(SourceGenerator):
         shape: PictureShape,
         pixel_mm: float,
         depths: np.ndarray,
-        implementation: str,
         aside: Aside,
         pixels: PixelList | None,
     ) -> None:
         super().__init__(display, shape, pixel_mm, pixels)
         self._aside = aside
         self._depths = depths
-        self._implementation = implementation
 
     def find(self, rgbd: RGBD) -> Sources:
         # An uncovered cell is a column without height: it never reaches a ray.
@@ -127,7 +121,6 @@ class _Gu2020(SourceGenerator):
             rays = [r[at] for r, at in zip(rays, (columns, columns, rows, rows), strict=True)]
         return run(
             _search_all if self.pixels is None else _search_each,
-            self._implementation,
             self.made_shape,
             HOLE,
             depth.ravel(),
@@ -144,7 +137,6 @@ class _Gu2020(SourceGenerator):
         for lensed, cells, at in ray_blocks(self, (float(self._aside[0]), float(self._aside[1]))):
             found[at] = run(
                 _search_each,
-                self._implementation,
                 lensed.shape,
                 HOLE,
                 depth.ravel(),

@@ -47,20 +47,19 @@ from inim.generators.base import (
     Sources,
     require_separable,
 )
-from inim.generators.plain import IMPLEMENTATIONS, prange, run
-from inim.generators.registry import algorithm, one_of
+from inim.generators.plain import prange, run
+from inim.generators.registry import algorithm
 from inim.image.rgbd import RGBD
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53
 
 
-@algorithm(color="#cc79a7", marker="D", interpreted_with={"implementation": "python"})
+@algorithm(color="#cc79a7", marker="D")
 def prepare(
     display: Display,
     shape: PictureShape,
     pixel_mm: float,
-    implementation: str = "compiled",
 ) -> SourceGenerator:
     """Forward mapping: each picture pixel through each lens (Li et al. 2012).
 
@@ -68,17 +67,14 @@ def prepare(
     ----------
     display, shape, pixel_mm :
         See `inim.generators.prepare`.
-    implementation : {"compiled", "python"}
-        The same result, by numba on all threads or by plain Python on one.
 
     Raises
     ------
     UsageError
-        An option of another value, or a display that is not separable.
+        A display that is not separable.
     """
-    chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
     require_separable(display, "li2012")
-    return _Li2012(display, shape, pixel_mm, chosen)
+    return _Li2012(display, shape, pixel_mm)
 
 
 class ForwardAxis(NamedTuple):
@@ -175,23 +171,13 @@ def _whole(*lengths: list[Fraction]) -> list[np.ndarray]:
 
 
 class _Li2012(SourceGenerator):
-    def __init__(
-        self,
-        display: Display,
-        shape: PictureShape,
-        pixel_mm: float,
-        implementation: str,
-    ) -> None:
-        super().__init__(display, shape, pixel_mm)
-        self._implementation = implementation
-
     def find(self, rgbd: RGBD) -> Sources:
         depth, x, y = self._mapping(rgbd)
         nearest = np.full(x.pixels * y.pixels, -np.inf)
         miss = np.full(x.pixels * y.pixels, np.inf)
         shape = self.display.eia_shape
         mapping = (depth, x, y, nearest, miss)
-        return run(_map_all, self._implementation, shape, HOLE, *mapping)
+        return run(_map_all, shape, HOLE, *mapping)
 
     def _mapping(self, rgbd: RGBD) -> tuple[np.ndarray, ForwardAxis, ForwardAxis]:
         """Depths, 0 for what has no place on the panel, and both axes of the mapping."""

@@ -1,10 +1,10 @@
-"""Two ways to run the same kernel: compiled on all threads, or as plain Python on one.
+"""Kernels of the paper's algorithms: plain functions, compiled by numba when they are first run.
 
 Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4, time algorithms written as plain
 Python loops. To time that too, and to tell what an algorithm costs from what its language costs,
-the kernels of the paper's algorithms are plain functions, in the part of Python that both
-interpreter and numba run: loops over `prange`, floats, flat sequences, `math`. `run` calls them as
-they are, or compiles them first, with the functions that they call: the same arithmetic to the bit.
+the kernels are in the part of Python that both interpreter and numba run: loops over `prange`,
+floats, flat arrays, `math`. With ``NUMBA_DISABLE_JIT=1`` in the environment they run uncompiled:
+the same arithmetic to the bit.
 """
 
 from __future__ import annotations
@@ -16,40 +16,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-IMPLEMENTATIONS = ("compiled", "python")
 #: Of a kernel's outer loop; compiled, its turns are shared among the threads.
 prange = range
 
 
-def run(
-    kernel: Any, implementation: str, shape: tuple[int, int], start: int, *arguments: Any
-) -> NDArray[np.int32]:
+def run(kernel: Any, shape: tuple[int, int], start: int, *arguments: Any) -> NDArray[np.int32]:
     """Fill a map of panel pixels by a kernel.
 
     Parameters
     ----------
     kernel : function
-        Called with the arguments and, last, the map as a flat sequence to write into.
-    implementation : {"compiled", "python"}
+        Called with the arguments and, last, the map as a flat array to write into.
     shape : (rows, columns)
         Of the map.
     start : int
         What the map holds before.
     *arguments
-        Numbers, flat arrays and named tuples of them. Plain Python sees lists: indexing an array
-        would box a NumPy number each time. What a kernel writes to them is lost.
+        Numbers, flat arrays and named tuples of them.
 
     Returns
     -------
     (rows, columns) int32
     """
-    if implementation == "compiled":
-        found = np.full(shape, start, np.int32)
-        compiled(kernel)(*arguments, found.ravel())
-        return found
-    flat = [start] * (shape[0] * shape[1])
-    kernel(*map(_as_plain, arguments), flat)
-    return np.array(flat, np.int32).reshape(shape)
+    filled = np.full(shape, start, np.int32)
+    compiled(kernel)(*arguments, filled.ravel())
+    return filled
 
 
 @cache
@@ -68,11 +59,3 @@ def compiled(kernel: FunctionType) -> Any:
     copy = FunctionType(kernel.__code__, names, kernel.__name__)
     copy.__qualname__ = kernel.__qualname__
     return kernels.compiled(copy, parallel=parallel)
-
-
-def _as_plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, tuple):
-        return type(value)(*map(_as_plain, value))
-    return value

@@ -22,7 +22,7 @@ import inspect
 import math
 import pkgutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -58,29 +58,10 @@ _AnyPrepare = TypeVar("_AnyPrepare", bound=Prepare)
 
 
 @dataclass(frozen=True)
-class _Stated:
-    """What `algorithm` is given."""
+class AlgorithmProperties:
+    """Properties of an algorithm with some options.
 
-    exact: bool = False
-    portable: bool = False
-    reads_layers: bool = False
-    color: str | None = None
-    marker: str | None = None
-    interpreted_with: Mapping[str, str] = field(default_factory=dict)
-
-
-def algorithm(
-    *,
-    exact: bool = False,
-    portable: bool = False,
-    reads_layers: bool = False,
-    color: str | None = None,
-    marker: str | None = None,
-    interpreted_with: Mapping[str, str] | None = None,
-) -> Callable[[_AnyPrepare], _AnyPrepare]:
-    """State the properties of an algorithm; decorates its `prepare`.
-
-    Parameters
+    Attributes
     ----------
     exact : bool
         By its definition it shows the first hit of every panel pixel's ray in the columns of the
@@ -91,48 +72,43 @@ def algorithm(
         It makes use of `inim.image.rgbd.LayeredRGBD`.
     color, marker : str, optional
         Of its points in plots, as matplotlib names them.
-    interpreted_with : {option: value}, optional
-        The options with which it runs as plain Python.
+    name : str
+        Without the options.
+    own : bool
+        It ships with inim.
+    columns : str
+        The columns that its first hits are in; see `inim.generators.raycast.columns`.
+    takes_mask : bool
+        It makes the pixels of a mask only; others are run in full and blackened.
     """
-    stated = _Stated(exact, portable, reads_layers, color, marker, interpreted_with or {})
+
+    exact: bool = False
+    portable: bool = False
+    reads_layers: bool = False
+    color: str | None = None
+    marker: str | None = None
+    name: str = ""
+    own: bool = False
+    columns: str = "surface"
+    takes_mask: bool = False
+
+
+def algorithm(
+    *,
+    exact: bool = False,
+    portable: bool = False,
+    reads_layers: bool = False,
+    color: str | None = None,
+    marker: str | None = None,
+) -> Callable[[_AnyPrepare], _AnyPrepare]:
+    """State the properties of an algorithm (see `AlgorithmProperties`); decorates its `prepare`."""
+    stated = AlgorithmProperties(exact, portable, reads_layers, color, marker)
 
     def state(prepare: _AnyPrepare) -> _AnyPrepare:
         setattr(prepare, _STATED, stated)
         return prepare
 
     return state
-
-
-@dataclass(frozen=True)
-class AlgorithmProperties:
-    """Properties of an algorithm with some options.
-
-    Attributes
-    ----------
-    name : str
-        Without the options.
-    own : bool
-        It ships with inim.
-    exact, portable, reads_layers, color, marker :
-        See `algorithm`.
-    columns : str
-        The columns that its first hits are in; see `inim.generators.raycast.columns`.
-    takes_mask : bool
-        It makes the pixels of a mask only; others are run in full and blackened.
-    interpreted : bool
-        It runs as plain Python with these options.
-    """
-
-    name: str
-    own: bool
-    exact: bool
-    columns: str
-    portable: bool
-    reads_layers: bool
-    color: str | None
-    marker: str | None
-    takes_mask: bool
-    interpreted: bool
 
 
 @dataclass(frozen=True)
@@ -191,22 +167,10 @@ class Algorithm:
     def properties(self, options: Mapping[str, Any]) -> AlgorithmProperties:
         """Its properties with some options."""
         stated = getattr(self.prepare, _STATED, None)
-        stated = stated if isinstance(stated, _Stated) else _Stated()
-
-        def given(wanted: Mapping[str, str]) -> bool:
-            return bool(wanted) and all(options.get(k) == v for k, v in wanted.items())
-
-        return AlgorithmProperties(
-            self.name,
-            self.own,
-            stated.exact,
-            "layers" if stated.reads_layers else str(options.get("columns", "surface")),
-            stated.portable,
-            stated.reads_layers,
-            stated.color,
-            stated.marker,
-            self.takes_mask,
-            given(stated.interpreted_with),
+        stated = stated if isinstance(stated, AlgorithmProperties) else AlgorithmProperties()
+        columns = "layers" if stated.reads_layers else str(options.get("columns", "surface"))
+        return replace(
+            stated, name=self.name, own=self.own, columns=columns, takes_mask=self.takes_mask
         )
 
 

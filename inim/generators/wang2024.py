@@ -55,7 +55,7 @@ from inim.generators.base import (
     for_mask,
     require_separable,
 )
-from inim.generators.plain import IMPLEMENTATIONS, prange, run
+from inim.generators.plain import prange, run
 from inim.generators.raycast.cells import cell_rays
 from inim.generators.registry import algorithm, one_of
 from inim.image.rgbd import RGBD
@@ -67,7 +67,7 @@ _STEP_PIXELS = ("picture", "scene")
 _MOST_ENTRIES = 1_000_000
 
 
-@algorithm(color="#d55e00", marker="s", interpreted_with={"implementation": "python"})
+@algorithm(color="#d55e00", marker="s")
 def prepare(
     display: Display,
     shape: PictureShape,
@@ -75,7 +75,6 @@ def prepare(
     matching: str = "matrix",
     rounding: str = "nearest",
     step_pixel: str = "picture",
-    implementation: str = "compiled",
     *,
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
@@ -91,8 +90,6 @@ def prepare(
         Of z_len (Eq. 6): to the nearest whole number, as printed, or so that z_max is reached.
     step_pixel : {"picture", "scene"}
         What one depth step moves the ray by (Eq. 5): a pixel of the picture, or P_I of Eq. 3.
-    implementation : {"compiled", "python"}
-        The same result, by numba on all threads or by plain Python on one.
 
     Raises
     ------
@@ -102,7 +99,6 @@ def prepare(
     """
     along_ray = one_of("matching", matching, _MATCHINGS) == "ray"
     up = one_of("rounding", rounding, _ROUNDINGS) == "up"
-    chosen = one_of("implementation", implementation, IMPLEMENTATIONS)
     require_separable(display, "wang2024")
     stride = 1.0
     if one_of("step_pixel", step_pixel, _STEP_PIXELS) == "scene":
@@ -116,7 +112,7 @@ def prepare(
     return for_mask(
         mask,
         display,
-        lambda pixels: _Wang2024(display, shape, pixel_mm, along_ray, (stride, up), chosen, pixels),
+        lambda pixels: _Wang2024(display, shape, pixel_mm, along_ray, (stride, up), pixels),
     )
 
 
@@ -141,13 +137,11 @@ class _Wang2024(SourceGenerator):
         pixel_mm: float,
         along_ray: bool,
         steps: tuple[float, bool],
-        implementation: str,
         pixels: PixelList | None,
     ) -> None:
         super().__init__(display, shape, pixel_mm, pixels)
         self._along_ray = along_ray
         self._steps = steps
-        self._implementation = implementation
 
     def find(self, rgbd: RGBD) -> Sources:
         column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display)
@@ -159,7 +153,6 @@ class _Wang2024(SourceGenerator):
         listed = () if self.pixels is None else (self.pixels.rows, self.pixels.columns)
         return run(
             _match_listed if listed else _match_all,
-            self._implementation,
             self.made_shape,
             HOLE,
             depth.ravel(),

@@ -13,7 +13,7 @@ from __future__ import annotations
 import gc
 import statistics
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -128,7 +128,6 @@ class Timing:
 def in_turn(
     calls: Mapping[str, Callable[[], Any]],
     rounds: Rounds,
-    interpreted: Collection[str] = (),
     clock: Callable[[], float] = time.perf_counter,
     pause: Callable[[float], None] = time.sleep,
 ) -> dict[str, Timing]:
@@ -141,8 +140,6 @@ def in_turn(
     rounds : Rounds
         A call that takes more than two seconds has its first warm-up counted and at most three
         runs; one of more than ten seconds, one.
-    interpreted : collection of str
-        Those that compile nothing: their cold start is their first warm-up, too.
     clock, pause : callable
         Stand-ins for tests.
     """
@@ -161,7 +158,7 @@ def in_turn(
     gc.disable()  # a collection would land on whoever happens to be at work
     try:
         cold = {name: timed(name) for name in calls}
-        warm = {name: cold[name] if name in interpreted else timed(name) for name in calls}
+        warm = {name: timed(name) for name in calls}
         slow = {name for name in calls if warm[name] > _SLOW_S}
         for _ in range(rounds.warmups - 1):
             for name in (name for name in calls if name not in slow):
@@ -319,14 +316,8 @@ def time_methods(
 
     calls = {YARDSTICK: ReferenceKernel(rgbd.color, display, rgbd.pixel_mm).run}
     calls |= {method.name: method.run for method in methods}
-    interpreted = [m.name for m in methods if _is_interpreted(m.name)]
     with threads(rounds.threads):
-        return in_turn(calls, rounds, interpreted)
-
-
-def _is_interpreted(name: str) -> bool:
-    """Whether an algorithm runs in plain Python, as the paper's did: it compiles nothing."""
-    return parse_algorithm(name)[1].get("implementation") == "python"
+        return in_turn(calls, rounds)
 
 
 # -- display-ready pictures ---------------------------------------------------------------------

@@ -39,7 +39,7 @@ _MEASURED = """\
   does wrong, without what it cannot know. A dash: equal to the last bit.
 * *Next* and *farthest*: PSNR of the views next to the middle one, and at the grid's rim; all
   distances are in the JSON.
-* A method without `fill` leaves holes black. `template_jit` is `template` by another compiler.
+* A method without `fill` leaves holes black.
 * `gu2020` steps by the display's pixel in focus, here an eighth of a pixel of disparity.
 * *Copy*: every view is the middle view. *Naive splat*: each pixel moves to its place, the nearest
   on top, and empty ones take the nearest pixel.

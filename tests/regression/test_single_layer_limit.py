@@ -46,7 +46,7 @@ def test_four_samples_reach_the_single_layer_limit(open_fitted):
 
     # The limit by what the picture lacks: rays that meet nothing, or what the camera never saw.
     sensor = make_sensor(pickup_rays(NOMINAL, fitted.start_mm), fitted.fit.world_from_display)
-    met = trace_surface(fitted.scene, sensor)
+    met = trace_surface(fitted.scene, fitted.integrator, sensor)
     shown = generate(rgbd, NOMINAL, SOLID, samples=4)
     side = ~met.covered & (shown.sum(axis=-1) > 0.02)
     unseen = met.covered & ~_seen(rgbd, met, fitted.fit.display_from_world)

@@ -28,7 +28,7 @@ from tests.system.conftest import (
 )
 
 ALGORITHMS = [
-    "template", "wang2024:matching=ray", "gu2020:implementation=python", "example", "own_place",
+    "template", "wang2024:matching=ray", "gu2020", "example", "own_place",
 ]  # fmt: skip
 FILES = {"bench.json", "bench.md", "bench.html", "pareto.svg", "pareto.png"}
 KEYS = {

@@ -27,7 +27,7 @@ def test_scaling_and_paper_at_small_sizes(tmp_path, renderer):
     forms = {c["name"]: c for c in paper["same_input"]["contenders"]}
     for name in ("li2012", "gu2020", "wang2024"):
         # Compiled or not, it is the same algorithm.
-        python, compiled = forms[f"{name}:implementation=python"], forms[name]
+        python, compiled = forms[f"{name} in plain Python"], forms[name]
         same = ("wrong_source", "eia_psnr_db", "middle_view_ssim")
         assert [python[k] for k in same] == [compiled[k] for k in same]
     data = {"title": "t", "schema": "s", "scaling": scaling, "paper": paper}

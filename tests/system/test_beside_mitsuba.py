@@ -97,18 +97,3 @@ assert np.array_equal(np.array(mi.render(scene, spp=4)), image)
 assert type(mi.load_dict({"type": "mine"})).__name__ == "Mine"
 """
     run(before, more)
-
-
-def test_a_compiled_generator_leaves_a_scalar_variant() -> None:
-    more = """
-import mitsuba as mi
-from tests.conftest import small_display
-d = small_display(4, 3)
-rows, columns = d.capture_shape(5)
-z = np.full((rows, columns), d.central_depth_mm, np.float32)
-picture = inim.RGBD(np.ones((rows, columns, 3), np.float32), z, z > 0, d.capture_pixel_mm(5))
-made = inim.generate(picture, d, algorithm="template_jit")
-assert np.array_equal(made, inim.generate(picture, d, algorithm="template"))
-assert mi.variant() == "scalar_rgb", mi.variant()
-"""
-    run("import mitsuba as mi; mi.set_variant('scalar_rgb')", more)

@@ -22,10 +22,8 @@ class Bench:
         self.order.append(name)
         self.now += self.seconds[name]
 
-    def run(self, rounds, interpreted=()):
-        return in_turn(
-            self.calls(), rounds, interpreted, clock=lambda: self.now, pause=lambda _: None
-        )
+    def run(self, rounds):
+        return in_turn(self.calls(), rounds, clock=lambda: self.now, pause=lambda _: None)
 
 
 def test_all_take_turns_in_every_round():
@@ -47,13 +45,6 @@ def test_slow_ones_run_less_and_say_so():
     }  # fmt: skip
     assert [name for name, t in times.items() if t.slow] == ["slow", "slower"]
     assert bench.order.count("slower") == 2  # cold, then the one that counts
-
-
-def test_an_interpreted_slow_one_needs_no_second_start():
-    bench = Bench({"quick": 0.5, "python": 11.0})
-    times = bench.run(Rounds(), interpreted=["python"])
-    assert bench.order.count("python") == 1
-    assert times["python"].times_s == (11.0,)
 
 
 def test_the_cold_start_is_no_run():

@@ -85,8 +85,8 @@ def test_without_a_word_there_is_help(capsys):
     ("line", "proposed", "not_proposed"),
     [
         ("inim val", {"validate "}, {"view"}),
-        ("inim validate a.xml --algorithms tem", {"template", "template_jit"}, {"wang2024"}),
-        ("inim validate a.xml --algorithms gu2020,tem", {"gu2020,template"}, {"template"}),
+        ("inim validate a.xml --algorithms tem", {"template "}, {"wang2024"}),
+        ("inim validate a.xml --algorithms gu2020,tem", {"gu2020,template "}, {"template "}),
         ("inim validate a.xml --display ph", {"phone "}, {"nominal"}),
         ("inim inspect phone --lens-model thi", {"thin", "thick"}, {"full"}),
         ("inim validate a.xml --viewpoints le", {"left "}, {"right"}),

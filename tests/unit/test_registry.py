@@ -13,14 +13,14 @@ from inim import plugins
 from inim.errors import UsageError
 from inim.generators import algorithm, algorithm_names, is_own, properties, registry
 
-OWN = ["template", "gu2020", "layered", "li2012", "template_jit", "wang2024"]
+OWN = ["template", "gu2020", "layered", "li2012", "wang2024"]
 
 
 def prepare_plain(display, shape, pixel_mm, *, brightness=1.0):
     """Without properties."""
 
 
-@algorithm(exact=True, color="#123456", interpreted_with={"slow": "yes"})
+@algorithm(exact=True, color="#123456")
 def prepare_stated(display, shape, pixel_mm, *, mask=None, slow="no"):
     """With properties."""
 
@@ -65,14 +65,8 @@ def test_what_our_own_state():
     assert {n for n in OWN if properties(n).takes_mask} == {
         "template", "layered", "gu2020", "wang2024",
     }  # fmt: skip
-    colors = [properties(n).color for n in OWN if n != "template_jit"]
+    colors = [properties(n).color for n in OWN]
     assert None not in colors and len(set(colors)) == len(colors)
-
-
-def test_options_say_whether_it_is_plain_python():
-    assert properties("gu2020:implementation=python:step_mm=1").interpreted
-    assert not properties("gu2020:implementation=compiled").interpreted
-    assert not properties("gu2020").interpreted and not properties("template:samples=4").interpreted
 
 
 @pytest.mark.usefixtures("announced")
@@ -80,9 +74,9 @@ def test_another_package_states_its_properties_or_does_not():
     assert algorithm_names() == [*OWN, "plain", "stated"]
     plain, stated = properties("plain:brightness=2"), properties("stated:slow=yes")
     assert not (plain.own or plain.exact or plain.reads_layers or plain.takes_mask)
-    assert plain.color is None and not plain.interpreted
-    assert stated.exact and stated.color == "#123456" and stated.takes_mask and stated.interpreted
-    assert not stated.own and not properties("stated").interpreted
+    assert plain.color is None
+    assert stated.exact and stated.color == "#123456" and stated.takes_mask
+    assert not stated.own
     assert registry.algorithm_summary("stated") == ("stated:slow=no", "With properties.")
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from reports.bench.paper.plain_python import PLAIN_PYTHON
 from reports.bench.paper.scaling import PowerLaw, power_law
 
-_PYTHON = ":implementation=python"
 #: The paper's algorithm in all readings, the default first.
 READINGS = (
     "wang2024",
@@ -63,7 +63,7 @@ def _claim(claim: str, source: str, found: str, *, holds: bool, why: str = "") -
 
 def _twice(points: Mapping[str, Any], mine: str, rival: str) -> dict[str, Any] | None:
     """Time of a rival over that of `wang2024`, both in plain Python."""
-    ratio = _ratio(points, rival + _PYTHON, mine + _PYTHON)
+    ratio = _ratio(points, rival + PLAIN_PYTHON, mine + PLAIN_PYTHON)
     if ratio is None:
         return None
     compiled = _ratio(points, rival, mine)
@@ -92,10 +92,10 @@ _ONE_CODE = " The count of operations, not the language, decides; both forms run
 
 def _speed(experiments: Sequence[Mapping[str, Any]], mine: str) -> dict[str, Any] | None:
     """Whether it is the fastest for every size of one elemental image, in plain Python."""
-    own = _series(experiments, "elemental_pixels", mine + _PYTHON)
+    own = _series(experiments, "elemental_pixels", mine + PLAIN_PYTHON)
     ratios: dict[str, list[float]] = {}
     for rival in _RIVALS:
-        theirs = _series(experiments, "elemental_pixels", rival + _PYTHON)
+        theirs = _series(experiments, "elemental_pixels", rival + PLAIN_PYTHON)
         if own and len(theirs) == len(own):
             ratios[rival] = [b["min_ms"] / a["min_ms"] for a, b in zip(own, theirs, strict=True)]
     if not ratios:
@@ -156,7 +156,7 @@ def _slow_growth(
     """By which powers time grows with a size, in plain Python."""
     laws: dict[str, PowerLaw] = {}
     for name in (mine, *_RIVALS):
-        law = power_law(_series(experiments, size, name + _PYTHON), size)
+        law = power_law(_series(experiments, size, name + PLAIN_PYTHON), size)
         if law is not None:
             laws[name] = law
     if mine not in laws or len(laws) < 2:
@@ -242,7 +242,7 @@ _WHY_NOT_BELOW = (
 
 def _thousand(points: Mapping[str, Any]) -> dict[str, Any] | None:
     """Compiled exact templates against the paper's algorithm as the paper ran it."""
-    slow, fast = points.get(f"wang2024{_PYTHON}"), points.get("template")
+    slow, fast = points.get(f"wang2024{PLAIN_PYTHON}"), points.get("template")
     if not (slow and fast):
         return None
     ratio = slow["median_ms"] / fast["median_ms"]

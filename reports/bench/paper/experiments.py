@@ -3,7 +3,7 @@
 Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4: time against the scene's pixels
 (its Fig. 12), against the pixels of one elemental image (Fig. 13) and against the number of
 elemental images (Fig. 14). The paper timed plain Python on one thread; the generators run that way
-with ``implementation=python``. Its own algorithm runs in all readings of its print (`claims`).
+in a child process (`plain_python`). Its own algorithm runs in all readings of its print (`claims`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from inim import metrics
 from inim.bench import (
     YARDSTICK,
     Rounds,
+    TimedMethod,
+    Timing,
     available,
     evaluate,
     linear_picture,
@@ -26,25 +28,22 @@ from inim.bench import (
 )
 from inim.display import Display
 from inim.display.viewpoint import parse_viewpoints
+from inim.image.rgbd import RGBD
 from inim.scene.two_spheres import two_spheres_eia, two_spheres_view
 from reports.bench.paper.claims import claims
+from reports.bench.paper.plain_python import PLAIN_PYTHON, time_plain_python
 from reports.bench.paper.steps import depth_steps
 from reports.bench.study import picture_of, square_display, views_of
 
-#: Who takes part, the paper's three in both forms first.
-NAMES = (
-    "li2012:implementation=python",
-    "gu2020:implementation=python",
-    "wang2024:implementation=python",
-    "wang2024:step_pixel=scene:implementation=python",
-    "wang2024:matching=ray:step_pixel=scene:implementation=python",
+#: The paper's algorithms, timed in plain Python and compiled.
+PAPER = (
     "li2012",
     "gu2020",
     "wang2024",
     "wang2024:step_pixel=scene",
     "wang2024:matching=ray:step_pixel=scene",
-    "template",
 )
+NAMES = (*PAPER, "template")
 #: On the one input for all, besides: what the rounding, the matrix and one sample to a pixel do.
 ALSO = (
     "wang2024:rounding=up",
@@ -163,7 +162,7 @@ def _experiment(
             "lenses": display.lens_rows * display.lens_columns,
         }
         listener.stage(f"{figure}: {sizes[size]} {name}")
-        times = time_methods(methods, rgbd, display, rounds)
+        methods, times = _timed(methods, rgbd, display, pixels_per_pitch, rounds)
         found = [method_data(m, times, display) for m in methods]
         points.append({**sizes, "yardstick": times[YARDSTICK].as_data(), "contenders": found})
         listener.line(f"{figure}  {sizes[size]:6} {name}: {_in_words(found)}")
@@ -172,8 +171,20 @@ def _experiment(
 
 def _in_words(found: Sequence[dict[str, Any]]) -> str:
     """The times of plain Python and of the exact generator, the ends of the range."""
-    ends = [c for c in found if _PYTHON in c["name"] or c["name"] == "template"]
-    return ", ".join(f"{c['name'].replace(_PYTHON, '')} {c['median_ms']:.4g} ms" for c in ends)
+    ends = [c for c in found if PLAIN_PYTHON in c["name"] or c["name"] == "template"]
+    return ", ".join(
+        f"{c['name'].removesuffix(PLAIN_PYTHON)} {c['median_ms']:.4g} ms" for c in ends
+    )
+
+
+def _timed(
+    methods: list[TimedMethod], rgbd: RGBD, display: Display, pixels_per_pitch: int, rounds: Rounds
+) -> tuple[list[TimedMethod], dict[str, Timing]]:
+    """Time methods compiled, and those of the paper in plain Python, too: these first."""
+    times = time_methods(methods, rgbd, display, rounds)
+    of_paper = [method for method in methods if method.name in PAPER]
+    plain, plain_times = time_plain_python(of_paper, display, pixels_per_pitch, rounds)
+    return [*plain, *methods], {**times, **plain_times}
 
 
 def _same_input(
@@ -184,7 +195,7 @@ def _same_input(
     listener.stage(f"{sizes.same_lenses} x {sizes.same_lenses} lenses, time and error")
     rgbd = picture_of(display, sizes.pixels_per_pitch)
     methods = [prepare_method(name, rgbd, display) for name in names]
-    times = time_methods(methods, rgbd, display, rounds)
+    methods, times = _timed(methods, rgbd, display, sizes.pixels_per_pitch, rounds)
     eye = parse_viewpoints("centre", display)
     reference = make_reference(rgbd, two_spheres_eia(display), display, views_of(display, eye))
     pixels_per_lens = len(reference.ceiling[0]) // display.lens_rows
@@ -197,7 +208,7 @@ def _same_input(
             | evaluate(method, reference)
             | {
                 "middle_view_ssim": metrics.ssim(truth, view),
-                "published_ssim": PUBLISHED_SSIM.get(_as_published(method.name)),
+                "published_ssim": PUBLISHED_SSIM.get(method.name.removesuffix(PLAIN_PYTHON)),
             }
         )
     return {
@@ -208,11 +219,3 @@ def _same_input(
         "ceiling_ssim": metrics.ssim(truth, reference.ceiling[0]),
         "contenders": found,
     }
-
-
-_PYTHON = ":implementation=python"
-
-
-def _as_published(name: str) -> str:
-    """The algorithm, if it runs as published, in whatever form."""
-    return name.removesuffix(_PYTHON)

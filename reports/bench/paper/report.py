@@ -9,6 +9,7 @@ from typing import Any
 from inim.report.bench import TIME, TIME_HEADS, Part, Table, milliseconds, time_cells, times
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
 from inim.report.wording import MISSING, is_number, items, number, part, per_cent
+from reports.bench.paper.plain_python import PLAIN_PYTHON
 
 _GIB = 2**30
 
@@ -89,8 +90,6 @@ def _size_row(point: Mapping[str, Any]) -> list[str]:
 
 # -- the paper's experiments --------------------------------------------------------------------
 
-_PYTHON = ":implementation=python"
-
 
 def _paper(paper: Mapping[str, Any]) -> Part:
     lead = (
@@ -165,16 +164,16 @@ def _experiment(experiment: Mapping[str, Any]) -> Table:
     names = [c["name"] for c in points[0]["contenders"]]
     heads = [
         experiment["name"],
-        *(name.replace(_PYTHON, ", Python") for name in names),
+        *(name.replace(PLAIN_PYTHON, ", Python") for name in names),
         "gu2020 / wang2024, Python", "gu2020 / wang2024", "wang2024, Python / template",
     ]  # fmt: skip
     rows = []
     for point in points:
         ms = {c["name"]: c["median_ms"] for c in point["contenders"]}
         ratios = [
-            _ratio(ms, f"gu2020{_PYTHON}", f"wang2024{_PYTHON}"),
+            _ratio(ms, f"gu2020{PLAIN_PYTHON}", f"wang2024{PLAIN_PYTHON}"),
             _ratio(ms, "gu2020", "wang2024"),
-            _ratio(ms, f"wang2024{_PYTHON}", "template"),
+            _ratio(ms, f"wang2024{PLAIN_PYTHON}", "template"),
         ]
         cells = [milliseconds(ms[name]) for name in names]
         rows.append([f"{point[experiment['size']]:,}", *cells, *map(times, ratios)])
@@ -199,7 +198,7 @@ def _same_input(same: Mapping[str, Any]) -> Table:
     ms = {c["name"]: c["median_ms"] for c in methods}
     rows = [
         [
-            c["name"].replace(_PYTHON, ", Python"),
+            c["name"].replace(PLAIN_PYTHON, ", Python"),
             milliseconds(c["median_ms"]),
             str(c["runs"]),
             times(_ratio(ms, c["name"], "template")),
@@ -277,8 +276,9 @@ def _finish_sizes(axis: Any, title: str, label: str) -> None:
 
 def _line(axis: Any, sizes: Sequence[float], points: Sequence[Any], name: str) -> None:
     """One series of medians with whiskers to the fastest runs; dashed in plain Python."""
-    interpreted = "implementation=python" in name
-    algorithm, colour = name.partition(":")[0], colour_of(name)
+    interpreted = PLAIN_PYTHON in name
+    algorithm = name.removesuffix(PLAIN_PYTHON).partition(":")[0]
+    colour = colour_of(algorithm)
     medians, fastest = ([p[key] for p in points] for key in ("median_ms", "min_ms"))
     axis.vlines(sizes, fastest, medians, color=colour, linewidth=1, alpha=0.5)
     axis.plot(
@@ -286,7 +286,7 @@ def _line(axis: Any, sizes: Sequence[float], points: Sequence[Any], name: str) -
         medians,
         marker_of(algorithm),
         color=colour,
-        label=name.replace(_PYTHON, ", plain Python"),
+        label=name.replace(PLAIN_PYTHON, ", plain Python"),
         markersize=4.5,
         markerfacecolor="white" if interpreted else colour,
         linestyle="--" if interpreted else ":" if name == "yardstick" else "-",

@@ -199,20 +199,10 @@ def _as(other: Callable[[RGBD, Display, str], np.ndarray]) -> Callable:
     return check
 
 
-def _in_plain_python(rgbd: RGBD, display: Display, algorithm: str) -> np.ndarray:
-    return shown(rgbd, display, f"{algorithm}:implementation=python")
-
-
 def _in_float64(rgbd: RGBD, display: Display, _: str) -> np.ndarray:
     return colours_of(ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd), rgbd)
 
 
-def _by_drjit(rgbd: RGBD, display: Display, _: str) -> np.ndarray:
-    return shown(rgbd, display, "template_jit")
-
-
 _IMPLEMENTATIONS = [
-    (Relation("compiled or plain Python", _as(_in_plain_python), bitwise=True), _RIVALS),
     (Relation("float32 tables or float64 rays", _as(_in_float64), bitwise=True), ("template",)),
-    (Relation("numba or Dr.Jit on LLVM", _as(_by_drjit), bitwise=True), ("template",)),
 ]
