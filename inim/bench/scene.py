@@ -22,7 +22,6 @@ from inim.errors import SceneError, UsageError
 from inim.generators import algorithm_names, check_algorithm, is_own, properties
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
-from inim.pipeline.expected import capture_steps
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.capture import DepthCamera, capture_relic
@@ -40,7 +39,6 @@ from inim.pipeline.timing import (
     ratios,
     time_methods,
 )
-from inim.process.forecast import Step
 
 # What is measured where nothing is named, with those that other packages announce: every
 # algorithm, and the settings that cost time.
@@ -56,8 +54,6 @@ _DEFAULT = (
     "li2012",
     "li2012:fill=hidden",
 )
-# What the parts of a bench take at the nominal display, for its progress bar.
-_OPEN_S, _RUN_S, _SCORE_S, _WRITE_S = 0.4, 0.4, 3.0, 2.0
 # What a name is tried on: as small as a display gets.
 _TRIAL = Display(1.0, 3.0, 3.3, 0.25, 1, 1)
 _TRIAL_RGBD = RGBD(
@@ -145,9 +141,7 @@ def bench_scene(
         The keys of bench.json that a scene adds.
     """
     observer = renderer.observer
-    scores = [Step("score", _SCORE_S * len(names)), Step("write", _WRITE_S)]
-    taking = Step("time", _RUN_S * len(names) * (rounds.runs + rounds.warmups))
-    observer.begin([Step("open scene", _OPEN_S), *capture_steps(plan), taking, *scores])
+    observer.begin(["open scene", "capture RGB-D", "ground-truth EIA", "time", "score", "write"])
     inputs = _render(plan, names, renderer)
     observer.stage("time")
     methods = [

@@ -22,7 +22,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from inim.pipeline.expected import expected_steps
 from inim.pipeline.measured import Measured
 from inim.pipeline.output.images import Images
 from inim.pipeline.plan import Plan
@@ -49,14 +48,14 @@ def measure_until_known(
     wanted, error = plan.settings, plan.settings.score_error if renderer.skip else 0.0
     observer = run.observer
     if not error:
-        observer.begin(expected_steps(plan))
+        observer.begin(stage_names(plan))
         return measure(plan, renderer, images, run)
 
     def measure_with(share: float, eyes: int | None = None) -> Measured:
         settings = with_share(wanted, share)
         fewer = replace(plan, settings=settings, viewpoints=plan.viewpoints[:eyes])
         # Nobody knows how many rounds it takes; the first is as good as always not the last.
-        observer.begin(expected_steps(fewer) + (expected_steps(plan) if eyes else []))
+        observer.begin(stage_names(fewer) + (stage_names(plan) if eyes else []))
         return measure(fewer, renderer, images, run.for_round())
 
     share = FIRST_SHARE
@@ -90,6 +89,19 @@ def _with_words_on_samples(measured: Measured, wanted: Settings, known: float) -
     else:
         skipped.add("samples", done, "none", f"fewer do not tell SSIM to within {error:g}")
     return replace(measured, more_warnings=tuple(warnings))
+
+
+def stage_names(plan: Plan) -> list[str]:
+    """Stages of one round of samples and of its report, in their order."""
+    methods = [f"{method.verb} {method.name}" for method in plan.methods]
+    eyes = len(plan.viewpoints)
+    views = ["reconstruct views"] * eyes
+    capture = ["capture RGB-D", "capture layers"] if plan.reads_layers else ["capture RGB-D"]
+    names = [*methods, "open scene", *capture, "ground-truth EIA", *["ground-truth views"] * eyes]
+    names += views
+    for method in methods:
+        names += [method, *views, "score"]
+    return [*names, *(["time"] if plan.request.time else []), "score", "write report"]
 
 
 def with_share(settings: Settings, share: float) -> Settings:

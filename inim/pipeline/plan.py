@@ -101,12 +101,6 @@ class Plan:
         return self.optics.viewing(eye, self.settings.luminance_cd_m2)
 
     @property
-    def view_pixels(self) -> int:
-        """Pixels of a view."""
-        rows, columns = _view_shape(self.display, self.settings.view_pixels_per_lens)
-        return rows * columns
-
-    @property
     def is_short_of_memory(self) -> bool:
         """Whether the renderer could trace more rays at once with more memory."""
         return self.rays_in_flight < _MOST_RAYS
@@ -115,11 +109,6 @@ class Plan:
     def reads_layers(self) -> bool:
         """Whether a method is given what lies behind the front surface, too."""
         return any(method.reads_layers for method in self.methods)
-
-    @property
-    def capture_shape(self) -> tuple[int, int]:
-        """Rows and columns of the RGB-D picture."""
-        return self.display.capture_shape(self.settings.capture_pixels_per_pitch)
 
     @property
     def capture_pixel_mm(self) -> float:

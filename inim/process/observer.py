@@ -6,8 +6,6 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from inim.process.forecast import Step
-
 
 class Observer:
     """Observes a run and counts; the command line's version also prints and draws a bar.
@@ -27,14 +25,11 @@ class Observer:
         self.render_seconds = 0.0
         self.samples = 0
 
-    def begin(self, steps: Sequence[Step]) -> None:
-        """What the run, or the rest of it, consists of."""
+    def begin(self, stages: Sequence[str]) -> None:
+        """Names of the stages of the run, or of the rest of it, in their order."""
 
     def stage(self, name: str) -> None:
         """A stage begins."""
-
-    def rays(self, count: int) -> None:
-        """So many rays more are done."""
 
     def line(self, text: str) -> None:
         """A result worth a line."""

@@ -162,7 +162,6 @@ def _layer_colours(
             _Row(int(np.count_nonzero(covered))),
             int(np.random.SeedSequence((seed, layer)).generate_state(1)[0]),
             observer,
-            planned=False,  # how many layers there are is not known beforehand
         )
         colours[layer][covered] = mean_light(tracer, spp)[0]
     return colours
@@ -186,9 +185,7 @@ def _side_colours(
     piece, beside = sides.walls.T
     share = np.asarray(sides.slopes)[beside // 2] * (sides.high_mm - sides.low_mm)[piece, beside]
     for seen_only, sums in ((False, color), (True, weight)):
-        tracer = Tracer(
-            light_of(seen_only), row, int(own.generate_state(1)[0]), observer, planned=False
-        )
+        tracer = Tracer(light_of(seen_only), row, int(own.generate_state(1)[0]), observer)
         np.add.at(sums, piece, mean_light(tracer, spp)[0] * share[:, None])
     return np.divide(color, weight, out=color, where=weight > 0), weight[:, 0] > 0
 

@@ -262,7 +262,7 @@ def observed_pixels(
     for viewpoint in viewpoints:
         sensor = _sensor(display, viewpoint, pixels_per_lens, AnalyticLens.start_mm)
         for seed in seeds:
-            mean_light(Tracer(light, sensor, seed, observer, planned=False), spp)
+            mean_light(Tracer(light, sensor, seed, observer), spp)
     return np.asarray(marks).reshape(rows, columns) > 0
 
 

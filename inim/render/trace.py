@@ -59,16 +59,13 @@ class Tracer:
         One of `inim.render.sensors`.
     seed : int
     observer : Observer, optional
-        Counts time and samples, and rays as they are done.
-    planned : bool
-        Whether the rays are of the total that the observer was given.
+        Counts time and samples.
     """
 
     light: Light
     sensor: Any
     seed: int
     observer: Observer | None = None
-    planned: bool = True
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -97,16 +94,10 @@ class Tracer:
             color = self._wavefront(pixels[part], first, some)
             # Summing outside the kernel keeps the count out of it: no compilation per setting.
             total[part] += np.stack([np.asarray(dr.block_sum(c, some)) for c in color], -1)
-            self.done((part.stop - part.start) * some)
         if self.observer:
             self.observer.rendered(time.perf_counter() - started, len(pixels) * samples)
         mean: np.ndarray = total / samples
         return mean
-
-    def done(self, rays: int) -> None:
-        """So many rays more need no work any more."""
-        if self.observer and self.planned:
-            self.observer.rays(rays)
 
     def _wavefront(self, pixels: np.ndarray, first: int, samples: int) -> Any:
         """What each sample of one pass brings; one compiled kernel for all passes."""
@@ -147,8 +138,6 @@ def mean_light(tracer: Tracer, spp: int, mask: np.ndarray | None = None) -> np.n
     image = np.zeros((rows * columns, 3), np.float32)
     for pixels in _bands(rows * columns, mask):
         image[pixels] = tracer.means(pixels, spp)
-    if mask is not None:
-        tracer.done(spp * int(np.count_nonzero(~mask)))
     return image.reshape(rows, columns, 3)
 
 

@@ -21,7 +21,6 @@ from inim.pipeline.request import Request, repeated
 from inim.pipeline.stages.capture import DepthCamera, capture_relic
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
-from inim.process.forecast import Step
 from inim.process.observer import Observer
 from inim.report.stress import SCHEMA, write_stress
 from inim.version import __version__
@@ -35,10 +34,6 @@ _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
 _DEFAULT = ("template", "layered", "gu2020", "wang2024", "wang2024:matching=ray", "li2012")
 # Lenses along each side of the display whose picture is jittered: of a full run, of a quick one.
 _LENSES = {False: 32, True: 16}
-
-# What its parts take for an algorithm, and the end: the progress bar moves by them.
-_PARTS_S = {"first hits": 10.0, "relations": 7.0}
-_JITTER_S, _WRITE_S = 2.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -170,9 +165,8 @@ def _measured(request: StressRequest, observer: Observer) -> dict[str, Any]:
         **record(words, request.quick, renderer.backend, _VERSIONS),
     }
     data |= {"algorithms": names, "first_hits": [], "relations": []}
-    each = [(f"{name}: {what}", s) for name in names for what, s in _PARTS_S.items()]
-    ends = [("jitter", _JITTER_S * len(names)), ("write", _WRITE_S)]
-    observer.begin([Step(name, seconds) for name, seconds in (*each, *ends)])
+    each = [f"{name}: {part}" for name in names for part in ("first hits", "relations")]
+    observer.begin([*each, "jitter", "write"])
     for name in names:
         observer.stage(f"{name}: first hits")
         data["first_hits"] += [check_first_hits(name, case) for case in cases(request.quick)]

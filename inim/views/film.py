@@ -21,14 +21,12 @@ from inim.display.viewpoint import Viewpoint, eye_path
 from inim.errors import FileError, InimError, UsageError
 from inim.lens import check_lens_model
 from inim.metrics import Viewing, cvvdp
-from inim.pipeline.stages.ground_truth import render_view
-from inim.pipeline.stages.reconstruct import Optics, ShownEIA
-from inim.pipeline.stages.scene import Renderer, Scene
-from inim.pipeline.stages.stage import Run
-from inim.process.forecast import Step
+from inim.pipeline.stages.reconstruct import Optics
+from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
 from inim.report import Report
 from inim.settings import Settings
+from inim.views.frames import frames
 from inim.views.traced_scene import TracedScene
 from inim.worker.output import open_beside, publish_file
 from inim.worker.supervisor import run_in_worker
@@ -41,10 +39,6 @@ CEILING = "ceiling"
 _SCENE = "scene"
 # Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
 _LEAST_ROWS_PX = 384
-# Of a ray through thick lenses, and of writing a frame: the bar moves by them.
-_RAY_S, _WRITE_S = 1.5e-8, 0.1
-# The same of a ray into the scene, and of a frame's pixel that is scored.
-_TRUE_RAY_S, _SCORE_S = 5e-7, 1.5e-6
 _SPACE_BETWEEN_PX = 8
 _LABEL_ROWS_PX = 28
 _MOST_FRAMES = 2000
@@ -161,8 +155,8 @@ def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     panes = _panes(request, report, optics, eyes, observer)
     names, views = zip(*panes, strict=True)
     observer.stage("write")
-    frames = [_frame(one, names) for one in zip(*views, strict=True)]
-    write_film(film, frames, request.frames_per_second)
+    pictures = [_frame(one, names) for one in zip(*views, strict=True)]
+    write_film(film, pictures, request.frames_per_second)
     publish_file(film, out)
     if request.scene is not None:
         observer.stage("score")
@@ -184,32 +178,20 @@ def _panes(
     observer: Observer,
 ) -> list[_Pane]:
     """What is shown side by side; the scene first."""
-    display = optics.mounted
+    design = report.design()
+    sources: list[tuple[str, str, np.ndarray | TracedScene]] = [
+        (name, "film", eia)
+        for name, eia in zip(request.show, _panels(request, report, optics.mounted), strict=True)
+    ]
+    if request.scene is not None:
+        sources.insert(0, (_SCENE, _SCENE, request.scene))
+    stages = [stage for _, stage, _ in sources for _ in eyes]
+    observer.begin([*stages, "write", *([] if request.scene is None else ["score"])])
     renderer = Renderer("auto", observer)
-    shown = [ShownEIA(eia, None, optics, renderer) for eia in _panels(request, report, display)]
-    pixels = display.lens_rows * display.lens_columns * request.pixels_per_lens**2
-    rays = pixels * request.spp * len(eyes) * len(shown)
-    steps = [Step("film", rays * _RAY_S, rays), Step("write", len(eyes) * _WRITE_S)]
-    if request.scene is not None:
-        true_rays = pixels * request.spp * len(eyes)
-        steps.append(Step(_SCENE, true_rays * _TRUE_RAY_S, true_rays))
-        steps.append(Step("score", pixels * len(eyes) * len(shown) * _SCORE_S))
-    observer.begin(steps)
-    panes: list[_Pane] = []
-    if request.scene is not None:
-        observer.stage(_SCENE)
-        scene = Scene(request.scene.file(), report.design(), request.scene.fit_share, renderer)
-        panes.append((_SCENE, [_true_view(scene, eye, request) for eye in eyes]))
-    observer.stage("film")
-    for name, one in zip(request.show, shown, strict=True):
-        panes.append((name, [_shown(one.view(eye, half=0)) for eye in eyes]))
-    return panes
-
-
-def _true_view(scene: Scene, eye: Viewpoint, request: FilmRequest) -> np.ndarray:
-    """The scene from an eye, by as many samples as a frame has, both halves."""
-    view, _ = render_view(scene, eye, request.pixels_per_lens, request.spp, 0, run=Run())
-    return _shown(view.image)
+    return [
+        (name, [*frames(source, eyes, optics, design, renderer, stage)])
+        for name, stage, source in sources
+    ]
 
 
 def _scores(panes: Sequence[_Pane], viewing: Viewing, request: FilmRequest) -> list[str]:
@@ -223,13 +205,6 @@ def _scores(panes: Sequence[_Pane], viewing: Viewing, request: FilmRequest) -> l
         f"{viewing.luminance_cd_m2:g} cd/m^2"
         for name, frames in others
     ]
-
-
-def _shown(view: np.ndarray) -> np.ndarray:
-    """As a screen shows it."""
-    from inim.image.color import srgb_from_linear, srgb_to_uint8
-
-    return srgb_to_uint8(srgb_from_linear(view))
 
 
 def _frame(views: Sequence[np.ndarray], names: Sequence[str]) -> np.ndarray:

@@ -35,7 +35,6 @@ from inim.pipeline.stages.plugin_guard import blamed
 from inim.pipeline.stages.reconstruct import Optics, reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
-from inim.process.forecast import Step
 from inim.process.observer import Observer
 from inim.report.without_scene import SCHEMA, write_picture_report
 from inim.scene.file import chosen_display
@@ -52,8 +51,6 @@ if TYPE_CHECKING:
 EXACT = "template:samples=4"
 _FILES = ("report.json", "report.html", "summary.md", "eia/", "views/")
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
-# What its parts take at the nominal display, for the progress bar.
-_ORACLE_S, _MADE_S, _VIEW_S, _WRITE_S = 3.0, 2.0, 0.5, 1.5
 _NOT_SCORED = (
     "Views against the scene, and to the ceiling: there is no scene, only its picture.",
     "The EIA against the true one, and its noise floor: nobody knows what the camera did not see.",
@@ -295,10 +292,9 @@ def _scored(
         return {viewpoint: view.image for viewpoint, view in seen.items()}
 
     names = _algorithms(s.algorithms)
-    eyes = [Step("reconstruct views", _VIEW_S)] * len(viewpoints)
-    each = [step for name in names for step in (Step(name, _MADE_S), *eyes)]
-    parts = [Step("exact oracle", _ORACLE_S), Step("views", _MADE_S), *eyes, *each]
-    run.observer.begin([*parts, Step("write", _WRITE_S)])
+    eyes = ["reconstruct views"] * len(viewpoints)
+    each = [stage for name in names for stage in (name, *eyes)]
+    run.observer.begin(["exact oracle", "views", *eyes, *each, "write"])
     run.observer.stage("exact oracle")
     why = why_no_oracle(rgbd, display)
     # Of algorithms that are no first hits in columns of their own: those of the surface.

@@ -6,7 +6,6 @@ tile has beside it is black.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,18 +16,15 @@ from inim.display.viewpoint import zone_eyes
 from inim.errors import FileError, UsageError
 from inim.files.eia_file import read_eia
 from inim.files.light_field import quilt_path, write_quilt
-from inim.image.color import srgb_codes
 from inim.lens import check_lens_model
-from inim.pipeline.stages.reconstruct import Optics, ShownEIA
-from inim.pipeline.stages.scene import Renderer, Scene, seed_of
-from inim.process.forecast import Step
+from inim.pipeline.stages.reconstruct import Optics
+from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
+from inim.views.frames import frames
 from inim.views.traced_scene import TracedScene
 from inim.worker.output import open_beside, publish_file
 from inim.worker.supervisor import run_in_worker
 
-# Of a ray, through thick lenses or into a scene, and of writing the tiles: the bar moves by them.
-_RAY_S, _WRITE_S = 2e-8, 1.0
 _MOST_VIEWS = 1000
 _MOST_PIXELS = 2**28
 _MOST_SAMPLES = 2**16
@@ -142,37 +138,19 @@ def work(request: QuiltRequest, staging: Path, observer: Observer) -> bool:
     """The worker's side: look from every place, write the quilt, put it where it belongs."""
     observer.stage("start")
     rows, columns = request.window
-    eyes, view = request.eyes, _viewer(request, observer)
-    rays = rows * columns * request.spp * len(eyes)
-    observer.begin([Step("quilt", rays * _RAY_S, rays), Step("write", _WRITE_S)])
-    observer.stage("quilt")
+    per_lens = rows / request.design.lens_rows, columns / request.design.lens_columns
+    optics = Optics(request.mounted, request.lens_model, per_lens, 2 * request.spp, seed=0)
+    source = request.source
+    shown = read_eia(source, request.mounted)[0] if isinstance(source, Path) else source
+    observer.begin([*["quilt"] * len(request.eyes), "write"])
+    renderer = Renderer("auto", observer)
     top, left = (request.height - rows) // 2, (request.width - columns) // 2
-    views = np.zeros((len(eyes), request.height, request.width, 3), np.uint8)
-    for tile, eye in zip(views, eyes, strict=True):
-        tile[top : top + rows, left : left + columns] = srgb_codes(view(eye))
+    views = np.zeros((len(request.eyes), request.height, request.width, 3), np.uint8)
+    frame_of_each = frames(shown, request.eyes, optics, request.design, renderer, "quilt")
+    for tile, frame in zip(views, frame_of_each, strict=True):
+        tile[top : top + rows, left : left + columns] = frame
     observer.stage("write")
     made = staging / request.path.name
     write_quilt(made, views, request.columns, request.rows)
     publish_file(made, request.path)
     return True
-
-
-def _viewer(request: QuiltRequest, observer: Observer) -> Callable[[Viewpoint], np.ndarray]:
-    """What shows the window from an eye, (rows, columns, 3) float32 linear RGB."""
-    renderer, source, spp = Renderer("auto", observer), request.source, request.spp
-    rows, columns = request.window
-    per_lens = rows / request.design.lens_rows, columns / request.design.lens_columns
-    if isinstance(source, Path):
-        # A view is one half of what the optics say.
-        optics = Optics(request.mounted, request.lens_model, per_lens, 2 * spp, seed=0)
-        shown = ShownEIA(read_eia(source, request.mounted)[0], None, optics, renderer)
-        return lambda eye: shown.view(eye, half=0)
-    scene = Scene(source.file(), request.design, source.fit_share, renderer)
-    fitted, seed = scene.fitted, seed_of("views", 0)
-    from inim.render.ground_truth import true_view
-
-    def view(eye: Viewpoint) -> np.ndarray:
-        sampled = {"pixels_per_lens": per_lens, "spp": spp, "seed": seed, **scene.effort}
-        return true_view(fitted, request.design, eye, **sampled)[0].image
-
-    return view

@@ -25,17 +25,16 @@ from inim import backend as backends
 from inim.backend.numba_cache import go_without_cache, is_cache_fault
 from inim.errors import InimError, missing_package
 from inim.process import interruption
-from inim.process.forecast import Forecast, Step
 from inim.process.observer import Observer
 from inim.process.python_process import wait_for_parent
 from inim.worker.output import remove_folder
 
-_BAR = "{desc}: {percentage:3.0f}%|{bar}|{postfix}"
-_REDRAW_S = 0.2
+_BAR = "{desc}: {percentage:3.0f}%|{bar}| {remaining} left"
+_REDRAW_S = 1.0
 
 
 class ConsoleObserver(Observer):
-    """Prints result lines and draws one bar over all steps; the bar only on a terminal.
+    """Prints result lines and draws a bar that counts stages; the bar only on a terminal.
 
     Parameters
     ----------
@@ -50,73 +49,58 @@ class ConsoleObserver(Observer):
         self._quiet = quiet
         self._on_stage = on_stage
         self._bar: Any = None
-        self._forecast = Forecast([])
-        # Between the run and the thread that draws.
-        self._lock = threading.Lock()
+        self._coming: list[str] = []
         self._over = threading.Event()
 
     def __enter__(self) -> ConsoleObserver:
         return self
 
-    def __exit__(self, error: object, *_: object) -> None:
+    def __exit__(self, *_: object) -> None:
         self._over.set()
         if self._bar is not None:
-            with self._lock:
-                if error is None:
-                    self._draw(1.0, "done")
-                self._bar.close()
+            self._bar.close()
 
-    def begin(self, steps: Sequence[Step]) -> None:
+    def begin(self, stages: Sequence[str]) -> None:
         """See `Observer`."""
-        with self._lock:
-            self._forecast = Forecast(steps, self._forecast.share)
-        if self._bar is None and not self._quiet and sys.stderr.isatty():
+        self._coming = list(stages)
+        if self._bar is not None:
+            self._bar.total = self._bar.n + len(stages)
+        elif not self._quiet and sys.stderr.isatty():
             from tqdm import tqdm
 
             self._bar = tqdm(
-                total=1.0, leave=False, dynamic_ncols=True, bar_format=_BAR, file=sys.stderr
+                total=len(stages),
+                leave=False,
+                dynamic_ncols=True,
+                bar_format=_BAR,
+                smoothing=0,
+                file=sys.stderr,
             )
-            threading.Thread(target=self._draw_on, daemon=True).start()
+            threading.Thread(target=self._redraw, daemon=True).start()
 
     def stage(self, name: str) -> None:
         """See `Observer`."""
         self._on_stage(name)
-        with self._lock:
-            self._forecast.stage(name)
-            if self._bar is not None:
-                self._bar.set_description_str(name, refresh=False)
-
-    def rays(self, count: int) -> None:
-        """See `Observer`."""
-        with self._lock:
-            self._forecast.rays(count)
+        if self._bar is None:
+            return
+        self._bar.set_description_str(name, refresh=False)
+        if name in self._coming:
+            over = self._coming.index(name) + 1
+            del self._coming[:over]
+            self._bar.update(over)
 
     def line(self, text: str) -> None:
         """See `Observer`."""
         if self._quiet:
             return
-        with self._lock:
-            if self._bar is not None:
-                self._bar.clear()
-            print(text, flush=True)
+        if self._bar is not None:
+            self._bar.clear()
+        print(text, flush=True)
 
-    def _draw_on(self) -> None:
-        """Draw the bar again and again: most steps take seconds and say nothing meanwhile."""
+    def _redraw(self) -> None:
+        """Update the remaining time during stages of many seconds."""
         while not self._over.wait(_REDRAW_S):
-            with self._lock:
-                if not self._over.is_set():
-                    self._draw(self._forecast.share, _left_words(self._forecast.left_s))
-
-    def _draw(self, share: float, words: str) -> None:
-        self._bar.n = share
-        self._bar.set_postfix_str(words)
-
-
-def _left_words(seconds: float) -> str:
-    """How long it will go on, no more exact than it is known."""
-    if seconds < 90:
-        return f"about {max(seconds, 1):.0f} s left"
-    return f"about {seconds / 60:.0f} min left"
+            self._bar.refresh()
 
 
 # Of the job's length, before the job.

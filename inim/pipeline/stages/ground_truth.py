@@ -102,9 +102,15 @@ def covered_pixels(scene: Scene) -> np.ndarray:
 
 
 def _view_samples(
-    samples: int, scene: Scene, view_pixels_per_lens: int, view_spp: int, **_: Any
+    samples: int,
+    scene: Scene,
+    view_pixels_per_lens: int | tuple[float, float],
+    view_spp: int,
+    **_: Any,
 ) -> tuple[str, str, str]:
-    pixels = scene.display.lens_rows * scene.display.lens_columns * view_pixels_per_lens**2
+    down, across = np.broadcast_to(view_pixels_per_lens, 2)
+    rows, columns = scene.display.lens_rows, scene.display.lens_columns
+    pixels = round(rows * down) * round(columns * across)
     return samples_traced(samples, 2 * max(1, view_spp // 2) * pixels, BLACK_FOR_CERTAIN)
 
 
@@ -116,7 +122,11 @@ def _view_samples(
     describe=_view_samples,
 )
 def render_view(
-    scene: Scene, viewpoint: Viewpoint, view_pixels_per_lens: int, view_spp: int, seed: int
+    scene: Scene,
+    viewpoint: Viewpoint,
+    view_pixels_per_lens: int | tuple[float, float],
+    view_spp: int,
+    seed: int,
 ) -> tuple[NoisyImage, np.ndarray]:
     """The scene itself from an eye, through the window of the array, and the relic's pixels.
 
@@ -124,7 +134,8 @@ def render_view(
     ----------
     scene : Scene
     viewpoint : Viewpoint
-    view_pixels_per_lens : int
+    view_pixels_per_lens : int, or (down, across)
+        See `inim.render.rays.eye_rays`.
     view_spp : int
         Samples per pixel, both halves.
     seed : int
