@@ -19,7 +19,7 @@ from inim.sweep.study import Study, read_study
 from inim.sweep.table import TABLE, check_pyarrow, failed_rows, finished_rows, write_table
 from inim.sweep.task import FOLDER, Results, Task, make_task, report_folder
 from inim.sweep.unit import Unit, expand, making_of
-from inim.sweep.workers import check_answers, check_dask, choose_slots, run_cluster, run_pool
+from inim.sweep.workers import check_answers, check_dask, choose_slots, run_tasks
 from inim.version import __version__
 
 
@@ -31,9 +31,9 @@ class Place:
     ----------
     out : Path
     scheduler : str, optional
-        Address of a dask scheduler; a pool on this machine without one.
+        Address of a dask scheduler; None: this machine.
     workers : int, optional
-        Of the pool, at once.
+        Tasks at the same time on this machine.
     threads : int, optional
         Of each worker.
     allow_folders : tuple of Path
@@ -219,8 +219,8 @@ def carry_out(study: Study, place: Place, *, quiet: bool = True, debug: bool = F
         exception but an error in its rows.
     """
     workers, threads = choose_slots(place.workers, place.threads, cpu_count())
+    check_dask()
     if place.scheduler is not None:
-        check_dask()
         check_answers(place.scheduler)
     # How many cores another machine has is its own affair.
     plan = plan_study(study, place, threads if place.scheduler is None else place.threads)
@@ -249,10 +249,9 @@ def _computed(
     if not plan.tasks:
         return {}
     try:
-        if scheduler is not None:
-            return run_cluster(plan.tasks, scheduler, progress)
-        backends.choose_backend(plan.study.backend)  # once, and before anything is started
-        return run_pool(plan.tasks, workers, progress)
+        if scheduler is None:
+            backends.choose_backend(plan.study.backend)  # once, and before anything is started
+        return run_tasks(plan.tasks, scheduler, workers, progress)
     finally:
         progress.close()
 

@@ -1,7 +1,8 @@
-"""Units on this machine, as many workers at once as its cores and its memory hold; or on a cluster.
+"""The engine of sweeps: dask tasks, on this machine or on a cluster.
 
-On a cluster a unit is one dask task, on workers that share the sweep's folder. What dask does when
-something dies (distributed 2024.1 to 2026.8), and what follows for us:
+A unit is one dask task. On this machine scheduler and worker live in this process; a task takes its
+share of the worker's memory. On a cluster the workers share the sweep's folder. Effects of a death
+(distributed 2024.1 to 2026.8):
 
 * A worker that dies takes its task along; the scheduler gives the task to another worker, up to
   `distributed.scheduler.allowed-failures` (3) times, then calls it a `KilledWorker`. So nothing
@@ -19,16 +20,16 @@ import logging
 import queue
 import socket
 import subprocess
+import sys
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
-from functools import partial
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from inim import backend as backends
-from inim.errors import InimError, UsageError
+from inim.errors import UsageError
+from inim.process.python_process import end_process
 from inim.sweep.progress import Progress
 from inim.sweep.task import Task, attempt
 
@@ -55,88 +56,16 @@ def choose_slots(workers: int | None, threads: int | None, cores: int) -> tuple[
     return workers, threads or max(1, cores // workers)
 
 
-class _Ended(BaseException):
-    """The pool is being taken down: no worker may start any more."""
-
-
-class _Pool:
-    """The processes at work, to be ended together."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._processes: list[subprocess.Popen[bytes]] = []
-        self._closed = False
-
-    def add(self, process: subprocess.Popen[bytes]) -> None:
-        with self._lock:
-            if self._closed:
-                raise _Ended
-            self._processes = [p for p in self._processes if p.returncode is None]
-            self._processes.append(process)
-
-    def end(self) -> None:
-        """End all that run, and whatever is about to start."""
-        with self._lock:
-            self._closed = True
-            for process in self._processes:
-                process.terminate()
-
-
-def run_pool(tasks: Sequence[Task], workers: int, progress: Progress) -> dict[str, str]:
-    """Carry out tasks, so many at once, never more than memory holds.
-
-    Parameters
-    ----------
-    tasks : sequence of Task
-    workers : int
-    progress : Progress
-
-    Returns
-    -------
-    dict of str to str
-        By unit, the error of each that failed.
-    """
-    pool, limit = _Pool(), backends.memory_limit_bytes()
-    waiting, running = list(tasks), dict[Future[InimError | None], Task]()
-    errors: dict[str, str] = {}
-    with ThreadPoolExecutor(workers) as executor:
-        try:
-            while waiting or running:
-                taken = sum(task.memory_bytes for task in running.values())
-                while len(running) < workers and (task := _next(waiting, taken, limit, running)):
-                    waiting.remove(task)
-                    taken += task.memory_bytes
-                    progress.began(task.unit, task.label)
-                    on_stage = partial(progress.stage, task.unit)
-                    running[executor.submit(attempt, task, pool.add, on_stage)] = task
-                done, _ = wait(running, _TICK_S, FIRST_COMPLETED)
-                progress.draw()
-                for future in done:
-                    task = running.pop(future)
-                    error = future.result()
-                    if error is not None:
-                        errors[task.unit] = str(error)
-                    progress.ended(task.unit, task.label, errors.get(task.unit, ""))
-        except BaseException:  # an interrupt: workers end with the pool, what they had is lost
-            pool.end()
-            raise
-    return errors
-
-
-def _next(
-    waiting: Sequence[Task], taken: int, limit: int, running: dict[Future[InimError | None], Task]
-) -> Task | None:
-    """The first task that fits into what memory is left; alone, a task always fits."""
-    for task in waiting:
-        if not running or not limit or taken + task.memory_bytes <= limit:
-            return task
-    return None
-
-
 _TOPIC = "inim-sweep"
 _ANSWERS_WITHIN_S = 10
-# A dask worker with several threads takes as many tasks; a validation wants its cores to itself.
+# A dask worker with several threads takes as many tasks; on a cluster a validation wants its cores
+# to itself.
 _ONE_AT_A_TIME = threading.Lock()
+# The resource of the worker on this machine that tasks share.
+_MEMORY = "memory"
+# Processes of the tasks on this machine; no more of them start once the sweep has ended.
+_CHILDREN: list[subprocess.Popen[bytes]] = []
+_ENDED = threading.Event()
 
 
 def check_dask() -> None:
@@ -145,33 +74,54 @@ def check_dask() -> None:
         import distributed  # noqa: F401
     except ImportError:
         raise UsageError(
-            "--scheduler needs dask.distributed, which is not installed: pip install 'inim[dask]'"
+            "sweeps run on dask.distributed, which is not installed: pip install 'inim[sweep]'"
         ) from None
 
 
-def on_worker(task: Task) -> str:
-    """What a dask worker does: carry out one task, in a process of its own; the error, or ""."""
+def on_worker(task: Task, alone: bool = True) -> str:
+    """Carry out one task on a dask worker, in a process of its own.
+
+    Parameters
+    ----------
+    task : Task
+    alone : bool
+        Wait until no other task is in work on this dask worker: on a cluster.
+
+    Returns
+    -------
+    str
+        The error that ended the task, or "".
+    """
     from distributed import get_worker
 
     worker = get_worker()
 
     def on_stage(name: str) -> None:
-        event = {"unit": task.unit, "stage": name, "where": str(worker.address)}
+        event = {"unit": task.unit, "stage": name, "where": str(worker.address) if alone else ""}
         worker.log_event(_TOPIC, event)
 
-    with _ONE_AT_A_TIME:
-        error = attempt(task, on_stage=on_stage)
+    with _ONE_AT_A_TIME if alone else nullcontext():
+        if _ENDED.is_set():
+            return "the sweep has ended"
+        on_stage("start")
+        error = attempt(task, None if alone else _CHILDREN.append, on_stage)
     return "" if error is None else str(error)
 
 
-def run_cluster(tasks: Sequence[Task], scheduler: str, progress: Progress) -> dict[str, str]:
-    """Carry out tasks on the workers of a scheduler.
+def run_tasks(
+    tasks: Sequence[Task], scheduler: str | None, workers: int, progress: Progress
+) -> dict[str, str]:
+    """Carry out tasks on the workers of a scheduler, or on this machine.
+
+    On this machine, tasks run at the same time as long as the memory holds them.
 
     Parameters
     ----------
     tasks : sequence of Task
-    scheduler : str
-        Its address, `tcp://HOST:PORT`.
+    scheduler : str, optional
+        Its address, `tcp://HOST:PORT`; None: this machine.
+    workers : int
+        Tasks at the same time on this machine.
     progress : Progress
 
     Returns
@@ -185,25 +135,38 @@ def run_cluster(tasks: Sequence[Task], scheduler: str, progress: Progress) -> di
         No scheduler answers there.
     """
     by_unit = {task.unit: task for task in tasks}
-    with _client(scheduler) as client:
+    limit = backends.memory_limit_bytes() or sys.maxsize
+    connection = _local(workers, limit) if scheduler is None else _client(scheduler)
+    _ENDED.clear()
+    with connection as client:
         if not client.nthreads():
             progress.say(f"no worker yet; start some: dask worker {scheduler} --nthreads 1")
 
-        def hear(event: Any) -> None:
-            said = event[1]
-            task = by_unit.get(said["unit"])
+        def show_stage(event: Any) -> None:
+            stage = event[1]
+            task = by_unit.get(stage["unit"])
             if task is not None:
-                progress.began(task.unit, task.label, said["where"])
-                progress.stage(task.unit, said["stage"])
+                progress.began(task.unit, task.label, stage["where"])
+                progress.stage(task.unit, stage["stage"])
 
-        client.subscribe_topic(_TOPIC, hear)
+        client.subscribe_topic(_TOPIC, show_stage)
         ended: queue.Queue[Any] = queue.Queue()
         futures = {}
         for task in tasks:
-            future = client.submit(on_worker, task, key=_key(task), pure=False)
+            if scheduler is None:
+                memory = {_MEMORY: min(task.memory_bytes, limit)}
+                here = {"alone": False, "resources": memory}
+            else:
+                here = {}
+            future = client.submit(on_worker, task, key=_key(task), pure=False, **here)
             futures[future.key] = task
             future.add_done_callback(ended.put)
-        return _collect(client, futures, ended, progress)
+        try:
+            return _collect(client, futures, ended, progress)
+        finally:  # after an interrupt, children still run and tasks still wait
+            _ENDED.set()
+            while _CHILDREN:
+                end_process(_CHILDREN.pop())
 
 
 def _collect(
@@ -265,10 +228,33 @@ def check_answers(scheduler: str) -> None:
 
 
 @contextmanager
+def _local(workers: int, memory_bytes: int) -> Iterator[Any]:
+    """A client of a scheduler and a worker in this process."""
+    from distributed import Client, LocalCluster
+
+    _silence_dask()
+    cluster = LocalCluster(
+        n_workers=1,
+        threads_per_worker=workers,
+        processes=False,
+        dashboard_address=None,
+        memory_limit=0,
+        resources={_MEMORY: memory_bytes},
+    )
+    with cluster, Client(cluster, set_as_default=False) as client:
+        yield client
+
+
+def _silence_dask() -> None:
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # our own lines name every error
+
+
+@contextmanager
 def _client(scheduler: str) -> Iterator[Any]:
+    """A client of a scheduler elsewhere."""
     from distributed import Client
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # our own lines name every error
+    _silence_dask()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of versions that differ; ours are in every key
         try:

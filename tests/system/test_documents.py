@@ -71,7 +71,12 @@ def test_no_page_is_wider_than_a_phone(site, tmp_path):
 def test_notebooks_run(tmp_path):
     pytest.importorskip("myst_nb")
     pages = build(tmp_path, "-D", "nb_execution_mode=force")
-    assert "image/png" in "".join(p.read_text("utf-8") for p in pages.glob("notebooks/*.html"))
+    for page in pages.glob("notebooks/*.html"):
+        pictures = re.findall(
+            r'<img alt="[^"]*" src="\.\./(_images/\w+\.png)"', page.read_text("utf-8")
+        )
+        assert pictures, f"{page.name} shows no picture of its cells"
+        assert all((pages / picture).is_file() for picture in pictures)
 
 
 @pytest.mark.slow

@@ -1,8 +1,11 @@
-"""The pool: how many at once, by cores and by memory; what the progress says."""
+"""The engine on this machine: how many tasks at once, by cores and memory; its progress."""
 
 from __future__ import annotations
 
 import pickle
+import signal
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -15,7 +18,7 @@ from inim.sweep import task
 from inim.sweep import workers as sweep_workers
 from inim.sweep.progress import Progress, clock_words
 from inim.sweep.task import Task, attempt
-from inim.sweep.workers import choose_slots, run_pool
+from inim.sweep.workers import choose_slots, run_tasks
 
 GIB = 2**30
 
@@ -71,7 +74,7 @@ def crowd_of(monkeypatch, tasks, workers, limit):
     crowd = Crowd()
     monkeypatch.setattr(sweep_workers, "attempt", crowd)
     monkeypatch.setattr(sweep_workers.backends, "memory_limit_bytes", lambda: limit)
-    assert run_pool(tasks, workers, Progress(len(tasks), quiet=True)) == {}
+    assert run_tasks(tasks, None, workers, Progress(len(tasks), quiet=True)) == {}
     assert sorted(crowd.done) == sorted(t.unit for t in tasks)
     return crowd
 
@@ -98,35 +101,31 @@ def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
         return WorkerError("it broke") if one.unit == "1" else None
 
     monkeypatch.setattr(sweep_workers, "attempt", fails)
-    assert run_pool([make(str(i)) for i in range(3)], 1, Progress(3)) == {"1": "it broke"}
+    assert run_tasks([make(str(i)) for i in range(3)], None, 1, Progress(3)) == {"1": "it broke"}
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 3
     assert sum("label 1" in line and line.endswith("FAILED: it broke") for line in lines) == 1
 
 
 def test_an_interrupt_ends_what_runs(monkeypatch):
-    begun, ended = threading.Event(), threading.Event()
-
-    class Process:
-        returncode = None
-
-        def terminate(self):
-            ended.set()
+    children = []
 
     def works(one, on_start, on_stage):
-        on_start(Process())
-        begun.set()
-        assert ended.wait(10)
+        child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+        on_start(child)
+        children.append(child)
+        child.wait()
 
     def interrupted(*_):
-        assert begun.wait(10)
+        while not children:
+            time.sleep(0.01)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(sweep_workers, "attempt", works)
-    monkeypatch.setattr(sweep_workers, "wait", interrupted)
+    monkeypatch.setattr(sweep_workers, "_collect", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        run_pool([make("1")], 1, Progress(1, quiet=True))
-    assert ended.is_set()
+        run_tasks([make("1"), make("2")], None, 1, Progress(2, quiet=True))
+    assert [child.returncode for child in children] == [-signal.SIGTERM]
 
 
 def test_a_worker_s_death_is_tried_once_more_and_its_own_error_is_not(monkeypatch):
