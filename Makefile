@@ -22,7 +22,6 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 .PHONY: demo test test-all test-perception checks docs test-docs clean
 
 demo: $(VENV)/.installed
-	@$(usable_backend)
 	@$(BIN)/python -m inim.validate scenes/amphora.xml -o out/amphora
 
 test: checks
@@ -36,7 +35,6 @@ test-perception: $(VENV)-perception/.installed
 	@$(VENV)-perception/bin/python -m pytest tests/unit/test_perception.py tests/system/test_perception.py
 
 checks: $(VENV)/.installed-test
-	@$(usable_backend)
 	@echo "ruff, mypy, lint-imports"
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/ruff format --check --quiet . || { echo "to format: $(BIN)/ruff format ."; exit 1; }
@@ -44,12 +42,10 @@ checks: $(VENV)/.installed-test
 	@said=$$($(BIN)/lint-imports 2>&1) || { printf '%s\n' "$$said"; exit 1; }
 
 docs: $(VENV)/.installed-docs
-	@$(usable_backend)
 	@$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --jobs auto docs build/docs
 	@echo "site: build/docs/index.html"
 
 test-docs: $(VENV)/.installed-test
-	@$(usable_backend)
 	@$(BIN)/python -m tests.documents
 
 clean:
@@ -98,10 +94,4 @@ if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
       apt-get install -y -qq --no-install-recommends python3-venv 2>&1) || \
       { printf '%s\n' "$$said"; exit 2; }; \
   else echo "Python cannot make virtual environments here; type: sudo apt-get install python3-venv"; exit 2; fi
-endef
-
-# Asking costs a tenth of a second once the answer is remembered.
-define usable_backend
-$(BIN)/python -c 'from inim.backend import choose_backend; choose_backend()' 2>/dev/null || \
-  $(BIN)/python -m inim.backend.install_llvm
 endef

@@ -48,7 +48,6 @@ COMMANDS = {
     "depth": "depth",
     "cache": "installation",
     "sys-info": "installation",
-    "install-llvm": "installation",
     "algorithms": "installation",
     "settings": "installation",
 }

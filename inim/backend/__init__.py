@@ -11,14 +11,12 @@ from __future__ import annotations
 from inim.backend.choice import (
     BACKENDS,
     LLVM_VARIABLE,
-    PRIVATE_MARKER,
     SEARCH_VARIABLE,
     Backend,
     activate,
     choose_backend,
     environment,
     known_bad,
-    private_folders,
 )
 from inim.backend.trial import Verdict, probe
 from inim.process.machine import memory_limit_bytes, peak_bytes
@@ -26,7 +24,6 @@ from inim.process.machine import memory_limit_bytes, peak_bytes
 __all__ = [
     "BACKENDS",
     "LLVM_VARIABLE",
-    "PRIVATE_MARKER",
     "SEARCH_VARIABLE",
     "Backend",
     "Verdict",
@@ -36,6 +33,5 @@ __all__ = [
     "known_bad",
     "memory_limit_bytes",
     "peak_bytes",
-    "private_folders",
     "probe",
 ]

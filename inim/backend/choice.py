@@ -7,6 +7,7 @@ import platform
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,8 +18,12 @@ from inim.process import machine
 
 SEARCH_VARIABLE = "INIM_LLVM_SEARCH"
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
-# Lies in each folder that `inim install-llvm` has filled.
-PRIVATE_MARKER = "inim-llvm.json"
+# The installed package that contains a libLLVM: where there is a wheel of it, a dependency.
+_WHEEL = "karellen_llvm_core-"
+# What that libLLVM needs, in the order of loading. Their usual names are links, which the package
+# creates when Python first starts, and not at all where the environment cannot be written then.
+_WHEEL_NEEDS = ("libunwind.so.1.0", "libc++abi.so.1.0", "libc++.so.1.0")
+_LIBATOMIC = "libatomic.so.1"
 
 _LIBRARY = r"libLLVM(?:-(\d[\d.]*?))?(?:\.so(?:\.(\d+(?:\.\d+)*)[^/]*)?|\.dylib)"
 _FOLDER_VERSION = r"llvm(?:@[\d.]+)?/(\d+(?:\.\d+)+)|llvm[-@](\d+(?:\.\d+)*)"
@@ -42,7 +47,7 @@ def llvm_version(library: Path) -> tuple[int, ...] | None:
 
 
 def find_libllvm(search: Sequence[Path] | None = None) -> list[Path]:
-    """Every libLLVM on this machine, by real path, newest version first.
+    """Every libLLVM on this machine, by real path: the installed package's, then newest first.
 
     With DRJIT_LIBLLVM_PATH set, that one alone.
     """
@@ -57,18 +62,25 @@ def find_libllvm(search: Sequence[Path] | None = None) -> list[Path]:
         found += [Path(name) for name in machine.linker_cache(b"libLLVM")]
     real = dict.fromkeys(path.resolve() for path in found if is_libllvm(path.name))
     files = [path for path in real if path.is_file()]
-    return sorted(files, key=lambda path: llvm_version(path) or (0,), reverse=True)
+    packaged = [] if search is not None else wheel_folders()
+
+    def preference(path: Path) -> tuple[bool, tuple[int, ...]]:
+        return path.parent in packaged, llvm_version(path) or (0,)
+
+    return sorted(files, key=preference, reverse=True)
 
 
-def private_folders() -> list[Path]:
-    """Where `inim install-llvm` may have put a copy: the virtual environment, the home."""
-    folders = [Path(sys.prefix) / "lib" / "inim-llvm"]
-    data = machine.user_folder("XDG_DATA_HOME", ".local/share")
-    return [*folders, data / "llvm"] if data else folders
+def wheel_folders() -> list[Path]:
+    """Folders of the installed package's libLLVM; `pip install --target` has another layout."""
+    folders = []
+    for place in map(Path, filter(None, sys.path)):
+        if any(name.startswith(_WHEEL) for name in _names_in(place)):
+            folders += [place / "lib", place.parent.parent]
+    return [folder.resolve() for folder in folders]
 
 
 def _usual_folders() -> Iterator[Path]:
-    yield from private_folders()
+    yield from wheel_folders()
     for prefix in (os.environ.get("CONDA_PREFIX"), sys.prefix):
         if prefix:
             yield Path(prefix) / "lib"
@@ -81,10 +93,13 @@ def _usual_folders() -> Iterator[Path]:
 
 
 def _libraries_in(folder: Path) -> list[Path]:
+    # A system's folder holds thousands of files: make no Path of each.
+    return sorted(folder / name for name in _names_in(folder) if name.startswith("libLLVM"))
+
+
+def _names_in(folder: Path) -> list[str]:
     try:
-        # A system's folder holds thousands of files: make no Path of each.
-        with os.scandir(folder) as entries:
-            return sorted(Path(entry) for entry in entries if entry.name.startswith("libLLVM"))
+        return os.listdir(folder)  # noqa: PTH208
     except OSError:
         return []
 
@@ -122,7 +137,7 @@ class Backend(NamedTuple):
 
 def environment(backend: Backend) -> dict[str, str]:
     """The variables to set for a child process that will use `backend`."""
-    return variables_for(backend.libllvm)
+    return {LLVM_VARIABLE: str(backend.libllvm)} if backend.libllvm else {}
 
 
 def activate(backend: Backend) -> None:
@@ -140,7 +155,7 @@ def activate(backend: Backend) -> None:
     if drjit is not None:
         _check_loaded(drjit, backend.name)
         return
-    _preload(_companions(backend.libllvm))
+    load(needed_by(backend.libllvm))
     os.environ.update(environment(backend))
 
 
@@ -158,48 +173,45 @@ def _check_loaded(drjit: Any, name: str) -> None:
         raise BackendError(f"Dr.Jit is loaded already, and {reason}; {way_out}")
 
 
-def variables_for(library: Path | None) -> dict[str, str]:
-    """The variables that make a child use a libLLVM, or CUDA where it is None."""
-    variables = {LLVM_VARIABLE: str(library)} if library else {}
-    folders = [str(folder) for folder in _companions(library)]
-    if folders:
-        before = os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)
-        every = dict.fromkeys([*folders, *before])
-        variables["LD_LIBRARY_PATH"] = os.pathsep.join(folder for folder in every if folder)
-    return variables
+def needed_by(library: Path | None) -> list[str]:
+    """Libraries to load before Dr.Jit: the system may lack them, or not find them by their names.
 
-
-def _companions(library: Path | None) -> list[Path]:
-    """Private folders whose libraries the system lacks: LLVM's dependencies, libatomic."""
-    folders = [*([library.parent] if library else []), *private_folders()]
-    return [folder for folder in dict.fromkeys(folders) if (folder / PRIVATE_MARKER).is_file()]
-
-
-def _preload(folders: Iterable[Path]) -> None:
-    """Load the private libraries into this process, in whatever order they allow.
-
-    LD_LIBRARY_PATH is read when a process starts, so it serves children only. What is
-    loaded already satisfies, by its name, the later demands of libLLVM and Dr.Jit.
+    Parameters
+    ----------
+    library : Path or None
+        The libLLVM to use; None for CUDA.
     """
+    lacks_atomic = platform.machine() == "x86_64" and not _system_has_libatomic()
+    needed = [Path(__file__).with_name("libatomic") / _LIBATOMIC] if lacks_atomic else []
+    if library and library.parent in wheel_folders():
+        folders = sorted(library.parent.glob("*-linux-gnu*"))
+        needed += [folder / name for name in _WHEEL_NEEDS for folder in folders]
+    return [str(path) for path in needed if path.is_file()]
+
+
+def load(libraries: Iterable[str]) -> None:
+    """Load libraries into this process; what needs them later finds them by their own names."""
     import ctypes
 
-    waiting = [path for folder in folders for path in sorted(folder.glob("*.so*"))]
-    waiting = [path for path in waiting if not is_libllvm(path.name)]
-    progress = True
-    while waiting and progress:
-        left = []
-        for path in waiting:
-            try:
-                ctypes.CDLL(str(path))
-            except OSError:
-                left.append(path)
-        progress, waiting = len(left) < len(waiting), left
+    for library in libraries:
+        ctypes.CDLL(library)
+
+
+@cache  # once this package's own is loaded, its name alone would find it
+def _system_has_libatomic() -> bool:
+    try:
+        load([_LIBATOMIC])
+    except OSError:
+        return False
+    return True
 
 
 BACKENDS = ("auto", "cuda", "llvm")
 _WAY_OUT = (
-    "type: inim install-llvm  (or, as root on Debian and Ubuntu: "
-    "apt-get install libllvm19 libatomic1; on macOS: brew install llvm)"
+    "install one: pip install karellen-llvm-core==22.1.8 (Linux on x86-64), "
+    "sudo apt-get install libllvm19 libatomic1 (Debian, Ubuntu), "
+    "sudo dnf install llvm-libs libatomic (Fedora), brew install llvm (macOS) or "
+    "conda install -c conda-forge libllvm19"
 )
 
 
@@ -258,7 +270,12 @@ def llvm_verdicts(search: Sequence[Path] | None = None) -> Iterator[tuple[Path, 
         if known:
             yield library, Verdict(False, known)
         else:
-            yield library, verdict_on("llvm_ad_rgb", library, variables_for(library))
+            yield (
+                library,
+                verdict_on(
+                    "llvm_ad_rgb", library, {LLVM_VARIABLE: str(library)}, needed_by(library)
+                ),
+            )
 
 
 def cuda_verdict() -> Verdict:
@@ -273,4 +290,4 @@ def cuda_verdict() -> Verdict:
     # A driver without its device (a container) must not be remembered for one with it.
     devices = sorted(path.name for path in Path("/dev").glob("nvidia*"))
     visible = [os.environ.get("CUDA_VISIBLE_DEVICES", ""), *devices]
-    return verdict_on("cuda_ad_rgb", drivers[0], variables_for(None), visible)
+    return verdict_on("cuda_ad_rgb", drivers[0], {}, needed_by(None), visible)

@@ -22,7 +22,7 @@ _CURABLE = ("import", "start")
 # starts Embree (or OptiX). The kernel cache is off: a cached kernel would hide a bad
 # compiler. NaN is never equal to anything, so a wrong answer cannot pass by comparison.
 PROBE = r"""
-import json, os, sys
+import ctypes, json, os, sys
 for name in ("HOME", "DRJIT_CACHE_DIR"):
     os.environ.pop(name, None)
 try:
@@ -36,6 +36,8 @@ def answer(**verdict):
     raise SystemExit(0)
 
 try:
+    for library in sys.argv[2:]:
+        ctypes.CDLL(library)
     import mitsuba as mi
     import drjit as dr
 except Exception as error:
@@ -77,7 +79,12 @@ class Verdict(NamedTuple):
     lasting: bool = True
 
 
-def probe(variant: str, variables: dict[str, str], seconds: float = _PROBE_SECONDS) -> Verdict:
+def probe(
+    variant: str,
+    variables: dict[str, str],
+    needed: Sequence[str] = (),
+    seconds: float = _PROBE_SECONDS,
+) -> Verdict:
     """Try a backend in a child process, which may die or hang without harm.
 
     Parameters
@@ -86,6 +93,8 @@ def probe(variant: str, variables: dict[str, str], seconds: float = _PROBE_SECON
         The Mitsuba variant to start.
     variables : dict
         Environment variables to add for the child.
+    needed : sequence of str
+        Libraries to load first.
     seconds : float
         After this long the child is killed and the backend counts as unusable.
     """
@@ -93,7 +102,7 @@ def probe(variant: str, variables: dict[str, str], seconds: float = _PROBE_SECON
 
     try:
         with started(
-            python_code(PROBE, variant),
+            python_code(PROBE, variant, *needed),
             env={**os.environ, **variables},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -133,7 +142,11 @@ _METADATA = r"(?:drjit|mitsuba)-.*\.(?:dist|egg)-info"
 
 
 def verdict_on(
-    variant: str, library: Path, variables: dict[str, str], extra: Sequence[str] = ()
+    variant: str,
+    library: Path,
+    variables: dict[str, str],
+    needed: Sequence[str] = (),
+    extra: Sequence[str] = (),
 ) -> Verdict:
     """The remembered verdict on a backend, or else that of a trial now.
 
@@ -142,18 +155,20 @@ def verdict_on(
     variant : str
         The Mitsuba variant to start.
     library : Path
-        What it stands on: a libLLVM, or CUDA's driver.
+        The libLLVM, or CUDA's driver.
     variables : dict
         Environment variables to add for the trial.
+    needed : sequence of str
+        Libraries to load first.
     extra : sequence of str
         Whatever else the verdict depends on.
     """
-    # Where dependencies are looked for is part of what was tried.
-    key = _fingerprint(variant, library, [variables.get("LD_LIBRARY_PATH", ""), *extra])
+    search_path = os.environ.get("LD_LIBRARY_PATH", "")
+    key = _fingerprint(variant, library, [search_path, *needed, *extra])
     known = _from_cache(_read_cache().get(key))
     if known:
         return known
-    verdict = probe(variant, variables)
+    verdict = probe(variant, variables, needed)
     if key and verdict.lasting:
         # Re-read: another process may have added its own meanwhile.
         _write_cache({**_read_cache(), key: verdict._asdict()})

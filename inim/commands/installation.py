@@ -31,13 +31,6 @@ def _settings(_: argparse.Namespace) -> int:
     return EXIT_PASSED
 
 
-def _install_llvm(_: argparse.Namespace) -> int:
-    from inim.backend.install_llvm import install_llvm
-
-    install_llvm()
-    return EXIT_PASSED
-
-
 def _add_cache_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Results of validations are kept and found again by what decides them. "
@@ -143,7 +136,6 @@ def sys_info() -> str:
 COMMANDS = {
     "cache": Command("what the store of results holds; empty it", _add_cache_arguments, _cache),
     "sys-info": Command("what the renderer can run on here", _add_sys_info_arguments, _sys_info),
-    "install-llvm": Command("get a usable libLLVM, as root or not", no_arguments, _install_llvm),
     "algorithms": Command("list the algorithms and their options", no_arguments, _algorithms),
     "settings": Command("list the inim.* settings of scene files", no_arguments, _settings),
 }

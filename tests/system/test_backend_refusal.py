@@ -65,15 +65,7 @@ def test_file_that_is_no_llvm_is_refused_with_exit_code_3(tmp_path: Path, make: 
     assert ended.returncode == EXIT_BACKEND
     assert ended.stderr.count("\n") == 1
     assert f"{tmp_path / 'libLLVM.so.19.1'} (jit" in ended.stderr
-    assert "inim install-llvm" in ended.stderr
-
-
-def test_named_library_that_is_bad_ends_the_installer_with_exit_code_3(tmp_path: Path) -> None:
-    no_library(tmp_path / "libLLVM-14.so.1")
-    library = str(tmp_path / "libLLVM-14.so.1")
-    ended = run("-m", "inim.backend.install_llvm", DRJIT_LIBLLVM_PATH=library, PATH="")
-    assert ended.returncode == EXIT_BACKEND
-    assert f"DRJIT_LIBLLVM_PATH names {library} (LLVM 14 is too old" in ended.stderr
+    assert "install one: " in ended.stderr
 
 
 @pytest.mark.skipif(not ABORTS.is_file(), reason=f"needs {ABORTS}")

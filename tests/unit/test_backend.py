@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import signal
@@ -19,6 +20,7 @@ from inim.errors import BackendError, UsageError
 from inim.process import machine
 
 GOOD = Verdict(True, version="19.1.7", device="2 threads", stage="done")
+WHEEL_FOLDERS = choice.wheel_folders
 X86 = os.uname().machine in ("x86_64", "i686")
 
 
@@ -29,8 +31,8 @@ def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         monkeypatch.setenv(name, "")
         monkeypatch.delenv(name)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "venv"))
+    monkeypatch.setattr(choice, "wheel_folders", lambda: [])
     monkeypatch.setattr(machine, "linker_cache", lambda name: [])
 
 
@@ -39,7 +41,7 @@ def tried(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What was probed; every probe says yes."""
     names: list[str] = []
 
-    def answer(variant: str, variables: dict[str, str]) -> Verdict:
+    def answer(variant: str, variables: dict[str, str], needed: object) -> Verdict:
         names.append(Path(variables.get("DRJIT_LIBLLVM_PATH", variant)).name)
         return GOOD
 
@@ -58,7 +60,7 @@ def libraries(folder: Path, *names: str) -> Path:
 def refuse(monkeypatch: pytest.MonkeyPatch, **answers: Verdict) -> None:
     """Probes refuse, or answer with the verdict given for the backend's first letters."""
     no = Verdict(False, "it computes wrong numbers")
-    monkeypatch.setattr(trial, "probe", lambda variant, env: answers.get(variant[:4], no))
+    monkeypatch.setattr(trial, "probe", lambda variant, env, needed: answers.get(variant[:4], no))
 
 
 # --- Names and order ----------------------------------------------------------------------
@@ -125,14 +127,52 @@ def test_search_variable_replaces_the_usual_folders(
     assert found == ["libLLVM-18.so.1", "libLLVM-17.so.1"]
 
 
-def test_linker_cache_and_private_copy_are_searched(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_linker_cache_is_searched(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     odd = libraries(tmp_path / "odd", "libLLVM.so.97.1") / "libLLVM.so.97.1"
     monkeypatch.setattr(machine, "linker_cache", lambda name: [str(odd)])
-    libraries(tmp_path / "data/inim/llvm", "libLLVM.so.98.1")
-    found = [path.name for path in choice.find_libllvm()]
-    assert found[:2] == ["libLLVM.so.98.1", "libLLVM.so.97.1"]
+    assert choice.find_libllvm()[0].name == "libLLVM.so.97.1"
+
+
+@pytest.mark.parametrize(
+    ("packages", "library"),
+    [
+        ("venv/lib/python3.12/site-packages", "venv/lib/libLLVM.so.22.1"),
+        ("target", "target/lib/libLLVM.so.22.1"),
+    ],
+)
+def test_installed_package_is_preferred_and_its_libraries_are_loaded_by_their_files(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, packages: str, library: str
+) -> None:
+    monkeypatch.setattr(choice, "wheel_folders", WHEEL_FOLDERS)
+    monkeypatch.setattr(sys, "path", ["", str(tmp_path / packages)])
+    libraries(tmp_path / packages / "karellen_llvm_core-22.1.8.dist-info")
+    packaged = libraries((tmp_path / library).parent, "libLLVM.so.22.1") / "libLLVM.so.22.1"
+    needed = ("libunwind.so.1.0", "libc++abi.so.1.0", "libc++.so.1.0")
+    folder = libraries(packaged.parent / "x86_64-unknown-linux-gnu", *needed)
+    newer = libraries(tmp_path / "newer", "libLLVM.so.97.1") / "libLLVM.so.97.1"
+    monkeypatch.setattr(machine, "linker_cache", lambda name: [str(newer)])
+    monkeypatch.setattr(choice, "_system_has_libatomic", lambda: True)
+    assert choice.find_libllvm()[:2] == [packaged, newer]
+    assert choice.needed_by(packaged) == [str(folder / name) for name in needed]
+    assert choice.needed_by(newer) == []
+
+
+@pytest.mark.skipif(os.uname().machine != "x86_64", reason="a library for x86-64")
+def test_own_libatomic_serves_where_the_system_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "_system_has_libatomic", lambda: False)
+    (path,) = choice.needed_by(None)
+    exchange = ctypes.CDLL(path)["__atomic_compare_exchange_16"]
+    exchange.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_uint64] * 2 + [ctypes.c_int] * 2
+    exchange.restype = ctypes.c_bool
+    memory = (ctypes.c_uint64 * 4)()
+    start = (-ctypes.addressof(memory)) % 16  # the instruction needs this alignment
+    place = (ctypes.c_uint64 * 2).from_buffer(memory, start)
+    place[:] = (1, 2)
+    expected = (ctypes.c_uint64 * 2)(1, 3)
+    assert not exchange(ctypes.addressof(place), ctypes.addressof(expected), 5, 6, 5, 5)
+    assert (list(place), list(expected)) == ([1, 2], [1, 2])
+    assert exchange(ctypes.addressof(place), ctypes.addressof(expected), 5, 6, 5, 5)
+    assert list(place) == [5, 6]
 
 
 def test_library_named_by_the_user_alone_is_tried(
@@ -173,7 +213,7 @@ def test_next_is_tried_when_the_newest_is_refused(
 ) -> None:
     folder = libraries(tmp_path / "lib", "libLLVM-18.so.1", "libLLVM.so.19.1")
 
-    def answer(variant: str, variables: dict[str, str]) -> Verdict:
+    def answer(variant: str, variables: dict[str, str], needed: object) -> Verdict:
         name = Path(variables["DRJIT_LIBLLVM_PATH"]).name  # folders may have a 19 in theirs
         return Verdict(False, "bad") if "19" in name else GOOD
 
@@ -200,11 +240,11 @@ def test_refusal_is_one_line_with_every_reason_and_the_way_out(
     assert "\n" not in said
     for part in ("libLLVM.so.19.1 (it computes", "libLLVM-14.so.1 (LLVM 14 is too old"):
         assert part in said
-    assert "inim install-llvm" in said
+    assert "sudo apt-get install libllvm19 libatomic1" in said
 
 
 def test_finding_nothing_says_so(tmp_path: Path) -> None:
-    with pytest.raises(BackendError, match="found none; type: inim install-llvm"):
+    with pytest.raises(BackendError, match="found none; install one: pip install karellen"):
         backend.choose_backend("auto", [tmp_path])
 
 
@@ -257,7 +297,7 @@ def test_broken_cuda_falls_back_to_llvm_unless_asked_for(
 
 def probe_of(monkeypatch: pytest.MonkeyPatch, script: str, seconds: float = 20.0) -> Verdict:
     monkeypatch.setattr(trial, "PROBE", script)
-    return backend.probe("llvm_ad_rgb", {}, seconds)
+    return backend.probe("llvm_ad_rgb", {}, (), seconds)
 
 
 def test_child_that_aborts_is_a_lasting_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -390,13 +430,11 @@ def test_missing_home_does_no_harm(
     def homeless() -> Path:
         raise RuntimeError("Could not determine home directory.")
 
-    for name in ("XDG_CACHE_HOME", "XDG_DATA_HOME"):
-        monkeypatch.delenv(name)
+    monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setattr(Path, "home", homeless)
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     assert backend.choose_backend("llvm", [folder]).name == "llvm"
     assert trial.cache_file() is None
-    assert len(backend.private_folders()) == 1
 
 
 def test_curable_refusal_is_not_remembered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -426,15 +464,6 @@ def chosen(library: Path | None) -> Backend:
 def test_environment_names_the_library_and_nothing_else(tmp_path: Path) -> None:
     library = tmp_path / "libLLVM.so.19.1"
     assert backend.environment(chosen(library)) == {"DRJIT_LIBLLVM_PATH": str(library)}
-
-
-def test_private_copy_comes_with_its_folder_once(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    folder = libraries(tmp_path / "mine", "inim-llvm.json", "libLLVM.so.19.1")
-    monkeypatch.setenv("LD_LIBRARY_PATH", f"/before{os.pathsep}{folder}")
-    variables = backend.environment(chosen(folder / "libLLVM.so.19.1"))
-    assert variables["LD_LIBRARY_PATH"] == f"{folder}{os.pathsep}/before"
 
 
 def test_activate_sets_this_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -478,26 +507,6 @@ def test_activate_refuses_to_be_late(
     monkeypatch.setitem(sys.modules, "drjit", loaded)
     with pytest.raises(BackendError, match=f"Dr.Jit is loaded already, and {says}"):
         backend.activate(chosen(tmp_path / "libLLVM.so.19.1"))
-
-
-def test_preloading_goes_on_past_what_cannot_be_loaded(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    import ctypes
-
-    folder = libraries(tmp_path / "mine", "liba.so.1", "libb.so.1", "libc.so.9", "libLLVM.so.19.1")
-    loaded: list[str] = []
-
-    def load(path: str) -> None:
-        name = Path(path).name
-        # a needs b; c never loads.
-        if name == "libc.so.9" or (name == "liba.so.1" and "libb.so.1" not in loaded):
-            raise OSError(name)
-        loaded.append(name)
-
-    monkeypatch.setattr(ctypes, "CDLL", load)
-    choice._preload([folder])
-    assert loaded == ["libb.so.1", "liba.so.1"]
 
 
 def test_importing_loads_no_renderer() -> None:
