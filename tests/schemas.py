@@ -17,8 +17,6 @@ from inim.display import DISPLAYS
 from inim.documents import NAMES, schema
 
 FOLDER = Path(inim.schemas.__file__).parent
-#: Of the study of accuracy, whose stress.json is not that of the command.
-STUDY = Path(__file__).parents[1] / "reports" / "stress" / "study" / "stress.schema.json"
 
 
 def read_document(path: Path) -> dict[str, Any]:
@@ -69,7 +67,7 @@ def file_of(name: str) -> dict[str, Any]:
 @cache
 def _files() -> dict[str, dict[str, Any]]:
     """All schemas, by what they are called in references."""
-    files = map(_read, [*FOLDER.glob("*.json"), STUDY])
+    files = map(_read, FOLDER.glob("*.json"))
     return {one["$id"]: one for one in [*files, *map(schema, NAMES)]}
 
 

@@ -19,6 +19,7 @@ _CLASSES = {
     "calibration": "CalibrationDocument",
     "patterns": "PatternsDocument",
     "photo": "PhotoDocument",
+    "stress": "StressDocument",
     "tolerate": "ToleranceDocument",
 }
 #: Names of the documents.

@@ -232,7 +232,7 @@ def render_markdown(data: Mapping[str, Any], parts: Sequence[Part]) -> str:
         blocks.append(markdown_section(table.caption, table.heads, table.rows))
     for heading, lines in (one.claims for one in parts if one.claims[1]):
         blocks += [f"### {markdown_line(heading)}", _listed(lines)]
-    return "\n\n".join([*blocks, markdown_command(data)])
+    return "\n\n".join([*blocks, markdown_command(data["command"])])
 
 
 def _listed(lines: Sequence[str]) -> str:

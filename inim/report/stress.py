@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
-from inim.report.files import list_files, write_forms
+from msgspec.structs import replace
+
+from inim.documents import Part, write_document
+from inim.documents.files import write_text
+from inim.documents.stress import (
+    FirstHits,
+    RelationResult,
+    StressDocument,
+    StressRecord,
+)
+from inim.report.files import folder_files
 from inim.report.markup import bullets, saved_plot, text, text_table
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.summary import markdown_command, markdown_line, markdown_section
-from inim.report.wording import MISSING, is_number, items, number, part, per_cent
+from inim.report.wording import MISSING, number, per_cent
 
-SCHEMA = "inim.stress/2"
-# Digits of figures in the file: enough for any table, and a third of its size.
-_DIGITS = 6
 _STYLE = """
 .plot img { max-width: 1240px; }
 .stress table { font-size: 13px; width: auto; min-width: min(100%, 700px); }
@@ -37,7 +43,8 @@ _PARTS = {
     "refused": "Refused",
 }
 
-Rows = Sequence[Mapping[str, Any]]
+Hits = Sequence[FirstHits]
+_P = TypeVar("_P", bound=Part)
 
 
 @dataclass(frozen=True)
@@ -50,39 +57,38 @@ class Table:
     rows: Sequence[Sequence[str]]
 
 
-def tables_of(data: Mapping[str, Any]) -> list[Table]:
+def tables_of(data: StressDocument) -> list[Table]:
     """All tables, in the order of the page."""
-    hits = items(data, "first_hits")
     return [
         checks_table(data),
-        _hits(hits),
-        _wrong(hits),
-        relations_table(items(data, "relations")),
+        _hits(data.first_hits),
+        _wrong(data.first_hits),
+        relations_table(data.relations),
         jitter_table(data),
-        _errors(hits),
+        _errors(data.first_hits),
     ]
 
 
-def summary_lines(data: Mapping[str, Any]) -> list[str]:
-    """What the run says, in sentences."""
-    hits, relations = items(data, "first_hits"), items(data, "relations")
-    wrong = sum(r["wrong"] for r in hits if r["exact"] and not r["warnings"])
-    pixels = sum(r["pixels"] for r in hits if r["exact"] and not r["warnings"])
-    broken = sum(not r["passed"] for r in relations)
+def summary_lines(data: StressDocument) -> list[str]:
+    """Results of the run, in sentences."""
+    exact = [hits for hits in data.first_hits if hits.exact and not hits.warnings]
+    wrong = sum(hits.wrong for hits in exact)
+    pixels = sum(hits.pixels for hits in exact)
+    broken = sum(not relation.passed for relation in data.relations)
     return [
         f"{wrong} of {count(pixels)} panel pixels of algorithms that show first hits by definition "
         "differ from rational arithmetic, where a validation would give no warning. Of the other "
         "algorithms the share is stated.",
-        f"{broken} of {len(relations)} relations fail. Uncertain are pixels that change, too, when "
-        "lengths or depths are moved by a ten-millionth: rounding may decide them.",
+        f"{broken} of {len(data.relations)} relations fail. Uncertain are pixels that change, too, "
+        "when lengths or depths are moved by a ten-millionth: rounding may decide them.",
         "Depth errors: no arithmetic is at fault there. The figures say how much of a picture "
         "hangs on the last digits of its depth.",
     ]
 
 
-def count(value: object) -> str:
+def count(value: float | None) -> str:
     """A whole number with its thousands apart."""
-    return f"{value:,.0f}" if is_number(value) else MISSING
+    return MISSING if value is None else f"{value:,.0f}"
 
 
 def small(value: float | None) -> str:
@@ -92,176 +98,143 @@ def small(value: float | None) -> str:
     return "0" if value == 0 else f"{value:.1e}".replace("-", "−")
 
 
-def grouped(rows: Rows, keys: Sequence[str]) -> dict[tuple[str, ...], list[Mapping[str, Any]]]:
-    """Rows by what they have under some keys, in order of first appearance."""
-    groups: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+def _grouped(rows: Sequence[_P], field: str) -> dict[str, list[_P]]:
+    """Rows by the value of a field, in order of first appearance."""
+    groups: dict[str, list[_P]] = {}
     for row in rows:
-        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+        groups.setdefault(getattr(row, field), []).append(row)
     return groups
 
 
-def checks_table(data: Mapping[str, Any]) -> Table:
+def checks_table(data: StressRecord) -> Table:
     """The verdict, claim by claim."""
     rows = [
-        [c["name"], count(c["cases"]), count(c["broken"]), "holds" if c["passed"] else "FAILS"]
-        for c in items(data, "checks")
+        [c.name, count(c.cases), count(c.broken), "holds" if c.passed else "FAILS"]
+        for c in data.checks
     ]
     return Table("verdict", "What is claimed", ["check", "cases", "broken", "verdict"], rows)
 
 
-def _hits(rows: Rows) -> Table:
+def _hits(rows: Hits) -> Table:
     """Wrong sources of each algorithm, family by family."""
-    families = list(dict.fromkeys(r["family"] for r in rows))
+    families = list(dict.fromkeys(r.family for r in rows))
     found = []
-    for (algorithm,), members in grouped(rows, ["algorithm"]).items():
+    for algorithm, members in _grouped(rows, "algorithm").items():
         cells = [algorithm]
         for family in families:
-            ran = [r for r in members if r["family"] == family and r["outcome"] == "ran"]
-            pixels = sum(r["pixels"] for r in ran)
-            cells.append(per_cent(sum(r["wrong"] for r in ran) / pixels, 2) if pixels else MISSING)
-        refused = sum(r["outcome"] == "refused" for r in members)
+            ran = [r for r in members if r.family == family and r.outcome == "ran"]
+            pixels = sum(r.pixels for r in ran)
+            cells.append(per_cent(sum(r.wrong for r in ran) / pixels, 2) if pixels else MISSING)
+        refused = sum(r.outcome == "refused" for r in members)
         found.append([*cells, str(len(members)), str(refused)])
     heads = ["algorithm", *(f"{family}: wrong" for family in families), "cases", "refused"]
     return Table("hits", "Panel pixels that show another source than the first hit", heads, found)
 
 
-def _wrong(rows: Rows) -> Table:
+def _wrong(rows: Hits) -> Table:
     """Cases in which an exact algorithm is wrong, with the warning that a validation would give."""
     found = [
         [
-            r["algorithm"],
-            f"{r['family']}: {r['case']}",
-            f"{r['wrong']} of {r['pixels']}",
-            r["warnings"][0] if r["warnings"] else "NONE",
+            r.algorithm,
+            f"{r.family}: {r.case}",
+            f"{r.wrong} of {r.pixels}",
+            r.warnings[0] if r.warnings else "NONE",
         ]
         for r in rows
-        if r["exact"] and r["wrong"]
+        if r.exact and r.wrong
     ]
     heads = ["algorithm", "case", "wrong pixels", "warning that a validation gives"]
     return Table("hits", "First hits by definition that are wrong", heads, found)
 
 
-def _errors(rows: Rows) -> Table:
+def _errors(rows: Hits) -> Table:
     found = [
-        [r["algorithm"], f"{r['family']}: {r['case']}", r["outcome"], r["message"]]
+        [r.algorithm, f"{r.family}: {r.case}", r.outcome, r.message]
         for r in rows
-        if r["outcome"] in ("refused", "crashed")
+        if r.outcome in ("refused", "crashed")
     ]
     heads = ["algorithm", "case", "outcome", "message"]
     return Table("refused", "Refused, or crashed", heads, found)
 
 
-def relations_table(rows: Rows) -> Table:
+def relations_table(rows: Sequence[RelationResult]) -> Table:
     """Relations, algorithms with one verdict in one row."""
-    found = []
-    for (name, explained, _), members in grouped(
-        [{**r, "kept": bool(r["passed"]) and not r["broken"]} for r in rows],
-        ["relation", "explained", "kept"],
-    ).items():
-        compared, broken, uncertain = (
-            sum(m[key] for m in members) for key in ("compared", "broken", "uncertain")
-        )
+    groups: dict[tuple[str, str, bool], list[RelationResult]] = {}
+    for row in rows:
+        key = (row.relation, row.explained, row.passed and not row.broken)
+        groups.setdefault(key, []).append(row)
+    table_rows = []
+    for (name, explained, _), members in groups.items():
+        compared = sum(member.compared for member in members)
+        broken = sum(member.broken for member in members)
+        uncertain = sum(member.uncertain for member in members)
         verdict = "holds" if not broken else "holds but for rounding"
         if broken and explained:
             verdict = f"not promised: {explained}"
         if not compared:
-            verdict = f"refused: {members[0]['message']}"
-        if not all(m["passed"] for m in members):
+            verdict = f"refused: {members[0].message}"
+        if not all(member.passed for member in members):
             verdict = "FAILS"
-        who = ", ".join(m["algorithm"] for m in members)
-        found.append([name, who, count(compared), str(broken), str(uncertain), verdict])
+        who = ", ".join(member.algorithm for member in members)
+        table_rows.append([name, who, count(compared), str(broken), str(uncertain), verdict])
     heads = ["relation", "of", "pixels or rays", "broken", "of these uncertain", "verdict"]
-    return Table("relations", "Relations that need no oracle", heads, found)
+    return Table("relations", "Relations that need no oracle", heads, table_rows)
 
 
-def jitter_table(data: Mapping[str, Any]) -> Table:
-    """What errors of depth change, algorithm by algorithm."""
-    rows = items(data, "jitter")
-    names = list(dict.fromkeys(r["algorithm"] for r in rows))
-    found = []
-    for (kind,), members in grouped(rows, ["jitter"]).items():
-        by_name = {m["algorithm"]: m for m in members}
+def jitter_table(data: StressRecord) -> Table:
+    """Effects of depth errors, algorithm by algorithm."""
+    names = list(dict.fromkeys(row.algorithm for row in data.jitter))
+    table_rows = []
+    for kind, members in _grouped(data.jitter, "jitter").items():
+        by_name = {member.algorithm: member for member in members}
         cells = [kind]
         for name in names:
-            cells += [per_cent(by_name[name]["changed"], 3), small(by_name[name]["ssim_loss"])]
-        found.append(cells)
+            cells += [per_cent(by_name[name].changed, 3), small(by_name[name].ssim_loss)]
+        table_rows.append(cells)
     heads = ["depth"] + [h for n in names for h in (f"{n}: changed", "SSIM loss")]
-    picture = part(data, "picture")
+    picture = data.picture
     caption = (
-        f"What small errors of depth cost: {picture.get('name', MISSING)}, "
-        f"{picture.get('columns', MISSING)} × {picture.get('rows', MISSING)} pixels"
+        f"What small errors of depth cost: {picture.name}, {picture.columns} × {picture.rows} "
+        "pixels"
     )
-    return Table("jitter", caption, heads, found)
+    return Table("jitter", caption, heads, table_rows)
 
 
 def write_stress(
-    data: Mapping[str, Any],
-    folder: Path,
-    *,
-    tables: Callable[[Mapping[str, Any]], Sequence[Table]] = tables_of,
-    lines: Callable[[Mapping[str, Any]], Sequence[str]] = summary_lines,
+    data: StressRecord, folder: Path, tables: Sequence[Table], lines: Sequence[str]
 ) -> None:
     """Write all forms of a stress run into a folder, `stress.json` last: it marks a whole one.
 
     Parameters
     ----------
-    data : mapping
-        Schema `inim.stress/2`, or another that `tables` and `lines` know; `files` is added here.
+    data : StressRecord
+        `files` is set here.
     folder : Path
         Empty but for figures; the page shows `stress.svg`.
-    tables, lines : callable
-        Tables and sentences of the page and of the Markdown, made from what was written.
+    tables : sequence of Table
+    lines : sequence of str
+        Sentences of the page and of the Markdown.
     """
-    forms = {
-        "stress.md": lambda data: _markdown(data, tables(data), lines(data)),
-        "stress.html": lambda data: _page(data, folder, tables(data), lines(data)),
-    }
-    listed = _short(list_files(data, folder, "stress.json", *forms))
-    write_forms(listed, folder, "stress.json", forms, encode=_as_text)
+    data = replace(data, files=folder_files(folder, "stress.json", "stress.md", "stress.html"))
+    write_text(folder / "stress.md", _markdown(data, tables, lines))
+    write_text(folder / "stress.html", _page(data, folder, tables, lines))
+    write_document(folder / "stress.json", data)
 
 
-def _short(value: Any) -> Any:
-    """Floats to so many significant digits."""
-    if isinstance(value, Mapping):
-        return {key: _short(one) for key, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_short(one) for one in value]
-    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
-
-
-def _as_text(strict: Mapping[str, Any]) -> str:
-    """JSON with one row to a line: readable, and differences of two runs show."""
-    parts = []
-    for key, value in strict.items():
-        if isinstance(value, list) and value and isinstance(value[0], dict):
-            rows = ",\n  ".join(_compact(row) for row in value)
-            parts.append(f" {_compact(key)}: [\n  {rows}\n ]")
-        else:
-            parts.append(f" {_compact(key)}: {_compact(value)}")
-    return "{\n" + ",\n".join(parts) + "\n}"
-
-
-def _compact(value: Any) -> str:
-    return json.dumps(value, allow_nan=False, ensure_ascii=False)
-
-
-def _markdown(data: Mapping[str, Any], tables: Sequence[Table], lines: Sequence[str]) -> str:
+def _markdown(data: StressRecord, tables: Sequence[Table], lines: Sequence[str]) -> str:
     """A run as Markdown: sentences, then tables."""
-    seconds = number(data.get("seconds"), 0)
     return "\n\n".join(
         [
-            f"## {markdown_line(data.get('title', 'Stress'))}",
-            f"{data.get('mode', '')} run, {seconds} s, inim {data.get('inim_version', '')}",
+            f"## {markdown_line(data.title)}",
+            f"{data.mode} run, {number(data.seconds, 0)} s, inim {data.inim_version}",
             "\n".join(f"* {markdown_line(line)}" for line in lines),
             *(markdown_section(t.caption, t.heads, t.rows) for t in tables if t.rows),
-            markdown_command(data),
+            markdown_command(data.command),
         ]
     )
 
 
-def _page(
-    data: Mapping[str, Any], folder: Path, tables: Sequence[Table], lines: Sequence[str]
-) -> str:
+def _page(data: StressRecord, folder: Path, tables: Sequence[Table], lines: Sequence[str]) -> str:
     """A run as one HTML page: `lines` above the verdict, the figure above the limits."""
     above = {"verdict": bullets(lines, "remarks"), "limits": _figure(folder)}
     bodies: dict[str, str] = {}
@@ -269,23 +242,22 @@ def _page(
         if one.rows:
             body = bodies.setdefault(one.part, above.get(one.part, ""))
             bodies[one.part] = body + text_table(one.caption, one.heads, one.rows, "stress")
-    title = data.get("title", "Stress")
     return render_page(
-        title,
+        data.title,
         _facts(data),
         [*(Section(k, _PARTS[k], body) for k, body in bodies.items()), how_to_reproduce(data)],
-        window_title=f"{title} – inim",
+        window_title=f"{data.title} – inim",
         footer=data_note(data, "stress.json"),
         style=_STYLE,
     )
 
 
-def _facts(data: Mapping[str, Any]) -> list[str]:
+def _facts(data: StressRecord) -> list[str]:
     return [
-        "passed" if data.get("passed") is True else "FAILED",
-        f"{text(data.get('mode', MISSING))} run",
-        f"{number(data.get('seconds'), 0)} s",
-        text(part(data, "backend").get("device", MISSING)),
+        "passed" if data.passed else "FAILED",
+        f"{data.mode} run",
+        f"{number(data.seconds, 0)} s",
+        text(data.backend.device),
         timestamp(data),
     ]
 

@@ -250,9 +250,9 @@ def markdown_line(value: object) -> str:
     return line.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|")
 
 
-def markdown_command(data: Mapping[str, Any]) -> str:
+def markdown_command(command: str) -> str:
     """The command of a report, as code."""
-    return _code(plain(data.get("command", "")))
+    return _code(plain(command))
 
 
 def _code(command: str) -> str:

@@ -16,12 +16,13 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from inim import metrics
 from inim.display import Display
+from inim.documents.stress import FirstHits, Jitter
 from inim.errors import InimError
 from inim.generators import SourceGenerator, prepare
 from inim.generators.oracle import exact_hits
@@ -91,45 +92,45 @@ def _shaped(kind: str) -> Made:
     return display, shaped(kind, display, display.capture_shape(2), 0.5)
 
 
-def check_first_hits(algorithm: str, case: Case) -> dict[str, Any]:
-    """Run an algorithm on a case and compare its sources with the oracle's.
-
-    Returns
-    -------
-    dict
-        `algorithm`, `family`, `case`; `outcome`: "ran", "refused", "crashed", or "no sources" of an
-        algorithm that does not say where its colours come from; `pixels` compared, `wrong` ones;
-        `exact`: whether none may be wrong; `warnings` that a validation of the display would give;
-        `message` of an error; `seconds`; `passed`.
-    """
+def check_first_hits(algorithm: str, case: Case) -> FirstHits:
+    """Run an algorithm on a case and compare its sources with the oracle's."""
     display, rgbd = case.make()
     exact = is_first_hit(algorithm)
     picture = input_of(rgbd, display, algorithm)
-    row = {"algorithm": algorithm, "family": case.family, "case": case.name, "exact": exact}
-    warnings = accuracy_warnings(display, pixel_mm=rgbd.pixel_mm)
-    row |= {"pixels": 0, "wrong": 0, "warnings": warnings, "message": ""}
+    hits = FirstHits(
+        algorithm=algorithm,
+        family=case.family,
+        case=case.name,
+        exact=exact,
+        pixels=0,
+        wrong=0,
+        message="",
+        warnings=accuracy_warnings(display, pixel_mm=rgbd.pixel_mm),
+        outcome="ran",
+        passed=True,
+    )
     started = time.perf_counter()
     try:
         made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
         if not isinstance(made, SourceGenerator):
             made.generate(picture)
-            return row | {"outcome": "no sources", "passed": True}
+            return replace(hits, outcome="no sources")
         sources = made.sources(picture)
     except InimError as error:
-        return row | {"outcome": "refused", "message": str(error), "passed": not exact}
+        return replace(hits, outcome="refused", message=str(error), passed=not exact)
     except Exception as error:
-        said = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-        return row | {"outcome": "crashed", "message": said, "passed": False}
+        message = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        return replace(hits, outcome="crashed", message=message, passed=False)
     seconds = time.perf_counter() - started
-    hits = exact_hits(picture, display, properties(algorithm).columns, _MOST_PIXELS)
-    wrong = round(hits.wrong_share(sources) * len(hits.sources))
-    return row | {
-        "outcome": "ran",
-        "pixels": len(hits.sources),
-        "wrong": wrong,
-        "seconds": seconds,
-        "passed": not (exact and wrong) or bool(warnings),
-    }
+    truth = exact_hits(picture, display, properties(algorithm).columns, _MOST_PIXELS)
+    wrong = round(truth.wrong_share(sources) * len(truth.sources))
+    return replace(
+        hits,
+        pixels=len(truth.sources),
+        wrong=wrong,
+        seconds=seconds,
+        passed=not (exact and wrong) or bool(hits.warnings),
+    )
 
 
 #: Bits of depth that cameras and files come with.
@@ -186,7 +187,7 @@ JITTERS = (
 )
 
 
-def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> list[dict[str, Any]]:
+def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> list[Jitter]:
     """A row for each kind and algorithm: share of changed panel pixels, and 1 - SSIM of the EIA.
 
     Parameters
@@ -210,12 +211,5 @@ def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> l
             (a, eia), (b, moved) = (seen[id(picture)] for picture in jitters[kind])
             changed = float((a != b).any(axis=-1)[display.lensed].mean())
             lost = 1 - metrics.ssim(eia, moved) if changed else 0.0
-            rows.append(
-                {
-                    "jitter": kind,
-                    "algorithm": algorithm,
-                    "changed": changed,
-                    "ssim_loss": lost,
-                }
-            )
+            rows.append(Jitter(jitter=kind, algorithm=algorithm, changed=changed, ssim_loss=lost))
     return rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -13,6 +13,14 @@ from typing import Any
 import numpy as np
 
 from inim.backend.provenance import backend_data, versions
+from inim.documents.parts import Backend
+from inim.documents.stress import (
+    Claim,
+    FirstHits,
+    JitteredPicture,
+    RelationResult,
+    StressDocument,
+)
 from inim.errors import SceneError, UsageError
 from inim.generators import algorithm_names, check_algorithm, is_own
 from inim.image.rgbd import RGBD
@@ -22,7 +30,7 @@ from inim.pipeline.stages.capture import DepthCamera, capture_relic
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
-from inim.report.stress import SCHEMA, write_stress
+from inim.report.stress import summary_lines, tables_of, write_stress
 from inim.version import __version__
 from inim.worker.output import open_staging, publish
 from inim.worker.supervisor import run_in_worker
@@ -139,17 +147,17 @@ def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = Fals
 
 def work(request: StressRequest, staging: Path, observer: Observer) -> bool:
     """The worker's side: measure, write, publish; whether every check holds."""
-    data = _measured(request, observer)
+    document = _measured(request, observer)
     observer.stage("write")
-    write_stress(data, staging)
+    write_stress(document, staging, tables_of(document), summary_lines(document))
     publish(staging, request.out, _MARKER)
-    for check in data["checks"]:
-        word = "ok    " if check["passed"] else "FAILED"
-        observer.line(f"{word}  {check['name']}: {check['cases']} cases, {check['broken']} broken")
-    return bool(data["passed"])
+    for check in document.checks:
+        word = "ok    " if check.passed else "FAILED"
+        observer.line(f"{word}  {check.name}: {check.cases} cases, {check.broken} broken")
+    return document.passed
 
 
-def _measured(request: StressRequest, observer: Observer) -> dict[str, Any]:
+def _measured(request: StressRequest, observer: Observer) -> StressDocument:
     """The content of stress.json."""
     from inim.stress.checks import cases, check_first_hits, measure_jitter
     from inim.stress.relations import run_relations
@@ -158,61 +166,69 @@ def _measured(request: StressRequest, observer: Observer) -> dict[str, Any]:
     observer.stage("start")
     names = request.chosen()
     words = shlex.join(["python", "-m", "inim.stress", *request.command()])
-    title = "Stress" if request.scene is None else f"Stress: {request.scene.stem}"
-    data = {
-        "schema": SCHEMA,
-        "title": title,
-        **record(words, request.quick, renderer.backend, _VERSIONS),
-    }
-    data |= {"algorithms": names, "first_hits": [], "relations": []}
     each = [f"{name}: {part}" for name in names for part in ("first hits", "relations")]
     observer.begin([*each, "jitter", "write"])
+    first_hits: list[FirstHits] = []
+    relations: list[RelationResult] = []
     for name in names:
         observer.stage(f"{name}: first hits")
-        data["first_hits"] += [check_first_hits(name, case) for case in cases(request.quick)]
+        first_hits += [check_first_hits(name, case) for case in cases(request.quick)]
         observer.stage(f"{name}: relations")
-        data["relations"] += run_relations([name])
+        relations += run_relations([name])
     observer.stage("jitter")
     picture, display, source = _picture_of(request, renderer)
-    data["jitter"] = measure_jitter(picture, display, names)
-    data["picture"] = {"name": source, "rows": picture.shape[0], "columns": picture.shape[1]}
-    data["checks"] = _checks(data)
-    data["passed"] = all(check["passed"] for check in data["checks"])
-    data["seconds"] = time.perf_counter() - started
-    return data
+    jitter = measure_jitter(picture, display, names)
+    checks = _checks(names, first_hits, relations)
+    return StressDocument(
+        title="Stress" if request.scene is None else f"Stress: {request.scene.stem}",
+        **record(words, request.quick, renderer.backend, _VERSIONS),
+        algorithms=names,
+        first_hits=first_hits,
+        relations=relations,
+        jitter=jitter,
+        picture=JitteredPicture(name=source, rows=picture.shape[0], columns=picture.shape[1]),
+        checks=checks,
+        passed=all(check.passed for check in checks),
+        seconds=time.perf_counter() - started,
+        files=[],
+    )
 
 
 def record(command: str, quick: bool, backend: Any, packages: Sequence[str]) -> dict[str, Any]:
-    """What made a run and how to make it again."""
+    """Fields of a stress document on its origin: command, versions, mode, backend, time."""
     return {
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "inim_version": __version__,
         "versions": versions(packages),
         "command": command,
         "mode": "quick" if quick else "full",
-        "backend": backend_data(backend),
+        "backend": Backend(**backend_data(backend)),
     }
 
 
-def _checks(data: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The verdict's rows, for each algorithm: what was claimed, how many cases, how many broken."""
-    found = []
-    for name in data["algorithms"]:
-        hits = [r for r in data["first_hits"] if r["algorithm"] == name]
-        kept = [r for r in data["relations"] if r["algorithm"] == name and not r["explained"]]
-        exact = any(r["exact"] for r in hits)
+def _checks(
+    names: Sequence[str], first_hits: Sequence[FirstHits], relations: Sequence[RelationResult]
+) -> list[Claim]:
+    """The claims of the verdict, two for each algorithm."""
+    claims = []
+    for name in names:
+        hits = [row for row in first_hits if row.algorithm == name]
+        kept = [row for row in relations if row.algorithm == name and not row.explained]
+        exact = any(row.exact for row in hits)
         shows = "every pixel shows the exact first hit" if exact else "nothing crashes"
-        for what, rows in ((shows, hits), ("relations hold but for rounding", kept)):
-            broken = sum(not r["passed"] for r in rows)
-            found.append(
-                {
-                    "name": f"{name}: {what}",
-                    "cases": len(rows),
-                    "broken": broken,
-                    "passed": bool(rows) and not broken,
-                }
+        for what, passed in (
+            (shows, [row.passed for row in hits]),
+            ("relations hold but for rounding", [row.passed for row in kept]),
+        ):
+            claims.append(
+                Claim(
+                    name=f"{name}: {what}",
+                    cases=len(passed),
+                    broken=passed.count(False),
+                    passed=bool(passed) and all(passed),
+                )
             )
-    return found
+    return claims
 
 
 def _picture_of(request: StressRequest, renderer: Renderer) -> tuple[RGBD, Any, str]:

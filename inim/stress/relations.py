@@ -13,11 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from inim.display import Display
+from inim.documents.stress import RelationResult
 from inim.errors import InimError
 from inim.generators import properties
 from inim.image.rgbd import RGBD
@@ -100,7 +101,7 @@ class Relation:
 
 def run_relations(
     algorithms: Sequence[str], *, show: Show = shown, relations: Sequence[Relation] | None = None
-) -> list[dict[str, Any]]:
+) -> list[RelationResult]:
     """A row for each relation and algorithm it applies to; see `check_relation`.
 
     Parameters
@@ -134,7 +135,7 @@ def check_relation(
     exact: bool = False,
     explained: str = "",
     doubt: Doubt | None = None,
-) -> dict[str, Any]:
+) -> RelationResult:
     """Check one relation of one algorithm.
 
     Parameters
@@ -149,14 +150,17 @@ def check_relation(
         Why the algorithm need not keep it; it is measured all the same.
     doubt : callable, optional
         Counts pixels that hang on rounding, in place of `within_rounding`.
-
-    Returns
-    -------
-    dict
-        `relation`, `algorithm`, `explained`; `compared`, `broken` panel pixels, and the `uncertain`
-        among the broken ones; `message` of a refusal; `passed`.
     """
-    row = {"relation": relation.name, "algorithm": algorithm, "explained": explained}
+    result = RelationResult(
+        relation=relation.name,
+        algorithm=algorithm,
+        explained=explained,
+        compared=0,
+        broken=0,
+        uncertain=0,
+        message="",
+        passed=False,
+    )
     compared = broken = uncertain = 0
     # Whether rounding excuses what is broken; else there is no need to look for it.
     excused = bool(explained) or not (relation.bitwise or (exact and not relation.mounted))
@@ -173,19 +177,18 @@ def check_relation(
                 near = within_rounding(one.rgbd, one.display, algorithm, show)
                 uncertain += int(near[tuple(pixels.T)].sum())
     except InimError as error:
-        refused = {"compared": 0, "broken": 0, "uncertain": 0, "message": str(error)}
         # Arrays whose rows and columns are not independent need not be served.
-        return row | refused | {"passed": relation.mounted and not exact}
+        return replace(result, message=str(error), passed=relation.mounted and not exact)
     except Exception as error:
-        said = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-        return row | {"compared": 0, "broken": 0, "uncertain": 0, "message": said, "passed": False}
-    return row | {
-        "compared": compared,
-        "broken": broken,
-        "uncertain": uncertain,
-        "message": "",
-        "passed": compared > 0 and (broken <= uncertain or bool(explained)),
-    }
+        message = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        return replace(result, message=message)
+    return replace(
+        result,
+        compared=compared,
+        broken=broken,
+        uncertain=uncertain,
+        passed=compared > 0 and (broken <= uncertain or bool(explained)),
+    )
 
 
 def within_rounding(rgbd: RGBD, display: Display, algorithm: str, show: Show) -> np.ndarray:

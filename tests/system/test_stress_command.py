@@ -5,14 +5,17 @@ Expected: every check holds, every file is there, mistakes cost one line and no 
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from inim import documents
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
 from inim.settings import Settings
+from reports.stress.study.document import StudyDocument
 from reports.stress.study.generators import VARIANTS
 from tests.schemas import read_document
 from tests.system.conftest import (
@@ -67,7 +70,7 @@ def test_every_file_is_there_and_nothing_half_written(finished):
 def test_data_are_complete_and_every_check_holds(finished):
     data = finished[2]
     assert data.keys() >= KEYS
-    assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress/2", "quick", True)
+    assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress/3", "quick", True)
     assert all(c["passed"] and c["cases"] > 0 for c in data["checks"])
     names = set(data["algorithms"])
     assert names >= {"template", "layered", "gu2020", "wang2024", "li2012"}
@@ -92,11 +95,13 @@ def test_each_check_has_a_line_and_the_page_its_place(finished):
 def test_the_study_runs_from_the_repository_and_all_it_claims_holds(tmp_path):
     ended = run("reports.stress.study", "--quick", "-o", tmp_path / "out", folder=ROOT)
     assert ended.returncode == EXIT_PASSED, ended.stderr + ended.stdout
-    data = read_document(tmp_path / "out" / "stress.json")
+    path = tmp_path / "out" / "stress.json"
+    documents.read_document(path, "", StudyDocument)
+    data = json.loads(path.read_text("utf-8"))
     figures = {"stress.svg", "stress.png"}
     assert files_in(tmp_path / "out") == FILES | figures == set(data["files"])
     assert data.keys() >= STUDY_KEYS
-    assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress/1", "quick", True)
+    assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress-study/1", "quick", True)
     assert all(c["passed"] and c["cases"] > 0 for c in data["checks"])
     ran = {r["algorithm"] for r in data["generators"] if r["outcome"] == "ran"}
     assert ran == {one.algorithm for one in VARIANTS}

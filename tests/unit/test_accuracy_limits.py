@@ -64,7 +64,7 @@ def test_limits_are_those_of_the_published_run(measured):
 
 
 def test_the_published_run_holds_what_is_claimed(measured):
-    assert measured["schema"] == "inim.stress/1"
+    assert measured["schema"] == "inim.stress-study/1"
     assert measured["mode"] == "full" and measured["passed"] is True
     assert all(check["passed"] and check["cases"] > 0 for check in measured["checks"])
     exact = measured["trust"]["exact"]

@@ -26,7 +26,6 @@ from inim.report import SCHEMA as REPORT
 from inim.report import (
     bench,
     compare,
-    stress,
     without_scene,
 )
 from inim.settings import Settings
@@ -34,7 +33,6 @@ from inim.sweep import table, task
 from inim.worker import output as worker_output
 from tests.schemas import (
     FOLDER,
-    STUDY,
     assert_schema,
     example,
     file_of,
@@ -48,7 +46,7 @@ ROOT = Path(__file__).parents[2]
 # Of the gallery only its reports are documents; the rest is what its page is made of. Studies of
 # the project's own have tables of their own.
 OWN_KIND = {
-    STUDY,
+    ROOT / "reports/stress/stress.json",
     ROOT / "reports/scoreboard/scoreboard.json",
     ROOT / "reports/one_picture/one_picture.json",
     ROOT / "reports/calibration/calibration.json",
@@ -63,7 +61,6 @@ SCHEMAS = {
     "compare": compare.SCHEMA,
     "baseline": run_statistics.SCHEMA,
     "bench": bench.SCHEMA,
-    "stress": stress.SCHEMA,
     "sweep": table.SCHEMA,
     "unit": task.SCHEMA,
     "inspect": output.SCHEMA,
@@ -94,7 +91,6 @@ OPTIONAL = {
         *SCENE, "scores", "captured_layers", "contenders/0/averaged_share",
         *(f"{place}/{key}" for place in ("contenders/0", "noise_floor") for key in LATER),
     },
-    "stress": {"first_hits/0/seconds"},
     "unit": {
         *(f"making/{key}" for key in ("entry_point", "version", "sha256")),
         "key/lazy", "key/metrics", "key/metrics/a/version", "key/metrics/a/sha256",
@@ -146,7 +142,7 @@ def let_in(name: str, changes: list[tuple[At, Any]]) -> list[str]:
 # -- the files ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("path", [*sorted(FOLDER.glob("*.json")), STUDY], ids=lambda p: p.name)
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.json")), ids=lambda p: p.name)
 def test_file_is_a_schema_and_says_what_each_key_is(path: Path) -> None:
     text = path.read_text("utf-8")
     found = json.loads(text)
@@ -284,10 +280,6 @@ def test_a_bench_of_now_has_what_earlier_ones_lack() -> None:
     later = [(*at, key) for at in (("contenders", 0), ("noise_floor",)) for key in LATER]
     later += [("contenders", 0, "averaged_share"), ("display", "given", "conic")]
     assert let_in("bench", [(at, None) for at in later]) == []
-
-
-def test_a_first_hit_that_ran_says_how_long() -> None:
-    assert let_in("stress", [(("first_hits", 0, "seconds"), None)]) == []
 
 
 # -- the code's own keys --------------------------------------------------------------------------

@@ -89,27 +89,27 @@ def test_the_oracle_agrees_with_the_tests_own(changes):
 @pytest.mark.parametrize("case", [CASES[k] for k in CASES if "ulp" in k[1]], ids=lambda c: c.name)
 def test_first_hits_by_definition_are_right_at_ties(algorithm, case):
     row = check_first_hits(algorithm, case)
-    assert row["outcome"] == "ran" and row["exact"]
-    assert row["wrong"] == 0 < row["pixels"] and row["passed"]
+    assert row.outcome == "ran" and row.exact
+    assert row.wrong == 0 < row.pixels and row.passed
 
 
 def test_another_definition_is_counted_and_not_judged():
     row = check_first_hits("wang2024", ONE)
-    assert row["wrong"] > 20 and row["passed"] and not row["exact"]
+    assert row.wrong > 20 and row.passed and not row.exact
 
 
 def test_a_wrong_first_hit_fails_where_it_is_promised(monkeypatch):
     monkeypatch.setattr("inim.stress.checks.is_first_hit", lambda _: True)
-    assert not check_first_hits("gu2020", ONE)["passed"]
+    assert not check_first_hits("gu2020", ONE).passed
     long = random_picture(0)  # its lengths have too many digits: a validation warns
     row = check_first_hits("gu2020", replace(ONE, make=lambda: long))
-    assert row["wrong"] and row["warnings"] and row["passed"]
+    assert row.wrong and row.warnings and row.passed
 
 
 def test_somebody_else_s_algorithm_is_counted(planted):
-    assert check_first_hits(planted, ONE)["wrong"] == 0
+    assert check_first_hits(planted, ONE).wrong == 0
     wrong = check_first_hits(f"{planted}:fault=lens", ONE)
-    assert wrong["wrong"] > wrong["pixels"] / 2 and wrong["passed"] and not wrong["exact"]
+    assert wrong.wrong > wrong.pixels / 2 and wrong.passed and not wrong.exact
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_somebody_else_s_algorithm_is_counted(planted):
 )
 def test_what_goes_wrong_is_a_row_and_not_the_end(planted, fault, outcome, passed):
     row = check_first_hits(f"{planted}:fault={fault}", ONE)
-    assert (row["outcome"], row["passed"]) == (outcome, passed)
+    assert (row.outcome, row.passed) == (outcome, passed)
 
 
 # -- relations ----------------------------------------------------------------------------------
@@ -163,9 +163,9 @@ def test_every_relation_sees_what_breaks_it(name):
 
     algorithm = "template:columns=solid" if relation.own_columns else "template"
     (row,) = run_relations([algorithm], relations=[relation])
-    assert row["passed"] and not row["explained"] and row["compared"] > 0
+    assert row.passed and not row.explained and row.compared > 0
     (row,) = run_relations([algorithm], show=wrong, relations=[relation])
-    assert not row["passed"]
+    assert not row.passed
 
 
 def test_threads_and_tiles_are_compared_for_real():
@@ -177,47 +177,45 @@ def test_threads_and_tiles_are_compared_for_real():
 
     chosen = [r for r in RELATIONS if r.name in CALLS]
     rows = run_relations(["template"], show=fickle, relations=chosen)
-    assert {r["relation"] for r in rows if not r["passed"]} == set(CALLS)
+    assert {r.relation for r in rows if not r.passed} == set(CALLS)
 
 
 def test_what_only_first_hits_promise_is_measured_of_others_and_not_judged():
     chosen = [r for r in RELATIONS if r.name in ("transpose", _NEARER, "mirror left and right")]
-    rows = {r["relation"]: r for r in run_relations(["wang2024"], relations=chosen)}
+    rows = {r.relation: r for r in run_relations(["wang2024"], relations=chosen)}
     for name in ("transpose", _NEARER):
-        assert rows[name]["broken"] > rows[name]["uncertain"] and rows[name]["passed"]
-        assert rows[name]["explained"]
-    assert (
-        rows["mirror left and right"]["passed"] and not rows["mirror left and right"]["explained"]
-    )
+        assert rows[name].broken > rows[name].uncertain and rows[name].passed
+        assert rows[name].explained
+    assert rows["mirror left and right"].passed and not rows["mirror left and right"].explained
 
 
 @pytest.mark.parametrize("fault", ["none", "colours"])
 def test_somebody_else_s_algorithm_keeps_them_by_sources_or_by_colours(planted, fault):
     chosen = [r for r in RELATIONS if r.name in (_SHIFT, "tiles or whole", "all lengths x 2^10")]
     rows = run_relations([f"{planted}:fault={fault}"], relations=chosen)
-    assert len(rows) == 3 and all(r["passed"] and r["compared"] > 0 for r in rows)
+    assert len(rows) == 3 and all(r.passed and r.compared > 0 for r in rows)
 
 
 def test_a_crash_in_a_relation_is_a_row(planted):
     (row,) = run_relations([f"{planted}:fault=crash"], relations=RELATIONS[:1])
-    assert not row["passed"] and "by planting" in row["message"]
+    assert not row.passed and "by planting" in row.message
 
 
 def test_arrays_that_need_not_be_served_may_be_refused():
     (relation,) = (r for r in RELATIONS if r.name == "mounted array upside down")
     (row,) = run_relations(["li2012"], relations=[relation])
-    assert row["passed"] and row["compared"] == 0 and "independent" in row["message"]
+    assert row.passed and row.compared == 0 and "independent" in row.message
     (row,) = run_relations(["li2012"], relations=[replace(relation, mounted=False)])
-    assert not row["passed"]
+    assert not row.passed
 
 
 def test_what_rounding_decides_may_break_a_relation_of_others_only():
     """gu2020's ray through a corner of the picture's pixels, seen in a mirror."""
     (relation,) = (r for r in RELATIONS if r.name == "mirror top and bottom")
     (row,) = run_relations(["gu2020"], relations=[relation])
-    assert 0 < row["broken"] <= row["uncertain"] and row["passed"]
+    assert 0 < row.broken <= row.uncertain and row.passed
     (row,) = run_relations(["gu2020"], relations=[replace(relation, bitwise=True)])
-    assert not row["passed"]
+    assert not row.passed
 
 
 # -- jitter ---------------------------------------------------------------------------------------
@@ -237,8 +235,8 @@ def test_coarser_depth_changes_more(planted, fault):
     display = small_display(lens_columns=4, lens_rows=4)
     rgbd = noise(display, display.capture_shape(4), 1 / 4)
     rows = measure_jitter(rgbd, display, [f"{planted}:fault={fault}"])
-    assert [r["jitter"] for r in rows] == list(JITTERS)
-    changed = {r["jitter"]: r["changed"] for r in rows}
+    assert [r.jitter for r in rows] == list(JITTERS)
+    changed = {r.jitter: r.changed for r in rows}
     assert changed["8 bits"] > changed["10 bits"] > changed["16 bits"]
     assert changed["+1 ulp"] <= changed["16 bits"] < 0.01
 

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.database import DirectoryBasedExampleDatabase
 
 from inim.display import Display
+from inim.documents.stress import RelationResult
 from inim.errors import UsageError
 from inim.generators import HOLE, find_sources, generate, prepare
 from inim.generators.oracle import lensed_pixels
@@ -354,13 +355,13 @@ BROKEN_LAYERS = {
 
 def test_every_relation_of_layers_sees_what_breaks_it():
     assert {r.name for r in relations.LAYER_RELATIONS} == BROKEN_LAYERS.keys()
-    assert all(r["passed"] for r in relations.run_layer_relations())
+    assert all(r.passed for r in relations.run_layer_relations())
     for number, name in enumerate(r.name for r in relations.LAYER_RELATIONS):
 
         def wrong(rgbd, display, algorithm, name=name):
             return BROKEN_LAYERS[name](find_sources(rgbd, display, algorithm), rgbd)
 
-        assert not relations.run_layer_relations(wrong)[number]["passed"], name
+        assert not relations.run_layer_relations(wrong)[number].passed, name
 
 
 def test_implementations_are_compared_for_real():
@@ -371,15 +372,15 @@ def test_implementations_are_compared_for_real():
         return np.roll(shown(rgbd, display, algorithm), next(calls), axis=1)
 
     (own,) = ([r] for r in relations.all_relations() if r[0].name.startswith("float32 tables"))
-    assert relations.run_relations(relations=own)[0]["passed"]
-    assert not relations.run_relations(fickle, own)[0]["passed"]
+    assert relations.run_relations(relations=own)[0].passed
+    assert not relations.run_relations(fickle, own)[0].passed
 
 
 @pytest.mark.parametrize(("name", "algorithm"), relations.EXPLAINED)
 def test_explained_relations_do_break_so_the_explanation_is_needed(name, algorithm):
     (relation,) = (r for r, _ in relations.all_relations() if r.name == name)
     (row,) = relations.run_relations(relations=[(relation, (algorithm,))])
-    assert row["passed"] and row["broken"] > row["uncertain"]
+    assert row.passed and row.broken > row.uncertain
 
 
 LENS_BROKEN = {
@@ -409,8 +410,8 @@ def test_every_lens_relation_sees_what_breaks_it(name, honest_lenses, monkeypatc
 
     only = {name: lens_relations.LENS_RELATIONS[name]}
     monkeypatch.setattr(lens_relations, "LENS_RELATIONS", only)
-    assert all(r["passed"] for r in honest_lenses if r["relation"] == name)
-    assert not any(r["passed"] for r in lens_relations.run_lens_relations(planted))
+    assert all(r.passed for r in honest_lenses if r.relation == name)
+    assert not any(r.passed for r in lens_relations.run_lens_relations(planted))
 
 
 def lens_case():
@@ -478,22 +479,27 @@ def test_limits_are_the_last_safe_values():
     assert found["changed_by_rounding"] == 0.3
 
 
-def verdicts(rows, relations_rows=({"passed": True},)):
-    data = {"generators": rows, "lens_models": rows, "relations": list(relations_rows)}
-    return {c["name"].partition(":")[0]: [] for c in checks_of(data)}, checks_of(data)
+HELD = RelationResult(
+    relation="r", algorithm="template", explained="", compared=1, broken=0, uncertain=0,
+    message="", passed=True,
+)  # fmt: skip
+
+
+def verdicts(rows, relations_rows=(HELD,)):
+    return checks_of(rows, rows, relations_rows)
 
 
 def test_the_verdict_fails_for_what_is_unsafe_and_unguarded():
     good = [row(1.0), row(1.0, dtype="float64"), row(2.0, algorithm="gu2020")]
-    assert all(c["passed"] for c in verdicts(good)[1])
+    assert all(c.passed for c in verdicts(good))
     bad = [*good, row(3.0, safe=False)]
-    assert not all(c["passed"] for c in verdicts(bad)[1])
+    assert not all(c.passed for c in verdicts(bad))
     guarded = [*good, row(3.0, safe=False, guards=["warned"], passed=True)]
-    assert all(c["passed"] for c in verdicts(guarded)[1])
+    assert all(c.passed for c in verdicts(guarded))
 
 
 def test_the_verdict_fails_where_types_differ_or_nothing_was_tried():
     other = [row(1.0), row(1.0, dtype="float64", digest="other"), row(2.0, algorithm="gu2020")]
-    by_name = {c["name"]: c["passed"] for c in verdicts(other)[1]}
+    by_name = {c.name: c.passed for c in verdicts(other)}
     assert not next(v for k, v in by_name.items() if "alike" in k)
-    assert not any(c["passed"] for c in verdicts([], ())[1])
+    assert not any(c.passed for c in verdicts([], ()))

@@ -7,17 +7,18 @@ import shlex
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from inim.documents.document import decode, encode
+from inim.documents.stress import JitteredPicture
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from inim.process.observer import Observer
 from inim.report.stress import write_stress
 from inim.stress.job import record, spheres
+from reports.stress.study.document import StudyDocument
 from reports.stress.study.tables import summary_lines, tables_of
 
-SCHEMA = "inim.stress/1"
 _VERSIONS = ("drjit", "hypothesis", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
 _JITTERED = ("template", "gu2020", "wang2024:matching=ray", "li2012")
 # Rays of a lens-model case, and every how manieth case: of a quick run, of a full one.
@@ -40,19 +41,20 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("-o", "--out", type=Path, default=Path("reports/stress"))
     parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
     args = parser.parse_args(argv)
-    data = measured(args.quick, str(args.out), _Stages())
+    # As a reader of the file gets it: infinite values are null.
+    document = decode(encode(measured(args.quick, str(args.out), _Stages())), StudyDocument)
     args.out.mkdir(parents=True, exist_ok=True)
     from reports.stress.study.plots import draw_plots
 
-    draw_plots(data, args.out)
-    write_stress(data, args.out, tables=tables_of, lines=summary_lines)
-    for check in data["checks"]:
-        word = "ok    " if check["passed"] else "FAILED"
-        print(f"{word}  {check['name']}: {check['cases']} cases, {check['broken']} broken")
-    return EXIT_PASSED if data["passed"] else EXIT_CHECK_FAILED
+    draw_plots(document, args.out)
+    write_stress(document, args.out, tables_of(document), summary_lines(document))
+    for check in document.checks:
+        word = "ok    " if check.passed else "FAILED"
+        print(f"{word}  {check.name}: {check.cases} cases, {check.broken} broken")
+    return EXIT_PASSED if document.passed else EXIT_CHECK_FAILED
 
 
-def measured(quick: bool, out: str, listener: Observer) -> dict[str, Any]:
+def measured(quick: bool, out: str, listener: Observer) -> StudyDocument:
     """The content of stress.json."""
     started = time.perf_counter()
     from inim.render import variant
@@ -68,26 +70,34 @@ def measured(quick: bool, out: str, listener: Observer) -> dict[str, Any]:
     from reports.stress.study.relations import run_layer_relations, run_relations
 
     words = ["python", "-m", "reports.stress.study", "-o", out, *(["--quick"] if quick else [])]
-    data: dict[str, Any] = {"schema": SCHEMA, "title": "Stress"}
-    data |= record(shlex.join(words), quick, backend, _VERSIONS)
-    # How much wider the oracle of the lens models is than what it judges.
-    data["oracle_mantissa_bits"] = int(np.finfo(np.longdouble).nmant) + 1
-    generators = data["generators"] = run_cases(QUICK if quick else FULL, listener)
-    lenses = data["lens_models"] = run_lens_cases(*_LENS_SIZE[quick], listener)
+    generators = run_cases(QUICK if quick else FULL, listener)
+    lenses = run_lens_cases(*_LENS_SIZE[quick], listener)
     listener.stage("relations")
-    data["relations"] = [*run_relations(), *run_layer_relations(), *run_lens_relations()]
+    relations = [*run_relations(), *run_layer_relations(), *run_lens_relations()]
     listener.stage("jitter")
     picture, display = spheres(_JITTER_LENSES[quick])
-    data["jitter"] = measure_jitter(picture, display, _JITTERED)
-    data["picture"] = {"name": "two spheres", "rows": picture.shape[0], "columns": picture.shape[1]}
     parameters = {f.name: f.parameter for f in FAMILIES}
     of_lenses = {f.name: f.parameter for f in LENS_FAMILIES}
-    data["regions"] = regions_of(generators, [], parameters) + regions_of([], lenses, of_lenses)
-    data["trust"] = accuracy_limits_of(generators, lenses, round(display_of().pixels_per_lens))
-    data["checks"] = checks_of(data)
-    data["passed"] = all(c["passed"] for c in data["checks"])
-    data["seconds"] = time.perf_counter() - started
-    return data
+    checks = checks_of(generators, lenses, relations)
+    return StudyDocument(
+        title="Stress",
+        **record(shlex.join(words), quick, backend, _VERSIONS),
+        # How much wider the oracle of the lens models is than what it judges.
+        oracle_mantissa_bits=int(np.finfo(np.longdouble).nmant) + 1,
+        generators=generators,
+        lens_models=lenses,
+        relations=relations,
+        jitter=measure_jitter(picture, display, _JITTERED),
+        picture=JitteredPicture(
+            name="two spheres", rows=picture.shape[0], columns=picture.shape[1]
+        ),
+        regions=regions_of(generators, [], parameters) + regions_of([], lenses, of_lenses),
+        trust=accuracy_limits_of(generators, lenses, round(display_of().pixels_per_lens)),
+        checks=checks,
+        passed=all(check.passed for check in checks),
+        seconds=time.perf_counter() - started,
+        files=[],
+    )
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
+from inim.documents.stress import RelationResult
 from inim.lens import trace_to_panel
 from reports.stress.study.lens_cases import display_of, rays_over
 from reports.stress.study.lens_oracle import LensRays
@@ -23,7 +24,7 @@ _MOST_ULPS = 64.0
 _RAYS = 500
 
 
-def run_lens_relations(trace: Trace = trace_to_panel) -> list[dict[str, Any]]:
+def run_lens_relations(trace: Trace = trace_to_panel) -> list[RelationResult]:
     """A row for each relation and lens model.
 
     Parameters
@@ -38,7 +39,7 @@ def run_lens_relations(trace: Trace = trace_to_panel) -> list[dict[str, Any]]:
     ]
 
 
-def _row(name: str, check: Any, bitwise: bool, model: str, trace: Trace) -> dict[str, Any]:
+def _row(name: str, check: Any, bitwise: bool, model: str, trace: Trace) -> RelationResult:
     compared = broken = 0
     worst = 0.0
     for found, expected, display in check(trace, model):
@@ -49,17 +50,17 @@ def _row(name: str, check: Any, bitwise: bool, model: str, trace: Trace) -> dict
         compared += len(off)
         broken += int(((found[2] > 0) != (expected[2] > 0)).sum() + (off[lit] > most).sum())
         worst = max(worst, float(off[lit].max(initial=0.0)))
-    return {
-        "relation": name,
-        "algorithm": model,
-        "explained": "",
-        "compared": compared,
-        "broken": broken,
-        "uncertain": 0,
-        "worst_ulp": worst,
-        "message": "",
-        "passed": compared > 0 and not broken,
-    }
+    return RelationResult(
+        relation=name,
+        algorithm=model,
+        explained="",
+        compared=compared,
+        broken=broken,
+        uncertain=0,
+        message="",
+        worst_ulp=worst,
+        passed=compared > 0 and not broken,
+    )
 
 
 def _displays() -> Iterator[Display]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from inim.documents.stress import Claim, RelationResult
 from inim.inspect.accuracy_limits import LANDING_PIXELS
 
 Rows = Sequence[Mapping[str, Any]]
@@ -130,67 +131,53 @@ def _last_safe(rows: Rows, family: str, model: str, towards: float) -> float:
     return last
 
 
-def checks_of(data: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The verdict's rows: what was claimed, how many cases, how many break it."""
-    generators, optics = data["generators"], data["lens_models"]
+def checks_of(generators: Rows, optics: Rows, relations: Sequence[RelationResult]) -> list[Claim]:
+    """The claims of the verdict."""
     ran = [r for r in generators if r["outcome"] == "ran"]
     exact = [r for r in ran if r["exact"]]
-    bitwise = _pairs_that_differ(r for r in exact if r["algorithm"] == "template")
+    alike = _alike_pairs(r for r in exact if r["algorithm"] == "template")
     return [
         _check(
             "exact paths: every pixel as defined, where no warning is given",
-            [r for r in exact if not r["guards"]],
-            lambda r: r["safe"],
+            [r["safe"] for r in exact if not r["guards"]],
         ),
-        {
-            "name": "exact path: float32 and float64 alike, where no warning is given",
-            "cases": bitwise[0],
-            "broken": bitwise[1],
-            "passed": bitwise[0] > 0 and not bitwise[1],
-        },
+        _check("exact path: float32 and float64 alike, where no warning is given", alike),
         _check(
             "generators: changes only where the type's rounding decides, or a warning is given",
-            [r for r in ran if not r["exact"]],
-            lambda r: r["safe"] or r["guards"],
+            [r["safe"] or r["guards"] for r in ran if not r["exact"]],
         ),
         _check(
             "lens models: landing as defined within rounding, or a warning is given",
-            [r for r in optics if r["outcome"] == "ran"],
-            lambda r: r["safe"] or r["guards"],
+            [r["safe"] or r["guards"] for r in optics if r["outcome"] == "ran"],
         ),
         _check(
             f"lens models: within {LANDING_PIXELS:g} panel pixels, or a warning is given",
-            [r for r in optics if r["outcome"] == "ran"],
-            lambda r: r["worst_pixels"] <= LANDING_PIXELS or r["guards"],
+            [
+                r["worst_pixels"] <= LANDING_PIXELS or r["guards"]
+                for r in optics
+                if r["outcome"] == "ran"
+            ],
         ),
         _check(
             "nothing crashes or hangs, and what makes no sense is refused",
-            [*generators, *optics],
-            lambda r: r["outcome"] in ("ran", "refused") and r["passed"],
+            [r["outcome"] in ("ran", "refused") and r["passed"] for r in (*generators, *optics)],
         ),
         _check(
             "relations hold, or their violation is explained",
-            data["relations"],
-            lambda r: r["passed"],
+            [relation.passed for relation in relations],
         ),
     ]
 
 
-def _check(name: str, rows: Rows, holds: Callable[[Mapping[str, Any]], Any]) -> dict[str, Any]:
-    broken = sum(1 for r in rows if not holds(r))
-    return {
-        "name": name,
-        "cases": len(rows),
-        "broken": broken,
-        "passed": len(rows) > 0 and not broken,
-    }
+def _check(name: str, holds: Sequence[object]) -> Claim:
+    broken = sum(not one for one in holds)
+    return Claim(name=name, cases=len(holds), broken=broken, passed=bool(holds) and not broken)
 
 
-def _pairs_that_differ(exact: Iterable[Mapping[str, Any]]) -> tuple[int, int]:
-    """Cases in which both types of the exact path ran unwarned, and those that differ."""
+def _alike_pairs(exact: Iterable[Mapping[str, Any]]) -> list[bool]:
+    """Of cases in which both types of the exact path ran unwarned: whether they agree."""
     pairs: dict[tuple[str, str], dict[str, str]] = {}
     for row in exact:
         if not row["guards"]:
             pairs.setdefault((row["family"], row["case"]), {})[row["dtype"]] = row["digest"]
-    both = [p for p in pairs.values() if len(p) == 2]
-    return len(both), sum(1 for p in both if p["float32"] != p["float64"])
+    return [p["float32"] == p["float64"] for p in pairs.values() if len(p) == 2]

@@ -9,6 +9,7 @@ from typing import Any
 from inim.files.image import write_atomically
 from inim.inspect.accuracy_limits import LANDING_PIXELS
 from inim.report.plots import LINES, across, style
+from reports.stress.study.document import StudyDocument
 
 _PNG_DPI = 130
 # Okabe and Ito's colours, as in the other reports.
@@ -50,7 +51,7 @@ _GENERATOR_PANELS = (
 )
 
 
-def draw_plots(data: Mapping[str, Any], folder: Path) -> list[str]:
+def draw_plots(data: StudyDocument, folder: Path) -> list[str]:
     """Write the figure; the names of the files."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -60,9 +61,9 @@ def draw_plots(data: Mapping[str, Any], folder: Path) -> list[str]:
     FigureCanvasAgg(figure)
     axes = figure.subplots(2, 3)
     for axis, (family, title, label) in zip(axes[0], _LENS_PANELS, strict=True):
-        _lens_panel(axis, data["lens_models"], family, title, label)
+        _lens_panel(axis, data.lens_models, family, title, label)
     for axis, (family, title, label, scale) in zip(axes[1], _GENERATOR_PANELS, strict=True):
-        _generator_panel(axis, data["generators"], family, title, label, scale)
+        _generator_panel(axis, data.generators, family, title, label, scale)
     axes[0, 0].set_ylabel("worst error of where a ray lands, in panel pixels", fontsize=9)
     axes[1, 0].set_ylabel("share of panel pixels that show another part of the picture", fontsize=9)
     for axis in (axes[0, 2], axes[1, 0]):

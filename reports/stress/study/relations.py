@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from inim.display import Display
+from inim.documents.stress import RelationResult
 from inim.generators import find_sources
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
@@ -68,7 +68,7 @@ def run_relations(
     show: Show = shown,
     relations: list[tuple[Relation, tuple[str, ...]]] | None = None,
     explained: dict[tuple[str, str], str] = EXPLAINED,
-) -> list[dict[str, Any]]:
+) -> list[RelationResult]:
     """A row for each relation and algorithm; see `inim.stress.relations.check_relation`.
 
     Parameters
@@ -114,7 +114,7 @@ def _uncertain(rgbd: RGBD, display: Display, algorithm: str, pixels: np.ndarray)
 # -- layers -------------------------------------------------------------------------------------
 
 
-def run_layer_relations(find: Show = find_sources) -> list[dict[str, Any]]:
+def run_layer_relations(find: Show = find_sources) -> list[RelationResult]:
     """A row for each of `LAYER_RELATIONS`, of the sources that `find` names."""
     return [
         check_relation(one, _LAYERED, show=find, exact=True, doubt=lambda *_: 0)

@@ -9,64 +9,71 @@ from inim.report.stress import (
     Table,
     checks_table,
     count,
-    grouped,
     jitter_table,
     relations_table,
     small,
 )
-from inim.report.wording import MISSING, is_number, items, part, per_cent, short
+from inim.report.wording import MISSING, is_number, per_cent, short
+from reports.stress.study.document import StudyDocument
 
 Rows = Sequence[Mapping[str, Any]]
 
 
-def tables_of(data: Mapping[str, Any]) -> list[Table]:
+def tables_of(data: StudyDocument) -> list[Table]:
     """All tables, in the order of the page."""
-    generators, optics = items(data, "generators"), items(data, "lens_models")
+    generators, optics = data.generators, data.lens_models
     return [
         checks_table(data),
         _regions(data),
         _families(generators),
         _variants(generators),
         _optics(optics),
-        relations_table(items(data, "relations")),
+        relations_table(data.relations),
         jitter_table(data),
         _guarded(generators, optics),
         _refusals(generators, optics),
     ]
 
 
-def summary_lines(data: Mapping[str, Any]) -> list[str]:
+def summary_lines(data: StudyDocument) -> list[str]:
     """What the run says, in sentences."""
-    trust = part(data, "trust")
-    exact, slope = part(trust, "exact"), part(trust, "slope")
-    changed = per_cent(trust.get("changed_by_rounding"), 0)
-    ties = part(trust, "changed_by_ties")
+    trust = data.trust
+    exact, slope, ties = trust["exact"], trust["slope"], trust["changed_by_ties"]
+    changed = per_cent(trust["changed_by_rounding"], 0)
     return [
         "Exact paths (template, its means of 2 and 4 rays, layered): "
-        f"{exact.get('changed', MISSING)} of {count(exact.get('pixels'))} pixels in "
-        f"{exact.get('rows', MISSING)} runs differ from the definition, in float32 tables and "
+        f"{exact['changed']} of {count(exact['pixels'])} pixels in "
+        f"{exact['rows']} runs differ from the definition, in float32 tables and "
         "float64 rays alike, wherever no warning is given.",
         f"Lengths of more digits than float64 can multiply exactly leave the proof: at worst "
         f"{changed} of a noise picture then go to a neighbour, all within rounding.",
         "Hexagonal, turned and tilted arrays have rays in float64. Rays of regular ones meet "
-        f"corners: at worst {per_cent(ties.get('warned'), 0)} of a picture's pixels go to a "
-        f"neighbour, with a warning; of the others {per_cent(ties.get('unwarned'), 0)}, near the "
+        f"corners: at worst {per_cent(ties['warned'], 0)} of a picture's pixels go to a "
+        f"neighbour, with a warning; of the others {per_cent(ties['unwarned'], 0)}, near the "
         "axis.",
         "Lens models land within a hundredth of a panel pixel in float32 up to a slope of "
-        f"{short(slope.get('pinhole'))} (pinhole), {short(slope.get('thin'))} (thin) and "
-        f"{short(slope.get('thick'))} (thick), and up to {count(trust.get('panel_pixels'))} panel "
+        f"{short(slope['pinhole'])} (pinhole), {short(slope['thin'])} (thin) and "
+        f"{short(slope['thick'])} (thick), and up to {count(trust['panel_pixels'])} panel "
         "pixels across.",
-        f"Oracle of the lens models: {data.get('oracle_mantissa_bits', MISSING)} bits of mantissa; "
+        f"Oracle of the lens models: {data.oracle_mantissa_bits} bits of mantissa; "
         "of the generators: float64, and fractions wherever rounding might decide.",
         "Uncertain: the decision of a pixel or a ray lies within the rounding of its type. Many "
         "are, for displays are regular and rays meet corners; the exact path decides them by rule.",
     ]
 
 
-def _regions(data: Mapping[str, Any]) -> Table:
+def grouped(rows: Rows, keys: Sequence[str]) -> dict[tuple[str, ...], list[Mapping[str, Any]]]:
+    """Rows by the values of some keys, in order of first appearance."""
+    groups: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return groups
+
+
+def _regions(data: StudyDocument) -> Table:
     """Alike ranges of one family share a row."""
     alike: dict[tuple[str, str, str], list[str]] = {}
-    for r in items(data, "regions"):
+    for r in data.regions:
         name = f"{r['name']}, {_dress(r['name'], r['dtype'])}"
         ranges = (_range(r["low"], r["high"]), _range(*r["tried"]))
         alike.setdefault((f"{r['family']}: {r['parameter']}", *ranges), []).append(name)
