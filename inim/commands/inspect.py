@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -42,11 +41,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from inim.inspect.output import as_data, as_text
+    from inim.documents.document import encode
+    from inim.inspect.output import as_text, inspect_document
 
     settings = _settings(args.display, args.definitions)
     findings = _findings(args, settings)
-    shown = json.dumps(as_data(findings), indent=1, allow_nan=False)
+    shown = encode(inspect_document(findings))
     files = [] if args.out is None else _write(findings, shown, args.out)
     print(shown if args.json else as_text(findings))
     if files and not args.json:

@@ -17,6 +17,7 @@ _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 # Class of each document, in the module of the document's name, which loads on demand.
 _CLASSES = {
     "calibration": "CalibrationDocument",
+    "inspect": "InspectDocument",
     "patterns": "PatternsDocument",
     "photo": "PhotoDocument",
     "stress": "StressDocument",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from inim.display import Display
 from inim.display.pixels import least_gap_mm
+from inim.documents.inspect import PixelChoice
 from inim.errors import DisplayError
 from inim.inspect.accuracy_limits import lenses_beside_panel
 from inim.inspect.crosstalk import (
@@ -17,7 +18,6 @@ from inim.inspect.crosstalk import (
     light_shares,
 )
 from inim.inspect.geometry import (
-    PixelChoice,
     ViewingZone,
     VoxelCurve,
     has_whole_pixels,

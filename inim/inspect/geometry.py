@@ -13,6 +13,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.viewpoint import DEFAULT_VIEWPOINTS, Viewpoint, named_viewpoint
+from inim.documents.inspect import PixelChoice
 from inim.errors import DisplayError
 
 # Panels are driven with 8 bits of red, green and blue.
@@ -21,37 +22,6 @@ _OUTLINE_POINTS = 201
 _CURVE_POINTS = 241
 # Of a quotient of two lengths that are themselves rounded.
 _ROUNDING = 1e-12
-
-
-@dataclass(frozen=True)
-class PixelChoice:
-    """What one number of pixels per lens gives, and costs.
-
-    Attributes
-    ----------
-    pixels_per_lens : float
-        Along one axis.
-    pixel_pitch_mm : float
-    views_across, views_down : float
-        Directions each lens can show.
-    angular_step_deg : float
-        Between two of them, at the axis.
-    depth_span_mm : float
-        Displayable depth by the formula; infinite if focused.
-    panel_columns, panel_rows : int
-    frame_mb : float
-        Of one picture for the panel, 3 bytes per pixel, 10^6 bytes.
-    """
-
-    pixels_per_lens: float
-    pixel_pitch_mm: float
-    views_across: float
-    views_down: float
-    angular_step_deg: float
-    depth_span_mm: float
-    panel_columns: int
-    panel_rows: int
-    frame_mb: float
 
 
 @dataclass(frozen=True)
@@ -110,13 +80,14 @@ def pixel_choice(display: Display, times: float) -> PixelChoice:
     """
     pixel_mm = display.pixel_pitch_mm / times
     rows, columns = (math.ceil(n * times) for n in display.eia_shape)
+    span = display.depth_span_mm
     return PixelChoice(
         pixels_per_lens=display.pixels_per_lens * times,
         pixel_pitch_mm=pixel_mm,
         views_across=display.elemental_image_pitch_mm / pixel_mm,
         views_down=display.elemental_row_pitch_mm / pixel_mm,
         angular_step_deg=math.degrees(math.atan(pixel_mm / display.gap_mm)),
-        depth_span_mm=display.depth_span_mm / times,
+        depth_span_mm=span / times if math.isfinite(span) else None,
         panel_columns=columns,
         panel_rows=rows,
         frame_mb=rows * columns * _BYTES_PER_PIXEL / 1e6,

@@ -5,15 +5,24 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable
-from dataclasses import asdict
-from typing import Any
 
-import numpy as np
-
+from inim.display import Display
+from inim.documents.inspect import (
+    CrosstalkGrid,
+    DepthFigures,
+    InspectDocument,
+    LightRecord,
+    PixelChoice,
+    Size,
+    SpotFigures,
+    TracedModel,
+    ViewingLimits,
+    VoxelWidths,
+)
+from inim.documents.parts import EyePosition
 from inim.inspect.crosstalk import LightShares
 from inim.inspect.findings import PIXEL_STEPS, Findings, cautions, misalignments
 from inim.inspect.geometry import (
-    PixelChoice,
     aperture_blur_mm,
     has_whole_pixels,
     mode,
@@ -21,11 +30,10 @@ from inim.inspect.geometry import (
     voxel_mm,
     zone_outline_mm,
 )
+from inim.inspect.spots import Spot
 from inim.lens import lens_model as find_lens_model
 from inim.version import __version__
 
-#: Of the JSON: stable keys with units, null for infinity.
-SCHEMA = "inim.inspect/1"
 _COLUMNS = 100
 _LABEL = 30
 _MODES = {
@@ -44,10 +52,6 @@ _SHARES = (
     ("astray", "goes astray in all"),
     ("crosstalk", "crosstalk, of what arrives"),
 )
-_SPOT_KEYS = (
-    "field_angle_deg", "colour", "rms_radius_um", "rms_radius_px", "centre_x_mm", "centre_y_mm",
-    "lost_share",
-)  # fmt: skip
 
 
 def as_text(findings: Findings) -> str:
@@ -144,7 +148,7 @@ def _choices(findings: Findings) -> list[str]:
         "pixel, µm": lambda c: _n(1e3 * c.pixel_pitch_mm),
         "views/lens": lambda c: f"{_n(c.views_across)} x {_n(c.views_down)}",
         "step, °": lambda c: f"{c.angular_step_deg:.3g}",
-        "depth span, mm": lambda c: _n(c.depth_span_mm) if math.isfinite(c.depth_span_mm) else "-",
+        "depth span, mm": lambda c: "-" if c.depth_span_mm is None else _n(c.depth_span_mm),
         "panel, pixels": lambda c: f"{c.panel_columns} x {c.panel_rows}",
         "MB/frame": lambda c: f"{c.frame_mb:.3g}",
     }
@@ -222,93 +226,100 @@ def _warnings(findings: Findings) -> list[str]:
     return ["To know", *(line for sentence in said for line in wrap(sentence))] if said else []
 
 
-def as_data(findings: Findings) -> dict[str, Any]:
-    """The findings as plain data, ready for strict JSON.
+def inspect_document(findings: Findings) -> InspectDocument:
+    """The findings as a document; infinite and unknown values are None."""
+    light = {name: _light(shares) for name, shares in findings.light.items()}
+    crosstalk = findings.crosstalk
+    return InspectDocument(
+        inim_version=__version__,
+        source=findings.source,
+        display=findings.design,
+        lens_model=TracedModel(name=findings.lens_model, reason=findings.model_reason),
+        size=_size(findings.design),
+        depth=_depth(findings.design),
+        pixels_per_lens=list(findings.choices),
+        viewing=_viewing(findings),
+        voxel=VoxelWidths(**{k: v.tolist() for k, v in vars(findings.voxels).items()}),
+        spots=[_spot(spot) for spot in findings.spots],
+        light=light,
+        crosstalk=CrosstalkGrid(
+            eye_x_mm=crosstalk.eye_x_mm.tolist(),
+            eye_y_mm=crosstalk.eye_y_mm.tolist(),
+            share=[[_finite(share) for share in row] for row in crosstalk.share.tolist()],
+        ),
+        misalignment=misalignments(findings.design, findings.mounted),
+        warnings=cautions(findings),
+    )
 
-    Curves and maps are lists; ``crosstalk.share`` has one row per ``eye_y_mm``. Numbers that are
-    infinite or unknown are None.
-    """
-    data: dict[str, Any] = {
-        "schema": SCHEMA,
-        "inim_version": __version__,
-        "source": findings.source,
-        "display": findings.design.given(),
-        "lens_model": {"name": findings.lens_model, "reason": findings.model_reason},
-        "size": _size(findings),
-        "depth": _depth_data(findings),
-        "pixels_per_lens": [asdict(choice) for choice in findings.choices],
-        "viewing": _viewing_data(findings),
-        "voxel": {k: v.tolist() for k, v in vars(findings.voxels).items()},
-        "spots": [{key: getattr(s, key) for key in _SPOT_KEYS} for s in findings.spots],
-        "light": {name: _light_data(shares) for name, shares in findings.light.items()},
-        "crosstalk": {k: v.tolist() for k, v in vars(findings.crosstalk).items()},
-        "misalignment": misalignments(findings.design, findings.mounted),
-        "warnings": cautions(findings),
-    }
-    finite: dict[str, Any] = _finite(data)
-    return finite
 
-
-def _size(findings: Findings) -> dict[str, Any]:
-    display = findings.design
+def _size(display: Display) -> Size:
     rows, columns = display.eia_shape
-    return {
-        "width_mm": display.width_mm,
-        "height_mm": display.height_mm,
-        "lens_columns": display.lens_columns,
-        "lens_rows": display.lens_rows,
-        "panel_columns": columns,
-        "panel_rows": rows,
-        "panel_width_mm": columns * display.pixel_pitch_mm,
-        "panel_height_mm": rows * display.pixel_pitch_mm,
-        "pixels_per_lens": display.pixels_per_lens,
-        "has_whole_pixels_per_lens": has_whole_pixels(display),
-    }
+    return Size(
+        width_mm=display.width_mm,
+        height_mm=display.height_mm,
+        lens_columns=display.lens_columns,
+        lens_rows=display.lens_rows,
+        panel_columns=columns,
+        panel_rows=rows,
+        panel_width_mm=columns * display.pixel_pitch_mm,
+        panel_height_mm=rows * display.pixel_pitch_mm,
+        pixels_per_lens=display.pixels_per_lens,
+        has_whole_pixels_per_lens=has_whole_pixels(display),
+    )
 
 
-def _depth_data(findings: Findings) -> dict[str, Any]:
-    display = findings.design
+def _depth(display: Display) -> DepthFigures:
     low, high = display.depth_range_mm
-    return {
-        "mode": mode(display),
-        "central_depth_mm": display.central_depth_mm,
-        "scene_pixel_mm": display.scene_pixel_mm,
-        "depth_span_mm": display.depth_span_mm,
-        "depth_min_mm": low,
-        "depth_max_mm": high,
-        "depth_range_is_cut": display.depth_range_is_cut,
-        "depth_range_is_stated": display.depth_min_mm is not None,
-        "voxel_at_depth_min_mm": float(voxel_mm(display, low)),
-        "voxel_at_depth_max_mm": float(voxel_mm(display, high)),
-    }
+    return DepthFigures(
+        mode=mode(display),
+        central_depth_mm=_finite(display.central_depth_mm),
+        scene_pixel_mm=_finite(display.scene_pixel_mm),
+        depth_span_mm=_finite(display.depth_span_mm),
+        depth_min_mm=low,
+        depth_max_mm=high,
+        depth_range_is_cut=display.depth_range_is_cut,
+        depth_range_is_stated=display.depth_min_mm is not None,
+        voxel_at_depth_min_mm=float(voxel_mm(display, low)),
+        voxel_at_depth_max_mm=float(voxel_mm(display, high)),
+    )
 
 
-def _viewing_data(findings: Findings) -> dict[str, Any]:
+def _viewing(findings: Findings) -> ViewingLimits:
     zone = findings.zone
-    return {
-        "half_angle_deg": zone.half_angle_deg,
-        "nearest_distance_mm": zone.nearest_mm,
-        "distance_mm": zone.distance_mm,
-        "flip_limit_x_mm": zone.limit_x_mm,
-        "flip_limit_y_mm": zone.limit_y_mm,
-        "flip_limit_x_deg": zone.limit_x_deg,
-        "flip_limit_y_deg": zone.limit_y_deg,
-        "zone_is_empty": zone.is_empty,
-        "zone_distance_and_limit_x_mm": zone_outline_mm(findings.design, 1.5 * zone.distance_mm),
-        "viewpoints": [{"name": v.name, "position_mm": v.position_mm} for v in zone.viewpoints],
-    }
+    return ViewingLimits(
+        half_angle_deg=zone.half_angle_deg,
+        nearest_distance_mm=zone.nearest_mm,
+        distance_mm=zone.distance_mm,
+        flip_limit_x_mm=zone.limit_x_mm,
+        flip_limit_y_mm=zone.limit_y_mm,
+        flip_limit_x_deg=zone.limit_x_deg,
+        flip_limit_y_deg=zone.limit_y_deg,
+        zone_is_empty=zone.is_empty,
+        zone_distance_and_limit_x_mm=zone_outline_mm(findings.design, 1.5 * zone.distance_mm),
+        viewpoints=[
+            EyePosition(name=eye.name, position_mm=eye.position_mm) for eye in zone.viewpoints
+        ],
+    )
 
 
-def _light_data(shares: LightShares) -> dict[str, float]:
-    named = {f"{name}_share": value for name, value in asdict(shares).items()}
-    return named | {"crosstalk_share": shares.crosstalk, "astray_share": shares.astray}
+def _spot(spot: Spot) -> SpotFigures:
+    return SpotFigures(
+        field_angle_deg=spot.field_angle_deg,
+        colour=spot.colour,
+        rms_radius_um=_finite(spot.rms_radius_um),
+        rms_radius_px=_finite(spot.rms_radius_px),
+        centre_x_mm=_finite(spot.centre_x_mm),
+        centre_y_mm=_finite(spot.centre_y_mm),
+        lost_share=spot.lost_share,
+    )
 
 
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return value
+def _light(shares: LightShares) -> LightRecord:
+    named = {f"{name}_share": value for name, value in vars(shares).items()}
+    return LightRecord(
+        **named, crosstalk_share=_finite(shares.crosstalk), astray_share=shares.astray
+    )
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

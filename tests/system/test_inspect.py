@@ -68,7 +68,7 @@ def test_text_of_a_preset_fits_a_terminal_and_names_the_figures(
 
 def test_json_is_valid_complete_and_says_its_units(capsys: pytest.CaptureFixture[str]) -> None:
     data = read_text(inspect(capsys, "nominal", "--json"))
-    assert data["schema"] == "inim.inspect/1"
+    assert data["schema"] == "inim.inspect/2"
     assert list(data) == [
         "schema",
         "inim_version",
@@ -122,7 +122,7 @@ def test_folder_gets_the_json_and_a_figure_with_something_on_it(written: Path) -
     files = ["inspect.json", "inspect.png", "inspect.svg"]
     assert sorted(p.name for p in written.iterdir()) == files
     data = read_document(written / "inspect.json")
-    assert (data["schema"], data["source"]) == ("inim.inspect/1", "nominal")
+    assert (data["schema"], data["source"]) == ("inim.inspect/2", "nominal")
     pixels = np.asarray(Image.open(written / "inspect.png").convert("RGB"))
     assert pixels.shape[0] > 800 and pixels.shape[1] > 1200
     assert len(np.unique(pixels @ np.array([1 << 16, 1 << 8, 1]))) > 200

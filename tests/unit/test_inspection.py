@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from inim.display import DISPLAYS, Display
+from inim.display import DISPLAYS
 from inim.display.viewpoint import default_distance_mm
 from inim.errors import DisplayError, UsageError
 from inim.inspect.crosstalk import array_samples, crosstalk_map, light_shares
@@ -27,7 +27,7 @@ from inim.inspect.geometry import (
     voxel_mm,
     zone_outline_mm,
 )
-from inim.inspect.output import as_data
+from inim.inspect.output import inspect_document
 from inim.inspect.spots import cell_of, field_angles_deg, land, spot, spots
 from tests.conftest import small_display
 
@@ -52,20 +52,20 @@ def inspected(**changes: object) -> Findings:
 
 
 def test_numbers_of_the_nominal_display_are_those_worked_out_by_hand(nominal):
-    data = as_data(nominal)
-    depth, viewing, size = data["depth"], data["viewing"], data["size"]
-    assert depth["mode"] == "real"
-    assert depth["central_depth_mm"] == pytest.approx(3 * 3.3 / 0.3, rel=1e-12)
-    assert depth["scene_pixel_mm"] == pytest.approx(33 / 17 / 3.3, rel=1e-12)
-    assert depth["depth_span_mm"] == pytest.approx(2 * 33 * 33 / 17 / 3.3, rel=1e-12)
-    assert depth["depth_min_mm"] == pytest.approx(33 - 33 * 10 / 17, rel=1e-12)
-    assert viewing["half_angle_deg"] == pytest.approx(math.degrees(math.atan(1 / 6.6)), rel=1e-12)
+    document = inspect_document(nominal)
+    depth, viewing, size = document.depth, document.viewing, document.size
+    assert depth.mode == "real"
+    assert depth.central_depth_mm == pytest.approx(3 * 3.3 / 0.3, rel=1e-12)
+    assert depth.scene_pixel_mm == pytest.approx(33 / 17 / 3.3, rel=1e-12)
+    assert depth.depth_span_mm == pytest.approx(2 * 33 * 33 / 17 / 3.3, rel=1e-12)
+    assert depth.depth_min_mm == pytest.approx(33 - 33 * 10 / 17, rel=1e-12)
+    assert viewing.half_angle_deg == pytest.approx(math.degrees(math.atan(1 / 6.6)), rel=1e-12)
     # The outermost lens, 31.5 mm off, just sees the axis: 31.5 g / V = P / 2.
-    assert viewing["nearest_distance_mm"] == pytest.approx(31.5 * 6.6, rel=1e-12)
-    assert viewing["distance_mm"] == pytest.approx(2 * 31.5 * 6.6, rel=1e-12)
-    assert viewing["flip_limit_x_mm"] == pytest.approx(31.5, rel=1e-12)
-    assert viewing["flip_limit_x_deg"] == pytest.approx(math.degrees(math.atan(0.5 / 6.6)))
-    assert (size["width_mm"], size["panel_rows"], size["pixels_per_lens"]) == (64, 1088, 17)
+    assert viewing.nearest_distance_mm == pytest.approx(31.5 * 6.6, rel=1e-12)
+    assert viewing.distance_mm == pytest.approx(2 * 31.5 * 6.6, rel=1e-12)
+    assert viewing.flip_limit_x_mm == pytest.approx(31.5, rel=1e-12)
+    assert viewing.flip_limit_x_deg == pytest.approx(math.degrees(math.atan(0.5 / 6.6)))
+    assert (size.width_mm, size.panel_rows, size.pixels_per_lens) == (64, 1088, 17)
 
 
 def test_twice_the_pixels_give_twice_the_views_for_four_times_the_bytes():
@@ -360,15 +360,15 @@ def test_misalignment_is_told_in_words_with_who_knows():
 
 
 def test_infinite_values_of_a_focused_display_are_null():
-    data = as_data(
+    document = inspect_document(
         inspect_display(small_display(6, 6, gap_mm=3.0, depth_min_mm=4, depth_max_mm=24), 300.0)
     )
-    depth = data["depth"]
-    assert depth["mode"] == "focused"
-    assert depth["central_depth_mm"] is None and depth["scene_pixel_mm"] is None
-    assert depth["depth_range_is_stated"] is True
-    assert not any("Depth range" in said for said in data["warnings"])
+    depth = document.depth
+    assert depth.mode == "focused"
+    assert depth.central_depth_mm is None and depth.scene_pixel_mm is None
+    assert depth.depth_range_is_stated is True
+    assert not any("Depth range" in said for said in document.warnings)
 
 
 def test_display_in_the_data_is_the_one_asked_about(nominal):
-    assert Display(**as_data(nominal)["display"]) == NOMINAL
+    assert inspect_document(nominal).display == NOMINAL

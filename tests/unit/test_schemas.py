@@ -20,7 +20,6 @@ from jsonschema import Draft202012Validator
 
 from inim.display import DISPLAYS, Display
 from inim.documents import NAMES, schema
-from inim.inspect import output
 from inim.regression import run_statistics
 from inim.report import SCHEMA as REPORT
 from inim.report import (
@@ -63,7 +62,6 @@ SCHEMAS = {
     "bench": bench.SCHEMA,
     "sweep": table.SCHEMA,
     "unit": task.SCHEMA,
-    "inspect": output.SCHEMA,
     "files": worker_output.SCHEMA,
 }
 # Keys that need not be there; the last two of a bench are not in those of earlier versions.
