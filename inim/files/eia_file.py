@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from inim.display import Display
 from inim.errors import FileError
 from inim.files.image import exr_size, read_exr_channels, write_atomically
-from inim.files.picture import check_png
 from inim.files.regular_file import check_file, open_file
 from inim.image.buffers import row_bands
 from inim.image.color import linear_from_srgb, srgb_codes
@@ -96,7 +95,6 @@ def _read_exr(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | No
 def _read_png(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | None]:
     from PIL import Image
 
-    check_png(path)
     with open_file(path) as file:
         try:
             with warnings.catch_warnings():

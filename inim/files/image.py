@@ -242,11 +242,6 @@ def exr_size(path: Path) -> tuple[int, int]:
         return _size(OpenEXR.File(str(path), header_only=True).parts[0].header)
 
 
-def check_exr(path: Path) -> None:
-    """Raise `FileError` unless the EXR decodes whole; for files that others will read."""
-    _decoded(path)
-
-
 def check_unfolding(path: Path, bytes_unfolded: int, size: int | None = None) -> None:
     """Raise `FileError` where a file, or `size` bytes of it, declare more than they can mean."""
     size = path.stat().st_size if size is None else size

@@ -1,8 +1,8 @@
-"""Pictures and grids that a scene names, checked before the renderer's own readers trust them.
+"""Readers of pictures: textures of a scene, portable float maps, and whatever Pillow opens.
 
-Mitsuba goes by the content, whatever a file is called, and allocates what a header declares. Its
-reader of Radiance HDR writes past its buffer when a scan line in the middle of a file is not
-run-length coded; so every line of one is checked.
+The content decides on the format, not the name, as in Mitsuba. Mitsuba reads PNG and JPEG itself,
+through libpng and libjpeg: Pillow has no 16-bit colours. All else is decoded here and passed as
+arrays, because Mitsuba's own readers trust what a header declares.
 """
 
 from __future__ import annotations
@@ -15,19 +15,18 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
 from inim.errors import FileError
-from inim.files.image import check_exr, check_unfolding, hushed, read_exr_texture
+from inim.files.image import check_unfolding, hushed, read_exr_texture
 from inim.files.regular_file import open_file, read_file
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HEAD_BYTES = 16
 _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "PPM")
-# How those open that Mitsuba reads itself; its readers of BMP, TGA and PPM trust what they read.
-_READ_BY_MITSUBA = (b"\x89PNG", b"\xff\xd8", b"#?", b"PF", b"Pf")
+_READ_BY_MITSUBA = (b"\x89PNG", b"\xff\xd8")
 # A texture becomes floats.
 _SAMPLE_BYTES = 4
 _UNKNOWN = (
@@ -35,63 +34,45 @@ _UNKNOWN = (
 )
 
 
-def check_picture(path: Path) -> None:
-    """Refuse a picture that Mitsuba's textures and environment maps cannot take safely.
+def read_texture(path: Path) -> np.ndarray | None:
+    """Decode a picture that a scene names.
 
     Parameters
     ----------
     path : Path
         EXR, PNG, JPEG, Radiance HDR, PFM, BMP, TGA or PPM.
 
+    Returns
+    -------
+    (H, W, 3 or 1) float32 of EXR, HDR and PFM, (H, W, 3) or (H, W) uint8 of others, or None
+        None of a sound PNG or JPEG, which Mitsuba reads.
+
     Raises
     ------
     FileError
         Missing, damaged, cut short, of another kind, or unfolding to far more than its size.
     """
-    head = _head(path)
-    if is_pfm(head):
-        check_pfm(path, read_file(path, _MOST_PFM_BYTES))
-    elif is_radiance(head):
-        check_radiance(path, read_file(path, _MOST_RADIANCE_BYTES, way_out="save it as EXR"))
-    elif head.startswith(_EXR_MAGIC):
-        check_exr(path)
-    else:
-        with open_picture(path, _FORMATS, _SAMPLE_BYTES, _UNKNOWN) as picture:
-            picture.load()
-
-
-def read_texture(path: Path) -> np.ndarray | None:
-    """The pixels of a checked picture that Mitsuba's own reader had better not open.
-
-    Returns
-    -------
-    (H, W, 3 or 1) float32 of an EXR, (H, W, 3) or (H, W) uint8 of BMP, TGA and PPM, or None
-        None of those that Mitsuba reads well. Its reader of EXR is an old one that ends the process
-        on some of what OpenEXR reads, and it takes a palette's numbers for colours.
-
-    Raises
-    ------
-    FileError
-        Damaged, as for `check_picture`.
-    """
-    head = _head(path)
-    if head.startswith(_READ_BY_MITSUBA):
-        return None
+    with open_file(path) as file:
+        head = file.read(_HEAD_BYTES)
+    if head.startswith((b"PF", b"Pf")):
+        values, scale = _read_pfm(path)
+        return values * np.float32(abs(scale))
+    if head.startswith(b"#?"):
+        return _read_radiance(path)
     if head.startswith(_EXR_MAGIC):
         return read_exr_texture(path)
     with open_picture(path, _FORMATS, _SAMPLE_BYTES, _UNKNOWN) as picture:
+        picture.load()
+        if head.startswith(_READ_BY_MITSUBA):
+            return None
         is_grey = picture.mode in ("1", "L", "LA") or picture.mode.startswith("I")
         return np.array(picture.convert("L" if is_grey else "RGB"))
 
 
 def is_exr(path: Path) -> bool:
-    """Whether a file opens as an EXR, whatever it is called."""
-    return _head(path).startswith(_EXR_MAGIC)
-
-
-def _head(path: Path) -> bytes:
+    """True if the file content is EXR, regardless of its name."""
     with open_file(path) as file:
-        return file.read(_HEAD_BYTES)
+        return file.read(_HEAD_BYTES).startswith(_EXR_MAGIC)
 
 
 @contextmanager
@@ -123,8 +104,6 @@ def open_picture(
     """
     from PIL import Image
 
-    if data is None:
-        check_png(path)
     with open_file(path) if data is None else io.BytesIO(data) as file, hushed():
         try:
             with warnings.catch_warnings():
@@ -143,121 +122,80 @@ def open_picture(
             raise FileError(f"{path}: not a readable picture ({cause}); save it anew") from error
 
 
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-# Length and name before a chunk's data, a checksum after it.
-_CHUNK_HEAD_BYTES, _CHUNK_SUM_BYTES = 8, 4
-
-
-def check_png(path: Path) -> None:
-    """Raise `FileError` where a PNG's chunk is longer than its file; other files pass.
-
-    Raises
-    ------
-    FileError
-        Cut short or damaged, or it cannot be read.
-    """
-    with open_file(path) as file:
-        if file.read(len(_PNG_SIGNATURE)) == _PNG_SIGNATURE:
-            _check_chunks(path, file, os.fstat(file.fileno()).st_size)
-
-
-def _check_chunks(path: Path, file: BinaryIO, size: int) -> None:
-    while len(head := file.read(_CHUNK_HEAD_BYTES)) == _CHUNK_HEAD_BYTES:
-        length, name = struct.unpack(">I4s", head)
-        after = file.tell() + length + _CHUNK_SUM_BYTES
-        if after > size:
-            raise FileError(
-                f"{path}: not a readable PNG (a chunk declares {length} bytes, more than there "
-                "are); it is cut short or damaged"
-            )
-        if name == b"IEND":
-            return
-        file.seek(after)
-
-
 # No line of the header may be mistaken for the one that states the size.
-_HEADER = re.compile(
-    rb"#\?(?:RADIANCE|RGBE)\n(?:(?!-Y|\+Y)[\x20-\x7e\t]*\n)*?\n-Y (\d{1,5}) \+X (\d{1,5})\n"
+_RADIANCE = re.compile(
+    rb"#\?(?:RADIANCE|RGBE)\n((?:(?!-Y|\+Y)[\x20-\x7e\t]*\n)*?)\n-Y (\d{1,5}) \+X (\d{1,5})\n"
 )
-_FORMAT = re.compile(rb"^FORMAT=32-bit_rle_(?:rgbe|xyze)$", re.M)
-_PFM_OF_SCENE = re.compile(rb"(P[Ff])\n(\d{1,5}) (\d{1,5})\n[-+]?\d{1,9}(?:\.\d{0,9})?\n")
+_FORMAT = re.compile(rb"^FORMAT=32-bit_rle_(rgbe|xyze)$", re.M)
 # By the format's own rule, lines of other lengths are not run-length coded.
 _SHORTEST_CODED, _LONGEST_CODED = 8, 0x7FFF
-# Of three floats in each of 2^28 pixels, with a header.
-_MOST_PFM_BYTES = 12 * 2**28 + 2**10
-# Going through a file costs about a second for each 10 MiB at worst.
+# Decoding takes about a second for each 10 MiB at worst.
 _MOST_RADIANCE_BYTES = 48 * 2**20
+# Exponents are stored with 128 added, mantissas as eighths of a byte: 2^(e - 128) m / 256.
+_EXPONENT_OFFSET = 136
+# CIE XYZ to linear sRGB, IEC 61966-2-1.
+_RGB_FROM_XYZ = np.array(
+    [[3.240479, -1.537150, -0.498535], [-0.969256, 1.875991, 0.041556],
+     [0.055648, -0.204043, 1.057311]], np.float32,
+)  # fmt: skip
 
 
-def is_radiance(data: bytes) -> bool:
-    """Whether Mitsuba takes the file for Radiance HDR."""
-    return data[:2] == b"#?"
+def _read_radiance(path: Path) -> np.ndarray:
+    """Decode a Radiance HDR, (H, W, 3) float32 linear RGB.
+
+    Ward, Real pixels, Graphics Gems II, 1991.
+    """
+    data = read_file(path, _MOST_RADIANCE_BYTES, way_out="save it as EXR")
+    header = _RADIANCE.match(data)
+    color = header and _FORMAT.search(header[1])
+    if not header or not color:
+        raise FileError(f"{path}: invalid Radiance header; save it as EXR")
+    rows, columns, at = int(header[2]), int(header[3]), header.end()
+    check_unfolding(path, 12 * rows * columns)
+    if _SHORTEST_CODED <= columns <= _LONGEST_CODED and data[at : at + 2] == b"\2\2":
+        lines = []
+        for row in range(rows):
+            line, at = _radiance_line(data, at, columns)
+            if line is None:
+                raise FileError(f"{path}: scan line {row} is damaged or cut short; save it again")
+            lines.append(line)
+        codes = b"".join(lines)
+        rgbe = np.frombuffer(codes, np.uint8).reshape(rows, 4, columns).transpose(0, 2, 1)
+    else:
+        codes = data[at:]
+        if not rows * columns or len(codes) != 4 * columns * rows:
+            raise FileError(f"{path}: is not as long as its {columns} x {rows} pixels; damaged")
+        rgbe = np.frombuffer(codes, np.uint8).reshape(rows, columns, 4)
+    scale = np.ldexp(np.float32(1), rgbe[..., 3].astype(np.int32) - _EXPONENT_OFFSET)
+    scale = np.where(rgbe[..., 3] > 0, scale, np.float32(0))
+    rgb = rgbe[..., :3] * scale[..., None]
+    return rgb @ _RGB_FROM_XYZ.T if color[1] == b"xyze" else rgb
 
 
-def is_pfm(data: bytes) -> bool:
-    """Whether Mitsuba takes the file for a portable float map."""
-    return data[:2] in (b"PF", b"Pf")
-
-
-def check_pfm(path: Path, data: bytes) -> None:
-    """Raise `FileError` unless a PFM is exactly as long as its header says."""
-    header = _PFM_OF_SCENE.match(data)
-    if not header:
-        raise FileError(f"{path}: its PFM header makes no sense; save it as EXR")
-    columns, rows = int(header[2]), int(header[3])
-    size = header.end() + 4 * columns * rows * (3 if header[1] == b"PF" else 1)
-    if not columns * rows or len(data) != size:
-        raise FileError(
-            f"{path}: a PFM of {columns} x {rows} pixels is {size} bytes long, this one is "
-            f"{len(data)}; it is cut short or damaged"
-        )
-
-
-def check_radiance(path: Path, data: bytes) -> None:
-    """Raise `FileError` unless every scan line of a Radiance HDR is whole."""
-    header = _HEADER.match(data)
-    if not header or not _FORMAT.search(data, 0, header.end()):
-        raise FileError(f"{path}: its Radiance header makes no sense; save it as EXR")
-    rows, columns, at = int(header[1]), int(header[2]), header.end()
-    if not rows * columns:
-        raise FileError(f"{path}: declares {columns} x {rows} pixels; refused as damaged")
-    coded = _SHORTEST_CODED <= columns <= _LONGEST_CODED and _is_coded(data, at)
-    if not coded and len(data) != at + 4 * columns * rows:
-        raise FileError(f"{path}: is not as long as its {columns} x {rows} pixels; damaged")
-    for row in range(rows if coded else 0):
-        after = _line_end(data, at, columns)
-        if after is None:
-            raise FileError(f"{path}: scan line {row} is damaged or cut short; save it anew")
-        at = after
-
-
-def _is_coded(data: bytes, at: int) -> bool:
-    return data[at : at + 2] == b"\2\2" and data[at + 2 : at + 3] < b"\x80"
-
-
-def _line_end(data: bytes, at: int, columns: int) -> int | None:
-    """Where a run-length coded scan line ends; None where it is none or not whole."""
+def _radiance_line(data: bytes, at: int, columns: int) -> tuple[bytes | None, int]:
+    """The four channels of a run-length coded scan line, and its end; None where it is damaged."""
     if data[at : at + 4] != b"\2\2" + columns.to_bytes(2, "big"):
-        return None
+        return None, at
     at += 4
-    for _ in range(4):
-        left = columns
-        while left:
-            if at + 2 > len(data):
-                return None
-            count = data[at]
+    line = bytearray()
+    for channel in range(1, 5):
+        while len(line) < channel * columns:
+            count = data[at] if at + 1 < len(data) else 0
             if count > 128:
-                count -= 128
+                run = data[at + 1 : at + 2] * (count - 128)
                 at += 2
             else:
+                run = data[at + 1 : at + 1 + count]
                 at += 1 + count
-            if not 0 < count <= left:
-                return None
-            left -= count
-    return at if at <= len(data) else None
+            line += run
+            if not run or len(line) > channel * columns or at > len(data):
+                return None, at
+    return bytes(line), at
 
 
 _PFM = re.compile(rb"(P[Ff])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.eE+-]{1,30})[ \t\r]*\n")
+# Of three floats in each of 2^28 pixels, with a header.
+_MOST_PFM_BYTES = 12 * 2**28 + 2**10
 
 
 def read_pfm(path: Path) -> np.ndarray:
@@ -268,22 +206,32 @@ def read_pfm(path: Path) -> np.ndarray:
     FileError
         Damaged, of another length than its header says, or in colour.
     """
+    values, _ = _read_pfm(path)
+    if values.shape[2] != 1:
+        raise FileError(f"{path}: is a PFM in colour; depth is a grey one, 'Pf'")
+    return values[..., 0]
+
+
+def _read_pfm(path: Path) -> tuple[np.ndarray, float]:
+    """Values of a portable float map, (H, W, 1 or 3) float32, and its signed scale."""
     data = read_file(path, _MOST_PFM_BYTES)
     header = _PFM.match(data)
+    try:
+        scale = float(header[4]) if header else 0.0
+    except ValueError:
+        header = None
     if not header:
-        raise FileError(f"{path}: its PFM header makes no sense; save it as EXR or .npy")
-    if header[1] == b"PF":
-        raise FileError(f"{path}: is a PFM in colour; depth is a grey one, 'Pf'")
-    columns, rows = int(header[2]), int(header[3])
-    size = header.end() + 4 * columns * rows
+        raise FileError(f"{path}: invalid PFM header; save it as EXR or .npy")
+    columns, rows, channels = int(header[2]), int(header[3]), 3 if header[1] == b"PF" else 1
+    size = header.end() + 4 * columns * rows * channels
     if not columns * rows or len(data) != size:
         raise FileError(
             f"{path}: a PFM of {columns} x {rows} pixels is {size} bytes long, this one is "
             f"{len(data)}; it is cut short or damaged"
         )
     kind = "<f4" if header[4].startswith(b"-") else ">f4"
-    stored = np.frombuffer(data, kind, columns * rows, header.end()).reshape(rows, columns)
-    return stored[::-1].astype(np.float32)
+    stored = np.frombuffer(data, kind, offset=header.end()).reshape(rows, columns, channels)
+    return stored[::-1].astype(np.float32), scale
 
 
 def write_pfm(path: Path, values: np.ndarray) -> None:

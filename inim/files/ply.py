@@ -1,12 +1,10 @@
-"""PLY in and out, in the record layout that Mitsuba expects: triangles, one record each.
+"""Reader and writer of PLY files that consist of triangles; trimesh reads the others.
 
-The header's counts are held against the bytes there are before anything is read. Quads, mixed
-polygons and textured PLY are left to trimesh.
+Importing trimesh takes a third of a second, which scenes with PLY meshes need not pay.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,13 +12,12 @@ import numpy as np
 
 from inim.errors import FileError
 from inim.files.image import write_atomically
-from inim.files.triangle_mesh import Mesh, check_indices, numbers_in, usable_normals
+from inim.files.triangle_mesh import Mesh, numbers_in, usable_normals
 from inim.image.color import linear_from_srgb
 
 _LINE_BYTES = 2**16
 _HEADER_BYTES = 16 * _LINE_BYTES
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
-# The type names that Mitsuba's PLY loader knows; trimesh knows no others.
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
     "long": "i8", "ulong": "u8", "half": "f2", "float": "f4", "double": "f8",
@@ -31,7 +28,7 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class PlyElement:
-    """One PLY element as Mitsuba sees it: fixed records, each list being a count and 3 items.
+    """One PLY element of fixed records, each list being a count and 3 items.
 
     Attributes
     ----------
@@ -75,52 +72,18 @@ class PlyHeader:
 
 
 def is_ply(data: bytes) -> bool:
-    """Mitsuba skips blank lines and comments before the `ply` line, so this does too."""
-    lines = (line.split() for line in data[:_LINE_BYTES].split(b"\n", 256))
-    first = next((words[0] for words in lines if words and words[0] != b"comment"), b"")
-    return first == b"ply"
+    """True if the content opens as a PLY file."""
+    return data[:3] == b"ply"
 
 
-def sized_header(path: Path, data: bytes) -> PlyHeader:
-    """The header of a PLY file whose bytes suffice for what it declares.
+def ply_header(path: Path, data: bytes) -> PlyHeader:
+    """Parse the header of a PLY file.
 
     Raises
     ------
     FileError
-        The header makes no sense, or declares more than the file holds.
+        The header is damaged.
     """
-    header = _parsed(path, data)
-    for element in header.elements:
-        if _least_bytes(element, header.is_text) > len(data) - header.size:
-            raise FileError(
-                f"{path}: declares {element.count} x {element.name}, but is only {len(data)} "
-                "bytes long; it is cut short or damaged"
-            )
-    return header
-
-
-def read_ply_header(path: Path, data: bytes) -> PlyHeader:
-    """As `sized_header`, of a file of plain faces."""
-    header = sized_header(path, data)
-    names = {element.name for element in header.elements if element.count}
-    if "tristrips" in names:
-        raise FileError(f"{path}: holds triangle strips; export it as plain triangles")
-    if "vertex" not in names or "face" not in names:
-        what = "points but no faces" if "vertex" in names else "no vertices"
-        raise FileError(f"{path}: holds {what}; inim needs a triangle mesh")
-    return header
-
-
-def _least_bytes(element: PlyElement, is_text: bool) -> int:
-    """Fewest bytes that the declared records can take, lists being empty."""
-    items = {f"{name}.{k}" for name in element.lists for k in range(3)}
-    codes = [code for name, code in element.fields if name not in items]
-    if is_text:
-        return element.count * max(2 * len(codes), 1) - 1
-    return element.count * max(sum(np.dtype(code).itemsize for code in codes), 1)
-
-
-def _parsed(path: Path, data: bytes) -> PlyHeader:
     order, comments, offset = "", [], 0
     elements: list[PlyElement] = []
     while True:
@@ -172,38 +135,62 @@ _COLOR_NAMES = (("r", "g", "b"), ("red", "green", "blue"))
 
 _Columns = dict[str, np.ndarray]
 _Names = tuple[tuple[str, ...], ...]
+# Last letters of the columns that make an attribute, and the end of its name, as Mitsuba has them.
+_CHANNELS = {"xyz": "", "rgb": "_color", "012": "", "123": ""}
 
 
-def read_ply(path: Path, data: bytes) -> list[Mesh] | None:
-    """The mesh of a PLY in plain triangles, indices checked; None leaves the file to trimesh."""
-    header = read_ply_header(path, data)
+def read_ply(path: Path, data: bytes, *, materials: bool = True) -> Mesh | None:
+    """Read the mesh of a PLY of triangles.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    data : bytes
+        Content of the file.
+    materials : bool
+        Whether a picture that the file names is needed.
+
+    Returns
+    -------
+    Mesh or None
+        None for other polygons, and where a picture is needed: trimesh reads these.
+
+    Raises
+    ------
+    FileError
+        The file is damaged.
+    """
+    header = ply_header(path, data)
     columns = columns_of(data, header)
     if columns is None:
+        _check_length(path, data, header)
         return None
-    vertices, faces = _geometry(path, columns)
-    check_indices(path, vertices, faces)
-    vertex = columns["vertex"]
+    if not {"vertex", "face"} <= columns.keys():
+        return None
+    vertex, face = columns["vertex"], columns["face"]
     uv = _stacked(vertex, _UV_NAMES)
-    if uv is not None and any(c.startswith("TextureFile") for c in header.comments):
-        return None  # trimesh finds the picture
+    if materials and uv is not None and any(c.startswith("TextureFile") for c in header.comments):
+        return None
+    vertices, faces = _geometry(path, vertex, face)
     normals = usable_normals(_stacked(vertex, _NORMAL_NAMES))
-    color = _color(header, vertex)
-    return [Mesh(vertices, faces.astype(np.uint32), normals, uv, color, None, path.stem)]
+    kinds = {element.name: dict(element.fields) for element in header.elements}
+    attributes = _attributes("vertex", vertex, kinds["vertex"])
+    attributes |= _attributes("face", face, kinds["face"])
+    color = attributes.pop("vertex_color", None)
+    return Mesh(vertices, faces, normals, uv, color, None, path.stem, attributes)
 
 
-def check_ply(path: Path, data: bytes) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Vertices and faces of a PLY that Mitsuba can read, or a FileError."""
-    header = read_ply_header(path, data)
-    columns = columns_of(data, header)
-    if columns is None or any(len(element.lists) > 1 for element in header.elements):
-        raise FileError(
-            f"{path}: not plain triangles, or its length does not match its header; Mitsuba "
-            "cannot read it, convert it with `inim new-scene`"
-        )
-    for name, values in columns["vertex"].items():
-        if name not in "xyz" and values.dtype.kind == "f" and not np.isfinite(values).all():
-            raise FileError(f"{path}: vertex property {name!r} is not finite; export it again")
-    yield _geometry(path, columns)
+def _check_length(path: Path, data: bytes, header: PlyHeader) -> None:
+    """Raise `FileError` where a file has fewer bytes than its records take, with empty lists."""
+    least = 0
+    for element in header.elements:
+        items = {f"{name}.{k}" for name in element.lists for k in range(3)}
+        codes = [code for name, code in element.fields if name not in items]
+        size = 2 * len(codes) if header.is_text else sum(np.dtype(code).itemsize for code in codes)
+        least += element.count * size
+    if least > len(data) - header.size + 1:
+        raise FileError(f"{path}: declares more than its {len(data)} bytes; it is cut short")
 
 
 def write_ply(path: Path, mesh: Mesh) -> None:
@@ -266,14 +253,11 @@ def _text_columns(data: bytes, header: PlyHeader) -> dict[str, _Columns] | None:
     return tables
 
 
-def _geometry(path: Path, columns: dict[str, _Columns]) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) float32 and faces (m, 3) int64, checked to be floats and integers."""
-    vertex, face = columns["vertex"], columns["face"]
+def _geometry(path: Path, vertex: _Columns, face: _Columns) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) float32 and faces (m, 3) int64."""
     key = next((k for k in ("vertex_index", "vertex_indices") if f"{k}.count" in face), None)
     if key is None or not {"x", "y", "z"} <= vertex.keys():
         raise FileError(f"{path}: the PLY has no x, y, z or no vertex_indices; export it again")
-    if any(vertex[name].dtype.kind != "f" for name in "xyz"):
-        raise FileError(f"{path}: x, y, z are integers, which Mitsuba misreads; export as float")
     corners = [face[f"{key}.{k}"] for k in range(3)]
     if any(c.dtype.kind == "f" and (c != np.floor(c)).any() for c in corners):
         raise FileError(f"{path}: face indices are not whole numbers; export it again")
@@ -294,12 +278,26 @@ def _stacked(columns: _Columns, groups: _Names) -> np.ndarray | None:
     return np.nan_to_num(np.stack([columns[n] for n in names], axis=1).astype(np.float32))
 
 
-def _color(header: PlyHeader, vertex: _Columns) -> np.ndarray | None:
-    """Linear vertex colours: floats are linear, as Mitsuba takes them; integers are sRGB."""
-    names, color = _present(vertex, _COLOR_NAMES), _stacked(vertex, _COLOR_NAMES)
-    if names is None or color is None:
-        return None
-    # Columns of a text body are floats whatever was declared.
-    fields = next(e.fields for e in header.elements if e.name == "vertex")
-    code = dict(fields)[names[0]]
-    return color.clip(0, 1) if code[0] == "f" else linear_from_srgb(color / np.iinfo(code).max)
+def _attributes(owner: str, columns: _Columns, kinds: dict[str, str]) -> dict[str, np.ndarray]:
+    """Colours and other attributes by the names that Mitsuba gives them, (n, 3) or (n, 1) float32.
+
+    Floats are linear; integers are sRGB.
+    """
+    groups = {f"{owner}_color": names} if (names := _present(columns, _COLOR_NAMES)) else {}
+    stems: dict[str, str] = {}
+    for name in columns:
+        stem, _, letter = name.rpartition("_")
+        if stem and len(letter) == 1:
+            stems[stem] = stems.get(stem, "") + letter
+    for stem, letters in stems.items():
+        for channels, end in _CHANNELS.items():
+            if letters in (channels, channels[0]):
+                groups[f"{owner}_{stem}{end}"] = tuple(f"{stem}_{c}" for c in letters)
+    attributes = {}
+    for name, names in groups.items():
+        values = _stacked(columns, (names,))
+        code = kinds[names[0]]  # columns of a text body are floats whatever was declared
+        if values is not None:
+            encoded = code[0] != "f"
+            attributes[name] = linear_from_srgb(values / np.iinfo(code).max) if encoded else values
+    return attributes

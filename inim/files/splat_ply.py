@@ -18,7 +18,7 @@ import numpy as np
 
 from inim.errors import FileError
 from inim.files.image import write_atomically
-from inim.files.ply import PlyHeader, columns_of, is_ply, sized_header
+from inim.files.ply import PlyHeader, columns_of, is_ply, ply_header
 
 #: Mitsuba's shapes that are made of such a file.
 SPLAT_SHAPES = frozenset({"ellipsoids", "ellipsoidsmesh"})
@@ -88,7 +88,7 @@ def read_splats(path: Path, data: bytes) -> Splats:
         Cut short, without a property that splats have, or with values that make no splat; one line
         naming the file and the cause.
     """
-    return _splats(path, data, sized_header(path, data))
+    return _splats(path, data, ply_header(path, data))
 
 
 def check_splats(path: Path, data: bytes) -> int:
@@ -99,7 +99,7 @@ def check_splats(path: Path, data: bytes) -> int:
     FileError
         As `read_splats`, and where Mitsuba would take one property for another.
     """
-    header = sized_header(path, data)
+    header = ply_header(path, data)
     splats = _splats(path, data, header)
     fields = tuple((name, "f4") for name in _names(splats.harmonics.shape[1]))
     if header.order != "<" or header.elements[0].fields != fields:
@@ -154,7 +154,7 @@ def _splats(path: Path, data: bytes, header: PlyHeader) -> Splats:
         raise FileError(f"{path}: holds no splats; export them again")
     columns = columns_of(data, header)
     if columns is None:
-        raise FileError(f"{path}: its length does not match its header; the file is damaged")
+        raise FileError(f"{path}: its length does not match its header; it is cut short or damaged")
     vertex = columns["vertex"]
 
     def stacked(wanted: tuple[str, ...]) -> np.ndarray:

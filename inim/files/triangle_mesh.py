@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +22,15 @@ class Mesh:
     Attributes
     ----------
     vertices : (n, 3) float32
-    faces : (m, 3) uint32, counter-clockwise from outside
-    normals : (n, 3) float32, unit length, or None
+    faces : (m, 3) integers, counter-clockwise from outside
+    normals : (n, 3) float32, finite and not zero, as in the file, or None
     uv : (n, 2) float32 or None; v grows upwards, row 0 of the texture is at v = 1
     color : (n, 3) float32 or None; **linear** RGB in 0..1 (8-bit PLY, OBJ and STL colours are
         sRGB and decoded, glTF's are linear already)
     texture : (h, w, 3) uint8 or None; sRGB, base colour
     name : str
+    attributes : dict of str to array
+        Further values of vertices or faces, (n or m, 1 or 3) float32, by Mitsuba's names for them.
     """
 
     vertices: np.ndarray
@@ -39,17 +40,15 @@ class Mesh:
     color: np.ndarray | None = None
     texture: np.ndarray | None = None
     name: str = ""
+    attributes: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def usable_normals(normals: np.ndarray | None) -> np.ndarray | None:
-    """Unit normals; None where any is missing, zero or not finite, so that they are made anew."""
+    """The normals; None where any is zero or not finite, so that they are computed."""
     if normals is None:
         return None
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    if not np.isfinite(length).all() or (length < 1e-6).any():
-        return None
-    unit: np.ndarray = (normals / length).astype(np.float32)
-    return unit
+    length = np.linalg.norm(normals, axis=1)
+    return normals if np.isfinite(length).all() and (length >= 1e-6).all() else None
 
 
 #: Of the mesh files that are read.
@@ -71,9 +70,13 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-def check_points(path: Path, vertices: np.ndarray, face_count: int) -> None:
-    """Some faces, and finite, sane coordinates (n, 3), or a FileError."""
-    if face_count == 0:
+def check_mesh(path: Path, mesh: Mesh) -> None:
+    """Raise `FileError` unless a mesh has faces of its own vertices, all finite and of sane extent.
+
+    Mitsuba trusts what it is given: an index out of range ends the process.
+    """
+    vertices, faces = mesh.vertices, mesh.faces
+    if not len(faces):
         what = "points or lines but no faces" if len(vertices) else "no vertices and no faces"
         raise FileError(f"{path}: holds {what}; inim needs a triangle mesh")
     bad = ~np.isfinite(vertices).all(axis=1)
@@ -86,23 +89,12 @@ def check_points(path: Path, vertices: np.ndarray, face_count: int) -> None:
         raise FileError(
             f"{path}: coordinates reach {reach:.3g}; the file is damaged, or scale it down first"
         )
-
-
-def check_indices(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
-    """What `check_points` asks, and faces (m, 3) with 0 <= index < n, or a FileError."""
-    check_points(path, vertices, len(faces))
     low, high = int(faces.min()), int(faces.max())
     if low < 0 or high >= len(vertices):
         raise FileError(
             f"{path}: a face refers to vertex {low if low < 0 else high}, but there are "
             f"{len(vertices)} (0 to {len(vertices) - 1}); the file is damaged, export it again"
         )
-
-
-def check_area(path: Path, surfaces: Iterable[tuple[np.ndarray, np.ndarray]]) -> None:
-    """At least one of the surfaces (vertices, faces) has a face that is more than a line."""
-    if not any(has_area(vertices, faces) for vertices, faces in surfaces):
-        raise FileError(f"{path}: all faces have zero area; export the surface again")
 
 
 def has_area(vertices: np.ndarray, faces: np.ndarray) -> bool:
@@ -148,7 +140,8 @@ def smoothed(mesh: Mesh, crease_deg: float = _CREASE_DEG) -> Mesh:
     come out smooth; faces without area are dropped.
     """
     if mesh.normals is not None:
-        return mesh
+        length = np.linalg.norm(mesh.normals, axis=1, keepdims=True)
+        return replace(mesh, normals=(mesh.normals / length).astype(np.float32), attributes={})
     faces, area = _with_area(mesh)
     place = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].reshape(-1)
     group = _fans(place[faces], area, np.cos(np.radians(crease_deg)))
@@ -163,6 +156,7 @@ def smoothed(mesh: Mesh, crease_deg: float = _CREASE_DEG) -> Mesh:
         normals=_mean_normals(group, first, area),
         uv=None if mesh.uv is None else mesh.uv[taken],
         color=None if mesh.color is None else mesh.color[taken],
+        attributes={},
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import json
 import logging
 import mimetypes
 import os
@@ -17,8 +18,8 @@ import trimesh
 from PIL import Image
 
 from inim.errors import FileError
-from inim.files.regular_file import open_file, read_file
-from inim.files.triangle_mesh import Mesh, check_indices, first_line, usable_normals
+from inim.files.regular_file import read_file
+from inim.files.triangle_mesh import Mesh, first_line, usable_normals
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 
 _MOST_TEXTURE_PIXELS = 2**26
@@ -74,23 +75,36 @@ class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
         """Ignored; trimesh sets it."""
 
 
-def read_with_trimesh(path: Path, kind: str, warn: Callable[[str], object]) -> list[Mesh]:
+def read_with_trimesh(
+    path: Path, data: bytes, kind: str, warn: Callable[[str], object], *, materials: bool = True
+) -> list[Mesh]:
     """Every surface of the *transformed* scene; whatever trimesh throws is a FileError.
 
     Parameters
     ----------
     path : Path
-        A file whose declared sizes were checked.
+        Next to which the files lie that the mesh names.
+    data : bytes
+        Content of the file.
     kind : str
         What trimesh calls the format.
     warn : callable
         Called with a line for each named file that the surfaces go without.
+    materials : bool
+        Whether materials and textures are read.
     """
     try:
+        if kind in ("glb", "gltf"):
+            _check_gltf(data)
         companions = _Companions(path)
         # No processing: merging vertices drops texture seams, and NaN must be seen, not mended.
-        with open_file(path) as file:
-            scene = trimesh.load_scene(file, file_type=kind, resolver=companions, process=False)
+        scene = trimesh.load_scene(
+            io.BytesIO(data),
+            file_type=kind,
+            resolver=companions,
+            process=False,
+            skip_materials=not materials,
+        )
         for name in companions.lacking:
             warn(
                 f"{path}: {name[:120]!r} is missing, unreadable or outside the mesh's folder; "
@@ -98,17 +112,29 @@ def read_with_trimesh(path: Path, kind: str, warn: Callable[[str], object]) -> l
             )
         _check_instances(path, scene)
         linear = kind in ("glb", "gltf")
-        return [_mesh(path, part, linear_colors=linear) for part in _surfaces(path, scene)]
+        # Copies, where nodes have transforms, lose the file's normals.
+        parts = scene.dump() if materials else list(scene.geometry.values())
+        return [_mesh(path, part, linear_colors=linear) for part in _surfaces(path, parts)]
     except FileError:
         raise
     except MemoryError as error:
         raise FileError(f"{path}: does not fit into memory; decimate the mesh first") from error
     except Exception as error:
-        raise FileError(f"{path}: not a readable {kind} mesh ({first_line(error)})") from error
+        cause = first_line(error)
+        raise FileError(f"{path}: not a readable {kind} mesh ({cause}); export it again") from error
 
 
-def _surfaces(path: Path, scene: Any) -> list[Any]:
-    parts = scene.dump()
+def _check_gltf(data: bytes) -> None:
+    """Refuse accessors without data: trimesh makes as many zeros as they declare."""
+    text = data
+    if data.startswith(b"glTF"):
+        text = data[20 : 20 + int.from_bytes(data[12:16], "little")]
+    zeros = sum(a["count"] for a in json.loads(text).get("accessors", []) if "bufferView" not in a)
+    if zeros > len(data):
+        raise ValueError(f"declares {zeros} items without data")
+
+
+def _surfaces(path: Path, parts: list[Any]) -> list[Any]:
     surfaces = [p for p in parts if isinstance(p, trimesh.Trimesh) and len(p.faces)]
     if not surfaces:
         kinds = sorted({type(p).__name__ for p in parts}) or ["nothing"]
@@ -133,7 +159,6 @@ def _mesh(path: Path, part: Any, *, linear_colors: bool) -> Mesh:
     faces = np.asarray(part.faces, np.int64)
     if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
         raise FileError(f"{path}: vertices of {vertices.shape[1:]} numbers; the file is damaged")
-    check_indices(path, vertices, faces)
     # Normals that trimesh would compute are not the file's; it keeps the file's in this cache.
     given = part.vertex_normals if "vertex_normals" in part._cache else None
     normals = usable_normals(None if given is None else np.asarray(given, np.float32))
@@ -143,7 +168,7 @@ def _mesh(path: Path, part: Any, *, linear_colors: bool) -> Mesh:
         vertices, faces = vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3)
         normals = None
     name = str(part.metadata.get("name") or path.stem)
-    return Mesh(vertices, faces.astype(np.uint32), normals, uv, color, texture, name)
+    return Mesh(vertices, faces, normals, uv, color, texture, name)
 
 
 def _appearance(
@@ -163,14 +188,16 @@ def _appearance(
     factor = getattr(material, "baseColorFactor", None) if linear else material.main_color
     tint = np.ones(3, np.float32) if factor is None else _color(np.array([factor]), linear)[0]
     uv = None if visual.uv is None else np.nan_to_num(np.asarray(visual.uv, np.float32))
-    if image is not None and uv is not None and uv.shape == (count, 2):
+    if uv is not None and uv.shape != (count, 2):
+        uv = None
+    if image is not None and uv is not None:
         return None, uv, _tinted(_pixels(path, image), tint if linear else np.ones(3))
     spoken = getattr(visual, "vertex_attributes", {}).get("color")
     if spoken is not None and len(spoken) == count:
-        return _color(spoken, linear) * tint, None, None
+        return _color(spoken, linear) * tint, uv, None
     if factor is None or tuple(factor[:3]) == _GREY or bool((tint == 1).all()):
-        return None, None, None
-    return np.tile(tint, (count, 1)).astype(np.float32), None, None
+        return None, uv, None
+    return np.tile(tint, (count, 1)).astype(np.float32), uv, None
 
 
 def _pixels(path: Path, image: Any) -> np.ndarray:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
@@ -13,10 +15,12 @@ import numpy as np
 from inim.backend import memory_limit_bytes
 from inim.display import Display
 from inim.errors import FileError, SceneError
-from inim.files.mesh import check_mesh_file
-from inim.files.picture import check_picture, check_volume, read_texture
+from inim.files.mesh import read_shape
+from inim.files.picture import check_volume, read_texture
+from inim.files.splat_ply import SPLAT_SHAPES, check_splats
+from inim.files.triangle_mesh import Mesh, read_bytes
 from inim.process.observer import Observer
-from inim.render import splats
+from inim.render import array_mesh, splats
 from inim.render.culling import BoundsGrid, box_corners
 from inim.scene.file import SceneFile
 
@@ -105,13 +109,9 @@ def open_scene(
         A scene with nothing to show.
     """
     try:
-        _check_room(file, sum(check_mesh_file(mesh, plugin) for plugin, mesh in file.meshes))
-        for picture in file.pictures:
-            check_picture(picture)
-        for grid in file.volumes:
-            check_volume(grid)
+        decoded = _decode(file)
         started = time.perf_counter()
-        scene = _load(file)
+        scene = _load(file, decoded)
         if observer:
             observer.rendered(time.perf_counter() - started)
     finally:  # what is wrong with a file that is just being saved is no matter
@@ -127,7 +127,24 @@ def open_scene(
     return FittedScene(scene, integrator, fit, high + _DEPTH_MARGIN * (high - low), len(relic))
 
 
-def _load(file: SceneFile) -> Any:
+def _decode(file: SceneFile) -> dict[Path, Any]:
+    """Meshes and pixels of the files that Mitsuba does not read itself; the others are checked."""
+    decoded: dict[Path, Any] = {}
+    count = 0
+    for plugin, path in file.meshes:
+        if plugin in SPLAT_SHAPES:
+            count += check_splats(path, read_bytes(path))
+        else:
+            decoded[path] = read_shape(path, plugin)
+    _check_room(file, count)
+    for path in file.pictures:
+        decoded[path] = read_texture(path)
+    for path in file.volumes:
+        check_volume(path)
+    return decoded
+
+
+def _load(file: SceneFile, decoded: Mapping[Path, Any]) -> Any:
     config = mi.parser.ParserConfig(mi.variant())
     # Merged shapes come in the order of a hash table of pointers, and lights with them: equal seeds
     # would light a scene otherwise from one process to the next.
@@ -142,7 +159,7 @@ def _load(file: SceneFile) -> Any:
         state.root.props["embree_use_robust_intersections"] = True
         for node in state.nodes:
             _check_needs(file, node.props)
-            _settle_file(file, node.props)
+            _settle_file(file, node.props, decoded)
         for node in _children(state, state.root, mi.ObjectType.Integrator):
             _unwrap(state, node)
             _check_integrator(file, node.props.plugin_name())
@@ -190,18 +207,20 @@ def _check_needs(file: SceneFile, properties: Any) -> None:
         )
 
 
-def _settle_file(file: SceneFile, properties: Any) -> None:
-    """Let a plugin open the very file that was scanned; some pictures are handed over decoded."""
+def _settle_file(file: SceneFile, properties: Any, decoded: Mapping[Path, Any]) -> None:
+    """Pass what was decoded; let other plugins open the very file that was scanned."""
     if "filename" not in properties:
         return
     name = properties["filename"]
     if name not in file.named:
         raise SceneError(f"{file.path}: {name!r} was not found when the scene was scanned")
     path = file.named[name]
-    pixels = read_texture(path) if path in file.pictures else None
-    if pixels is not None:
+    content = decoded.get(path)
+    if isinstance(content, Mesh):
+        array_mesh.pass_mesh(properties, content)
+    elif content is not None:
         del properties["filename"]
-        properties["bitmap"] = mi.Bitmap(pixels)
+        properties["bitmap"] = mi.Bitmap(content)
     else:
         properties["filename"] = str(path)
 

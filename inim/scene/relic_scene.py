@@ -38,7 +38,7 @@ def _one(group: Sequence[Mesh]) -> Mesh:
         faces=np.concatenate([m.faces + n for m, n in zip(group, starts, strict=False)]),
         normals=np.concatenate([m.normals for m in group if m.normals is not None]),
         uv=np.concatenate([m.uv for m in group if m.uv is not None]) if textured else None,
-        color=np.concatenate(colors) if colored else None,
+        color=np.concatenate(colors).clip(0, 1) if colored else None,
     )
 
 

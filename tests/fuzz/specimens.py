@@ -12,7 +12,6 @@ import struct
 import subprocess
 import sys
 import tempfile
-import zlib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -234,22 +233,6 @@ def _stl_text(_: Path) -> tuple[bytes, ...]:
     return ("\n".join([*lines, "endsolid box", ""]).encode(),)
 
 
-def _serialized(_: Path) -> tuple[bytes, ...]:
-    """Versions 3 and 4, one mesh and two; their streams are zlib's, so mutate before it too."""
-    points, faces = _box()
-    made = []
-    for version, copies, uv in ((4, 1, False), (3, 1, True), (4, 2, True)):
-        flags = 0x1000 | (2 if uv else 0)
-        head = struct.pack("<I", flags) + (b"box\0" if version == 4 else b"")
-        body = head + struct.pack("<QQ", 8, 12) + points.tobytes()
-        body += (points[:, :2].tobytes() if uv else b"") + faces.tobytes()
-        one = struct.pack("<HH", 0x041C, version) + zlib.compress(body)
-        code = "<Q" if version == 4 else "<I"
-        table = b"".join(struct.pack(code, k * len(one)) for k in range(copies))
-        made.append(one * copies + table + struct.pack("<I", copies))
-    return tuple(made)
-
-
 def _volume(_: Path) -> tuple[bytes, ...]:
     values = np.random.default_rng(3).random(4 * 4 * 4).astype("<f4").tobytes()
     head = struct.pack("<3sBiiiii6f", b"VOL", 3, 1, 4, 4, 4, 1, 0, 0, 0, 1, 1, 1)
@@ -397,7 +380,6 @@ SPECIMENS = {
     "gltf": (".gltf", _gltf),
     "stl-text": (".stl", _stl_text),
     "stl-binary": (".stl", _stl_binary),
-    "serialized": (".serialized", _serialized),
     "volume": (".vol", _volume),
     "depth-exr": (".exr", lambda folder: _depth(folder, "exr")),
     "depth-png": (".png", lambda folder: _depth(folder, "png")),

@@ -113,7 +113,7 @@ def test_damaged_mesh_in_a_new_scene(sample: Path, tmp_path: Path, sound: Cost) 
 
 @pytest.mark.parametrize("sample", samples("mesh"), ids=lambda p: p.name)
 def test_damaged_mesh_in_a_scene(sample: Path, tmp_path: Path, sound: Cost) -> None:
-    plugin = {".obj": "obj", ".ply": "ply"}.get(sample.suffix, "serialized")
+    plugin = "obj" if sample.suffix == ".obj" else "ply"
     (tmp_path / sample.name).write_bytes(sample.read_bytes())
     scene = write_scene(tmp_path, text=scene_text(MESH.format(plugin, sample.name)))
     check(spent(command(scene, "-o", "out", **ALONE), tmp_path), sound, tmp_path)

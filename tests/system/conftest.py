@@ -26,7 +26,7 @@ from xml.etree import ElementTree
 import pytest
 
 from inim.cli import main
-from inim.files.image import check_exr
+from inim.files.image import read_exr_channels
 from inim.worker import supervisor
 from inim.worker.serve import answer
 from tests.conftest import scene_text, sphere, square
@@ -101,7 +101,7 @@ def assert_whole(out: Path) -> dict:
         path = out / name
         assert path.stat().st_size > 0, name
         if path.suffix == ".exr":
-            check_exr(path)
+            read_exr_channels(path)
         elif path.suffix == ".png":
             Image.open(path).load()
     assert (out / "report.html").read_text("utf-8").rstrip().endswith("</html>")

@@ -24,9 +24,9 @@ from PIL import Image
 
 from inim.errors import EXIT_PASSED, FileError, InimError, SceneError, UsageError
 from inim.files.eia_file import read_eia
-from inim.files.image import check_exr, read_exr, write_exr
-from inim.files.mesh import check_mesh_file, read_mesh
-from inim.files.picture import check_picture
+from inim.files.image import read_exr, write_exr
+from inim.files.mesh import read_mesh
+from inim.files.picture import read_texture
 from inim.image.color import linear_from_srgb
 from inim.scene.file import SceneFile, read_scene_file
 from inim.scene.parameters import SceneParameters
@@ -319,7 +319,7 @@ def test_png_bomb_is_refused_as_a_texture_and_as_an_eia(tmp_path: Path, side: in
     path.write_bytes(png(side, side, zlib.compress(bytes((side // 8 + 1) * 1000), 9)))
     started = time.process_time()
     with pytest.raises(FileError, match=r"unfolds|exceeds limit"):
-        check_picture(path)
+        read_texture(path)
     with pytest.raises(FileError, match=f"{side} x {side} pixels, display|exceeds limit"):
         read_eia(path, small_display())
     assert_quick(started)
@@ -344,7 +344,7 @@ def resized_exr(folder: Path, columns: int, rows: int) -> Path:
 def test_exr_of_absurd_size_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
     path = resized_exr(tmp_path, *size)
     started = time.process_time()
-    for read in (check_exr, read_exr, check_picture, lambda p: read_eia(p, small_display())):
+    for read in (read_exr, read_texture, lambda p: read_eia(p, small_display())):
         with pytest.raises(FileError, match=r"a\.exr"):
             read(path)
     assert_quick(started)
@@ -360,7 +360,7 @@ def test_exr_bomb_is_refused(tmp_path: Path) -> None:
     OpenEXR.File(header, {"R": zeros, "G": zeros, "B": zeros}).write(str(path))
     assert path.stat().st_size < 2**20
     with pytest.raises(FileError, match="unfolds"):
-        check_exr(path)
+        read_exr(path)
 
 
 def test_openexr_says_nothing_itself(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -370,7 +370,7 @@ def test_openexr_says_nothing_itself(tmp_path: Path, capfd: pytest.CaptureFixtur
     data[600:] = bytes(len(data) - 600)
     path.write_bytes(data)
     with pytest.raises(FileError):
-        check_exr(path)
+        read_exr(path)
     print("still heard")
     assert capfd.readouterr() == ("still heard\n", "")
 
@@ -383,9 +383,6 @@ DECLARED = {
     b"property float y\nproperty float z\nelement face 1\n"
     b"property list uchar int vertex_indices\nend_header\n0 0 0\n3 0 1 2\n",
     "a.stl": bytes(80) + struct.pack("<I", 10**9) + bytes(50),
-    "a.serialized": struct.pack("<HH", 0x041C, 4)
-    + zlib.compress(struct.pack("<I", 0x1000) + b"\0" + struct.pack("<QQ", 10**9, 10**9))
-    + struct.pack("<QI", 0, 1),
     "a.glb": b"glTF"
     + struct.pack("<II", 2, 28)
     + struct.pack("<I4s", 2**31, b"JSON")
@@ -404,9 +401,8 @@ def test_mesh_of_a_billion_declared_faces_is_refused_unread(tmp_path: Path, name
     path = tmp_path / name
     path.write_bytes(DECLARED[name])
     started = time.process_time()
-    door = check_mesh_file if path.suffix == ".serialized" else read_mesh
     with pytest.raises(FileError, match=name.replace(".", r"\.")):
-        door(path)
+        read_mesh(path)
     assert_quick(started, 2)
 
 
@@ -415,12 +411,12 @@ def test_mesh_of_a_billion_declared_faces_is_refused_unread(tmp_path: Path, name
     [10**6, 2**31 - 1, 2**32 - 1],
 )
 def test_glb_chunk_longer_than_the_file_is_refused(tmp_path: Path, length: int) -> None:
-    """trimesh asks for as much memory as any chunk declares, behind a sound first one."""
+    """Behind a sound first one."""
     text = b'{"asset":{"version":"2.0"}}     '
     body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", length, b"BIN\0")
     path = tmp_path / "a.glb"
     path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
-    with pytest.raises(FileError, match="cut short"):
+    with pytest.raises(FileError, match=r"a\.glb"):
         read_mesh(path)
 
 
@@ -462,13 +458,13 @@ def test_radiance_line_without_its_mark_is_refused(tmp_path: Path) -> None:
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 20\n"
     sound, path = head + line * 16, tmp_path / "a.hdr"
     path.write_bytes(sound)
-    check_picture(path)
+    read_texture(path)
     damaged = bytearray(sound)
     damaged[len(head) + 3 * len(line)] = 9
     for data in (bytes(damaged), sound[:-1], sound.replace(b"+X 20", b"+X 21")):
         path.write_bytes(data)
         with pytest.raises(FileError, match=r"a\.hdr"):
-            check_picture(path)
+            read_texture(path)
 
 
 @pytest.mark.parametrize("start", [b"BM", b"P6\n20 20\n255\n", b"\0\0\x0a"])
@@ -476,7 +472,7 @@ def test_kinds_whose_readers_trust_their_headers_are_checked(tmp_path: Path, sta
     path = tmp_path / "a.png"
     path.write_bytes(start + bytes(200) + b"TRUEVISION-XFILE.\0")
     with pytest.raises(FileError, match=r"a\.png: not a .*picture.* save it"):
-        check_picture(path)
+        read_texture(path)
 
 
 @pytest.mark.parametrize(

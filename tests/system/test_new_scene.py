@@ -15,7 +15,7 @@ import pytest
 
 from inim.commands.new_scene import COMMANDS, new_scene
 from inim.errors import FileError, UsageError
-from inim.files.mesh import check_mesh_file, read_mesh
+from inim.files.mesh import read_mesh
 from inim.files.ply import write_ply
 from inim.files.triangle_mesh import Mesh, smoothed
 from inim.image.color import srgb_from_linear, srgb_to_uint8
@@ -147,7 +147,7 @@ def test_existing_files_stay_unless_forced(tmp_path: Path) -> None:
     assert bystander.read_text() == "mine"
     assert not (tmp_path / "a.xml").exists()
     new_scene(source, tmp_path / "a.xml", unit="mm", up="y", force=True)
-    check_mesh_file(bystander)
+    read_mesh(bystander)
 
 
 def test_forcing_removes_the_parts_that_only_the_earlier_scene_had(tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def test_forcing_leaves_the_parts_of_a_scene_of_their_own_name(tmp_path: Path) -
     new_scene(source, tmp_path / "b-2.xml", unit="mm", up="y")
     (tmp_path / "b.xml").write_text('<scene><string name="filename" value="b-2.ply"/></scene>')
     new_scene(source, tmp_path / "b.xml", unit="mm", up="y", force=True)
-    check_mesh_file(tmp_path / "b-2.ply")
+    read_mesh(tmp_path / "b-2.ply")
 
 
 def test_a_scene_never_takes_the_name_of_its_parts(tmp_path: Path) -> None:
@@ -197,13 +197,13 @@ def test_the_mesh_itself_is_never_overwritten(tmp_path: Path) -> None:
 
 
 def test_a_failed_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import inim.files.mesh
+    import inim.files.ply
 
     def full(path: Path, mesh: Mesh) -> None:
         raise OSError(28, "No space left on device")
 
     source = saved(tmp_path, box((1, 2, 3)))
-    monkeypatch.setattr(inim.files.mesh, "write_ply", full)
+    monkeypatch.setattr(inim.files.ply, "write_ply", full)
     with pytest.raises(FileError, match="No space left"):
         new_scene(source, tmp_path / "out" / "a.xml", unit="mm", up="y")
     assert list((tmp_path / "out").iterdir()) == []

@@ -61,7 +61,7 @@ def write_all(folder: Path, kind: str) -> Path:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("moment", ["check", "load", "loaded", "there and back"])
+@pytest.mark.parametrize("moment", ["decode", "load", "loaded", "there and back"])
 def test_a_file_saved_meanwhile_stops_the_run(
     run_inim: Callable[..., Ended],
     tmp_path: Path,
@@ -69,26 +69,28 @@ def test_a_file_saved_meanwhile_stops_the_run(
     kind: str,
     moment: str,
 ) -> None:
-    """Between the scan and the checks, before the renderer, after it, or changed and put back."""
-    folder, load = write_all(tmp_path / "scene", kind), render_scene._load
+    """Between the scan and the decoding, before the renderer, after it, or changed and put back."""
+    folder = write_all(tmp_path / "scene", kind)
+    decode, load = render_scene._decode, render_scene._load
     shutil.copytree(folder, tmp_path / "before", copy_function=shutil.copy2)
 
-    def load_meanwhile(file: object) -> object:
+    def load_meanwhile(file: object, decoded: object) -> object:
         if moment != "loaded":
             write_version(folder, kind, 1)
-        loaded = load(file)
+        loaded = load(file, decoded)
         if moment == "loaded":
             write_version(folder, kind, 1)
         if moment == "there and back":
             shutil.copy2(tmp_path / "before" / kind, folder / kind)
         return loaded
 
-    def check_meanwhile(*_: object) -> None:
+    def decode_meanwhile(file: object) -> object:
         write_version(folder, kind, 1)
+        return decode(file)
 
     with monkeypatch.context() as patch:
-        if moment == "check":
-            patch.setattr(render_scene, "check_mesh_file", check_meanwhile)
+        if moment == "decode":
+            patch.setattr(render_scene, "_decode", decode_meanwhile)
         else:
             patch.setattr(render_scene, "_load", load_meanwhile)
         ended = run_here_cached(run_inim, folder, tmp_path)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from inim.errors import FileError, SceneError, UsageError
-from inim.files.mesh import check_mesh_file
 from inim.files.ply import write_ply
 from inim.files.splat_ply import check_splats, is_splats, read_splats, write_splats
 from inim.files.triangle_mesh import Mesh
@@ -99,7 +98,7 @@ def test_a_damaged_file_gets_one_line(tmp_path, damage):
     harmed = harm(path.read_bytes())
     assert harmed != path.read_bytes()
     path.write_bytes(harmed)
-    for read in (lambda: read_splats(path, harmed), lambda: check_mesh_file(path, "ellipsoids")):
+    for read in (lambda: read_splats(path, harmed), lambda: check_splats(path, harmed)):
         with pytest.raises(FileError, match=says) as caught:
             read()
         assert "\n" not in str(caught.value) and "s.ply" in str(caught.value)
