@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from inim import metrics
 from inim.display import Display
+from inim.documents.bench import BenchAlgorithm, BenchScore
 from inim.generators import HOLE, NO_LENS, SourceGenerator, Sources, find_sources
 from inim.generators.raycast.supersampling import Supersampled
 from inim.image.rgbd import RGBD, LayeredRGBD
@@ -33,20 +35,20 @@ class Score:
         """Its name in bench.json."""
         return f"view_{self.metric.to_ceiling_key}" if self.of_views else f"eia_{self.metric.key}"
 
-    def as_data(self) -> dict[str, Any]:
-        """Under the names of bench.json; `best` is null where that is infinite."""
+    def described(self) -> BenchScore:
+        """The score's description; `best` is None where that is infinite."""
         metric = self.metric
         best = metric.range[1 if metric.better == "higher" else 0]
         words = f"view {metric.label} to ceiling" if self.of_views else f"EIA {metric.label}"
-        return {
-            "key": self.key,
-            "label": f"{words} {metric.unit}".rstrip(),
-            "title": "Views" if self.of_views else "Elemental images",
-            "better": metric.better,
-            "best": best if math.isfinite(best) else None,
-            "digits": metric.digits,
-            "plotted": self.key in _PLOTTED or metric.name in metrics.foreign_identities(),
-        }
+        return BenchScore(
+            key=self.key,
+            label=f"{words} {metric.unit}".rstrip(),
+            title="Views" if self.of_views else "Elemental images",
+            better=metric.better,
+            best=best if math.isfinite(best) else None,
+            digits=metric.digits,
+            plotted=self.key in _PLOTTED or metric.name in metrics.foreign_identities(),
+        )
 
 
 def all_scores() -> list[Score]:
@@ -110,7 +112,7 @@ def make_reference(
 
 
 def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
-    """Errors of the very EIA that was timed, under the names of bench.json."""
+    """Errors of the EIA that was timed, by field of `BenchAlgorithm`."""
     made = linear_picture(method.out)
     sources = _sources(method)
     empty = method.out[..., 3] == 0 if sources is None else sources == HOLE
@@ -119,7 +121,7 @@ def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
         "wrong_source": wrong,
         "hole_fraction": _lensed_share(empty, reference.exact),
         "averaged_share": _averaged_share(method),
-        **_scores(
+        "scores": _scores(
             reference.eia, made, reference.ceiling, reference.views_of(made), reference.viewing
         ),
     }
@@ -127,7 +129,7 @@ def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
 
 def noise_floor(
     first: np.ndarray, second: np.ndarray, views_of: ViewsOf, viewing: Sequence[Viewing] = ()
-) -> dict[str, float]:
+) -> dict[str, float | None]:
     """One half of the ground truth's samples against the other, by the same measures."""
     return _scores(first, second, views_of(first), views_of(second), viewing)
 
@@ -138,7 +140,7 @@ def _scores(
     true_views: Sequence[np.ndarray],
     views: Sequence[np.ndarray],
     viewing: Sequence[Viewing],
-) -> dict[str, float]:
+) -> dict[str, float | None]:
     """All scores, by key."""
     of_eia = metrics.eia_scores(true_eia, eia)
     seen: Sequence[Viewing | None] = viewing or [None] * len(views)
@@ -179,22 +181,23 @@ def _lensed_share(chosen: np.ndarray, exact: Sources) -> float:
 # -- time against error -------------------------------------------------------------------------
 
 
-def mark_fronts(methods: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The methods' data with their place: `fronts` by error, and `pareto`, on any of them."""
-    fronts: list[list[str]] = [[] for _ in methods]
-    signs = {"wrong_source": 1} | {
-        s.key: 1 if s.metric.better == "lower" else -1 for s in all_scores()
+def mark_fronts(algorithms: Sequence[BenchAlgorithm]) -> list[BenchAlgorithm]:
+    """The algorithms with their `fronts` by error, and `pareto`: on any of them."""
+    errors: dict[str, list[float | None]] = {
+        "wrong_source": [algorithm.wrong_source for algorithm in algorithms]
     }
-    for name, sign in signs.items():
-        points = [
-            (m["median_ms"], None if m.get(name) is None else sign * float(m[name]))
-            for m in methods
-        ]
+    for score in all_scores():
+        sign = 1 if score.metric.better == "lower" else -1
+        values = [algorithm.scores.get(score.key) for algorithm in algorithms]
+        errors[score.key] = [None if value is None else sign * value for value in values]
+    fronts: list[list[str]] = [[] for _ in algorithms]
+    for name, error in errors.items():
+        points = [(a.median_ms, e) for a, e in zip(algorithms, error, strict=True)]
         for front, is_on in zip(fronts, pareto(points), strict=True):
             front += [name] * is_on
     return [
-        {**m, "fronts": front, "pareto": bool(front)}
-        for m, front in zip(methods, fronts, strict=True)
+        replace(algorithm, fronts=front, pareto=bool(front))
+        for algorithm, front in zip(algorithms, fronts, strict=True)
     ]
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+from msgspec.structs import replace
 
 from inim.bench.record import load_average, record
 from inim.bench.scene import bench_scene, choose_algorithms, scene_plan
+from inim.documents.bench import BenchAlgorithm
 from inim.errors import UsageError
 from inim.pipeline.plan import Plan
 from inim.pipeline.request import repeated
@@ -109,23 +111,23 @@ def work(requested: tuple[BenchRequest, float | None], staging: Path, observer: 
     observer.stage("start")
     renderer = Renderer("llvm", observer)
     title = f"Bench: {request.scene.stem}"
-    data = record(title, request.command(), renderer.backend, request.rounds, load)
-    names, data["notes"] = choose_algorithms(request.algorithms)
-    data |= bench_scene(request.plan(), names, request.rounds, renderer)
-    _print_methods(observer, data)
-    data["load"]["end"] = load_average()
+    document = record(title, request.command(), renderer.backend, request.rounds, load)
+    names, notes = choose_algorithms(request.algorithms)
+    scene = bench_scene(request.plan(), names, request.rounds, renderer)
+    _print_algorithms(observer, scene.algorithms)
+    busy = replace(document.load, end=load_average())
     observer.stage("write")
-    write_bench(data, staging)
+    write_bench(replace(document, notes=notes, scene=scene, load=busy), staging)
     publish(staging, request.out, _MARKER)
     return True
 
 
-def _print_methods(observer: Observer, data: Mapping[str, Any]) -> None:
-    width = max(len(m["name"]) for m in data["contenders"])
-    for m in data["contenders"]:
-        wrong = "   –   " if m["wrong_source"] is None else f"{m['wrong_source']:7.2%}"
+def _print_algorithms(observer: Observer, algorithms: Sequence[BenchAlgorithm]) -> None:
+    width = max(len(algorithm.name) for algorithm in algorithms)
+    for a in algorithms:
+        wrong = "   –   " if a.wrong_source is None else f"{a.wrong_source:7.2%}"
         observer.line(
-            f"{m['name']:{width}}  {m['median_ms']:9.2f} ms  {m['ratio']:8.2f} yardsticks  wrong "
-            f"source {wrong}  EIA PSNR {m['eia_psnr_db']:.2f} dB  view SSIM to ceiling "
-            f"{m['view_ssim_to_ceiling']:.4f}{'  *' if m['pareto'] else ''}"
+            f"{a.name:{width}}  {a.median_ms:9.2f} ms  {a.ratio:8.2f} yardsticks  wrong "
+            f"source {wrong}  EIA PSNR {a.scores['eia_psnr_db']:.2f} dB  view SSIM to ceiling "
+            f"{a.scores['view_ssim_to_ceiling']:.4f}{'  *' if a.pareto else ''}"
         )

@@ -9,8 +9,9 @@ from datetime import datetime, timezone
 from typing import Any
 
 from inim.backend.provenance import backend_data, versions
+from inim.documents.bench import BenchDocument, BenchRounds, Load
+from inim.documents.parts import Backend
 from inim.pipeline.timing import Rounds, most_threads
-from inim.report.bench import SCHEMA
 from inim.version import __version__
 
 _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
@@ -20,35 +21,35 @@ _BUSY = 0.25
 
 def record(
     title: str, command: Sequence[str], backend: Any, rounds: Rounds, load: float | None
-) -> dict[str, Any]:
-    """The keys that every bench.json has, schema `inim.bench/1`.
+) -> BenchDocument:
+    """A document without results, load at the end and list of files.
 
     Parameters
     ----------
     title : str
     command : sequence of str
-        The words that make it again.
+        The words that repeat it.
     backend : inim.backend.Backend
     rounds : Rounds
     load : float or None
-        `load_average` before anything was loaded; its ``end`` is left to the caller.
+        `load_average` before anything was loaded.
     """
-    return {
-        "schema": SCHEMA,
-        "title": title,
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "inim_version": __version__,
-        "versions": versions(_VERSIONS),
-        "command": shlex.join(command),
-        "backend": backend_data(backend),
-        "threads": rounds.threads or most_threads(),
-        "threading_layer": os.environ.get("NUMBA_THREADING_LAYER", "default"),
-        "rounds": {"runs": rounds.runs, "warmups": rounds.warmups},
-        "warnings": warn_of_load(load),
-        "load": {"start": load, "cores": os.cpu_count()},
-        "contenders": [],
-        "notes": [],
-    }
+    return BenchDocument(
+        title=title,
+        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        inim_version=__version__,
+        versions=versions(_VERSIONS),
+        command=shlex.join(command),
+        backend=Backend(**backend_data(backend)),
+        threads=rounds.threads or most_threads(),
+        threading_layer=os.environ.get("NUMBA_THREADING_LAYER", "default"),
+        rounds=BenchRounds(runs=rounds.runs, warmups=rounds.warmups),
+        warnings=warn_of_load(load),
+        load=Load(start=load, cores=os.cpu_count(), end=None),
+        notes=[],
+        scene=None,
+        files=[],
+    )
 
 
 def load_average() -> float | None:

@@ -18,6 +18,14 @@ from inim.bench.evaluate import (
     noise_floor,
 )
 from inim.display import Display
+from inim.documents.bench import (
+    BenchAlgorithm,
+    BenchPicture,
+    BenchScene,
+    CapturedLayers,
+    TimingRecord,
+)
+from inim.documents.parts import DisplayRecord
 from inim.errors import SceneError, UsageError
 from inim.generators import algorithm_names, check_algorithm, is_own, properties
 from inim.image.noisy_image import NoisyImage
@@ -121,9 +129,7 @@ def scene_plan(
     )
 
 
-def bench_scene(
-    plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Renderer
-) -> dict[str, Any]:
+def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Renderer) -> BenchScene:
     """Render a scene, time all methods on it, and evaluate their EIAs.
 
     Parameters
@@ -134,11 +140,6 @@ def bench_scene(
         Algorithms with their options.
     rounds : Rounds
     renderer : Renderer
-
-    Returns
-    -------
-    dict
-        The keys of bench.json that a scene adds.
     """
     observer = renderer.observer
     observer.begin(["open scene", "capture RGB-D", "ground-truth EIA", "time", "score", "write"])
@@ -150,22 +151,28 @@ def bench_scene(
     ]
     times = time_methods(methods, inputs.rgbd, plan.display, rounds)
     observer.stage("score")
-    data = [method_data(m, times, plan.display) | evaluate(m, inputs.reference) for m in methods]
-    return {
-        "scene": {"path": str(plan.request.scene), "sha256": plan.file.sha256},
-        "display": {"given": plan.display.given(), "derived": plan.display.derived()},
-        "viewpoints": [v.name for v in plan.viewpoints],
-        "picture": {
-            "rows": inputs.rgbd.shape[0],
-            "columns": inputs.rgbd.shape[1],
-            "pixel_mm": inputs.rgbd.pixel_mm,
-        },
-        "yardstick": times[YARDSTICK].as_data(),
-        "contenders": mark_fronts(data),
-        "noise_floor": inputs.noise_floor,
-        "scores": [score.as_data() for score in all_scores()],
-        "captured_layers": inputs.layers,
-    }
+    algorithms = [
+        BenchAlgorithm(
+            **method_data(method, times, plan.display),
+            **evaluate(method, inputs.reference),
+            fronts=[],
+            pareto=False,
+        )
+        for method in methods
+    ]
+    rows, columns = inputs.rgbd.shape
+    return BenchScene(
+        path=str(plan.request.scene),
+        sha256=plan.file.sha256,
+        display=DisplayRecord.of(plan.display),
+        viewpoints=[viewpoint.name for viewpoint in plan.viewpoints],
+        picture=BenchPicture(rows=rows, columns=columns, pixel_mm=inputs.rgbd.pixel_mm),
+        yardstick=TimingRecord(**times[YARDSTICK].as_data()),
+        algorithms=mark_fronts(algorithms),
+        noise_floor=inputs.noise_floor,
+        scores=[score.described() for score in all_scores()],
+        captured_layers=inputs.layers,
+    )
 
 
 @dataclass(frozen=True)
@@ -181,16 +188,14 @@ class _Inputs:
     reference : Reference
     noise_floor : dict
         See `noise_floor`.
-    layers : dict or None
-        What the capture of layers found: `covered_shares` of the picture by its solids, nearest
-        first, and `hidden_share` of what lies behind the front, which was left out.
+    layers : CapturedLayers or None
     """
 
     rgbd: RGBD
     layered: RGBD
     reference: Reference
-    noise_floor: dict[str, float]
-    layers: dict[str, Any] | None
+    noise_floor: dict[str, float | None]
+    layers: CapturedLayers | None
 
     def input(self, *, layers: bool) -> RGBD:
         """What a method reads."""
@@ -220,10 +225,9 @@ def _render(plan: Plan, names: Sequence[str], renderer: Renderer) -> _Inputs:
     layered, layers = ready, None
     if capture.layered is not None:
         layered = display_ready(capture.layered)
-        layers = {
-            "covered_shares": list(capture.covered_shares),
-            "hidden_share": capture.hidden_share,
-        }
+        layers = CapturedLayers(
+            covered_shares=list(capture.covered_shares), hidden_share=capture.hidden_share
+        )
     viewing = [plan.viewing(eye) for eye in plan.viewpoints]
     reference = make_reference(ready, truth.image, plan.display, views_of, viewing)
     floor = noise_floor(truth.first, truth.second, views_of, viewing)
@@ -233,7 +237,7 @@ def _render(plan: Plan, names: Sequence[str], renderer: Renderer) -> _Inputs:
 def method_data(
     method: TimedMethod, times: Mapping[str, Timing], display: Display
 ) -> dict[str, Any]:
-    """What timing says of a method, under the names of bench.json."""
+    """Times of a method, by field of `BenchAlgorithm`."""
     timing = times[method.name]
     pixels = display.eia_shape[0] * display.eia_shape[1]
     return {

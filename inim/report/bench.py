@@ -8,7 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inim.report.files import from_strict, list_files, to_strict, write_forms
+from msgspec.structs import asdict, replace
+
+from inim.documents import write_document
+from inim.documents.bench import (
+    BenchAlgorithm,
+    BenchDocument,
+    BenchScene,
+    BenchScore,
+    Scores,
+)
+from inim.documents.document import decode, encode
+from inim.documents.files import write_text
+from inim.report.files import folder_files
 from inim.report.markup import bullets, element, saved_plot, text, text_table
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.plots import (
@@ -25,9 +37,8 @@ from inim.report.plots import (
     style,
 )
 from inim.report.summary import markdown_command, markdown_line, markdown_section
-from inim.report.wording import MISSING, is_number, items, number, part, per_cent, plain
+from inim.report.wording import MISSING, number, per_cent
 
-SCHEMA = "inim.bench/1"
 #: The label of a time axis.
 TIME = "milliseconds per EIA"
 #: The heads of `time_cells`.
@@ -92,127 +103,122 @@ class Part:
     claims: tuple[str, Sequence[str]] = ("", ())
 
 
-#: What a bench shows, from the contents of bench.json.
-PartsOf = Callable[[Mapping[str, Any]], Sequence[Part]]
+#: Parts of the page, from the document as it is read from `bench.json`.
+PartsOf = Callable[[BenchDocument], Sequence[Part]]
 
 
-def scene_parts(data: Mapping[str, Any]) -> list[Part]:
+def scene_parts(data: BenchDocument) -> list[Part]:
     """Time against error, where methods were timed on a scene."""
-    if not data.get("contenders"):
+    if data.scene is None:
         return []
     lead = (
         "Down and left is better. Coloured: no other is as fast and as good. Grey: another is "
         "both. The picture scored is the very one that was timed, display-ready 8-bit sRGB. "
         "A point's whisker ends at its fastest run."
     )
-    tables = [_scene_table(data)]
-    return [Part("scene", "Time against error", lead, tables, "pareto", _draw_scene(data))]
+    tables = [_scene_table(data.scene)]
+    return [Part("scene", "Time against error", lead, tables, "pareto", _draw_scene(data.scene))]
 
 
-def write_bench(data: Mapping[str, Any], folder: Path, parts_of: PartsOf = scene_parts) -> None:
+def write_bench(data: BenchDocument, folder: Path, parts_of: PartsOf = scene_parts) -> None:
     """Write all forms of a bench into a folder, `bench.json` last: it marks a whole one.
 
     Parameters
     ----------
-    data : mapping
-        Schema `inim.bench/1`; `files` is added here.
+    data : BenchDocument
+        `files` is set here.
     folder : Path
         Empty; the plots are written first, for the page shows them.
     parts_of : callable
-        What is shown of the data, which are as they are read from `bench.json`.
     """
-    parts = parts_of(from_strict(to_strict(data)))
+    data = decode(encode(data), BenchDocument)  # as it is read: infinite values are null
+    parts = parts_of(data)
     for one in parts:
         if one.figure is not None:
             save(one.figure, folder, one.plot)
-    forms = {
-        "bench.md": lambda data: render_markdown(data, parts),
-        "bench.html": lambda data: _page(data, parts, folder),
-    }
-    write_forms(list_files(data, folder, "bench.json", *forms), folder, "bench.json", forms)
+    data = replace(data, files=folder_files(folder, "bench.json", "bench.md", "bench.html"))
+    write_text(folder / "bench.md", render_markdown(data, parts))
+    write_text(folder / "bench.html", _page(data, parts, folder))
+    write_document(folder / "bench.json", data)
 
 
-def milliseconds(value: object) -> str:
+def milliseconds(value: float | None) -> str:
     """A time with three significant digits or so: no run repeats itself to more."""
-    if not is_number(value):
+    if value is None:
         return MISSING
     return number(value, 3 if value < 1 else 2 if value < 100 else 0 if value >= 1000 else 1)
 
 
-def times(value: object) -> str:
+def times(value: float | None) -> str:
     """A ratio."""
-    if not is_number(value):
-        return MISSING
-    return f"{number(value, 2 if value < 100 else 0)} ×"
+    return MISSING if value is None else f"{number(value, 2 if value < 100 else 0)} ×"
 
 
-def time_cells(method: Mapping[str, Any]) -> list[str]:
-    """A method's times, from its entry in bench.json."""
+def time_cells(timing: Mapping[str, Any]) -> list[str]:
+    """Times of an algorithm, by field of `BenchAlgorithm`."""
     return [
-        milliseconds(method.get("median_ms")),
-        milliseconds(method.get("min_ms")),
-        f"± {per_cent(method.get('spread'), 1)}",
-        plain(method.get("runs", MISSING)),
-        number(method.get("mpx_per_s"), 1 if method.get("mpx_per_s", 0) < 100 else 0),
-        times(method.get("ratio")),
-        times(method.get("ratio_min")),
+        milliseconds(timing["median_ms"]),
+        milliseconds(timing["min_ms"]),
+        f"± {per_cent(timing['spread'], 1)}",
+        str(timing["runs"]),
+        number(timing["mpx_per_s"], 1 if timing["mpx_per_s"] < 100 else 0),
+        times(timing["ratio"]),
+        times(timing["ratio_min"]),
     ]
 
 
-def _scene_table(data: Mapping[str, Any]) -> Table:
-    """Times and errors of all methods, of the reference kernel and of the noise floor."""
-    scores = items(data, "scores")
+def _scene_table(scene: BenchScene) -> Table:
+    """Times and errors of all algorithms, of the reference kernel and of the noise floor."""
     heads = [
         "algorithm", *TIME_HEADS, "prepare s", "cold s", "wrong source", "holes",
-        *(score["label"] for score in scores), "front",
+        *(score.label for score in scene.scores), "front",
     ]  # fmt: skip
     rows = [
-        [m["name"], *time_cells(m), *_error_cells(m, scores)] for m in items(data, "contenders")
+        [a.name, *time_cells(asdict(a)), *_error_cells(a, scene.scores)] for a in scene.algorithms
     ]
-    yardstick = time_cells({**part(data, "yardstick"), "ratio": 1.0, "ratio_min": 1.0})
+    unit = {"mpx_per_s": 0.0, "ratio": 1.0, "ratio_min": 1.0}
+    yardstick = time_cells(asdict(scene.yardstick) | unit)
     yardstick[TIME_HEADS.index("Mpx/s")] = MISSING
     rows.append(["yardstick", *yardstick, *[MISSING] * (len(heads) - 1 - len(yardstick))])
-    floor = _score_cells(part(data, "noise_floor"), scores)
+    floor = _score_cells(scene.noise_floor, scene.scores)
     rows.append(["noise floor", *[MISSING] * (len(heads) - 2 - len(floor)), *floor, MISSING])
     return Table("Time against error, medians", heads, rows)
 
 
-def _error_cells(method: Mapping[str, Any], scores: Sequence[Mapping[str, Any]]) -> list[str]:
+def _error_cells(algorithm: BenchAlgorithm, scores: Sequence[BenchScore]) -> list[str]:
     return [
-        number(method.get("prepare_s"), 3),
-        number(method.get("cold_s"), 2),
-        per_cent(method.get("wrong_source"), 3),
-        per_cent(method.get("hole_fraction"), 2),
-        *_score_cells(method, scores),
-        "yes" if method.get("pareto") else "no",
+        number(algorithm.prepare_s, 3),
+        number(algorithm.cold_s, 2),
+        per_cent(algorithm.wrong_source, 3),
+        per_cent(algorithm.hole_fraction, 2),
+        *_score_cells(algorithm.scores, scores),
+        "yes" if algorithm.pareto else "no",
     ]
 
 
-def _score_cells(found: Mapping[str, Any], scores: Sequence[Mapping[str, Any]]) -> list[str]:
-    """One cell for each of bench.json's `scores`; JSON has null for an infinite one."""
-    return [
-        number(math.inf, 0)
-        if score["best"] is None and score["key"] in found and found[score["key"]] is None
-        else number(found.get(score["key"]), score["digits"])
-        for score in scores
-    ]
+def _score_cells(values: Scores, scores: Sequence[BenchScore]) -> list[str]:
+    """One cell for each of the scores; a missing one was not measured, a null one is infinite."""
+    cells = []
+    for score in scores:
+        is_infinite = score.best is None and values.get(score.key, 0.0) is None
+        value = math.inf if is_infinite else values.get(score.key)
+        cells.append(number(value, 0 if is_infinite else score.digits))
+    return cells
 
 
-def _thread_words(data: Mapping[str, Any]) -> str:
+def _thread_words(data: BenchDocument) -> str:
     """The number of threads with its noun."""
-    count = data.get("threads", MISSING)
-    return f"{count} thread" if count == 1 else f"{count} threads"
+    return f"{data.threads} thread{'s' * (data.threads != 1)}"
 
 
-def _remarks(data: Mapping[str, Any], parts: Sequence[Part]) -> list[str]:
+def _remarks(data: BenchDocument, parts: Sequence[Part]) -> list[str]:
     """Conditions, in sentences."""
-    load, rounds = part(data, "load"), part(data, "rounds")
-    slow = [m["name"] for m in items(data, "contenders") if m.get("slow")]
+    slow = [a.name for a in data.scene.algorithms if a.slow] if data.scene is not None else []
     lines = [
-        f"{_thread_words(data)}, {part(data, 'backend').get('device', MISSING)}; load average "
-        f"{number(load.get('start'), 2)} at the start, {number(load.get('end'), 2)} at the end, on "
-        f"{load.get('cores', MISSING)} cores.",
-        f"Medians of {rounds.get('runs')} runs after {rounds.get('warmups')} warm-ups, all in turn "
+        f"{_thread_words(data)}, {data.backend.device}; load average "
+        f"{number(data.load.start, 2)} at the start, {number(data.load.end, 2)} at the end, on "
+        f"{data.load.cores or MISSING} cores.",
+        f"Medians of {data.rounds.runs} runs after {data.rounds.warmups} warm-ups, all in turn "
         "with the reference kernel: one 4-byte gather per display pixel where its ray meets the "
         "central depth plane. A yardstick is the time of that kernel. Spread: half the distance "
         "between the quartiles.",
@@ -220,28 +226,28 @@ def _remarks(data: Mapping[str, Any], parts: Sequence[Part]) -> list[str]:
     if slow:
         lines.append(f"Fewer runs, being slow: {', '.join(slow)}.")
     lines += [line for one in parts for line in one.remarks]
-    return [*lines, *map(str, items(data, "notes"))]
+    return [*lines, *data.notes]
 
 
-def render_markdown(data: Mapping[str, Any], parts: Sequence[Part]) -> str:
+def render_markdown(data: BenchDocument, parts: Sequence[Part]) -> str:
     """The bench as Markdown: conditions, tables, claims."""
-    blocks = [f"## {markdown_line(data.get('title', 'Bench'))}"]
-    blocks += [f"⚠ {markdown_line(w)}" for w in items(data, "warnings")]
+    blocks = [f"## {markdown_line(data.title)}"]
+    blocks += [f"⚠ {markdown_line(w)}" for w in data.warnings]
     blocks.append(_listed(_remarks(data, parts)))
     for table in (table for one in parts for table in one.tables):
         blocks.append(markdown_section(table.caption, table.heads, table.rows))
     for heading, lines in (one.claims for one in parts if one.claims[1]):
         blocks += [f"### {markdown_line(heading)}", _listed(lines)]
-    return "\n\n".join([*blocks, markdown_command(data["command"])])
+    return "\n\n".join([*blocks, markdown_command(data.command)])
 
 
 def _listed(lines: Sequence[str]) -> str:
     return "\n".join(f"* {markdown_line(line)}" for line in lines)
 
 
-def _page(data: Mapping[str, Any], parts: Sequence[Part], folder: Path) -> str:
+def _page(data: BenchDocument, parts: Sequence[Part], folder: Path) -> str:
     """The whole bench as one HTML page, the plots that lie in `folder` embedded."""
-    conditions = bullets(items(data, "warnings"), "cautions")
+    conditions = bullets(data.warnings, "cautions")
     conditions += bullets(_remarks(data, parts), "remarks")
     sections = [Section("conditions", "Conditions", conditions)]
     for one in parts:
@@ -250,24 +256,23 @@ def _page(data: Mapping[str, Any], parts: Sequence[Part], folder: Path) -> str:
         body += _claims(*one.claims)
         body += "".join(text_table(t.caption, t.heads, t.rows, "bench") for t in one.tables)
         sections.append(Section(one.name, one.title, body))
-    title = data.get("title", "Bench")
     return render_page(
-        title,
+        data.title,
         _facts(data),
         [*sections, how_to_reproduce(data)],
-        window_title=f"{title} – inim",
+        window_title=f"{data.title} – inim",
         footer=data_note(data, "bench.json"),
         style=_STYLE,
     )
 
 
-def _facts(data: Mapping[str, Any]) -> list[str]:
-    display = part(data, "display", "given").get("name")
+def _facts(data: BenchDocument) -> list[str]:
+    display = [] if data.scene is None else [f"Display {text(data.scene.display.given.name)}"]
     return [
-        *([f"Display {text(display)}"] if display else []),
+        *display,
         text(_thread_words(data)),
-        text(part(data, "backend").get("device", MISSING)),
-        f"inim {text(data.get('inim_version', MISSING))}",
+        text(data.backend.device),
+        f"inim {text(data.inim_version)}",
         timestamp(data),
     ]
 
@@ -276,16 +281,16 @@ def _claims(heading: str, lines: Sequence[str]) -> str:
     return element("h3", text(heading)) + bullets(lines, "claims") if lines else ""
 
 
-def _draw_scene(data: Mapping[str, Any]) -> Any:
+def _draw_scene(scene: BenchScene) -> Any:
     """Small multiples over one time axis: wrong sources, then the scores that are plotted."""
-    plotted = [score for score in items(data, "scores") if score["plotted"]]
+    plotted = [score for score in scene.scores if score.plotted]
     figure, axes = new_figure(1 + len(plotted), 4.6, sharex=True)
     axes[0].set_xscale("log")  # of all of them
     title, label = "Wrong source", "panel pixels of a wrong source, %"
-    names = [_panel(axes[0], data, "wrong_source", lambda share: 100 * share)]
+    names = [_panel(axes[0], scene, "wrong_source", lambda share: 100 * share)]
     style(axes[0], title, f"{TIME} (↙ better)", label)
     for axis, score in zip(axes[1:], plotted, strict=True):
-        names.append(_score_panel(axis, data, score))
+        names.append(_score_panel(axis, scene, score))
     _share_scale(axes[0])
     for axis in axes:
         plain_ticks(axis)
@@ -295,20 +300,21 @@ def _draw_scene(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def _score_panel(axis: Any, data: Mapping[str, Any], score: Mapping[str, Any]) -> list[Name]:
+def _score_panel(axis: Any, scene: BenchScene, score: BenchScore) -> list[Name]:
     """A panel whose better end is below, whatever a score's better end is; the names for it."""
-    key, label, best = score["key"], score["label"], score["best"]
-    is_distance = score["better"] == "higher" and best is not None
-    if is_distance:
-        names = _panel(axis, data, key, lambda value: best - value)
+    key, label, best = score.key, score.label, score.best
+    is_higher = score.better == "higher"
+    if is_higher and best is not None:
+        names = _panel(axis, scene, key, lambda value: best - value)
         label = f"{best:g} − {label}"
     else:
-        names = _panel(axis, data, key, lambda value: value)
-    style(axis, score["title"], f"{TIME} (↙ better)", label)
-    values = [m[key] for m in data["contenders"] if is_number(m.get(key))]
-    if is_distance and all(value < best for value in values):
-        axis.set_yscale("log")
-    if score["better"] == "higher" and not is_distance:
+        names = _panel(axis, scene, key, lambda value: value)
+    style(axis, score.title, f"{TIME} (↙ better)", label)
+    errors = [_error(algorithm, key) for algorithm in scene.algorithms]
+    if is_higher and best is not None:
+        if all(value is None or value < best for value in errors):
+            axis.set_yscale("log")
+    elif is_higher:
         axis.invert_yaxis()
     return names
 
@@ -320,25 +326,27 @@ def _share_scale(axis: Any) -> None:
     axis.set_ylim(-0.3 * linear, max(10 * linear, 2.5 * axis.get_ylim()[1]))
 
 
-def _panel(
-    axis: Any, data: Mapping[str, Any], key: str, shown: Callable[[float], float]
-) -> list[Name]:
+def _error(algorithm: BenchAlgorithm, key: str) -> float | None:
+    """An algorithm's share of wrong sources, or one of its scores, if it is a number."""
+    value = algorithm.wrong_source if key == "wrong_source" else algorithm.scores.get(key)
+    return None if value is None or math.isnan(value) else value
+
+
+def _panel(axis: Any, scene: BenchScene, key: str, shown: Callable[[float], float]) -> list[Name]:
     """Draw one panel; the names that go into it."""
-    known = [
-        (m["name"], m["median_ms"], shown(m[key]), key in m["fronts"], m["min_ms"])
-        for m in data["contenders"]
-        if is_number(m.get(key))
+    points = [
+        (a.name, a.median_ms, shown(value), key in a.fronts, a.min_ms)
+        for a in scene.algorithms
+        if (value := _error(a, key)) is not None
     ]
-    for name, time, value, on_front, fastest in sorted(known, key=lambda m: m[3]):
+    for name, time, value, on_front, fastest in sorted(points, key=lambda point: point[3]):
         draw_point(axis, name, time, value, on_front, fastest)
-    draw_front(axis, [(time, value) for _, time, value, on_front, _ in known if on_front])
-    yardstick = part(data, "yardstick").get("median_ms")
-    if is_number(yardstick):
-        axis.axvline(yardstick, **LINES["yardstick"])
-        across(axis, "yardstick", x=yardstick)
-    floor = part(data, "noise_floor").get(key)
-    if is_number(floor):
+    draw_front(axis, [(time, value) for _, time, value, on_front, _ in points if on_front])
+    axis.axvline(scene.yardstick.median_ms, **LINES["yardstick"])
+    across(axis, "yardstick", x=scene.yardstick.median_ms)
+    floor = scene.noise_floor.get(key)
+    if floor is not None:
         axis.axhline(shown(floor), **LINES["floor"])
         across(axis, "noise floor", y=shown(floor))
     axis.margins(0.12, 0.12)
-    return [point_name(*method[:4]) for method in known]
+    return [point_name(*point[:4]) for point in points]

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from inim import reconstruct
 from inim.bench import Rounds, load_average, record, scene_plan
@@ -29,7 +30,7 @@ from inim.scene.two_spheres import two_spheres
 from inim.worker.output import open_staging, publish
 from inim.worker.serve import ConsoleObserver
 
-#: Measures, with an empty folder for whatever it writes meanwhile; what bench.json says of it.
+#: Measures, with an empty folder for whatever it writes meanwhile; `study` of bench.json.
 Measure = Callable[[Rounds, Observer, Path], Mapping[str, Any]]
 
 
@@ -78,7 +79,7 @@ def run_study(
     title : str
     measure : callable
     parts_of : callable
-        See `inim.report.bench.write_bench`.
+        Parts of the page, from what `measure` returned.
     """
     load = load_average()  # before anything is loaded: what others do
     try:
@@ -88,14 +89,15 @@ def run_study(
             from inim.render import variant
 
             command = ["python", "-m", module, *sys.argv[1:]]
-            data = record(title, command, variant.use("llvm"), rounds, load)
+            document = record(title, command, variant.use("llvm"), rounds, load)
             folder = staging / "work"
             folder.mkdir()
             with ConsoleObserver(args.quiet, lambda _: None) as listener:
-                data |= measure(rounds, listener, folder)
+                study = dict(measure(rounds, listener, folder))
             shutil.rmtree(folder)
-            data["load"]["end"] = load_average()
-            write_bench(data, staging, parts_of)
+            busy = replace(document.load, end=load_average())
+            document = replace(document, study=study, load=busy)
+            write_bench(document, staging, lambda document: parts_of(document.study))
             publish(staging, args.out, "bench.json")
         finally:
             shutil.rmtree(staging, ignore_errors=True)

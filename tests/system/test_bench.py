@@ -32,13 +32,12 @@ ALGORITHMS = [
 ]  # fmt: skip
 FILES = {"bench.json", "bench.md", "bench.html", "pareto.svg", "pareto.png"}
 KEYS = {
-    "schema", "scene", "display", "backend", "threads", "load", "versions", "command", "yardstick",
-    "contenders", "scores", "noise_floor", "rounds", "warnings", "notes", "files",
+    "schema", "scene", "backend", "threads", "load", "versions", "command", "rounds", "warnings",
+    "notes", "files",
 }  # fmt: skip
 METHOD = {
     "name", "prepare_s", "cold_s", "median_ms", "min_ms", "spread", "runs", "mpx_per_s", "ratio",
-    "ratio_min", "wrong_source", "hole_fraction", "eia_ssim", "eia_psnr_db", "view_ssim_to_ceiling",
-    "pareto",
+    "ratio_min", "wrong_source", "hole_fraction", "scores", "pareto",
 }  # fmt: skip
 
 
@@ -112,14 +111,15 @@ def test_every_file_is_there_and_the_stranger_s_too(finished):
 
 def test_data_are_complete(finished):
     data = finished[2]
-    assert data["schema"] == "inim.bench/1"
+    assert data["schema"] == "inim.bench/2"
     assert data.keys() >= KEYS
     assert (data["threads"], data["rounds"]) == (1, {"runs": 3, "warmups": 2})
-    assert data["yardstick"].keys() >= {"median_ms", "min_ms"}
-    assert [c["name"] for c in data["contenders"]] == ALGORITHMS
-    for method in data["contenders"]:
+    assert data["scene"]["yardstick"].keys() >= {"median_ms", "min_ms"}
+    assert [c["name"] for c in data["scene"]["algorithms"]] == ALGORITHMS
+    for method in data["scene"]["algorithms"]:
         assert method.keys() >= METHOD
-        numbers = [v for v in method.values() if isinstance(v, float)]
+        values = [*method.values(), *method["scores"].values()]
+        numbers = [v for v in values if isinstance(v, float)]
         assert all(map(math.isfinite, numbers)), method
         assert method["runs"] == 3
         assert method["min_ms"] <= method["median_ms"]
@@ -127,15 +127,16 @@ def test_data_are_complete(finished):
 
 def test_times_and_ratios_agree(finished):
     data = finished[2]
-    pixels = data["display"]["derived"]["eia_rows"] * data["display"]["derived"]["eia_columns"]
-    for c in data["contenders"]:
-        assert c["ratio"] == pytest.approx(c["median_ms"] / data["yardstick"]["median_ms"])
-        assert c["ratio_min"] == pytest.approx(c["min_ms"] / data["yardstick"]["min_ms"])
+    derived = data["scene"]["display"]["derived"]
+    pixels = derived["eia_rows"] * derived["eia_columns"]
+    for c in data["scene"]["algorithms"]:
+        assert c["ratio"] == pytest.approx(c["median_ms"] / data["scene"]["yardstick"]["median_ms"])
+        assert c["ratio_min"] == pytest.approx(c["min_ms"] / data["scene"]["yardstick"]["min_ms"])
         assert c["mpx_per_s"] == pytest.approx(pixels / 1e3 / c["median_ms"])
 
 
 def test_exact_sources_are_never_wrong_and_others_sometimes(finished):
-    wrong = {c["name"]: c["wrong_source"] for c in finished[2]["contenders"]}
+    wrong = {c["name"]: c["wrong_source"] for c in finished[2]["scene"]["algorithms"]}
     assert wrong["template"] == 0
     known = {name: share for name, share in wrong.items() if share is not None}
     assert known.keys() == set(ALGORITHMS[:3])
@@ -143,10 +144,12 @@ def test_exact_sources_are_never_wrong_and_others_sometimes(finished):
 
 
 def test_another_package_s_algorithm_is_scored_wherever_it_writes(finished):
-    rows = {m["name"]: m for m in finished[2]["contenders"]}
-    keys = [score["key"] for score in finished[2]["scores"]]
-    assert [rows["example"][k] for k in keys] == [rows["own_place"][k] for k in keys]
-    assert rows["example"]["eia_ssim"] > 0.1  # a picture, not the black it started from
+    rows = {m["name"]: m for m in finished[2]["scene"]["algorithms"]}
+    keys = [score["key"] for score in finished[2]["scene"]["scores"]]
+    assert [rows["example"]["scores"][k] for k in keys] == [
+        rows["own_place"]["scores"][k] for k in keys
+    ]
+    assert rows["example"]["scores"]["eia_ssim"] > 0.1  # a picture, not the black it started from
     assert rows["example"]["hole_fraction"] < 1
 
 

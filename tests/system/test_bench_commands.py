@@ -35,7 +35,7 @@ def finished(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def cases(finished):
-    return {case["name"]: case for case in finished[1]["commands"]["cases"]}
+    return {case["name"]: case for case in finished[1]["study"]["commands"]["cases"]}
 
 
 @pytest.mark.slow
@@ -76,11 +76,11 @@ def test_scores_are_compared_and_equal(cases):
 
 @pytest.mark.slow
 def test_generation_of_what_is_observed(finished):
-    generation = finished[1]["commands"]["generation"]
+    generation = finished[1]["study"]["commands"]["generation"]
     assert len(generation["viewpoints"]) == 9
-    forms = {c["form"]: [] for c in generation["contenders"]}
+    forms = {c["form"]: [] for c in generation["algorithms"]}
     assert list(forms) == ["display-ready", "linear"]
-    for c in generation["contenders"]:
+    for c in generation["algorithms"]:
         forms[c["form"]].append(c)
     for whole, *parts in forms.values():
         assert [c["name"] for c in parts] == ["pinhole", "thin", "thick"]

@@ -24,7 +24,7 @@ def test_scaling_and_paper_at_small_sizes(tmp_path, renderer):
     assert memory["imported_bytes"] + memory["eia_bytes"] < memory["peak_bytes"]
     assert [p["lenses"] for p in paper["experiments"][2]["points"]] == [1, 4]
     assert [p["elemental_pixels"] for p in paper["experiments"][1]["points"]] == [9, 25]
-    forms = {c["name"]: c for c in paper["same_input"]["contenders"]}
+    forms = {c["name"]: c for c in paper["same_input"]["algorithms"]}
     for name in ("li2012", "gu2020", "wang2024"):
         # Compiled or not, it is the same algorithm.
         python, compiled = forms[f"{name} in plain Python"], forms[name]

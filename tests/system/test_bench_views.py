@@ -20,14 +20,14 @@ def views(renderer):
 
 
 def test_every_lens_model_is_timed_in_turn_with_the_rectangle(views):
-    names = [c["name"] for c in views["contenders"]]
+    names = [c["name"] for c in views["algorithms"]]
     assert names == [RECTANGLE, "pinhole", "thin", "thick", "full"]
-    assert [c["spp"] for c in views["contenders"]] == [16, 16, 16, 16, 4]
-    assert views["contenders"][0]["ratio"] == 1
+    assert [c["spp"] for c in views["algorithms"]] == [16, 16, 16, 16, 4]
+    assert views["algorithms"][0]["ratio"] == 1
 
 
 def test_times_are_those_of_equal_samples_and_of_equal_noise(views):
-    found = {c["name"]: c for c in views["contenders"]}
+    found = {c["name"]: c for c in views["algorithms"]}
     base = found[RECTANGLE]["median_ms"]
     for c in found.values():
         assert c["view_ms"] == pytest.approx(c["median_ms"] * 16 / c["spp"])

@@ -134,13 +134,14 @@ def test_bench_has_errors_by_its_metric(tmp_path: Path, installed: Mapping[str, 
         given = definitions(TINY | LENS)
         run("bench", scene, *words, *given, folder=tmp_path, variables=installed)
     data = read_document(tmp_path / "out" / "bench.json")
-    (found,) = data["contenders"]
+    (found,) = data["scene"]["algorithms"]
     assert found["name"] == "example"
     assert "inim.lens_model=vignetted" in data["command"]
-    assert 0 < found["view_mad_to_ceiling"] < 1
+    error = found["scores"]["view_mad_to_ceiling"]
+    assert 0 < error < 1
     page = (tmp_path / "out" / "bench.html").read_text("utf-8")
     assert "view MAD to ceiling" in page
-    assert f"{found['view_mad_to_ceiling']:.4f}" in page
+    assert f"{error:.4f}" in page
 
 
 @pytest.mark.parametrize(

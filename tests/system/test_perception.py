@@ -127,8 +127,8 @@ def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path: Path) -> 
         for name in ("_SETTLE_S", "_LEAD_IN_S"):  # pauses that make times comparable
             patch.setattr(timing, name, 0.0)
         run("bench", scene, *words, *definitions(TINY), folder=tmp_path)
-    (found,) = read_document(tmp_path / "timed" / "bench.json")["contenders"]
-    assert found["view_cvvdp_to_ceiling_jod"] < 10
+    (found,) = read_document(tmp_path / "timed" / "bench.json")["scene"]["algorithms"]
+    assert found["scores"]["view_cvvdp_to_ceiling_jod"] < 10
     assert "view CVVDP to ceiling" in (tmp_path / "timed" / "bench.html").read_text("utf-8")
 
 

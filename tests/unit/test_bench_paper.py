@@ -10,6 +10,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+from inim.documents import read_document
+from inim.documents.bench import BenchDocument
 from inim.report.bench import milliseconds, render_markdown, times, write_bench
 from inim.report.wording import per_cent
 from reports.bench.paper.claims import claims
@@ -25,7 +27,7 @@ def paper_bench():
         ms = dict(zip(names, (6000.0, 3000.0, 1.5), strict=True))
         found = [method(n, size * v) for n, v in ms.items()]
         sizes = {"scene_pixels": 100 * size, "lenses": size, "elemental_pixels": 289 * size}
-        return {**sizes, "yardstick": timing(1.0), "contenders": found}
+        return {**sizes, "yardstick": timing(1.0), "algorithms": found}
 
     experiments = [
         {
@@ -37,11 +39,11 @@ def paper_bench():
         }
         for size in ("scene_pixels", "lenses", "elemental_pixels")
     ]
-    last = [{**c, "middle_view_ssim": 0.5, "published_ssim": None} for c in point(1)["contenders"]]
+    last = [{**c, "middle_view_ssim": 0.5, "published_ssim": None} for c in point(1)["algorithms"]]
     last[1] |= {"wrong_source": 0.4, "eia_psnr_db": 20.0}
     same = {
         "lenses": 4, "display_pixels": 100, "scene_pixels": 50, "ceiling_ssim": 0.9,
-        "yardstick": timing(1.0), "contenders": last,
+        "yardstick": timing(1.0), "algorithms": last,
     }  # fmt: skip
     paper = {"experiments": experiments, "same_input": same, "notes": [], "steps": depth_steps()}
     paper["claims"] = claims(experiments, same, paper["steps"])
@@ -56,7 +58,7 @@ def paper_bench():
 
 
 def test_every_reading_is_a_row_of_its_scene_and_matching():
-    table = next(t for t in parts_of(paper_bench())[0].tables if "other ways" in t.caption)
+    table = next(t for t in parts_of(paper_bench().study)[0].tables if "other ways" in t.caption)
     assert [row[0] for row in table.rows] == [
         "jade, matrix", "jade, ray", "tripod, matrix", "tripod, ray",
     ]  # fmt: skip
@@ -77,7 +79,7 @@ def test_steps_keep_the_paper_s_bounds_only_off_the_centre_of_odd_lenses():
     assert phone["lower_mm"] <= phone["least_mm"]
     assert phone["beyond"] > 0
     lower, upper = (
-        next(c for c in paper_bench()["paper"]["claims"] if f"at {bound}" in c["claim"])
+        next(c for c in paper_bench().study["paper"]["claims"] if f"at {bound}" in c["claim"])
         for bound in ("least 2 g", "most g P_I")
     )
     assert lower["holds"] is True
@@ -85,7 +87,7 @@ def test_steps_keep_the_paper_s_bounds_only_off_the_centre_of_odd_lenses():
 
 
 def test_every_form_is_written_and_listed(tmp_path):
-    write_bench(paper_bench(), tmp_path, parts_of)
+    write_bench(paper_bench(), tmp_path, lambda document: parts_of(document.study))
     read = json.loads((tmp_path / "bench.json").read_text("utf-8"))
     assert {p.name for p in tmp_path.iterdir()} == set(read["files"])
     ElementTree.parse(tmp_path / "paper.svg")
@@ -94,16 +96,16 @@ def test_every_form_is_written_and_listed(tmp_path):
 
 def test_markdown_tables_have_as_many_cells_in_every_row():
     data = paper_bench()
-    assert_tables_are_whole(data, parts_of(data))
+    assert_tables_are_whole(data, parts_of(data.study))
 
 
 @pytest.mark.parametrize("name", ["paper", "views", "layered", "commands"])
 def test_committed_results_are_still_read(name):
     """What documents quote can be shown again, tables and plots."""
     folder = Path(__file__).parents[2] / "reports" / "bench" / name
-    data = json.loads((folder / "bench.json").read_text("utf-8"))
+    data = read_document(folder / "bench.json", "", BenchDocument)
     run = "report" if name in ("paper", "commands") else "run"
-    parts = import_module(f"reports.bench.{name}.{run}").parts_of(data)
+    parts = import_module(f"reports.bench.{name}.{run}").parts_of(data.study)
     assert_tables_are_whole(data, parts)
     committed = (folder / "bench.md").read_text("utf-8")
     rows = [x for x in render_markdown(data, parts).splitlines() if x.startswith("|")]
@@ -111,7 +113,7 @@ def test_committed_results_are_still_read(name):
 
 
 def test_ratios_in_the_paper_s_tables_are_those_of_the_medians():
-    table = parts_of(paper_bench())[0].tables[0]
+    table = parts_of(paper_bench().study)[0].tables[0]
     first = dict(zip(table.heads, table.rows[0], strict=True))
     assert first["gu2020 / wang2024, Python"] == times(6000 / 3000) == "2.00 ×"
     assert first["wang2024, Python / template"] == times(3000 / 1.5) == "2000 ×"
@@ -120,7 +122,7 @@ def test_ratios_in_the_paper_s_tables_are_those_of_the_medians():
 
 
 def test_claims_follow_the_measured_times():
-    paper = paper_bench()["paper"]
+    paper = paper_bench().study["paper"]
     twice, growth, _, thousand = _by_words(paper["claims"])
     assert twice["holds"] is False  # exactly twice is not more than twice
     assert twice["why"]
@@ -128,8 +130,8 @@ def test_claims_follow_the_measured_times():
     assert thousand["holds"] is True
     assert thousand["why"] == ""
     same = paper["same_input"]
-    same["contenders"][0]["median_ms"] *= 1.01
-    same["contenders"][2]["median_ms"] *= 2.01
+    same["algorithms"][0]["median_ms"] *= 1.01
+    same["algorithms"][2]["median_ms"] *= 2.01
     twice, _, _, thousand = _by_words(claims(paper["experiments"], same))
     assert twice["holds"] is True
     assert thousand["holds"] is False
@@ -141,7 +143,7 @@ def _by_words(found):
 
 
 def test_speed_and_growth_are_told_of_their_own_figures():
-    paper = paper_bench()["paper"]
+    paper = paper_bench().study["paper"]
 
     def verdict(words):
         found = claims(paper["experiments"], paper["same_input"])
@@ -150,28 +152,28 @@ def test_speed_and_growth_are_told_of_their_own_figures():
     assert verdict("the fastest") is True  # gu2020 takes twice as long at all sizes
     assert verdict("elemental images") is False  # both grow alike
     _, lenses, elemental = paper["experiments"]
-    elemental["points"][1]["contenders"][0]["min_ms"] = 1.0
+    elemental["points"][1]["algorithms"][0]["min_ms"] = 1.0
     assert verdict("the fastest") is False
-    lenses["points"][1]["contenders"][0]["min_ms"] *= 1.01
+    lenses["points"][1]["algorithms"][0]["min_ms"] *= 1.01
     assert verdict("number of elemental images") is True
 
 
 def test_each_reading_of_eq_5_has_verdicts_of_its_own():
-    paper = paper_bench()["paper"]
+    paper = paper_bench().study["paper"]
     names = [c["claim"] for c in paper["claims"]]
     assert not any("step_pixel" in name for name in names)  # it took no part
     for point in (paper["same_input"], *(p for e in paper["experiments"] for p in e["points"])):
-        mine = next(c for c in point["contenders"] if c["name"].startswith("wang2024"))
+        mine = next(c for c in point["algorithms"] if c["name"].startswith("wang2024"))
         scene = {"name": "wang2024:step_pixel=scene in plain Python"}
         fast = {key: mine[key] / 10 for key in ("median_ms", "min_ms")}
-        point["contenders"].append(mine | scene | fast)
+        point["algorithms"].append(mine | scene | fast)
     found = {c["claim"]: c["holds"] for c in claims(paper["experiments"], paper["same_input"])}
     assert found["wang2024 is more than twice as fast as gu2020"] is False
     assert found["wang2024:step_pixel=scene is more than twice as fast as gu2020"] is True
 
 
 def test_without_a_rival_its_claim_is_left_out():
-    paper = paper_bench()["paper"]
+    paper = paper_bench().study["paper"]
     assert not [c for c in paper["claims"] if "li2012" in c["claim"].split(",")[0]]
 
 

@@ -7,7 +7,19 @@ import re
 from xml.etree import ElementTree
 
 from inim.bench.evaluate import all_scores
-from inim.report.bench import SCHEMA, render_markdown, scene_parts, write_bench
+from inim.display import DISPLAYS
+from inim.documents.bench import (
+    BenchAlgorithm,
+    BenchDocument,
+    BenchPicture,
+    BenchRounds,
+    BenchScene,
+    BenchScore,
+    Load,
+    TimingRecord,
+)
+from inim.documents.parts import Backend, DisplayRecord
+from inim.report.bench import render_markdown, scene_parts, write_bench
 
 SCORED = ("eia_ssim", "eia_psnr_db", "view_ssim_to_ceiling")
 
@@ -20,43 +32,59 @@ def timing(ms, **more):
 
 
 def method(name, ms, wrong=0.0, psnr=30.0, view=0.9, **more):
+    """Times and errors of an algorithm in one mapping, as in a study."""
     return {
         "name": name, "prepare_s": 0.1, **timing(ms), "mpx_per_s": 1 / ms, "ratio": ms / 2,
         "ratio_min": ms / 2, "wrong_source": wrong, "hole_fraction": 0.5, "eia_ssim": 0.8,
-        "eia_psnr_db": psnr, "view_ssim_to_ceiling": view, "fronts": ["wrong_source"],
-        "pareto": True, **more,
+        "eia_psnr_db": psnr, "view_ssim_to_ceiling": view, **more,
     }  # fmt: skip
 
 
-def bench(**more):
-    return {
-        "schema": SCHEMA, "title": "Bench: <b>|", "created": "2024-01-01T00:00:00+00:00",
-        "inim_version": "0", "versions": {"python": "3"}, "command": "python -m inim.bench x",
-        "backend": {"device": "cpu"}, "threads": 2, "rounds": {"runs": 9, "warmups": 2},
-        "load": {"start": 0.1, "end": 0.2, "cores": 2}, "warnings": [], "notes": [],
-        "contenders": [], **more,
-    }  # fmt: skip
+def algorithm(name, ms, wrong, scores, fronts=("wrong_source",)):
+    return BenchAlgorithm(
+        name=name, prepare_s=0.1, **timing(ms), mpx_per_s=1 / ms, ratio=ms / 2, ratio_min=ms / 2,
+        wrong_source=wrong, hole_fraction=0.5, averaged_share=None, scores=scores,
+        fronts=list(fronts), pareto=bool(fronts),
+    )  # fmt: skip
 
 
-def scene_bench():
-    methods = [
-        method("template", 3.0),
-        method("mix|er:a=b", 40.0, wrong=None, psnr=None, fronts=[], pareto=False),
-    ]
-    floor = {"eia_ssim": 0.99, "eia_psnr_db": 50.0, "view_ssim_to_ceiling": 0.999}
-    return bench(
-        contenders=methods,
-        yardstick=timing(2.0),
-        noise_floor=floor,
-        scores=[score.as_data() for score in all_scores() if score.key in SCORED],
+def bench(scene=None, **study):
+    return BenchDocument(
+        title="Bench: <b>|", created="2024-01-01T00:00:00+00:00", inim_version="0",
+        versions={"python": "3"}, command="python -m inim.bench x",
+        backend=Backend(variant="llvm", libllvm="22", device="cpu"), threads=2,
+        threading_layer="default", rounds=BenchRounds(runs=9, warmups=2),
+        load=Load(start=0.1, end=0.2, cores=2), warnings=[], notes=[], scene=scene, study=study,
+        files=[],
+    )  # fmt: skip
+
+
+def scene_bench(scores=(), **values):
+    """A scene with two algorithms; `scores` and their `values` are added to the usual ones."""
+    usual = {"eia_ssim": 0.8, "eia_psnr_db": 30.0, "view_ssim_to_ceiling": 0.9}
+    scene = BenchScene(
+        path="x.xml",
+        sha256="0" * 64,
+        display=DisplayRecord.of(DISPLAYS["nominal"]),
+        viewpoints=["centre"],
+        picture=BenchPicture(rows=4, columns=4, pixel_mm=0.2),
+        yardstick=TimingRecord(**timing(2.0)),
+        algorithms=[
+            algorithm("template", 3.0, 0.0, usual | values),
+            algorithm("mix|er:a=b", 40.0, None, usual | {"eia_psnr_db": None} | values, ()),
+        ],
+        noise_floor={"eia_ssim": 0.99, "eia_psnr_db": 50.0, "view_ssim_to_ceiling": 0.999},
+        scores=[*(score.described() for score in all_scores() if score.key in SCORED), *scores],
+        captured_layers=None,
     )
+    return bench(scene)
 
 
 def test_every_form_is_written_and_listed(tmp_path):
     write_bench(scene_bench(), tmp_path)
     read = json.loads((tmp_path / "bench.json").read_text("utf-8"))
     assert {p.name for p in tmp_path.iterdir()} == set(read["files"])
-    assert read["schema"] == "inim.bench/1"
+    assert read["schema"] == "inim.bench/2"
     for svg in tmp_path.glob("*.svg"):
         ElementTree.parse(svg)
 
@@ -103,16 +131,14 @@ def test_equal_pictures_and_unknown_sources_have_their_signs():
 
 def test_another_score_has_a_column_and_a_panel():
     """Whatever its better end is: down is better in every panel."""
-    data = scene_bench()
     more = [
-        {"key": "blur", "label": "blur", "better": "lower", "best": 0.0, "digits": 2},
-        {"key": "likeness", "label": "likeness", "better": "higher", "best": 1.0, "digits": 4},
-        {"key": "signal", "label": "signal", "better": "higher", "best": None, "digits": 2},
-    ]
-    data["scores"] += [m | {"title": "Views", "of_views": True, "plotted": True} for m in more]
-    for method in data["contenders"]:
-        method |= {"blur": 0.25, "likeness": 0.75, "signal": 12.0}
-    (shown,) = scene_parts(data)
+        BenchScore(key=key, label=key, title="Views", better=better, best=best, digits=digits,
+                   plotted=True)
+        for key, better, best, digits in (
+            ("blur", "lower", 0.0, 2), ("likeness", "higher", 1.0, 4), ("signal", "higher", None, 2)
+        )
+    ]  # fmt: skip
+    (shown,) = scene_parts(scene_bench(more, blur=0.25, likeness=0.75, signal=12.0))
     assert shown.tables[0].heads[-4:-1] == ["blur", "likeness", "signal"]
     assert shown.tables[0].rows[0][-4:-1] == ["0.25", "0.7500", "12.00"]
     axes = shown.figure.axes

@@ -7,6 +7,7 @@ import pytest
 from inim.bench.evaluate import mark_fronts, pareto
 from inim.errors import UsageError
 from inim.pipeline.timing import Rounds, Timing, in_turn, ratios
+from tests.unit.test_bench_report import algorithm
 
 
 class Bench:
@@ -96,13 +97,11 @@ def test_equal_points_are_both_on_the_front():
 
 def test_a_method_without_sources_can_still_be_on_another_front():
     def one(name, ms, wrong, psnr):
-        return {
-            "name": name, "median_ms": ms, "wrong_source": wrong, "eia_psnr_db": psnr,
-            "eia_ssim": 0.5, "view_ssim_to_ceiling": 0.5,
-        }  # fmt: skip
+        scores = {"eia_psnr_db": psnr, "eia_ssim": 0.5, "view_ssim_to_ceiling": 0.5}
+        return algorithm(name, ms, wrong, scores)
 
     methods = [one("a", 1.0, 0.1, 20), one("b", 2.0, None, 30), one("c", 3.0, 0.1, 20)]
-    found = {m["name"]: m for m in mark_fronts(methods)}
-    assert found["a"]["fronts"][0] == "wrong_source"
-    assert found["b"]["fronts"] == ["eia_psnr_db"]
-    assert (found["b"]["pareto"], found["c"]["pareto"], found["c"]["fronts"]) == (True, False, [])
+    found = {m.name: m for m in mark_fronts(methods)}
+    assert found["a"].fronts[0] == "wrong_source"
+    assert found["b"].fronts == ["eia_psnr_db"]
+    assert (found["b"].pareto, found["c"].pareto, found["c"].fronts) == (True, False, [])

@@ -23,7 +23,6 @@ from inim.documents import NAMES, schema
 from inim.regression import run_statistics
 from inim.report import SCHEMA as REPORT
 from inim.report import (
-    bench,
     compare,
     without_scene,
 )
@@ -59,17 +58,14 @@ SCHEMAS = {
     "picture": without_scene.SCHEMA,
     "compare": compare.SCHEMA,
     "baseline": run_statistics.SCHEMA,
-    "bench": bench.SCHEMA,
     "sweep": table.SCHEMA,
     "unit": task.SCHEMA,
     "files": worker_output.SCHEMA,
 }
-# Keys that need not be there; the last two of a bench are not in those of earlier versions.
+# Keys that need not be there.
 CHECK = {f"verdict/checks/0/{key}" for key in ("interval", "p_value", "unit", "kind", "criterion")}
-SCENE = {"scene", "display", "viewpoints", "picture", "yardstick", "noise_floor"}
 PERCEPTION = ("cvvdp", "torch")
 LATER_SETTINGS = {"luminance_cd_m2"}
-LATER = {"view_psnr_to_ceiling_db", "view_flip_to_ceiling"}
 OPTIONAL = {
     "report": {
         *(f"settings/{key}" for key in LATER_SETTINGS), "preview", "regression", "scene/splats",
@@ -84,10 +80,6 @@ OPTIONAL = {
     "baseline": {
         *(f"circumstances/{key}" for key in PERCEPTION),
         *(f"conditions/{key}" for key in ("luminance of white, cd/m^2", "panel pixels")),
-    },
-    "bench": {
-        *SCENE, "scores", "captured_layers", "contenders/0/averaged_share",
-        *(f"{place}/{key}" for place in ("contenders/0", "noise_floor") for key in LATER),
     },
     "unit": {
         *(f"making/{key}" for key in ("entry_point", "version", "sha256")),
@@ -262,22 +254,6 @@ def _types(part: dict[str, Any]) -> list[str]:
 def test_a_check_of_a_comparison_is_so_in_all_its_keys() -> None:
     places = [("verdict", "checks", 0, key) for key in ("p_value", "unit", "kind")]
     assert let_in("report", [(at, None) for at in places]) == []
-
-
-def test_a_bench_is_one_of_a_scene_or_none() -> None:
-    document, held = copy.deepcopy(whole("bench")[0]), validator(SCHEMAS["bench"])
-    assert let_in("bench", [((key,), None) for key in (*SCENE, "captured_layers")]) == []
-    for key in (*SCENE, "scores", "captured_layers"):
-        del document[key]
-    document["contenders"] = []
-    assert held.is_valid(document)
-    assert held.is_valid(document | {"mine": [1, 2]}), "a study may add what it likes"
-
-
-def test_a_bench_of_now_has_what_earlier_ones_lack() -> None:
-    later = [(*at, key) for at in (("contenders", 0), ("noise_floor",)) for key in LATER]
-    later += [("contenders", 0, "averaged_share"), ("display", "given", "conic")]
-    assert let_in("bench", [(at, None) for at in later]) == []
 
 
 # -- the code's own keys --------------------------------------------------------------------------

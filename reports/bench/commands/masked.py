@@ -89,7 +89,7 @@ def bench_masked(
         "algorithm": _ALGORITHM,
         "viewpoints": [v.name for v in viewpoints],
         "yardstick": times[YARDSTICK].as_data(),
-        "contenders": rows,
+        "algorithms": rows,
     }
 
 

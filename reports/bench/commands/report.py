@@ -87,7 +87,7 @@ def _generation(found: Mapping[str, Any]) -> Table:
             per_cent(c["share_min"], 1),
             "yes" if c["same"] else "NO",
         ]
-        for c in items(found, "contenders")
+        for c in items(found, "algorithms")
     ]
     caption = f"Generating what {len(items(found, 'viewpoints'))} viewpoints observe"
     return Table(f"{caption}: {found['algorithm']}", heads, rows)

@@ -13,6 +13,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from msgspec import to_builtins
+
 from inim.bench import Rounds, bench_scene
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.scene import Renderer
@@ -55,9 +57,10 @@ def bench_layers(plans: Sequence[Plan], rounds: Rounds, listener: Any) -> list[d
 
 
 def _of_scene(plan: Plan, rounds: Rounds, listener: Any) -> dict[str, Any]:
-    found = bench_scene(plan, METHODS, rounds, Renderer("llvm", listener))
-    floor = found["noise_floor"]["eia_psnr_db"]
-    methods = [{key: c[key] for key in _KEPT} for c in found["contenders"]]
+    scene = to_builtins(bench_scene(plan, METHODS, rounds, Renderer("llvm", listener)))
+    floor = scene["noise_floor"]["eia_psnr_db"]
+    flat = [a | a["scores"] for a in scene["algorithms"]]
+    methods = [{key: a[key] for key in _KEPT} for a in flat]
     one, all_of_one, four, all_of_four = methods
     for method, template in ((one, one), (all_of_one, one), (four, four), (all_of_four, four)):
         method["to_floor_db"] = method["eia_psnr_db"] - floor
@@ -70,8 +73,8 @@ def _of_scene(plan: Plan, rounds: Rounds, listener: Any) -> dict[str, Any]:
             f"{c['template_ratio']:.2f} times template  EIA PSNR {c['eia_psnr_db']:.2f} dB  "
             f"{c['to_floor_db']:+.2f} dB to the noise floor"
         )
-    same = ("scene", "picture", "captured_layers", "yardstick", "noise_floor")
-    return {"title": title} | {key: found[key] for key in same} | {"contenders": methods}
+    same = ("path", "sha256", "picture", "captured_layers", "yardstick", "noise_floor")
+    return {"title": title} | {key: scene[key] for key in same} | {"algorithms": methods}
 
 
 # -- the report ---------------------------------------------------------------------------------
@@ -114,7 +117,7 @@ def _tables(scenes: Sequence[Mapping[str, Any]]) -> list[Table]:
             per_cent(c["averaged_share"], 1),
         ]
         for found in scenes
-        for c in items(found, "contenders")
+        for c in items(found, "algorithms")
     ]
     captured = [_captured_row(found, part(found, "captured_layers")) for found in scenes]
     capture_heads = [
@@ -151,7 +154,7 @@ def _draw(scenes: Sequence[Mapping[str, Any]]) -> Any:
             quality.plot([floor, floor], height, **LINES["floor"])
             close = {"color": SOFT, "alpha": 0.15, "linewidth": 0}
             quality.fill_betweenx(height, floor - _CLOSE_DB, floor, **close)
-        methods = found["contenders"]
+        methods = found["algorithms"]
         for method in methods:
             name = method["name"]
             if is_number(method["eia_psnr_db"]):

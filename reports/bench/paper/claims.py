@@ -43,7 +43,7 @@ def claims(
     list of dict
         ``claim``, ``source``, ``found`` (a sentence), ``holds`` and ``why`` (empty where it holds).
     """
-    points = {c["name"]: c for c in same["contenders"]}
+    points = {c["name"]: c for c in same["algorithms"]}
     found: list[dict[str, Any] | None] = []
     for reading in READINGS:
         found += [_twice(points, reading, rival) for rival in _RIVALS]
@@ -275,6 +275,6 @@ def _series(experiments: Sequence[Mapping[str, Any]], size: str, name: str) -> l
         for experiment in experiments
         if experiment["size"] == size
         for point in experiment["points"]
-        for method in point["contenders"]
+        for method in point["algorithms"]
         if method["name"] == name
     ]

@@ -164,7 +164,7 @@ def _experiment(
         listener.stage(f"{figure}: {sizes[size]} {name}")
         methods, times = _timed(methods, rgbd, display, pixels_per_pitch, rounds)
         found = [method_data(m, times, display) for m in methods]
-        points.append({**sizes, "yardstick": times[YARDSTICK].as_data(), "contenders": found})
+        points.append({**sizes, "yardstick": times[YARDSTICK].as_data(), "algorithms": found})
         listener.line(f"{figure}  {sizes[size]:6} {name}: {_in_words(found)}")
     return {"name": name, "figure": figure, "kept": kept, "size": size, "points": points}
 
@@ -203,9 +203,11 @@ def _same_input(
     found = []
     for method in methods:
         view = reference.views_of(linear_picture(method.out))[0]
+        errors = evaluate(method, reference)
         found.append(
             method_data(method, times, display)
-            | evaluate(method, reference)
+            | errors.pop("scores")
+            | errors
             | {
                 "middle_view_ssim": metrics.ssim(truth, view),
                 "published_ssim": PUBLISHED_SSIM.get(method.name.removesuffix(PLAIN_PYTHON)),
@@ -217,5 +219,5 @@ def _same_input(
         "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
         "yardstick": times[YARDSTICK].as_data(),
         "ceiling_ssim": metrics.ssim(truth, reference.ceiling[0]),
-        "contenders": found,
+        "algorithms": found,
     }

@@ -161,7 +161,7 @@ def _steps(steps: Sequence[Mapping[str, Any]]) -> Table:
 def _experiment(experiment: Mapping[str, Any]) -> Table:
     """Milliseconds of each at each size, then the two ratios the paper's claims are about."""
     points = items(experiment, "points")
-    names = [c["name"] for c in points[0]["contenders"]]
+    names = [c["name"] for c in points[0]["algorithms"]]
     heads = [
         experiment["name"],
         *(name.replace(PLAIN_PYTHON, ", Python") for name in names),
@@ -169,7 +169,7 @@ def _experiment(experiment: Mapping[str, Any]) -> Table:
     ]  # fmt: skip
     rows = []
     for point in points:
-        ms = {c["name"]: c["median_ms"] for c in point["contenders"]}
+        ms = {c["name"]: c["median_ms"] for c in point["algorithms"]}
         ratios = [
             _ratio(ms, f"gu2020{PLAIN_PYTHON}", f"wang2024{PLAIN_PYTHON}"),
             _ratio(ms, "gu2020", "wang2024"),
@@ -194,7 +194,7 @@ def _same_input(same: Mapping[str, Any]) -> Table:
         "algorithm", "ms per EIA", "runs", "times template", "wrong source", "EIA PSNR dB",
         "view SSIM to ceiling", "middle view SSIM", "the paper's, other scenes",
     ]  # fmt: skip
-    methods = items(same, "contenders")
+    methods = items(same, "algorithms")
     ms = {c["name"]: c["median_ms"] for c in methods}
     rows = [
         [
@@ -256,8 +256,8 @@ def _draw_paper(paper: Mapping[str, Any]) -> Any:
     for axis, experiment in zip(axes, experiments, strict=True):
         points = experiment["points"]
         sizes = [p[experiment["size"]] for p in points]
-        for place, method in enumerate(points[0]["contenders"]):
-            _line(axis, sizes, [p["contenders"][place] for p in points], method["name"])
+        for place, method in enumerate(points[0]["algorithms"]):
+            _line(axis, sizes, [p["algorithms"][place] for p in points], method["name"])
         _line(axis, sizes, [p["yardstick"] for p in points], "yardstick")
         _finish_sizes(axis, f"As {experiment['figure']}", experiment["name"])
     axes[0].set_ylabel(TIME)

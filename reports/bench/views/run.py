@@ -105,7 +105,7 @@ def bench_views(
         "rows": lenses * pixels_per_lens,
         "columns": lenses * pixels_per_lens,
         "spp": spp,
-        "contenders": models,
+        "algorithms": models,
     }
 
 
@@ -173,7 +173,7 @@ def _table(views: Mapping[str, Any]) -> Table:
             number(c["noise"], 4),
             milliseconds(c["equal_noise_ms"]),
         ]
-        for c in items(views, "contenders")
+        for c in items(views, "algorithms")
     ]
     caption = (
         f"One view of {views['columns']} × {views['rows']} pixels, {views['spp']} samples each "
