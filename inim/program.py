@@ -1,7 +1,4 @@
-"""What `inim`, `python -m inim` and its kin run: the command line, as a process of its own.
-
-Nothing is imported before SIGINT is heeded, and nothing of the current folder.
-"""
+"""Entry point of `inim`, `python -m inim` and `python -m inim.validate`."""
 
 import os
 import sys
@@ -12,24 +9,30 @@ if TYPE_CHECKING:
 
 
 def run(*words: str) -> "NoReturn":
-    """Carry out the command that these words and the process's own arguments name, and exit."""
-    import _signal  # type: ignore[import-not-found]  # built in; `signal` loads a dozen modules
-
-    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:  # else it is ignored
-        _signal.signal(_signal.SIGINT, lambda number, _: os._exit(128 + number))
-    by_module = sys.modules["__main__"].__spec__ is not None
-    if by_module and not getattr(sys.flags, "safe_path", False):
-        del sys.path[0]  # the current folder, where `python -m` looks first
-    if sys.version_info < (3, 10):  # noqa: UP036 (in its own folder inim runs uninstalled)
-        print("inim: error: Python 3.10 or newer is needed, not", sys.executable, file=sys.stderr)
-        sys.exit(2)
-    from inim.process import interruption
-
-    interruption.install()
-    from inim.cli import main
-
+    """Run the command that these words and the process's own arguments name, and exit."""
     try:
+        by_module = sys.modules["__main__"].__spec__ is not None
+        if by_module and not getattr(sys.flags, "safe_path", False):
+            del sys.path[0]  # the current folder, where `python -m` looks first
+        if sys.version_info < (3, 10):  # noqa: UP036 (in its own folder inim runs uninstalled)
+            print(
+                "inim: error: Python 3.10 or newer is needed, not", sys.executable, file=sys.stderr
+            )
+            sys.exit(2)
+        from inim.process.interrupts import ignore_interrupts, raise_interrupts
+
+        raise_interrupts()
+        from inim.cli import main
+
         code = main([*words, *sys.argv[1:]])
-    finally:
-        interruption.too_late()
+        ignore_interrupts()
+    except KeyboardInterrupt as interrupt:
+        _end(*interrupt.args)
     sys.exit(code)
+
+
+def _end(number: int = 2, note: str = "unfinished results were discarded") -> "NoReturn":
+    """End the process after a signal, without waiting for its threads."""
+    if number == 2:  # SIGINT; whoever sends SIGTERM needs no message
+        print(f"inim: interrupted; {note}", file=sys.stderr, flush=True)
+    os._exit(128 + number)

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from inim.process import interruption, machine
-from inim.process.python_process import python_code, started
+from inim.process import machine
+from inim.process.atomic_file import atomic_file
+from inim.process.python_process import python_code
 
 _PROBE_SECONDS = 60.0
 _CURABLE = ("import", "start")
@@ -101,19 +102,18 @@ def probe(
     import subprocess
 
     try:
-        with started(
+        ended = subprocess.run(
             python_code(PROBE, variant, *needed),
             env={**os.environ, **variables},
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            capture_output=True,
             text=True,
             errors="replace",
-        ) as child:
-            output, errors = child.communicate(timeout=seconds)
+            timeout=seconds,
+        )
     except subprocess.TimeoutExpired:
         return Verdict(False, f"it hung for {seconds:g} s", lasting=False)
-    return _read_answer(child.returncode, output, errors)
+    return _read_answer(ended.returncode, ended.stdout, ended.stderr)
 
 
 def _read_answer(code: int, output: str, errors: str) -> Verdict:
@@ -236,11 +236,5 @@ def _write_cache(entries: dict[str, Any]) -> None:
     if path is None:
         return
     newest = dict(list(entries.items())[-REMEMBERED:])
-    partial = path.with_name(f"{path.name}.{os.getpid()}")
-    with (
-        contextlib.suppress(OSError),
-        interruption.undone_afterwards(lambda: partial, interruption.remove_file),
-    ):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(json.dumps(newest, indent=1), "utf-8")
-        partial.replace(path)
+    with contextlib.suppress(OSError), atomic_file(path) as temporary:
+        temporary.write_text(json.dumps(newest, indent=1), "utf-8")

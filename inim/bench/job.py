@@ -18,7 +18,7 @@ from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.timing import Rounds, most_threads
 from inim.process.observer import Observer
 from inim.report.bench import write_bench
-from inim.worker.output import open_staging, publish
+from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 
 _MARKER = "bench.json"
@@ -87,7 +87,7 @@ def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False)
     run_in_worker(
         "inim.bench.job:work",
         (request, load_average()),  # before the worker starts to load: what others do
-        lambda: open_staging(request.out, _FILES),
+        staging_folder(request.out, _FILES),
         check=lambda: _check(request),
         backend="llvm",
         quiet=quiet,

@@ -17,8 +17,6 @@ import contextlib
 import io
 import json
 import os
-import tempfile
-import time
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
@@ -28,17 +26,16 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache.folder import PARTIAL, store_folder
 from inim.errors import UsageError
-from inim.process import interruption
+from inim.process.atomic_file import atomic_file
 
+FOLDER_VARIABLE = "INIM_CACHE"
 SIZE_VARIABLE = "INIM_CACHE_GIB"
+_OFF = "off"
 _DEFAULT_GIB = 8.0
 _RECORD = ".npz"
 _REASONS = ".json"
 _FACTS = "facts"
-# A file half written that nobody has touched for a day is nobody's.
-_STALE_SECONDS = 86_400
 
 
 @dataclass(frozen=True)
@@ -57,6 +54,17 @@ class StoreInfo:
     records: int
     size_bytes: int
     limit_bytes: int
+
+
+def store_folder() -> Path | None:
+    """Where results are kept; None where they are not, or nobody knows the user's home."""
+    named = os.environ.get(FOLDER_VARIABLE, "")
+    if named:
+        return None if named.lower() == _OFF else Path(named)
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    if not Path(base).is_absolute():
+        base = os.path.expanduser("~/.cache")  # noqa: PTH111 (stays as it is where there is none)
+    return Path(base) / "inim" if Path(base).is_absolute() else None
 
 
 def open_store() -> Store | None:
@@ -165,8 +173,8 @@ class Store:
         path = self.folder / (address + _RECORD)
         try:
             self._make_room(sum(a.nbytes for a in record.arrays.values()))
-            with self._writing(path) as file:
-                np.savez(file, **{_FACTS: facts, **record.arrays})  # type: ignore[arg-type]
+            with atomic_file(path) as temporary:
+                np.savez(temporary, **{_FACTS: facts, **record.arrays})  # type: ignore[arg-type]
         except OSError:
             return False
         self._held = None if self._held is None else self._held + path.stat().st_size
@@ -182,11 +190,9 @@ class Store:
 
     def remember_parts(self, topic: str, parts: Mapping[str, str]) -> None:
         """Keep what decided a result, to tell next time what has changed."""
-        with (
-            contextlib.suppress(OSError),
-            self._writing(self.folder / (topic + _REASONS)) as file,
-        ):
-            file.write(json.dumps(dict(parts)).encode())
+        path = self.folder / (topic + _REASONS)
+        with contextlib.suppress(OSError), atomic_file(path) as temporary:
+            temporary.write_text(json.dumps(dict(parts)), "utf-8")
 
     def info(self) -> StoreInfo:
         """How much there is."""
@@ -201,24 +207,6 @@ class Store:
             with contextlib.suppress(OSError):
                 path.unlink()
         return held
-
-    @contextlib.contextmanager
-    def _writing(self, path: Path) -> Any:
-        """A file that appears whole or not at all."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-
-        def make() -> tuple[int, Path]:
-            prefix = f"{os.getpid()}."  # see `clear_partials`
-            descriptor, name = tempfile.mkstemp(PARTIAL, prefix, self.folder)
-            return descriptor, Path(name)
-
-        def remove(made: tuple[int, Path]) -> None:
-            interruption.remove_file(made[1])
-
-        with interruption.undone_afterwards(make, remove) as (descriptor, partial):
-            with os.fdopen(descriptor, "wb") as file:
-                yield file
-            partial.replace(path)
 
     def _make_room(self, needed: int) -> None:
         """Remove what was not used for longest until so much fits."""
@@ -244,15 +232,9 @@ class Store:
             for path in self.folder.iterdir():
                 with contextlib.suppress(OSError):  # it may go at any time
                     status = path.stat()
-                    if path.suffix == PARTIAL and not _is_stale(status.st_mtime):
-                        continue
-                    if path.suffix in (_RECORD, _REASONS, PARTIAL):
+                    if path.suffix in (_RECORD, _REASONS):
                         found.append((path, status.st_size, status.st_mtime))
         return found
-
-
-def _is_stale(changed: float) -> bool:
-    return abs(time.time() - changed) > _STALE_SECONDS
 
 
 def _array(data: bytes) -> np.ndarray:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from inim.commands.options import Command, print_warning
 from inim.errors import FileError, UsageError
 from inim.files.regular_file import read_file
-from inim.process import interruption
+from inim.process.interrupts import delayed_interrupts
 
 if TYPE_CHECKING:
     import argparse
@@ -318,15 +318,12 @@ def _write_all(
 
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        with interruption.undone_afterwards(
-            lambda: tempfile.TemporaryDirectory(prefix=".new-scene-", dir=out.parent),
-            lambda made: made.cleanup(),
-        ) as made:
-            folder = Path(made.name)
+        with tempfile.TemporaryDirectory(prefix=".new-scene-", dir=out.parent) as name:
+            folder = Path(name)
             for path, write in files.items():
                 write(folder / path.name)
             (folder / out.name).write_text(xml, encoding="utf-8")
-            with interruption.publishing():
+            with delayed_interrupts():
                 for path in (*files, out):
                     (folder / path.name).replace(path)
                 for path in leftovers:

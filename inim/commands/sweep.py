@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,6 @@ from inim.commands.options import (
     print_outcome,
 )
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
-from inim.process import interruption
 
 if TYPE_CHECKING:
     from inim.sweep.run import Place
@@ -79,8 +79,8 @@ def _sweep(args: argparse.Namespace) -> int:
     if args.dry_run:
         print("\n".join(plan_study(read_study(request.study), request.place).lines()))
         return EXIT_PASSED
-    interruption.say(_KEPT)
-    outcome = run_sweep(request, quiet=args.quiet, debug=args.debug)
+    with _results_kept():
+        outcome = run_sweep(request, quiet=args.quiet, debug=args.debug)
     if args.quiet:  # else each was printed when it happened
         _print_failed(outcome.failed)
     else:
@@ -88,6 +88,16 @@ def _sweep(args: argparse.Namespace) -> int:
         verdict = "passed" if outcome.passed else "FAILED"
         print_outcome(f"{verdict}; {words}; sweep: {request.place.out / PAGE}")
     return EXIT_PASSED if outcome.passed else EXIT_CHECK_FAILED
+
+
+@contextmanager
+def _results_kept() -> Iterator[None]:
+    """Add to the message of an interrupt that finished validations are kept."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        interrupt.args += (_KEPT,)
+        raise
 
 
 def _print_failed(failed: Mapping[str, str]) -> None:
@@ -153,8 +163,8 @@ def _tolerate(args: argparse.Namespace) -> int:
     if args.dry_run:
         print("\n".join(plan_tolerance(request).lines()))
         return EXIT_PASSED
-    interruption.say(_KEPT)
-    document = run_tolerance(request, quiet=args.quiet, debug=args.debug)
+    with _results_kept():
+        document = run_tolerance(request, quiet=args.quiet, debug=args.debug)
     failed = {display.display: display.error for display in document.failed}
     if args.quiet:
         _print_failed(failed)

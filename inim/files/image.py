@@ -20,7 +20,7 @@ from inim.errors import FileError, UsageError
 from inim.files.regular_file import check_file
 from inim.image.color import srgb_codes
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
-from inim.process import interruption
+from inim.process.atomic_file import atomic_file
 from inim.version import __version__
 
 # A picture beyond this is a bomb or a mistake; 8K panels have 33 million pixels.
@@ -39,13 +39,9 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     FileError
         When the folder cannot be written or the disk is full; `path` is then as it was.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp{path.suffix}")
     try:
-        with interruption.undone_afterwards(lambda: temporary, interruption.remove_file):
-            path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_file(path) as temporary:
             write(temporary)
-            interruption.written()
-            temporary.replace(path)
     except OSError as error:
         raise FileError(
             f"{path}: cannot be written ({error.strerror or error}); "

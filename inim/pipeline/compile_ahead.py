@@ -7,11 +7,9 @@ finds them there. It changes no result and is never an error: what it lacks, the
 
 from __future__ import annotations
 
-import os
 import pickle
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
@@ -24,7 +22,12 @@ from inim.pipeline.compiled_marks import compiling, is_compiled
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.generate import GeneratorHandle
 from inim.process.machine import cpu_count
-from inim.process.python_process import child_environment, python_module, started, wait_for_parent
+from inim.process.python_process import (
+    child_environment,
+    end_process,
+    exit_with_parent,
+    python_module,
+)
 from inim.regression import reference_input
 
 # Small panels take other kernels than large ones, which these are enough for.
@@ -43,20 +46,23 @@ def compiling_ahead(plan: Plan) -> Iterator[None]:
     if not job:
         yield
         return
-    with started(
+    child = subprocess.Popen(
         python_module("inim.pipeline.compile_ahead"),
         env=child_environment(),
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-    ) as child:
-        assert child.stdin is not None
+    )
+    assert child.stdin is not None
+    try:
         with suppress(OSError):  # it has died already
             child.stdin.write(job)
             child.stdin.flush()
         yield
-    with suppress(OSError):
-        child.stdin.close()
+    finally:
+        end_process(child)
+        with suppress(OSError):
+            child.stdin.close()
 
 
 def _job(plan: Plan) -> bytes:
@@ -76,7 +82,7 @@ def _job(plan: Plan) -> bytes:
 def _compile() -> None:
     """The child's whole life."""
     display, pixels_per_pitch, algorithms = pickle.load(sys.stdin.buffer)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    exit_with_parent()
     shape = display.capture_shape(pixels_per_pitch)
     pixel_mm = display.capture_pixel_mm(pixels_per_pitch)
     picture = reference_input(display, shape, pixel_mm)
@@ -93,12 +99,6 @@ def _of_two_layers(rgbd: RGBD) -> LayeredRGBD:
     front, covered = rgbd.depth_mm, rgbd.covered
     behind = Layer(rgbd.color, front - 2, np.full_like(front, -np.inf), covered)
     return LayeredRGBD(rgbd.color, front, covered, rgbd.pixel_mm, front - 1, (behind,))
-
-
-def _end_with_parent() -> None:
-    """Nobody needs the kernels any more."""
-    wait_for_parent()
-    os._exit(1)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from inim.errors import UsageError
 from inim.pipeline.request import Request
-from inim.worker.output import default_out, open_staging
+from inim.worker.output import default_out, staging_folder
 from inim.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def validate_in_worker(request: Request, *, quiet: bool = True, debug: bool = Fa
         return run_in_worker(
             "inim.pipeline.work:work",
             request,
-            lambda: open_staging(request.out),
+            staging_folder(request.out),
             check=check,
             backend=request.backend,
             about=str(request.scene),

@@ -7,23 +7,20 @@ user's own choice, and stays.
 
 from __future__ import annotations
 
-import math
 import os
-import signal
 import sys
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+import threading
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import inim
-from inim.process import interruption
 
 if TYPE_CHECKING:
     import subprocess
 
+# A worker that moves its results is waited for as long.
+_PATIENCE_S = 10.0
 _HAS_SAFE_PATH = sys.version_info >= (3, 11)
 
 
@@ -57,63 +54,24 @@ def child_environment() -> dict[str, str]:
     return os.environ | {"PYTHONPATH": os.pathsep.join(places)}
 
 
-@contextmanager
-def started(words: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[Any]]:
-    """A child process, ended with the block if it still runs, and with the program.
-
-    It never hears of SIGINT, which a terminal sends to all: Python's own start would answer with a
-    traceback.
-
-    Parameters
-    ----------
-    words : sequence of str
-    **options
-        Of `subprocess.Popen`.
-    """
-    with interruption.undone_afterwards(lambda: _deaf(words, options), end_process) as process:
-        yield process
+def exit_with_parent() -> None:
+    """End this process as soon as its parent has ended: the parent holds the stdin open."""
+    threading.Thread(target=_wait_for_parent, daemon=True).start()
 
 
-def _deaf(words: Sequence[str], options: dict[str, Any]) -> subprocess.Popen[Any]:
-    """Start it with SIGINT blocked: a child has its parent's mask from its first instruction on."""
-    import subprocess
-
-    if not hasattr(signal, "pthread_sigmask"):
-        return subprocess.Popen(words, **options)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        return subprocess.Popen(words, **options)
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def wait_for_parent() -> None:
-    """Wait until the parent's end of this process's stdin closes: it has ended."""
+def _wait_for_parent() -> None:
     while os.read(0, 1):
         pass
+    os._exit(1)
 
 
 def end_process(process: subprocess.Popen[Any]) -> None:
-    """End a child that still runs, and wait for it; by force where it takes too long.
+    """End a child that still runs, and wait for it; kill it if that takes too long."""
+    import subprocess
 
-    Its `wait` would take a lock that the thread which a signal has interrupted may hold.
-    """
-    if not hasattr(os, "WNOHANG"):  # where no signal's handler could need it either
+    process.terminate()
+    try:
+        process.wait(_PATIENCE_S)
+    except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-        return
-    by_force = getattr(signal, "SIGKILL", signal.SIGTERM)
-    for number, seconds in ((signal.SIGTERM, interruption.WAIT_S), (by_force, math.inf)):
-        patience = time.monotonic() + seconds
-        if process.returncode is None:
-            with suppress(ProcessLookupError):
-                os.kill(process.pid, number)
-        while process.returncode is None and time.monotonic() < patience:
-            try:
-                found, status = os.waitpid(process.pid, os.WNOHANG)
-            except ChildProcessError:  # another thread has waited for it just now
-                return
-            if found:
-                process.returncode = os.waitstatus_to_exitcode(status)
-            else:
-                time.sleep(0.002)

@@ -28,7 +28,6 @@ NAMES = (
     "patterns",
     "calibration",
     "photo",
-    "files",
 )
 _PARTS = "urn:inim:parts:1#/$defs/"
 _OWN = "#/$defs/"

@@ -32,7 +32,7 @@ from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
 from inim.report.stress import summary_lines, tables_of, write_stress
 from inim.version import __version__
-from inim.worker.output import open_staging, publish
+from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 
 _MARKER = "stress.json"
@@ -137,7 +137,7 @@ def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = Fals
     return run_in_worker(
         "inim.stress.job:work",
         request,
-        lambda: open_staging(request.out, _FILES),
+        staging_folder(request.out, _FILES),
         check=request.check,
         backend="llvm",
         quiet=quiet,

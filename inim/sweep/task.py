@@ -14,6 +14,7 @@ import stat
 import tempfile
 import uuid
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,13 +23,13 @@ from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, Work
 from inim.files.json_file import read_json
 from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
 from inim.pipeline.request import Request
-from inim.process import interruption
+from inim.process.interrupts import delayed_interrupts
 from inim.process.observer import Observer
 from inim.report import Report
 from inim.report.files import from_strict, to_strict
 from inim.sweep.table import result_of
 from inim.sweep.unit import Unit, key_of, making_of
-from inim.worker.output import open_staging, publish
+from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import OnStage, OnStart, run_in_worker
 
 SCHEMA = "inim.unit/1"
@@ -183,7 +184,7 @@ def _carry_out(task: Task, on_start: OnStart | None, on_stage: OnStage | None) -
     run_in_worker(
         "inim.sweep.task:work",
         task,
-        lambda: _open_staging(task),
+        _staging(task),
         backend=task.request.backend,
         about=str(task.request.out),
         variables=_threads(task.threads),
@@ -198,14 +199,14 @@ def _threads(count: int | None) -> dict[str, str]:
     return {} if count is None else {"NUMBA_NUM_THREADS": str(count)}
 
 
-def _open_staging(task: Task) -> Path:
+def _staging(task: Task) -> AbstractContextManager[Path]:
     """Where the report is built: beside its place if it is kept, else on this machine's own disk.
 
     A report is some megabytes of pictures, thousands of times its rows: no load for a shared one.
     One folder for all units, so that each clears away what killed ones left of any.
     """
     if task.keep_report:
-        return open_staging(_report_folder(task))
+        return staging_folder(_report_folder(task))
     folder = Path(tempfile.gettempdir()) / f"inim-sweep-{os.getuid()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -219,7 +220,7 @@ def _open_staging(task: Task) -> Path:
             f"{folder}: belongs to another user or is open to others; set TMPDIR to a folder of "
             "your own"
         )
-    return open_staging(folder / "unit")
+    return staging_folder(folder / "unit")
 
 
 def _report_folder(task: Task) -> Path:
@@ -238,7 +239,7 @@ def work(task: Task, staging: Path, observer: Observer) -> bool:
     report = _validated(task, plan, staging, observer)
     times = _times(staging)
     results = Results(task.request.out)
-    with interruption.publishing():
+    with delayed_interrupts():
         if task.keep_report:  # before the results: they say that nothing is left to do
             publish(staging, _report_folder(task))
         for name in task.algorithms:

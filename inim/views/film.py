@@ -28,7 +28,7 @@ from inim.report import Report
 from inim.settings import Settings
 from inim.views.frames import frames
 from inim.views.traced_scene import TracedScene
-from inim.worker.output import open_beside, publish_file
+from inim.worker.output import hidden_folder, publish_file
 from inim.worker.supervisor import run_in_worker
 
 _KINDS = (".gif", ".webp", ".mp4")
@@ -94,7 +94,7 @@ def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) 
     run_in_worker(
         "inim.views.film:work",
         request,
-        lambda: open_beside(Path(request.out)),
+        hidden_folder(Path(request.out)),
         check=lambda: _check(request),
         about=request.out,
         quiet=quiet,

@@ -40,7 +40,7 @@ from inim.report.without_scene import SCHEMA, write_picture_report
 from inim.scene.file import chosen_display
 from inim.version import __version__
 from inim.views.warp import warped
-from inim.worker.output import default_out, open_staging, publish
+from inim.worker.output import default_out, publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ def run_picture(
     passed = run_in_worker(
         "inim.views.own_picture:work",
         (request, warnings, notes),
-        lambda: open_staging(request.folder, _FILES),
+        staging_folder(request.folder, _FILES),
         fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
         backend=request.backend,
         quiet=quiet,

@@ -22,7 +22,7 @@ from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
 from inim.views.frames import frames
 from inim.views.traced_scene import TracedScene
-from inim.worker.output import open_beside, publish_file
+from inim.worker.output import hidden_folder, publish_file
 from inim.worker.supervisor import run_in_worker
 
 _MOST_VIEWS = 1000
@@ -103,7 +103,7 @@ def make_quilt(request: QuiltRequest, *, quiet: bool = True, debug: bool = False
     run_in_worker(
         "inim.views.quilt:work",
         request,
-        lambda: open_beside(request.path),
+        hidden_folder(request.path),
         check=lambda: check_quilt(request),
         about=str(request.path),
         quiet=quiet,

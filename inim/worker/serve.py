@@ -24,10 +24,8 @@ from typing import Any
 from inim import backend as backends
 from inim.backend.numba_cache import go_without_cache, is_cache_fault
 from inim.errors import InimError, missing_package
-from inim.process import interruption
 from inim.process.observer import Observer
-from inim.process.python_process import wait_for_parent
-from inim.worker.output import remove_folder
+from inim.process.python_process import exit_with_parent
 
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {remaining} left"
 _REDRAW_S = 1.0
@@ -119,7 +117,7 @@ class Job:
     request : object
         Anything that can be pickled.
     staging : Path
-        Folder to build the result in; it is removed afterwards.
+        Folder to build the result in.
     variables : dict of str to str
         Of the environment: the backend's.
     quiet : bool
@@ -223,17 +221,10 @@ class _OwnWords:
         return getattr(self._stream, name)
 
 
-def _end_with_parent() -> None:
-    """Wait for the parent's end of stdin to close: it died, and nobody else would clear away."""
-    wait_for_parent()
-    interruption.end(1)
-
-
 def serve(job: Job, channel: int, work: Work) -> None:
     """A worker's whole life: carry out the job under an observer, in silence but for results."""
     os.environ.update(job.variables)  # this process has begun before they were known
-    interruption.this_is_a_worker()
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    exit_with_parent()
     sys.stdout = _Patient(sys.stdout)
     if not job.debug:
         # What libraries mutter would break the one-line promise; our own stderr stays.
@@ -246,7 +237,6 @@ def serve(job: Job, channel: int, work: Work) -> None:
         os.close(silence)
     # What a supervisor that died has not read is written once more when the channel closes.
     with (
-        interruption.undone_afterwards(lambda: job.staging, remove_folder),
         contextlib.suppress(BrokenPipeError),
         os.fdopen(channel, "w", encoding="utf-8") as outcome_channel,
     ):

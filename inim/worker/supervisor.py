@@ -2,7 +2,7 @@
 
 A damaged mesh, a kernel that will not compile or memory running out kill the process without an
 exception. So the heavy part runs in one worker process, and its supervisor turns any death into an
-exit code and a sentence, and clears away what was half written.
+exit code and a sentence, and removes its staging folder.
 
 A job goes to the worker's stdin, pickled; what the worker says goes through a pipe of its own, a
 line of JSON each: its stages, and at last its outcome. It ends when its stdin does: with its
@@ -17,16 +17,14 @@ import os
 import signal
 import subprocess
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from inim import backend as backends
 from inim import errors
-from inim.cache.folder import clear_partials
 from inim.errors import InimError, OutOfMemoryError, WorkerError
-from inim.process import interruption
-from inim.process.python_process import child_environment, end_process, python_module, started
-from inim.worker.output import remove_folder
+from inim.process.python_process import child_environment, end_process, python_module
 from inim.worker.serve import Job
 
 OnStart = Callable[["subprocess.Popen[bytes]"], object]
@@ -44,7 +42,7 @@ _ERRORS = {
 def run_in_worker(
     target: str,
     request: object,
-    open_folder: Callable[[], Path],
+    staging: AbstractContextManager[Path],
     *,
     check: Callable[[], object] | None = None,
     fill: Callable[[Path], object] | None = None,
@@ -64,9 +62,8 @@ def run_in_worker(
         What carries it out, as ``module:function``; see `inim.worker.serve.Work`.
     request : object
         Anything that can be pickled.
-    open_folder : callable
-        Opens the folder to build the result in, such as `inim.worker.output.open_staging`; it is
-        removed afterwards, whatever happens.
+    staging : context manager
+        Yields the folder to build the result in, such as `inim.worker.output.staging_folder`.
     check : callable, optional
         Raises what is wrong with the request; called while the worker loads.
     fill : callable, optional
@@ -96,22 +93,26 @@ def run_in_worker(
         What `check` or the worker raised, or `WorkerError` / `OutOfMemoryError` where the worker
         could not say.
     """
-    with _Worker(target, variables or {}, about) as worker:
+    process, messages = _start_worker(target, variables or {}, about)
+    try:
         if check is not None:
             check()
         chosen = backends.environment(backends.choose_backend(backend))
-
-        def remove(staging: Path) -> None:
-            worker.end()  # before what it writes goes
-            remove_folder(staging)
-
-        with interruption.undone_afterwards(open_folder, remove) as staging:
-            if fill is not None:
-                fill(staging)
-            if on_start is not None:
-                on_start(worker.process)
-            job = Job(request, staging, chosen, quiet, debug)
-            return outcome_of(worker.carry_out(job, on_stage))
+        with staging as folder:
+            try:
+                if fill is not None:
+                    fill(folder)
+                if on_start is not None:
+                    on_start(process)
+                job = Job(request, folder, chosen, quiet, debug)
+                return outcome_of(_carry_out(process, messages, job, on_stage))
+            finally:
+                end_process(process)  # before the folder it writes to is removed
+    finally:
+        end_process(process)
+        messages.close()
+        with contextlib.suppress(OSError):  # of a job that was never read
+            _stdin(process).close()
 
 
 def outcome_of(said: dict[str, Any]) -> bool:
@@ -121,67 +122,55 @@ def outcome_of(said: dict[str, Any]) -> bool:
     return bool(said["passed"])
 
 
-class _Worker:
-    """A worker process, which loads what it needs from its start on."""
-
-    def __init__(self, target: str, variables: Mapping[str, str], about: str) -> None:
-        read_end, write_end = os.pipe()
-        self._messages = os.fdopen(read_end, encoding="utf-8")
-        self._started = started(
+def _start_worker(
+    target: str, variables: Mapping[str, str], about: str
+) -> tuple[subprocess.Popen[bytes], IO[str]]:
+    """Start a worker; the process, and the messages it will send."""
+    read_end, write_end = os.pipe()
+    # A terminal sends SIGINT to all processes. A child has its parent's mask from its first
+    # instruction on; Python's own start would answer with a traceback.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process = subprocess.Popen(
             python_module("inim.worker", target, str(write_end), about),
             env={**child_environment(), **variables},
             stdin=subprocess.PIPE,
             pass_fds=(write_end,),
         )
-        self.process = self._started.__enter__()
+    finally:
         os.close(write_end)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    return process, os.fdopen(read_end, encoding="utf-8")
 
-    def __enter__(self) -> _Worker:
-        return self
 
-    def __exit__(self, *error: Any) -> None:
-        self._started.__exit__(*error)
-        with contextlib.suppress(OSError):  # of a job that was never read
-            self._stdin.close()
-        self._messages.close()
+def _stdin(process: subprocess.Popen[bytes]) -> IO[bytes]:
+    assert process.stdin is not None
+    return process.stdin
 
-    def end(self) -> None:
-        """End the process where it still runs, and clear away what it was just keeping."""
-        end_process(self.process)
-        code = self.process.returncode
-        if code is None or code >= 0:  # it ended by itself, perhaps with a result
-            interruption.written()
-        else:
-            clear_partials(self.process.pid)
 
-    @property
-    def _stdin(self) -> Any:
-        assert self.process.stdin is not None
-        return self.process.stdin
+def _carry_out(
+    process: subprocess.Popen[bytes], messages: IO[str], job: Job, on_stage: OnStage | None
+) -> dict[str, Any]:
+    """Give a worker its job and wait for its end; its last message.
 
-    def carry_out(self, job: Job, on_stage: OnStage | None) -> dict[str, Any]:
-        """Have it carry out the one job of its life; what it said last.
-
-        Raises
-        ------
-        InimError
-            Made from how it died, where it could not say.
-        """
-        said: list[dict[str, Any]] = []
-        with contextlib.suppress(OSError):  # it has died already
-            self._stdin.write(job.packed())
-            self._stdin.flush()
-        for line in self._messages:
-            if line.endswith("\n"):
-                said.append(json.loads(line))
-                if on_stage is not None and "stage" in said[-1]:
-                    on_stage(said[-1]["stage"])
-        code = self.process.wait()
-        if said and ("error" in said[-1] or "passed" in said[-1]):
-            outcome: dict[str, Any] = said[-1]
-            return outcome
-        stage = said[-1]["stage"] if said else "start"
-        raise _death(code, stage, backends.memory_limit_bytes())
+    Raises
+    ------
+    InimError
+        The kind of its death, if it could not send the outcome.
+    """
+    message: dict[str, Any] = {"stage": "start"}
+    with contextlib.suppress(OSError):  # it has died already
+        _stdin(process).write(job.packed())
+        _stdin(process).flush()
+    for line in messages:
+        if line.endswith("\n"):
+            message = json.loads(line)
+            if on_stage is not None and "stage" in message:
+                on_stage(message["stage"])
+    code = process.wait()
+    if "stage" in message:
+        raise _death(code, message["stage"], backends.memory_limit_bytes())
+    return message
 
 
 def _death(code: int, stage: str, memory_limit: int) -> InimError:

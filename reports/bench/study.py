@@ -27,7 +27,7 @@ from inim.pipeline.plan import Plan
 from inim.process.observer import Observer
 from inim.report.bench import Part, write_bench
 from inim.scene.two_spheres import two_spheres
-from inim.worker.output import open_staging, publish
+from inim.worker.output import publish, staging_folder
 from inim.worker.serve import ConsoleObserver
 
 #: Measures, with an empty folder for whatever it writes meanwhile; `study` of bench.json.
@@ -84,8 +84,7 @@ def run_study(
     load = load_average()  # before anything is loaded: what others do
     try:
         rounds = Rounds(args.runs, args.warmups, args.threads)
-        staging = open_staging(args.out, ("bench.json", "bench.html", "bench.md"))
-        try:
+        with staging_folder(args.out, ("bench.json", "bench.html", "bench.md")) as staging:
             from inim.render import variant
 
             command = ["python", "-m", module, *sys.argv[1:]]
@@ -99,8 +98,6 @@ def run_study(
             document = replace(document, study=study, load=busy)
             write_bench(document, staging, lambda document: parts_of(document.study))
             publish(staging, args.out, "bench.json")
-        finally:
-            shutil.rmtree(staging, ignore_errors=True)
     except InimError as error:
         print(f"{module}: error: {error}", file=sys.stderr)
         return error.exit_code

@@ -83,7 +83,7 @@ def assert_one_line(text: str, words: Sequence[str]) -> None:
 
 def nothing_left(folder: Path) -> bool:
     """Whether no half-written folder or file is left."""
-    return not [p for p in folder.rglob("*") if p.name.endswith((".partial", ".tmp"))]
+    return not [p for p in folder.rglob("*") if ".partial" in p.name]
 
 
 def files_in(folder: Path) -> set[str]:
@@ -109,38 +109,32 @@ def assert_whole(out: Path) -> dict:
     return data
 
 
-class WorkerHere:
-    """A worker that is this process: the same job and outcome, without a start of its own."""
+_ONE_AT_A_TIME = threading.Lock()
 
-    process = SimpleNamespace(returncode=0, terminate=lambda: None)
-    _one_at_a_time = threading.Lock()
 
-    def __init__(self, target: str, *_: object, **__: object) -> None:
-        self.module, _, self.function = target.partition(":")
+def _start_here(target: str, *_: object) -> tuple[Any, io.StringIO]:
+    process = SimpleNamespace(
+        returncode=0, target=target, stdin=io.BytesIO(), terminate=int, wait=lambda *_: 0
+    )
+    return process, io.StringIO()
 
-    def __enter__(self) -> WorkerHere:
-        return self
 
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def end(self) -> None:
-        """It has none of its own."""
-
-    def carry_out(self, job: Any, *_: object) -> dict[str, Any]:
-        """Carry the job out; what a worker says last."""
-        said = io.StringIO()
-        with self._one_at_a_time:
-            os.environ.update(job.variables)
-            answer(job, said, getattr(import_module(self.module), self.function))
-        return dict(json.loads(said.getvalue().splitlines()[-1]))
+def _carry_out_here(process: Any, _: object, job: Any, *__: object) -> dict[str, Any]:
+    """Carry a job out in this process; the last message of a worker."""
+    messages = io.StringIO()
+    module, _, function = process.target.partition(":")
+    with _ONE_AT_A_TIME:
+        os.environ.update(job.variables)
+        answer(job, messages, getattr(import_module(module), function))
+    return dict(json.loads(messages.getvalue().splitlines()[-1]))
 
 
 @contextmanager
 def worker_here() -> Iterator[None]:
     """Have commands and `inim.validate` do their workers' jobs in this process."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(supervisor, "_Worker", WorkerHere)
+        patch.setattr(supervisor, "_start_worker", _start_here)
+        patch.setattr(supervisor, "_carry_out", _carry_out_here)
         yield
 
 

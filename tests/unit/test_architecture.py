@@ -14,7 +14,6 @@ import pytest
 import inim
 from inim.metrics.ssim import metric
 from inim.process import threads as parallel
-from inim.worker import supervisor
 from tests.conftest import scene_text, sphere
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "architecture.md"
@@ -46,25 +45,25 @@ def recording(seen: set[str], function: Any) -> Any:
 def path(renderer: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> set[str]:
     """Modules passed through on the way to a view and to its SSIM, worker and all."""
     from inim.render.reconstruct import DisplayScene
-    from tests.system.conftest import WorkerHere
+    from tests.system.conftest import worker_here
 
     seen: set[str] = set()
     # All in one thread and one process: the stack is the whole way.
     monkeypatch.setattr(parallel, "cpu_count", lambda: 1)
-    monkeypatch.setattr(supervisor, "_Worker", WorkerHere)
     monkeypatch.setattr(DisplayScene, "view", recording(seen, DisplayScene.view))
     monkeypatch.setitem(vars(metric), "function", recording(seen, metric.function))
     scene = tmp_path / "tiny.xml"
     scene.write_text(scene_text(sphere((0, 0, 1), 1.2)), encoding="utf-8")
     small = {"lens_columns": 8, "lens_rows": 6, "capture_spp": 2, "eia_spp": 2, "view_spp": 2}
-    inim.validate(
-        scene,
-        tmp_path / "out",
-        definitions={f"inim.{key}": value for key, value in small.items()},
-        algorithms="template",
-        viewpoints="centre",
-        no_skip=True,
-    )
+    with worker_here():
+        inim.validate(
+            scene,
+            tmp_path / "out",
+            definitions={f"inim.{key}": value for key, value in small.items()},
+            algorithms="template",
+            viewpoints="centre",
+            no_skip=True,
+        )
     return seen
 
 

@@ -1,13 +1,12 @@
-"""Output folders: what is written there, and what of it may go.
+"""Output folders: what a run writes, replaces and deletes there.
 
-Expected: a result appears whole or not at all; of what lies in its folder, only what the program
-has put there is replaced, and only what is still as it was put there is deleted; whatever links,
-lists and files stand in the way, nothing outside the folder changes.
+Expected: a result appears whole or not at all; in an existing folder, only files that an earlier
+run listed are replaced or deleted; whatever links, lists and files are in the way, nothing outside
+the folder changes.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shutil
@@ -17,87 +16,92 @@ import pytest
 
 from inim.errors import FileError
 from inim.worker import output
-from inim.worker.output import SCHEMA, open_staging, publish
-from tests.schemas import read_document
+from inim.worker.output import publish, staging_folder
 
-REPORT = ".report-files.json"
+LIST = ".report-files.json"
 
 
-def finished(out: Path, **files: str) -> Path:
-    """A staging folder as a run leaves it."""
-    staging = open_staging(out)
+def write_report(out: Path, **files: str) -> None:
+    """Write a report as a run does."""
+    with staging_folder(out) as staging:
+        fill(staging, **files)
+        publish(staging, out)
+
+
+def fill(staging: Path, **files: str) -> None:
     for name, text in {"report.json": "{}", **files}.items():
         (staging / name).parent.mkdir(parents=True, exist_ok=True)
         (staging / name).write_text(text)
-    return staging
 
 
 def tree(folder: Path) -> dict[str, str]:
     """All that is there, links unfollowed; files with their text."""
-    found = {}
+    contents = {}
     for place, folders, files in os.walk(folder):
         for name in [*folders, *files]:
             path = Path(place, name)
             kind = f"-> {path.readlink()}" if path.is_symlink() else "folder"
             text = path.read_text() if path.is_file() and not path.is_symlink() else kind
-            found[str(path.relative_to(folder))] = text
-    return found
+            contents[str(path.relative_to(folder))] = text
+    return contents
 
 
-# --- What is written ----------------------------------------------------------------------------
+def assert_refused(out: Path, message: str) -> None:
+    """A run into this folder is refused before any work, and nothing changes."""
+    before = tree(out.parent)
+    with pytest.raises(FileError, match=message), staging_folder(out):
+        raise AssertionError("the work begins")
+    assert tree(out.parent) == before
 
 
 @pytest.mark.parametrize(
-    ("out", "says"),
+    ("out", "message"),
     [("file", "file: is a file"), ("file/out", "cannot be written"), ("link", "is a file"),
      ("n" * 300, "File name too long")],
 )  # fmt: skip
 def test_place_that_cannot_hold_a_folder_is_refused_at_once(
-    tmp_path: Path, out: str, says: str
+    tmp_path: Path, out: str, message: str
 ) -> None:
     (tmp_path / "file").write_text("mine")
     (tmp_path / "link").symlink_to("nowhere")
-    with pytest.raises(FileError, match=says):
-        open_staging(tmp_path / out)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "link"]
-    assert (tmp_path / "file").read_text() == "mine"
+    with pytest.raises(FileError, match=message), staging_folder(tmp_path / out):
+        pass
+    assert tree(tmp_path) == {"file": "mine", "link": "-> nowhere"}
 
 
 def test_longest_name_a_file_system_allows_can_be_written(tmp_path: Path) -> None:
     out = tmp_path / ("n" * 255)
-    publish(finished(out), out)
+    write_report(out)
     assert (out / "report.json").is_file()
-
-
-def test_what_was_written_is_listed_with_its_digest(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    for text in ("first", "second"):
-        publish(finished(out, **{"eia/a.png": text}), out)
-        files = read_document(out / REPORT)["files"]
-        assert files == {
-            name: [hashlib.sha256((out / name).read_bytes()).hexdigest()]
-            for name in ("eia/a.png", "report.json")
-        }
 
 
 def test_own_files_are_replaced_or_deleted_and_others_kept(tmp_path: Path) -> None:
     out = tmp_path / "out"
     for names in (("a.png", "sub/b.png"), ("a.png", "sub/c.png")):
-        publish(finished(out, **dict.fromkeys(names, names[1])), out)
+        write_report(out, **dict.fromkeys(names, names[1]))
         (out / "notes.txt").write_text("mine")
-    found = tree(out)
-    assert found.keys() == {"a.png", "sub", "sub/c.png", "report.json", "notes.txt", REPORT}
-    assert found["a.png"] == "sub/c.png"
-    assert not list(tmp_path.glob(".*partial"))
+    contents = tree(out)
+    assert contents.keys() == {"a.png", "sub", "sub/c.png", "report.json", "notes.txt", LIST}
+    assert contents["a.png"] == "sub/c.png"
+    assert json.loads(contents[LIST]) == ["a.png", "report.json", "sub/c.png"]
+    assert list(tmp_path.iterdir()) == [out]
+
+
+def test_list_of_an_earlier_version_counts(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    write_report(out, **{"a.png": "a"})
+    digests = {"schema": "inim.files/1", "files": {"a.png": ["0"], "report.json": ["0"]}}
+    (out / LIST).write_text(json.dumps(digests))
+    write_report(out)
+    assert tree(out).keys() == {"report.json", LIST}
 
 
 def test_report_of_another_kind_in_the_same_folder_stays(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    publish(finished(out, **{"eia/a.png": "a"}), out)
-    staging = open_staging(out, ["bench.json"])
-    (staging / "bench.json").write_text("{}")
-    publish(staging, out, "bench.json")
-    publish(finished(out), out)
+    write_report(out, **{"eia/a.png": "a"})
+    with output.published(out, ["bench.json"]) as staging:
+        (staging / "bench.json").write_text("{}")
+    write_report(out)
     assert {"report.json", "bench.json"} <= tree(out).keys()
 
 
@@ -106,7 +110,7 @@ def test_folder_that_is_itself_a_link_is_the_user_s_choice(tmp_path: Path) -> No
     out = tmp_path / "out"
     out.symlink_to("real")
     for text in ("first", "second"):
-        publish(finished(out, **{"eia/a.png": text}), out)
+        write_report(out, **{"eia/a.png": text})
     assert out.is_symlink()
     assert (tmp_path / "real" / "eia" / "a.png").read_text() == "second"
 
@@ -114,40 +118,40 @@ def test_folder_that_is_itself_a_link_is_the_user_s_choice(tmp_path: Path) -> No
 def test_run_killed_while_it_moved_its_files_is_cleared_up_by_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At each move in turn: what lies there is the old report, the new one, or none at all."""
+    """At each move in turn: the folder has the old report, the new one, or none."""
     first = {"eia/old.png": "old", "report.html": "old"}
     second = {"eia/new.png": "new", "report.html": "new"}
-    move, left, seen = os.replace, 0, []
+    move, moves, outcomes = Path.replace, 0, []
 
-    class Killed(BaseException):
+    class KilledError(BaseException):
         pass
 
-    def count(*words: object, **options: object) -> None:
-        nonlocal left
-        if left == 0:
-            raise Killed
-        left -= 1
-        move(*words, **options)  # type: ignore[arg-type]
+    def count(self: Path, target: Path) -> None:
+        nonlocal moves
+        if moves == 0:
+            raise KilledError
+        moves -= 1
+        move(self, target)
 
     for kill_at in range(1, 9):
         out = tmp_path / f"out-{kill_at}"
-        publish(finished(out, **first), out)
+        write_report(out, **first)
         (out / "notes.txt").write_text("mine")
-        staging, left = finished(out, **second), kill_at
+        moves = kill_at
         with monkeypatch.context() as patch:
-            patch.setattr(output.os, "replace", count)
+            patch.setattr(Path, "replace", count)
             try:
-                publish(staging, out)
-            except Killed:
-                seen.append("none" if not (out / "report.json").exists() else "old")
+                write_report(out, **second)
+            except KilledError:
+                outcomes.append("none" if not (out / "report.json").exists() else "whole")
             else:
                 break
-        publish(finished(out, **{"eia/third.png": "third"}), out)
+        write_report(out, **{"eia/third.png": "third"})
         assert tree(out) == {
             "eia": "folder", "eia/third.png": "third", "report.json": "{}", "notes.txt": "mine",
-            REPORT: (out / REPORT).read_text(),
+            LIST: (out / LIST).read_text(),
         }  # fmt: skip
-    assert seen == ["none", "none", "none", "old"], "the last move is that of the list"
+    assert outcomes == ["none", "none", "none", "whole"], "the last move is that of the list"
 
 
 # --- Links --------------------------------------------------------------------------------------
@@ -170,51 +174,28 @@ def test_link_to_a_folder_is_refused_before_any_work(
     out = tmp_path / "out"
     out.mkdir()
     (out / place).symlink_to(elsewhere)
-    before = tree(tmp_path)
-    with pytest.raises(FileError, match=rf"out/{place}: is in the way.*choose another.* -o"):
-        open_staging(out)
-    assert tree(tmp_path) == before
+    assert_refused(out, rf"out/{place}: is in the way.*choose another.* -o")
 
 
 @pytest.mark.parametrize("kind", ["folder", "file", "nothing"])
 @pytest.mark.parametrize("place", ["eia", "eia/deep", "eia/deep/a.png"])
-def test_link_put_there_while_the_run_renders_leads_nowhere(
+def test_link_created_while_the_run_renders_is_not_followed(
     tmp_path: Path, elsewhere: Path, place: str, kind: str
 ) -> None:
     out = tmp_path / "out"
-    publish(finished(out, **{"eia/deep/a.png": "first"}), out)
-    staging = finished(out, **{"eia/deep/a.png": "second"})
+    write_report(out, **{"eia/deep/a.png": "first"})
     path = out / place
-    shutil.rmtree(path) if path.is_dir() else path.unlink()
     target = {"folder": elsewhere, "file": elsewhere / "a.png", "nothing": elsewhere / "gone"}
-    path.symlink_to(target[kind])
-    before = tree(tmp_path)
-    with pytest.raises(FileError, match=f"out/{place}: is in the way"):
+    with (
+        pytest.raises(FileError, match=f"out/{place}: is in the way"),
+        staging_folder(out) as staging,
+    ):
+        fill(staging, **{"eia/deep/a.png": "second"})
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+        path.symlink_to(target[kind])
+        before = tree(out), tree(elsewhere)
         publish(staging, out)
-    assert tree(tmp_path) == before
-
-
-def test_link_put_there_at_the_last_moment_leads_nowhere(
-    tmp_path: Path, elsewhere: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """After all was looked at: by whatever name a file is reached, no link is followed."""
-    out = tmp_path / "out"
-    publish(finished(out, **{"eia/a.png": "first", "eia/old.png": "precious"}), out)
-    staging = finished(out, **{"eia/a.png": "second"})
-    look = output._check_way
-
-    def then_link(folder: int, name: str, *rest: object) -> None:
-        look(folder, name, *rest)  # type: ignore[arg-type]
-        if name == "report.json":  # the last that is looked at
-            (out / "eia").rename(tmp_path / "eia")
-            (out / "eia").symlink_to(elsewhere)
-
-    monkeypatch.setattr(output, "_check_way", then_link)
-    with pytest.raises(FileError, match="cannot be written"):
-        publish(staging, out)
-    assert set(tree(elsewhere).values()) == {"precious"}
-    assert tree(elsewhere).keys() == {"a.png", "old.png", "report.json"}
-    assert tree(tmp_path / "eia") == {"a.png": "first", "old.png": "precious"}
+    assert (tree(out), tree(elsewhere)) == before
 
 
 # --- Files of other origin ----------------------------------------------------------------------
@@ -222,10 +203,9 @@ def test_link_put_there_at_the_last_moment_leads_nowhere(
 
 @pytest.mark.parametrize("name", ["report.json", "report.html", "junit.xml", "summary.md"])
 @pytest.mark.parametrize("kind", ["file", "folder", "link"])
-def test_what_stands_where_the_report_goes_is_named_before_any_work(
+def test_file_in_the_report_s_place_is_named_before_any_work(
     tmp_path: Path, elsewhere: Path, name: str, kind: str
 ) -> None:
-    """So is the report of an earlier version, which kept no list."""
     out = tmp_path / "out"
     out.mkdir()
     if kind == "file":
@@ -234,10 +214,7 @@ def test_what_stands_where_the_report_goes_is_named_before_any_work(
         (out / name).mkdir()
     else:
         (out / name).symlink_to(elsewhere / "report.json")
-    before = tree(tmp_path)
-    with pytest.raises(FileError, match=rf"out/{name}: is in the way.*remove it, or.* -o$"):
-        open_staging(out)
-    assert tree(tmp_path) == before
+    assert_refused(out, rf"out/{name}: is in the way.*remove it, or.* -o$")
 
 
 @pytest.mark.parametrize(
@@ -247,24 +224,17 @@ def test_file_in_the_way_is_named_and_nothing_is_touched(
     tmp_path: Path, mine: str, theirs: str
 ) -> None:
     out = tmp_path / "out"
-    publish(finished(out, **{"eia.png": "earlier"}), out)
-    staging = finished(out, **{theirs: "new"})
-    (out / mine).parent.mkdir(parents=True, exist_ok=True)
-    (out / mine).write_text("mine")
-    before = tree(out)
-    with pytest.raises(FileError, match=f"out/{theirs.split('/')[0]}.*: is in the way"):
+    write_report(out, **{"eia.png": "earlier"})
+    with (
+        pytest.raises(FileError, match=f"out/{theirs.split('/')[0]}.*: is in the way"),
+        staging_folder(out) as staging,
+    ):
+        fill(staging, **{theirs: "new"})
+        (out / mine).parent.mkdir(parents=True, exist_ok=True)
+        (out / mine).write_text("mine")
+        before = tree(out)
         publish(staging, out)
     assert tree(out) == before
-
-
-def test_file_of_an_earlier_run_that_has_changed_is_not_deleted(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    publish(finished(out, **{"eia/a.png": "a", "eia/b.png": "b"}), out)
-    (out / "eia" / "a.png").write_text("painted over")
-    publish(finished(out), out)
-    assert tree(out / "eia") == {"a.png": "painted over"}
-    with pytest.raises(FileError, match=r"eia/a\.png: is in the way"):  # it is the user's now
-        publish(finished(out, **{"eia/a.png": "new"}), out)
 
 
 # --- Lists by another hand ----------------------------------------------------------------------
@@ -272,11 +242,11 @@ def test_file_of_an_earlier_run_that_has_changed_is_not_deleted(tmp_path: Path) 
 
 def test_what_a_report_says_of_its_files_deletes_nothing(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    publish(finished(out), out)
+    write_report(out)
     (out / "mine").write_text("mine")
     (out / "report.json").write_text('{"files": ["mine", "../mine", "report.json"]}')
     (tmp_path / "mine").write_text("mine")
-    publish(finished(out), out)
+    write_report(out)
     assert (out / "mine").read_text() == (tmp_path / "mine").read_text() == "mine"
 
 
@@ -290,47 +260,34 @@ def test_names_that_lead_outside_or_nowhere_delete_nothing(tmp_path: Path, elsew
     os.mkfifo(out / "fifo")
     names = [
         "../elsewhere/old.png", str(elsewhere / "old.png"), "link/old.png", "old.png", "folder",
-        "folder/../../elsewhere/old.png", "./mine", "/mine", "", ".", "..", "mine/", "a\0b",
+        "folder/../../elsewhere/old.png", "/mine", "", ".", "..", "mine/", "a\0b",
         "n" * 10_000, "n/" * 10_000, "n/" * 10_000 + "n", "fifo", "gone",
     ]  # fmt: skip
-    right = hashlib.sha256(b"precious").hexdigest()
-    content = {"schema": SCHEMA, "files": {name: [right] for name in names}}
-    (out / REPORT).write_text(json.dumps(content))
+    (out / LIST).write_text(json.dumps(names))
     before = tree(tmp_path)
-    publish(finished(out), out)
+    write_report(out)
     after = tree(tmp_path)
-    assert {name: after.get(name) for name in before if name != f"out/{REPORT}"} == {
-        name: text for name, text in before.items() if name != f"out/{REPORT}"
-    }
-    assert read_document(out / REPORT)["files"].keys() == {"report.json"}
+    del before[f"out/{LIST}"]
+    assert {name: after.get(name) for name in before} == before
+    assert json.loads((out / LIST).read_text()) == ["report.json"]
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["[" * 100_000, "[", "", "{}", "[]", "\0", "3", f'{{"schema": "{SCHEMA}"}}',
-     f'{{"schema": "{SCHEMA}", "files": []}}', f'{{"schema": "{SCHEMA}", "files": {{"a": 3}}}}',
-     '{"schema": "inim.files/9", "files": {}}'],
-)  # fmt: skip
-def test_what_is_no_list_is_refused(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize("text", ["[" * 100_000, "[", "", "{}", "\0", "3", "[3]", '{"files": 3}'])
+def test_damaged_list_is_refused(tmp_path: Path, text: str) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    (out / REPORT).write_text(text)
-    with pytest.raises(FileError, match=r"report-files\.json: is in the way"):
-        open_staging(out)
-    assert tree(tmp_path) == {"out": "folder", f"out/{REPORT}": text}
+    (out / LIST).write_text(text)
+    assert_refused(out, r"report-files\.json: is in the way")
 
 
 @pytest.mark.parametrize("kind", ["folder", "fifo", "link"])
 def test_list_that_is_no_file_is_refused(tmp_path: Path, elsewhere: Path, kind: str) -> None:
     out = tmp_path / "out"
-    publish(finished(out), out)
+    write_report(out)
     if kind == "link":
-        (out / REPORT).rename(elsewhere / REPORT)
-        (out / REPORT).symlink_to(elsewhere / REPORT)
+        (out / LIST).rename(elsewhere / LIST)
+        (out / LIST).symlink_to(elsewhere / LIST)
     else:
-        (out / REPORT).unlink()
-        (out / REPORT).mkdir() if kind == "folder" else os.mkfifo(out / REPORT)
-    before = tree(tmp_path)
-    with pytest.raises(FileError, match=r"report-files\.json: is in the way"):
-        open_staging(out)
-    assert tree(tmp_path) == before
+        (out / LIST).unlink()
+        (out / LIST).mkdir() if kind == "folder" else os.mkfifo(out / LIST)
+    assert_refused(out, r"report-files\.json: is in the way")

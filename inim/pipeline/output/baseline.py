@@ -36,7 +36,6 @@ from inim.regression import (
 )
 from inim.regression.comparison import changed_pixels, tile_pictures
 from inim.report import Report
-from inim.worker.output import undisturbed
 
 #: Of a report: the candidate and, where it fails, images of the differences.
 FOLDER = "regression"
@@ -147,15 +146,14 @@ def default_baseline(title: str) -> Path:
 
 
 def read_run(out: Path) -> tuple[Report, RunStatistics]:
-    """A report and its statistics, of one run, though another may just be published there.
+    """Read a report and its statistics.
 
     Raises
     ------
     FileError, BaselineError
         One of the two is missing or damaged.
     """
-    with undisturbed(out):
-        return Report.load(out), read_statistics(out / FOLDER, CANDIDATE)
+    return Report.load(out), read_statistics(out / FOLDER, CANDIDATE)
 
 
 def accept(out: Path, reason: str, folder: Path | None = None) -> Path:

@@ -1,0 +1,59 @@
+"""SIGINT, SIGTERM and SIGHUP as exceptions, and blocks that they must not cut in two."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from contextlib import contextmanager
+
+# Importing `typing` takes longer than all else here: signals are not yet handled meanwhile.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from typing import NoReturn
+
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last is that of a terminal that closes
+_SIGNALS = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]
+
+
+def raise_interrupts() -> None:
+    """Let these signals raise `KeyboardInterrupt` with their number; ignored ones stay ignored."""
+    _set_handlers(_raise)
+
+
+def ignore_interrupts() -> None:
+    """Ignore these signals from now on: the outcome is printed."""
+    _set_handlers(signal.SIG_IGN)
+
+
+def _set_handlers(handler: object) -> None:
+    for number in _SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handler)  # type: ignore[arg-type]
+
+
+def _raise(number: int, _: object) -> NoReturn:
+    raise KeyboardInterrupt(number)
+
+
+@contextmanager
+def delayed_interrupts() -> Iterator[None]:
+    """Delay these signals until the block ends.
+
+    Python handles signals in its main thread: blocks of other threads are never interrupted.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    received: list[int] = []
+    handlers = {
+        number: signal.signal(number, lambda number, _: received.append(number))
+        for number in _SIGNALS
+    }
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if received:
+            signal.raise_signal(received[0])

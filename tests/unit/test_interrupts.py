@@ -1,0 +1,109 @@
+"""Signals that end the program, in processes of their own.
+
+Expected: the process ends with 130, 143 or 129 and one line or none; context managers are left;
+what is being published is published. In a process that is no program, handlers stay as they were.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+LINE = "inim: interrupted; unfinished results were discarded\n"
+PREAMBLE = """
+import os, signal, sys, threading, time
+import inim.cli
+from inim.process.interrupts import delayed_interrupts
+from inim.program import run
+def interrupt(number=signal.SIGINT): os.kill(os.getpid(), number); time.sleep(0)
+def say(text): os.write(1, (text + " ").encode())
+def program(main): inim.cli.main = lambda words: main(); run()
+"""
+
+
+def hear() -> None:
+    """Undo what shells do to jobs in the background: ignored stays ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def ended(code: str, *, deaf: bool = False) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of a process that runs this code."""
+    done = subprocess.run(
+        [sys.executable, "-c", PREAMBLE + code], capture_output=True, text=True, timeout=60,
+        preexec_fn=(lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)) if deaf else hear,
+    )  # fmt: skip
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "line"), [("SIGINT", 130, LINE), ("SIGTERM", 143, ""), ("SIGHUP", 129, "")]
+)
+def test_signal_leaves_the_blocks_and_ends_the_program(name: str, code: int, line: str) -> None:
+    main = f"""
+def main():
+    try: interrupt(signal.{name}); say("went on")
+    finally: say("cleaned up")
+program(main)
+"""
+    assert ended(main) == (code, "cleaned up ", line)
+
+
+def test_threads_are_not_waited_for() -> None:
+    main = "def main(): threading.Thread(target=time.sleep, args=[60]).start(); interrupt()\n"
+    assert ended(main + "program(main)") == (130, "", LINE)
+
+
+def test_delayed_signal_comes_after_the_block() -> None:
+    main = """
+def main():
+    with delayed_interrupts(), delayed_interrupts(): interrupt(); say("published")
+    say("went on")
+program(main)
+"""
+    assert ended(main) == (130, "published ", LINE)
+
+
+def test_signal_counts_though_the_delayed_block_fails() -> None:
+    main = "def main():\n    with delayed_interrupts(): interrupt(); raise OSError\n"
+    assert ended(main + "program(main)") == (130, "", LINE)
+
+
+def test_signal_after_the_end_is_ignored() -> None:
+    code = "import atexit; atexit.register(interrupt)\n"
+    assert ended(code + "program(lambda: 3)") == (3, "", "")
+
+
+def test_ignored_signals_stay_ignored() -> None:
+    """As for jobs of a shell's background, and below `nohup`."""
+    main = "def main():\n    with delayed_interrupts(): interrupt()\n    interrupt(); say('on')\n"
+    assert ended(main + "program(main)", deaf=True) == (0, "on ", "")
+
+
+def test_library_leaves_handlers_alone() -> None:
+    code = """
+import inim, inim.pytest_plugin, inim.worker.supervisor, inim.pipeline.validation, inim.program
+try:
+    with delayed_interrupts(): interrupt(); say("published")
+except KeyboardInterrupt: say("raised")
+assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+"""
+    assert ended(code) == (0, "published raised ", "")
+
+
+def test_child_that_ignores_sigterm_is_killed() -> None:
+    code = """
+import subprocess
+from inim.process import python_process
+python_process._PATIENCE_S = 0.2
+ignores = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(1, flush=True)"
+words = python_process.python_code(ignores + "; time.sleep(60)")
+child = subprocess.Popen(words, stdout=subprocess.PIPE)
+child.stdout.readline()
+python_process.end_process(child)
+say(str(child.returncode))
+"""
+    assert ended(code) == (0, "-9 ", "")
