@@ -242,8 +242,8 @@ CHOICES = [
 def test_runs_ended_at_some_moment_leave_what_was_there_or_their_own(tmp_path: Path) -> None:
     """One of each that finds a report to replace; many in the slow tests."""
     bench = Bench(tmp_path, random.Random(1))
-    assert bench.end_one(signal.SIGINT, "all", 0.4 * bench.seconds) == "ended"
-    assert bench.end_one(signal.SIGKILL, "all", 0.4 * bench.seconds) == "old"
+    assert bench.end_one(signal.SIGINT, "all", 0.2 * bench.seconds) == "ended"
+    assert bench.end_one(signal.SIGKILL, "all", 0.2 * bench.seconds) == "old"
     bench.run_to_the_end()
 
 
