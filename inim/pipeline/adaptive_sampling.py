@@ -98,10 +98,10 @@ def stage_names(plan: Plan) -> list[str]:
     views = ["reconstruct views"] * eyes
     capture = ["capture RGB-D", "capture layers"] if plan.reads_layers else ["capture RGB-D"]
     names = [*methods, "open scene", *capture, "ground-truth EIA", *["ground-truth views"] * eyes]
-    names += views
+    names += [*views, "score"]
     for method in methods:
-        names += [method, *views, "score"]
-    return [*names, *(["time"] if plan.request.time else []), "score", "write report"]
+        names += [method, *views, "score", "score"]
+    return [*names, "score", *(["time"] if plan.request.time else []), "score", "write report"]
 
 
 def with_share(settings: Settings, share: float) -> Settings:

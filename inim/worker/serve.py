@@ -62,7 +62,7 @@ class ConsoleObserver(Observer):
         """See `Observer`."""
         self._coming = list(stages)
         if self._bar is not None:
-            self._bar.total = self._bar.n + len(stages)
+            self._bar.total = self._bar.n + 1 + len(stages)
         elif not self._quiet and sys.stderr.isatty():
             from tqdm import tqdm
 
@@ -81,11 +81,10 @@ class ConsoleObserver(Observer):
         self._on_stage(name)
         if self._bar is None:
             return
-        self._bar.set_description_str(name, refresh=False)
         if name in self._coming:
-            over = self._coming.index(name) + 1
-            del self._coming[:over]
-            self._bar.update(over)
+            del self._coming[: self._coming.index(name) + 1]
+            self._bar.n = self._bar.total - len(self._coming) - 1
+        self._bar.set_description_str(name)
 
     def line(self, text: str) -> None:
         """See `Observer`."""
