@@ -18,8 +18,7 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
-from contextvars import ContextVar
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -88,42 +87,6 @@ def _limit_bytes() -> int:
     except ValueError:
         pass
     raise UsageError(f"{SIZE_VARIABLE} = {text!r}: a size in GiB, such as 8")
-
-
-_in_use: ContextVar[Store | None] = ContextVar("store", default=None)
-
-
-@contextlib.contextmanager
-def use_store(store: Store | None) -> Iterator[None]:
-    """Let `remembered` use a store, within the block."""
-    token = _in_use.set(store)
-    try:
-        yield
-    finally:
-        _in_use.reset(token)
-
-
-def remembered(address: Callable[[], str], make: Callable[[], np.ndarray]) -> np.ndarray:
-    """What a pure function makes, from the store in use where that has it.
-
-    For what takes longer than to be read and has nobody to tell: encoded pictures, drawings.
-
-    Parameters
-    ----------
-    address : callable
-        Digest of all that decides it; called only where there is a store.
-    make : callable
-    """
-    store = _in_use.get()
-    if store is None:
-        return make()
-    place = address()
-    record = store.load(place)
-    if record is not None:
-        return record.arrays["made"]
-    made = make()
-    store.keep(place, Record({"made": made}))
-    return made
 
 
 class Store:

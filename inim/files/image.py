@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache.digest import value_digest
-from inim.cache.store import remembered
+from inim.cache.result_cache import ResultCache
 from inim.errors import FileError, UsageError
 from inim.files.regular_file import check_file
 from inim.image.color import srgb_codes
@@ -29,6 +28,8 @@ _MOST_PIXELS = 2**28
 # Noisy pictures unfold to twice their size, painted ones to tens of times, bombs to a thousand.
 _MOST_UNFOLDED_BYTES = 2**28
 _MOST_UNFOLDING = 100
+# Without a store: it keeps nothing.
+_NO_CACHE = ResultCache()
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
@@ -49,21 +50,23 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
         ) from error
 
 
-def write_png(path: Path, linear: np.ndarray) -> None:
+def write_png(path: Path, linear: np.ndarray, cache: ResultCache = _NO_CACHE) -> None:
     """Write (H, W, 3) linear RGB as an 8-bit sRGB PNG."""
     pixels = srgb_codes(linear)
     # Level 1: level 6 costs four times the time for 5 % of the bytes on noisy pictures.
-    data = encoded(pixels, "PNG", compress_level=1)
+    data = encoded(pixels, "PNG", cache, compress_level=1)
     write_atomically(path, lambda p: p.write_bytes(data))
 
 
-def encoded(pixels: np.ndarray, form: str, **options: Any) -> bytes:
-    """A picture's file in memory, by Pillow; found again where a store is in use.
+def encoded(pixels: np.ndarray, form: str, cache: ResultCache = _NO_CACHE, **options: Any) -> bytes:
+    """A picture's file in memory, by Pillow.
 
     Parameters
     ----------
     pixels : (H, W, 3) uint8
     form : {"PNG", "JPEG"}
+    cache : ResultCache
+        Reading a picture from it is faster than compressing it.
     **options
         Of Pillow's writer.
     """
@@ -75,10 +78,11 @@ def encoded(pixels: np.ndarray, form: str, **options: Any) -> bytes:
         Image.fromarray(np.ascontiguousarray(pixels)).save(stream, form, **options)
         return np.frombuffer(stream.getvalue(), np.uint8)
 
-    def address() -> str:
-        return value_digest(["picture file", pixels, form, options, _pillow_version()])
+    def parts() -> dict[str, Any]:
+        return {"pixels": pixels, "form": [form, options], "pillow": _pillow_version()}
 
-    return remembered(address, make).tobytes()
+    data: np.ndarray = cache.find_or_make("picture file", parts, make, explain=False)[0]
+    return data.tobytes()
 
 
 @cache

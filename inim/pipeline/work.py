@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import Any
 
 from inim.cache.result_cache import ResultCache
-from inim.cache.store import open_store, use_store
+from inim.cache.store import open_store
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS
 from inim.pipeline.output.images import Images
 from inim.pipeline.plan import Plan, check_baseline, make_plan
@@ -45,18 +45,17 @@ def run(plan: Plan, staging: Path, observer: Observer | None = None) -> Report:
     """
     started, observer = perf_counter(), observer or Observer()
     store = None if plan.request.no_skip else open_store()
-    with use_store(store):
-        with observer.timed("start"):
-            run, renderer, images = setup(plan, staging, observer, store)
-            check_baseline(plan, renderer.backend.variant)
-        report = validate(plan, renderer, images, run)
-        observer.timings |= {
-            "mitsuba_render": observer.render_seconds,
-            "total": perf_counter() - started,
-        }
-        _print_scores(observer, report.data)
-        observer.stage("write report")
-        report.write()
+    with observer.timed("start"):
+        run, renderer, images = setup(plan, staging, observer, store)
+        check_baseline(plan, renderer.backend.variant)
+    report = validate(plan, renderer, images, run)
+    observer.timings |= {
+        "mitsuba_render": observer.render_seconds,
+        "total": perf_counter() - started,
+    }
+    _print_scores(observer, report.data)
+    observer.stage("write report")
+    report.write(run.cache)
     return report
 
 
@@ -68,7 +67,7 @@ def setup(
     cache = ResultCache(store, str(request.scene.resolve()))
     renderer = Renderer(request.backend, observer, plan.rays_in_flight, not request.no_skip)
     attributes = {"inim:scene_sha256": plan.file.sha256, "inim:seed": str(plan.settings.seed)}
-    return Run(cache, observer), renderer, Images(folder, attributes, observer)
+    return Run(cache, observer), renderer, Images(folder, attributes, observer, cache)
 
 
 def _print_scores(observer: Observer, data: Mapping[str, Any]) -> None:

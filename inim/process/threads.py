@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from contextvars import copy_context
 from functools import cache
 from typing import Any, TypeVar
 
@@ -31,8 +30,7 @@ def threads(most: int | None = None) -> Iterator[Submit]:
     pending: list[Future[Any]] = []
 
     def submit(function: Callable[..., _Found], *arguments: Any, **named: Any) -> Future[_Found]:
-        # With this thread's context, which knows the store in use.
-        one = pool.submit(copy_context().run, function, *arguments, **named)
+        one = pool.submit(function, *arguments, **named)
         pending.append(one)
         return one
 

@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from inim.cache.result_cache import ResultCache
 from inim.display import Display
 from inim.errors import FileError, InimError, UsageError, known_words
 from inim.files.json_file import read_json
@@ -125,13 +126,19 @@ class Report:
         place = ("truth", "eia") if name == true else ("eia", name)
         return Path(self.folder, place[0], f"{place[1]}.exr")
 
-    def write(self) -> None:
-        """Write all four forms into the folder, `report.json` last: it marks a whole report."""
+    def write(self, cache: ResultCache | None = None) -> None:
+        """Write all four forms into the folder, `report.json` last: it marks a whole report.
+
+        Parameters
+        ----------
+        cache : ResultCache, optional
+            Of the page's pictures.
+        """
         from inim.report.sections import render_html
         from inim.report.summary import render_junit, render_summary
 
         forms = {
-            "report.html": lambda data: render_html(data, self.folder),
+            "report.html": lambda data: render_html(data, self.folder, cache),
             "junit.xml": render_junit,
             "summary.md": render_summary,
         }

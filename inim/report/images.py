@@ -7,13 +7,15 @@ tries the `ENCODINGS` in turn, and what it shows smaller lies in full in the rep
 from __future__ import annotations
 
 import base64
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from inim.cache.digest import code_digest, value_digest
-from inim.cache.store import remembered
+from inim.cache.digest import code_digest
+from inim.cache.result_cache import ResultCache
 from inim.errors import FileError
 from inim.files.image import encoded
 from inim.files.picture import open_picture
@@ -51,10 +53,11 @@ ENCODINGS = (
 
 @dataclass(frozen=True)
 class Images:
-    """The PNG files of a report's folder, and how they are put on the page."""
+    """The PNG files of a report's folder, how they are put on the page, and a cache of that."""
 
     folder: Path
     encoding: Encoding
+    cache: ResultCache = field(default_factory=ResultCache)
 
     def read(self, *names: str) -> np.ndarray | None:
         """(rows, columns, 3) uint8 sRGB, or None where there is no readable picture.
@@ -84,7 +87,7 @@ class Images:
         if not limit:
             return _box(_LEFT_OUT, alt)
         height, width = pixels.shape[:2]
-        source = data_uri(_shrink(pixels, limit), self.encoding.form, self.encoding.quality)
+        source = self.source(_shrink(pixels, limit), self.encoding.form, self.encoding.quality)
         return void("img", src=source, alt=alt, width=width, height=height, **attributes)
 
     def magnify(self, pixels: np.ndarray | None, alt: str) -> str:
@@ -96,7 +99,53 @@ class Images:
         times = max(1, _CROP_ON_PAGE_PX // max(pixels.shape[:2]))
         height, width = (times * n for n in pixels.shape[:2])
         size = {"width": width, "height": height, "style": f"width:{width}px"}
-        return void("img", src=data_uri(pixels, "PNG", 0), alt=alt, class_="pixels", **size)
+        return void("img", src=self.source(pixels, "PNG", 0), alt=alt, class_="pixels", **size)
+
+    def source(self, pixels: np.ndarray, form: str, quality: int, **png: int) -> str:
+        """An image as the source of an img element.
+
+        Parameters
+        ----------
+        pixels : (rows, columns, 3) uint8, sRGB
+        form : {"PNG", "JPEG"}
+        quality : int
+            Of a JPEG.
+        **png
+            Pillow's options for a PNG.
+        """
+        # No "optimize": with it Pillow's JPEG writer runs out of buffer on noisy images.
+        options = {"quality": quality, "subsampling": 0} if form == "JPEG" else png
+        coded = base64.b64encode(encoded(pixels, form, self.cache, **options)).decode("ascii")
+        return f"data:image/{form.lower()};base64,{coded}"
+
+    def similarity(self, a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
+        """SSIM's map of two images in colours, (rows, columns, 3) uint8: black is 1.
+
+        None unless the two are alike in size, and no smaller than SSIM's window.
+        """
+        if a is None or b is None or a.shape != b.shape or min(a.shape[:2]) < SSIM_WINDOW:
+            return None
+
+        def make() -> np.ndarray:
+            first, second = (linear_from_srgb(codes.astype(np.float32) / 255) for codes in (a, b))
+            return magma(1 - ssim_map(first, second))
+
+        code = code_digest("metrics", "image", "report/images.py")
+        return self.cached("map of SSIM", make, first=a, second=b, code=code)
+
+    def similarity_scale(self) -> np.ndarray:
+        """The colours of `similarity` from 1, at the left, to 0: (1, 256, 3) uint8."""
+
+        # Read from the cache, it needs no plotter loaded.
+        def make() -> np.ndarray:
+            return magma(np.linspace(0, 1, 256)[None])
+
+        return self.cached("scale of SSIM", make, code=code_digest("report/images.py"))
+
+    def cached(self, product: str, make: Callable[[], np.ndarray], **parts: Any) -> np.ndarray:
+        """An array from the cache, or as `make` computes it from the parts."""
+        array: np.ndarray = self.cache.find_or_make(product, lambda: parts, make, explain=False)[0]
+        return array
 
 
 def difference(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
@@ -105,31 +154,6 @@ def difference(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
         return None
     change = np.abs(a.astype(np.int16) - b.astype(np.int16))
     return np.asarray(np.minimum(change * DIFFERENCE_GAIN, 255), np.uint8)
-
-
-def similarity(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
-    """SSIM's map of two images in colours, (rows, columns, 3) uint8: black is 1.
-
-    None unless the two are alike in size, and no smaller than SSIM's window.
-    """
-    if a is None or b is None or a.shape != b.shape or min(a.shape[:2]) < SSIM_WINDOW:
-        return None
-
-    def make() -> np.ndarray:
-        first, second = (linear_from_srgb(codes.astype(np.float32) / 255) for codes in (a, b))
-        return magma(1 - ssim_map(first, second))
-
-    code = code_digest("metrics", "image", "report/images.py")
-    return remembered(lambda: value_digest(["map of SSIM", a, b, code]), make)
-
-
-def similarity_scale() -> np.ndarray:
-    """The colours of `similarity` from 1, at the left, to 0: (1, 256, 3) uint8."""
-    # Found again, it needs no plotter loaded.
-    code = code_digest("report/images.py")
-    return remembered(
-        lambda: value_digest(["scale of SSIM", code]), lambda: magma(np.linspace(0, 1, 256)[None])
-    )
 
 
 def magma(share: np.ndarray) -> np.ndarray:
@@ -158,21 +182,3 @@ def _shrink(pixels: np.ndarray, longest_px: int) -> np.ndarray:
         return pixels
     size = max(1, round(width * scale)), max(1, round(height * scale))
     return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX))
-
-
-def data_uri(pixels: np.ndarray, form: str, quality: int, **png: int) -> str:
-    """An image as the source of an img element.
-
-    Parameters
-    ----------
-    pixels : (rows, columns, 3) uint8, sRGB
-    form : {"PNG", "JPEG"}
-    quality : int
-        Of a JPEG.
-    **png
-        Pillow's options for a PNG.
-    """
-    # No "optimize": with it Pillow's JPEG writer runs out of buffer on noisy images.
-    options = {"quality": quality, "subsampling": 0} if form == "JPEG" else png
-    coded = base64.b64encode(encoded(pixels, form, **options)).decode("ascii")
-    return f"data:image/{form.lower()};base64,{coded}"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from inim.cache.digest import address_of, array_digest, code_digest, value_digest
-from inim.cache.store import Record, Store, open_store, remembered, use_store
+from inim.cache.store import Record, Store, open_store
 from inim.errors import UsageError
 
 
@@ -158,21 +158,6 @@ def test_killed_while_writing_leaves_whole_records_only(tmp_path):
     for k in range(5):
         found = store.load(str(k))
         assert found is None or (found.arrays["a"] == k).all()
-
-
-def test_remembered_makes_once_and_without_a_store_always(store):
-    made = []
-
-    def make():
-        made.append(1)
-        return picture(1)
-
-    assert np.array_equal(remembered(lambda: "x", make), picture(1))
-    with use_store(store):
-        for _ in range(3):
-            assert np.array_equal(remembered(lambda: "x", make), picture(1))
-    remembered(lambda: "x", make)
-    assert len(made) == 3
 
 
 def test_the_store_s_place(monkeypatch, tmp_path):

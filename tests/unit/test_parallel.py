@@ -3,10 +3,8 @@
 import threading
 import time
 
-import numpy as np
 import pytest
 
-from inim.cache.store import Store, remembered, use_store
 from inim.process import threads as module
 from inim.process.threads import threads
 
@@ -69,17 +67,3 @@ def test_errors_come_out_and_what_has_not_begun_is_dropped(processors):
     with pytest.raises(ValueError, match="no"):
         run(*range(100))
     assert len(begun) <= processors
-
-
-def test_the_cache_in_use_is_known_in_threads(processors, tmp_path):
-    made = []
-
-    def make() -> np.ndarray:
-        made.append(1)
-        return np.arange(3)
-
-    with use_store(Store(tmp_path, 2**20)), threads() as submit:
-        for _ in range(3):
-            found = submit(remembered, lambda: "address", make).result()
-            assert found.tolist() == [0, 1, 2]
-    assert len(made) == 1

@@ -209,6 +209,7 @@ def test_page_without_room_for_pictures_has_no_panels(tmp_path, monkeypatch):
     assert "`inim view` shows it alone" in Page(page).text
 
 
+IMAGES = Images(Path(), ENCODINGS[0])
 PANELS = [Panel(f"{i}", noise(i, 64)) for i in range(4)]
 
 
@@ -223,8 +224,8 @@ PANELS = [Panel(f"{i}", noise(i, 64)) for i in range(4)]
     ],
 )
 def test_the_most_important_panels_are_embedded_while_there_is_room(share, shown, left_out, exact):
-    one = len(embed_panels(PANELS[:1], 10**9)[0][0].source)
-    embedded, missing = embed_panels(PANELS, int(share * one))
+    one = len(embed_panels(PANELS[:1], 10**9, IMAGES)[0][0].source)
+    embedded, missing = embed_panels(PANELS, int(share * one), IMAGES)
     assert [e.name for e in embedded] == shown
     assert missing == left_out
     assert all(e.is_exact is exact for e in embedded)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextvars import copy_context
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from inim.cache.result_cache import ResultCache
 from inim.display import Display
 from inim.files.image import write_exr, write_png, write_rgbd
 from inim.image.color import linear_from_srgb
@@ -34,10 +34,18 @@ class Images:
     attributes : mapping of str to str
         Of every EXR file.
     observer : Observer
+    cache : ResultCache, optional
+        Of compressed PNG files.
     """
 
-    def __init__(self, folder: Path, attributes: Mapping[str, str], observer: Observer) -> None:
-        self.folder = folder
+    def __init__(
+        self,
+        folder: Path,
+        attributes: Mapping[str, str],
+        observer: Observer,
+        cache: ResultCache | None = None,
+    ) -> None:
+        self.folder, self.cache = folder, cache or ResultCache()
         self._observer = observer
         self._attributes = attributes
         self._thread = ThreadPoolExecutor(1, "images")
@@ -53,7 +61,7 @@ class Images:
         """
 
         def write() -> None:
-            write_png(self.folder / f"{name}.png", linear)
+            write_png(self.folder / f"{name}.png", linear, self.cache)
             write_exr(self.folder / f"{name}.exr", linear, self._attributes)
 
         self._submit(write, linear.nbytes)
@@ -64,7 +72,7 @@ class Images:
 
         def write() -> None:
             write_rgbd(self.folder / "rgbd.exr", capture.layered or rgbd, self._attributes)
-            write_rgbd_pngs(self.folder, rgbd, display)
+            write_rgbd_pngs(self.folder, rgbd, display, self.cache)
 
         self._submit(write, rgbd.color.nbytes)
 
@@ -76,7 +84,7 @@ class Images:
             region = truth.regions[name]
             white = np.repeat(region[..., None], 3, axis=-1).astype(np.float32)
             path = self.folder / "truth" / "relic" / f"{name}.png"
-            self._submit(partial(write_png, path, white), white.nbytes)
+            self._submit(partial(write_png, path, white, self.cache), white.nbytes)
         self.save_views("ceiling", truth.ceiling)
 
     def save_views(self, name: str, views: Mapping[str, Any]) -> None:
@@ -90,7 +98,7 @@ class Images:
             metric, _, viewpoint = place.partition("/")
             path = self.folder / "maps" / metric / name / f"{viewpoint}.png"
             colors = linear_from_srgb(magma(share).astype(np.float32) / 255)
-            self._submit(partial(write_png, path, colors), colors.nbytes)
+            self._submit(partial(write_png, path, colors, self.cache), colors.nbytes)
 
     def _submit(self, write: Callable[[], None], size: int) -> None:
         """Call what writes a file, which holds so many bytes of memory until then."""
@@ -100,9 +108,7 @@ class Images:
                 or sum(held for _, held in self._waiting) > _WAITING_BYTES
             ):
                 self._waiting.pop(0)[0].result()
-        # With this thread's context, which knows the store in use.
-        task: Any = copy_context().run
-        self._waiting.append((self._thread.submit(task, write), size))
+        self._waiting.append((self._thread.submit(write), size))
         if size > _WAITING_BYTES:
             self.finish()
 
@@ -113,9 +119,12 @@ class Images:
                 self._waiting.pop(0)[0].result()
 
 
-def write_rgbd_pngs(folder: Path, rgbd: RGBD, display: Display) -> None:
+def write_rgbd_pngs(
+    folder: Path, rgbd: RGBD, display: Display, cache: ResultCache | None = None
+) -> None:
     """Write colour and depth to look at: the farther within the depth range the darker."""
     low, high = display.depth_range_mm
     grey = np.where(rgbd.covered, 0.1 + 0.9 * (rgbd.depth_mm - low) / (high - low), 0.0)
-    write_png(folder / "rgbd_color.png", rgbd.color)
-    write_png(folder / "rgbd_depth.png", np.repeat(grey[..., None], 3, axis=-1))
+    cache = cache or ResultCache()
+    write_png(folder / "rgbd_color.png", rgbd.color, cache)
+    write_png(folder / "rgbd_depth.png", np.repeat(grey[..., None], 3, axis=-1), cache)

@@ -16,6 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from inim.cache.result_cache import ResultCache
 from inim.process.threads import threads
 from inim.report.images import ENCODINGS, Encoding, Images
 from inim.report.markup import text
@@ -64,7 +65,7 @@ def all_sections() -> tuple[ReportSection, ...]:
     return tuple(sorted(sections, key=lambda section: section.place))
 
 
-def render_html(data: Mapping[str, Any], folder: Path) -> str:
+def render_html(data: Mapping[str, Any], folder: Path, cache: ResultCache | None = None) -> str:
     """The whole report as one HTML page.
 
     Parameters
@@ -73,13 +74,16 @@ def render_html(data: Mapping[str, Any], folder: Path) -> str:
         The contents of report.json, schema ``inim.report/1``, with NaN where it lists one.
     folder : Path
         Where the report's PNG files lie. One that is missing or unreadable shows as a box.
+    cache : ResultCache, optional
+        Of the page's pictures.
 
     Returns
     -------
     str
         The page, below `LARGEST_PAGE_BYTES` unless the data without images is above it.
     """
-    return small_enough(lambda encoding: _page(data, Images(Path(folder), encoding)))
+    cache = cache or ResultCache()
+    return small_enough(lambda encoding: _page(data, Images(Path(folder), encoding, cache)))
 
 
 def small_enough(made: Callable[[Encoding], str]) -> str:

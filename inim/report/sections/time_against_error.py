@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache.digest import code_digest, value_digest
-from inim.cache.store import remembered
+from inim.cache.digest import code_digest
 from inim.metrics.headline import HEADLINE_WORDS
 from inim.metrics.psnr import metric as PSNR  # noqa: N812
 from inim.report.images import Images
@@ -48,7 +47,7 @@ _SECONDS = (
 _Point = tuple[str, float, float]
 
 
-def time_against_error(data: Mapping[str, Any], _images: Images) -> str:
+def time_against_error(data: Mapping[str, Any], images: Images) -> str:
     """The section; empty where no algorithm has a time and a score."""
     times, unit = _times(data)
     views, eias = _view_points(data, times), _eia_points(data, times)
@@ -56,7 +55,14 @@ def time_against_error(data: Mapping[str, Any], _images: Images) -> str:
         return ""
     floor = part(data, "noise_floor", "eia").get(PSNR.key)
     known_floor = float(floor) if is_number(floor) and math.isfinite(floor) else None
-    drawn = _cached_drawing(tuple(views), tuple(eias), unit, known_floor)
+    figure = (tuple(views), tuple(eias), unit, known_floor)
+    # Loading matplotlib takes the longest.
+    drawn = images.cached(
+        "time against error",
+        lambda: np.frombuffer(_drawing(*figure), np.uint8),
+        figure=figure,
+        code=code_digest("report"),
+    ).tobytes()
     words = "; ".join(
         f"{name} {time:.2g} {unit}, 1 − {HEADLINE_WORDS} {error:.3f}" for name, time, error in views
     )
@@ -104,15 +110,6 @@ def _eia_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_Po
 
 
 @lru_cache(maxsize=8)  # a page too large is put together again
-def _cached_drawing(*drawn: Any) -> bytes:
-    """`_drawing`, from the result cache if there is one: loading matplotlib takes the longest."""
-
-    def address() -> str:
-        return value_digest(["time against error", drawn, code_digest("report")])
-
-    return remembered(address, lambda: np.frombuffer(_drawing(*drawn), np.uint8)).tobytes()
-
-
 def _drawing(
     views: tuple[_Point, ...], eias: tuple[_Point, ...], unit: str, floor: float | None
 ) -> bytes:

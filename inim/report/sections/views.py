@@ -18,8 +18,6 @@ from inim.report.images import (
     Images,
     difference,
     is_wide,
-    similarity,
-    similarity_scale,
 )
 from inim.report.markup import captioned, element, folded, text, void
 from inim.report.page import Widget, package_text
@@ -143,7 +141,7 @@ def _way(way: tuple[str, str, bool]) -> str:
 
 def _scale(images: Images) -> str:
     """What the colours of an SSIM map stand for."""
-    bar = np.repeat(similarity_scale(), 12, axis=0)
+    bar = np.repeat(images.similarity_scale(), 12, axis=0)
     words = [element("span", text(word)) for word in ("1, alike", "SSIM", "0 or below, unlike")]
     picture = images.embed(bar, "Colours of the SSIM maps, from black for 1 to pale yellow for 0")
     return element("figure", picture, element("figcaption", *words), class_="ssim-scale")
@@ -166,7 +164,7 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
         return [
             shown(name, pixels),
             images.embed(difference(pixels, reference), f"Difference {pair}"),
-            images.embed(similarity(pixels, reference), f"SSIM map {pair}"),
+            images.embed(images.similarity(pixels, reference), f"SSIM map {pair}"),
             *(
                 images.embed(lost, f"{metric.label} map {pair}")
                 for metric in all_metrics()

@@ -25,7 +25,7 @@ from inim.lens import (
     thick,
     white_exposure,
 )
-from inim.report.images import Images, data_uri, is_wide
+from inim.report.images import Images, is_wide
 from inim.report.markup import element, figure, text, void
 from inim.report.page import Widget, package_text
 
@@ -133,7 +133,7 @@ def live_display(
     remarks : sequence of str
         Sentences below the display.
     """
-    embedded, left_out = embed_panels(panels, most_bytes)
+    embedded, left_out = embed_panels(panels, most_bytes, images)
     words = [*_embedding_words(embedded, left_out), *remarks, *_display_words(display)]
     note = element("p", text(" ".join(filter(None, words))), class_="note")
     if not embedded:
@@ -381,7 +381,9 @@ class _Embedded:
     is_exact: bool
 
 
-def embed_panels(panels: Sequence[Panel], most_bytes: int) -> tuple[list[_Embedded], list[str]]:
+def embed_panels(
+    panels: Sequence[Panel], most_bytes: int, images: Images
+) -> tuple[list[_Embedded], list[str]]:
     """As many panels as fit, and the names of those left out.
 
     Parameters
@@ -391,15 +393,18 @@ def embed_panels(panels: Sequence[Panel], most_bytes: int) -> tuple[list[_Embedd
         if they have to be.
     most_bytes : int
         For all data URIs together.
+    images : Images
+        Embeds the panels.
     """
     for form, quality in _FORMS:
-        first = [_embed(panel, form, quality) for panel in panels[:2]]
+        first = [_embed(images, panel, form, quality) for panel in panels[:2]]
         if sum(len(one.source) for one in first) <= most_bytes:
-            return _fill_up(panels, first, form, quality, most_bytes)
+            return _fill_up(images, panels, first, form, quality, most_bytes)
     return [], [panel.name for panel in panels]
 
 
 def _fill_up(
+    images: Images,
     panels: Sequence[Panel],
     embedded: list[_Embedded],
     form: str,
@@ -409,7 +414,7 @@ def _fill_up(
     left_out = []
     room = most_bytes - sum(len(one.source) for one in embedded)
     for panel in panels[2:]:
-        one = _embed(panel, form, quality)
+        one = _embed(images, panel, form, quality)
         if len(one.source) <= room:
             embedded.append(one)
             room -= len(one.source)
@@ -418,6 +423,6 @@ def _fill_up(
     return embedded, left_out
 
 
-def _embed(panel: Panel, form: str, quality: int) -> _Embedded:
-    source = data_uri(panel.codes, form, quality, compress_level=9)
+def _embed(images: Images, panel: Panel, form: str, quality: int) -> _Embedded:
+    source = images.source(panel.codes, form, quality, compress_level=9)
     return _Embedded(panel.name, source, form == "PNG")
