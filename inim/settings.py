@@ -8,23 +8,45 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Container, Mapping
+from dataclasses import dataclass, field, fields, replace
+from numbers import Real
+from os import PathLike
 from typing import Any
 
 from inim.display import DISPLAYS, Display
-from inim.errors import DisplayError, SceneError, known_words
+from inim.errors import DisplayError, SceneError, UsageError, known_words
 
 PREFIX = "inim."
+#: Text of an optional number that is not set, whatever the scene states.
+NOT_SET = "none"
 
 # Far above any sensible length, count or seed, and far below where arithmetic overflows.
 _LARGEST = 1e18
+# Whole numbers below this are written without a decimal point: counts are read as whole numbers.
+_EXACT = 1e15
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 # More samples than this per pixel is a slip of the keyboard that would run for days.
 _MOST_SAMPLES = 2**20
 
 #: Settings that go to `Display` under the same name.
 DISPLAY_KEYS = tuple(f.name for f in fields(Display) if f.name != "name")
+
+
+def value_text(name: str, value: object) -> str:
+    """Text of a setting's or an option's value, read back as the same value.
+
+    Raises
+    ------
+    UsageError
+        Neither text nor a number nor a path.
+    """
+    if isinstance(value, bool) or not isinstance(value, str | Real | PathLike):
+        raise UsageError(f"{name}: {value!r} is a {type(value).__name__}; give text or a number")
+    if not isinstance(value, Real):
+        return str(value)
+    number = float(value)
+    return str(int(number)) if number.is_integer() and abs(number) < _EXACT else repr(number)
 
 
 def _setting(
@@ -145,7 +167,10 @@ class Settings:
             if name not in known:
                 hint = known_words(name, known, "see `inim settings`", PREFIX)
                 raise SceneError(f"{source}: unknown setting {key!r}; {hint}")
-            parsed[name] = _read(key, text, str(known[name].type), source)
+            kind = str(known[name].type)
+            if text.strip() == NOT_SET and "None" in kind and not kind.startswith("str"):
+                continue
+            parsed[name] = _read(key, text, kind, source)
             low = known[name].metadata["low"]
             if low is not None and parsed[name] < low:
                 raise SceneError(f"{source}: {key} = {text}: must be at least {low:g}")
@@ -191,6 +216,31 @@ class Settings:
             return made.replace(**counted) if counted else made
         except DisplayError as error:
             raise DisplayError(f"{source}: {error}") from None
+
+    def with_display(self, display: Display, overridden: Container[str] = ()) -> Settings:
+        """A copy that describes this display: a preset, and the parameters that differ from it.
+
+        Parameters
+        ----------
+        display : Display
+        overridden : container of str
+            Parameters to include although they are the preset's: a scene states another value.
+        """
+        ways = []
+        for name, preset in DISPLAYS.items():
+            differing = [
+                key
+                for key in DISPLAY_KEYS
+                if key in overridden or getattr(display, key) != getattr(preset, key)
+            ]
+            ways += [(name, differing), (name, DISPLAY_KEYS)]
+        values: dict[str, Any]
+        for name, keys in sorted(ways, key=lambda way: len(way[1])):
+            values = {key: getattr(display, key) if key in keys else None for key in DISPLAY_KEYS}
+            settings = replace(self, display=name, **values)
+            if settings.make_display("").replace(name=display.name) == display:
+                return settings
+        raise AssertionError("all parameters of a display state it")
 
     def ssim_limits(self, algorithms: tuple[str, ...], source: str) -> dict[str, float]:
         """The least SSIM to the ceiling asked of each algorithm; those without a limit left out.

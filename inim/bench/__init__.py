@@ -14,7 +14,7 @@ one's own, these functions are public:
 
 from inim.bench.evaluate import evaluate, make_reference, mark_fronts, noise_floor
 from inim.bench.record import load_average, record
-from inim.bench.scene import available, bench_scene, method_data, scene_plan
+from inim.bench.scene import available, bench_scene, method_data
 from inim.pipeline.timing import (
     YARDSTICK,
     Rounds,
@@ -48,7 +48,6 @@ __all__ = [
     "prepare_method",
     "ratios",
     "record",
-    "scene_plan",
     "threads",
     "time_methods",
 ]

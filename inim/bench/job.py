@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from msgspec.structs import replace
+from msgspec.structs import replace as replaced
 
 from inim.bench.record import load_average, record
-from inim.bench.scene import bench_scene, choose_algorithms, scene_plan
+from inim.bench.scene import bench_scene, choose_algorithms
 from inim.documents.bench import BenchAlgorithm
 from inim.errors import UsageError
-from inim.pipeline.plan import Plan
-from inim.pipeline.request import repeated
+from inim.pipeline.plan import Plan, make_plan
+from inim.pipeline.request import Request, option_words
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.timing import Rounds, most_threads
 from inim.process.observer import Observer
@@ -27,52 +27,40 @@ _FILES = (_MARKER, "bench.html", "bench.md")
 
 @dataclass(frozen=True)
 class BenchRequest:
-    """What the user asked for; None and empty mean "as the scene says".
+    """What the user asked for.
 
     Attributes
     ----------
-    scene, out : Path
-    definitions : tuple of str
-        `key=value` overrides, as after -D.
-    display, algorithms : str, optional
-    runs, warmups : int
-    threads : int, optional
-        All there are if None.
-    allow_folders : tuple of Path
-        As of a validation.
+    validation : Request
+        A validation of the scene, with the algorithms to time: its display and sampling hold.
+    rounds : Rounds
+        How often everything runs, and on how many threads.
     """
 
-    scene: Path
-    out: Path
-    definitions: tuple[str, ...] = ()
-    display: str | None = None
-    algorithms: str | None = None
-    runs: int = Rounds.runs
-    warmups: int = Rounds.warmups
-    threads: int | None = None
-    allow_folders: tuple[Path, ...] = ()
+    validation: Request
+    rounds: Rounds = field(default_factory=Rounds)
 
     @property
-    def rounds(self) -> Rounds:
-        """How often everything runs, and on how many threads."""
-        return Rounds(self.runs, self.warmups, self.threads)
+    def out(self) -> Path:
+        """Folder of the results."""
+        return self.validation.out
 
     def plan(self) -> Plan:
-        """The plan of a validation of the scene: its display, viewpoints and sampling."""
-        return scene_plan(self.scene, self.out, self.definitions, self.display, self.allow_folders)
+        """The plan of the validation: display, viewpoints and sampling.
 
-    def command(self) -> list[str]:
+        Algorithms are chosen apart: their options are not settings.
+        """
+        return make_plan(replace(self.validation, algorithms=("template",)))
+
+    def command(self, plan: Plan) -> list[str]:
         """The command line that repeats this request."""
-        words = ["python", "-m", "inim.bench", str(self.scene), "-o", str(self.out)]
-        words += repeated("-D", self.definitions)
-        words += repeated("--allow-folder", self.allow_folders)
-        for name in ("display", "algorithms", "threads"):
-            if getattr(self, name) is not None:
-                words += [f"--{name}", str(getattr(self, name))]
-        for name in ("runs", "warmups"):
-            if getattr(self, name) != getattr(Rounds, name):
-                words += [f"--{name}", str(getattr(self, name))]
-        return words
+        names = ("runs", "warmups", "threads")
+        values = {name: getattr(self.rounds, name) for name in names}
+        return [
+            *("python", "-m", "inim.bench"),
+            *self.validation.command(plan.settings, plan.file.settings),
+            *option_words({f"--{k}": v for k, v in values.items() if v != getattr(Rounds(), k)}),
+        ]
 
 
 def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False) -> None:
@@ -84,40 +72,41 @@ def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False)
         What the worker raised, or `WorkerError` / `OutOfMemoryError` where it could not say.
         Mistakes in the request are found before anything is rendered.
     """
+    load = load_average()  # before the worker starts to load: what others do
     run_in_worker(
         "inim.bench.job:work",
-        (request, load_average()),  # before the worker starts to load: what others do
+        lambda: (request, _plan(request), load),
         staging_folder(request.out, _FILES),
-        check=lambda: _check(request),
         backend="llvm",
         quiet=quiet,
         debug=debug,
     )
 
 
-def _check(request: BenchRequest) -> None:
-    """Raise the `InimError` that fits where a request cannot be carried out."""
-    most = most_threads()
-    if request.rounds.threads is not None and not 1 <= request.rounds.threads <= most:
-        raise UsageError(f"--threads {request.threads}: this machine has 1 to {most}")
-    request.plan()
-    if request.algorithms is not None:
-        choose_algorithms(request.algorithms)
+def _plan(request: BenchRequest) -> Plan:
+    """The request's plan; raises the `InimError` that fits where it cannot be carried out."""
+    most, threads = most_threads(), request.rounds.threads
+    if threads is not None and not 1 <= threads <= most:
+        raise UsageError(f"--threads {threads}: this machine has 1 to {most}")
+    plan = request.plan()
+    if request.validation.algorithms is not None:
+        choose_algorithms(request.validation.algorithms)
+    return plan
 
 
-def work(requested: tuple[BenchRequest, float | None], staging: Path, observer: Observer) -> bool:
+def work(job: tuple[BenchRequest, Plan, float | None], staging: Path, observer: Observer) -> bool:
     """The worker's side: measure, write, publish."""
-    request, load = requested
+    request, plan, load = job
     observer.stage("start")
     renderer = Renderer("llvm", observer)
-    title = f"Bench: {request.scene.stem}"
-    document = record(title, request.command(), renderer.backend, request.rounds, load)
-    names, notes = choose_algorithms(request.algorithms)
-    scene = bench_scene(request.plan(), names, request.rounds, renderer)
+    title = f"Bench: {plan.request.scene.stem}"
+    document = record(title, request.command(plan), renderer.backend, request.rounds, load)
+    names, notes = choose_algorithms(request.validation.algorithms)
+    scene = bench_scene(plan, names, request.rounds, renderer)
     _print_algorithms(observer, scene.algorithms)
-    busy = replace(document.load, end=load_average())
+    busy = replaced(document.load, end=load_average())
     observer.stage("write")
-    write_bench(replace(document, notes=notes, scene=scene, load=busy), staging)
+    write_bench(replaced(document, notes=notes, scene=scene, load=busy), staging)
     publish(staging, request.out, _MARKER)
     return True
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,8 +29,7 @@ from inim.errors import SceneError, UsageError
 from inim.generators import algorithm_names, check_algorithm, is_own, properties
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
-from inim.pipeline.plan import Plan, make_plan
-from inim.pipeline.request import Request
+from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import DepthCamera, capture_relic
 from inim.pipeline.stages.ground_truth import pick_up_truth
 from inim.pipeline.stages.reconstruct import reconstruct_views
@@ -84,49 +82,17 @@ def available(names: Iterable[str]) -> tuple[list[str], list[str]]:
     return found, notes
 
 
-def choose_algorithms(text: str | None) -> tuple[Sequence[str], list[str]]:
-    """The algorithms of a ``--algorithms`` text, all of which must exist; else all there are."""
-    if text is None:
+def choose_algorithms(algorithms: Sequence[str] | None) -> tuple[Sequence[str], list[str]]:
+    """The algorithms to time, all of which must exist; all that work here for None."""
+    if algorithms is None:
         others = [name for name in algorithm_names() if not is_own(name)]
         return available([*_DEFAULT, *others])
-    names = list(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+    names = list(dict.fromkeys(algorithms))
     if not names:
         raise UsageError("--algorithms: none given; name at least one, such as 'template'")
     for name in names:
         check_algorithm(name)
     return names, []
-
-
-def scene_plan(
-    scene: Path,
-    out: Path,
-    definitions: Sequence[str] = (),
-    display: str | None = None,
-    allow_folders: Sequence[Path] = (),
-) -> Plan:
-    """The plan of a validation of a scene: its display, viewpoints and sampling.
-
-    Parameters
-    ----------
-    scene, out : Path
-    definitions : sequence of str
-        `key=value` overrides, as after -D.
-    display : str, optional
-        A preset's name.
-    allow_folders : sequence of Path
-        As of a validation.
-    """
-    # Methods are chosen apart: their options are not settings.
-    return make_plan(
-        Request(
-            scene,
-            out,
-            tuple(definitions),
-            display,
-            algorithms="template",
-            allow_folders=tuple(allow_folders),
-        )
-    )
 
 
 def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Renderer) -> BenchScene:

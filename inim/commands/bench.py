@@ -12,9 +12,10 @@ from inim.commands.options import (
     add_definitions,
     add_exit_codes,
     add_quiet,
+    choices_of,
     print_outcome,
 )
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 
 
 def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,19 +42,17 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _bench(args: argparse.Namespace) -> int:
     from inim.bench.job import BenchRequest, run_bench
+    from inim.pipeline.request import Request
+    from inim.pipeline.timing import Rounds
     from inim.worker.output import default_out
 
-    request = BenchRequest(
-        out=args.out or default_out(args.scene, "bench"),
-        scene=args.scene,
-        definitions=tuple(args.definitions),
+    validation = Request(
+        args.scene,
+        args.out or default_out(args.scene, "bench"),
         allow_folders=tuple(args.allow_folders),
-        display=args.display,
-        algorithms=args.algorithms,
-        runs=args.runs,
-        warmups=args.warmups,
-        threads=args.threads,
+        **choices_of(args),
     )
+    request = BenchRequest(validation, Rounds(args.runs, args.warmups, args.threads))
     run_bench(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:
         print_outcome(f"bench: {request.out / 'bench.html'}")
@@ -77,7 +76,6 @@ def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
     add_allow_folder(parser)
     parser.add_argument(
         "--algorithms",
-        default="",
         metavar="LIST",
         help="separated by commas, with options as name:key=value (default: all there are)",
     )
@@ -86,16 +84,19 @@ def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _stress(args: argparse.Namespace) -> int:
+    from inim.pipeline.request import Request
     from inim.stress.job import StressRequest, run_stress
     from inim.worker.output import default_out
 
+    if args.scene is None and args.definitions:
+        raise UsageError("stress: -D belongs to a scene; name one")
+    out, choices = args.out or default_out(args.scene, "stress"), choices_of(args)
+    allowed = tuple(args.allow_folders)
     request = StressRequest(
-        out=args.out or default_out(args.scene, "stress"),
-        scene=args.scene,
-        definitions=tuple(args.definitions),
-        allow_folders=tuple(args.allow_folders),
-        algorithms=args.algorithms,
-        quick=args.quick,
+        out,
+        choices.pop("algorithms", None),
+        args.quick,
+        args.scene and Request(args.scene, out, allow_folders=allowed, **choices),
     )
     passed = run_stress(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:

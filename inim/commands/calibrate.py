@@ -11,6 +11,7 @@ from inim.commands.options import (
     add_debug,
     add_display,
     add_exit_codes,
+    choices_of,
     print_outcome,
     print_warning,
 )
@@ -67,9 +68,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from inim.scene.file import chosen_display
+    from inim.scene.file import choose_display
 
-    display, settings = chosen_display(args.display, args.definitions, "inim calibrate")
+    display, settings = choose_display(**choices_of(args), source="inim calibrate")
     if args.photos == _PATTERNS:
         return _write_patterns(args, display)
     return _calibrate(args, display, settings.display)
@@ -154,17 +155,20 @@ def _write(
     import shlex
 
     from inim.calibrate.output import calibration_document, display_file, residual_maps
-    from inim.pipeline.request import repeated
+    from inim.pipeline.request import option_words
     from inim.report.calibration import FILES, write_calibration
     from inim.report.files import write_text
     from inim.worker.output import published
 
-    words = ["inim", "calibrate", args.photos, "-o", str(out)]
-    for option, value in (("--display", args.display), ("--intrinsics", args.intrinsics)):
-        words += [] if value is None else [option, value]
-    words += repeated("-D", args.definitions)
+    options = {
+        "-o": out,
+        "--display": args.display,
+        "--intrinsics": args.intrinsics,
+        "-D": args.definitions,
+    }
+    command = shlex.join(["inim", "calibrate", args.photos, *option_words(options)])
     title = f"Calibration: {Path(args.photos).resolve().name}"
-    document = calibration_document(found, title, shlex.join(words))
+    document = calibration_document(found, title, command)
     folder = _report_folder(out)
     with published(folder, FILES) as staging:
         write_calibration(document, residual_maps(found), staging)

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_allow_folder, add_display, add_quiet
+from inim.commands.options import Command, add_allow_folder, add_display, add_quiet, choices_of
 from inim.errors import EXIT_PASSED, FileError, UsageError, ViewpointError
 
 if TYPE_CHECKING:
@@ -126,11 +126,11 @@ def _pair(option: str, text: str, most: int) -> tuple[int, int]:
 
 def _chosen_eia(args: argparse.Namespace) -> _Chosen:
     from inim.display.misalignment import mounted
-    from inim.scene.file import chosen_display
+    from inim.scene.file import choose_display
 
     if args.algorithm:
         raise UsageError("--algorithm: is for a report's folder; an EIA has no others beside it")
-    design, settings = chosen_display(args.display, args.definitions, "inim export")
+    design, settings = choose_display(**choices_of(args), source="inim export")
     real, distance = mounted(design, settings.misalign), settings.viewing_distance_mm
     return _Chosen(args.what, design, real, settings.lens_model, distance, args.what.name)
 

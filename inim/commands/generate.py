@@ -13,6 +13,7 @@ from inim.commands.options import (
     add_debug,
     add_display,
     add_picture,
+    choices_of,
     picture_of,
     print_failed,
     print_outcome,
@@ -115,12 +116,12 @@ def _run_folder(args: argparse.Namespace) -> int:
 def _check_options(args: argparse.Namespace) -> None:
     """Refuse what is wrong for every photograph, once."""
     from inim.generators import check_algorithm
-    from inim.scene.file import chosen_display
+    from inim.scene.file import choose_display
 
     picture = picture_of(args)
     picture.check_files()
     picture.check_choices()
-    chosen_display(args.display, args.definitions, "inim generate")
+    choose_display(**choices_of(args), source="inim generate")
     check_algorithm(_algorithm(args))
 
 
@@ -139,12 +140,12 @@ def _run_one(args: argparse.Namespace) -> None:
 
 def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     """Make and write what the arguments ask for; the report's lines, and warnings."""
-    from inim.scene.file import chosen_display
+    from inim.scene.file import choose_display
 
     started = time.perf_counter()
     picture = picture_of(args)
     _check(args, picture)
-    display, settings = chosen_display(args.display, args.definitions, "inim generate")
+    display, settings = choose_display(**choices_of(args), source="inim generate")
     if args.hci is not None:
         return _of_light_field(args, display, settings), ()
     picture.camera()

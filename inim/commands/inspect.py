@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ from inim.commands.options import Command, add_debug, add_definitions, add_exit_
 from inim.errors import EXIT_PASSED, FileError, UsageError, known_words
 
 if TYPE_CHECKING:
+    from inim.display import Display
     from inim.inspect.findings import Findings
     from inim.settings import Settings
 
@@ -44,8 +44,7 @@ def _run(args: argparse.Namespace) -> int:
     from inim.documents.document import encode
     from inim.inspect.output import as_text, inspect_document
 
-    settings = _settings(args.display, args.definitions)
-    findings = _findings(args, settings)
+    findings = _findings(args, *_choose(args.display, args.definitions))
     shown = encode(inspect_document(findings))
     files = [] if args.out is None else _write(findings, shown, args.out)
     print(shown if args.json else as_text(findings))
@@ -54,37 +53,21 @@ def _run(args: argparse.Namespace) -> int:
     return EXIT_PASSED
 
 
-def _settings(display: str, items: list[str]) -> Settings:
-    """The settings of a scene file or, for a preset, those of the command line alone."""
+def _choose(display: str, items: list[str]) -> tuple[Display, Settings]:
+    """The display and the settings of a scene file or, for a preset, of the definitions alone."""
     from inim.display import DISPLAYS
-    from inim.scene.file import parse_definitions, read_scene_settings
-    from inim.settings import PREFIX, Settings
+    from inim.scene.file import choose_display, parse_definitions
 
-    definitions = parse_definitions(items)
-    if display in DISPLAYS:
-        return Settings.parse(_of_preset(display, definitions), display)
-    path = Path(display)
-    if path.suffix.lower() != ".xml" and not path.exists():
+    if display not in DISPLAYS and not (display.lower().endswith(".xml") or Path(display).exists()):
         raise UsageError(
             f"{display}: neither a scene file nor a preset; give a .xml file, or "
-            f"{known_words(display, DISPLAYS)}; and change single values with -D {PREFIX}KEY=VALUE"
+            f"{known_words(display, DISPLAYS)}; and change single values with -D inim.KEY=VALUE"
         )
-    return Settings.parse(read_scene_settings(path, definitions), display)
+    chosen = display if display in DISPLAYS else Path(display)
+    return choose_display(chosen, parse_definitions(items), display)
 
 
-def _of_preset(name: str, definitions: Mapping[str, str]) -> dict[str, str]:
-    from inim.settings import PREFIX
-
-    key = f"{PREFIX}display"
-    if key in definitions:
-        raise UsageError(f"-D {key}: the display is {name} already; name it once")
-    for other in definitions:
-        if not other.startswith(PREFIX):
-            raise UsageError(f"-D {other}: a preset has {PREFIX}* settings only")
-    return {key: name, **definitions}
-
-
-def _findings(args: argparse.Namespace, settings: Settings) -> Findings:
+def _findings(args: argparse.Namespace, design: Display, settings: Settings) -> Findings:
     from inim.display.misalignment import mounted
     from inim.display.viewpoint import default_distance_mm
     from inim.inspect.findings import DEFAULT_LENS_MODEL, inspect_display
@@ -93,7 +76,6 @@ def _findings(args: argparse.Namespace, settings: Settings) -> Findings:
     distance = settings.viewing_distance_mm if args.distance is None else args.distance
     if distance is not None and not (math.isfinite(distance) and distance > 0):
         raise UsageError(f"--distance {distance:g}: give a distance above 0, in millimetres")
-    design = settings.make_display(args.display)
     model = find_lens_model(settings.lens_model)
     stated = model.name if model.mesh is None else model.stand_in  # a mesh is for the renderer
     return inspect_display(

@@ -75,9 +75,47 @@ def add_allow_folder(parser: _Options) -> None:
 
 
 def add_display(parser: _Options) -> None:
-    """The display of a command without a scene: `inim.scene.file.chosen_display` reads it."""
+    """The display of a command without a scene: `choices_of` reads it."""
     parser.add_argument("--display", help=DISPLAY_HELP)
     add_definitions(parser, "an inim.* setting of the display")
+
+
+def add_choices(parser: _Options) -> None:
+    """Choices for a scene's display, its EIAs and its viewer; `choices_of` reads them."""
+    add_definitions(parser)
+    add = parser.add_argument
+    add("--display", help=DISPLAY_HELP)
+    add(
+        "--algorithms",
+        help="algorithms with options, separated by commas; see `inim algorithms`; "
+        "'none' to score finished EIAs only",
+    )
+    add("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
+    add("--lens-model", help="lens model: pinhole, thin, thick, full, or another package's")
+    add(
+        "--misalign",
+        metavar="KEY=NUMBER,...",
+        help="how far the array lies off what generators know, such as 'rotation_deg=0.5'",
+    )
+
+
+def choices_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Values of the options of `add_choices` that a parser has, as `Choices` has them."""
+    from inim.display.misalignment import parse_misalignment
+    from inim.display.viewpoint import viewpoint_items
+    from inim.generators import algorithm_items
+    from inim.scene.file import parse_definitions
+
+    parsers: dict[str, Callable[[Any], Any]] = {
+        "definitions": parse_definitions,
+        "display": str,
+        "algorithms": algorithm_items,
+        "viewpoints": viewpoint_items,
+        "lens_model": str,
+        "misalign": parse_misalignment,
+    }
+    texts = {name: getattr(args, name, None) for name in parsers}
+    return {name: parsers[name](text) for name, text in texts.items() if text is not None}
 
 
 def add_quiet(parser: _Options) -> None:

@@ -11,6 +11,7 @@ from inim.commands.options import (
     add_debug,
     add_display,
     add_exit_codes,
+    choices_of,
     print_outcome,
 )
 from inim.errors import EXIT_PASSED, UsageError, known_words
@@ -51,12 +52,12 @@ def _run(args: argparse.Namespace) -> int:
     from inim.calibrate.photo import compare, photo_document, simulate
     from inim.calibrate.photographs import read_colors
     from inim.files.eia_file import read_eia
-    from inim.scene.file import chosen_display
+    from inim.scene.file import choose_display
     from inim.worker.output import default_out
 
     if not (args.display or "").lower().endswith(".xml"):
         raise UsageError("--display: name the display file that inim calibrate wrote")
-    display, _ = chosen_display(args.display, args.definitions, "inim photo")
+    display, _ = choose_display(**choices_of(args), source="inim photo")
     calibration = _calibration(Path(args.display))
     fitted = calibration.camera
     camera = Camera(*(getattr(fitted, field) for field in Camera._fields))
@@ -148,13 +149,17 @@ def _distance_mm(pose: Pose) -> float:
 def _command(args: argparse.Namespace) -> str:
     import shlex
 
-    from inim.pipeline.request import repeated
+    from inim.pipeline.request import option_words
 
-    words = ["inim", "photo", str(args.photo), "--eia", str(args.eia), "--display", args.display]
-    for option, value in (("--position", args.position), ("--patterns", args.patterns)):
-        words += [] if value is None else [option, str(value)]
-    words += repeated("-D", args.definitions)
-    return shlex.join(words + ([] if args.out is None else ["-o", str(args.out)]))
+    options = {
+        "--eia": args.eia,
+        "--display": args.display,
+        "--position": args.position,
+        "--patterns": args.patterns,
+        "-D": args.definitions,
+        "-o": args.out,
+    }
+    return shlex.join(["inim", "photo", str(args.photo), *option_words(options)])
 
 
 def _write(document: PhotoDocument, pictures: dict[str, Any], flow: Any, out: Path) -> None:

@@ -15,6 +15,7 @@ from inim.commands.options import (
     add_definitions,
     add_exit_codes,
     add_quiet,
+    choices_of,
     print_failed,
     print_outcome,
 )
@@ -125,6 +126,7 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
     parser.add_argument(
         "--algorithm",
+        dest="algorithms",
         default="pickup",
         help="whose EIA is shown (pickup: the traced one, which loses by the error alone)",
     )
@@ -146,20 +148,15 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _tolerate(args: argparse.Namespace) -> int:
+    from inim.pipeline.request import Request
     from inim.report.tolerate import PAGE, sentences
     from inim.tolerate.run import ToleranceRequest, plan_tolerance, run_tolerance
 
-    request = ToleranceRequest(
-        args.scene,
-        _place(args, args.scene, "tolerate"),
-        args.study,
-        tuple(args.definitions),
-        args.display,
-        args.viewpoints,
-        args.algorithm,
-        args.criterion,
-        args.calibration,
+    place = _place(args, args.scene, "tolerate")
+    validation = Request(
+        args.scene, place.out, allow_folders=place.allow_folders, **choices_of(args)
     )
+    request = ToleranceRequest(validation, place, args.study, args.criterion, args.calibration)
     if args.dry_run:
         print("\n".join(plan_tolerance(request).lines()))
         return EXIT_PASSED

@@ -5,24 +5,26 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from dataclasses import fields
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from inim.commands.options import (
-    DISPLAY_HELP,
     Command,
     add_allow_folder,
-    add_definitions,
+    add_choices,
     add_exit_codes,
     add_picture,
     add_quiet,
+    choices_of,
     picture_of,
     print_outcome,
     print_warning,
 )
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, FileError, UsageError
 
-_REPEATED = ("definitions", "eias", "allow_folders")
+if TYPE_CHECKING:
+    from inim.pipeline.request import Request
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,14 +36,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("scene", type=Path, nargs="?", help="Mitsuba scene (.xml) with inim.* settings")
     add("-o", "--out", type=Path, help="folder for the report (default: SCENE-report)")
-    add_definitions(parser)
+    add_choices(parser)
     add_allow_folder(parser)
-    add("--display", help=DISPLAY_HELP)
-    add(
-        "--algorithms",
-        help="algorithms with options, separated by commas; see `inim algorithms`; "
-        "'none' to score finished EIAs only",
-    )
     add(
         "--eia",
         dest="eias",
@@ -49,13 +45,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=FILE",
         help="score a finished EIA, .png (sRGB) or .exr (linear), too; may be repeated",
-    )
-    add("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
-    add("--lens-model", help="lens model: pinhole, thin, thick, full, or another package's")
-    add(
-        "--misalign",
-        metavar="KEY=NUMBER,...",
-        help="how far the array lies off what generators know, such as 'rotation_deg=0.5'",
     )
     add("--backend", default="auto", choices=("auto", "llvm", "cuda"))
     add(
@@ -148,8 +137,6 @@ def _check_words(args: argparse.Namespace) -> None:
 
 def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
     from inim.files.triangle_mesh import MESH_SUFFIXES
-    from inim.pipeline.request import Request
-    from inim.pipeline.validation import validate_in_worker
     from inim.worker.output import default_out
 
     if args.scene.suffix.lower() in MESH_SUFFIXES and args.scene.is_file():
@@ -157,11 +144,43 @@ def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
             f"{args.scene}: is a mesh; make a scene of it first: inim new-scene "
             f"{shlex.quote(str(args.scene))}"
         )
-    given = {f.name: getattr(args, f.name) for f in fields(Request)}
-    given |= {"out": args.out or default_out(args.scene, "report")}
-    given |= {name: tuple(getattr(args, name)) for name in _REPEATED}
-    request = Request(**given)
-    return validate_in_worker(request, quiet=args.quiet, debug=args.debug), request.out
+    args.out = args.out or default_out(args.scene, "report")
+    return _validated(args, _request), args.out
+
+
+def _request(args: argparse.Namespace) -> Request:
+    from inim.pipeline.request import Request
+    from inim.pipeline.stages.method import parse_eias
+
+    return Request(
+        args.scene,
+        args.out,
+        parse_eias(args.eias),
+        args.backend,
+        args.baseline,
+        args.preview,
+        args.time,
+        args.lazy,
+        args.no_skip,
+        tuple(args.allow_folders),
+        **choices_of(args),
+    )
+
+
+def _validated(
+    args: argparse.Namespace, request_of: Callable[[argparse.Namespace], Request]
+) -> bool:
+    """Validate `args.scene` into `args.out`; whether every check passed."""
+    from inim.pipeline.validation import validate_in_worker
+
+    return validate_in_worker(
+        lambda: request_of(args),
+        args.scene,
+        args.out,
+        backend=args.backend,
+        quiet=args.quiet,
+        debug=args.debug,
+    )
 
 
 def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
@@ -178,15 +197,7 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
             shown = f"--{option.removesuffix('s').replace('_', '-')}"
             raise UsageError(f"{shown}: needs the ground truth of a scene; leave it out")
     request = PictureRequest(
-        picture_of(args),
-        rgbd=args.rgbd,
-        out=args.out,
-        display=args.display,
-        definitions=tuple(args.definitions),
-        algorithms=args.algorithms,
-        viewpoints=args.viewpoints,
-        lens_model=args.lens_model,
-        backend=args.backend,
+        picture_of(args), args.rgbd, args.out, args.backend, **choices_of(args)
     )
     warn = no_warning if args.quiet else print_warning
     say = no_warning if args.quiet else print
@@ -202,14 +213,17 @@ def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _demo(args: argparse.Namespace) -> int:
-    from inim.pipeline.request import Request
-    from inim.pipeline.validation import validate_in_worker
     from inim.worker.output import default_out
 
-    scene = _demo_scene()
-    request = Request(scene, args.out or default_out(scene, "report"), preview=args.preview)
-    passed = validate_in_worker(request, quiet=args.quiet, debug=args.debug)
-    return _ended(passed, request.out, args.quiet)
+    args.scene, args.backend = _demo_scene(), "auto"
+    args.out = args.out or default_out(args.scene, "report")
+    return _ended(_validated(args, _demo_request), args.out, args.quiet)
+
+
+def _demo_request(args: argparse.Namespace) -> Request:
+    from inim.pipeline.request import Request
+
+    return Request(args.scene, args.out, preview=args.preview)
 
 
 def _demo_scene() -> Path:

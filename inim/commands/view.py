@@ -6,10 +6,11 @@ the views that stand in for the live display come from the lens models in NumPy.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_allow_folder, add_definitions, add_quiet
+from inim.commands.options import Command, add_allow_folder, add_display, add_quiet, choices_of
 from inim.errors import EXIT_PASSED, FileError, UsageError
 from inim.version import __version__
 
@@ -30,8 +31,7 @@ def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add = parser.add_argument
     add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
-    add("--display", help="of the EIA: a preset, nominal or phone, or an .xml with inim.* settings")
-    add_definitions(parser, "an inim.* setting of the display")
+    add_display(parser)
     add(
         "-o", "--out", type=Path, metavar="HTML", help=f"file to write (OUT/{_PAGE}, EIA-view.html)"
     )
@@ -47,7 +47,7 @@ def _view(args: argparse.Namespace) -> int:
             )
         path = view_report(args.what, args.out)
     else:
-        path = view_eia(args.what, args.display, args.definitions, args.out)
+        path = view_eia(args.what, **choices_of(args), out=args.out)
     print(path)
     if args.open:
         import webbrowser
@@ -96,7 +96,10 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
 
 
 def view_eia(
-    eia: Path, display: str | None, definitions: list[str], out: Path | None = None
+    eia: Path,
+    display: Display | str | Path | None = None,
+    definitions: Mapping[str, str] | None = None,
+    out: Path | None = None,
 ) -> Path:
     """Write the virtual display of an EIA.
 
@@ -104,10 +107,8 @@ def view_eia(
     ----------
     eia : Path
         PNG (sRGB) or EXR (linear), of the display's panel size.
-    display : str or None
-        A preset, or the path of an XML file with `inim.*` settings; None: the settings' default.
-    definitions : list of str
-        `KEY=VALUE` overrides.
+    display, definitions :
+        See `inim.scene.file.choose_display`.
     out : Path, optional
         `EIA-view.html` in the current folder otherwise.
 
@@ -135,9 +136,9 @@ def view_eia(
         shown_lens_model,
     )
     from inim.report.virtual_display.still import still_view
-    from inim.scene.file import chosen_display
+    from inim.scene.file import choose_display
 
-    design, settings = chosen_display(display, definitions, "inim view")
+    design, settings = choose_display(display, definitions, "inim view")
     viewpoints = parse_viewpoints(settings.viewpoints, design, settings.viewing_distance_mm)
     eyes = [Eye(v.name, v.position_mm) for v in viewpoints]
     real = mounted(design, settings.misalign)

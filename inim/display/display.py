@@ -27,7 +27,7 @@ from inim.display.pixels import (
     row_blocks,
     stated,
 )
-from inim.errors import DisplayError
+from inim.errors import DisplayError, known_words
 
 _LENGTHS = (
     "pitch_mm",
@@ -657,7 +657,20 @@ class Display:
         return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in values.items()}
 
     def replace(self, **changes: Any) -> Display:
-        """A copy with some parameters changed, checked anew."""
+        """A copy with some parameters changed, checked anew.
+
+        Raises
+        ------
+        DisplayError
+            An unknown parameter, or values that describe no possible display.
+        """
+        names = [field.name for field in fields(self)]
+        for name in changes:
+            if name not in names:
+                raise DisplayError(
+                    f"Display.replace: {name!r} is no parameter of a display; "
+                    f"{known_words(name, names)}"
+                )
         return replace(self, **changes)
 
     def held(self) -> Display:

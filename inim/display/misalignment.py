@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from inim.display.display import Display
 from inim.errors import DisplayError, UsageError, known_words
 
@@ -17,36 +20,70 @@ MISALIGNMENTS = {
 }
 
 
-def mounted(display: Display, misalignment: str) -> Display:
+def parse_misalignment(misalignment: str | Mapping[str, float]) -> dict[str, float]:
+    """Misalignment as numbers by key of `MISALIGNMENTS`.
+
+    Parameters
+    ----------
+    misalignment : str or mapping
+        ``"rotation_deg=0.5, shift_x_mm=0.1"``, or ``{"rotation_deg": 0.5, "shift_x_mm": 0.1}``.
+        Empty: none.
+
+    Raises
+    ------
+    UsageError
+        An unknown or doubled key, a value that is no number, or another type.
+    """
+    if isinstance(misalignment, str):
+        items = [part.strip() for part in misalignment.split(",") if part.strip()]
+        pairs: list[tuple[str, Any]] = []
+        for item in items:
+            key, _, text = item.partition("=")
+            pairs.append((key.strip(), text.strip()))
+    elif isinstance(misalignment, Mapping):
+        items, pairs = [str(key) for key in misalignment], list(misalignment.items())
+    else:
+        raise UsageError(
+            f"misalign: {misalignment!r} is a {type(misalignment).__name__}; give a mapping such "
+            "as {'rotation_deg': 0.5}, or text such as 'rotation_deg=0.5'"
+        )
+    numbers: dict[str, float] = {}
+    for item, (key, value) in zip(items, pairs, strict=True):
+        if key not in MISALIGNMENTS or value == "":
+            hint = known_words(key, MISALIGNMENTS)
+            raise UsageError(f"misalign {item!r}: write KEY=NUMBER; {hint}")
+        if key in numbers:
+            raise UsageError(f"misalign: {key} is given twice; keep one")
+        try:
+            numbers[key] = float(value)
+        except (TypeError, ValueError):
+            raise UsageError(f"misalign {item!r}: {value!r} is not a number") from None
+    return numbers
+
+
+def misalignment_text(misalignment: Mapping[str, float]) -> str:
+    """Text of a misalignment, as `parse_misalignment` reads it."""
+    return ", ".join(f"{key}={value!r}" for key, value in misalignment.items())
+
+
+def mounted(display: Display, misalignment: str | Mapping[str, float]) -> Display:
     """The display as it is on the bench.
 
     Parameters
     ----------
     display : Display
         As designed: what generators know.
-    misalignment : str
-        By how much it is off, like ``"rotation_deg=0.5, shift_x_mm=0.1"``; keys of
-        `MISALIGNMENTS`. Added to the design's own values. Empty: nothing is off.
+    misalignment : str or mapping
+        By how much it is off; see `parse_misalignment`. Added to the design's own values.
 
     Raises
     ------
     UsageError
-        Unknown or doubled key, or not a number.
+        See `parse_misalignment`.
     DisplayError
         No display can be mounted like that.
     """
-    off: dict[str, float] = {}
-    for item in filter(None, (part.strip() for part in misalignment.split(","))):
-        key, equals, text = (part.strip() for part in item.partition("="))
-        if not equals or key not in MISALIGNMENTS:
-            hint = known_words(key, MISALIGNMENTS)
-            raise UsageError(f"misalign {item!r}: write KEY=NUMBER; {hint}")
-        if key in off:
-            raise UsageError(f"misalign: {key} is given twice; keep one")
-        try:
-            off[key] = float(text)
-        except ValueError:
-            raise UsageError(f"misalign {item!r}: {text!r} is not a number") from None
+    off = parse_misalignment(misalignment)
     if not off:
         return display
     # Picture and panel stay as designed: the depth range and the pixels are not the array's.
@@ -57,7 +94,7 @@ def mounted(display: Display, misalignment: str) -> Display:
             **{key: getattr(display, key) + value for key, value in off.items()},
         )
     except DisplayError as error:
-        raise DisplayError(f"misalign {misalignment!r}: {error}") from None
+        raise DisplayError(f"misalign {misalignment_text(off)!r}: {error}") from None
 
 
 def _stretched(display: Display, off_mm: float) -> dict[str, float]:

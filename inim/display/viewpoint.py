@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -161,52 +162,95 @@ def named_viewpoint(name: str, display: Display, distance_mm: float) -> Viewpoin
     )
 
 
+def viewpoint_items(viewpoints: object) -> tuple[str | Viewpoint, ...]:
+    """Viewpoints one by one, each a `Viewpoint` or its text.
+
+    Parameters
+    ----------
+    viewpoints : str, Viewpoint or sequence of them
+        Texts are separated at their commas; see `parse_viewpoints`.
+
+    Raises
+    ------
+    UsageError
+        Another type, or no viewpoint at all.
+    """
+    if isinstance(viewpoints, Viewpoint):
+        return (viewpoints,)
+    if isinstance(viewpoints, str):
+        items: tuple[str | Viewpoint, ...] = tuple(
+            item.strip() for item in viewpoints.split(",") if item.strip()
+        )
+    elif isinstance(viewpoints, list | tuple):
+        items = tuple(item for part in viewpoints for item in viewpoint_items(part))
+    else:
+        raise UsageError(
+            f"viewpoints: {viewpoints!r} is a {type(viewpoints).__name__}; give a Viewpoint, a "
+            "name such as 'centre', 'name=x y z' in mm, or a list of these"
+        )
+    if not items:
+        raise ViewpointError("viewpoints: none given; name at least one, such as 'centre'")
+    return items
+
+
+def viewpoints_text(viewpoints: Iterable[str | Viewpoint]) -> str:
+    """Text of viewpoints as `parse_viewpoints` reads it; without pupil and focus."""
+    return ",".join(
+        item
+        if isinstance(item, str)
+        else f"{item.name}={' '.join(repr(float(x)) for x in item.position_mm)}"
+        for item in viewpoints
+    )
+
+
 def parse_viewpoints(
-    text: str,
+    viewpoints: str | Viewpoint | Sequence[str | Viewpoint],
     display: Display,
     distance_mm: float | None = None,
     pupil_mm: float = 0.0,
     focus_mm: float | None = None,
 ) -> tuple[Viewpoint, ...]:
-    """Viewpoints from ``"centre, left, mine=10 -5, far=0 0 900"``, each checked.
+    """Viewpoints, each checked, from values or from text: ``"centre, mine=10 -5, far=0 0 900"``.
 
     Parameters
     ----------
-    text : str
+    viewpoints : str, Viewpoint or sequence of them
         Names of `DEFAULT_VIEWPOINTS`, or ``name=x y [z]`` in millimetres, separated by commas.
     display : Display
         Whose viewing zone they must lie in.
     distance_mm : float, optional
         Viewing distance where none is given; `default_distance_mm` otherwise.
     pupil_mm, focus_mm : float
-        Of every eye; see `Viewpoint`. Eyes with a pupil come back with their focus stated: what
-        they see later may be a display that is not quite `display`.
+        Of every eye that is text; see `Viewpoint`. Eyes with a pupil come back with their focus
+        stated: what they see later may be a display that is not quite `display`.
 
     Raises
     ------
+    UsageError
+        See `viewpoint_items`.
     ViewpointError
         Unknown or doubled name, unreadable position, or outside the viewing zone.
     """
     distance = default_distance_mm(display) if distance_mm is None else distance_mm
-    viewpoints = [
-        replace(_parse_one(item.strip(), display, distance), pupil_mm=pupil_mm, focus_mm=focus_mm)
-        for item in text.split(",")
-        if item.strip()
+    eyes = [
+        item
+        if isinstance(item, Viewpoint)
+        else replace(_parse_one(item, display, distance), pupil_mm=pupil_mm, focus_mm=focus_mm)
+        for item in viewpoint_items(viewpoints)
     ]
-    if not viewpoints:
-        raise ViewpointError("viewpoints: none given; name at least one, such as 'centre'")
-    seen = {"eia"}  # the ground-truth EIA lies beside the views
-    for viewpoint in viewpoints:
+    taken = {"eia"}  # the ground-truth EIA lies beside the views
+    for eye in eyes:
         # Case apart, two names may be one file.
-        if viewpoint.name.lower() in seen:
+        if eye.name.lower() in taken:
             raise ViewpointError(
-                f"viewpoint {viewpoint.name!r} is given twice, or its name is taken; rename it"
+                f"viewpoint {eye.name!r} is given twice, or its name is taken; rename it"
             )
-        seen.add(viewpoint.name.lower())
-        check_viewpoint(viewpoint, display)
-    if pupil_mm:
-        viewpoints = [replace(v, focus_mm=focus_distance_mm(v, display)) for v in viewpoints]
-    return tuple(viewpoints)
+        taken.add(eye.name.lower())
+        check_viewpoint(eye, display)
+    return tuple(
+        replace(eye, focus_mm=focus_distance_mm(eye, display)) if eye.pupil_mm else eye
+        for eye in eyes
+    )
 
 
 def _parse_one(item: str, display: Display, distance_mm: float) -> Viewpoint:

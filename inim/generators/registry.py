@@ -31,6 +31,7 @@ from typing import Any, TypeVar
 from inim.errors import UsageError, known_words
 from inim.generators.base import Generator
 from inim.plugins import announced, load
+from inim.settings import value_text
 
 #: The algorithm of whoever names none; listed first.
 DEFAULT = "template"
@@ -268,6 +269,42 @@ def parse_algorithm(text: str) -> tuple[str, dict[str, str]]:
             raise UsageError(f"algorithm {text!r}: option {key.strip()!r} is given twice; drop one")
         options[key.strip()] = value.strip()
     return name, options
+
+
+def algorithm_items(algorithms: object) -> tuple[str, ...]:
+    """Algorithms one by one, each a name with its options: ``template:samples=4``.
+
+    Parameters
+    ----------
+    algorithms : str, mapping, or sequence of them
+        Texts are separated at their commas. A mapping holds options by name:
+        ``{"template": {"samples": 4}, "wang2024": {}}``.
+
+    Raises
+    ------
+    UsageError
+        Another type.
+    """
+    if isinstance(algorithms, str):
+        return tuple(item.strip() for item in algorithms.split(",") if item.strip())
+    if isinstance(algorithms, Mapping):
+        return tuple(_label(str(name), options) for name, options in algorithms.items())
+    if isinstance(algorithms, list | tuple):
+        return tuple(item for part in algorithms for item in algorithm_items(part))
+    raise UsageError(
+        f"algorithms: {algorithms!r} is a {type(algorithms).__name__}; give names such as "
+        "'template:samples=4', a mapping of names to options, or a list of these"
+    )
+
+
+def _label(name: str, options: object) -> str:
+    if not isinstance(options, Mapping):
+        raise UsageError(
+            f"algorithms[{name!r}]: is a {type(options).__name__}; give options as a mapping, "
+            "which may be empty"
+        )
+    where = f"algorithms[{name!r}]"
+    return ":".join([name, *(f"{key}={value_text(where, v)}" for key, v in options.items())])
 
 
 def check_algorithm(text: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,14 @@ from inim.display import Display
 from inim.display.misalignment import mounted
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import OutOfMemoryError, SceneError, UsageError
+from inim.generators import algorithm_items
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW, Viewing, all_metrics
-from inim.pipeline.request import PREVIEW, SHORTHANDS, Request
+from inim.pipeline.request import PREVIEW, Request, definition_words
 from inim.pipeline.stages.method import Method, parse_methods
 from inim.pipeline.stages.reconstruct import Optics
 from inim.regression import BASELINE, RunStatistics, check_comparable, read_statistics
-from inim.scene.file import SceneFile, parse_definitions, read_scene_file, with_display
+from inim.scene.file import SceneFile, choose_display, read_scene_file
 from inim.settings import PREFIX, Settings
 
 # Running out of memory is a native death, not an exception, so it is planned against: pictures have
@@ -89,6 +90,16 @@ class Plan:
     baseline: RunStatistics | None = None
 
     @property
+    def definitions(self) -> dict[str, str]:
+        """Settings and scene parameters that the request overrides, as text for the record."""
+        return self.request.recorded_definitions(self.settings, self.file.settings)
+
+    @property
+    def command(self) -> list[str]:
+        """The command line that repeats the run, after `python -m inim.validate`."""
+        return self.request.command(self.settings, self.file.settings)
+
+    @property
     def optics(self) -> Optics:
         """How views of EIAs are reconstructed."""
         s = self.settings
@@ -126,28 +137,22 @@ def make_plan(request: Request) -> Plan:
     """
     if request.preview and request.baseline is not None:
         raise UsageError("--preview: has too few samples for --baseline; leave one of them out")
-    given = parse_definitions(list(request.definitions))
-    given = PREVIEW | given if request.preview else given
-    file = read_scene_file(request.scene, given, request.allow_folders)
+    definitions = {**PREVIEW, **request.definitions} if request.preview else request.definitions
+    file = read_scene_file(request.scene, definitions, request.allow_folders)
     source = str(request.scene)
-    texts = file.settings
-    if request.display is not None:
-        texts = with_display(texts, request.display, given)
-    said = {f"{PREFIX}{name}": getattr(request, name) for name in SHORTHANDS}
-    texts = texts | {key: text for key, text in said.items() if text is not None}
-    settings = Settings.parse(texts, source)
-    display = settings.make_display(source)
-    real = mounted(display, settings.misalign)
+    display, settings = choose_display(request.display, definitions, source, file)
+    settings = replace(settings, **request.overrides())
+    real = mounted(display, settings.misalign if request.misalign is None else request.misalign)
     check_lens_model(settings.lens_model, real)
     all_metrics()  # of which another package's may not be loadable
     viewpoints = parse_viewpoints(
-        settings.viewpoints,
+        request.viewpoints or settings.viewpoints,
         display,
         settings.viewing_distance_mm,
         settings.pupil_mm,
         settings.focus_mm,
     )
-    methods = parse_methods(settings.algorithms, request.eias)
+    methods = parse_methods(algorithm_items(settings.algorithms), request.eias)
     limits = settings.ssim_limits(tuple(m.name for m in methods), source)
     _check_sizes(display, settings, source)
     memory = _share_memory(display, settings, len(viewpoints), methods)
@@ -204,9 +209,10 @@ def conditions_of(plan: Plan, variant: str | None = None) -> dict[str, Any]:
     return conditions if variant is None else {**conditions, "variant": variant}
 
 
-def _scene_parameters(definitions: tuple[str, ...]) -> list[str]:
+def _scene_parameters(definitions: Mapping[str, str]) -> list[str]:
     """`-D` of the scene's own parameters; those of `inim` are compared by what they lead to."""
-    return sorted(item for item in definitions if not item.strip().startswith("inim."))
+    own = {key: text for key, text in definitions.items() if not key.startswith(PREFIX)}
+    return sorted(definition_words(own))
 
 
 def _given(display: Display) -> dict[str, Any]:

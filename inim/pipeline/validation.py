@@ -2,28 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inim.errors import UsageError
-from inim.pipeline.request import Request
 from inim.worker.output import default_out, staging_folder
 from inim.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
     from inim.display import Display
     from inim.display.viewpoint import Viewpoint
+    from inim.pipeline.plan import Plan
+    from inim.pipeline.request import Request
     from inim.report import Report
 
 
-def validate_in_worker(request: Request, *, quiet: bool = True, debug: bool = False) -> bool:
-    """Validate in a worker process; the report is in `request.out` afterwards.
+def validate_in_worker(
+    make_request: Callable[[], Request],
+    scene: Path,
+    out: Path,
+    *,
+    backend: str = "auto",
+    quiet: bool = True,
+    debug: bool = False,
+) -> bool:
+    """Validate in a worker process; the report is in `out` afterwards.
 
     Parameters
     ----------
-    request : Request
+    make_request : callable
+        Makes the request, of this scene, folder and backend; called while the worker loads.
+    scene, out : Path
+    backend : {"auto", "llvm", "cuda"}
     quiet : bool
         No result lines on stdout and no progress bar on stderr.
     debug : bool
@@ -41,19 +54,20 @@ def validate_in_worker(request: Request, *, quiet: bool = True, debug: bool = Fa
     """
     with ExitStack() as during:
 
-        def check() -> None:
-            from inim.pipeline.compile_ahead import compiling_ahead  # while the worker loads
+        def plan() -> Plan:
+            from inim.pipeline.compile_ahead import compiling_ahead
             from inim.pipeline.plan import make_plan
 
-            during.enter_context(compiling_ahead(make_plan(request)))
+            plan = make_plan(make_request())
+            during.enter_context(compiling_ahead(plan))
+            return plan
 
         return run_in_worker(
             "inim.pipeline.work:work",
-            request,
-            staging_folder(request.out),
-            check=check,
-            backend=request.backend,
-            about=str(request.scene),
+            plan,
+            staging_folder(out),
+            backend=backend,
+            about=str(scene),
             quiet=quiet,
             debug=debug,
         )
@@ -80,8 +94,8 @@ def validate(
 ) -> Report:
     """Validate a scene in a worker process, as `python -m inim.validate` does.
 
-    What the command takes as text may be text here, too, or Python values: they are written as that
-    text, so the report's `command` repeats them, and equal requests find each other's results.
+    What the command takes as text may be text here, too, or Python values. The report's `command`
+    repeats the run.
 
     Parameters
     ----------
@@ -134,33 +148,46 @@ def validate(
         Of the kind that fits, with the line the command would print; a `UsageError` for values of
         a wrong type.
     """
-    from inim.pipeline.python_values import path, paths, request_values
+    from inim.display.misalignment import parse_misalignment
+    from inim.display.viewpoint import viewpoint_items
+    from inim.generators import algorithm_items
+    from inim.pipeline.request import Request
+    from inim.scene.file import parse_definitions
 
-    scene = path("scene", scene)
+    scene = _path("scene", scene)
     if eias is not None and not isinstance(eias, Mapping):
         raise UsageError(f"eias: is a {type(eias).__name__}; give a mapping of names to paths")
     request = Request(
-        scene=scene,
-        out=default_out(scene, "report") if out is None else path("out", out),
-        eias=tuple(f"{name}={path(f'eias[{name!r}]', eia)}" for name, eia in (eias or {}).items()),
-        backend=backend,
-        baseline=None if baseline is None else path("baseline", baseline),
-        preview=preview,
-        time=time,
-        lazy=lazy,
-        no_skip=no_skip,
-        allow_folders=paths("allow_folders", allow_folders),
-        **request_values(
-            scene,
-            definitions=definitions,
-            display=display,
-            algorithms=algorithms,
-            viewpoints=viewpoints,
-            lens_model=lens_model,
-            misalign=misalign,
-        ),
+        scene,
+        default_out(scene, "report") if out is None else _path("out", out),
+        {str(name): _path(f"eias[{name!r}]", eia) for name, eia in (eias or {}).items()},
+        backend,
+        None if baseline is None else _path("baseline", baseline),
+        preview,
+        time,
+        lazy,
+        no_skip,
+        _paths("allow_folders", allow_folders),
+        definitions=parse_definitions({} if definitions is None else definitions),
+        display=display,
+        algorithms=None if algorithms is None else algorithm_items(algorithms),
+        viewpoints=None if viewpoints is None else viewpoint_items(viewpoints),
+        lens_model=lens_model,
+        misalign=None if misalign is None else parse_misalignment(misalign),
     )
-    validate_in_worker(request)
+    validate_in_worker(lambda: request, scene, request.out, backend=backend)
     from inim.report import Report
 
     return Report.load(request.out)
+
+
+def _paths(name: str, value: object) -> tuple[Path, ...]:
+    if isinstance(value, list | tuple):
+        return tuple(_path(name, item) for item in value)
+    return (_path(name, value),)
+
+
+def _path(name: str, value: object) -> Path:
+    if not isinstance(value, str | PathLike):
+        raise UsageError(f"{name}: is a {type(value).__name__}; give a path")
+    return Path(value)

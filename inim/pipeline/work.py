@@ -11,8 +11,7 @@ from inim.cache.result_cache import ResultCache
 from inim.cache.store import open_store
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS
 from inim.pipeline.output.images import Images
-from inim.pipeline.plan import Plan, check_baseline, make_plan
-from inim.pipeline.request import Request
+from inim.pipeline.plan import Plan, check_baseline
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.pipeline.validate import validate
@@ -22,10 +21,10 @@ from inim.report.wording import best_algorithm, suggested_criteria, verdict
 from inim.worker.output import publish
 
 
-def work(request: Request, staging: Path, observer: Observer) -> bool:
-    """Carry out the request and publish its report; whether every check passed."""
-    report = run(make_plan(request), staging, observer)
-    publish(staging, request.out)
+def work(plan: Plan, staging: Path, observer: Observer) -> bool:
+    """Carry out the plan and publish its report; whether every check passed."""
+    report = run(plan, staging, observer)
+    publish(staging, plan.request.out)
     return report.passed
 
 

@@ -11,18 +11,16 @@ import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.parsers import expat
 
+from inim.display import Display
 from inim.errors import FileError, SceneError, UsageError
 from inim.files.regular_file import open_file, read_file
 from inim.files.splat_ply import SPLAT_SHAPES
 from inim.scene.parameters import Content, SceneFolder, SceneParameters, content_of
-from inim.settings import DISPLAY_KEYS, PREFIX, Settings
-
-if TYPE_CHECKING:
-    from inim.display import Display
+from inim.settings import DISPLAY_KEYS, PREFIX, Settings, value_text
 
 # Generous for scenes written by people or exporters, small against what harms: Mitsuba overflows
 # its stack near 20,000 levels, and include fan-out grows as a power.
@@ -101,16 +99,30 @@ class SceneFile:
             raise FileError(f"{changed[0]}: was saved while the run read it; run it again")
 
 
-def parse_definitions(items: list[str]) -> dict[str, str]:
-    """`-D key=value` items as a mapping.
+def parse_definitions(definitions: object) -> dict[str, str]:
+    """Settings and scene parameters to override, as texts by key.
+
+    Parameters
+    ----------
+    definitions : sequence of str, or mapping
+        `key=value` items, as after -D; or texts and numbers by key.
 
     Raises
     ------
     UsageError
-        An item without an equals sign, or a key given twice.
+        An item without an equals sign, a key given twice, or another type.
     """
+    if isinstance(definitions, Mapping):
+        return {str(k): value_text(f"definitions[{k!r}]", v) for k, v in definitions.items()}
+    if not isinstance(definitions, list | tuple) or not all(
+        isinstance(i, str) for i in definitions
+    ):
+        raise UsageError(
+            f"definitions: is a {type(definitions).__name__}; give a mapping such as "
+            "{'inim.pitch_mm': 0.5}"
+        )
     parsed: dict[str, str] = {}
-    for item in items:
+    for item in definitions:
         key, equals, value = item.partition("=")
         if not equals or not key.strip():
             raise UsageError(f"-D {item}: write -D key=value, such as -D inim.pitch_mm=0.5")
@@ -177,78 +189,89 @@ def read_scene_settings(path: Path, definitions: Mapping[str, str] | None = None
     return _scan(path, dict(definitions or {}), (), files=False).settings
 
 
-def chosen_display(
-    display: str | None, definitions: list[str], command: str
+def choose_display(
+    display: Display | str | Path | None = None,
+    definitions: Mapping[str, str] | None = None,
+    source: str = "display",
+    scene: SceneFile | None = None,
 ) -> tuple[Display, Settings]:
-    """The display that `--display` and `-D` name for a command without a scene.
+    """The display of a run, as designed, and the settings of the run.
 
     Parameters
     ----------
-    display : str or None
-        A preset, or the path of an XML file with `inim.*` settings; None: the settings' default.
-    definitions : list of str
-        `KEY=VALUE` overrides.
-    command : str
+    display : Display, str or Path, optional
+        A display; the name of a preset; or the path of an XML file with `inim.*` settings. A preset
+        replaces the preset that a scene starts from. A display or a file replaces everything that
+        a scene states of its display; a file also replaces misalignment and luminance. None: the
+        scene's display, or the default one.
+    definitions : mapping of str to str, optional
+        Single settings to override, as after -D. With a `Display`, they cannot be its parameters.
+    source : str
         What to name in an error where there is no file.
-
-    Returns
-    -------
-    display : Display
-        As designed.
-    settings : Settings
+    scene : SceneFile, optional
+        Read with these definitions. Without a scene, a display file gives all settings.
 
     Raises
     ------
     InimError
-        Unknown settings, or values that describe no possible display.
+        An unknown setting or preset, values that describe no possible display, or another type.
     """
-    given = parse_definitions(definitions)
-    if display is not None and _is_file(display):
-        settings = Settings.parse(read_scene_settings(Path(display), given), display)
-        return settings.make_display(display), settings
-    for key in given:
-        if not key.startswith(PREFIX):
-            raise SceneError(f"-D {key}: a display has inim.* settings only; see `inim settings`")
-    if display is not None:
-        given = {f"{PREFIX}display": display} | given
-    settings = Settings.parse(given, command)
-    return settings.make_display(command), settings
+    definitions = definitions or {}
+    texts = dict(definitions) if scene is None else dict(scene.settings)
+    if isinstance(display, Display):
+        return _with_parameters_of(display, definitions, source, texts)
+    if display is not None and not isinstance(display, str | PathLike):
+        raise UsageError(
+            f"display: {display!r} is a {type(display).__name__}; give a Display, the name of a "
+            "preset, or the path of a file with inim.* settings"
+        )
+    if isinstance(display, PathLike) or (display or "").lower().endswith(".xml"):
+        path = Path(str(display))
+        if scene is None:
+            source, texts = str(path), read_scene_settings(path, definitions)
+        else:
+            texts = _with_file(path, definitions, texts)
+    else:
+        other = [key for key in definitions if not key.startswith(PREFIX)]
+        if scene is None and other:
+            raise SceneError(
+                f"-D {other[0]}: a display has inim.* settings only; see `inim settings`"
+            )
+        texts |= {} if display is None else {f"{PREFIX}display": str(display)}
+    settings = Settings.parse(texts, source)
+    return settings.make_display(source), settings
 
 
-def with_display(
-    settings: Mapping[str, str], display: str, definitions: Mapping[str, str]
+def display_of(display: Display | str | Path) -> Display:
+    """A display from a value, the name of a preset, or a display file; see `choose_display`."""
+    return choose_display(display)[0]
+
+
+def _with_parameters_of(
+    display: Display, definitions: Mapping[str, str], source: str, texts: dict[str, str]
+) -> tuple[Display, Settings]:
+    """The display, named after the nearest preset, and a scene's other settings."""
+    parameters = {f"{PREFIX}{key}": key for key in ("display", *DISPLAY_KEYS)}
+    for key in definitions:
+        if key in parameters:
+            raise UsageError(
+                f"display: is a Display, and definitions set {key}; use display.replace"
+            )
+    others = {key: text for key, text in texts.items() if key not in parameters}
+    overridden = [parameters[key] for key in texts if key in parameters]
+    settings = Settings.parse(others, source).with_display(display, overridden)
+    return settings.make_display(source), settings
+
+
+def _with_file(
+    path: Path, definitions: Mapping[str, str], texts: Mapping[str, str]
 ) -> dict[str, str]:
-    """A scene's `inim.*` texts on the display that `--display` names.
-
-    A preset replaces the preset that a scene starts from; a file replaces all that a scene says of
-    its display, misalignment and luminance with it, and what else it says is left alone. What the
-    command line says of single values stays.
-
-    Parameters
-    ----------
-    settings : mapping of str to str
-        The scene's, with the definitions in.
-    display : str
-        A preset, or the path of an XML file with `inim.*` settings.
-    definitions : mapping of str to str
-        The command line's.
-
-    Raises
-    ------
-    InimError
-        As `chosen_display`.
-    """
-    if not _is_file(display):
-        return {**settings, f"{PREFIX}display": display}
-    stated = read_scene_settings(Path(display))
-    Settings.parse(stated, display).make_display(display)  # its mistakes are its own
-    own = {k: v for k, v in settings.items() if k not in _OF_DISPLAY}
-    said = {k: v for k, v in definitions.items() if k in _OF_DISPLAY}
-    return own | {k: v for k, v in stated.items() if k in _OF_DISPLAY} | said
-
-
-def _is_file(display: str) -> bool:
-    return display.lower().endswith(".xml")
+    """A scene's settings on the display of a file; the definitions override both."""
+    stated = read_scene_settings(path)
+    Settings.parse(stated, str(path)).make_display(str(path))  # report mistakes as the file's
+    own = {k: v for k, v in texts.items() if k not in _OF_DISPLAY}
+    overrides = {k: v for k, v in definitions.items() if k in _OF_DISPLAY}
+    return own | {k: v for k, v in stated.items() if k in _OF_DISPLAY} | overrides
 
 
 def _scan(

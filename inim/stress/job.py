@@ -25,7 +25,7 @@ from inim.errors import SceneError, UsageError
 from inim.generators import algorithm_names, check_algorithm, is_own
 from inim.image.rgbd import RGBD
 from inim.pipeline.plan import Plan, make_plan
-from inim.pipeline.request import Request, repeated
+from inim.pipeline.request import Request, option_words
 from inim.pipeline.stages.capture import DepthCamera, capture_relic
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
@@ -51,34 +51,27 @@ class StressRequest:
     Attributes
     ----------
     out : Path
-    scene : Path, optional
-        Whose captured picture is jittered, instead of two synthetic spheres.
-    definitions : tuple of str
-        `key=value` overrides, as after -D.
-    algorithms : str
-        Separated by commas, with options if need be; empty: all.
+    algorithms : tuple of str, optional
+        With options if need be; None: all.
     quick : bool
         Fewer and smaller cases.
-    allow_folders : tuple of Path
-        As of a validation.
+    validation : Request, optional
+        A validation of the scene whose captured picture is jittered, instead of two synthetic
+        spheres.
     """
 
     out: Path
-    scene: Path | None = None
-    definitions: tuple[str, ...] = ()
-    algorithms: str = ""
+    algorithms: tuple[str, ...] | None = None
     quick: bool = False
-    allow_folders: tuple[Path, ...] = ()
+    validation: Request | None = None
 
-    def command(self) -> list[str]:
+    def command(self, plan: Plan | None) -> list[str]:
         """The command line that repeats this request, after `python -m inim.stress`."""
-        words = [] if self.scene is None else [str(self.scene)]
-        words += ["-o", str(self.out)]
-        words += repeated("-D", self.definitions)
-        words += repeated("--allow-folder", self.allow_folders)
-        if self.algorithms:
-            words += ["--algorithms", self.algorithms]
-        return [*words, "--quick"] if self.quick else words
+        algorithms = None if self.algorithms is None else ",".join(self.algorithms)
+        words = option_words({"--algorithms": algorithms, "--quick": self.quick})
+        if self.validation is None or plan is None:
+            return ["-o", str(self.out), *words]
+        return [*self.validation.command(plan.settings, plan.file.settings), *words]
 
     def chosen(self) -> list[str]:
         """The algorithms to run.
@@ -88,37 +81,28 @@ class StressRequest:
         UsageError
             An unknown one, an unknown option, or one given twice.
         """
-        if not self.algorithms:
+        if self.algorithms is None:
             return [*_DEFAULT, *(n for n in algorithm_names() if not is_own(n))]
-        names = [name.strip() for name in self.algorithms.split(",") if name.strip()]
-        for name in names:
+        for name in self.algorithms:
             check_algorithm(name)
-            if names.count(name) > 1:
+            if self.algorithms.count(name) > 1:
                 raise UsageError(f"algorithm {name!r} is given twice; drop one")
-        if not names:
+        if not self.algorithms:
             raise UsageError("--algorithms: none given; name at least one, such as 'template'")
-        return names
+        return list(self.algorithms)
 
-    def plan(self) -> Plan:
-        """The plan of a validation of the scene: its display and sampling."""
-        assert self.scene is not None
-        return make_plan(
-            Request(
-                self.scene,
-                self.out,
-                self.definitions,
-                algorithms="template",
-                allow_folders=self.allow_folders,
-            )
-        )
+    def plan(self) -> Plan | None:
+        """The plan of the validation: its display and sampling; None without a scene.
 
-    def check(self) -> None:
-        """Raise the `InimError` that fits where a request cannot be carried out."""
-        if self.scene is None and self.definitions:
-            raise UsageError("stress: -D belongs to a scene; name one")
+        Raises
+        ------
+        InimError
+            The request cannot be carried out.
+        """
         self.chosen()
-        if self.scene is not None:
-            self.plan()
+        if self.validation is None:
+            return None
+        return make_plan(replace(self.validation, algorithms=("template",)))
 
 
 def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = False) -> bool:
@@ -136,18 +120,18 @@ def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = Fals
     """
     return run_in_worker(
         "inim.stress.job:work",
-        request,
+        lambda: (request, request.plan()),
         staging_folder(request.out, _FILES),
-        check=request.check,
         backend="llvm",
         quiet=quiet,
         debug=debug,
     )
 
 
-def work(request: StressRequest, staging: Path, observer: Observer) -> bool:
+def work(job: tuple[StressRequest, Plan | None], staging: Path, observer: Observer) -> bool:
     """The worker's side: measure, write, publish; whether every check holds."""
-    document = _measured(request, observer)
+    request, plan = job
+    document = _measured(request, plan, observer)
     observer.stage("write")
     write_stress(document, staging, tables_of(document), summary_lines(document))
     publish(staging, request.out, _MARKER)
@@ -157,7 +141,7 @@ def work(request: StressRequest, staging: Path, observer: Observer) -> bool:
     return document.passed
 
 
-def _measured(request: StressRequest, observer: Observer) -> StressDocument:
+def _measured(request: StressRequest, plan: Plan | None, observer: Observer) -> StressDocument:
     """The content of stress.json."""
     from inim.stress.checks import cases, check_first_hits, measure_jitter
     from inim.stress.relations import run_relations
@@ -165,7 +149,7 @@ def _measured(request: StressRequest, observer: Observer) -> StressDocument:
     started, renderer = time.perf_counter(), Renderer("llvm", observer)
     observer.stage("start")
     names = request.chosen()
-    words = shlex.join(["python", "-m", "inim.stress", *request.command()])
+    words = shlex.join(["python", "-m", "inim.stress", *request.command(plan)])
     each = [f"{name}: {part}" for name in names for part in ("first hits", "relations")]
     observer.begin([*each, "jitter", "write"])
     first_hits: list[FirstHits] = []
@@ -176,11 +160,11 @@ def _measured(request: StressRequest, observer: Observer) -> StressDocument:
         observer.stage(f"{name}: relations")
         relations += run_relations([name])
     observer.stage("jitter")
-    picture, display, source = _picture_of(request, renderer)
+    picture, display, source = _picture_of(request.quick, plan, renderer)
     jitter = measure_jitter(picture, display, names)
     checks = _checks(names, first_hits, relations)
     return StressDocument(
-        title="Stress" if request.scene is None else f"Stress: {request.scene.stem}",
+        title="Stress" if plan is None else f"Stress: {plan.request.scene.stem}",
         **record(words, request.quick, renderer.backend, _VERSIONS),
         algorithms=names,
         first_hits=first_hits,
@@ -231,11 +215,11 @@ def _checks(
     return claims
 
 
-def _picture_of(request: StressRequest, renderer: Renderer) -> tuple[RGBD, Any, str]:
+def _picture_of(quick: bool, plan: Plan | None, renderer: Renderer) -> tuple[RGBD, Any, str]:
     """The picture whose depth is jittered, its display, and its name."""
-    if request.scene is not None:
-        return _captured(request, renderer)
-    return (*spheres(_LENSES[request.quick]), "two spheres")
+    if plan is not None:
+        return _captured(plan, renderer)
+    return (*spheres(_LENSES[quick]), "two spheres")
 
 
 def spheres(lenses: int) -> tuple[RGBD, Any]:
@@ -250,12 +234,11 @@ def spheres(lenses: int) -> tuple[RGBD, Any]:
     return replace(ready, color=linear), display
 
 
-def _captured(request: StressRequest, renderer: Renderer) -> tuple[RGBD, Any, str]:
+def _captured(plan: Plan, renderer: Renderer) -> tuple[RGBD, Any, str]:
     """As a validation captures it."""
-    plan = request.plan()
     s, scene = plan.settings, Scene(plan.file, plan.display, plan.settings.fit_share, renderer)
     camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
     rgbd = capture_relic(camera, layers=False, run=Run(observer=renderer.observer)).rgbd
     if not rgbd.covered.any():
-        raise SceneError(f"{request.scene}: the depth camera sees nothing to jitter")
-    return rgbd, plan.display, str(request.scene)
+        raise SceneError(f"{plan.request.scene}: the depth camera sees nothing to jitter")
+    return rgbd, plan.display, str(plan.request.scene)

@@ -11,7 +11,7 @@ from typing import Any
 
 from inim import backend as backends
 from inim.errors import FileError
-from inim.pipeline.request import repeated
+from inim.pipeline.request import option_words
 from inim.process.machine import cpu_count
 from inim.report.sweep import PAGE, write_page
 from inim.sweep.progress import Progress
@@ -48,11 +48,8 @@ class Place:
 
     def words(self) -> list[str]:
         """Its part of a command line."""
-        words = ["-o", str(self.out)]
-        for name in ("scheduler", "workers", "threads"):
-            if getattr(self, name) is not None:
-                words += [f"--{name}", str(getattr(self, name))]
-        return [*words, *repeated("--allow-folder", self.allow_folders)]
+        options = {f"--{name}": getattr(self, name) for name in ("scheduler", "workers", "threads")}
+        return option_words({"-o": self.out, **options, "--allow-folder": self.allow_folders})
 
 
 @dataclass(frozen=True)

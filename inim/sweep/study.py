@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 from inim.display import DISPLAYS, Display
-from inim.display.viewpoint import is_file_safe
+from inim.display.viewpoint import Viewpoint, is_file_safe, viewpoint_items
 from inim.errors import FileError, InimError, UsageError
 from inim.files.regular_file import check_file
 from inim.lens import lens_models
 from inim.pipeline.stages.method import parse_methods
-from inim.scene.file import chosen_display
+from inim.scene.file import display_of
 from inim.settings import PREFIX, Settings
 from inim.sweep.tables import MOST_NAMED, Tables, shown
 
@@ -68,18 +68,12 @@ class NamedDisplay:
     ----------
     name : str
         In the table.
-    definitions : tuple of str
-        What makes a scene take it: `inim.KEY=VALUE` each; none for `AS_SCENE`.
-    display : Display, optional
-        What a scene must then show; None for `AS_SCENE`.
-    given : str, optional
-        As a validation's `--display`: a preset, or a display file.
+    display : Display, str or Path, optional
+        As of a `Request`; None for `AS_SCENE`.
     """
 
     name: str
-    definitions: tuple[str, ...] = ()
-    display: Display | None = None
-    given: str | None = None
+    display: Display | str | Path | None = None
 
 
 @dataclass(frozen=True)
@@ -96,11 +90,10 @@ class Study:
     displays : tuple of NamedDisplay
     algorithms : tuple of str
         As in a report: options in the order given.
-    variations : dict of str to tuple of str
-        Lens model and settings, all their combinations, as `inim.KEY=VALUE` each; by what tells
-        them apart.
-    viewpoints : str, optional
-        As for `inim.viewpoints`; each scene's own otherwise.
+    variations : dict of str to dict of str to str
+        Definitions of lens model and settings, all their combinations, by what tells them apart.
+    viewpoints : tuple of str or Viewpoint, optional
+        As of a `Request`; each scene's own otherwise.
     backend : {"auto", "llvm", "cuda"}
     time : bool
         Time the generators in yardsticks.
@@ -115,8 +108,8 @@ class Study:
     scenes: dict[str, Path]
     displays: tuple[NamedDisplay, ...]
     algorithms: tuple[str, ...]
-    variations: dict[str, tuple[str, ...]]
-    viewpoints: str | None
+    variations: dict[str, dict[str, str]]
+    viewpoints: tuple[str | Viewpoint, ...] | None
     backend: str
     time: bool
     keep_reports: bool
@@ -195,16 +188,18 @@ class _Reader(Tables):
                     "study.algorithms", f"{shown(one)}: write one algorithm in each text"
                 )
         try:
-            return tuple(c.name for c in parse_methods(",".join(written), ()))
+            return tuple(c.name for c in parse_methods(written, {}))
         except InimError as error:
             raise self.wrong("study.algorithms", str(error)) from None
 
-    def viewpoints(self) -> str | None:
-        """As the setting has them."""
+    def viewpoints(self) -> tuple[str | Viewpoint, ...] | None:
+        """As of a `Request`."""
         value = self.table("study").get("viewpoints")
-        if value is None or isinstance(value, str):
-            return value
-        return ", ".join(self.texts("study.viewpoints", value))
+        if value is None:
+            return None
+        return viewpoint_items(
+            value if isinstance(value, str) else self.texts("study.viewpoints", value)
+        )
 
     def displays(self) -> tuple[NamedDisplay, ...]:
         """Those that are named; all of the study's own if none is; else each scene's."""
@@ -214,7 +209,7 @@ class _Reader(Tables):
             return tuple(own.values()) or (NamedDisplay(AS_SCENE),)
         known = {AS_SCENE: NamedDisplay(AS_SCENE)}
         for name, preset in DISPLAYS.items():
-            known[name] = NamedDisplay(name, display=preset, given=name)
+            known[name] = NamedDisplay(name, preset)
         known |= own
         names = self.texts("study.displays", named)
         for name in names:
@@ -249,7 +244,7 @@ class _Reader(Tables):
             display = self._settings(f"display {name!r}", words).make_display(
                 f"{self.path}: display {name!r}"
             )
-            found[name] = NamedDisplay(name, _definitions(words), display)
+            found[name] = NamedDisplay(name, display)
         return found
 
     def _from_file(self, name: str, table: Mapping[str, Any]) -> NamedDisplay:
@@ -260,10 +255,11 @@ class _Reader(Tables):
         file = self.text(what, table["file"])
         if not file.lower().endswith(".xml"):
             raise self.wrong(what, f"{shown(file)}: name an .xml with inim.* settings")
-        path = str(self.path.parent / file)
-        return NamedDisplay(name, display=chosen_display(path, [], what)[0], given=path)
+        path = self.path.parent / file
+        display_of(path)  # report its mistakes before anything is run
+        return NamedDisplay(name, path)
 
-    def variations(self) -> dict[str, tuple[str, ...]]:
+    def variations(self) -> dict[str, dict[str, str]]:
         """All combinations of what is given as a list, by the values that are one of several."""
         table = self.table("settings")
         for name in table:
@@ -290,7 +286,7 @@ class _Reader(Tables):
             words = self._values("settings.", dict(zip(axes, chosen, strict=True)))
             self._settings("settings", words)
             label = ", ".join(f"{k} = {v}" for k, v in words.items() if len(axes[k]) > 1)
-            found[label] = _definitions(words)
+            found[label] = {f"{PREFIX}{name}": word for name, word in words.items()}
         return found
 
     def _values(self, before: str, table: Mapping[str, Any]) -> dict[str, str]:
@@ -308,7 +304,3 @@ class _Reader(Tables):
             return Settings.parse(given, f"{self.path}: {key}")
         except InimError as error:
             raise UsageError(str(error)) from None
-
-
-def _definitions(words: Mapping[str, str]) -> tuple[str, ...]:
-    return tuple(f"{PREFIX}{name}={word}" for name, word in words.items())

@@ -15,7 +15,6 @@ from inim.files.regular_file import check_file
 from inim.metrics import Metric, all_metrics
 from inim.report.sweep.results import SETTING_COLUMNS
 from inim.report.wording import check_finding, check_passed, checks, part
-from inim.scene.file import parse_definitions
 from inim.settings import PREFIX, Settings
 from inim.sweep.unit import Unit
 
@@ -156,7 +155,7 @@ def _identity(unit: Unit, algorithm: str) -> dict[str, Any]:
 
 def _given(unit: Unit) -> dict[str, Any]:
     """Settings that the study itself names, where the scene's could not be had."""
-    given = parse_definitions(list(unit.request.definitions))
+    given = unit.request.definitions
     settings = asdict(Settings.parse(given, unit.label))
     return {key: settings[key] for key in SETTING_COLUMNS if f"{PREFIX}{key}" in given}
 

@@ -183,7 +183,7 @@ def _carry_out(task: Task, on_start: OnStart | None, on_stage: OnStage | None) -
         )
     run_in_worker(
         "inim.sweep.task:work",
-        task,
+        lambda: task,
         _staging(task),
         backend=task.request.backend,
         about=str(task.request.out),

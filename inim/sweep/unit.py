@@ -17,14 +17,14 @@ from typing import Any
 
 import inim
 from inim.backend.provenance import versions
-from inim.errors import InimError, UsageError
+from inim.errors import InimError
 from inim.generators import PICKUP, is_own, parse_algorithm
 from inim.metrics import foreign_identities
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.plugins import identity
 from inim.settings import PREFIX
-from inim.sweep.study import NamedDisplay, Study
+from inim.sweep.study import Study
 from inim.version import __version__
 
 _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "scikit-image")
@@ -83,11 +83,10 @@ class Unit:
         assert self.plan is not None
         limits = [f"{n}:{v!r}" for n, v in self.plan.ssim_limits.items() if n in algorithms]
         key = f"{PREFIX}min_ssim_to_ceiling"
-        kept = [d for d in self.request.definitions if d.partition("=")[0] != key]
         return replace(
             self.request,
-            algorithms=",".join(algorithms),
-            definitions=(*kept, f"{key}={','.join(limits)}"),
+            algorithms=tuple(algorithms),
+            definitions={**self.request.definitions, key: ",".join(limits)},
         )
 
 
@@ -108,53 +107,39 @@ def expand(study: Study, out: Path, allow_folders: tuple[Path, ...] = ()) -> lis
         That of the first unit, where not one can be carried out.
     """
     requests = list(_requests(study, out, allow_folders))
-    units = [_unit(*names, request, display) for names, request, display in requests]
+    units = [_unit(*names, request) for names, request in requests]
     if all(unit.plan is None for unit in units):
-        _planned(*requests[0][1:])
+        make_plan(requests[0][1])
     return units
 
 
-def _unit(scene: str, variation: str, request: Request, display: NamedDisplay) -> Unit:
+def _unit(scene: str, display: str, variation: str, request: Request) -> Unit:
     try:
-        plan = _planned(request, display)
+        plan = make_plan(request)
     except InimError as error:
-        return Unit(scene, display.name, variation, request, error=str(error))
-    return Unit(scene, display.name, variation, request, plan, unit_hash(key_of(plan)))
+        return Unit(scene, display, variation, request, error=str(error))
+    return Unit(scene, display, variation, request, plan, unit_hash(key_of(plan)))
 
 
 def _requests(
     study: Study, out: Path, allow_folders: tuple[Path, ...]
-) -> Iterator[tuple[tuple[str, str], Request, NamedDisplay]]:
+) -> Iterator[tuple[tuple[str, str, str], Request]]:
     for scene, path in study.scenes.items():
         for display in study.displays:
             for variation, words in study.variations.items():
                 request = Request(
                     path,
                     out,
-                    (*display.definitions, *words),
-                    display.given,
-                    algorithms=",".join(study.algorithms),
+                    definitions=words,
+                    display=display.display,
+                    algorithms=study.algorithms,
                     viewpoints=study.viewpoints,
                     backend=study.backend,
                     time=study.time,
                     lazy=study.lazy,
                     allow_folders=allow_folders,
                 )
-                yield (scene, variation), request, display
-
-
-def _planned(request: Request, display: NamedDisplay) -> Plan:
-    plan = make_plan(request)
-    if display.display is not None:
-        wanted, found = display.display.given(), plan.display.given()
-        changed = [key for key in wanted if key != "name" and wanted[key] != found[key]]
-        if changed:
-            raise UsageError(
-                f"{request.scene}: its own {', '.join(PREFIX + key for key in changed)} would "
-                f"change display {display.name!r}; take them out of the scene, or give them in a "
-                "[[display]]"
-            )
-    return plan
+                yield (scene, display.name, variation), request
 
 
 def key_of(plan: Plan) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from statistics import median
 
 from msgspec.structs import replace
 
+from inim.display.misalignment import misalignment_text
 from inim.documents.tolerate import (
     DrawAlone,
     DrawTogether,
@@ -29,11 +30,6 @@ _POINTS = 20
 Scores = Mapping[str, float | None]
 
 
-def misalignment(errors: Mapping[str, float]) -> str:
-    """What a display is off by, as `inim.misalign` has it; empty: nothing."""
-    return ", ".join(f"{name}={error!r}" for name, error in errors.items())
-
-
 def parameter_tolerances(
     study: ToleranceStudy, scores: Scores, criterion: float, reached: Mapping[str, float]
 ) -> tuple[list[ParameterTolerance], Together | None]:
@@ -43,7 +39,7 @@ def parameter_tolerances(
     ----------
     study : ToleranceStudy
     scores : mapping of str to float or None
-        Of each display, by its `misalignment`; None: it could not be validated.
+        Of each display, by its `misalignment_text`; None: it could not be validated.
     criterion : float
     reached : mapping of str to float
         Standard errors of a calibration, by parameter.
@@ -90,7 +86,7 @@ def _scored(
     drawn: Sequence[Mapping[str, float]], scores: Scores
 ) -> list[tuple[Mapping[str, float], float]]:
     """The draws that have a score, with it."""
-    pairs = [(errors, scores.get(misalignment(errors))) for errors in drawn]
+    pairs = [(errors, scores.get(misalignment_text(errors))) for errors in drawn]
     return [(errors, score) for errors, score in pairs if score is not None]
 
 

@@ -9,20 +9,22 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from inim.display.misalignment import misalignment_text
 from inim.documents.parts import DisplayRecord
 from inim.documents.record import SceneFile
 from inim.documents.tolerate import FailedDisplay, ToleranceDocument
 from inim.errors import SceneError, UsageError
+from inim.generators import PICKUP
 from inim.metrics.headline import HEADLINE
 from inim.pipeline.plan import Plan, make_plan
-from inim.pipeline.request import Request, repeated
+from inim.pipeline.request import Request, option_words
 from inim.report.sweep.results import mean
 from inim.report.tolerate import write_tolerance
-from inim.settings import PREFIX
+from inim.settings import PREFIX, Settings
 from inim.sweep.run import Place, SweepPlan, carry_out, plan_study
 from inim.sweep.study import AS_SCENE, NamedDisplay, Study
 from inim.tolerate.calibration import read_standard_errors
-from inim.tolerate.findings import aligned_score, misalignment, parameter_tolerances
+from inim.tolerate.findings import aligned_score, parameter_tolerances
 from inim.tolerate.study import ToleranceStudy, read_tolerance_study
 from inim.version import __version__
 
@@ -38,41 +40,38 @@ class ToleranceRequest:
 
     Attributes
     ----------
-    scene : Path
+    validation : Request
+        A validation of the scene on the display as designed. Its one algorithm is shown; the
+        traced EIA by default: what is lost is then lost to the error alone.
     place : Place
     study : Path, optional
         What is drawn; see `inim.tolerate.study`.
-    definitions : tuple of str
-    display, viewpoints : str, optional
-        As of a validation.
-    algorithm : str
-        Whose EIA, made for the design, is shown. By default the traced one: what is lost is then
-        lost to the error alone.
     criterion : float
         How much less than the aligned display one may score.
     calibration : Path, optional
         `calibration.json` of what a calibration reaches.
     """
 
-    scene: Path
+    validation: Request
     place: Place
     study: Path | None = None
-    definitions: tuple[str, ...] = ()
-    display: str | None = None
-    viewpoints: str | None = None
-    algorithm: str = "pickup"
     criterion: float = 0.01
     calibration: Path | None = None
 
-    def command(self) -> str:
+    def command(self, settings: Settings) -> str:
         """The command line that repeats this request."""
-        words = ["inim", "tolerate", str(self.scene), *self.place.words()]
-        words += repeated("-D", self.definitions)
-        for name in ("study", "display", "viewpoints", "algorithm", "criterion", "calibration"):
-            value = getattr(self, name)
-            if value is not None and value != type(self).__dataclass_fields__[name].default:
-                words += [f"--{name}", str(value)]
-        return shlex.join(words)
+        validation = self.validation
+        options = validation.options(settings)
+        algorithm = options.pop("--algorithms", None)
+        criterion = None if self.criterion == type(self).criterion else self.criterion
+        options |= {
+            "--study": self.study,
+            "--algorithm": None if algorithm == PICKUP else algorithm,
+            "--criterion": criterion,
+            "--calibration": self.calibration,
+        }
+        words = [str(validation.scene), *self.place.words(), *option_words(options)]
+        return shlex.join(["inim", "tolerate", *words])
 
 
 def plan_tolerance(request: ToleranceRequest) -> SweepPlan:
@@ -109,19 +108,19 @@ def run_tolerance(
     how = {"quiet": quiet, "debug": debug}
     aligned = carry_out(replace(swept, variations=first), request.place, **how)
     for why in aligned.failed.values():
-        raise SceneError(f"{request.scene}: as designed, it cannot be validated: {why}")
+        raise SceneError(f"{plan.request.scene}: as designed, it cannot be validated: {why}")
     outcome = carry_out(swept, request.place, **how)
     scores = _scores(outcome.rows)
     parameters, together = parameter_tolerances(study, scores, request.criterion, reached)
     document = ToleranceDocument(
-        title=f"Tolerances: {plan.settings.title or request.scene.stem}",
+        title=f"Tolerances: {plan.settings.title or plan.request.scene.stem}",
         created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         inim_version=__version__,
-        command=request.command(),
-        scene=SceneFile(path=str(request.scene), sha256=plan.file.sha256),
+        command=request.command(plan.settings),
+        scene=SceneFile(path=str(plan.request.scene), sha256=plan.file.sha256),
         display=DisplayRecord.of(plan.display),
         viewpoints=[viewpoint.name for viewpoint in plan.viewpoints],
-        algorithm=request.algorithm,
+        algorithm=plan.methods[0].name,
         criterion=request.criterion,
         reach=study.reach,
         seed=study.seed,
@@ -136,46 +135,44 @@ def run_tolerance(
 
 def _design(request: ToleranceRequest) -> Plan:
     """The validation of the display as designed, planned."""
+    validation = request.validation
     plan = make_plan(
-        Request(
-            request.scene,
-            request.place.out,
-            (*_definitions(request), f"{PREFIX}misalign="),
-            request.display,
-            algorithms=request.algorithm,
-            viewpoints=request.viewpoints,
-            allow_folders=request.place.allow_folders,
+        replace(
+            validation,
+            definitions={**_definitions(validation), f"{PREFIX}misalign": ""},
+            algorithms=validation.algorithms or (PICKUP,),
         )
     )
     if len(plan.methods) != 1:
-        raise UsageError(f"--algorithm {request.algorithm}: name one; of several, run each")
+        names = ",".join(validation.algorithms or ())
+        raise UsageError(f"--algorithm {names}: name one; of several, run each")
     return plan
 
 
-def _definitions(request: ToleranceRequest) -> tuple[str, ...]:
-    for item in request.definitions:
-        key = item.partition("=")[0].strip().removeprefix(PREFIX)
-        if key in _OWN:
-            raise UsageError(f"-D {item}: `inim tolerate` gives {key} itself; leave it out")
-    return (*request.definitions, f"{PREFIX}min_ssim_to_ceiling=")
+def _definitions(validation: Request) -> dict[str, str]:
+    for key in _OWN:
+        if f"{PREFIX}{key}" in validation.definitions:
+            raise UsageError(f"-D {PREFIX}{key}: `inim tolerate` gives {key} itself; leave it out")
+    return {**validation.definitions, f"{PREFIX}min_ssim_to_ceiling": ""}
 
 
 def _displays(study: ToleranceStudy) -> list[str]:
     """What each display is off by: none first, then one parameter after another, then all."""
     alone = [{name: error} for name in study.spreads for error in study.draw_alone(name)]
-    return [misalignment(one) for one in ({}, *alone, *study.draw_together())]
+    return [misalignment_text(one) for one in ({}, *alone, *study.draw_together())]
 
 
 def _sweep(request: ToleranceRequest, plan: Plan, displays: Sequence[str]) -> Study:
-    given = _definitions(request)
+    validation = request.validation
+    given = _definitions(validation)
     return Study(
-        request.scene,
-        plan.settings.title or request.scene.stem,
-        {request.scene.stem: request.scene},
-        (NamedDisplay(AS_SCENE, given=request.display),),
+        validation.scene,
+        plan.settings.title or validation.scene.stem,
+        {validation.scene.stem: validation.scene},
+        (NamedDisplay(AS_SCENE, validation.display),),
         tuple(method.name for method in plan.methods),
-        {off or _ALIGNED: (*given, f"{PREFIX}misalign={off}") for off in displays},
-        request.viewpoints,
+        {off or _ALIGNED: {**given, f"{PREFIX}misalign": off} for off in displays},
+        validation.viewpoints,
         backend="auto",
         time=False,
         keep_reports=False,

@@ -93,17 +93,16 @@ def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) 
     """
     run_in_worker(
         "inim.views.film:work",
-        request,
+        lambda: _checked(request),
         hidden_folder(Path(request.out)),
-        check=lambda: _check(request),
         about=request.out,
         quiet=quiet,
         debug=debug,
     )
 
 
-def _check(request: FilmRequest) -> None:
-    """All that can go wrong without rendering."""
+def _checked(request: FilmRequest) -> FilmRequest:
+    """The request, once all that can go wrong without rendering is checked."""
     out = Path(request.out)
     _check_kind(out)
     if out.is_dir():
@@ -121,6 +120,7 @@ def _check(request: FilmRequest) -> None:
     _panels(request, report, display)
     if request.scene is not None:
         request.scene.file()
+    return request
 
 
 def _display(request: FilmRequest, report: Report) -> tuple[Display, Display]:

@@ -19,7 +19,7 @@ from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.from_camera.fit import empty_share
 from inim.from_camera.picture import MOST, CameraPicture
-from inim.generators import SourceGenerator, check_algorithm, generate
+from inim.generators import SourceGenerator, algorithm_items, check_algorithm, generate
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
 from inim.generators.registry import properties
 from inim.image.noisy_image import NoisyImage, replace_nonfinite
@@ -27,7 +27,7 @@ from inim.image.rgbd import RGBD
 from inim.lens import check_lens_model
 from inim.metrics.headline import MAIN
 from inim.pipeline.output.images import write_rgbd_pngs
-from inim.pipeline.request import repeated
+from inim.pipeline.request import Choices, option_words
 from inim.pipeline.stages.checks import BLACK, check
 from inim.pipeline.stages.generate import GeneratorHandle, hole_fraction
 from inim.pipeline.stages.method import parse_methods
@@ -37,7 +37,7 @@ from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
 from inim.report.without_scene import SCHEMA, write_picture_report
-from inim.scene.file import chosen_display
+from inim.scene.file import choose_display
 from inim.version import __version__
 from inim.views.warp import warped
 from inim.worker.output import default_out, publish, staging_folder
@@ -58,8 +58,8 @@ _NOT_SCORED = (
 
 
 @dataclass(frozen=True)
-class PictureRequest:
-    """What the user asked for; None: the display's settings.
+class PictureRequest(Choices):
+    """A validation of a picture.
 
     Attributes
     ----------
@@ -69,23 +69,12 @@ class PictureRequest:
         A fitted picture in its place.
     out : Path, optional
         `PICTURE-report` otherwise.
-    display : str, optional
-        A preset, or an XML file with `inim.*` settings.
-    definitions : tuple of str
-        `key=value` overrides, as after -D.
-    algorithms, viewpoints, lens_model : str, optional
-        Shorthands for the `inim.*` settings of those names.
     backend : {"auto", "llvm", "cuda"}
     """
 
     picture: CameraPicture
     rgbd: Path | None = None
     out: Path | None = None
-    display: str | None = None
-    definitions: tuple[str, ...] = ()
-    algorithms: str | None = None
-    viewpoints: str | None = None
-    lens_model: str | None = None
     backend: str = "auto"
 
     @property
@@ -100,16 +89,17 @@ class PictureRequest:
         """Of the report."""
         return self.out or default_out(self.named, "report")
 
-    def command(self) -> list[str]:
+    def command(self, settings: Settings) -> list[str]:
         """The command line that repeats this request, after `inim validate`."""
-        words = ["-o", str(self.folder), *repeated("-D", self.definitions)]
-        given = {f.name: (getattr(self.picture, f.name), f.default) for f in fields(self.picture)}
-        for name in ("rgbd", "display", "algorithms", "viewpoints", "lens_model"):
-            given[name] = (getattr(self, name), None)
-        for name, (value, default) in given.items():
-            if value != default:
-                words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
-        return words
+        values = {f.name: (getattr(self.picture, f.name), f.default) for f in fields(self.picture)}
+        picture = {
+            f"--{name.replace('_', '-')}": value
+            for name, (value, default) in values.items()
+            if value != default
+        }
+        return option_words(
+            {"-o": self.folder, **picture, "--rgbd": self.rgbd, **self.options(settings)}
+        )
 
 
 def no_warning(_: str) -> None:
@@ -152,7 +142,7 @@ def run_picture(
         warn(warning)
     passed = run_in_worker(
         "inim.views.own_picture:work",
-        (request, warnings, notes),
+        lambda: (request, warnings, notes),
         staging_folder(request.folder, _FILES),
         fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
         backend=request.backend,
@@ -189,16 +179,15 @@ def _made_for_another(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...
 
 
 def _chosen(request: PictureRequest) -> tuple[Display, Settings]:
-    """The display, and the settings with what the request says of them."""
-    display, settings = chosen_display(request.display, list(request.definitions), "inim validate")
-    said = {name: getattr(request, name) for name in ("algorithms", "viewpoints", "lens_model")}
-    settings = replace(settings, **{k: v for k, v in said.items() if v is not None})
+    """The display, and the settings with the request's choices."""
+    display, settings = choose_display(request.display, request.definitions, "inim validate")
+    settings = replace(settings, **request.overrides())
     check_lens_model(settings.lens_model, display)
     return display, settings
 
 
 def _algorithms(text: str) -> list[str]:
-    names = [method.name for method in parse_methods(text, ())]
+    names = [method.name for method in parse_methods(algorithm_items(text), {})]
     for name in names:
         check_algorithm(name)
     return names
@@ -257,7 +246,7 @@ def _record(
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "inim_version": __version__,
         "versions": versions(_VERSIONS),
-        "command": shlex.join(["inim", "validate", *request.command()]),
+        "command": shlex.join(["inim", "validate", *request.command(settings)]),
         "display": {"given": display.given(), "derived": display.derived()},
         "lens_model": settings.lens_model,
         "picture": {

@@ -102,9 +102,8 @@ def make_quilt(request: QuiltRequest, *, quiet: bool = True, debug: bool = False
     """
     run_in_worker(
         "inim.views.quilt:work",
-        request,
+        lambda: check_quilt(request),
         hidden_folder(request.path),
-        check=lambda: check_quilt(request),
         about=str(request.path),
         quiet=quiet,
         debug=debug,
@@ -112,8 +111,8 @@ def make_quilt(request: QuiltRequest, *, quiet: bool = True, debug: bool = False
     return request.path
 
 
-def check_quilt(request: QuiltRequest) -> None:
-    """Raise what can go wrong without rendering."""
+def check_quilt(request: QuiltRequest) -> QuiltRequest:
+    """The request, once all that can go wrong without rendering is checked."""
     views = request.columns * request.rows
     pixels = views * request.width * request.height
     if not 1 <= views <= _MOST_VIEWS:
@@ -132,6 +131,7 @@ def check_quilt(request: QuiltRequest) -> None:
     else:
         check_lens_model(request.lens_model, request.mounted)
         read_eia(request.source, request.mounted)
+    return request
 
 
 def work(request: QuiltRequest, staging: Path, observer: Observer) -> bool:

@@ -41,10 +41,9 @@ _ERRORS = {
 
 def run_in_worker(
     target: str,
-    request: object,
+    make_request: Callable[[], object],
     staging: AbstractContextManager[Path],
     *,
-    check: Callable[[], object] | None = None,
     fill: Callable[[Path], object] | None = None,
     backend: str = "auto",
     about: str = "",
@@ -60,12 +59,11 @@ def run_in_worker(
     ----------
     target : str
         What carries it out, as ``module:function``; see `inim.worker.serve.Work`.
-    request : object
-        Anything that can be pickled.
+    make_request : callable
+        Returns what the worker is sent, which can be pickled, or raises what is wrong with it;
+        called while the worker loads.
     staging : context manager
         Yields the folder to build the result in, such as `inim.worker.output.staging_folder`.
-    check : callable, optional
-        Raises what is wrong with the request; called while the worker loads.
     fill : callable, optional
         Puts into the folder what the worker reads there.
     backend : {"auto", "llvm", "cuda"}
@@ -90,13 +88,12 @@ def run_in_worker(
     Raises
     ------
     InimError
-        What `check` or the worker raised, or `WorkerError` / `OutOfMemoryError` where the worker
-        could not say.
+        What `make_request` or the worker raised, or `WorkerError` / `OutOfMemoryError` where the
+        worker could not say.
     """
     process, messages = _start_worker(target, variables or {}, about)
     try:
-        if check is not None:
-            check()
+        request = make_request()
         chosen = backends.environment(backends.choose_backend(backend))
         with staging as folder:
             try:

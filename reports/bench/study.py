@@ -18,14 +18,16 @@ import numpy as np
 from msgspec.structs import replace
 
 from inim import reconstruct
-from inim.bench import Rounds, load_average, record, scene_plan
+from inim.bench import Rounds, load_average, record
 from inim.display import Display, Viewpoint
 from inim.errors import InimError
 from inim.image.rgbd import RGBD
 from inim.lens import white_exposure
-from inim.pipeline.plan import Plan
+from inim.pipeline.plan import Plan, make_plan
+from inim.pipeline.request import Request
 from inim.process.observer import Observer
 from inim.report.bench import Part, write_bench
+from inim.scene.file import parse_definitions
 from inim.scene.two_spheres import two_spheres
 from inim.worker.output import publish, staging_folder
 from inim.worker.serve import ConsoleObserver
@@ -58,7 +60,11 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
 
 def plan_of(args: argparse.Namespace, scene: Path) -> Plan:
     """The plan of a validation of one of the scenes: its display, viewpoints and sampling."""
-    return scene_plan(scene, args.out, args.definitions, args.display)
+    definitions = parse_definitions(args.definitions)
+    request = Request(
+        scene, args.out, definitions=definitions, display=args.display, algorithms=("template",)
+    )
+    return make_plan(request)
 
 
 def run_study(

@@ -130,7 +130,7 @@ def _command(place: str, *words: str) -> Read:
         from inim.views import film, quilt
 
         # Frames are no matter of a document; what is looked at before them is.
-        film.run_in_worker = quilt.run_in_worker = lambda *_, check, **__: check()
+        film.run_in_worker = quilt.run_in_worker = lambda _, check, *__, **___: check()
         said = io.StringIO()
         try:
             os.chdir(path.parent)
@@ -179,9 +179,10 @@ def _baseline(place: str) -> Read:
 
         folder = path.parent
         with _in_place_of(folder / place, path):
-            words = tuple(f"inim.{key}={value}" for key, value in TINY.items())
+            tiny = {f"inim.{key}": str(value) for key, value in TINY.items()}
             out = folder / "again"
-            plan = make_plan(Request(folder / "scene.xml", out, words, baseline=folder / "base"))
+            request = Request(folder / "scene.xml", out, baseline=folder / "base", definitions=tiny)
+            plan = make_plan(request)
             candidate = read_statistics(folder / "OUT/regression", CANDIDATE)
             found = judge(plan, out, candidate, {})
             json_text(to_strict({"data": found.data, "checks": found.checks}))

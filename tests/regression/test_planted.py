@@ -84,8 +84,8 @@ class Finished:
 
 def run_of(folder: Path, **settings: Any) -> Finished:
     """A run of the small scene, without a report."""
-    definitions = tuple(f"inim.{key}={value}" for key, value in (SMALL | settings).items())
-    plan = make_plan(Request(SCENE, folder, definitions))
+    definitions = {f"inim.{key}": str(value) for key, value in (SMALL | settings).items()}
+    plan = make_plan(Request(SCENE, folder, definitions=definitions))
     renderer = Renderer(plan.request.backend, Observer(), plan.rays_in_flight)
     found = measure(plan, renderer, Images(folder, {}, Observer()), Run())
     camera = found.capture.camera

@@ -486,8 +486,8 @@ def test_workflow_s_commands_plan_runs_that_its_baselines_can_be_compared_with(
     """Up to where the worker would begin: options, settings, scene and baseline's conditions."""
     planned = []
 
-    def plan_only(request: Request, **_: object) -> bool:
-        planned.append(make_plan(request))
+    def plan_only(make_request: Callable[[], Request], *_: object, **__: object) -> bool:
+        planned.append(make_plan(make_request()))
         return True
 
     monkeypatch.chdir(PROJECT)

@@ -87,7 +87,7 @@ def test_preview_with_a_baseline_is_refused_before_anything_is_rendered(tmp_path
 
 def test_definitions_and_options_override_a_preview(tmp_path: Path) -> None:
     request = Request(write_scene(tmp_path), tmp_path, preview=True)
-    asked = replace(request, definitions=("inim.eia_spp=6",), viewpoints="left,up")
+    asked = replace(request, definitions={"inim.eia_spp": "6"}, viewpoints=("left", "up"))
     plain, changed = make_plan(request), make_plan(asked)
     assert plain.settings.eia_spp == int(PREVIEW["inim.eia_spp"])
     assert [method.name for method in plain.methods] == ["template"]
@@ -160,7 +160,7 @@ from inim.pipeline.compiled_marks import is_compiled, wait_until_compiled
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 import time
-plan = make_plan(Request(Path(sys.argv[1]), Path("out"), algorithms="template"))
+plan = make_plan(Request(Path(sys.argv[1]), Path("out"), algorithms=("template",)))
 with compiling_ahead(plan):
     end = time.monotonic() + 100
     while not is_compiled("template", plan.display) and time.monotonic() < end:
@@ -175,7 +175,7 @@ from inim.pipeline.stages.generate import GeneratorHandle
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.regression import reference_input
-plan = make_plan(Request(Path(sys.argv[1]), Path("out"), algorithms="template"))
+plan = make_plan(Request(Path(sys.argv[1]), Path("out"), algorithms=("template",)))
 size = plan.capture_shape, plan.capture_pixel_mm
 with event.install_recorder("numba:compile") as recorded:
     GeneratorHandle("template", plan.display, *size).run(reference_input(plan.display, *size))
@@ -202,7 +202,7 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
     """Of an algorithm that nothing says was compiled, on two processors."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
     monkeypatch.setattr(compile_ahead, "cpu_count", lambda: 2)
-    return make_plan(Request(write_scene(tmp_path), tmp_path / "out", algorithms="template"))
+    return make_plan(Request(write_scene(tmp_path), tmp_path / "out", algorithms=("template",)))
 
 
 @pytest.fixture

@@ -27,12 +27,12 @@ from inim.cli import main
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, UsageError
 from inim.files.eia_file import read_eia
 from inim.files.image import read_exr, write_exr
-from inim.generators import SourceGenerator
+from inim.generators import SourceGenerator, algorithm_items
 from inim.image.color import linear_from_srgb
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.capture import DepthCamera
-from inim.pipeline.stages.method import Task, parse_methods
+from inim.pipeline.stages.method import Task, parse_eias, parse_methods
 from inim.pipeline.stages.plugin_guard import run_generator
 from inim.pipeline.stages.scene import Scene
 from inim.pipeline.stages.stage import Run as StageRun
@@ -215,9 +215,13 @@ def failed_checks(out: Path) -> list[dict[str, Any]]:
 
 def request(scene: Path, *eias: str, algorithms: str = "none") -> Request:
     """A request for a tiny display."""
-    definitions = tuple(f"{key}={value}" for key, value in TINY.items())
-    asked = algorithms if eias else "template"
-    return Request(scene, scene.parent / "out", definitions, algorithms=asked, eias=eias)
+    return Request(
+        scene,
+        scene.parent / "out",
+        parse_eias(eias),
+        definitions=TINY,
+        algorithms=(algorithms if eias else "template",),
+    )
 
 
 def task_of(plan: Plan, folder: Path) -> Task:
@@ -261,7 +265,8 @@ import sys
 from pathlib import Path
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-make_plan(Request(Path(sys.argv[1]), Path("out"), eias=tuple(sys.argv[2:])))
+from inim.pipeline.stages.method import parse_eias
+make_plan(Request(Path(sys.argv[1]), Path("out"), parse_eias(sys.argv[2:])))
 print(*sorted({"OpenEXR", "PIL", "mitsuba"} & set(sys.modules)))
 """
 
@@ -362,7 +367,7 @@ def test_bad_method_is_named_with_the_way_out(
     algorithms: str, eias: tuple[str, ...], says: str
 ) -> None:
     with pytest.raises(UsageError) as caught:
-        parse_methods(algorithms, eias)
+        parse_methods(algorithm_items(algorithms), parse_eias(eias))
     assert says in str(caught.value)
 
 

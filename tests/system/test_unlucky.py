@@ -381,9 +381,11 @@ from pathlib import Path
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.work import run
+from inim.scene.file import parse_definitions
 folder, count = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(count):
-    plan = make_plan(Request(folder / "tiny.xml", folder / "out", tuple(sys.argv[3:])))
+    definitions = parse_definitions(sys.argv[3:])
+    plan = make_plan(Request(folder / "tiny.xml", folder / "out", definitions=definitions))
     staging = folder / f"run-{k}"
     staging.mkdir()
     assert run(plan, staging).passed

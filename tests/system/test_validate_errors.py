@@ -169,14 +169,15 @@ def test_display_too_large_for_memory_is_refused_before_it_is_allocated(
 def test_pictures_too_large_for_memory_are_refused_before_they_are_allocated(
     tiny_scene: Path, key: str
 ) -> None:
-    request = Request(tiny_scene, tiny_scene.parent / "out", (f"inim.{key}=20000",))
+    out, large = tiny_scene.parent / "out", {f"inim.{key}": "20000"}
+    request = Request(tiny_scene, out, definitions=large)
     with pytest.raises(OutOfMemoryError, match=key):
         make_plan(request)
 
 
 def test_viewpoint_cannot_take_the_name_of_another_picture(tiny_scene: Path) -> None:
     with pytest.raises(ViewpointError, match="eia"):
-        make_plan(Request(tiny_scene, tiny_scene.parent / "out", ("inim.viewpoints=eia=0 0",)))
+        make_plan(Request(tiny_scene, tiny_scene.parent / "out", viewpoints=("eia=0 0",)))
 
 
 # --- Scene files --------------------------------------------------------------------------------

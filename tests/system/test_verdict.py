@@ -25,7 +25,7 @@ from inim.report import Report
 from tests.conftest import scene_text, square
 from tests.system.conftest import TINY, write_scene
 
-VIEWS = "right, down"
+VIEWS = ("right", "down")
 # The sound run scores 0.74 and 0.75 from there.
 LIMIT = 0.6
 MORE = {"inim.eia_spp": "16", "inim.view_spp": "16", "inim.reconstruction_spp": "16"}
@@ -37,8 +37,7 @@ def plan(tmp_path: Path) -> Plan:
     shapes = square((-2, 1, 4), 1.2, "0.9,0.1,0.1"), square((2, -1, -4), 1.5, "0.1,0.9,0.1")
     scene = write_scene(tmp_path, text=scene_text(*shapes))
     settings = TINY | MORE | {"inim.min_ssim_to_ceiling": str(LIMIT), "inim.algorithms": "template"}
-    given = tuple(f"{key}={value}" for key, value in settings.items())
-    return make_plan(Request(scene, tmp_path / "out", given, viewpoints=VIEWS))
+    return make_plan(Request(scene, tmp_path / "out", definitions=settings, viewpoints=VIEWS))
 
 
 @pytest.fixture

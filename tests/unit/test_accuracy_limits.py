@@ -35,7 +35,7 @@ def measured():
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda p: p.stem)
 def test_the_scenes_are_inside_the_limits(scene):
-    plan = make_plan(Request(scene, Path("unused"), algorithms="template"))
+    plan = make_plan(Request(scene, Path("unused"), algorithms=("template",)))
     pixel = plan.display.pitch_mm / plan.settings.capture_pixels_per_pitch
     assert (
         accuracy_warnings(

@@ -19,7 +19,7 @@ from inim.calibrate.camera import Camera, Pose
 from inim.calibrate.photo import simulate
 from inim.cli import main
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
-from inim.scene.file import chosen_display
+from inim.scene.file import choose_display
 from tests.calibration_photographs import look_at
 from tests.schemas import completed, read_document
 from tests.unit.test_calibrate_fit import CAMERA, DESIGN, EYES, HIDDEN, straight_photograph, taken
@@ -55,7 +55,7 @@ def test_a_display_file_and_a_report_are_written(photos, tmp_path, capsys):
     assert run(photos, "-o", str(out)) == 0
     said = capsys.readouterr()
     assert "pitch_mm" in said.out and "±" in said.out and not said.err
-    display, _ = chosen_display(str(out), [], "test")
+    display, _ = choose_display(str(out))
     assert abs(display.rotation_deg - HIDDEN.rotation_deg) < 0.01
     assert abs(display.gap_mm - HIDDEN.gap_mm) < 0.05
     folder = tmp_path / "mine-calibration"
@@ -89,7 +89,7 @@ def test_too_few_positions_are_told_what_is_missing(photos, tmp_path, capsys):
     assert "rotation_deg" in said.out and "gap_mm            not determined" in said.out
     assert "not determined by these photographs" in said.err
     assert "photograph from" in said.err
-    display, _ = chosen_display(str(tmp_path / "mine.xml"), [], "test")
+    display, _ = choose_display(str(tmp_path / "mine.xml"))
     assert display.gap_mm == DESIGN.gap_mm
     assert abs(display.rotation_deg - HIDDEN.rotation_deg) < 0.1
 

@@ -26,7 +26,7 @@ from inim.documents.document import decode, encode
 from inim.errors import FileError, UsageError
 from inim.lens import trace_to_panel
 from inim.report.calibration import write_calibration
-from inim.scene.file import chosen_display
+from inim.scene.file import choose_display
 from tests.calibration_photographs import Lens, Photograph, look_at, photograph
 
 DESIGN = DISPLAYS["phone"].replace(
@@ -527,7 +527,7 @@ def test_the_display_file_is_the_display(tmp_path) -> None:
     result = found(*EYES)
     path = tmp_path / "mine.xml"
     path.write_text(display_file(result, "phone"), "utf-8")
-    read, _ = chosen_display(str(path), [], "test")
+    read, _ = choose_display(str(path))
     for key, value in result.display.given().items():
         if key in PARAMETERS:  # digits end at a hundredth of the error
             assert abs(getattr(read, key) - value) <= 0.005 * result.estimates[key].error, key

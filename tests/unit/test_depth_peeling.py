@@ -320,8 +320,8 @@ def validated(folder, algorithms):
     }  # fmt: skip
     out = folder / "_".join(algorithms.split(","))
     out.mkdir()
-    definitions = tuple(f"inim.{key}={value}" for key, value in settings.items())
-    return run(make_plan(Request(scene, out, definitions)), out), out
+    definitions = {f"inim.{key}": str(value) for key, value in settings.items()}
+    return run(make_plan(Request(scene, out, definitions=definitions)), out), out
 
 
 def test_layers_are_captured_for_those_that_want_them_and_change_nothing_else(tmp_path):
@@ -356,10 +356,10 @@ def test_memory_is_planned_for_layers_where_one_wants_them(tmp_path, monkeypatch
     scene = tmp_path / "scene.xml"
     scene.write_text(around(sphere((0, 0, 0), 3.0)))
     monkeypatch.setattr(backend, "memory_limit_bytes", lambda: 4 * 2**30)
-    fine = ("inim.capture_pixels_per_pitch=16",)
-    make_plan(Request(scene, tmp_path, fine, algorithms="template"))
+    fine = {"inim.capture_pixels_per_pitch": "16"}
+    make_plan(Request(scene, tmp_path, definitions=fine, algorithms=("template",)))
     with pytest.raises(OutOfMemoryError, match="capture_pixels_per_pitch"):
-        make_plan(Request(scene, tmp_path, fine, algorithms="layered"))
+        make_plan(Request(scene, tmp_path, definitions=fine, algorithms=("layered",)))
 
 
 def test_what_no_ray_of_the_display_meets_is_left_out_and_counted(open_fitted):

@@ -8,9 +8,8 @@ import pytest
 
 from inim.errors import FileError, InimError, SceneError
 from inim.pipeline.plan import make_plan
-from inim.pipeline.python_values import request_values
 from inim.pipeline.request import Request
-from inim.scene.file import chosen_display
+from inim.scene.file import choose_display
 from inim.sweep.run import Place
 from inim.sweep.study import read_study
 from inim.sweep.unit import expand
@@ -49,7 +48,7 @@ def mine(tmp_path: Path) -> str:
 
 def test_a_file_replaces_all_that_a_scene_says_of_its_display_and_nothing_else(scene, mine):
     plan = make_plan(Request(scene, Path("unused"), display=mine))
-    assert plan.display == chosen_display(mine, [], "")[0]
+    assert plan.display == choose_display(mine)[0]
     assert (plan.display.pitch_mm, plan.display.gap_mm) == (0.9957, 3.3)
     assert (plan.settings.eia_spp, plan.settings.view_spp) == (4, 64)
 
@@ -59,7 +58,7 @@ def test_misalignment_is_of_the_display_that_it_was_said_of(scene, mine):
     scene.write_text(scene.read_text().replace('"3.0.0">', f'"3.0.0">{own}'))
     assert make_plan(Request(scene, Path("unused"))).mounted.rotation_deg == 0.5
     assert make_plan(Request(scene, Path("unused"), display=mine)).mounted.rotation_deg == 1.1
-    again = Request(scene, Path("unused"), display=mine, misalign="rotation_deg=0.2")
+    again = Request(scene, Path("unused"), display=mine, misalign={"rotation_deg": 0.2})
     assert make_plan(again).mounted.rotation_deg == pytest.approx(1.3)
 
 
@@ -77,16 +76,14 @@ def test_a_mistake_in_the_file_is_the_file_s(scene, mine, wrong, says):
         make_plan(Request(scene, Path("unused"), display=mine))
 
 
-def test_python_takes_a_path(scene, mine):
-    none = dict.fromkeys(("definitions", "algorithms", "viewpoints", "lens_model", "misalign"))
-    for display in (Path(mine), mine):
-        found = request_values(scene, display=display, **none)
-        assert make_plan(Request(scene, Path("unused"), **found)).display.pitch_mm == 0.9957
+def test_a_path_is_a_display_too(scene, mine):
+    plan = make_plan(Request(scene, Path("unused"), display=Path(mine)))
+    assert plan.display.pitch_mm == 0.9957
 
 
 def test_the_command_line_has_the_last_word_on_single_values(scene, mine):
-    definitions = ("inim.rotation_deg=0.2", "inim.view_spp=2")
-    plan = make_plan(Request(scene, Path("unused"), definitions, display=mine))
+    definitions = {"inim.rotation_deg": "0.2", "inim.view_spp": "2"}
+    plan = make_plan(Request(scene, Path("unused"), definitions=definitions, display=mine))
     assert (plan.display.rotation_deg, plan.display.pitch_mm) == (0.2, 0.9957)
     assert plan.settings.view_spp == 2
 
@@ -103,7 +100,7 @@ def test_a_study_takes_a_file_from_beside_itself(scene, mine, tmp_path):
     )
     study.write_text(f'{text}file = "elsewhere/mine.xml"\n')
     (unit,) = expand(read_study(study), tmp_path / "out")
-    assert unit.plan.display.given() == chosen_display(mine, [], "")[0].given()
+    assert unit.plan.display.given() == choose_display(mine)[0].given()
     study.write_text(f'{text}file = "elsewhere/mine.xml"\ngap_mm = 3.5\n')
     with pytest.raises(InimError, match=r"display 'mine': gap_mm: belongs into its file"):
         read_study(study)
@@ -113,7 +110,9 @@ def test_a_study_takes_a_file_from_beside_itself(scene, mine, tmp_path):
 
 
 def test_tolerances_are_those_of_the_file_s_display(scene, mine, tmp_path):
-    request = ToleranceRequest(scene, Place(tmp_path / "out"), display=mine)
+    request = ToleranceRequest(
+        Request(scene, tmp_path / "out", display=mine), Place(tmp_path / "out")
+    )
     units = plan_tolerance(request).units
     assert {unit.plan.display.pitch_mm for unit in units} == {0.9957}
     assert len({unit.plan.mounted.rotation_deg for unit in units}) > 10

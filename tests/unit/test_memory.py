@@ -42,7 +42,7 @@ def test_unknown_memory_limits_nothing() -> None:
 def test_a_plan_is_refused_only_where_the_smallest_passes_do_not_fit(
     spare: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    request = Request(write_scene(tmp_path), tmp_path / "out", algorithms="template")
+    request = Request(write_scene(tmp_path), tmp_path / "out", algorithms=("template",))
     plenty = make_plan(request)
     assert plenty.rays_in_flight == 2**22
     least = LEAST_BYTES + plenty.pictures_bytes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from inim.display import DISPLAYS
-from inim.display.misalignment import MISALIGNMENTS, mounted
+from inim.display.misalignment import MISALIGNMENTS, misalignment_text, mounted, parse_misalignment
 from inim.errors import DisplayError, UsageError
 
 NOMINAL = DISPLAYS["nominal"]
@@ -55,6 +55,9 @@ def test_every_key_moves_something(key):
         ("focal_length_mm=1", "misalign 'focal_length_mm=1'"),
         ("gap_mm=wide", "'wide' is not a number"),
         ("gap_mm=1, gap_mm=1", "given twice"),
+        ({"rotation": 1}, "did you mean rotation_deg"),
+        ({"gap_mm": None}, "None is not a number"),
+        (0.5, "misalign: 0.5 is a float; give a mapping"),
     ],
 )
 def test_what_cannot_be_read_is_named(text, says):
@@ -62,7 +65,13 @@ def test_what_cannot_be_read_is_named(text, says):
         mounted(NOMINAL, text)
 
 
+def test_numbers_and_their_text_are_the_same_misalignment():
+    off = {"rotation_deg": 1 / 3, "gap_mm": -0.1}
+    assert parse_misalignment(misalignment_text(off)) == off
+    assert mounted(NOMINAL, misalignment_text(off)) == mounted(NOMINAL, off)
+
+
 @pytest.mark.parametrize("text", ["gap_mm=-4", "pitch_mm=-1", "tilt_x_deg=80", "shift_x_mm=nan"])
 def test_what_cannot_be_mounted_names_misalignment_and_value(text):
-    with pytest.raises(DisplayError, match=f"misalign '{text}'"):
+    with pytest.raises(DisplayError, match=f"misalign '{text}"):
         mounted(NOMINAL, text)

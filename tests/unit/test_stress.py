@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from inim.errors import UsageError
+from inim.generators import algorithm_items
 from inim.generators.oracle import exact_hits
 from inim.stress.checks import JITTERS, cases, check_first_hits, measure_jitter, quantised
 from inim.stress.job import StressRequest
@@ -245,7 +246,7 @@ def test_coarser_depth_changes_more(planted, fault):
 
 
 def test_algorithms_are_chosen_by_name_and_others_come_by_themselves(planted, tmp_path):
-    named = StressRequest(tmp_path, algorithms="planted:fault=lens, template")
+    named = StressRequest(tmp_path, algorithms=("planted:fault=lens", "template"))
     assert named.chosen() == ["planted:fault=lens", "template"]
     assert pickle.loads(pickle.dumps(named)) == named
     assert {"template", "layered", "planted"} <= set(StressRequest(tmp_path).chosen())
@@ -257,7 +258,7 @@ def test_algorithms_are_chosen_by_name_and_others_come_by_themselves(planted, tm
 )
 def test_mistakes_in_names_are_usage_errors(tmp_path, algorithms, says):
     with pytest.raises(UsageError, match=says):
-        StressRequest(tmp_path, algorithms=algorithms).check()
+        StressRequest(tmp_path, algorithms=algorithm_items(algorithms)).plan()
 
 
 def test_solids_are_in_order_and_touch():

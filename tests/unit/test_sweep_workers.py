@@ -24,7 +24,7 @@ GIB = 2**30
 
 
 def make(unit: str, memory_bytes: int = GIB, out: Path = Path("out")) -> Task:
-    request = Request(Path("/s.xml"), out, ("inim.seed=1",), algorithms="template")
+    request = Request(Path("/s.xml"), out, algorithms=("template",))
     return Task(
         unit, f"label {unit}", request, {"scene": "x"}, ("template",), False, 2, memory_bytes
     )

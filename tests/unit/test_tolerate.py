@@ -16,7 +16,7 @@ import pytest
 from msgspec.structs import replace
 
 from inim.display import DISPLAYS
-from inim.display.misalignment import MISALIGNMENTS, mounted
+from inim.display.misalignment import MISALIGNMENTS, misalignment_text, mounted
 from inim.documents import read_document, schema
 from inim.documents.parts import DisplayRecord
 from inim.documents.record import SceneFile
@@ -25,7 +25,7 @@ from inim.errors import FileError, SceneError, UsageError
 from inim.report.tolerate import sentences, write_tolerance
 from inim.tolerate.calibration import read_standard_errors
 from inim.tolerate.curve import Curve, fit_curve, share_interval, tolerance_interval
-from inim.tolerate.findings import aligned_score, misalignment, parameter_tolerances
+from inim.tolerate.findings import aligned_score, parameter_tolerances
 from inim.tolerate.study import (
     Spread,
     ToleranceStudy,
@@ -80,7 +80,7 @@ def test_errors_by_the_geometry_are_of_all_that_can_be_off(name):
     study = ToleranceStudy(spreads, alone=5)
     for parameter in spreads:
         for error in study.draw_alone(parameter):
-            off = mounted(DISPLAYS[name], misalignment({parameter: error}))
+            off = mounted(DISPLAYS[name], misalignment_text({parameter: error}))
             assert getattr(off, parameter) == getattr(DISPLAYS[name], parameter) + error
 
 
@@ -227,7 +227,7 @@ def scores_of(study, law=LAW, aligned=0.98):
     drawn = [{name: e} for name in study.spreads for e in study.draw_alone(name)]
     drawn += study.draw_together()
     return {"": aligned} | {
-        misalignment(one): aligned - sum(law[name].loss(error) for name, error in one.items())
+        misalignment_text(one): aligned - sum(law[name].loss(error) for name, error in one.items())
         for one in drawn
     }
 
@@ -278,9 +278,9 @@ def test_displays_that_failed_are_left_out_and_too_few_say_nothing():
     scores = scores_of(STUDY)
     for i, error in enumerate(STUDY.draw_alone("gap_mm")):
         if i >= 4:
-            scores[misalignment({"gap_mm": error})] = None
+            scores[misalignment_text({"gap_mm": error})] = None
     for one in STUDY.draw_together()[:10]:
-        scores[misalignment(one)] = None
+        scores[misalignment_text(one)] = None
     (_, gap), together = parameter_tolerances(STUDY, scores, CRITERION, {})
     assert (gap.tolerance, gap.interval, gap.curve, gap.scatter) == (None,) * 4
     assert len(gap.draws) == 4

@@ -56,10 +56,12 @@ def report_of(
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "inim_version": __version__,
         "versions": versions((*_VERSIONS, *metrics.perception_packages())),
-        "command": shlex.join(["python", "-m", "inim.validate", *plan.request.command()]),
+        "command": shlex.join(["python", "-m", "inim.validate", *plan.command]),
         "scene": {
             "path": str(plan.request.scene),
             "sha256": plan.file.sha256,
+            "definitions": plan.definitions,
+            "allow_folders": [str(folder) for folder in plan.request.allow_folders],
             **found.scene,
         },
         "settings": asdict(plan.settings),
@@ -89,7 +91,7 @@ def _preview(plan: Plan) -> dict[str, str]:
     """What makes the full report, where this one is of a first look; empty where it is not."""
     if not plan.request.preview:
         return {}
-    words = replace(plan.request, preview=False).command()
+    words = replace(plan, request=replace(plan.request, preview=False)).command
     return {"full_command": shlex.join(["inim", "validate", *words])}
 
 

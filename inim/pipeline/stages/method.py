@@ -1,18 +1,19 @@
 """Methods: whatever yields an EIA to be scored.
 
-| made by            | what                                  | asked for with                 |
-| ------------------ | ------------------------------------- | ------------------------------ |
-| `generator_method` | a generator's, from the RGB-D picture | ``--algorithms template``      |
-| `pickup_method`    | ray traced from the scene             | ``--algorithms pickup:spp=16`` |
-| `file_method`      | a file's, made by any program         | ``--eia mine=mine.png``        |
+| type              | EIA                                       | option                         |
+| ----------------- | ----------------------------------------- | ------------------------------ |
+| `GeneratorMethod` | made by a generator from the RGB-D picture | ``--algorithms template``      |
+| `PickupMethod`    | ray traced from the scene                 | ``--algorithms pickup:spp=16`` |
+| `FileMethod`      | read from a file, made by any program     | ``--eia mine=mine.png``        |
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -67,41 +68,37 @@ class Task:
 
 @dataclass(frozen=True)
 class Method:
-    """Something that yields an EIA to be scored.
+    """A source of an EIA to be scored; it can be pickled.
 
     Attributes
     ----------
     name : str
         In the report and its files: the algorithm as asked for, options and all.
     verb : str
-        What its stage is called in front of its name.
-    prepare : callable
-        Gets ready before anything is rendered: mistakes found here cost no rendering time.
-    reads_layers : bool
-        Whether it is given what lies behind the front surface, too.
-    spp : int, optional
-        Samples per panel pixel that its making traces; 0: as many as the ground truth; None: none.
+        Name of its stage, in front of its own.
     times : bool
         Whether it is a generator, whose time can be taken.
-    path : Path, optional
-        Of its file.
     """
 
     name: str
-    verb: str
-    prepare: Callable[[Task, Run], Make]
-    reads_layers: bool = False
-    spp: int | None = None
-    times: bool = False
-    path: Path | None = None
+
+    verb: ClassVar[str]
+    times: ClassVar[bool] = False
+
+    @property
+    def reads_layers(self) -> bool:
+        """Whether its input includes what lies behind the front surface."""
+        return False
 
     def check(self) -> None:
         """Raise an `InimError` for what can be found out without native code.
 
         Plans are made outside the worker too, where nothing survives a decoder's death.
         """
-        if self.path is not None:
-            check_eia_name(self.path)
+
+    def prepare(self, task: Task, run: Run) -> Make:
+        """Get ready before anything is rendered: mistakes found here cost no rendering time."""
+        raise NotImplementedError
 
 
 def prepare_methods(methods: Sequence[Method], task: Task, *, run: Run) -> list[Make]:
@@ -120,39 +117,68 @@ def make_eia(method: Method, make: Make, capture: Capture, *, run: Run) -> Gener
     return replace(made, eia=made.eia.replace_nonfinite())
 
 
-def generator_method(name: str) -> Method:
+class GeneratorMethod(Method):
     """A generator's EIA: the project's own or one announced by another package."""
 
-    def prepare(task: Task, run: Run) -> Make:
-        return prepare_generator(name, task.camera, task.mask, run=run)
+    verb = "generate"
+    times = True
 
-    layers = properties(name).reads_layers
-    return Method(name, "generate", prepare, reads_layers=layers, times=True)
+    @property
+    def reads_layers(self) -> bool:
+        """See `Method`."""
+        return properties(self.name).reads_layers
+
+    def prepare(self, task: Task, run: Run) -> Make:
+        """See `Method`."""
+        return prepare_generator(self.name, task.camera, task.mask, run=run)
 
 
-def file_method(name: str, path: Path) -> Method:
-    """A finished EIA from a file, which is read to its end before anything is rendered."""
+@dataclass(frozen=True)
+class FileMethod(Method):
+    """A finished EIA from a file, which is read to its end before anything is rendered.
 
-    def prepare(task: Task, run: Run) -> Make:
-        eia, shown = read_eia(path, task.camera.scene.display)
+    Attributes
+    ----------
+    path : Path
+    """
+
+    path: Path
+    verb = "read"
+
+    def check(self) -> None:
+        """See `Method`."""
+        check_eia_name(self.path)
+
+    def prepare(self, task: Task, run: Run) -> Make:  # noqa: ARG002
+        """See `Method`."""
+        eia, shown = read_eia(self.path, task.camera.scene.display)
         empty = None if shown is None else ~shown
         holes = hole_fraction(empty, task.camera.scene.display, task.mask)
         return lambda _: GeneratedEIA(NoisyImage.from_image(eia), None, holes)
 
-    return Method(name, "read", prepare, path=path)
 
+@dataclass(frozen=True)
+class PickupMethod(Method):
+    """Ray tracing of the scene, for those who have the scene; the ground truth as an algorithm.
 
-def pickup_method(name: str, spp: int = 0) -> Method:
-    """Ray tracing of the scene, for those who have the scene; the ground truth as an algorithm."""
+    Attributes
+    ----------
+    spp : int
+        Samples per panel pixel; 0: as many as the ground truth.
+    """
 
-    def prepare(task: Task, run: Run) -> Make:
+    spp: int = 0
+    verb = "trace"
+
+    def prepare(self, task: Task, run: Run) -> Make:
+        """See `Method`."""
         scene = task.camera.scene
         display, seed = scene.display.through_pinholes(), seed_of("pickup", task.camera.seed)
 
         def make(_: Capture) -> GeneratedEIA:
-            wanted = spp or task.eia_spp
+            wanted = self.spp or task.eia_spp
             eia, seconds = pick_up(
-                scene, display, wanted, seed, task.mask, f"EIA of {name}", run=run
+                scene, display, wanted, seed, task.mask, f"EIA of {self.name}", run=run
             )
             empty = ~covered_pixels(scene, run=run)
             holes = hole_fraction(empty, scene.display, task.mask)
@@ -160,47 +186,44 @@ def pickup_method(name: str, spp: int = 0) -> Method:
 
         return make
 
-    return Method(name, "trace", prepare, spp=spp)
 
-
-def parse_methods(algorithms: str, eias: tuple[str, ...]) -> tuple[Method, ...]:
-    """Methods from the texts that ask for them.
+def parse_methods(algorithms: Sequence[str], eias: Mapping[str, Path]) -> tuple[Method, ...]:
+    """Methods of a run.
 
     Parameters
     ----------
-    algorithms : str
-        Names with options, separated by commas; or "none", where there is a finished EIA.
-    eias : tuple of str
-        Finished EIAs as ``NAME=FILE``.
+    algorithms : sequence of str
+        Names with options; or "none", where there is a finished EIA.
+    eias : mapping of str to Path
+        Finished EIAs by name.
 
     Raises
     ------
     UsageError
         None, an unknown or doubled one, or one whose name cannot be that of a file.
     """
-    texts = [t.strip() for t in algorithms.split(",") if t.strip()]
-    if texts == [_NONE] and eias:
-        texts = []
-    elif not texts or _NONE in texts:
+    if [*algorithms] == [_NONE] and eias:
+        algorithms = ()
+    elif not algorithms or _NONE in algorithms:
         raise UsageError(
             "algorithms: none given; name at least one, such as 'template', or write 'none' and "
             "give a finished EIA with --eia NAME=FILE"
         )
-    found = [*map(_parse_algorithm, texts), *map(_parse_file, eias)]
-    seen: set[str] = set()
-    for method in found:
-        if method.name.lower() in seen:  # case apart, two names may be one file
-            what = "algorithm" if method.path is None else "EIA"
+    methods = [*map(_parse_algorithm, algorithms), *map(_file_method, eias, eias.values())]
+    names: set[str] = set()
+    for method in methods:
+        if method.name.lower() in names:  # case apart, two names may be one file
+            what = "EIA" if isinstance(method, FileMethod) else "algorithm"
             raise UsageError(f"{what} {method.name!r} is given twice; drop one")
-        seen.add(method.name.lower())
-    return tuple(found)
+        names.add(method.name.lower())
+    return tuple(methods)
 
 
 def _parse_algorithm(text: str) -> Method:
     name, options = parse_algorithm(text)
     label = ":".join([name, *(f"{key}={value}" for key, value in options.items())])
     if name == PICKUP:
-        return pickup_method(label, _pickup_samples(label, options))
+        return PickupMethod(label, _pickup_samples(label, options))
     if name not in (names := algorithm_names()):
         raise UsageError(f"algorithm {name!r}: {known_words(name, [*names, PICKUP])}")
     check_algorithm(text)
@@ -209,7 +232,7 @@ def _parse_algorithm(text: str) -> Method:
             f"algorithm {label!r} also names files of the report: use up to 100 letters, digits "
             "or . _ + - in names and values"
         )
-    return generator_method(label)
+    return GeneratorMethod(label)
 
 
 def _pickup_samples(label: str, options: dict[str, str]) -> int:
@@ -226,16 +249,32 @@ def _pickup_samples(label: str, options: dict[str, str]) -> int:
     return int(text)
 
 
-def _parse_file(text: str) -> Method:
-    name, equals, path = (part.strip() for part in text.partition("="))
-    if not (name and equals and path):
-        raise UsageError(f"--eia {text!r}: write --eia NAME=FILE")
+def parse_eias(items: Iterable[str]) -> dict[str, Path]:
+    """Finished EIAs by name, from ``NAME=FILE`` each.
+
+    Raises
+    ------
+    UsageError
+        Without a name or a file, or with a name that another has.
+    """
+    eias: dict[str, Path] = {}
+    for item in items:
+        name, _, path = (part.strip() for part in item.partition("="))
+        if not (name and path):
+            raise UsageError(f"--eia {item!r}: write --eia NAME=FILE")
+        if name in eias:
+            raise UsageError(f"EIA {name!r} is given twice; drop one")
+        eias[name] = Path(path)
+    return eias
+
+
+def _file_method(name: str, path: Path) -> Method:
     if not is_file_safe(name):
         raise UsageError(f"--eia name {name!r}: use 1 to 64 letters, digits or . _ + -")
     taken = (*_TAKEN, PICKUP, *algorithm_names())
     if name.lower() in (word.lower() for word in taken):
         raise UsageError(f"--eia name {name!r} is taken; rename it")
-    return file_method(name, Path(path))
+    return FileMethod(name, path)
 
 
 def algorithm_table() -> str:
@@ -243,7 +282,7 @@ def algorithm_table() -> str:
 
     One that cannot be loaded has its error beside its name.
     """
-    summary = (pickup_method.__doc__ or "").partition("\n")[0]
+    summary = (PickupMethod.__doc__ or "").partition("\n")[0]
     rows = [(f"{PICKUP}:spp=EIA_SPP", summary)]
     for name in reversed(algorithm_names()):
         try:

@@ -26,6 +26,7 @@ from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.files.image import read_rgbd
 from inim.pipeline.plan import Plan
+from inim.pipeline.request import definition_words, option_words
 from reports.bench.commands.masked import bench_masked
 from reports.bench.commands.report import parts_of
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
@@ -136,8 +137,8 @@ def _cases(plan: Plan, folder: Path) -> tuple[list[Case], list[str]]:
 
     def validation(*more: str, scene: Path = plan.request.scene) -> tuple[str, ...]:
         words = ["inim.validate", str(scene), "--quiet"]
-        words += [word for item in plan.request.definitions for word in ("-D", item)]
-        words += ["--display", plan.request.display] if plan.request.display else []
+        words += option_words({"-D": definition_words(plan.definitions)})
+        words += ["--display", plan.settings.display]
         return (*words, *more)
 
     usual = ("--algorithms", ALGORITHMS)
