@@ -214,6 +214,11 @@ _WAY_OUT = (
     "conda install -c conda-forge libllvm19"
 )
 
+_WITHOUT_TARGET = (
+    "the package karellen-llvm-core is installed without it, as `pip install --target` does; "
+    "install into a virtual environment, or by `uv pip install --target`"
+)
+
 
 def choose_backend(wanted: str = "auto", search: Sequence[Path] | None = None) -> Backend:
     """The backend to use: CUDA where it works, else the newest libLLVM that works.
@@ -260,7 +265,10 @@ def _choose_llvm(search: Sequence[Path] | None) -> Backend:
     if named:
         why = ", ".join(refused) or named
         raise BackendError(f"no usable libLLVM: {LLVM_VARIABLE} names {why}; change it or unset it")
-    raise BackendError(f"no usable libLLVM: found {', '.join(refused) or 'none'}; {_WAY_OUT}")
+    folders = wheel_folders()
+    incomplete = folders and not any(map(_libraries_in, folders))
+    way_out = _WITHOUT_TARGET if incomplete else _WAY_OUT
+    raise BackendError(f"no usable libLLVM: found {', '.join(refused) or 'none'}; {way_out}")
 
 
 def llvm_verdicts(search: Sequence[Path] | None = None) -> Iterator[tuple[Path, Verdict]]:

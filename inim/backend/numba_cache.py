@@ -51,12 +51,6 @@ def cache_folder(package: Path) -> str:
     return str(folder)
 
 
-def kernel_folder(package: Path) -> Path:
-    """Where compiled kernels of a package's modules, or folders of them, are kept."""
-    own = package / "__pycache__"
-    return Path(cache_folder(package) or (own if _can_hold(own) else _user_cache()))
-
-
 def is_cache_fault(error: BaseException) -> bool:
     """Whether an exception comes out of numba's reading or writing of compiled kernels."""
     module = sys.modules.get(_CACHING)

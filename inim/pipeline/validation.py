@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,25 +51,21 @@ def validate_in_worker(
     InimError
         What is wrong with the request or the scene; see `run_in_worker`.
     """
-    with ExitStack() as during:
 
-        def plan() -> Plan:
-            from inim.pipeline.compile_ahead import compiling_ahead
-            from inim.pipeline.plan import make_plan
+    def plan() -> Plan:
+        from inim.pipeline.plan import make_plan
 
-            plan = make_plan(make_request())
-            during.enter_context(compiling_ahead(plan))
-            return plan
+        return make_plan(make_request())
 
-        return run_in_worker(
-            "inim.pipeline.work:work",
-            plan,
-            staging_folder(out),
-            backend=backend,
-            about=str(scene),
-            quiet=quiet,
-            debug=debug,
-        )
+    return run_in_worker(
+        "inim.pipeline.work:work",
+        plan,
+        staging_folder(out),
+        backend=backend,
+        about=str(scene),
+        quiet=quiet,
+        debug=debug,
+    )
 
 
 def validate(

@@ -16,7 +16,6 @@ from inim.display import Display
 from inim.generators import Generator, prepare, properties
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
-from inim.pipeline.compiled_marks import wait_until_compiled
 from inim.pipeline.stages.capture import Capture, DepthCamera
 from inim.pipeline.stages.plugin_guard import blamed, run_generator
 from inim.pipeline.stages.stage import GENERATING, Run, stage
@@ -175,8 +174,6 @@ def prepare_generator(
         return _fingerprint(generator, run=run) if own else _fingerprint.function(generator)
 
     def make(capture: Capture) -> GeneratedEIA:
-        if not known:
-            wait_until_compiled(algorithm, display)
         made = (
             generate(generator, capture, run=run) if own else generate.function(generator, capture)
         )
