@@ -7,7 +7,6 @@ size.
 
 from __future__ import annotations
 
-import warnings
 import zlib
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,9 @@ from numpy.typing import NDArray
 
 from inim.display import Display
 from inim.errors import FileError
-from inim.files.image import exr_size, read_exr_channels, write_atomically
-from inim.files.regular_file import check_file, open_file
+from inim.files.image import read_exr_channels, write_atomically
+from inim.files.picture import open_picture
+from inim.files.regular_file import check_file
 from inim.image.buffers import row_bands
 from inim.image.color import linear_from_srgb, srgb_codes
 from inim.version import __version__
@@ -77,8 +77,8 @@ def _check_size(path: Path, size: tuple[int, int], display: Display) -> None:
 
 
 def _read_exr(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | None]:
-    _check_size(path, exr_size(path), display)
     channels = read_exr_channels(path)
+    _check_size(path, next(iter(channels.values())).shape[::-1], display)
     wrong = [n for n in "RGB" if n not in channels or channels[n].shape != display.eia_shape]
     if wrong:
         raise FileError(
@@ -93,20 +93,9 @@ def _read_exr(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | No
 
 
 def _read_png(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | None]:
-    from PIL import Image
-
-    with open_file(path) as file:
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # on sizes, which are checked below
-                with Image.open(file, formats=["PNG"]) as picture:
-                    _check_size(path, picture.size, display)
-                    return _linear(picture)
-        except FileError:
-            raise
-        except Exception as error:
-            cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-            raise FileError(f"{path}: not a readable PNG ({cause})") from error
+    with open_picture(path, ("PNG",), 4, "not a readable PNG; save it again") as picture:
+        _check_size(path, picture.size, display)
+        return _linear(picture)
 
 
 def _linear(picture: Any) -> tuple[np.ndarray, np.ndarray | None]:

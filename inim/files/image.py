@@ -182,24 +182,7 @@ def _read_layer(parts: list[dict[str, np.ndarray]]) -> Layer:
 
 
 def read_exr(path: Path) -> np.ndarray:
-    """Read the R, G, B of an EXR's first part as (H, W, 3) float32, linear.
-
-    Raises
-    ------
-    FileError
-        Missing, damaged, too large, or without those channels.
-    """
-    channels = _read_parts(path)[0][0]
-    missing = [name for name in "RGB" if name not in channels]
-    if missing:
-        raise FileError(
-            f"{path}: no channel {', '.join(missing)}; it has {', '.join(channels) or 'none'}"
-        )
-    return np.stack([channels[name] for name in "RGB"], axis=-1)
-
-
-def read_exr_texture(path: Path) -> np.ndarray:
-    """Read an EXR's first part as a texture: (H, W, 3) float32 of R, G, B, or (H, W, 1) of Y.
+    """Read the colours of an EXR's first part: (H, W, 3) float32 of R, G, B, or (H, W, 1) of Y.
 
     Raises
     ------
@@ -225,21 +208,6 @@ def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
         Missing, damaged or too large.
     """
     return _read_parts(path)[0][0]
-
-
-def exr_size(path: Path) -> tuple[int, int]:
-    """Columns and rows of an EXR's first part, from its header alone.
-
-    Raises
-    ------
-    FileError
-        Missing or damaged.
-    """
-    check_file(path)
-    with _exr_errors(path), hushed():
-        import OpenEXR
-
-        return _size(OpenEXR.File(str(path), header_only=True).parts[0].header)
 
 
 def check_unfolding(path: Path, bytes_unfolded: int, size: int | None = None) -> None:

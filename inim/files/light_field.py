@@ -178,7 +178,7 @@ def read_hci(folder: Path) -> LightField:
     if numbers != list(range(len(numbers))) or len(numbers) > _MOST_VIEWS:
         missing = next(i for i, n in enumerate([*numbers, -1]) if i != n)
         raise FileError(f"{folder}: view input_Cam{missing:03}.png is missing; complete the folder")
-    down, across = _grid(folder, len(numbers))
+    down, across, of_display = _parameters(folder, len(numbers))
     views: NDArray[np.uint8] | None = None
     for number in numbers:
         picture = _read_view(folder / f"input_Cam{number:03}.png")
@@ -196,7 +196,7 @@ def read_hci(folder: Path) -> LightField:
         views[number] = picture
     assert views is not None
     shaped = views.reshape(down, across, *views.shape[1:])
-    return LightField(shaped, _disparity(folder, shaped), _is_of_display(folder))
+    return LightField(shaped, _disparity(folder, shaped), of_display)
 
 
 def centre_disparity(rgbd: RGBD, display: Display, across: int) -> NDArray[np.float32]:
@@ -318,23 +318,14 @@ def write_quilt(path: Path, views: NDArray[np.uint8], columns: int, rows: int) -
     write_atomically(path, lambda p: shown.save(p, "PNG", compress_level=1))
 
 
-def _is_of_display(folder: Path) -> bool:
-    """Whether `write_hci` had a display; the file was read before, for the grid."""
-    path = folder / _PARAMETERS
-    if not path.exists():
-        return False
-    parser = configparser.ConfigParser(interpolation=None)
-    parser.read_string(read_file(path, _MOST_PARAMETER_BYTES).decode("utf-8"))
-    return parser.get("inim", "projection", fallback="") == "parallel"
-
-
-def _grid(folder: Path, count: int) -> tuple[int, int]:
+def _parameters(folder: Path, count: int) -> tuple[int, int, bool]:
+    """Rows and columns of the grid of views, and whether `write_hci` had a display."""
     path = folder / _PARAMETERS
     if not path.exists():
         side = round(count**0.5)
         if side * side != count:
             raise FileError(f"{path}: missing, and {count} views make no square; state num_cams_x")
-        return side, side
+        return side, side, False
     text = read_file(path, _MOST_PARAMETER_BYTES)
     try:
         parser = configparser.ConfigParser(interpolation=None)
@@ -346,7 +337,7 @@ def _grid(folder: Path, count: int) -> tuple[int, int]:
         raise FileError(f"{path}: not readable ({cause}); state num_cams_x and _y") from error
     if down < 1 or across < 1 or down * across != count:
         raise FileError(f"{path}: {across} x {down} cameras, but there are {count} views")
-    return down, across
+    return down, across, parser.get("inim", "projection", fallback="") == "parallel"
 
 
 def _read_view(path: Path) -> NDArray[np.uint8]:

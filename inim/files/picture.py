@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from inim.errors import FileError
-from inim.files.image import check_unfolding, hushed, read_exr_texture
+from inim.files.image import check_unfolding, hushed, read_exr
 from inim.files.regular_file import open_file, read_file
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
@@ -60,7 +60,7 @@ def read_texture(path: Path) -> np.ndarray | None:
     if head.startswith(b"#?"):
         return _read_radiance(path)
     if head.startswith(_EXR_MAGIC):
-        return read_exr_texture(path)
+        return read_exr(path)
     with open_picture(path, _FORMATS, _SAMPLE_BYTES, _UNKNOWN) as picture:
         picture.load()
         if head.startswith(_READ_BY_MITSUBA):

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from inim.errors import FileError
 from inim.files.image import (
+    read_exr,
     read_exr_channels,
-    read_exr_texture,
     write_atomically,
 )
 from inim.files.picture import is_exr, open_picture, read_pfm
@@ -70,7 +70,7 @@ def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
         Missing, damaged or of another kind.
     """
     if is_exr(path):
-        linear = read_exr_texture(path)
+        linear = read_exr(path)
         if not np.isfinite(linear).all():
             raise FileError(f"{path}: holds colours that are not finite; save it anew")
         return np.broadcast_to(linear, (*linear.shape[:2], 3)) if linear.shape[2] == 1 else linear

@@ -320,7 +320,7 @@ def test_png_bomb_is_refused_as_a_texture_and_as_an_eia(tmp_path: Path, side: in
     started = time.process_time()
     with pytest.raises(FileError, match=r"unfolds|exceeds limit"):
         read_texture(path)
-    with pytest.raises(FileError, match=f"{side} x {side} pixels, display|exceeds limit"):
+    with pytest.raises(FileError, match=r"unfolds|exceeds limit"):
         read_eia(path, small_display())
     assert_quick(started)
 

@@ -358,15 +358,6 @@ def test_a_run_of_fill_bytes_costs_no_time(tmp_path):
     assert time.perf_counter() - started < 5  # with their number squared: half a minute
 
 
-def test_pictures_that_overlap_are_refused(tmp_path):
-    # The place of the matte, which is listed before the disparity, becomes the disparity's.
-    entries = APPLE.index(struct.pack(">HHI", 0xB002, 7, 48)) + 16
-    matte, disparity = (slice(entries + 16 * n, entries + 16 * (n + 1)) for n in (1, 2))
-    twice = APPLE.replace(APPLE[matte], APPLE[disparity])
-    with pytest.raises(FileError, match=r"photo\.jpg: lists two pictures that overlap"):
-        read(tmp_path, twice)
-
-
 @pytest.mark.parametrize("name", DAMAGES)
 def test_each_damage_has_its_line(tmp_path, name):
     data, says = DAMAGES[name]

@@ -9,9 +9,10 @@ multi-picture file (CIPA DC-007), known by its own metadata.
 from __future__ import annotations
 
 import binascii
-import itertools
+import io
 import re
 import struct
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -28,10 +29,11 @@ from inim.from_camera.picture_files import depth_numbers
 MAGIC = b"\xff\xd8\xff"
 _XMP, _EXTENDED = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _MPF = b"MPF\0"
+# Tag of the list of pictures in an MP index.
+_MP_ENTRIES = 0xB002
 _APP1, _APP2, _SOS, _EOI = 0xE1, 0xE2, 0xDA, 0xD9
 # An extension of 256 MiB takes 4096 segments; scans of a progressive picture some tens.
 _MOST_SEGMENTS = 10_000
-_MOST_PICTURES = 64
 # In coded data 0xff stands before 0 or a restart; before anything else it begins a segment.
 _MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
 _UNITS_MM = {"m": 1000.0, "meters": 1000.0, "mm": 1.0, "millimeters": 1.0}
@@ -185,14 +187,13 @@ def _size(path: Path, item: dict[str, str], name: str) -> int:
 
 def _apple(path: Path, data: bytes, parts: list[tuple[int, int, bytes]]) -> Inside | None:
     """The disparity or depth among the further pictures of a multi-picture file."""
-    indices = [(place, text) for kind, place, text in parts if kind == _APP2]
-    place, index = next((one for one in indices if one[1].startswith(_MPF)), (0, b""))
-    if not index:
+    places = [at for kind, at, text in parts if kind == _APP2 and text.startswith(_MPF)]
+    if not places:
         return None
-    for begin, size in _further(path, index[len(_MPF) :], place + len(_MPF), len(data)):
-        if data[begin : begin + 3] != MAGIC:
-            continue
+    for begin, size in _further(path, data, places[0] + len(_MPF)):
         picture = data[begin : begin + size]
+        if not picture.startswith(MAGIC):
+            continue
         nodes = _metadata(path, list(_segments(path, picture)))
         coding: Coding | None = apple_coding(nodes, path)
         if coding is not None:
@@ -200,37 +201,22 @@ def _apple(path: Path, data: bytes, parts: list[tuple[int, int, bytes]]) -> Insi
     return None
 
 
-def _further(path: Path, index: bytes, base: int, most: int) -> list[tuple[int, int]]:
-    """Place and size of all pictures but the first, by an MP index, which offsets count from."""
-    order = {b"II*\0": "<", b"MM\0*": ">"}.get(index[:4])
-    damaged = FileError(f"{path}: its list of pictures (MPF) is damaged; {_WAY_OUT}")
+def _further(path: Path, data: bytes, base: int) -> list[tuple[int, int]]:
+    """Place and size of all pictures but the first; offsets count from the MP index."""
+    from PIL import MpoImagePlugin
+
     try:
-        if order is None:
-            raise damaged
-        (directory,) = struct.unpack_from(f"{order}I", index, 4)
-        (fields,) = struct.unpack_from(f"{order}H", index, directory)
-        for field in range(min(fields, _MOST_PICTURES)):
-            tag, _, size, at = struct.unpack_from(f"{order}HHII", index, directory + 2 + 12 * field)
-            if tag == 0xB002:
-                break
-        else:
-            raise damaged
-        if size // 16 > _MOST_PICTURES:
-            raise damaged
-        found = [
-            struct.unpack_from(f"{order}III", index, at + 16 * n)[1:] for n in range(size // 16)
-        ]
-    except struct.error:
-        raise damaged from None
-    pictures = [(base + offset, length) for length, offset in found[1:]]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with MpoImagePlugin.MpoImageFile(io.BytesIO(data)) as picture:
+                entries = picture.mpinfo[_MP_ENTRIES][1:]
+        pictures = [(base + entry["DataOffset"], entry["Size"]) for entry in entries]
+    except Exception as error:  # whatever Pillow raises
+        raise FileError(f"{path}: its list of pictures (MPF) is damaged; {_WAY_OUT}") from error
     for begin, length in pictures:
-        if begin + length > most:
+        if begin + length > len(data):
             raise FileError(
-                f"{path}: lists a picture of {length} bytes at {begin}, and the file has {most}; "
-                f"it is cut short: {_WAY_OUT}"
+                f"{path}: lists a picture of {length} bytes at {begin}, and the file has "
+                f"{len(data)}; it is cut short: {_WAY_OUT}"
             )
-    placed = sorted(pictures)
-    for (before, length), (begin, _) in itertools.pairwise(placed):
-        if begin < before + length:
-            raise FileError(f"{path}: lists two pictures that overlap, at {begin}; {_WAY_OUT}")
     return pictures
