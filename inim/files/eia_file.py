@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from inim.display import Display
 from inim.errors import FileError
-from inim.files.image import read_exr_channels, write_atomically
+from inim.files.image import read_exr_channels, write_atomically, write_exr_parts
 from inim.files.picture import open_picture
 from inim.files.regular_file import check_file
 from inim.image.buffers import row_bands
 from inim.image.color import linear_from_srgb, srgb_codes
-from inim.version import __version__
 
 # Pillow's names for grey of 16 bits.
 _GREY_16 = ("I;16", "I;16B", "I")
@@ -180,19 +179,11 @@ def _write_png(
 def _write_exr(
     path: Path, eia: NDArray[np.float32], empty: NDArray[np.bool_] | None, pixel_mm: float
 ) -> None:
-    import OpenEXR
-
-    header: dict[str, Any] = {
-        "compression": OpenEXR.ZIPS_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "inim:version": __version__,
-        "inim:pixel_mm": repr(float(pixel_mm)),
-        "xDensity": _MM_PER_INCH / pixel_mm,
-    }
-    channels = {"RGB": np.ascontiguousarray(eia, np.float32)}
+    header = {"inim:pixel_mm": repr(float(pixel_mm)), "xDensity": _MM_PER_INCH / pixel_mm}
+    channels: dict[str, np.ndarray] = {"RGB": eia}
     if empty is not None:
         channels["A"] = np.where(empty, np.float32(0), np.float32(1))
-    write_atomically(path, lambda p: OpenEXR.File(header, channels).write(str(p)))
+    write_exr_parts(path, [(channels, "color")], header)
 
 
 def write_true_size_pdf(path: Path, eia: NDArray[np.float32], pixel_mm: float) -> None:

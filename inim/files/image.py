@@ -93,7 +93,7 @@ def _pillow_version() -> str:
 def write_exr(path: Path, linear: np.ndarray, attributes: Mapping[str, Any] | None = None) -> None:
     """Write (H, W, 3) linear RGB as a one-part float32 EXR."""
     # Packed, the file is the same, and channels need not be copied apart.
-    _write_parts(path, [({"RGB": linear}, "color")], attributes)
+    write_exr_parts(path, [({"RGB": linear}, "color")], attributes)
 
 
 def write_rgbd(path: Path, rgbd: RGBD, attributes: Mapping[str, Any] | None = None) -> None:
@@ -119,9 +119,9 @@ def write_rgbd(path: Path, rgbd: RGBD, attributes: Mapping[str, Any] | None = No
             "inim:layers": str(len(layers)),
             "inim:back": "z at which the solid behind the front surface ends",
         }
-        _write_parts(path, parts, header)
+        write_exr_parts(path, parts, header)
     else:
-        _write_parts(path, parts[:2], header)
+        write_exr_parts(path, parts[:2], header)
 
 
 def _layer_parts(layer: Layer, number: int) -> list[tuple[dict[str, np.ndarray], str]]:
@@ -220,25 +220,26 @@ def check_unfolding(path: Path, bytes_unfolded: int, size: int | None = None) ->
         )
 
 
-def _write_parts(
+def write_exr_parts(
     path: Path,
     parts: list[tuple[dict[str, np.ndarray], str]],
     attributes: Mapping[str, Any] | None,
 ) -> None:
+    """Write channels, (H, W) or packed (H, W, 3), as the named parts of a float32 EXR."""
     import OpenEXR
 
-    header = {"inim:version": __version__, **(attributes or {})}
-    made = []
-    for channels, name in parts:
-        arrays = {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}
-        made.append(
-            OpenEXR.Part(
-                {"compression": OpenEXR.ZIPS_COMPRESSION, "type": OpenEXR.scanlineimage, **header},
-                arrays,
-                name,
-            )
-        )
-    write_atomically(path, lambda p: _write_exr_file(OpenEXR.File(made), p))
+    header = {
+        "compression": OpenEXR.ZIPS_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "inim:version": __version__,
+        **(attributes or {}),
+    }
+    arrays = [
+        ({k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}, name)
+        for channels, name in parts
+    ]
+    file = OpenEXR.File([OpenEXR.Part(dict(header), channels, name) for channels, name in arrays])
+    write_atomically(path, lambda p: _write_exr_file(file, p))
 
 
 def _write_exr_file(file: Any, path: Path) -> None:
@@ -249,44 +250,33 @@ def _write_exr_file(file: Any, path: Path) -> None:
 
 
 def _read_parts(path: Path) -> list[tuple[dict[str, np.ndarray], dict[str, Any]]]:
-    """Channels, float32, and header of each part."""
-    return [
-        ({name: np.asarray(pixels, np.float32) for name, pixels in channels.items()}, header)
-        for channels, header in _decoded(path)
-    ]
-
-
-def _decoded(path: Path) -> list[tuple[dict[str, np.ndarray], dict[str, Any]]]:
-    """Channels and header of each part, checked: OpenEXR does not raise on truncated files."""
+    """Channels, float32, and header of each part, checked: OpenEXR accepts truncated files."""
     check_file(path)
-    with _exr_errors(path), hushed():
-        import OpenEXR
+    try:
+        with hushed():
+            import OpenEXR
 
-        header = OpenEXR.File(str(path), header_only=True)
-        check_unfolding(path, sum(_check_size(path, part.header) for part in header.parts))
-        # Separate channels: packed "RGB" arrays would scramble A and Z in odd files.
-        parts = OpenEXR.File(str(path), separate_channels=True).parts
-        read = [
-            ({name: np.asarray(c.pixels) for name, c in part.channels.items()}, part.header)
-            for part in parts
-        ]
+            header = OpenEXR.File(str(path), header_only=True)
+            check_unfolding(path, sum(_check_size(path, part.header) for part in header.parts))
+            # Separate channels: packed "RGB" arrays would scramble A and Z in odd files.
+            parts = OpenEXR.File(str(path), separate_channels=True).parts
+            read = [
+                ({name: np.asarray(c.pixels) for name, c in part.channels.items()}, part.header)
+                for part in parts
+            ]
+    except FileError:
+        raise
+    except Exception as error:
+        cause = str(error).partition("\n")[0] or type(error).__name__
+        raise FileError(f"{path}: not a readable EXR ({cause}); save it again") from error
     arrays = [pixels for channels, _ in read for pixels in channels.values()]
     lacking = any(not channels for channels, _ in read)
     if lacking or not arrays or any(a.size == 0 or a.dtype.kind not in "fu" for a in arrays):
         raise FileError(f"{path}: the EXR holds no pixels; it may be cut short")
-    return read
-
-
-@contextlib.contextmanager
-def _exr_errors(path: Path) -> Iterator[None]:
-    """Turn whatever OpenEXR raises into a line that names the file."""
-    try:
-        yield
-    except FileError:
-        raise
-    except Exception as error:
-        cause = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise FileError(f"{path}: not a readable EXR ({cause})") from error
+    return [
+        ({name: pixels.astype(np.float32, copy=False) for name, pixels in channels.items()}, header)
+        for channels, header in read
+    ]
 
 
 # Descriptor 2 and `sys.stdout` belong to the whole process, so that all threads that ask share one

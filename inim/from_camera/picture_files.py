@@ -19,11 +19,10 @@ from inim.errors import FileError
 from inim.files.image import (
     read_exr,
     read_exr_channels,
-    write_atomically,
+    write_exr_parts,
 )
 from inim.files.picture import is_exr, open_picture, read_pfm
 from inim.files.regular_file import check_file
-from inim.version import __version__
 
 _COLOR_FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM")
 _NO_COLOR = "not a colour picture that inim reads; save it as PNG, JPEG or EXR"
@@ -240,16 +239,7 @@ def write_depth(path: Path, values: np.ndarray, meaning: str) -> None:
     meaning : str
         What the numbers are: kept in the file as ``inim:depth``.
     """
-    import OpenEXR
-
-    header = {
-        "compression": OpenEXR.ZIPS_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "inim:version": __version__,
-        "inim:depth": meaning,
-    }
-    channels = {"Z": np.ascontiguousarray(values, np.float32)}
-    write_atomically(path, lambda p: OpenEXR.File(header, channels).write(str(p)))
+    write_exr_parts(path, [({"Z": values}, "depth")], {"inim:depth": meaning})
 
 
 def _read_npy(path: Path) -> np.ndarray:
