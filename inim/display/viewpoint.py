@@ -253,6 +253,22 @@ def parse_viewpoints(
     )
 
 
+def viewpoint_of(viewpoint: Viewpoint | str, display: Display) -> Viewpoint:
+    """A viewpoint from a value, or from its text as `parse_viewpoints` reads it; not checked.
+
+    Raises
+    ------
+    UsageError, ViewpointError
+        Another type, several viewpoints, or text that cannot be read.
+    """
+    item, *others = viewpoint_items(viewpoint)
+    if others:
+        raise ViewpointError(f"viewpoint {viewpoint!r}: names several; give one")
+    if isinstance(item, Viewpoint):
+        return item
+    return _parse_one(item, display, default_distance_mm(display))
+
+
 def _parse_one(item: str, display: Display, distance_mm: float) -> Viewpoint:
     name, equals, position = item.partition("=")
     if not equals:

@@ -7,6 +7,8 @@ An algorithm is one file of this folder, or a function that another package anno
 
 from __future__ import annotations
 
+import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
     MASKED,
+    MOST_OUTSIDE,
     NO_LENS,
     Generator,
     PictureShape,
@@ -25,6 +28,7 @@ from inim.generators.base import (
     colour_of,
     hole_fraction,
     masked,
+    outside_depth_range,
 )
 from inim.generators.registry import (
     DEFAULT,
@@ -46,6 +50,7 @@ from inim.generators.registry import (
     properties,
 )
 from inim.image.rgbd import RGBD
+from inim.scene.file import display_of
 
 __all__ = [
     "FILLS",
@@ -76,7 +81,7 @@ __all__ = [
 
 
 def prepare(
-    display: Display,
+    display: Display | str | Path,
     algorithm: str = DEFAULT,
     *,
     shape: PictureShape,
@@ -88,7 +93,8 @@ def prepare(
 
     Parameters
     ----------
-    display : Display
+    display : Display, str or Path
+        A display, the name of a preset, or a display file.
     algorithm : str
         One of `algorithm_names`, with options if need be: ``"template:samples=4"``.
     shape : (rows, columns)
@@ -110,6 +116,7 @@ def prepare(
         Unknown algorithm or option, an option's value that makes no sense, or a mask that is not
         the panel's.
     """
+    display = display_of(display)
     name, written = parse_algorithm(algorithm)
     found = find_algorithm(name)
     merged = {**written, **options}
@@ -136,6 +143,31 @@ def prepare(
     return made if mask is None or sparse else masked(made, mask)
 
 
+def _check_picture(rgbd: RGBD, display: Display) -> None:
+    """Raise for what is no picture with finite colours; warn of depths in another unit."""
+    if not isinstance(rgbd, RGBD):
+        raise UsageError(
+            f"rgbd: is a {type(rgbd).__name__}; give an inim.RGBD, such as "
+            "RGBD(color, depth_mm, covered, pixel_mm)"
+        )
+    bad = np.count_nonzero(~np.isfinite(rgbd.palette).all(axis=-1))
+    if bad:
+        raise UsageError(
+            f"rgbd: {bad} pixels have colours that are not finite; mend them, such as with "
+            "numpy.nan_to_num"
+        )
+    outside = outside_depth_range(rgbd, display)
+    if outside > MOST_OUTSIDE:
+        low, high = display.depth_range_mm
+        depth = rgbd.depth_mm[rgbd.covered]
+        warnings.warn(
+            f"rgbd: {outside:.0%} of it lie outside the display's depth range, {low:.4g} to "
+            f"{high:.4g} mm: depth_mm is {depth.min():.4g} to {depth.max():.4g}, in millimetres "
+            "towards the viewer; convert other units, or fit the picture with `inim generate`",
+            stacklevel=3,
+        )
+
+
 def _filled(name: str, made: Generator, fill: str, left: Generator) -> Generator:
     """A generator that fills the holes that another leaves."""
     from inim.generators.raycast.fill import Filled
@@ -148,7 +180,9 @@ def _filled(name: str, made: Generator, fill: str, left: Generator) -> Generator
     return Filled(made, fill, left)
 
 
-def find_sources(rgbd: RGBD, display: Display, algorithm: str = DEFAULT, **options: Any) -> Sources:
+def find_sources(
+    rgbd: RGBD, display: Display | str | Path, algorithm: str = DEFAULT, **options: Any
+) -> Sources:
     """Which pixel of the picture each panel pixel shows at its centre.
 
     Parameters
@@ -178,7 +212,7 @@ def find_sources(rgbd: RGBD, display: Display, algorithm: str = DEFAULT, **optio
 
 def generate(
     rgbd: RGBD,
-    display: Display,
+    display: Display | str | Path,
     algorithm: str = DEFAULT,
     *,
     out: np.ndarray | None = None,
@@ -190,8 +224,9 @@ def generate(
     ----------
     rgbd : RGBD
         Colour and depth in the display frame: float32 linear RGB (verification) or uint8 sRGB RGBA
-        (display-ready).
-    display : Display
+        (display-ready). A warning is given where most of it lies outside the depth range.
+    display : Display, str or Path
+        A display, the name of a preset, or a display file.
     algorithm : str
         One of `algorithm_names`, with options if need be: ``"template:samples=4"``.
     out : array, optional
@@ -208,7 +243,10 @@ def generate(
     Raises
     ------
     UsageError
-        As `prepare`, or an `out` that does not fit.
+        As `prepare`; a picture that is no `RGBD` or has colours that are not finite; or an `out`
+        that does not fit.
     """
+    display = display_of(display)
+    _check_picture(rgbd, display)
     made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
     return made.generate(rgbd, out)

@@ -25,6 +25,8 @@ from inim.errors import UsageError
 from inim.image.buffers import row_bands
 from inim.image.rgbd import RGBD
 
+#: A larger share of a picture outside the depth range is most likely in another unit.
+MOST_OUTSIDE = 0.5
 #: A panel pixel whose ray meets no surface.
 HOLE = -1
 #: A panel pixel outside the lens array: dark by construction, not a hole.
@@ -391,3 +393,10 @@ def masked(whole: Generator, mask: np.ndarray) -> Generator:
     if isinstance(whole, SourceGenerator):
         return MaskedSources(whole, mask)
     return Masked(whole, mask)
+
+
+def outside_depth_range(rgbd: RGBD, display: Display) -> float:
+    """Share of a picture's covered pixels that lie outside a display's depth range."""
+    low, high = display.depth_range_mm
+    depth = rgbd.depth_mm[rgbd.covered]
+    return float(((depth < low) | (depth > high)).mean()) if depth.size else 0.0

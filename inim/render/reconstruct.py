@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -10,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.display.viewpoint import Viewpoint, check_viewpoint
+from inim.display.viewpoint import Viewpoint, check_viewpoint, viewpoint_of
 from inim.errors import UsageError
 from inim.lens import SheetMesh, channel_indices, lens_array
 from inim.lens import lens_model as find_lens_model
@@ -20,6 +21,7 @@ from inim.render.display_emitter import LensedPanel
 from inim.render.rays import eye_rays
 from inim.render.sensors import make_sensor
 from inim.render.trace import Tracer, mean_light
+from inim.scene.file import display_of
 
 # Into the glass, out of it, and the panel is seen.
 _MAX_DEPTH = 3
@@ -171,8 +173,8 @@ def _screens(display: Display, sheet: SheetMesh) -> dict[str, Any]:
 
 def reconstruct(
     eia: np.ndarray,
-    display: Display,
-    viewpoint: Viewpoint,
+    display: Display | str | Path,
+    viewpoint: Viewpoint | str,
     lens_model: str = "thick",
     *,
     pixels_per_lens: int = 4,
@@ -188,10 +190,13 @@ def reconstruct(
     Parameters
     ----------
     eia : (rows, columns, 3) float array
-        Linear RGB, row 0 on top, of the display's `eia_shape`.
-    display : Display
-    viewpoint : Viewpoint
-        Must lie inside the viewing zone, with its pupil, unless `allow_flips`.
+        Linear RGB, row 0 on top, of the display's `eia_shape`. Whole numbers, such as the sRGB
+        codes of a PNG, are refused; `inim.files.eia_file.read_eia` reads files as linear RGB.
+    display : Display, str or Path
+        A display, the name of a preset, or a display file.
+    viewpoint : Viewpoint or str
+        A viewpoint, or its text: ``"centre"``, ``"mine=10 -5 400"``. Must lie inside the viewing
+        zone, with its pupil, unless `allow_flips`.
     lens_model : str
         One of `inim.lens.lens_models`.
     pixels_per_lens : int
@@ -211,10 +216,36 @@ def reconstruct(
     ------
     UsageError, ViewpointError, DisplayError, BackendError
     """
+    display = display_of(display)
+    viewpoint = viewpoint_of(viewpoint, display)
     check_viewpoint(viewpoint, display, allow_flips=allow_flips)
+    eia = _linear_eia(eia)
     with variant.borrowed(backend):
         scene = DisplayScene(eia, display, lens_model)
         return scene.view(viewpoint, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed)
+
+
+def _linear_eia(eia: np.ndarray) -> np.ndarray:
+    """An EIA as an array of finite floats.
+
+    Raises
+    ------
+    UsageError
+        Whole numbers, which are sRGB codes in most files, or values that are not finite.
+    """
+    eia = np.asarray(eia)
+    if not np.issubdtype(eia.dtype, np.floating):
+        raise UsageError(
+            f"eia: is {eia.dtype}; give linear RGB as floats: read a file with "
+            "inim.files.eia_file.read_eia, or convert 8-bit sRGB with "
+            "inim.image.color.linear_from_srgb(eia[..., :3] / 255)"
+        )
+    bad = np.count_nonzero(~np.isfinite(eia))
+    if bad:
+        raise UsageError(
+            f"eia: {bad} values are not finite; mend them, such as with numpy.nan_to_num"
+        )
+    return eia
 
 
 def observed_pixels(

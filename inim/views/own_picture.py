@@ -20,6 +20,7 @@ from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.from_camera.fit import empty_share
 from inim.from_camera.picture import MOST, CameraPicture
 from inim.generators import SourceGenerator, algorithm_items, check_algorithm, generate
+from inim.generators.base import MOST_OUTSIDE, outside_depth_range
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
 from inim.generators.registry import properties
 from inim.image.noisy_image import NoisyImage, replace_nonfinite
@@ -200,11 +201,10 @@ def _viewpoints(display: Display, settings: Settings) -> tuple[Viewpoint, ...]:
 
 def _check_picture(rgbd: RGBD, display: Display, named: str) -> None:
     low, high = display.depth_range_mm
-    depth = rgbd.depth_mm[rgbd.covered]
-    if not len(depth):
+    if not rgbd.covered.any():
         raise FileError(f"{named}: covers nothing; there is nothing to validate with")
-    outside = float(((depth < low) | (depth > high)).mean())
-    if outside > 0.5:
+    outside = outside_depth_range(rgbd, display)
+    if outside > MOST_OUTSIDE:
         raise FileError(
             f"{named}: {outside:.0%} of it lie outside the display's depth range, {low:.4g} to "
             f"{high:.4g} mm; fit it to this display with `inim generate --rgbd`"

@@ -1,0 +1,103 @@
+"""Inputs of `inim.generate` and `inim.reconstruct`: values and names alike, and wrong ones named.
+
+Expected: a preset's name, a display file and a `Display` give the same EIA and view; what would
+silently give a wrong picture is refused with the remedy, or warned of.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import inim
+from inim.display import DISPLAYS, Viewpoint
+from inim.display.viewpoint import named_viewpoint, viewpoint_of
+from inim.errors import InimError, UsageError, ViewpointError
+
+NOMINAL = DISPLAYS["nominal"]
+FILE = '<scene version="3.0.0"><default name="inim.gap_mm" value="3.4"/></scene>'
+EIA = np.full((*NOMINAL.eia_shape, 3), 0.5, np.float32)
+
+
+def picture(depth_mm: float = 33.0, color: float = 0.5) -> inim.RGBD:
+    """A flat picture of one colour."""
+    shape = NOMINAL.capture_shape(5)
+    colors = np.full((*shape, 3), color, np.float32)
+    return inim.RGBD(colors, np.full(shape, depth_mm), np.ones(shape, bool), NOMINAL.pitch_mm / 5)
+
+
+def test_a_display_is_a_value_a_name_or_a_file(tmp_path: Path):
+    path = tmp_path / "mine.xml"
+    path.write_text(FILE)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        eia = inim.generate(picture(), "nominal")
+        mine = inim.generate(picture(), path)
+    assert np.array_equal(eia, inim.generate(picture(), NOMINAL))
+    assert np.array_equal(mine, inim.generate(picture(), NOMINAL.replace(gap_mm=3.4)))
+    assert np.array_equal(mine, inim.generate(picture(), str(path)))
+
+
+@pytest.mark.parametrize("text", ["centre", "mine=10 -5", "mine=10 -5 600"])
+def test_a_viewpoint_is_a_value_or_its_text(renderer, text):
+    eye = viewpoint_of(text, NOMINAL)
+    options = {"pixels_per_lens": 1, "spp": 2}
+    view = inim.reconstruct(EIA, "nominal", text, **options)
+    assert np.array_equal(view, inim.reconstruct(EIA, NOMINAL, eye, **options))
+
+
+def test_named_viewpoints_are_those_of_a_validation():
+    eye = viewpoint_of("left", NOMINAL)
+    assert eye == named_viewpoint("left", NOMINAL, eye.z_mm)
+    with pytest.raises(ViewpointError, match="names several; give one"):
+        viewpoint_of("left,right", NOMINAL)
+    with pytest.raises(UsageError, match="3 is a int; give a Viewpoint"):
+        viewpoint_of(3, NOMINAL)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("eia", "display", "viewpoint", "says"),
+    [
+        ((EIA * 255).astype(np.uint8), "nominal", "centre", "eia: is uint8; give linear RGB"),
+        (EIA * np.nan, "nominal", "centre", "values are not finite; mend them"),
+        (EIA[1:], "nominal", "centre", "needs"),
+        (EIA, "nominl", "centre", "did you mean nominal"),
+        (EIA, 3, "centre", "display: 3 is a int; give a Display"),
+        (EIA, "nominal", "center", "did you mean centre"),
+        (EIA, "nominal", Viewpoint("far", 900, 0, 300), "outside the viewing zone"),
+        (EIA, "gone.xml", "centre", "gone.xml: no such file"),
+    ],
+)
+def test_wrong_inputs_of_reconstruct_are_one_line(renderer, eia, display, viewpoint, says):
+    with pytest.raises(InimError, match=says) as raised:
+        inim.reconstruct(eia, display, viewpoint)
+    assert "\n" not in str(raised.value)
+
+
+def test_the_remedy_for_an_8_bit_eia_is_the_linear_one(renderer):
+    from inim.image.color import linear_from_srgb, srgb_codes
+
+    codes = srgb_codes(EIA)
+    with pytest.raises(UsageError, match=r"linear_from_srgb\(eia\[..., :3\] / 255\)"):
+        inim.reconstruct(codes, "nominal", "centre")
+    assert linear_from_srgb(codes[..., :3] / 255) == pytest.approx(EIA, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("rgbd", "says"),
+    [
+        (picture(color=np.nan), "pixels have colours that are not finite; mend them"),
+        (np.zeros((9, 9, 3)), "rgbd: is a ndarray; give an inim.RGBD"),
+    ],
+)
+def test_wrong_pictures_of_generate_are_one_line(rgbd, says):
+    with pytest.raises(UsageError, match=says):
+        inim.generate(rgbd, "nominal")
+
+
+def test_depth_in_metres_is_warned_of():
+    with pytest.warns(UserWarning, match=r"100% of it lie outside .* depth_mm is 0.033 to 0.033"):
+        inim.generate(picture(depth_mm=0.033), "nominal")
