@@ -91,8 +91,8 @@ def _folder(config: pytest.Config, test: Path) -> Path:
 def _fail_unless_passed(report: Report) -> None:
     if report.passed:
         return
-    from inim.report.wording import check_passed, check_sentence, checks
+    from inim.report.wording import check_sentence
 
-    failed = [check for check in checks(report.data) if not check_passed(check)]
-    lines = [f"{check.get('name')}: {check_sentence(check)}" for check in failed]
+    failed = [check for check in report.data.verdict.checks if not check.passed]
+    lines = [f"{check.name}: {check_sentence(check)}" for check in failed]
     pytest.fail("\n".join([*lines, f"report: {report.html_path}"]), pytrace=False)

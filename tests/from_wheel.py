@@ -103,7 +103,7 @@ report = inim.validate(
     "scene.xml", "out", display=lab, algorithms=["template", {"wang2024": {"matching": "ray"}}],
     viewpoints=["centre", inim.Viewpoint("aside", 5, 0, 150)], definitions=few)
 print(report)
-assert "aside" in str(report) and "-D inim.gap_mm=3.2" in report.data["command"]
+assert "aside" in str(report) and "-D inim.gap_mm=3.2" in report.data.command
 assert repr(report).startswith("Report('out': ")
 """
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 from referencing import Registry, Resource
@@ -15,6 +17,9 @@ from referencing import Registry, Resource
 import inim.schemas
 from inim.display import DISPLAYS
 from inim.documents import NAMES, schema
+from inim.documents.parts import EIA_SCORES, VIEW_SCORES
+from inim.documents.report import ALGORITHM_VIEW_SCORES, ReportDocument
+from inim.settings import Settings
 
 FOLDER = Path(inim.schemas.__file__).parent
 
@@ -88,6 +93,10 @@ def flat(part: dict[str, Any], name: str) -> dict[str, Any]:
     return meant | part | ({"required": required} if required else {})
 
 
+# Examples of dataclasses: examples of their fields need not fit together.
+DATACLASSES = {"Display": DISPLAYS["nominal"].given(), "Settings": asdict(Settings())}
+
+
 def types_of(part: dict[str, Any]) -> list[str]:
     """The JSON types that a flat part allows."""
     if "enum" in part:
@@ -98,8 +107,8 @@ def types_of(part: dict[str, Any]) -> list[str]:
 def example(part: dict[str, Any], name: str) -> Any:
     """A value of a schema with all that it allows, and one of each where it allows any number."""
     part = flat(part, name)
-    if part.get("title") == "Display":
-        return DISPLAYS["nominal"].given()
+    if part.get("title") in DATACLASSES:
+        return DATACLASSES[part["title"]]
     if "const" in part:
         return part["const"]
     for chosen in ("examples", "enum"):
@@ -134,6 +143,8 @@ def completed(name: str, document: Mapping[str, Any]) -> dict[str, Any]:
 def _completed(part: dict[str, Any], name: str, value: Any) -> Any:
     part = flat(part, name)
     if isinstance(value, Mapping):
+        if part.get("title") in DATACLASSES:
+            return {**DATACLASSES[part["title"]], **value}
         own, others = part.get("properties", {}), part.get("additionalProperties")
         needed = {key: example(own[key], name) for key in part.get("required", ())}
         known = {key: own.get(key, others or {}) for key in value}
@@ -141,3 +152,35 @@ def _completed(part: dict[str, Any], name: str, value: Any) -> Any:
     if isinstance(value, list) and "items" in part and "prefixItems" not in part:
         return [_completed(part["items"], name, one) for one in value]
     return value
+
+
+def report_document(data: Mapping[str, Any]) -> ReportDocument:
+    """A typed report of the given keys, with no other score, and examples of all other keys."""
+    names = [eye["name"] for eye in data.get("viewpoints", ())]
+    floor, ceiling = data.get("noise_floor", {}), data.get("ceiling", {})
+    none: dict[str, Any] = {name: {} for name in names}
+    scored = {
+        "noise_floor": {
+            "eia": dict.fromkeys(EIA_SCORES) | floor.get("eia", {}),
+            "views": _scored(none | floor.get("views", {}), VIEW_SCORES),
+        },
+        "ceiling": ceiling | {"views": _scored(none | ceiling.get("views", {}), VIEW_SCORES)},
+        "algorithms": {
+            name: {"precision": {}, "seconds": None}
+            | result
+            | {
+                "eia": dict.fromkeys([*EIA_SCORES, "hole_fraction"]) | result.get("eia", {}),
+                "views": _scored(result.get("views", {}), ALGORITHM_VIEW_SCORES),
+            }
+            for name, result in data.get("algorithms", {}).items()
+        },
+    }
+    eyes = [{"position_mm": [0.0, 0.0, 400.0]} | eye for eye in data.get("viewpoints", ())]
+    defaults = {"misalign": "", "warnings": [], "skipped": [], "preview": None}
+    whole = completed("report", {**defaults, **data, **scored, "viewpoints": eyes})
+    whole["timings"] = dict.fromkeys(("start", "mitsuba_render", "total"), 0.0) | whole["timings"]
+    return msgspec.convert(whole, ReportDocument)
+
+
+def _scored(views: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    return {view: dict.fromkeys(names) | scores for view, scores in views.items()}

@@ -10,7 +10,6 @@ from inim.commands.options import Command, add_exit_codes
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 
 if TYPE_CHECKING:
-    from inim.regression import RunStatistics
     from inim.report import Report
 
 
@@ -80,9 +79,11 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     FileError
         No report there, or `out` cannot be written.
     """
+    from inim.documents.compare import CompareDocument, Side
+    from inim.documents.parts import Checks
     from inim.pipeline.output.baseline import read_run, regression_data, verdict_lines
     from inim.regression import all_passed, compare
-    from inim.report.compare import SCHEMA, write_comparison
+    from inim.report.compare import write_comparison
     from inim.worker.output import published
 
     (report, old), (other, new) = read_run(before), read_run(after)
@@ -94,25 +95,18 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
         failed = [v.name for v in verdicts if v.kind == "picture" and not v.passed]
         names = [n for n in old.pictures if any(f.startswith(f"{n}: ") for f in failed)]
         pictures = [n for n in names if _copy_pictures(reports, n, staging)]
-        data = {
-            "schema": SCHEMA,
-            "title": new.circumstances.get("title") or after.name,
-            "created": new.circumstances.get("created"),
-            "before": _about(before, old),
-            "after": _about(after, new),
-            "conditions": new.conditions,
-            "regression": regression_data(str(before), old, new, pictures),
-            "verdict": {
-                "passed": all_passed(verdicts),
-                "checks": [v.as_check() for v in verdicts],
-            },
-        }
+        checks = [verdict.as_check() for verdict in verdicts]
+        data = CompareDocument(
+            title=new.circumstances.title or after.name,
+            created=new.circumstances.created,
+            before=Side(folder=str(before), circumstances=old.circumstances),
+            after=Side(folder=str(after), circumstances=new.circumstances),
+            conditions=new.conditions,
+            regression=regression_data(str(before), old, new, pictures),
+            verdict=Checks(passed=all_passed(verdicts), checks=checks),
+        )
         write_comparison(data, staging)
     return all_passed(verdicts), verdict_lines(verdicts)
-
-
-def _about(folder: Path, statistics: RunStatistics) -> dict[str, Any]:
-    return {"folder": str(folder), "circumstances": dict(statistics.circumstances)}
 
 
 def _copy_pictures(reports: list[Report], name: str, staging: Path) -> bool:

@@ -146,13 +146,13 @@ def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
         )
     report = Report.load(args.what)
     name, why = (args.algorithm, "") if args.algorithm else _best(report)
-    path, design = report.eia_path(name, "--algorithm"), report.design()
+    path, design = report.eia_path(name, "--algorithm"), report.display
     return _Chosen(
         path,
         design,
-        mounted(design, report.data["misalign"]),
-        report.data["lens_model"],
-        report.data["settings"]["viewing_distance_mm"],
+        mounted(design, report.data.misalign),
+        report.data.lens_model,
+        report.data.settings.viewing_distance_mm,
         name + why,
         report,
         name == TRUTH,
@@ -162,9 +162,8 @@ def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
 def _best(report: Report) -> tuple[str, str]:
     """The best algorithm, and the words that say so."""
     from inim.metrics.headline import HEADLINE_WORDS
-    from inim.report.wording import best_algorithm
 
-    names, best = list(report.data["algorithms"]), best_algorithm(report.data)
+    names, best = list(report.data.algorithms), report.data.best_algorithm
     if len(names) == 1:
         return names[0], ", the report's only algorithm"
     if best is None:

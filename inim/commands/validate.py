@@ -113,14 +113,18 @@ def _ended(passed: bool, out: Path, quiet: bool) -> int:
 
 def _words(passed: bool, out: Path) -> str:
     """The verdict as its report has it; "FAILED" stands out, below the checks that did."""
-    from inim.files.json_file import read_json
-    from inim.report.wording import check_passed, check_sentence, checks, verdict_words
+    from inim.documents import read_document
+    from inim.documents.picture import PictureDocument
+    from inim.documents.report import ReportDocument
+    from inim.report.wording import check_sentence, verdict_words
 
-    data = read_json(out / "report.json", "run it again", "report", "picture")
+    types = ReportDocument, PictureDocument
+    data = read_document(out / "report.json", "run it again", *types)
+    assert isinstance(data, types)
     if passed:
         return verdict_words(data)
-    failed = [c for c in checks(data) if not check_passed(c)]
-    lines = [f"failed: {check['name']}: {check_sentence(check)}" for check in failed]
+    failed = [check for check in data.verdict.checks if not check.passed]
+    lines = [f"failed: {check.name}: {check_sentence(check)}" for check in failed]
     return "\n".join([*lines, "FAILED"])
 
 

@@ -89,9 +89,7 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
             f"{folder}: the report's panels cannot be shown (missing, of another size than its "
             "display, or too large); make it anew with inim validate"
         )
-    given = report.data["display"]["given"]
-    title = str(report.data.get("title") or folder.name)
-    page = _page(title, f"Display {given.get('name', '')}", content)
+    page = _page(report.data.title or folder.name, f"Display {report.display.name}", content)
     return _written(folder / _PAGE if out is None else out, page)
 
 
@@ -239,13 +237,12 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
 def _film(args: argparse.Namespace) -> int:
     from inim.lens import lens_models
     from inim.report import Report
-    from inim.report.wording import best_algorithm
     from inim.views.film import CEILING, FilmRequest, make_film
     from inim.views.traced_scene import TracedScene
 
     report = Report.load(args.folder)
-    best = best_algorithm(report.data)
-    model = args.lens_model or report.data["lens_model"]
+    best = report.data.best_algorithm
+    model = args.lens_model or report.data.lens_model
     if not args.lens_model and model not in lens_models():
         raise FileError(
             f"{args.folder}: its report's lens model {model[:40]!r} is not known here; give "
@@ -260,7 +257,7 @@ def _film(args: argparse.Namespace) -> int:
         frames=args.frames,
         frames_per_second=args.rate,
         spp=args.spp,
-        pixels_per_lens=report.data["settings"]["view_pixels_per_lens"],
+        pixels_per_lens=report.data.settings.view_pixels_per_lens,
         allow_flips=args.allow_flips,
         scene=args.scene and TracedScene.of(report, args.scene, args.allow_folders),
     )

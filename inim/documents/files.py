@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -48,6 +49,34 @@ def read_document(path: Path, remedy: str, *types: type[_D]) -> _D:
 def write_document(path: Path, document: Document) -> None:
     """Write a document whole or not at all."""
     write_text(path, encode(document))
+
+
+def write_forms(
+    document: _D, folder: Path, name: str, forms: Mapping[str, Callable[[_D], str]]
+) -> None:
+    """Write a document and other forms of it, the document last: it marks a whole report.
+
+    Parameters
+    ----------
+    document : Document
+    folder : Path
+    name : str
+        File name of the document.
+    forms : mapping of str to callable
+        By file name, the function for the file's text. It gets the document as it reads back, so
+        that all forms agree.
+    """
+    text = encode(document)
+    read = decode(text, type(document))
+    texts = {file: render(read) for file, render in forms.items()}
+    for file, content in {**texts, name: text}.items():
+        write_text(folder / file, content)
+
+
+def folder_files(folder: Path, *written: str) -> list[str]:
+    """All files below `folder`, and those still to be written there."""
+    present = (str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+    return sorted({*present, *written})
 
 
 def write_text(path: Path, content: str) -> None:

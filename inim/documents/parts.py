@@ -107,15 +107,19 @@ Viewpoints = Annotated[list[EyePosition], doc("Eye positions, in order.")]
 # -- checks ---------------------------------------------------------------------------------------
 
 
+Relation = Literal[">=", "<=", "within"]
+Kind = Literal["picture", "score", "pixels", "noise", "time"]
+
+
 class Check(Part):
     """A value against a limit."""
 
     name: Annotated[str, doc("What is checked.")]
     value: Annotated[
-        float | None, doc("Measured value; null: not a number, or infinite, which may pass.")
+        float | None, doc("Measured value; null: not a number or infinite, which never passes.")
     ]
     relation: Annotated[
-        Literal[">=", "<=", "within"],
+        Relation,
         doc("Relation of value and limit; `within` is between -limit and limit."),
     ]
     limit: Annotated[float, doc("Limit of the value.")]
@@ -135,16 +139,13 @@ class Check(Part):
     unit: Annotated[
         str | None, doc("Unit of the value in a comparison with a baseline; may be empty.")
     ] = None
-    kind: Annotated[
-        Literal["picture", "score", "pixels", "noise", "time"] | None,
-        doc("Object of a comparison with a baseline."),
-    ] = None
+    kind: Annotated[Kind | None, doc("Object of a comparison with a baseline.")] = None
     criterion: Annotated[
         bool, doc("True for a check of quality, against a limit that the user set.")
     ] = False
 
     def __post_init__(self) -> None:
-        if self.passed and self.value is not None and math.isnan(self.value):
+        if self.passed and (self.value is None or math.isnan(self.value)):
             raise ValueError("passed, but the value is not a number")
 
     @property
@@ -304,9 +305,9 @@ class Regression(Part):
 class Conditions(Part):
     """Conditions that two runs must share to be compared."""
 
-    scene_sha256: Annotated[
-        str, doc("SHA-256 over the scene's XML and all files it names.", pattern="^[0-9a-f]{64}$")
-    ] = field(name="scene (SHA-256)")
+    scene_sha256: Annotated[Sha256, doc("SHA-256 over the scene's XML and all files it names.")] = (
+        field(name="scene (SHA-256)")
+    )
     scene_parameters: Annotated[
         list[str], doc("Values of the scene's own parameters, as `NAME=VALUE`.")
     ] = field(name="scene parameters")

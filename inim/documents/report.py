@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
+from inim.display.misalignment import mounted
 from inim.documents.document import Document, Part, doc
 from inim.documents.parts import (
     EIA_SCORES,
@@ -29,12 +30,14 @@ from inim.documents.parts import (
     check_scores,
     scores,
 )
-from inim.metrics.headline import HEADLINE, best_algorithm
+from inim.errors import InimError
+from inim.metrics.headline import HEADLINE, best_algorithm, passing_limit
 from inim.settings import Settings
 
 _Row = tuple[float, float, float, float]
 
-_ALGORITHM_VIEW_SCORES = VIEW_SCORES | {
+#: Names and descriptions of the scores of an algorithm's view that every run has.
+ALGORITHM_VIEW_SCORES = VIEW_SCORES | {
     "ssim_to_ceiling": "SSIM against the ceiling's view: the loss of the algorithm.",
     "psnr_to_ceiling_db": "PSNR against the ceiling's view, dB; null: infinite.",
     "flip_to_ceiling": "FLIP against the ceiling's view.",
@@ -49,6 +52,12 @@ _ALGORITHM_VIEW_SCORES = VIEW_SCORES | {
     "flip_on_relic_to_ceiling": (
         "FLIP against the ceiling's view on the relic alone; null: no pixel shows the relic."
     ),
+}
+# Times that every run has.
+_TIMES = {
+    "start": "Seconds until the stages began.",
+    "mitsuba_render": "Seconds inside the renderer, all stages together.",
+    "total": "Seconds of the whole run.",
 }
 _ALGORITHM_EIA_SCORES = EIA_SCORES | {
     "hole_fraction": "Share of the lensed panel pixels that show nothing, 0 to 1; null: unknown."
@@ -205,7 +214,7 @@ class AlgorithmResult(Part):
                 dict[str, float | None],
                 scores(
                     "Scores of a view without noise.",
-                    _ALGORITHM_VIEW_SCORES,
+                    ALGORITHM_VIEW_SCORES,
                     "The same of another package's metric: NAME_UNIT against the scene, "
                     "NAME_to_ceiling_UNIT against the ceiling's view, NAME_on_relic_UNIT and "
                     "NAME_on_relic_to_ceiling_UNIT on the relic; null: infinite.",
@@ -274,9 +283,11 @@ class ReportDocument(Document, tag="inim.report/2"):
     timings: Annotated[
         dict[str, float],
         doc(
-            "Seconds by stage; `start`: until the stages began; `mitsuba_render`: inside the "
-            "renderer, all stages together; `total`: the whole run.",
-            required=["start", "mitsuba_render", "total"],
+            "Seconds by stage.",
+            properties={
+                name: {"type": "number", "description": text} for name, text in _TIMES.items()
+            },
+            required=[*_TIMES],
         ),
     ]
     skipped: Annotated[list[SkippedStep], doc("Done and skipped parts of each step.")]
@@ -287,8 +298,13 @@ class ReportDocument(Document, tag="inim.report/2"):
 
     def __post_init__(self) -> None:
         check_names([*self.viewpoint_names, *self.algorithms])
-        if "total" not in self.timings:
-            raise ValueError("timings: total is missing")
+        try:
+            mounted(self.display.given, self.misalign)
+        except InimError as error:
+            raise ValueError(f"misalign: {error}") from None
+        for name in _TIMES:
+            if name not in self.timings:
+                raise ValueError(f"timings: {name} is missing")
         check_scores("noise_floor.eia", self.noise_floor.eia, EIA_SCORES)
         for name in self.viewpoint_names:
             for place in ("noise_floor", "ceiling"):
@@ -299,7 +315,7 @@ class ReportDocument(Document, tag="inim.report/2"):
         for name, result in self.algorithms.items():
             check_scores(f"algorithms.{name}.eia", result.eia, _ALGORITHM_EIA_SCORES)
             for view, found in result.views.items():
-                check_scores(f"algorithms.{name}.{view[:40]!a}", found, _ALGORITHM_VIEW_SCORES)
+                check_scores(f"algorithms.{name}.{view[:40]!a}", found, ALGORITHM_VIEW_SCORES)
         for place, views in {
             **{f"algorithms.{name}": one.views for name, one in self.algorithms.items()},
             "ceiling": self.ceiling.views,
@@ -323,3 +339,24 @@ class ReportDocument(Document, tag="inim.report/2"):
     def best_algorithm(self) -> str | None:
         """The algorithm with the best mean headline score; None without any score."""
         return best_algorithm({name: self.headlines(name) for name in self.algorithms})
+
+    def mean(self, algorithm: str, key: str) -> float | None:
+        """Mean of a score over all viewpoints; None if a view has none."""
+        views = self.algorithms[algorithm].views
+        values = [views[name].get(key) for name in self.viewpoint_names if name in views]
+        numbers = [value for value in values if value is not None and not math.isnan(value)]
+        if not numbers or len(numbers) < len(self.viewpoints):
+            return None
+        return sum(numbers) / len(numbers)
+
+    def passing_limits(self) -> dict[str, float]:
+        """Least headline scores that this run would just pass, by algorithm with all of them."""
+        limits = {}
+        for name, result in self.algorithms.items():
+            scores = self.headlines(name)
+            if scores and len(scores) == len(self.viewpoints):
+                widths = [
+                    p[HEADLINE].half_width for p in result.precision.values() if HEADLINE in p
+                ]
+                limits[name] = passing_limit(scores, max((w or 0.0 for w in widths), default=0.0))
+        return limits

@@ -16,6 +16,10 @@ from inim.settings import Settings
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 # Class of each document, in the module of the document's name, which loads on demand.
 _CLASSES = {
+    "report": "ReportDocument",
+    "picture": "PictureDocument",
+    "compare": "CompareDocument",
+    "baseline": "BaselineDocument",
     "bench": "BenchDocument",
     "calibration": "CalibrationDocument",
     "inspect": "InspectDocument",

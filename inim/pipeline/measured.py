@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from inim.backend import Backend
+from inim.documents.parts import Check
+from inim.documents.report import AlgorithmResult
 from inim.metrics.headline import HEADLINE_TO_SCENE, MAIN
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import Capture
@@ -59,7 +61,7 @@ class Measured:
         return {name: one.reference for name, one in results if one.reference is not None}
 
     @property
-    def algorithms(self) -> dict[str, Any]:
+    def algorithms(self) -> dict[str, AlgorithmResult]:
         """Scores by method, as in report.json."""
         return {name: result.scores for name, result in self.results.items()}
 
@@ -77,7 +79,7 @@ class Measured:
         }
 
     @property
-    def checks(self) -> list[dict[str, Any]]:
+    def checks(self) -> list[Check]:
         """Of capture, ground truth and methods, in this order."""
         own = [row for result in self.results.values() for row in result.checks]
         return [*self.capture.checks, *self.truth.checks, *own]

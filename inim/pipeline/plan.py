@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from inim.display import Display
 from inim.display.misalignment import mounted
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
+from inim.documents.parts import Conditions, DisplayRecord
 from inim.errors import OutOfMemoryError, SceneError, UsageError
 from inim.generators import algorithm_items
 from inim.lens import check_lens_model
@@ -174,55 +174,44 @@ def check_baseline(plan: Plan, variant: str | None = None) -> None:
     baseline, where = plan.baseline, plan.request.baseline
     if baseline is None:
         return
-    conditions = conditions_of(plan, variant)
-    if variant is None:  # not known before a backend is chosen
-        conditions["variant"] = baseline.conditions.get("variant")
+    # The variant is not known before a backend is chosen.
+    conditions = conditions_of(plan, variant or baseline.conditions.variant)
     check_comparable(baseline, conditions, str(where))
 
 
-def conditions_of(plan: Plan, variant: str | None = None) -> dict[str, Any]:
-    """What two runs must share to be compared.
+def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
+    """Conditions that two runs must share to be compared.
 
     Parameters
     ----------
     plan : Plan
     variant : str, optional
-        Of the renderer; left out while it is not known.
+        Of the renderer.
     """
     s, request = plan.settings, plan.request
-    conditions = {
-        "scene (SHA-256)": plan.file.sha256,
-        "scene parameters": _scene_parameters(request.definitions),
-        "display": _given(plan.display),
-        "display as derived": plan.display.derived(),
-        "array as mounted": s.misalign,
-        "share of the array filled": s.fit_share,
-        "lens model": s.lens_model,
-        "viewpoints": {v.name: [*v.position_mm, v.pupil_mm, v.focus_mm] for v in plan.viewpoints},
-        "view pixels per lens": s.view_pixels_per_lens,
-        "RGB-D pixels per pitch": s.capture_pixels_per_pitch,
-        "algorithms": sorted(method.name for method in plan.methods),
-        **({"panel pixels": "observed ones only"} if request.lazy else {}),
-    }
-    if any(metric.viewed for metric in all_metrics()):
-        conditions["luminance of white, cd/m^2"] = s.luminance_cd_m2
-    return conditions if variant is None else {**conditions, "variant": variant}
+    perceptual = any(metric.viewed for metric in all_metrics())
+    return Conditions(
+        scene_sha256=plan.file.sha256,
+        scene_parameters=_scene_parameters(request.definitions),
+        display=plan.display,
+        derived=DisplayRecord.of(plan.display).derived,
+        misalign=s.misalign,
+        fit_share=s.fit_share,
+        lens_model=s.lens_model,
+        viewpoints={v.name: (*v.position_mm, v.pupil_mm, v.focus_mm) for v in plan.viewpoints},
+        view_pixels_per_lens=s.view_pixels_per_lens,
+        capture_pixels_per_pitch=s.capture_pixels_per_pitch,
+        algorithms=sorted(method.name for method in plan.methods),
+        panel_pixels="observed ones only" if request.lazy else None,
+        luminance_cd_m2=s.luminance_cd_m2 if perceptual else None,
+        variant=variant,
+    )
 
 
 def _scene_parameters(definitions: Mapping[str, str]) -> list[str]:
     """`-D` of the scene's own parameters; those of `inim` are compared by what they lead to."""
     own = {key: text for key, text in definitions.items() if not key.startswith(PREFIX)}
     return sorted(definition_words(own))
-
-
-def _given(display: Display) -> dict[str, Any]:
-    """Parameters that are not their defaults: one that a later version adds changes nothing."""
-    defaults = {f.name: f.default for f in fields(display)}
-    return {
-        name: value
-        for name, value in display.given().items()
-        if defaults[name] is MISSING or value != defaults[name]
-    }
 
 
 def _check_sizes(display: Display, settings: Settings, source: str) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 from inim.cache.result_cache import ResultCache
 from inim.cache.store import open_store
+from inim.documents.report import ReportDocument
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS
 from inim.pipeline.output.images import Images
 from inim.pipeline.plan import Plan, check_baseline
@@ -17,7 +16,7 @@ from inim.pipeline.stages.stage import Run
 from inim.pipeline.validate import validate
 from inim.process.observer import Observer
 from inim.report import Report
-from inim.report.wording import best_algorithm, suggested_criteria, verdict
+from inim.report.wording import suggested_criteria
 from inim.worker.output import publish
 
 
@@ -42,16 +41,12 @@ def run(plan: Plan, staging: Path, observer: Observer | None = None) -> Report:
     -------
     Report
     """
-    started, observer = perf_counter(), observer or Observer()
+    observer = observer or Observer()
     store = None if plan.request.no_skip else open_store()
     with observer.timed("start"):
         run, renderer, images = setup(plan, staging, observer, store)
         check_baseline(plan, renderer.backend.variant)
     report = validate(plan, renderer, images, run)
-    observer.timings |= {
-        "mitsuba_render": observer.render_seconds,
-        "total": perf_counter() - started,
-    }
     _print_scores(observer, report.data)
     observer.stage("write report")
     report.write(run.cache)
@@ -69,19 +64,19 @@ def setup(
     return Run(cache, observer), renderer, Images(folder, attributes, observer, cache)
 
 
-def _print_scores(observer: Observer, data: Mapping[str, Any]) -> None:
+def _print_scores(observer: Observer, data: ReportDocument) -> None:
     """Each view's scores on the relic, the whole picture's beside them, and what to ask of them."""
-    width, best = max(len(name) for name in data["algorithms"]), best_algorithm(data)
-    for name, result in data["algorithms"].items():
-        for view, score in result["views"].items():
-            ceiling = data["ceiling"]["views"][view]
+    width, best = max(len(name) for name in data.algorithms), data.best_algorithm
+    for name, result in data.algorithms.items():
+        for view, score in result.views.items():
+            ceiling = data.ceiling.views[view]
             observer.line(
                 f"{name:{width}}  {view:8}  SSIM on the relic to ceiling {score[HEADLINE]:.4f}, "
                 f"to scene {score[HEADLINE_TO_SCENE]:.4f} (ceiling "
                 f"{ceiling[HEADLINE_TO_SCENE]:.4f})  whole {score['ssim_to_ceiling']:.4f}, "
                 f"{score['ssim']:.4f} ({ceiling['ssim']:.4f})"
             )
-    if best is not None and len(data["algorithms"]) > 1:
+    if best is not None and len(data.algorithms) > 1:
         observer.line(f"best: {best}, by its mean {HEADLINE_WORDS}")
-    if verdict(data) == "ran clean" and (wanted := suggested_criteria(data)):
+    if data.verdict.word == "ran clean" and (wanted := suggested_criteria(data)):
         observer.line(f"no criteria set; for later runs: -D 'inim.min_ssim_to_ceiling={wanted}'")

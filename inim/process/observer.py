@@ -18,12 +18,15 @@ class Observer:
         Spent inside the renderer.
     samples : int
         Traced there.
+    started : float
+        Time of its creation, by `time.perf_counter`.
     """
 
     def __init__(self) -> None:
         self.timings: dict[str, float] = {}
         self.render_seconds = 0.0
         self.samples = 0
+        self.started = time.perf_counter()
 
     def begin(self, stages: Sequence[str]) -> None:
         """Names of the stages of the run, or of the rest of it, in their order."""

@@ -27,7 +27,6 @@ from inim.regression.fingerprints import Fingerprint, fingerprint, reference_inp
 from inim.regression.run_statistics import (
     BASELINE,
     CANDIDATE,
-    SCHEMA,
     RunStatistics,
     read_statistics,
     write_statistics,
@@ -40,7 +39,6 @@ from inim.regression.verdict import Verdict, all_passed
 __all__ = [
     "BASELINE",
     "CANDIDATE",
-    "SCHEMA",
     "Fingerprint",
     "RunStatistics",
     "ScoreEstimate",

@@ -13,9 +13,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from inim.display import Display
+from inim.documents.parts import Change, Circumstances, Conditions, Drift
 from inim.errors import BaselineError
 from inim.regression.fingerprints import Fingerprint, compare_fingerprints, sampled_pixels
 from inim.regression.run_statistics import RunStatistics
@@ -223,11 +225,12 @@ _TIME_CONDITIONS = ("processor", "threads")
 _ALWAYS_NEW = ("created",)
 
 
-def differing_conditions(baseline: Mapping[str, Any], candidate: Mapping[str, Any]) -> list[str]:
+def differing_conditions(before: Conditions, after: Conditions) -> list[str]:
     """What the two do not share, one phrase for each condition; empty if they can be compared.
 
     Such as "display: gap_mm 3.2, baseline 3.3".
     """
+    baseline, candidate = msgspec.to_builtins(before), msgspec.to_builtins(after)
     names = [*baseline, *(name for name in candidate if name not in baseline)]
     changed = [n for n in names if not _same(baseline.get(n), candidate.get(n))]
     # What follows from others says nothing new.
@@ -261,20 +264,20 @@ def _shown(value: Any) -> str:
         return f"{value[:12]}…" if len(value) == _SHA256_DIGITS else value[:_LONGEST_SHOWN]
     if isinstance(value, float):
         return f"{value:.{_DIGITS_SHOWN}g}"
-    if isinstance(value, list):  # a viewpoint: where, and what is given of its pupil
+    if isinstance(value, (list, tuple)):  # a viewpoint: where, and what is given of its pupil
         text = f"[{', '.join(_shown(one) for one in value if one is not None)}]"
     else:
         text = "not there" if value is None else json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 1]}…"
 
 
-def check_comparable(baseline: RunStatistics, conditions: Mapping[str, Any], where: str) -> None:
+def check_comparable(baseline: RunStatistics, conditions: Conditions, where: str) -> None:
     """Raise `BaselineError` unless a run under these conditions can be compared.
 
     Parameters
     ----------
     baseline : RunStatistics
-    conditions : mapping
+    conditions : Conditions
         Of the candidate; known before anything is rendered.
     where : str
         The baseline's place, for the message.
@@ -291,7 +294,7 @@ def check_comparable(baseline: RunStatistics, conditions: Mapping[str, Any], whe
         raise BaselineError(f"{where}: holds no picture or no score to compare; accept it anew")
 
 
-def check_times(baseline: RunStatistics, circumstances: Mapping[str, Any], where: str) -> None:
+def check_times(baseline: RunStatistics, circumstances: Circumstances, where: str) -> None:
     """Raise `BaselineError` unless times of a run under these circumstances can be compared.
 
     A ratio to the yardstick takes out how fast a machine is, not what it is good at: another
@@ -302,7 +305,7 @@ def check_times(baseline: RunStatistics, circumstances: Mapping[str, Any], where
             f"{where}: has no times; accept one of a run with --time, or leave --time out"
         )
     for name in _TIME_CONDITIONS:
-        old, new = baseline.circumstances.get(name), circumstances.get(name)
+        old, new = getattr(baseline.circumstances, name), getattr(circumstances, name)
         if old != new:
             raise BaselineError(
                 f"{where}: its times are of {name} {old!r}, not {new!r}; accept a baseline here, "
@@ -343,20 +346,17 @@ def _truth(side: RunStatistics) -> dict[str, Any]:
     return {name: found for name, found in side.pictures.items() if name.startswith(TRUTH)}
 
 
-def changed_circumstances(
-    baseline: RunStatistics, candidate: RunStatistics
-) -> list[dict[str, Any]]:
-    """What else differs, without a verdict: versions, samples, seed, machine."""
-    names = [*baseline.circumstances, *candidate.circumstances]
-    rows = []
-    for name in dict.fromkeys(names):
-        old, new = baseline.circumstances.get(name), candidate.circumstances.get(name)
-        if old != new and name not in _ALWAYS_NEW:
-            rows.append({"name": name, "baseline": old, "candidate": new})
-    return rows
+def changed_circumstances(baseline: RunStatistics, candidate: RunStatistics) -> list[Change]:
+    """Other differences, without a verdict: versions, samples, seed, machine."""
+    before, after = map(msgspec.to_builtins, (baseline.circumstances, candidate.circumstances))
+    return [
+        Change(name=name, baseline=before.get(name), candidate=after.get(name))
+        for name in dict.fromkeys([*before, *after])
+        if before.get(name) != after.get(name) and name not in _ALWAYS_NEW
+    ]
 
 
-def drift(baseline: RunStatistics, candidate: RunStatistics) -> list[dict[str, Any]]:
+def drift(baseline: RunStatistics, candidate: RunStatistics) -> list[Drift]:
     """Every reported number of both runs, by what was scored and the score's name."""
     rows = []
     for what, scores in candidate.reported.items():
@@ -365,8 +365,7 @@ def drift(baseline: RunStatistics, candidate: RunStatistics) -> list[dict[str, A
             change = None if old is None or new is None else float(new) - float(old)
             if change is not None and not math.isfinite(change):
                 change = None
-            row = {"what": what, "score": name, "baseline": old, "candidate": new}
-            rows.append(row | {"change": change})
+            rows.append(Drift(what=what, score=name, baseline=old, candidate=new, change=change))
     return rows
 
 

@@ -13,11 +13,11 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from inim.display import Display
+from inim.documents.baseline import FingerprintRecord
 from inim.image.buffers import row_bands
 from inim.image.rgbd import RGBD
 from inim.regression.verdict import FALSE_ALARM_RATE, Verdict, binomial_interval
@@ -48,20 +48,18 @@ class Fingerprint:
     eia_sha256: str
     sample: np.ndarray
 
-    def as_data(self) -> dict[str, Any]:
-        """For JSON; the sample is stored apart."""
-        return {
-            "exact": self.exact,
-            "input_sha256": self.input_sha256,
-            "eia_sha256": self.eia_sha256,
-        }
+    def as_record(self) -> FingerprintRecord:
+        """For a baseline's JSON; the sample is stored separately."""
+        return FingerprintRecord(
+            exact=self.exact, input_sha256=self.input_sha256, eia_sha256=self.eia_sha256
+        )
 
     @classmethod
-    def of(cls, data: Mapping[str, Any], sample: np.ndarray) -> Fingerprint:
-        """From `as_data` and the sample; raises ValueError where it is none."""
+    def of(cls, record: FingerprintRecord, sample: np.ndarray) -> Fingerprint:
+        """From `as_record` and the sample; raises ValueError for an invalid sample."""
         if sample.ndim != 2 or sample.shape[1] != 3 or sample.dtype != np.uint8:
             raise ValueError(f"a sample of pixels is {sample.dtype} of shape {sample.shape}")
-        return cls(bool(data["exact"]), str(data["input_sha256"]), str(data["eia_sha256"]), sample)
+        return cls(record.exact, record.input_sha256, record.eia_sha256, sample)
 
 
 def reference_input(display: Display, shape: tuple[int, int], pixel_mm: float) -> RGBD:

@@ -8,25 +8,24 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import math
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from inim.documents import read_document, write_document
+from inim.documents.baseline import BaselineDocument, PictureSize
+from inim.documents.parts import Circumstances, Conditions
 from inim.errors import BaselineError, FileError
 from inim.files.image import write_atomically
-from inim.files.json_file import read_json
 from inim.files.regular_file import read_file
 from inim.regression.fingerprints import Fingerprint
 from inim.regression.scores import ScoreEstimate
 from inim.regression.tiles import TileStatistics
 
-SCHEMA = "inim.baseline/2"
 #: Names of the files, without what follows the dot.
 BASELINE, CANDIDATE = "baseline", "candidate"
 
@@ -46,10 +45,10 @@ class RunStatistics:
 
     Attributes
     ----------
-    conditions : mapping of str to JSON value
-        What must be equal for a comparison to mean anything, by name.
-    circumstances : mapping of str to JSON value
-        What made it: versions, samples, seed, machine, date. May differ; shown when it does.
+    conditions : Conditions
+        They must be equal for a comparison.
+    circumstances : Circumstances
+        Versions, samples, seed, machine, date. They may differ.
     pictures : mapping of str to TileStatistics
     scores : mapping of str to mapping of str to ScoreEstimate
     fingerprints : mapping of str to Fingerprint
@@ -61,8 +60,8 @@ class RunStatistics:
         Why and when it became a baseline; empty in a candidate.
     """
 
-    conditions: Mapping[str, Any]
-    circumstances: Mapping[str, Any]
+    conditions: Conditions
+    circumstances: Circumstances
     pictures: Mapping[str, TileStatistics]
     scores: Mapping[str, Mapping[str, ScoreEstimate]]
     fingerprints: Mapping[str, Fingerprint] = field(default_factory=dict)
@@ -84,34 +83,31 @@ def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list
     FileError
         The folder cannot be written.
     """
-    data = {
-        "schema": SCHEMA,
-        "reason": statistics.reason,
-        "accepted": statistics.accepted,
-        "conditions": statistics.conditions,
-        "circumstances": statistics.circumstances,
-        "pictures": {
-            name: {"tile": list(found.tile), "shape": list(found.shape)}
-            for name, found in statistics.pictures.items()
-        },
-        "scores": {
-            what: {name: one.as_data() for name, one in scores.items()}
-            for what, scores in statistics.scores.items()
-        },
-        "fingerprints": {name: one.as_data() for name, one in statistics.fingerprints.items()},
-        "times": {name: list(ratios) for name, ratios in statistics.times.items()},
-        "reported": statistics.reported,
-    }
     stream = io.BytesIO()
     np.savez_compressed(stream, **_arrays(statistics))  # type: ignore[arg-type]
     packed = stream.getvalue()
-    data["arrays_sha256"] = hashlib.sha256(packed).hexdigest()
-    text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    coded = text.encode(errors="backslashreplace")
+    document = BaselineDocument(
+        reason=statistics.reason,
+        accepted=statistics.accepted,
+        conditions=statistics.conditions,
+        circumstances=statistics.circumstances,
+        pictures={
+            name: PictureSize(tile=tiles.tile, shape=tiles.shape)
+            for name, tiles in statistics.pictures.items()
+        },
+        scores={
+            what: {name: score.as_record() for name, score in scores.items()}
+            for what, scores in statistics.scores.items()
+        },
+        fingerprints={name: one.as_record() for name, one in statistics.fingerprints.items()},
+        times={name: list(ratios) for name, ratios in statistics.times.items()},
+        reported={what: dict(scores) for what, scores in statistics.reported.items()},
+        arrays_sha256=hashlib.sha256(packed).hexdigest(),
+    )
     # The JSON last: it marks a whole one.
     names = [f"{stem}.json", f"{stem}.npz"]
     write_atomically(folder / names[1], lambda p: p.write_bytes(packed))
-    write_atomically(folder / names[0], lambda p: p.write_bytes(coded))
+    write_document(folder / names[0], document)
     return names
 
 
@@ -134,9 +130,9 @@ def read_statistics(folder: Path, stem: str) -> RunStatistics:
     """
     path, way_out = folder / f"{stem}.json", _way_out(stem)
     try:
-        data = read_json(path, way_out, "baseline")
+        data = read_document(path, way_out, BaselineDocument)
         packed = read_file(folder / f"{stem}.npz", _LARGEST_BYTES, way_out=way_out)
-        if hashlib.sha256(packed).hexdigest() != data["arrays_sha256"]:
+        if hashlib.sha256(packed).hexdigest() != data.arrays_sha256:
             raise ValueError("which is of another run; one that is just being replaced?")
         return _statistics(data, _arrays_in(packed))
     except FileError as error:
@@ -183,39 +179,29 @@ def _array(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
     return np.frombuffer(values, dtype).reshape(shape)
 
 
-def _statistics(data: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> RunStatistics:
-    for name in data["pictures"]:  # pictures of what changed are written under it
-        if ".." in name.split("/") or name.startswith("/") or not name.isprintable():
-            raise ValueError(f"picture {name[:40]!a} lies outside the report")
+def _statistics(data: BaselineDocument, arrays: Mapping[str, np.ndarray]) -> RunStatistics:
     pictures = {
         name: TileStatistics.of(
-            _pair(about["tile"]),
-            _pair(about["shape"]),
+            size.tile,
+            size.shape,
             {key: arrays[f"picture|{name}|{key}"] for key in TileStatistics.array_names()},
         )
-        for name, about in data["pictures"].items()
+        for name, size in data.pictures.items()
     }
     return RunStatistics(
-        conditions=dict(data["conditions"]),
-        circumstances=dict(data["circumstances"]),
+        conditions=data.conditions,
+        circumstances=data.circumstances,
         pictures=pictures,
         scores={
-            what: {name: ScoreEstimate.of(one) for name, one in scores.items()}
-            for what, scores in data["scores"].items()
+            what: {name: ScoreEstimate.of(score) for name, score in scores.items()}
+            for what, scores in data.scores.items()
         },
         fingerprints={
-            name: Fingerprint.of(one, arrays[f"sample|{name}"])
-            for name, one in data["fingerprints"].items()
+            name: Fingerprint.of(record, arrays[f"sample|{name}"])
+            for name, record in data.fingerprints.items()
         },
-        times={name: tuple(map(float, ratios)) for name, ratios in data["times"].items()},
-        reported={what: dict(scores) for what, scores in data["reported"].items()},
-        reason=str(data["reason"]),
-        accepted=str(data["accepted"]),
+        times={name: tuple(ratios) for name, ratios in data.times.items()},
+        reported=data.reported,
+        reason=data.reason,
+        accepted=data.accepted,
     )
-
-
-def _pair(values: Any) -> tuple[int, int]:
-    first, second = (int(v) for v in values)
-    if first < 1 or second < 1:
-        raise ValueError(f"{values} is no size of a picture")
-    return first, second

@@ -44,10 +44,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
+import msgspec
 import numpy as np
 
+from inim.documents.baseline import Estimate
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric, Viewing, all_metrics, find, score_maps
 from inim.regression.verdict import (
@@ -79,8 +80,6 @@ _PATTERNS_OF_SLOW = 2
 _STEP = 0.25
 # Where pictures are moved to.
 _STEPS = (_STEP, -_STEP, 2 * _STEP, -2 * _STEP)
-# Of an estimate, what comparisons of plain scores need.
-_COMPARED = ("plain", "error", "freedom", "bias")
 
 
 @dataclass(frozen=True)
@@ -115,16 +114,16 @@ class ScoreEstimate:
         """The score: what `plain` would be without noise, to first order in its variance."""
         return self.plain - self.bias
 
-    def as_data(self) -> dict[str, float | None]:
-        """For a baseline's JSON, what is compared: `plain` and its error. Not finite is null."""
-        found = {name: getattr(self, name) for name in _COMPARED}
-        return {name: one if math.isfinite(one) else None for name, one in found.items()}
+    def as_record(self) -> Estimate:
+        """For a baseline's JSON, the compared values. Not finite is null."""
+        values = {name: getattr(self, name) for name in Estimate.__struct_fields__}
+        return Estimate(**{k: v if math.isfinite(v) else None for k, v in values.items()})
 
     @classmethod
-    def of(cls, data: Mapping[str, Any]) -> ScoreEstimate:
-        """From `as_data`; null is NaN, which passes nothing."""
-        found = (data[name] for name in _COMPARED)
-        return cls(*(math.nan if one is None else float(one) for one in found))
+    def of(cls, record: Estimate) -> ScoreEstimate:
+        """From `as_record`; null is NaN, which passes nothing."""
+        values = msgspec.structs.asdict(record).items()
+        return cls(**{name: math.nan if value is None else value for name, value in values})
 
 
 # An image, and the difference of its halves.

@@ -8,12 +8,14 @@ of `scipy.special`: the same numbers as from `scipy.stats`, which takes two seco
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+
+from inim.documents.parts import Check, Kind, Relation
 
 #: Chance that one family of tests (all tiles, all scores, all times) of an unchanged program fails
 #: by noise alone: in a daily check, once in three years.
@@ -171,7 +173,7 @@ def _rank_sum_law(m: int, n: int) -> np.ndarray:
 
 
 #: Between a change and the largest that passes, either way.
-WITHIN = "within"
+WITHIN: Relation = "within"
 
 
 @dataclass(frozen=True)
@@ -201,9 +203,9 @@ class Verdict:
     """
 
     name: str
-    kind: str
+    kind: Kind
     value: float
-    relation: str
+    relation: Relation
     limit: float
     interval: tuple[float, float]
     passed: bool
@@ -211,20 +213,20 @@ class Verdict:
     p_value: float | None = None
     detail: str = ""
 
-    def as_check(self) -> dict[str, Any]:
-        """As a check of a report."""
-        return {
-            "name": self.name,
-            "value": self.value,
-            "relation": self.relation,
-            "limit": self.limit,
-            "passed": self.passed,
-            "detail": self.detail,
-            "interval": list(self.interval),
-            "p_value": self.p_value,
-            "unit": self.unit,
-            "kind": self.kind,
-        }
+    def as_check(self) -> Check:
+        """Return this verdict as a report check."""
+        return Check(
+            name=self.name,
+            value=self.value,
+            relation=self.relation,
+            limit=self.limit,
+            passed=self.passed,
+            detail=self.detail,
+            interval=self.interval,
+            p_value=self.p_value,
+            unit=self.unit,
+            kind=self.kind,
+        )
 
     def line(self) -> str:
         """As a line of text."""
@@ -241,7 +243,7 @@ class Verdict:
 
 def within(
     name: str,
-    kind: str,
+    kind: Kind,
     change: float,
     half_width: float,
     smallest: float,
@@ -268,7 +270,6 @@ def within(
     )
 
 
-def all_passed(verdicts: Iterable[Verdict | Mapping[str, Any]]) -> bool:
-    """Whether there is any verdict at all, and every one passed."""
-    said = [v.passed if isinstance(v, Verdict) else v.get("passed") is True for v in verdicts]
-    return bool(said) and all(said)
+def all_passed(verdicts: Sequence[Verdict]) -> bool:
+    """True if there is a verdict and every verdict passed."""
+    return bool(verdicts) and all(verdict.passed for verdict in verdicts)

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import Any
 
 from inim.cache.result_cache import ResultCache
 from inim.display import Display
-from inim.errors import FileError, InimError, UsageError, known_words
-from inim.files.json_file import read_json
+from inim.documents.files import read_document, write_forms
+from inim.documents.picture import PictureDocument
+from inim.documents.report import ReportDocument
+from inim.errors import FileError, UsageError, known_words
 from inim.files.regular_file import read_file
-from inim.report.files import from_strict, write_forms
-from inim.report.wording import verdict
 
-__all__ = ["SCHEMA", "TRUTH", "Report"]
+__all__ = ["TRUTH", "Report"]
 
-SCHEMA = "inim.report/1"
 #: Names the ground truth where an algorithm could be named.
 TRUTH = "truth"
 _WAY_OUT = "make it anew with inim validate"
@@ -35,8 +32,8 @@ class Report:
     ----------
     folder : Path
         Holds `report.json`, `report.html`, `junit.xml`, `summary.md` and the images.
-    data : mapping
-        Schema `inim.report/1`: `inim/schemas/report.schema.json`.
+    data : ReportDocument
+        Schema `inim.report/2`.
 
     Notes
     -----
@@ -48,12 +45,12 @@ class Report:
     """
 
     folder: Path
-    data: Mapping[str, Any]
+    data: ReportDocument
 
     @property
     def passed(self) -> bool:
         """Whether every check passed; False too when there is no verdict or no check at all."""
-        return verdict(self.data) in ("passed", "ran clean")
+        return self.data.verdict.word in ("passed", "ran clean")
 
     @property
     def html_path(self) -> Path:
@@ -61,7 +58,7 @@ class Report:
         return self.folder / "report.html"
 
     def __repr__(self) -> str:
-        return f"Report({str(self.folder)!r}: {verdict(self.data)})"
+        return f"Report({str(self.folder)!r}: {self.data.verdict.word})"
 
     def __str__(self) -> str:
         """The scores of each algorithm and view as a small table, and the verdict."""
@@ -79,30 +76,18 @@ class Report:
             No report there, or not one as its schema says.
         """
         path = Path(folder) / "report.json"
-        data = read_json(path, _WAY_OUT, "report", "picture")
-        if data["schema"] != SCHEMA:
+        data = read_document(path, _WAY_OUT, ReportDocument, PictureDocument)
+        if not isinstance(data, ReportDocument):
             raise FileError(
                 f"{path}: is of a picture without a scene; take one of its EIAs, such as "
                 f"{path.parent / 'eia'}, with --display"
             )
-        try:
-            _check_names(data)
-            return cls(path.parent, from_strict(data))
-        except ValueError as error:
-            raise FileError(f"{path}: {error}; {_WAY_OUT}") from None
+        return cls(path.parent, data)
 
-    def design(self) -> Display:
-        """The display as designed.
-
-        Raises
-        ------
-        FileError
-            The report's parameters describe no possible display.
-        """
-        try:
-            return Display(**self.data["display"]["given"])
-        except InimError as error:
-            raise FileError(f"{self.folder / 'report.json'}: {error}; {_WAY_OUT}") from None
+    @property
+    def display(self) -> Display:
+        """The display as designed."""
+        return self.data.display.given
 
     def eia_path(self, name: str, option: str, *, true: str = TRUTH) -> Path:
         """The EIA of an algorithm, or the true one, linear.
@@ -120,7 +105,7 @@ class Report:
         UsageError
             The report has no such algorithm.
         """
-        names = [true, *self.data["algorithms"]]
+        names = [true, *self.data.algorithms]
         if name not in names:
             raise UsageError(f"{option} {name}: {known_words(name, names)}")
         place = ("truth", "eia") if name == true else ("eia", name)
@@ -161,19 +146,3 @@ class Report:
             f'<iframe srcdoc="{escape(page)}" title="inim report" sandbox="allow-scripts" '
             f'style="width:100%;height:{_NOTEBOOK_HEIGHT_PX}px;border:0"></iframe>'
         )
-
-
-def _check_names(data: Mapping[str, Any]) -> None:
-    """Raise ValueError for a name that leads out of the folder, or a view from nowhere.
-
-    Algorithms and viewpoints name files; scores are of the report's own viewpoints.
-    """
-    viewpoints = {one["name"] for one in data["viewpoints"]}
-    for name in (*viewpoints, *data["algorithms"]):
-        if not name or name.startswith(".") or any(c in "/\\" or not c.isprintable() for c in name):
-            raise ValueError(f"{name[:40]!a} names no file of the report")
-    scored = {f"algorithms.{n}": one for n, one in data["algorithms"].items()}
-    for place, one in {**scored, "ceiling": data["ceiling"]}.items():
-        for name in (*one["views"], *one["precision"]):
-            if name not in viewpoints:
-                raise ValueError(f"{place}: has scores of {name[:40]!a}, which is no viewpoint")

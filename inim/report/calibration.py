@@ -11,8 +11,7 @@ from msgspec.structs import replace
 
 from inim.documents import write_document
 from inim.documents.calibration import CalibrationDocument
-from inim.documents.files import write_text
-from inim.report.files import folder_files
+from inim.documents.files import folder_files, write_text
 from inim.report.markup import bullets, element, saved_plot, text, text_table
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.plots import new_figure, save, style

@@ -12,15 +12,16 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from inim.display import Display
+from inim.documents.parts import DerivedDisplay, DisplayRecord, EyePosition
 from inim.errors import InimError
 from inim.files.image import read_rgbd
 from inim.image.rgbd import RGBD
 from inim.report.markup import element, text
-from inim.report.wording import is_number, items, mm, part, plain
+from inim.report.wording import mm, plain
 
 _WIDTH, _HEIGHT = 900.0, 250.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 24.0, 128.0, 34.0, 46.0
@@ -51,24 +52,20 @@ class _Frame:
         return middle + x_mm * self.px_per_mm * self.stretch
 
 
-def plan_view(display: Mapping[str, Any], viewpoints: Sequence[Mapping[str, Any]] = ()) -> str:
-    """The plan view, or an empty string where the numbers for one are missing.
+def plan_view(display: DisplayRecord, viewpoints: Sequence[EyePosition] = ()) -> str:
+    """The plan view.
 
     Parameters
     ----------
-    display : mapping
-        ``{"given": Display.given(), "derived": Display.derived()}``.
-    viewpoints : sequence of mappings
-        Each with ``name`` and ``position_mm``.
+    display : DisplayRecord
+    viewpoints : sequence of EyePosition
 
     Returns
     -------
     str
         An ``<svg>`` element coloured by the style sheet's classes, with its own description.
     """
-    given, derived = part(display, "given"), part(display, "derived")
-    if not _is_complete(given, derived):
-        return ""
+    given, derived = display.given, display.derived
     eyes = _eyes(viewpoints)
     frame = _frame(given, derived, eyes)
     drawn = [
@@ -98,46 +95,36 @@ def _label(x: float, y: float, words: str, anchor: str) -> str:
     return element("text", text(words), x=f"{x:.1f}", y=f"{y:.1f}", text_anchor=anchor)
 
 
-def _is_complete(given: Mapping[str, Any], derived: Mapping[str, Any]) -> bool:
-    sizes = [given.get("gap_mm"), *map(derived.get, ("width_mm", "viewing_half_angle_deg"))]
-    depths = [derived.get("depth_min_mm"), derived.get("depth_max_mm")]
-    if not all(is_number(v) and math.isfinite(v) for v in sizes + depths):
-        return False
-    return all(is_number(v) and v > 0 for v in sizes)
-
-
-def _eyes(viewpoints: Sequence[Mapping[str, Any]]) -> dict[tuple[float, float], str]:
+def _eyes(viewpoints: Sequence[EyePosition]) -> dict[tuple[float, float], str]:
     """Names of the eyes at each (x, z): seen from above, up and down are one place."""
     eyes: dict[tuple[float, float], str] = {}
     for viewpoint in viewpoints[:_MOST_EYES_DRAWN]:
-        position = items(viewpoint, "position_mm")
-        if len(position) == 3 and all(is_number(v) and math.isfinite(v) for v in position):
-            where = (round(float(position[0]), 6), round(float(position[2]), 6))
-            name = plain(part(viewpoint).get("name", ""))
-            eyes[where] = f"{eyes[where]}, {name}" if where in eyes else name
+        x, _, z = viewpoint.position_mm
+        where, name = (round(x, 6), round(z, 6)), plain(viewpoint.name)
+        eyes[where] = f"{eyes[where]}, {name}" if where in eyes else name
     return eyes
 
 
 def _frame(
-    given: Mapping[str, Any], derived: Mapping[str, Any], eyes: Mapping[tuple[float, float], str]
+    given: Display, derived: DerivedDisplay, eyes: Mapping[tuple[float, float], str]
 ) -> _Frame:
-    far = [derived["depth_max_mm"], derived["width_mm"] / 4, *(z for _, z in eyes)]
-    nearest = derived.get("nearest_viewing_distance_mm")
-    if is_number(nearest) and math.isfinite(nearest):
+    far = [derived.depth_max_mm, derived.width_mm / 4, *(z for _, z in eyes)]
+    nearest = derived.nearest_viewing_distance_mm
+    if nearest is not None:
         far.append(nearest)
-    low = min(-given["gap_mm"], derived["depth_min_mm"])
+    low = min(-given.gap_mm, derived.depth_min_mm)
     px_per_mm = (_WIDTH - _LEFT - _RIGHT) / (max(far) - low)
-    half = max([derived["width_mm"] / 2, *(abs(x) for x, _ in eyes)])
+    half = max([derived.width_mm / 2, *(abs(x) for x, _ in eyes)])
     room = (_HEIGHT - _TOP - _BOTTOM) / 2
     if half * px_per_mm > room:  # a display wider than its viewing distance is drawn smaller
         px_per_mm = room / half
     return _Frame(low, px_per_mm, max(1, int(room / (half * px_per_mm))))
 
 
-def _zone(frame: _Frame, derived: Mapping[str, Any]) -> str:
+def _zone(frame: _Frame, derived: DerivedDisplay) -> str:
     """Where an eye may stand: inside the viewing cones of both outermost lenses."""
-    slope = math.tan(math.radians(derived["viewing_half_angle_deg"]))
-    half = derived["width_mm"] / 2
+    slope = math.tan(math.radians(derived.viewing_half_angle_deg))
+    half = derived.width_mm / 2
     end = frame.low_z_mm + (_WIDTH - _LEFT - _RIGHT + 24) / frame.px_per_mm
     apex, reach = half / slope, slope * end - half
     lines = [_line(frame, (side * half, 0), (-side * reach, end), "ray") for side in (-1, 1)]
@@ -148,24 +135,24 @@ def _zone(frame: _Frame, derived: Mapping[str, Any]) -> str:
     return f'<polygon class="zone" points="{points}"/>' + "".join(lines)
 
 
-def _depth_range(frame: _Frame, derived: Mapping[str, Any]) -> str:
-    half = derived["width_mm"] / 2
-    low, high = derived["depth_min_mm"], derived["depth_max_mm"]
+def _depth_range(frame: _Frame, derived: DerivedDisplay) -> str:
+    half = derived.width_mm / 2
+    low, high = derived.depth_min_mm, derived.depth_max_mm
     x, width = frame.z(low), max(1.5, (high - low) * frame.px_per_mm)
     top, height = frame.x(-half), frame.x(half) - frame.x(-half)
-    centre = derived.get("central_depth_mm")
+    centre = derived.central_depth_mm
     plane = ""
-    if is_number(centre) and low <= centre <= high:
+    if centre is not None and low <= centre <= high:
         plane = _line(frame, (-half, centre), (half, centre), "cdp")
     words = f"depth range {_mm(low)} to {_mm(high)} mm"
     return _band(x, top, width, height) + plane + _label(x, _HEIGHT - 26, words, "start")
 
 
-def _hardware(frame: _Frame, given: Mapping[str, Any], derived: Mapping[str, Any]) -> str:
+def _hardware(frame: _Frame, given: Display, derived: DerivedDisplay) -> str:
     """The panel and the lens array; the gap is widened where it would not be visible."""
-    half = derived["width_mm"] / 2
+    half = derived.width_mm / 2
     array = frame.z(0)
-    panel = min(frame.z(-given["gap_mm"]), array - _SMALLEST_GAP_PX)
+    panel = min(frame.z(-given.gap_mm), array - _SMALLEST_GAP_PX)
     top, bottom = frame.x(-half), frame.x(half)
     body = (
         f'<line class="panel" x1="{panel:.1f}" x2="{panel:.1f}" y1="{top:.1f}" y2="{bottom:.1f}"/>'
@@ -177,10 +164,9 @@ def _hardware(frame: _Frame, given: Mapping[str, Any], derived: Mapping[str, Any
     )
 
 
-def _lenses(array: float, top: float, bottom: float, given: Mapping[str, Any]) -> str:
+def _lenses(array: float, top: float, bottom: float, given: Display) -> str:
     """The array as a row of bulges, fewer than there are lenses where they would run together."""
-    columns = given.get("lens_columns")
-    count = int(min(columns, _MOST_LENSES_DRAWN)) if is_number(columns) and columns else 1
+    count = min(given.lens_columns, _MOST_LENSES_DRAWN)
     step = (bottom - top) / count
     bulges = "".join(f"q4,{step / 2:.2f} 0,{step:.2f}" for _ in range(count))
     return f'<path class="lenses" d="M{array:.1f},{top:.1f}{bulges}Z"/>'
@@ -212,11 +198,11 @@ def _scale_bar(frame: _Frame) -> str:
 
 
 def _description(
-    given: Mapping[str, Any], derived: Mapping[str, Any], eyes: Mapping[tuple[float, float], str]
+    given: Display, derived: DerivedDisplay, eyes: Mapping[tuple[float, float], str]
 ) -> str:
     seen = "; ".join(f"{name} at {_mm(z)} mm" for (_, z), name in eyes.items())
-    low, high = _mm(derived["depth_min_mm"]), _mm(derived["depth_max_mm"])
-    gap, width = _mm(given["gap_mm"]), _mm(derived["width_mm"])
+    low, high = _mm(derived.depth_min_mm), _mm(derived.depth_max_mm)
+    gap, width = _mm(given.gap_mm), _mm(derived.width_mm)
     return (
         f"Plan view: panel {gap} mm behind a lens array {width} mm wide; "
         f"depth range from {low} to {high} mm; eyes: {seen or 'none'}."
@@ -235,15 +221,14 @@ def _mm(length: float) -> str:
     return f"{length:.4g}".replace("-", "−")
 
 
-def depth_profile(folder: Path, derived: Mapping[str, Any]) -> str:
-    """The drawing, or an empty string without a readable ``rgbd.exr`` or a depth range.
+def depth_profile(folder: Path, display: Display) -> str:
+    """The drawing, or an empty string without a readable ``rgbd.exr``.
 
     Parameters
     ----------
     folder : Path
         The report's folder.
-    derived : mapping
-        ``Display.derived()``.
+    display : Display
 
     Returns
     -------
@@ -251,15 +236,11 @@ def depth_profile(folder: Path, derived: Mapping[str, Any]) -> str:
         An ``<svg>`` element with its own description: x to the right as in the images, depth
         upwards to the viewer, the band between farthest and nearest surface of each column.
     """
-    low, high = derived.get("depth_min_mm"), derived.get("depth_max_mm")
-    width = derived.get("width_mm")
-    if not all(is_number(v) and math.isfinite(v) for v in (low, high, width)) or not width:
-        return ""
     try:
         rgbd = read_rgbd(folder / "rgbd.exr")
     except InimError:
         return ""
-    return _profile(rgbd, derived) if rgbd.covered.any() else ""
+    return _profile(rgbd, display) if rgbd.covered.any() else ""
 
 
 class _Profile:
@@ -282,15 +263,15 @@ class _Profile:
         )
 
 
-def _profile(rgbd: RGBD, derived: Mapping[str, Any]) -> str:
-    low, high, half = derived["depth_min_mm"], derived["depth_max_mm"], derived["width_mm"] / 2
+def _profile(rgbd: RGBD, display: Display) -> str:
+    (low, high), half = display.depth_range_mm, display.width_mm / 2
     depths = rgbd.depth_mm[rgbd.covered]
     ends = min(0.0, low, float(depths.min())), max(0.0, high, float(depths.max()))
     frame = _Profile(max(rgbd.shape[1] * rgbd.pixel_mm, 2 * half), *ends)
     drawn = [_range(frame, half, low, high), _surface(frame, rgbd)]
     drawn.append(_level(frame, half, 0.0, "panel"))
-    centre = derived.get("central_depth_mm")
-    if is_number(centre) and ends[0] <= centre <= ends[1]:
+    centre = display.central_depth_mm
+    if ends[0] <= centre <= ends[1]:
         drawn.append(_level(frame, half, centre, "cdp"))
     drawn += _profile_labels(frame, low, high)
     words = f"Captured surface from {mm(ends[0])} to {mm(ends[1])}, from above"

@@ -86,13 +86,8 @@ def json_text(strict: Mapping[str, Any]) -> str:
 
 def list_files(data: Mapping[str, Any], folder: Path, *written: str) -> dict[str, Any]:
     """`data` with `files`: all that lie below `folder`, and those still to be written there."""
-    return {**data, "files": folder_files(folder, *written)}
-
-
-def folder_files(folder: Path, *written: str) -> list[str]:
-    """All files below `folder`, and those still to be written there."""
     present = (str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
-    return sorted({*present, *written})
+    return {**data, "files": sorted({*present, *written})}
 
 
 def write_forms(

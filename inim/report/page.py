@@ -18,13 +18,17 @@ from typing import Any
 import msgspec
 
 from inim.documents import Document
+from inim.documents.parts import Checks
 from inim.report.markup import element, folded, mark, table, text
-from inim.report.wording import MISSING, check_passed, checks, items, part, plain, short, verdict
+from inim.report.wording import MISSING, part, plain, short
 
 _POLICY = (
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; {scripts}; "
     "base-uri 'none'; form-action 'none'"
 )
+
+# Of a scene: the fit has rows of its own, and the command shows the others.
+_NOT_SHOWN = ("fit", "definitions", "allow_folders")
 
 
 @dataclass(frozen=True)
@@ -178,14 +182,15 @@ def badge(word: str, *lines: str) -> str:
     return element("p", word, element("span", " · ".join(lines)), class_=f"verdict {kind}")
 
 
-def check_badge(data: Mapping[str, Any]) -> str:
-    """The verdict on a report's checks, with links to its sections `checks` and `warnings`."""
-    passed, total = sum(map(check_passed, checks(data))), len(checks(data))
-    none = "; no criteria set" * (verdict(data) == "ran clean")
-    lines = [f'<a href="#checks">{passed} of {total} checks passed{none}</a>']
-    if warnings := len(items(data, "warnings")):
-        lines.append(f'<a href="#warnings">{warnings} warning{"s" * (warnings > 1)}</a>')
-    return badge(verdict(data), *lines)
+def check_badge(verdict: Checks, warnings: Sequence[str] = ()) -> str:
+    """The verdict, with links to the sections `checks` and `warnings`."""
+    none = "; no criteria set" * (verdict.word == "ran clean")
+    counted = f"{verdict.passed_count} of {len(verdict.checks)} checks passed{none}"
+    lines = [f'<a href="#checks">{counted}</a>']
+    if warnings:
+        words = f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"
+        lines.append(f'<a href="#warnings">{words}</a>')
+    return badge(verdict.word, *lines)
 
 
 def timestamp(data: Mapping[str, Any] | Document) -> str:
@@ -227,7 +232,7 @@ def how_to_reproduce(document: Mapping[str, Any] | Document, more: str = "") -> 
         "Settings; what is not listed is the display's own": {
             key: value for key, value in part(data, "settings").items() if value is not None
         },
-        "Scene": {k: v for k, v in scene.items() if k != "fit"},
+        "Scene": {k: v for k, v in scene.items() if k not in _NOT_SHOWN},
         "Versions": {"inim": data.get("inim_version"), **part(data, "versions")},
         "Backend": part(data, "backend"),
     }

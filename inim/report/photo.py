@@ -10,10 +10,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from inim.documents import write_document
-from inim.documents.files import write_text
+from inim.documents.files import folder_files, write_text
 from inim.documents.photo import PhotoDocument
 from inim.files.image import write_png
-from inim.report.files import folder_files
 from inim.report.images import DIFFERENCE_GAIN, ENCODINGS, Images, difference
 from inim.report.markup import element, figure, saved_plot, text, text_table
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp

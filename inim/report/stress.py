@@ -10,14 +10,13 @@ from typing import TypeVar
 from msgspec.structs import replace
 
 from inim.documents import Part, write_document
-from inim.documents.files import write_text
+from inim.documents.files import folder_files, write_text
 from inim.documents.stress import (
     FirstHits,
     RelationResult,
     StressDocument,
     StressRecord,
 )
-from inim.report.files import folder_files
 from inim.report.markup import bullets, saved_plot, text, text_table
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.summary import markdown_command, markdown_line, markdown_section

@@ -1,7 +1,7 @@
-"""How all reports write numbers and scores, and the rule by which a check counts as passed.
+"""How all reports write numbers, scores and checks.
 
 A number is written the same way in the page, the Markdown and the JUnit file, and whatever is
-missing, of another type or not a number shows as "–" and passes nothing. What is shown of scores
+missing or not a number shows as "–". What is shown of scores
 follows the metrics that `inim.metrics` knows.
 """
 
@@ -12,8 +12,11 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeGuard
 
+from inim.documents.parts import Check
+from inim.documents.picture import PictureDocument
+from inim.documents.report import ReportDocument
 from inim.metrics import Metric, all_metrics, find
-from inim.metrics.headline import HEADLINE, MAIN
+from inim.metrics.headline import HEADLINE, preferred
 
 ScoreKind = Literal["scene", "ceiling", "relic", "relic to ceiling", "eia"]
 
@@ -25,7 +28,7 @@ INFINITE = "∞"
 NBSP = "\u00a0"
 _DIGITS = 4  # of a number that is no metric's
 _MOST_DIGITS = 12
-_RELATIONS = {">=": "≥", "<=": "≤", "==": "=", "!=": "≠", "within": "within ±"}
+_RELATIONS = {">=": "≥", "<=": "≤", "within": "within ±"}
 
 # What XML 1.0 cannot hold at all, and HTML and Markdown should not: controls, lone surrogates.
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -47,11 +50,6 @@ def items(data: Any, key: str) -> Sequence[Any]:
     """The list under `key`, empty when it is missing or not a list."""
     found = data.get(key) if isinstance(data, Mapping) else None
     return found if isinstance(found, (list, tuple)) else ()
-
-
-def viewpoint_names(data: Mapping[str, Any]) -> list[str]:
-    """The names of the viewpoints, in the order of the report."""
-    return [str(v["name"]) for v in items(data, "viewpoints") if "name" in part(v)]
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -137,163 +135,110 @@ def _may_be_infinite(metric: Metric | None) -> bool:
     return metric is not None and any(map(math.isinf, metric.range))
 
 
-def relation(check: Mapping[str, Any]) -> str:
+def relation(check: Check) -> str:
     """The sign between a check's value and its limit."""
-    sign = str(check.get("relation", ""))
-    return _RELATIONS.get(sign, sign)
+    return _RELATIONS[check.relation]
 
 
-def checks(data: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Every check of the verdict, in the order of the report."""
-    return [part(check) for check in items(part(data, "verdict"), "checks")]
+def check_value(check: Check) -> str:
+    """A check's value, with the digits of its metric, or more where those mislead."""
+    if check.value is None and _may_be_infinite(_metric_of(check)):
+        return INFINITE
+    return _check_number(check, check.value)
 
 
-def check_value(check: Mapping[str, Any], key: str = "value") -> str:
-    """A check's value (or limit), with the digits of its metric, or more where those mislead.
+def check_limit(check: Check) -> str:
+    """A check's limit, with as many digits as its value."""
+    return _check_number(check, check.limit)
+
+
+def _check_number(check: Check, value: float | None) -> str:
+    """A number of a check.
 
     "0.9000 ≥ 0.9000, failed" helps nobody, nor does a limit of 0.000001 printed as "0.0000".
     """
-    if key == "value" and _is_infinite(check):
-        return INFINITE
-    if check.get("unit") is not None:  # of a comparison, in units of its own
-        unit = plain(check["unit"])
-        return short(check.get(key)) + (f"{NBSP}{unit}" if unit else "")
+    if check.unit is not None:  # a comparison, in units of its own
+        unit = plain(check.unit)
+        return short(value) + (f"{NBSP}{unit}" if unit else "")
     digits = _digits(check)
-    while digits < _MOST_DIGITS and _misleads(check, key, digits):
+    while digits < _MOST_DIGITS and _misleads(check, value, digits):
         digits += 1
-    return number(check.get(key), digits)
+    return number(value, digits)
 
 
-def _misleads(check: Mapping[str, Any], key: str, digits: int) -> bool:
+def _misleads(check: Check, shown: float | None, digits: int) -> bool:
     """Whether so few digits make a value the same as its limit, or zero."""
-    value, limit, shown = check.get("value"), check.get("limit"), check.get(key)
-    if is_number(shown) and shown != 0 and number(abs(shown), digits) == number(0, digits):
+    value, limit = check.value, check.limit
+    if shown and number(abs(shown), digits) == number(0, digits):
         return True
     if not (is_number(value) and is_number(limit)) or value == limit:
         return False
     return number(value, digits) == number(limit, digits)
 
 
-def check_finding(check: Mapping[str, Any]) -> str:
+def check_finding(check: Check) -> str:
     """A check's value and its limit."""
-    return f"{check_value(check)}, required {relation(check)} {check_value(check, 'limit')}"
+    return f"{check_value(check)}, required {relation(check)} {check_limit(check)}"
 
 
-def check_interval(check: Mapping[str, Any]) -> str:
+def check_interval(check: Check) -> str:
     """The confidence interval of a check's value; empty where its noise is not known."""
-    ends = items(check, "interval")
-    if len(ends) != 2 or not all(map(is_number, ends)):
+    low, high = check.interval or (None, None)
+    if not (is_number(low) and is_number(high)):
         return ""
-    if check.get("unit") is not None:
-        return f"{short(float(ends[0]))} to {short(float(ends[1]))}"
-    return " to ".join(number(end, _digits(check)) for end in ends)
+    if check.unit is not None:
+        return f"{short(float(low))} to {short(float(high))}"
+    return " to ".join(number(end, _digits(check)) for end in (low, high))
 
 
-def check_sentence(check: Mapping[str, Any]) -> str:
+def check_sentence(check: Check) -> str:
     """A check's value and limit in one line, with its interval and its own detail."""
-    interval, detail = check_interval(check), str(check.get("detail") or "")
+    interval = check_interval(check)
     finding = check_finding(check) + (f" (interval {interval})" if interval else "")
-    return f"{finding}. {detail}" if detail else finding
+    return f"{finding}. {check.detail}" if check.detail else finding
 
 
-def check_passed(check: Mapping[str, Any]) -> bool:
-    """Whether a check counts as passed: it is marked so, and it compared two numbers."""
-    value_is_known = is_number(check.get("value")) or _is_infinite(check)
-    return check.get("passed") is True and value_is_known and is_number(check.get("limit"))
-
-
-def _metric_of(check: Mapping[str, Any]) -> Metric | None:
+def _metric_of(check: Check) -> Metric | None:
     """The metric that a check names."""
-    name = str(check.get("name", "")).lower()
+    name = check.name.lower()
     return next((m for m in all_metrics() if m.label.lower() in name), None)
 
 
-def _digits(check: Mapping[str, Any]) -> int:
+def _digits(check: Check) -> int:
     metric = _metric_of(check)
     return metric.digits if metric else _DIGITS
 
 
-def _is_infinite(check: Mapping[str, Any]) -> bool:
-    return check.get("value", MISSING) is None and _may_be_infinite(_metric_of(check))
-
-
-def verdict(data: Mapping[str, Any]) -> str:
-    """The verdict in a word or two.
-
-    Returns
-    -------
-    {"passed", "ran clean", "failed", "no verdict"}
-        "ran clean" where all checks passed, but none is of quality; "no verdict" where nothing was
-        checked.
-    """
-    if part(data, "verdict").get("passed") is not True:
-        return "failed"
-    if not checks(data):
-        return "no verdict"
-    if not all(map(check_passed, checks(data))):
-        return "failed"
-    # Of quality: against a limit that somebody set, or a baseline.
-    judged = any("criterion" in check or "kind" in check for check in checks(data))
-    return "passed" if judged else "ran clean"
-
-
-def verdict_words(data: Mapping[str, Any]) -> str:
-    """The same, and that nobody said how good is good enough, where that is so."""
-    found = verdict(data)
-    words = f"{found}; no criteria set" if found == "ran clean" else found
-    return f"preview, {words}" if full_command(data) else words
+def verdict_words(document: ReportDocument | PictureDocument) -> str:
+    """The verdict, and a note if no criteria are set or the report is a preview."""
+    word = document.verdict.word
+    words = f"{word}; no criteria set" if word == "ran clean" else word
+    return f"preview, {words}" if full_command(document) else words
 
 
 #: Above a preview's scores, before the command that makes the full report.
 PREVIEW_WORDS = "A preview, by few samples: its scores are rough, and no baseline. The full report:"
 
 
-def full_command(data: Mapping[str, Any]) -> str:
-    """The command line that makes the full report, of a preview; empty where it is none."""
-    return plain(part(data, "preview").get("full_command", ""))
+def full_command(document: ReportDocument | PictureDocument) -> str:
+    """The command line for the full report, if this one is a preview; empty otherwise."""
+    if isinstance(document, PictureDocument) or document.preview is None:
+        return ""
+    return plain(document.preview.full_command)
 
 
-def headlines(data: Mapping[str, Any], algorithm: str) -> list[float]:
-    """The headline scores of an algorithm's views, as far as there are any."""
-    views = part(data, "algorithms", algorithm, "views")
-    values = [part(views, name).get(HEADLINE) for name in viewpoint_names(data)]
-    return [float(value) for value in values if is_number(value) and math.isfinite(value)]
-
-
-def best_algorithm(data: Mapping[str, Any]) -> str | None:
-    """The algorithm with the best mean headline score; the first one named on a tie.
-
-    One that lacks any of the scores is never the best while another has them all; None without any
-    score.
-    """
-
-    def rank(algorithm: str) -> tuple[int, float]:
-        known = headlines(data, algorithm)
-        return len(known), sum(known) / len(known) if known else 0.0
-
-    best = max(part(data, "algorithms"), key=rank, default=None)
-    return best if best is not None and rank(best)[0] else None
-
-
-def disagreements(data: Mapping[str, Any]) -> list[str]:
-    """Sentences on metrics that prefer another algorithm than the headline score does.
-
-    By means over the views, to the ceiling, on the relic where a metric knows it; a difference
-    below the metric's tolerance is none.
-    """
-    best, sentences = best_algorithm(data), []
+def disagreements(report: ReportDocument) -> list[str]:
+    """Sentences on metrics that prefer another algorithm than the headline score does."""
+    best, sentences = report.best_algorithm, []
     for metric in all_metrics():
         key = metric.on_relic_to_ceiling_key if metric.on_relic else metric.to_ceiling_key
         if best is None or key == HEADLINE:
             continue
         means = {
-            name: sum(values) / len(values)
-            for name in part(data, "algorithms")
-            if (values := _views_scores(data, name, key))
+            name: mean for name in report.algorithms if (mean := report.mean(name, key)) is not None
         }
-        sign = 1 if metric.better == "higher" else -1
-        other = max(means, key=lambda name: sign * means[name], default=best)
-        if best not in means or sign * (means[other] - means[best]) <= metric.tolerance:
+        other = preferred(metric, means, best)
+        if other == best:
             continue
         better, worse = (
             f"{number(means[name], metric.digits)}{NBSP}{metric.unit}".rstrip(NBSP)
@@ -306,35 +251,11 @@ def disagreements(data: Mapping[str, Any]) -> list[str]:
     return sentences
 
 
-def _views_scores(data: Mapping[str, Any], algorithm: str, key: str) -> list[float]:
-    """A score of all views; empty where one has none."""
-    views = [part(data, "algorithms", algorithm, "views", v) for v in viewpoint_names(data)]
-    values = [view.get(key) for view in views]
-    known = [float(value) for value in values if is_number(value)]
-    return known if len(known) == len(values) else []
-
-
-def by_noise(run: Mapping[str, Any], view: str, key: str) -> float | None:
-    """Half the width of a score's interval, from its algorithm's or the ceiling's data."""
-    ends = items(part(run, "precision", view, key), "interval")
-    if len(ends) != 2 or not all(map(is_number, ends)) or not all(map(math.isfinite, ends)):
-        return None
-    return (float(ends[1]) - float(ends[0])) / 2
-
-
-def suggested_criteria(data: Mapping[str, Any]) -> str:
+def suggested_criteria(report: ReportDocument) -> str:
     """A value of `inim.min_ssim_to_ceiling` that this run would just pass; empty without scores.
 
-    Of each algorithm its worst view's headline, less what noise and the smallest change that counts
-    may take from it, rounded down to a hundredth. A preview's scores suggest none.
+    A preview's scores suggest none.
     """
-    if full_command(data):
+    if full_command(report):
         return ""
-    limits = []
-    for name in part(data, "algorithms"):
-        run, found = part(data, "algorithms", name), headlines(data, name)
-        if found and len(found) == len(viewpoint_names(data)):
-            noise = max(by_noise(run, v, HEADLINE) or 0.0 for v in viewpoint_names(data))
-            least = math.floor(100 * (min(found) - noise - MAIN.tolerance)) / 100
-            limits.append(f"{name}:{max(least, 0.0):.2f}")
-    return ", ".join(limits)
+    return ", ".join(f"{name}:{limit:.2f}" for name, limit in report.passing_limits().items())

@@ -9,12 +9,15 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from inim.documents.report import ReportDocument
 from inim.errors import UsageError
 from inim.files.image import write_atomically
 from inim.files.regular_file import check_file
 from inim.metrics import Metric, all_metrics
 from inim.report.sweep.results import SETTING_COLUMNS
-from inim.report.wording import check_finding, check_passed, checks, part
+from inim.report.wording import check_finding
 from inim.settings import PREFIX, Settings
 from inim.sweep.unit import Unit
 
@@ -56,14 +59,13 @@ def eia_columns(start: str = "eia") -> dict[str, Metric]:
 
 
 def result_of(
-    data: Mapping[str, Any], times: Mapping[str, Sequence[float]], algorithm: str
+    data: ReportDocument, times: Mapping[str, Sequence[float]], algorithm: str
 ) -> dict[str, Any]:
     """What a finished validation says of one algorithm.
 
     Parameters
     ----------
-    data : mapping
-        Schema `inim.report/1`.
+    data : ReportDocument
     times : mapping of str to sequence of float
         `inim.regression.log_ratios` by algorithm; empty where nothing was timed.
     algorithm : str
@@ -73,42 +75,43 @@ def result_of(
     dict
         `made`, what it was made with, and `rows`, one for each viewpoint.
     """
-    found, timings = part(data, "algorithms", algorithm), part(data, "timings")
-    floor = data["noise_floor"]
+    result, floor = data.algorithms[algorithm], data.noise_floor
     failed = _failed_checks(data, algorithm)
     ratios = times.get(algorithm, ())
     common = {
-        **{name: found["eia"].get(m.key) for name, m in eia_columns().items()},
-        "hole_fraction": found["eia"]["hole_fraction"],
-        **{name: floor["eia"].get(m.key) for name, m in eia_columns("noise_floor_eia").items()},
-        "seconds": found["seconds"],
+        **{name: result.eia.get(m.key) for name, m in eia_columns().items()},
+        "hole_fraction": result.eia["hole_fraction"],
+        **{name: floor.eia.get(m.key) for name, m in eia_columns("noise_floor_eia").items()},
+        "seconds": result.seconds,
         "yardsticks": math.exp(statistics.median(ratios)) if ratios else None,
-        "unit_seconds": timings["total"],
-        "render_seconds": timings["mitsuba_render"],
+        "unit_seconds": data.timings["total"],
+        "render_seconds": data.timings["mitsuba_render"],
         "passed": not failed,
         "failed_checks": "; ".join(failed) or None,
     }
     rows = []
-    for viewpoint in data["viewpoints"]:
-        name = viewpoint["name"]
-        x_mm, y_mm, z_mm = viewpoint["position_mm"]
+    for eye in data.viewpoints:
+        name, (x_mm, y_mm, z_mm) = eye.name, eye.position_mm
         row = {"viewpoint": name, "x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm}
-        row |= {key: found["views"][name].get(key) for key in (*view_columns(), *ceiling_columns())}
+        row |= {key: result.views[name].get(key) for key in (*view_columns(), *ceiling_columns())}
         for reference in REFERENCES:
-            scores = data[reference]["views"][name]
+            scores = getattr(data, reference).views[name]
             row |= {f"{reference}_{key}": scores.get(key) for key in view_columns()}
         rows.append(row | common)
-    made = {key: data[key] for key in ("created", "inim_version", "versions", "backend")}
+    made = {
+        key: msgspec.to_builtins(getattr(data, key))
+        for key in ("created", "inim_version", "versions", "backend")
+    }
     return {"made": made, "rows": rows}
 
 
-def _failed_checks(data: Mapping[str, Any], algorithm: str) -> list[str]:
+def _failed_checks(data: ReportDocument, algorithm: str) -> list[str]:
     """Failed checks of the ground truth and of this algorithm, not those of the others."""
-    others = [name for name in part(data, "algorithms") if name != algorithm]
+    others = [name for name in data.algorithms if name != algorithm]
     return [
-        f"{check['name']}: {check_finding(check)}"
-        for check in checks(data)
-        if not check_passed(check) and not any(_is_of(check["name"], other) for other in others)
+        f"{check.name}: {check_finding(check)}"
+        for check in data.verdict.checks
+        if not check.passed and not any(_is_of(check.name, other) for other in others)
     ]
 
 

@@ -25,7 +25,6 @@ from inim.pipeline.stages.reconstruct import Optics
 from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
 from inim.report import Report
-from inim.settings import Settings
 from inim.views.frames import frames
 from inim.views.traced_scene import TracedScene
 from inim.worker.output import hidden_folder, publish_file
@@ -125,9 +124,9 @@ def _checked(request: FilmRequest) -> FilmRequest:
 
 def _display(request: FilmRequest, report: Report) -> tuple[Display, Display]:
     """The report's display as its array lies, and as designed."""
-    design = report.design()
+    design = report.display
     try:
-        display = mounted(design, report.data["misalign"])
+        display = mounted(design, report.data.misalign)
         check_lens_model(request.lens_model, display)
     except InimError as error:
         raise FileError(f"{request.folder}: {error}") from None
@@ -160,7 +159,7 @@ def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     publish_file(film, out)
     if request.scene is not None:
         observer.stage("score")
-        luminance = report.data["settings"].get("luminance_cd_m2", Settings().luminance_cd_m2)
+        luminance = report.data.settings.luminance_cd_m2
         for line in _scores(panes, optics.viewing(eyes[0], luminance), request):
             observer.line(line)
     return True
@@ -178,7 +177,7 @@ def _panes(
     observer: Observer,
 ) -> list[_Pane]:
     """What is shown side by side; the scene first."""
-    design = report.design()
+    design = report.display
     sources: list[tuple[str, str, np.ndarray | TracedScene]] = [
         (name, "film", eia)
         for name, eia in zip(request.show, _panels(request, report, optics.mounted), strict=True)

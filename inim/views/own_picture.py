@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -14,6 +14,13 @@ import numpy as np
 from inim import metrics
 from inim.backend.provenance import backend_data, versions
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
+from inim.documents.parts import Backend, Check, Checks, DisplayRecord, EyePosition
+from inim.documents.picture import (
+    FittedPicture,
+    PictureAlgorithm,
+    PictureDocument,
+    PictureView,
+)
 from inim.errors import FileError
 from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
@@ -37,7 +44,7 @@ from inim.pipeline.stages.reconstruct import Optics, reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
-from inim.report.without_scene import SCHEMA, write_picture_report
+from inim.report.without_scene import write_picture_report
 from inim.scene.file import choose_display
 from inim.version import __version__
 from inim.views.warp import warped
@@ -227,38 +234,36 @@ def work(
     scored = _scored(staging, rgbd, display, settings, renderer)
     observer.stage("write")
     write_rgbd_pngs(staging, rgbd, display)
-    data = _record(request, display, settings, rgbd)
-    data["picture"]["notes"] = [": ".join(note.split(maxsplit=1)) for note in notes]
-    data |= {"warnings": [*warnings], "backend": backend_data(renderer.backend)} | scored
+    data = PictureDocument(
+        title=request.named.stem,
+        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        inim_version=__version__,
+        versions=versions(_VERSIONS),
+        command=shlex.join(["inim", "validate", *request.command(settings)]),
+        display=DisplayRecord.of(display),
+        lens_model=settings.lens_model,
+        picture=_fitted(rgbd, notes),
+        warnings=[*warnings],
+        backend=Backend(**backend_data(renderer.backend)),
+        **scored,
+    )
     write_picture_report(data, staging)
     publish(staging, request.folder)
-    return bool(data["verdict"]["passed"])
+    return data.verdict.passed
 
 
-def _record(
-    request: PictureRequest, display: Display, settings: Settings, rgbd: RGBD
-) -> dict[str, Any]:
-    """What made it and how to make it again."""
+def _fitted(rgbd: RGBD, notes: Sequence[str]) -> FittedPicture:
     depth = rgbd.depth_mm[rgbd.covered]
-    return {
-        "schema": SCHEMA,
-        "title": request.named.stem,
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "inim_version": __version__,
-        "versions": versions(_VERSIONS),
-        "command": shlex.join(["inim", "validate", *request.command(settings)]),
-        "display": {"given": display.given(), "derived": display.derived()},
-        "lens_model": settings.lens_model,
-        "picture": {
-            "rows": rgbd.shape[0],
-            "columns": rgbd.shape[1],
-            "pixel_mm": rgbd.pixel_mm,
-            "layers": len(rgbd.layers),
-            "covered_fraction": float(rgbd.covered.mean()),
-            "depth_min_mm": float(depth.min()),
-            "depth_max_mm": float(depth.max()),
-        },
-    }
+    return FittedPicture(
+        rows=rgbd.shape[0],
+        columns=rgbd.shape[1],
+        pixel_mm=rgbd.pixel_mm,
+        layers=len(rgbd.layers),
+        covered_fraction=float(rgbd.covered.mean()),
+        depth_min_mm=float(depth.min()),
+        depth_max_mm=float(depth.max()),
+        notes=[": ".join(note.split(maxsplit=1)) for note in notes],
+    )
 
 
 def _scored(
@@ -301,32 +306,32 @@ def _scored(
     best = views_of("exact", exact_eia)
     viewing = {v.name: optics.viewing(v, s.luminance_cd_m2) for v in viewpoints}
 
-    def scores(eye: str, reference: np.ndarray, view: np.ndarray) -> dict[str, float]:
-        return metrics.score(reference, view, regions[eye], viewing[eye])
+    def scores(eye: str, reference: np.ndarray, view: np.ndarray) -> dict[str, float | None]:
+        return {**metrics.score(reference, view, regions[eye], viewing[eye])}
 
     algorithms, checks = {}, []
     for name in names:
         run.observer.stage(name)
         generator = GeneratorHandle(name, display, rgbd.shape, rgbd.pixel_mm)
-        eia, made = _made(generator, rgbd, exact, folder)
-        made["views"] = {
-            viewpoint: {
-                "to_picture": scores(viewpoint, direct[viewpoint][0], view),
-                "to_exact": scores(viewpoint, best[viewpoint], view),
-            }
+        eia, facts = _made(generator, rgbd, exact, folder)
+        scored = {
+            viewpoint: PictureView(
+                to_picture=scores(viewpoint, direct[viewpoint][0], view),
+                to_exact=scores(viewpoint, best[viewpoint], view),
+            )
             for viewpoint, view in views_of(name, eia).items()
         }
-        algorithms[name] = made
-        checks += _checks(generator, made)
-        run.observer.line(_line(name, made))
+        result = algorithms[name] = PictureAlgorithm(**facts, views=scored)
+        checks += _checks(generator, result)
+        run.observer.line(_line(name, result))
     return {
-        "viewpoints": [{"name": v.name, "position_mm": list(v.position_mm)} for v in viewpoints],
+        "viewpoints": [EyePosition(name=v.name, position_mm=v.position_mm) for v in viewpoints],
         "oracle_pixels": max((len(hits.sources) for hits in exact.values()), default=0),
         "exact": {name: scores(name, direct[name][0], view) for name, view in best.items()},
         "met_fraction": {name: float(met.mean()) for name, (_, met) in direct.items()},
         "algorithms": algorithms,
         "not_scored": [*_NOT_SCORED, *([] if why is None else [f"Wrong sources: {why}."])],
-        "verdict": {"passed": all(c["passed"] for c in checks), "checks": checks},
+        "verdict": Checks(passed=all(check.passed for check in checks), checks=checks),
     }
 
 
@@ -353,23 +358,26 @@ def _made(
     }
 
 
-def _checks(generator: GeneratorHandle, made: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _checks(generator: GeneratorHandle, result: PictureAlgorithm) -> list[Check]:
     """What must hold of any EIA, and of one that is exact by definition."""
     name = generator.algorithm
     checks = [
-        check(f"{name}: brightest value", made["brightest"], ">=", BLACK, "not black"),
-        check(f"{name}: values not finite", made["not_finite"], "<=", 0.0, "all are numbers"),
+        check(f"{name}: brightest value", result.brightest, ">=", BLACK, "not black"),
+        check(f"{name}: values not finite", result.not_finite, "<=", 0.0, "all are numbers"),
     ]
-    if generator.properties.exact and made["wrong_source"] is not None:
+    if generator.properties.exact and result.wrong_source is not None:
         detail = "the exact first hits, by its definition"
-        checks.append(check(f"{name}: wrong sources", made["wrong_source"], "<=", 0.0, detail))
+        checks.append(check(f"{name}: wrong sources", result.wrong_source, "<=", 0.0, detail))
     return checks
 
 
-def _line(name: str, made: Mapping[str, Any]) -> str:
-    wrong = "     –" if made["wrong_source"] is None else f"{made['wrong_source']:6.2%}"
-    views = made["views"].values()
-    ssim = [np.mean([v[to][MAIN.on_relic_key] for v in views]) for to in ("to_picture", "to_exact")]
+def _line(name: str, result: PictureAlgorithm) -> str:
+    wrong = "     –" if result.wrong_source is None else f"{result.wrong_source:6.2%}"
+    references = ("to_picture", "to_exact")
+    pairs = [
+        [getattr(v, to)[MAIN.on_relic_key] for v in result.views.values()] for to in references
+    ]
+    ssim = [np.mean(values) for values in pairs]
     return (
         f"{name:24}  wrong source {wrong}  SSIM on what the picture covers {ssim[0]:.4f} to it, "
         f"{ssim[1]:.4f} to the exact EIA's view"

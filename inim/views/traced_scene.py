@@ -47,13 +47,13 @@ class TracedScene:
             Where it is now, if not where the report says.
         allow_folders : sequence of Path
         """
-        scene, settings = report.data["scene"], report.data["settings"]
+        scene = report.data.scene
         return cls(
-            path or Path(scene["path"]),
-            scene["sha256"],
-            scene["definitions"],
+            path or Path(scene.path),
+            scene.sha256,
+            scene.definitions,
             tuple(allow_folders),
-            settings["fit_share"],
+            report.data.settings.fit_share,
         )
 
     def file(self) -> SceneFile:
@@ -64,10 +64,10 @@ class TracedScene:
         InimError
             It cannot be read, or is no longer what the report was made of.
         """
-        found = read_scene_file(self.path, self.definitions, self.allow_folders)
-        if found.sha256 != self.sha256:
+        file = read_scene_file(self.path, self.definitions, self.allow_folders)
+        if file.sha256 != self.sha256:
             raise FileError(
                 f"{self.path}: is not what the report was made of: another scene, or it or a file "
                 "that it names has changed; validate it anew, or name the scene with --scene"
             )
-        return found
+        return file

@@ -58,8 +58,8 @@ def _score(scene: Path, hidden: Display, known: Display) -> float:
             algorithms=_ALGORITHM,
             viewpoints=_VIEWPOINTS,
         )
-    views = report.data["algorithms"][_ALGORITHM]["views"].values()
-    return fmean(view["ssim_on_relic_to_ceiling"] for view in views)
+    views = report.data.algorithms[_ALGORITHM].views.values()
+    return fmean(view["ssim_on_relic_to_ceiling"] or 0.0 for view in views)
 
 
 def table(scene: Path, rows: Sequence[Mapping[str, Any]], command: str) -> str:

@@ -22,6 +22,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from inim.cli import main
 from inim.errors import EXIT_BASELINE, EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
@@ -372,7 +373,7 @@ def test_times_of_another_machine_end_with_4(timed: Bench) -> None:
     check_times(base, base.circumstances, "here")
     for name, value in (("threads", 99), ("processor", "abacus")):
         with pytest.raises(BaselineError, match=f"{name}.*{value}"):
-            check_times(base, {**base.circumstances, name: value}, "here")
+            check_times(base, structs.replace(base.circumstances, **{name: value}), "here")
 
 
 # --- Accepting ----------------------------------------------------------------------------------
@@ -416,7 +417,7 @@ def test_compare_gives_the_verdicts_of_the_baseline_check(
     text = capsys.readouterr().out
     assert text.splitlines()[0].startswith("FAILED  eia/planted: tiles")
     data = read_document(out / "compare.json")
-    assert data["schema"] == "inim.compare/1"
+    assert data["schema"] == "inim.compare/2"
     failed = {check["name"] for check in data["verdict"]["checks"] if not check["passed"]}
     assert failed == noisy.failed("noisy")
     assert set(data["files"]) == files_in(out)

@@ -31,8 +31,9 @@ from inim.lens import white_exposure
 from inim.metrics import ssim
 from inim.report import Report
 from tests.conftest import scene_text, small_display, sphere, square
+from tests.schemas import report_document
 from tests.system.conftest import Ended, assert_one_line, definitions, nothing_left, run_here
-from tests.system.test_view import whole_report_data
+from tests.system.test_view import report_data
 from tests.unit.test_light_field import quilt_views
 
 #: Few samples of few pixels, and still lenses enough for a picture to be told from another.
@@ -149,7 +150,7 @@ def test_a_report_s_light_field_is_generated_to_what_its_picture_sampled_once_a_
     ended = run_here("generate", "--hci", "hci", *given, *out, folder=folder)
     assert ended.code == EXIT_PASSED, ended.stderr
     assert "clipped    0.0%" in ended.stdout
-    display, own = Report.load(folder / "OUT").design(), read_rgbd(folder / "OUT/rgbd.exr")
+    display, own = Report.load(folder / "OUT").display, read_rgbd(folder / "OUT/rgbd.exr")
     coarse = once_a_lens(own, display)
     depth = np.where(coarse.covered, coarse.depth_mm, np.nan).astype(np.float32)
     values, ends = DepthValues(depth, True, False, 0.0, ()), display.depth_range_mm[::-1]
@@ -182,7 +183,8 @@ def test_a_report_s_light_field_has_a_view_in_the_middle(tmp_path, pixels, views
     write_rgbd(tmp_path / "OUT/rgbd.exr", picture)
     write_exr(tmp_path / "OUT/eia/template.exr", np.ones((*display.eia_shape, 3), np.float32))
     shown = {"given": display.given(), "derived": display.derived()}
-    Report(tmp_path / "OUT", whole_report_data() | {"display": shown}).write()
+    data = report_document(report_data() | {"display": shown})
+    Report(tmp_path / "OUT", data).write()
     assert export(tmp_path, "--hci", "hci", "--algorithm", "template").code == EXIT_PASSED
     field = read_hci(tmp_path / "hci")
     assert field.views.shape == (views, views, 20, 24, 3)

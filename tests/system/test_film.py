@@ -13,8 +13,9 @@ from inim.files.image import write_exr
 from inim.image.color import linear_from_srgb
 from inim.metrics import ssim
 from inim.report import Report
+from tests.schemas import report_document
 from tests.system.conftest import Ended, assert_one_line, nothing_left, run_here
-from tests.system.test_view import DISPLAY, tilted_plane, whole_report_data
+from tests.system.test_view import DISPLAY, report_data, tilted_plane
 
 PATH = "-12 0 180, 12 0 180"
 LABEL = 28  # rows of the names above the panes
@@ -26,7 +27,7 @@ def folder(tmp_path: Path) -> Path:
     folder = tmp_path / "OUT"
     for seed, place in enumerate(("truth/eia", "eia/template", "eia/wang2024")):
         write_exr(folder / f"{place}.exr", panel(seed))
-    Report(folder, whole_report_data() | {"lens_model": "pinhole"}).write()
+    Report(folder, report_document(report_data() | {"lens_model": "pinhole"})).write()
     return folder
 
 

@@ -105,8 +105,8 @@ def test_preview_from_python(tmp_path: Path) -> None:
         preview=True,
         definitions={f"inim.{key}": value for key, value in FEW.items()},
     )
-    assert list(report.data["algorithms"]) == ["template"]
-    assert "preview" in report.data
+    assert list(report.data.algorithms) == ["template"]
+    assert report.data.preview is not None
 
 
 def test_pictures_have_no_preview(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

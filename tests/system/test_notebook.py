@@ -11,6 +11,7 @@ import pytest
 
 from inim.report import Report
 from tests.chromium import WEBGL, Tab, browser
+from tests.schemas import report_document
 from tests.system.test_view import report_data, report_folder
 
 
@@ -25,7 +26,7 @@ def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Report:
-    made = Report(report_folder(tmp_path_factory.mktemp("report")), report_data())
+    made = Report(report_folder(tmp_path_factory.mktemp("report")), report_document(report_data()))
     made.write()
     return made
 

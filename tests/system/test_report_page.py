@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from inim.report.sections import render_html
 from tests.chromium import Tab, browser
 from tests.system.test_view import report_data, report_folder
+from tests.unit.test_report_html import render_html
 
 WORKED_BY_HAND = ("button", "link", "checkbox", "radio", "slider", "combobox", "application")
 

@@ -133,7 +133,7 @@ def test_every_file_of_the_report_exists_and_is_listed(finished: Finished) -> No
 
 def test_report_has_the_fields_of_its_schema(finished: Finished) -> None:
     data = finished.data
-    assert data["schema"] == "inim.report/1"
+    assert data["schema"] == "inim.report/2"
     assert data.keys() >= SCHEMA_KEYS
     assert list(data["algorithms"]) == ALGORITHMS
     assert [view["name"] for view in data["viewpoints"]] == VIEWS
@@ -412,7 +412,7 @@ def test_function_returns_a_report(tmp_path: Path) -> None:
     )
     assert isinstance(report, inim.Report)
     assert report.passed is True
-    assert list(report.data["algorithms"]) == ["template"]
+    assert list(report.data.algorithms) == ["template"]
     assert report.html_path.is_file()
 
 

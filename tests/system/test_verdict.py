@@ -52,7 +52,7 @@ def run(renderer: object, plan: Plan, tmp_path: Path) -> Callable[[], Report]:
 
 def failed(report: Report) -> set[str]:
     assert report.passed is False
-    return {check["name"] for check in report.data["verdict"]["checks"] if not check["passed"]}
+    return {check.name for check in report.data.verdict.checks if not check.passed}
 
 
 def with_views(
@@ -151,15 +151,15 @@ def test_radiance_that_is_not_finite_is_counted_and_fails_a_check(
     monkeypatch.setattr(ground_truth, "pickup", spoiled)
     report = run()
     assert "truth/eia: pixels not finite" in failed(report)
-    checks = {check["name"]: check for check in report.data["verdict"]["checks"]}
-    assert checks["truth/eia: pixels not finite"]["value"] == 6
-    assert checks["truth/eia: pixels not finite"]["detail"] == "taken as black"
+    checks = {check.name: check for check in report.data.verdict.checks}
+    assert checks["truth/eia: pixels not finite"].value == 6
+    assert checks["truth/eia: pixels not finite"].detail == "taken as black"
 
 
 @pytest.mark.parametrize("value", [None, float("nan"), float("inf"), -float("inf")])
 @pytest.mark.parametrize("relation", [">=", "<="])
 def test_value_that_is_no_number_passes_no_check(value: float | None, relation: str) -> None:
-    assert check("any", value, relation, 0.5)["passed"] is False
+    assert check("any", value, relation, 0.5).passed is False
 
 
 # --- Scores -------------------------------------------------------------------------------------

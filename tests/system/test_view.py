@@ -21,15 +21,14 @@ from inim.display import DISPLAYS, Display, Viewpoint
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.lens import white_exposure
 from inim.metrics import ssim
-from inim.report.sections import render_html
 from inim.report.virtual_display import live_lens_models
 from inim.report.virtual_display.still import still_view
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
 from tests.frame_rate import COUNT_WORK, drag_about
-from tests.schemas import completed
+from tests.schemas import report_document
 from tests.system.conftest import Ended, assert_one_line, run_here
-from tests.unit.test_report_html import report
+from tests.unit.test_report_html import render_html, report
 
 # Lenses of a whole number of pixels, seen with 4 view pixels to the lens.
 DISPLAY = small_display(24, 20, 17)
@@ -92,16 +91,6 @@ def report_data(display: Display = DISPLAY) -> dict[str, Any]:
     places = {"centre": (0, 0), "left": (-20, 0), "right": (20, 0), "up": (0, 15), "down": (0, -15)}
     data["viewpoints"] = [{"name": n, "position_mm": [*p, 180.0]} for n, p in places.items()]
     return data
-
-
-def whole_report_data() -> dict[str, Any]:
-    """The same with all that a report's readers ask for."""
-    bare = {"misalign": "", "ceiling": {"views": {}, "precision": {}}}
-    whole = completed("report", report_data() | bare)
-    whole["scene"]["sha256"] = "0" * 64
-    for one in whole["algorithms"].values():
-        one["precision"] = {}
-    return whole
 
 
 def report_folder(folder: Path, display: Display = DISPLAY) -> Path:
@@ -635,7 +624,7 @@ def test_view_of_a_report_has_all_its_panels(tab, page, tmp_path):
     shutil.copytree(page.parent, folder)
     from inim.report import Report
 
-    Report(folder, whole_report_data()).write()
+    Report(folder, report_document(report_data())).write()
     ended = view("OUT", folder=tmp_path)
     assert (ended.code, ended.stdout) == (0, "OUT/virtual-display.html\n"), ended.stderr
     show(tab, folder / "virtual-display.html")

@@ -18,9 +18,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.report.sections import render_html
 from tests.chromium import Tab, browser
-from tests.unit.test_report_html import report
+from tests.unit.test_report_html import render_html, report
 
 NAME = "<img src=x onerror=document.title='ran'>"
 ALGORITHMS = {"template": 0.97, NAME: 0.92}

@@ -335,14 +335,14 @@ def test_layers_are_captured_for_those_that_want_them_and_change_nothing_else(tm
     assert not isinstance(read_rgbd(without / "rgbd.exr"), LayeredRGBD)
     rgbd = read_rgbd(with_layers / "rgbd.exr")
     assert isinstance(rgbd, LayeredRGBD) and len(rgbd.layers) > 2, "the wall, and the ball's side"
-    assert "capture layers" in both.data["timings"]
-    assert "capture layers" not in alone.data["timings"]
-    rows = {c["name"]: c for c in both.data["verdict"]["checks"]}
-    assert rows["RGB-D: layers"]["value"] == len(rgbd.layers)
-    _, behind = re.findall("[0-9.]+%", rows["RGB-D: layers"]["detail"])
+    assert "capture layers" in both.data.timings
+    assert "capture layers" not in alone.data.timings
+    rows = {c.name: c for c in both.data.verdict.checks}
+    assert rows["RGB-D: layers"].value == len(rgbd.layers)
+    _, behind = re.findall("[0-9.]+%", rows["RGB-D: layers"].detail)
     last = rgbd.layers[-1].covered.mean()
     assert 0 < last <= float(behind.rstrip("%")) / 100 < rgbd.covered.mean(), "the wall"
-    psnr = {name: made["eia"]["psnr_db"] for name, made in both.data["algorithms"].items()}
+    psnr = {name: made.eia["psnr_db"] for name, made in both.data.algorithms.items()}
     assert psnr["layered"] > psnr["template"] + 3
 
 

@@ -8,15 +8,21 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import pytest
 from jsonschema import Draft202012Validator
 
-from inim.documents import Document, Part, doc, read_document, write_document
+from inim.documents import Document, Part, doc, read_document, schema, write_document
+from inim.documents.baseline import BaselineDocument
+from inim.documents.compare import CompareDocument
 from inim.documents.document import decode, encode
+from inim.documents.picture import PictureDocument
+from inim.documents.report import ReportDocument
 from inim.errors import FileError
+from tests.schemas import completed
 
 
 class Score(Part):
@@ -99,9 +105,58 @@ def test_a_refusal_is_one_line_with_the_place(content: Any, message: str, tmp_pa
     assert message in refusal(tmp_path / "notes.json", content)
 
 
-def test_text_is_valid_for_an_independent_validator() -> None:
-    import msgspec
+# -- the project's documents, with jsonschema as the oracle ----------------------------------------
 
-    schema = msgspec.json.schema(Notes)
-    document = json.loads(encode(Notes(title="a", scores={"b": Score(value=math.nan)})))
-    Draft202012Validator(schema).validate(document)
+NAMED = {"viewpoints": [{"name": "centre", "position_mm": [0.0, 0.0, 400.0]}]}
+VIEWS = {"views": {"centre": {}}}
+SOUND: dict[str, dict[str, Any]] = {
+    "report": NAMED
+    | {"noise_floor": VIEWS, "ceiling": VIEWS, "algorithms": {"template": VIEWS}, "misalign": ""},
+    "picture": NAMED
+    | {"exact": {"centre": {}}, "met_fraction": {"centre": 1.0}, "algorithms": {"template": VIEWS}},
+    "compare": {},
+    "baseline": {},
+}
+TYPES: dict[str, type[Document]] = {
+    "report": ReportDocument,
+    "picture": PictureDocument,
+    "compare": CompareDocument,
+    "baseline": BaselineDocument,
+}
+
+
+def mutations(value: Any) -> Iterator[Any]:
+    """Copies of a value: each with a key more or less, or a value of another type."""
+    if isinstance(value, dict):
+        yield value | {"nobody's": 1}
+        for key, inner in value.items():
+            yield {k: v for k, v in value.items() if k != key}
+            yield value | {key: "text" if isinstance(inner, (dict, list)) else {"nobody's": 1}}
+            yield from (value | {key: mutated} for mutated in mutations(inner))
+    elif isinstance(value, list):
+        for place, inner in enumerate(value):
+            for mutated in mutations(inner):
+                yield [*value[:place], mutated, *value[place + 1 :]]
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_reader_accepts_its_documents_and_refuses_what_the_schema_refuses(name: str) -> None:
+    document = completed(name, SOUND[name])
+    validator = Draft202012Validator(schema(name))
+    validator.validate(document)
+    read = decode(json.dumps(document), TYPES[name])
+    validator.validate(json.loads(encode(read)))
+    assert decode(encode(read), TYPES[name]) == read
+    refused = 0
+    for mutated in mutations(document):
+        if not validator.is_valid(mutated):
+            refused += 1
+            with pytest.raises(ValueError, match=r"."):
+                decode(json.dumps(mutated), TYPES[name])
+    assert refused > 100
+
+
+@pytest.mark.parametrize("path", sorted(Path("reports/gallery").glob("*/report*.json")), ids=str)
+def test_committed_report_reads_and_writes_back_equal(path: Path) -> None:
+    text = path.read_text("utf-8")
+    assert json.loads(encode(decode(text, ReportDocument))) == json.loads(text)

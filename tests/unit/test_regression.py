@@ -590,5 +590,6 @@ def test_verdict_is_a_line_and_a_check_with_all_its_numbers():
     found = within("a: b", "score", -0.02, 0.004, 0.001, unit="dB", detail="why")
     assert found.line() == "FAILED  a: b: -0.02 dB (-0.024 to -0.016), within ±0.004; why"
     check = found.as_check()
-    assert {"name", "value", "limit", "interval", "passed"} <= check.keys()
+    assert (check.value, check.limit, check.passed) == (-0.02, found.limit, False)
+    assert check.interval == found.interval and check.unit == "dB"
     assert isinstance(found, Verdict)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
 from typing import Any
 
 import pytest
 
 from inim.report.summary import render_junit
+from tests.schemas import report_document
 
 
 def check(name: str = "template/centre: SSIM to ceiling", **changes: Any) -> dict[str, Any]:
@@ -18,7 +18,7 @@ def check(name: str = "template/centre: SSIM to ceiling", **changes: Any) -> dic
 
 def suite(*checks: dict[str, Any], passed: bool = True) -> ET.Element:
     data = {"verdict": {"passed": passed, "checks": list(checks)}, "timings": {"total": 20.8}}
-    return ET.fromstring(render_junit(data).encode("utf-8"))
+    return ET.fromstring(render_junit(report_document(data)).encode("utf-8"))
 
 
 def test_one_case_per_check_in_a_suite_named_after_the_job():
@@ -69,28 +69,7 @@ def test_characters_xml_cannot_hold_are_replaced(name):
     assert "\ufffd" in root[0].get("name", "")
 
 
-@pytest.mark.parametrize("value", [None, math.nan, True, "0.97"])
-def test_check_without_a_number_fails_even_if_marked_as_passed(value):
-    assert suite(check(value=value)).get("failures") == "1"
-
-
-@pytest.mark.parametrize("limit", [None, math.nan])
-def test_check_without_a_limit_fails_even_if_marked_as_passed(limit):
-    assert suite(check(limit=limit)).get("failures") == "1"
-
-
-def test_infinite_psnr_passes():
-    assert suite(check("template/centre: PSNR", value=None, limit=30)).get("failures") == "0"
-
-
 def test_failed_run_without_a_failed_check_is_still_red():
     root = suite(check("a"), passed=False)
     assert root.get("failures") == "1"
     assert root.find("testcase[@name='verdict']/failure") is not None
-
-
-@pytest.mark.parametrize("data", [{}, {"verdict": None}, {"verdict": {"checks": [None, 3]}}])
-def test_damaged_report_gives_a_red_suite(data):
-    root = ET.fromstring(render_junit(data))
-    assert int(root.get("failures", "0")) >= 1
-    assert root.get("tests") == str(len(root.findall("testcase")))

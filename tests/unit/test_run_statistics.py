@@ -8,10 +8,15 @@ import threading
 import time
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
+from inim.display import DISPLAYS
+from inim.documents.baseline import BaselineDocument
+from inim.documents.parts import Conditions
 from inim.errors import EXIT_BASELINE, BaselineError
 from inim.image.noisy_image import NoisyImage
 from inim.regression import (
@@ -31,14 +36,23 @@ from tests.conftest import small_display
 from tests.schemas import completed
 
 DISPLAY = small_display(12, 10, 8)
-MADE = completed(
-    "baseline",
-    {
-        "conditions": {"viewpoints": {"left": [0.0, 0.0, 400.0, 0.0, None]}},
-        "circumstances": {"seed": 0, "title": 'A "b" 鼎'},
-    },
+NOMINAL = DISPLAYS["nominal"].given()
+MADE = msgspec.convert(
+    completed(
+        "baseline",
+        {
+            "conditions": {"viewpoints": {"left": [0.0, 0.0, 400.0, 0.0, None]}},
+            "circumstances": {"seed": 0, "title": 'A "b" 鼎'},
+        },
+    ),
+    BaselineDocument,
 )
-CONDITIONS = MADE["conditions"]
+CONDITIONS = MADE.conditions
+
+
+def with_changes(changes: dict[str, Any]) -> Conditions:
+    found: Conditions = msgspec.convert(msgspec.to_builtins(CONDITIONS) | changes, Conditions)
+    return found
 
 
 @pytest.fixture
@@ -49,7 +63,7 @@ def statistics():
     eia = rng.random((*DISPLAY.eia_shape, 3), np.float32)
     return RunStatistics(
         conditions=CONDITIONS,
-        circumstances=MADE["circumstances"],
+        circumstances=MADE.circumstances,
         pictures={"truth/left": tile_statistics(NoisyImage.from_halves(*halves), (8, 8))},
         scores={"template/left": {"ssim_to_ceiling": ScoreEstimate(0.9, 0.001, 12.0, -0.01)}},
         fingerprints={"template": fingerprint(rgbd, eia, DISPLAY, exact=True)},
@@ -129,24 +143,27 @@ def test_run_compared_with_itself_passes_every_verdict(statistics):
 @pytest.mark.parametrize(
     ("other", "words"),
     [
-        ({"display": {"pitch_mm": 1.1}}, "display: pitch_mm 1.1, baseline "),
-        ({"display": {"pitch_mm": 1.0, "gap_mm": 3.0}}, ", gap_mm 3, baseline "),
-        ({"viewpoints": {"right": [0.0, 0.0, 400.0]}}, "right [0, 0, 400], baseline not there"),
+        ({"display": NOMINAL | {"pitch_mm": 1.1}}, "display: pitch_mm 1.1, baseline "),
+        ({"display": NOMINAL | {"pitch_mm": 1.1, "gap_mm": 3.5}}, ", gap_mm 3.5, baseline "),
+        (
+            {"viewpoints": {"right": [0.0, 0.0, 400.0, 0.0, None]}},
+            "right [0, 0, 400, 0], baseline not there",
+        ),
         (
             {"viewpoints": {"left": [0.0, 0.1 + 0.2, 410.0, 0.0, None]}},
             "left [0, 0.3, 410, 0], baseline [",
         ),
-        ({"mine": "thin"}, "mine thin, baseline not there"),
+        ({"lens model": "thin"}, "lens model thin, baseline text"),
     ],
 )
 def test_other_conditions_are_named(other, words):
-    [phrase] = differing_conditions(CONDITIONS, CONDITIONS | other)
+    [phrase] = differing_conditions(CONDITIONS, with_changes(other))
     assert words in phrase
 
 
 def test_last_bits_of_a_length_are_no_other_condition():
     near = {"viewpoints": {"left": [0.0, 1e-12, 400.0 * (1 + 1e-15), 0.0, None]}}
-    assert differing_conditions(CONDITIONS, CONDITIONS | near) == []
+    assert differing_conditions(CONDITIONS, with_changes(near)) == []
 
 
 def test_nothing_to_compare_is_an_error_and_no_pass(statistics):

@@ -10,7 +10,6 @@ from __future__ import annotations
 import copy
 import json
 from collections.abc import Iterator
-from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,15 +17,9 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
-from inim.display import DISPLAYS, Display
+from inim.display import DISPLAYS
 from inim.documents import NAMES, schema
-from inim.regression import run_statistics
-from inim.report import SCHEMA as REPORT
-from inim.report import (
-    compare,
-    without_scene,
-)
-from inim.settings import Settings
+from inim.documents.parts import DerivedDisplay
 from inim.sweep import table, task
 from tests.schemas import (
     FOLDER,
@@ -54,32 +47,11 @@ OWN_KIND = {
 }
 COMMITTED = sorted(set(ROOT.glob("reports/**/*.json")) - OWN_KIND)
 SCHEMAS = {
-    "report": REPORT,
-    "picture": without_scene.SCHEMA,
-    "compare": compare.SCHEMA,
-    "baseline": run_statistics.SCHEMA,
     "sweep": table.SCHEMA,
     "unit": task.SCHEMA,
 }
 # Keys that need not be there.
-CHECK = {f"verdict/checks/0/{key}" for key in ("interval", "p_value", "unit", "kind", "criterion")}
-PERCEPTION = ("cvvdp", "torch")
-LATER_SETTINGS = {"luminance_cd_m2"}
 OPTIONAL = {
-    "report": {
-        *(f"settings/{key}" for key in LATER_SETTINGS), "preview", "regression", "scene/splats",
-        "algorithms/a/yardsticks", *CHECK,
-    },
-    "picture": CHECK,
-    "compare": {
-        *(f"{side}/circumstances/{key}" for side in ("before", "after") for key in PERCEPTION),
-        "conditions/luminance of white, cd/m^2", "conditions/panel pixels",
-        "verdict/checks/0/criterion",
-    },
-    "baseline": {
-        *(f"circumstances/{key}" for key in PERCEPTION),
-        *(f"conditions/{key}" for key in ("luminance of white, cd/m^2", "panel pixels")),
-    },
     "unit": {
         *(f"making/{key}" for key in ("entry_point", "version", "sha256")),
         "key/lazy", "key/metrics", "key/metrics/a/version", "key/metrics/a/sha256",
@@ -250,30 +222,12 @@ def _types(part: dict[str, Any]) -> list[str]:
     return [part["type"]] if isinstance(part["type"], str) else part["type"]
 
 
-def test_a_check_of_a_comparison_is_so_in_all_its_keys() -> None:
-    places = [("verdict", "checks", 0, key) for key in ("p_value", "unit", "kind")]
-    assert let_in("report", [(at, None) for at in places]) == []
-
-
 # -- the code's own keys --------------------------------------------------------------------------
 
 
-def test_settings_are_those_of_the_code() -> None:
-    part = whole("report")[1][("settings",)]
-    names = [f.name for f in fields(Settings)]
-    assert list(part["properties"]) == names
-    assert part["required"] == [name for name in names if name not in LATER_SETTINGS]
-    for f in fields(Settings):
-        assert ("null" in part["properties"][f.name]["type"]) == ("None" in str(f.type)), f.name
-
-
-def test_displays_are_those_of_the_code() -> None:
-    given, derived = (whole("report")[1][("display", key)] for key in ("given", "derived"))
-    assert list(given["properties"]) == [f.name for f in fields(Display)] == given["required"]
-    for f in fields(Display):
-        assert ("null" in given["properties"][f.name]["type"]) == ("None" in str(f.type)), f.name
+def test_derived_lengths_of_a_display_are_those_of_the_code() -> None:
     for display in DISPLAYS.values():
-        assert list(derived["properties"]) == list(display.derived())
+        assert list(DerivedDisplay.__struct_fields__) == list(display.derived())
 
 
 def test_a_sweep_s_columns_are_those_of_the_code() -> None:
@@ -289,7 +243,7 @@ def test_committed_document_keeps_its_schema(path: Path) -> None:
 
 
 def test_a_document_that_does_not_is_told_where() -> None:
-    document = copy.deepcopy(whole("report")[0])
+    document = copy.deepcopy(example(schema("report"), "report"))
     document["verdict"]["passed"] = "yes"
     with pytest.raises(AssertionError, match=r"verdict\.passed: 'yes' is not of type 'boolean'"):
         assert_schema(document)

@@ -13,11 +13,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from inim.display import Display
+from inim.documents.parts import Check, Regression
 from inim.errors import BaselineError, UsageError
 from inim.files.image import write_png
 from inim.pipeline.plan import Plan
@@ -49,14 +49,14 @@ class Comparison:
 
     Attributes
     ----------
-    data : dict or None
-        The `regression` of report.json; None without a baseline.
-    checks : tuple of dict
+    data : Regression, optional
+        None without a baseline.
+    checks : tuple of Check
         Rows of the verdict.
     """
 
-    data: dict[str, Any] | None = None
-    checks: tuple[dict[str, Any], ...] = ()
+    data: Regression | None = None
+    checks: tuple[Check, ...] = ()
 
 
 def judge(
@@ -128,16 +128,16 @@ def write_difference(
 
 def regression_data(
     where: str, baseline: RunStatistics, candidate: RunStatistics, pictures: list[str]
-) -> dict[str, Any]:
-    """What a report says of a comparison besides its checks."""
-    return {
-        "baseline": where,
-        "reason": baseline.reason,
-        "accepted": baseline.accepted,
-        "circumstances": changed_circumstances(baseline, candidate),
-        "drift": drift(baseline, candidate),
-        "pictures": pictures,
-    }
+) -> Regression:
+    """Results of a comparison, except its checks."""
+    return Regression(
+        baseline=where,
+        reason=baseline.reason,
+        accepted=baseline.accepted,
+        circumstances=changed_circumstances(baseline, candidate),
+        drift=drift(baseline, candidate),
+        pictures=pictures,
+    )
 
 
 def default_baseline(title: str) -> Path:
@@ -178,20 +178,20 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
     if not reason.strip():
         raise UsageError("--reason is empty; say in a line why this is the new baseline")
     report, candidate = read_run(out)
-    if "preview" in report.data:
+    if report.data.preview is not None:
         raise UsageError(
             f"{out}: is a preview, of too few samples to compare with; make the full report: "
-            f"{report.data['preview']['full_command']}"
+            f"{report.data.preview.full_command}"
         )
-    own = [c for c in report.data["verdict"]["checks"] if "kind" not in c and not c["passed"]]
+    own = [c for c in report.data.verdict.checks if c.kind is None and not c.passed]
     if own:
         raise UsageError(
-            f"{out}: failed {len(own)} checks of its own ({own[0]['name']}); mend that first"
+            f"{out}: failed {len(own)} checks of its own ({own[0].name}); mend that first"
         )
     _check_whole(candidate, out)
     if folder is None:
-        compared = report.data.get("regression")
-        folder = Path(compared["baseline"]) if compared else default_baseline(report.data["title"])
+        compared = report.data.regression
+        folder = Path(compared.baseline) if compared else default_baseline(report.data.title)
     today = datetime.now(timezone.utc).isoformat(timespec="seconds")
     write_statistics(folder, BASELINE, candidate.accept(reason.strip(), today))
     return folder
@@ -206,7 +206,7 @@ def _check_whole(candidate: RunStatistics, out: Path) -> None:
         if math.isnan(score.value)
     ]
     wrong += [n for n, found in candidate.pictures.items() if not np.isfinite(found.mean).all()]
-    views = candidate.conditions.get("viewpoints") or {}
+    views = candidate.conditions.viewpoints
     missing = [v for v in views if f"truth/{v}" not in candidate.pictures]
     if wrong or missing or not views:
         what = f"{wrong[0]} is not a number" if wrong else f"no view {', '.join(missing)}".strip()

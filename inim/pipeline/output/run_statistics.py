@@ -9,6 +9,8 @@ from typing import Any
 
 from inim.backend import Backend
 from inim.backend.provenance import versions
+from inim.documents.parts import Circumstances
+from inim.documents.report import AlgorithmResult
 from inim.metrics import perception_packages
 from inim.pipeline.measured import Measured
 from inim.pipeline.plan import Plan, conditions_of
@@ -52,27 +54,27 @@ def run_statistics(
     )
 
 
-def _circumstances(plan: Plan, backend: Backend) -> dict[str, Any]:
-    """What made a run and may differ: shown, not judged."""
-    return {
-        "title": plan.settings.title or plan.request.scene.stem,
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "inim": __version__,
-        **versions((*_VERSIONS, *perception_packages())),
-        "libLLVM": backend.libllvm_version,
-        "device": backend.device,
-        "processor": machine.cpu_model(),
-        "threads": machine.cpu_count(),
+def _circumstances(plan: Plan, backend: Backend) -> Circumstances:
+    packages: dict[str, Any] = {**versions((*_VERSIONS, *perception_packages()))}
+    return Circumstances(
+        title=plan.settings.title or plan.request.scene.stem,
+        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        inim=__version__,
+        **{name.replace("-", "_"): version for name, version in packages.items()},
+        libllvm=backend.libllvm_version,
+        device=backend.device,
+        processor=machine.cpu_model(),
+        threads=machine.cpu_count(),
         **{name: getattr(plan.settings, name) for name in _SAMPLING},
-    }
+    )
 
 
-def _reported(algorithms: Mapping[str, Any]) -> dict[str, dict[str, float | None]]:
+def _reported(algorithms: Mapping[str, AlgorithmResult]) -> dict[str, dict[str, float | None]]:
     """Every score of a report, by method and by method and viewpoint."""
     rows: dict[str, dict[str, float | None]] = {}
     for name, result in algorithms.items():
-        rows[name] = {f"eia {key}": _finite(value) for key, value in result["eia"].items()}
-        for view, scores in result["views"].items():
+        rows[name] = {f"eia {key}": _finite(value) for key, value in result.eia.items()}
+        for view, scores in result.views.items():
             rows[f"{name}/{view}"] = {key: _finite(value) for key, value in scores.items()}
     return rows
 

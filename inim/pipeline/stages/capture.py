@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from inim.documents.parts import Check
 from inim.image.noisy_image import replace_nonfinite
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.pipeline.stages.checks import check, nonfinite_checks
@@ -92,7 +93,7 @@ class Capture:
         See `Layers`.
     hidden_share : float
         Share of what lies behind the front that no ray of the display meets, and is left out.
-    checks : tuple of dict
+    checks : tuple of Check
     warnings : tuple of str
     """
 
@@ -103,7 +104,7 @@ class Capture:
     layered_halves: tuple[LayeredRGBD, ...] = ()
     covered_shares: tuple[float, ...] = ()
     hidden_share: float = 0.0
-    checks: tuple[dict[str, Any], ...] = ()
+    checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
 
     def cache_key(self) -> dict[str, Any]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any
 
 import numpy as np
 
+from inim.documents.parts import Check, Relation
 from inim.image.buffers import row_bands
 from inim.regression import ScoreEstimate, score_interval
 
@@ -19,11 +19,12 @@ CLIPPED_SHARE = 0.01
 def check(
     name: str,
     value: float | None,
-    relation: str,
+    relation: Relation,
     limit: float,
     detail: str = "",
     interval: tuple[float, float] | None = None,
-) -> dict[str, Any]:
+    criterion: bool = False,
+) -> Check:
     """A row of the verdict. A value that is missing or not finite never passes.
 
     Parameters
@@ -35,35 +36,35 @@ def check(
     detail : str
     interval : (float, float), optional
         Of the value, where its noise is known.
+    criterion : bool
+        True for a check of quality, against a limit that the user set.
     """
     passed = False
     if value is not None and np.isfinite(value):
         passed = bool(value >= limit if relation == ">=" else value <= limit)
-    row = {
-        "name": name,
-        "value": value,
-        "relation": relation,
-        "limit": limit,
-        "passed": passed,
-        "detail": detail,
-    }
-    return row if interval is None else row | {"interval": list(interval)}
+    return Check(
+        name=name,
+        value=value,
+        relation=relation,
+        limit=limit,
+        passed=passed,
+        detail=detail,
+        interval=interval,
+        criterion=criterion,
+    )
 
 
-def criterion(name: str, score: ScoreEstimate, limit: float) -> dict[str, Any]:
-    """A row on quality: a score, free of noise, against the least that somebody asked for."""
-    row = check(name, score.value, ">=", limit, interval=score_interval(score))
-    return row | {"criterion": True}
+def criterion(name: str, score: ScoreEstimate, limit: float) -> Check:
+    """A row on quality: a score without noise against the limit that the user set."""
+    return check(name, score.value, ">=", limit, interval=score_interval(score), criterion=True)
 
 
-def nonfinite_checks(name: str, count: int) -> list[dict[str, Any]]:
+def nonfinite_checks(name: str, count: int) -> list[Check]:
     """A check that fails where pixels were not finite."""
     return [check(f"{name}: pixels not finite", count, "<=", 0, "taken as black")] if count else []
 
 
-def missing_viewpoints(
-    name: str, wanted: Sequence[str], views: Collection[str]
-) -> list[dict[str, Any]]:
+def missing_viewpoints(name: str, wanted: Sequence[str], views: Collection[str]) -> list[Check]:
     """A check that fails where views are missing."""
     missing = [view for view in wanted if view not in views]
     if not missing and views:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from inim import metrics
+from inim.documents.parts import Check, ScorePrecision
+from inim.documents.report import AlgorithmResult, NoiseFloor
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import Viewing
 from inim.metrics.headline import HEADLINE, HEADLINE_WORDS
@@ -42,20 +43,20 @@ class MethodResult:
 
     Attributes
     ----------
-    scores : dict
+    scores : AlgorithmResult
         As in report.json.
     statistics : Statistics
         That later runs can be compared with.
     reference : Reference, optional
         What it makes of the reference input, where it is a generator.
-    checks : tuple of dict
+    checks : tuple of Check
     warnings : tuple of str
     """
 
-    scores: dict[str, Any]
+    scores: AlgorithmResult
     statistics: Statistics = field(default_factory=Statistics)
     reference: Reference | None = None
-    checks: tuple[dict[str, Any], ...] = ()
+    checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
@@ -125,11 +126,13 @@ def evaluate(
         reference = made.reference
         prints = {} if reference is None else {name: reference.fingerprint()}
         found = {view: one.result() for view, one in pending.items()}
-        scores = {
-            "eia": whole.result() | {"hole_fraction": made.hole_fraction},
-            **scores_data(found),
-            "seconds": made.seconds,
-        }
+        views_scores, precision = reported_scores(found)
+        scores = AlgorithmResult(
+            eia=whole.result() | {"hole_fraction": made.hole_fraction},
+            views=views_scores,
+            precision=precision,
+            seconds=made.seconds,
+        )
         judged = {f"{name}/{view}": one for view, one in found.items()}
         kept = Statistics(statistics.result(), judged, prints)
     eyes = [eye.name for eye in plan.viewpoints]
@@ -143,20 +146,19 @@ def evaluate(
     return MethodResult(scores, kept, reference, tuple(checks), tuple(warnings))
 
 
-def scores_data(views: Mapping[str, Scores]) -> dict[str, Any]:
-    """Scores by viewpoint, as in report.json: `views`, free of noise, and their `precision`."""
-    return {
-        "views": {
-            view: {k: one.value for k, one in found.items()} for view, found in views.items()
-        },
-        "precision": {
-            view: {
-                key: {"plain": one.plain, "interval": list(score_interval(one))}
-                for key, one in found.items()
-            }
-            for view, found in views.items()
-        },
-    }
+def reported_scores(
+    views: Mapping[str, Scores],
+) -> tuple[dict[str, dict[str, float | None]], dict[str, dict[str, ScorePrecision]]]:
+    """Scores without noise and their precision, by viewpoint, as in report.json."""
+    values: dict[str, dict[str, float | None]] = {}
+    precision = {}
+    for view, scores in views.items():
+        values[view] = {key: score.value for key, score in scores.items()}
+        precision[view] = {
+            key: ScorePrecision(plain=score.plain, interval=score_interval(score))
+            for key, score in scores.items()
+        }
+    return values, precision
 
 
 def _viewing(plan: Plan) -> dict[str, Viewing | None]:
@@ -234,7 +236,7 @@ def ceiling_scores(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Sco
         return {name: one.result() for name, one in pending.items()}
 
 
-def noise_floor(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Any]:
+def noise_floor(truth: GroundTruth, plan: Plan, *, run: Run) -> NoiseFloor:
     """The ground truth against itself, one half of its samples against the other."""
     with run.observer.timed("score"), scoring_threads(plan) as submit:
         whole, seen = submit(_eia_scores, truth, run), _viewing(plan)
@@ -242,8 +244,10 @@ def noise_floor(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Any]:
             name: submit(_score_halves, view, truth.regions[name], seen[name], run=run)
             for name, view in truth.views.items()
         }
-        views = {name: one.result() for name, one in pending.items()}
-        return {"eia": whole.result(), "views": views}
+        views: dict[str, dict[str, float | None]] = {
+            name: {**one.result()} for name, one in pending.items()
+        }
+        return NoiseFloor(eia=whole.result(), views=views)
 
 
 def truth_statistics(
@@ -266,7 +270,7 @@ def scoring_threads(plan: Plan) -> AbstractContextManager[Submit]:
     return threads(_PIXELS_AT_ONCE // max(view, display.eia_shape[0] * display.eia_shape[1]))
 
 
-def _shows_something(name: str, made: GeneratedEIA) -> dict[str, Any]:
+def _shows_something(name: str, made: GeneratedEIA) -> Check:
     """An EIA that shows nothing is a failure to report."""
     if made.hole_fraction is None:
         return check(
@@ -287,7 +291,7 @@ def _too_bright(name: str, eia: np.ndarray, truth: GroundTruth) -> list[str]:
     ]
 
 
-def _limits(name: str, plan: Plan, found: Mapping[str, Scores]) -> list[dict[str, Any]]:
+def _limits(name: str, plan: Plan, found: Mapping[str, Scores]) -> list[Check]:
     """Each view's headline score against the least that was asked for."""
     if name not in plan.ssim_limits:
         return []

@@ -10,6 +10,7 @@ import numpy as np
 
 from inim.display import Display, Viewpoint
 from inim.display.pixels import SUBPIXELS
+from inim.documents.parts import Check
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import relic_region
 from inim.pipeline.stages.capture import Capture
@@ -172,7 +173,7 @@ class GroundTruth:
         The relic's in each view: the same for all methods, as it is known without them.
     ceiling : dict of str to NoisyImage
         Views of the ground-truth EIA.
-    checks : tuple of dict
+    checks : tuple of Check
     warnings : tuple of str
     """
 
@@ -182,7 +183,7 @@ class GroundTruth:
     views: dict[str, NoisyImage]
     regions: dict[str, np.ndarray]
     ceiling: dict[str, NoisyImage]
-    checks: tuple[dict[str, Any], ...] = ()
+    checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
 
 

@@ -9,19 +9,19 @@ be read as a whole with scripts off: they only move what stands there anyway.
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from inim.cache.result_cache import ResultCache
+from inim.documents.report import ReportDocument
 from inim.process.threads import threads
 from inim.report.images import ENCODINGS, Encoding, Images
 from inim.report.markup import text
 from inim.report.page import Section, Widget, check_badge, data_note, render_page, timestamp
-from inim.report.wording import MISSING, part, verdict_words
+from inim.report.wording import verdict_words
 
 __all__ = ["LARGEST_PAGE_BYTES", "ReportSection", "all_sections", "render_html", "small_enough"]
 
@@ -50,7 +50,7 @@ class ReportSection:
     place: int
     anchor: str
     title: str
-    body: Callable[[Mapping[str, Any], Images], str]
+    body: Callable[[ReportDocument, Images], str]
     widget: Widget | None = None
     is_folded: bool = False
 
@@ -65,13 +65,12 @@ def all_sections() -> tuple[ReportSection, ...]:
     return tuple(sorted(sections, key=lambda section: section.place))
 
 
-def render_html(data: Mapping[str, Any], folder: Path, cache: ResultCache | None = None) -> str:
+def render_html(data: ReportDocument, folder: Path, cache: ResultCache | None = None) -> str:
     """The whole report as one HTML page.
 
     Parameters
     ----------
-    data : mapping
-        The contents of report.json, schema ``inim.report/1``, with NaN where it lists one.
+    data : ReportDocument
     folder : Path
         Where the report's PNG files lie. One that is missing or unreadable shows as a box.
     cache : ResultCache, optional
@@ -96,32 +95,30 @@ def small_enough(made: Callable[[Encoding], str]) -> str:
     return page
 
 
-def _page(data: Mapping[str, Any], images: Images) -> str:
+def _page(data: ReportDocument, images: Images) -> str:
     listed = all_sections()
     with threads() as submit:  # packing and comparing images takes the longest
         begun = [submit(section.body, data, images) for section in listed]
         bodies = [one.result() for one in begun]
-    title = data.get("title") or "Untitled"
     return render_page(
-        title,
+        data.title,
         _facts(data),
         [
             Section(s.anchor, s.title, body, s.is_folded)
             for s, body in zip(listed, bodies, strict=True)
         ],
-        window_title=f"{title}: {verdict_words(data)} – inim report",
+        window_title=f"{data.title}: {verdict_words(data)} – inim report",
         footer=data_note(data, "report.json"),
-        verdict_badge=check_badge(data),
+        verdict_badge=check_badge(data.verdict, data.warnings),
         widgets=[section.widget for section in listed if section.widget],
     )
 
 
-def _facts(data: Mapping[str, Any]) -> list[str]:
-    display = part(data, "display", "given").get("name", MISSING)
+def _facts(data: ReportDocument) -> list[str]:
     return [
-        f"Display {text(display)}",
-        f"lens model {text(data.get('lens_model', MISSING))}",
-        text(part(data, "backend").get("variant", MISSING)),
-        f"inim {text(data.get('inim_version', MISSING))}",
+        f"Display {text(data.display.given.name)}",
+        f"lens model {text(data.lens_model)}",
+        text(data.backend.variant),
+        f"inim {text(data.inim_version)}",
         timestamp(data),
     ]

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
+import msgspec
+
+from inim.documents.parts import DerivedDisplay
+from inim.documents.picture import PictureDocument
+from inim.documents.report import ReportDocument
 from inim.report.diagram import depth_profile, plan_view
 from inim.report.images import Images
 from inim.report.markup import element, figure, folded, text, text_table
 from inim.report.sections import ReportSection
-from inim.report.wording import MISSING, NBSP, is_number, items, mm, part, per_cent, short
+from inim.report.wording import MISSING, NBSP, mm, per_cent, short
 
 # The renderer works in single precision, and so does the depth picture.
 _SLACK = 1e-5
@@ -68,65 +74,57 @@ _DERIVED = {
 }
 
 
-def display(data: Mapping[str, Any], _images: Images) -> str:
+def display(data: ReportDocument | PictureDocument, _images: Images) -> str:
     """The section on the display."""
-    whole = part(data, "display")
-    given, derived = part(whole, "given"), part(whole, "derived")
-    focus = "focused" if _is_focused(derived) else MISSING
-    plain = {k for k, row in _PECULIAR.items() if k in given and given[k] == row[0]}
-    listed = {k: v for k, v in given.items() if k not in plain}
+    derived = data.display.derived
+    focus = "focused" if derived.central_depth_mm is None else MISSING
+    given = asdict(data.display.given)
+    listed = {k: v for k, v in given.items() if k not in _PECULIAR or v != _PECULIAR[k][0]}
     known = _GIVEN | {k: row[1:] for k, row in _PECULIAR.items()}
     tables = [
         _quantities("Given", listed, known, "default"),
-        _quantities("Derived", derived, _DERIVED, focus),
+        _quantities("Derived", msgspec.structs.asdict(derived), _DERIVED, focus),
     ]
-    words = _display_words(given, derived) + _display_warnings(derived) + _off(data)
+    misalign = "" if isinstance(data, PictureDocument) else data.misalign
+    words = _display_words(data) + _display_warnings(derived) + _off(misalign)
     every = folded(element("h3", "Every parameter"), element("div", *tables, class_="columns"))
     return words + _plan(data) + every
 
 
-def _plan(data: Mapping[str, Any]) -> str:
-    drawing = plan_view(part(data, "display"), items(data, "viewpoints"))
-    if not drawing:
-        return ""
+def _plan(data: ReportDocument | PictureDocument) -> str:
+    drawing = plan_view(data.display, data.viewpoints)
     caption = "Seen from above. Shaded: where an eye sees no flipped view."
     scrolled = element("div", drawing, class_="scroll")
     return element("figure", scrolled, element("figcaption", caption), class_="plan")
 
 
-def _is_focused(derived: Mapping[str, Any]) -> bool:
-    return "central_depth_mm" in derived and derived["central_depth_mm"] is None
-
-
-def _display_words(given: Mapping[str, Any], derived: Mapping[str, Any]) -> str:
+def _display_words(data: ReportDocument | PictureDocument) -> str:
     """What the figures mean, in sentences."""
-    lenses = f"{short(given.get('lens_columns'))} × {short(given.get('lens_rows'))}"
-    size = f"{short(derived.get('width_mm'))} × {mm(derived.get('height_mm'))}"
-    pixels = f"{short(derived.get('eia_columns'))} × {short(derived.get('eia_rows'))}"
+    given, derived = data.display.given, data.display.derived
+    lenses = f"{given.lens_columns} × {given.lens_rows}"
+    size = f"{short(derived.width_mm)} × {mm(derived.height_mm)}"
+    pixels = f"{derived.eia_columns} × {derived.eia_rows}"
     words = (
-        f"{lenses} lenses of {mm(given.get('pitch_mm'))} make a display of {size} with {pixels} "
-        f"pixels, {short(derived.get('pixels_per_lens'))} across each lens. "
+        f"{lenses} lenses of {mm(given.pitch_mm)} make a display of {size} with {pixels} "
+        f"pixels, {short(derived.pixels_per_lens)} across each lens. "
         f"{_focus_words(derived)} Each lens sends its directions within "
-        f"±{short(derived.get('viewing_half_angle_deg'))}°; an eye on the axis sees one unbroken "
-        f"picture from {mm(derived.get('nearest_viewing_distance_mm'))} onwards."
+        f"±{short(derived.viewing_half_angle_deg)}°; an eye on the axis sees one unbroken "
+        f"picture from {mm(derived.nearest_viewing_distance_mm)} onwards."
     )
     return element("p", text(words), class_="lead")
 
 
-def _focus_words(derived: Mapping[str, Any]) -> str:
-    low, high = (mm(derived.get(f"depth_{end}_mm")) for end in ("min", "max"))
-    relic = f"depths are fitted into {low} to {high}."
-    centre = derived.get("central_depth_mm")
-    if _is_focused(derived):
+def _focus_words(derived: DerivedDisplay) -> str:
+    relic = f"depths are fitted into {mm(derived.depth_min_mm)} to {mm(derived.depth_max_mm)}."
+    centre = derived.central_depth_mm
+    if centre is None:
         return f"It is focused (gap = focal length), so it has no central depth plane; {relic}"
-    if not is_number(centre):
-        return f"Its central depth plane is not known; {relic}"
     side = "in front of" if centre > 0 else "behind"
     return f"It is sharpest {mm(abs(centre))} {side} the lens array; {relic}"
 
 
-def _display_warnings(derived: Mapping[str, Any]) -> str:
-    if derived.get("depth_range_is_cut") is not True:
+def _display_warnings(derived: DerivedDisplay) -> str:
+    if not derived.depth_range_is_cut:
         return ""
     words = (
         "The depth formula crosses the lens array, so the depth range was cut just off it. "
@@ -135,10 +133,9 @@ def _display_warnings(derived: Mapping[str, Any]) -> str:
     return element("p", element("b", "Depth range cut."), " ", text(words), class_="caution")
 
 
-def _off(data: Mapping[str, Any]) -> str:
-    """What the array is off by, where generators do not know."""
-    misalign = data.get("misalign")
-    if not (isinstance(misalign, str) and misalign.strip()):
+def _off(misalign: str) -> str:
+    """A note on the misalignment that generators do not know."""
+    if not misalign.strip():
         return ""
     words = (
         f"The array lies off this design by {misalign}. The true EIA and views are those of the "
@@ -160,7 +157,7 @@ def _quantities(
     return text_table(caption, ["Quantity", "Value", "Meaning"], rows, "quantities")
 
 
-def rgbd(data: Mapping[str, Any], images: Images) -> str:
+def rgbd(data: ReportDocument, images: Images) -> str:
     """The section on the RGB-D input."""
     colour, depth = (images.read(f"rgbd_{kind}.png") for kind in ("color", "depth"))
     shots = [
@@ -173,33 +170,30 @@ def rgbd(data: Mapping[str, Any], images: Images) -> str:
     )
 
 
-def _input_words(data: Mapping[str, Any]) -> str:
-    given = part(data, "rgbd")
+def _input_words(data: ReportDocument) -> str:
+    rgbd = data.rgbd
     return (
-        f"What the algorithms were given: {short(given.get('columns'))} × "
-        f"{short(given.get('rows'))} pixels of {mm(given.get('pixel_mm'))}, "
-        f"{per_cent(given.get('covered_fraction'), 1)} of them covered by the relic, depths from "
-        f"{mm(given.get('depth_min_mm'))} to {mm(given.get('depth_max_mm'))} towards the viewer."
+        f"What the algorithms were given: {rgbd.columns} × {rgbd.rows} pixels of "
+        f"{mm(rgbd.pixel_mm)}, {per_cent(rgbd.covered_fraction, 1)} of them covered by the relic, "
+        f"depths from {mm(rgbd.depth_min_mm)} to {mm(rgbd.depth_max_mm)} towards the viewer."
     )
 
 
-def _depth_words(data: Mapping[str, Any]) -> str:
-    derived = part(data, "display", "derived")
-    far, near = mm(derived.get("depth_min_mm")), mm(derived.get("depth_max_mm"))
+def _depth_words(data: ReportDocument) -> str:
+    far, near = map(mm, data.display.given.depth_range_mm)
     return f"lighter is nearer to the viewer, from {far} to {near}; black is background"
 
 
-def _profile(data: Mapping[str, Any], images: Images) -> str:
-    drawing = depth_profile(images.folder, part(data, "display", "derived"))
+def _profile(data: ReportDocument, images: Images) -> str:
+    drawing = depth_profile(images.folder, data.display.given)
     return figure(drawing, "Depth along the array", _profile_words(data)) if drawing else ""
 
 
-def _profile_words(data: Mapping[str, Any]) -> str:
+def _profile_words(data: ReportDocument) -> str:
     """Whether the relic is where the display can show it."""
-    derived, given = part(data, "display", "derived"), part(data, "rgbd")
-    ends = [(part_.get("depth_min_mm"), part_.get("depth_max_mm")) for part_ in (derived, given)]
-    (low, high), (first, last) = ends
-    if not (is_number(low) and is_number(high) and is_number(first) and is_number(last)):
+    low, high = data.display.given.depth_range_mm
+    first, last = data.rgbd.depth_min_mm, data.rgbd.depth_max_mm
+    if first is None or last is None:
         return "seen from above"
     slack = _SLACK * max(abs(low), abs(high))
     inside = low - slack <= first and last <= high + slack

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from inim.documents.report import ReportDocument
 from inim.report.images import Images
 from inim.report.markup import captioned, element, text
 from inim.report.sections import ReportSection
-from inim.report.wording import TRUE_EIA, is_number, metric_scores, part, score
+from inim.report.wording import TRUE_EIA, metric_scores, score
 
 _CROP_LENSES = 5
 _WHOLE_EIA_PX = 420
@@ -37,15 +36,14 @@ class _Window:
         return cut if cut.shape[:2] == (self.height, self.width) else None
 
 
-def elemental_images(data: Mapping[str, Any], images: Images) -> str:
+def elemental_images(data: ReportDocument, images: Images) -> str:
     """The section on the elemental images, of the same place in every array."""
     truth = images.read("truth", "eia.png")
     window = _busiest_window(truth, data)
-    floor = metric_scores(part(data, "noise_floor", "eia"), "eia")
+    floor = metric_scores(data.noise_floor.eia, "eia")
     figures = [_eia_figure(images, truth, window, TRUE_EIA, ("To itself", floor))]
-    for name in part(data, "algorithms"):
-        made = images.read("eia", f"{name}.png")
-        scores = part(data, "algorithms", name, "eia")
+    for name, result in data.algorithms.items():
+        made, scores = images.read("eia", f"{name}.png"), result.eia
         facts = [*metric_scores(scores, "eia"), ("Holes", score(scores, "hole_fraction"))]
         figures.append(_eia_figure(images, made, window, name, ("To the true EIA", facts)))
     intro = element("p", text(_INTRO), class_="lead")
@@ -78,11 +76,10 @@ def _marker(pixels: np.ndarray | None, window: _Window) -> str:
     return element("i", style=place, aria_hidden="true")
 
 
-def _busiest_window(truth: np.ndarray | None, data: Mapping[str, Any]) -> _Window:
+def _busiest_window(truth: np.ndarray | None, data: ReportDocument) -> _Window:
     """The few lenses in the central half of the array whose pixels vary most."""
     rows, columns = (0, 0) if truth is None else truth.shape[:2]
-    ratio = part(data, "display", "derived").get("pixels_per_lens")
-    pixels_per_lens = float(ratio) if is_number(ratio) and 1 <= ratio < 4096 else 1.0
+    pixels_per_lens = data.display.given.pixels_per_lens
     size = max(1, round(_CROP_LENSES * pixels_per_lens))
     height, width = min(size, rows), min(size, columns)
     if truth is None:

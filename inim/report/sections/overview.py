@@ -5,26 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from inim.documents.parts import Precision
+from inim.documents.picture import PictureDocument
+from inim.documents.report import AlgorithmResult, ReportDocument
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
 from inim.report.images import Images, is_wide
 from inim.report.markup import element, figure, table, text
 from inim.report.sections import ReportSection
 from inim.report.wording import (
     CEILING,
-    MISSING,
     PREVIEW_WORDS,
     TRUTH,
-    best_algorithm,
-    by_noise,
     check_finding,
-    check_passed,
-    checks,
     disagreements,
     full_command,
     number,
-    part,
     score,
-    viewpoint_names,
 )
 
 _FAILURES_ON_TOP = 3
@@ -35,7 +31,7 @@ _NOTE = (
 )
 
 
-def overview(data: Mapping[str, Any], images: Images) -> str:
+def overview(data: ReportDocument, images: Images) -> str:
     """The table of scores above the images of the centre viewpoint."""
     link = element("a", "What the numbers mean", href="#meaning")
     note = element("p", text(_NOTE), link, class_="note")
@@ -44,7 +40,7 @@ def overview(data: Mapping[str, Any], images: Images) -> str:
     return "".join(parts)
 
 
-def _preview(data: Mapping[str, Any]) -> str:
+def _preview(data: ReportDocument) -> str:
     """That this is a first look, and how to make the full report."""
     command = full_command(data)
     if not command:
@@ -52,13 +48,13 @@ def _preview(data: Mapping[str, Any]) -> str:
     return element("p", text(PREVIEW_WORDS), " ", element("code", text(command)), class_="preview")
 
 
-def failures(data: Mapping[str, Any]) -> str:
+def failures(data: ReportDocument | PictureDocument) -> str:
     """The first failed checks, to be read without scrolling."""
-    failed = [check for check in checks(data) if not check_passed(check)]
+    failed = [check for check in data.verdict.checks if not check.passed]
     if not failed:
         return ""
     lines = [
-        element("li", element("b", text(c.get("name", MISSING))), " ", text(check_finding(c)))
+        element("li", element("b", text(c.name)), " ", text(check_finding(c)))
         for c in failed[:_FAILURES_ON_TOP]
     ]
     if len(failed) > _FAILURES_ON_TOP:
@@ -67,68 +63,73 @@ def failures(data: Mapping[str, Any]) -> str:
     return element("ul", *lines, class_="failures", aria_label="Failed checks")
 
 
-def _scores(data: Mapping[str, Any]) -> str:
-    names, best = viewpoint_names(data), best_algorithm(data)
+def _scores(data: ReportDocument) -> str:
+    names, best = data.viewpoint_names, data.best_algorithm
     heads = ["Algorithm", *names, f"EIA {MAIN.label}", "Holes", "Seconds"]
-    several = len(part(data, "algorithms")) > 1
+    several = len(data.algorithms) > 1
     rows = [
-        _algorithm_row(data, name, names, several and name == best)
-        for name in part(data, "algorithms")
+        _algorithm_row(name, result, names, several and name == best)
+        for name, result in data.algorithms.items()
     ]
-    rows.append(_reference_row(CEILING, "to scene", part(data, "ceiling"), names))
-    rows.append(_reference_row("Noise floor", "to itself", part(data, "noise_floor"), names))
+    ceiling, floor = data.ceiling, data.noise_floor
+    own = {name: ceiling.views[name] for name in names}
+    rows.append(_reference_row(CEILING, "to scene", own, ceiling.precision))
+    noise = {name: floor.views[name] for name in names}
+    rows.append(_reference_row("Noise floor", "to itself", noise, {}, floor.eia))
     return table(f"{HEADLINE_WORDS}, per viewpoint", [text(h) for h in heads], rows, "scores")
 
 
 def _algorithm_row(
-    data: Mapping[str, Any], name: str, names: Sequence[str], is_best: bool
+    name: str, result: AlgorithmResult, names: Sequence[str], is_best: bool
 ) -> list[str]:
-    run = part(data, "algorithms", name)
-    views = [part(run, "views", viewpoint) for viewpoint in names]
+    views = [result.views.get(viewpoint, {}) for viewpoint in names]
     label = text(name) + (element("small", "best mean") if is_best else "")
     cells = [
         element("span", text(score(scores, HEADLINE)))
-        + _noise(run, view, HEADLINE)
+        + _noise(result.precision, view, HEADLINE)
         + element("small", text(f"{score(scores, HEADLINE_TO_SCENE)} scene"))
         + element("small", text(f"{score(scores, MAIN.to_ceiling_key)} whole"))
         + element("small", text(f"{score(scores, MAIN.key)} whole, scene"))
         for view, scores in zip(names, views, strict=True)
     ]
-    eia = part(run, "eia")
-    last = [score(eia, MAIN.key), score(eia, "hole_fraction"), number(run.get("seconds"), 2)]
+    eia = result.eia
+    last = [score(eia, MAIN.key), score(eia, "hole_fraction"), number(result.seconds, 2)]
     return [label, *cells, *map(text, last)]
 
 
 def _reference_row(
-    label: str, against: str, scores: Mapping[str, Any], names: Sequence[str]
+    label: str,
+    against: str,
+    views: Mapping[str, Mapping[str, Any]],
+    precision: Precision,
+    eia: Mapping[str, Any] | None = None,
 ) -> list[str]:
-    views = [part(scores, "views", name) for name in names]
     cells = [
         element("span", text(score(own, HEADLINE_TO_SCENE)))
-        + _noise(scores, view, HEADLINE_TO_SCENE)
+        + _noise(precision, view, HEADLINE_TO_SCENE)
         + element("small", text(f"{score(own, MAIN.key)} whole"))
-        for view, own in zip(names, views, strict=True)
+        for view, own in views.items()
     ]
-    eia = part(scores, "eia")
     of_eia = score(eia, MAIN.key) if eia else ""
     head = element("em", text(label)) + " " + element("span", text(against), class_="aside")
     return [head, *cells, text(of_eia), "", ""]
 
 
-def _noise(run: Mapping[str, Any], view: str, key: str) -> str:
-    half = by_noise(run, view, key)
+def _noise(precision: Precision, view: str, key: str) -> str:
+    known = precision.get(view, {}).get(key)
+    half = known and known.half_width
     return "" if half is None else element("small", text(f"± {number(half, MAIN.digits)}"))
 
 
-def _hero(data: Mapping[str, Any], images: Images) -> str:
+def _hero(data: ReportDocument, images: Images) -> str:
     """One viewpoint as the scene shows it, as the display could, and as the best algorithm does."""
-    names, best = viewpoint_names(data), best_algorithm(data)
+    names, best = data.viewpoint_names, data.best_algorithm
     if not names:
         return ""
     view = "centre" if "centre" in names else names[0]
     truth = images.read("truth", f"{view}.png")
     shots = [_shot(images, truth, view, TRUTH, f"from {view}: the scene itself")]
-    own = score(part(data, "ceiling", "views", view), HEADLINE_TO_SCENE)
+    own = score(data.ceiling.views[view], HEADLINE_TO_SCENE)
     ceiling = f"{MAIN.label} {own} on the relic to the scene"
     shown = images.read("views", "ceiling", f"{view}.png")
     shots.append(_shot(images, shown, view, CEILING, ceiling))
@@ -138,9 +139,9 @@ def _hero(data: Mapping[str, Any], images: Images) -> str:
     return element("div", *shots, class_="hero wide" if is_wide(truth) else "hero")
 
 
-def _best_words(data: Mapping[str, Any], best: str, view: str) -> str:
-    scores = part(data, "algorithms", best, "views", view)
-    several = len(part(data, "algorithms")) > 1
+def _best_words(data: ReportDocument, best: str, view: str) -> str:
+    scores = data.algorithms[best].views.get(view, {})
+    several = len(data.algorithms) > 1
     words = f"{MAIN.label} {score(scores, HEADLINE)} on the relic to the ceiling"
     return f"{words}, best on average" if several else words
 

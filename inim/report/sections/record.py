@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from typing import Any, TypeGuard
 
+from inim.documents.parts import Check, Checks
+from inim.documents.report import ReportDocument
 from inim.metrics import RELIC_MARGIN_PX, all_metrics
 from inim.report.images import Images
 from inim.report.markup import bullets, element, mark, table, text, text_table
@@ -13,22 +13,16 @@ from inim.report.page import how_to_reproduce
 from inim.report.sections import ReportSection
 from inim.report.wording import (
     CEILING,
-    MISSING,
     NBSP,
     TRUE_EIA,
     TRUTH,
     check_interval,
-    check_passed,
+    check_limit,
     check_value,
-    checks,
-    is_number,
-    items,
     number,
-    part,
     per_cent,
     relation,
     suggested_criteria,
-    verdict,
 )
 
 _TOTAL, _RENDER = "total", "mitsuba_render"
@@ -98,20 +92,20 @@ _MEANINGS = (
 )
 
 
-def check_list(data: Mapping[str, Any]) -> str:
+def check_list(verdict: Checks) -> str:
     """Every check with its numbers, the failed ones first."""
-    if not checks(data):
+    if not verdict.checks:
         return element("p", "Nothing was checked.")
-    rows = [_check_row(check) for check in sorted(checks(data), key=check_passed)]
+    rows = [_check_row(check) for check in sorted(verdict.checks, key=lambda one: one.passed)]
     heads = ["Check", "Value", "Relation", "Limit", "Verdict", "Interval of the value"]
     if not any(row[-1] for row in rows):
         heads, rows = heads[:-1], [row[:-1] for row in rows]
     return table("Every check, the failed ones first", heads, rows, "checks")
 
 
-def _no_criteria(data: Mapping[str, Any]) -> str:
+def _no_criteria(data: ReportDocument) -> str:
     """What the checks do not say, and criteria to set; empty where there are some."""
-    if verdict(data) != "ran clean":
+    if data.verdict.word != "ran clean":
         return ""
     words = element("p", text(_NO_CRITERIA), class_="lead")
     wanted = suggested_criteria(data)
@@ -121,40 +115,38 @@ def _no_criteria(data: Mapping[str, Any]) -> str:
     return words + element("pre", element("code", text(line)), tabindex=0)
 
 
-def _check_row(check: Mapping[str, Any]) -> list[str]:
-    word = "passed" if check_passed(check) else "failed"
-    name = text(check.get("name", MISSING))
-    if check.get("detail"):
-        name += element("small", text(check["detail"]))
+def _check_row(check: Check) -> list[str]:
+    word = "passed" if check.passed else "failed"
+    name = text(check.name)
+    if check.detail:
+        name += element("small", text(check.detail))
     badge = element("span", mark(word), word, class_=f"badge {word}")
-    value, limit = check_value(check), check_value(check, "limit")
+    value, limit = check_value(check), check_limit(check)
     interval = text(check_interval(check))
     return [name, text(value), text(relation(check)), text(limit), badge, interval]
 
 
-def _timings(data: Mapping[str, Any]) -> str:
+def _timings(data: ReportDocument) -> str:
     """Where the time went, stage by stage, and how much of it the renderer took."""
-    taken = part(data, "timings")
+    taken = data.timings
     stages = {k: v for k, v in taken.items() if k not in (_TOTAL, _RENDER)}
-    total = taken.get(_TOTAL)
-    if not _is_time(total):
-        total = math.fsum(v for v in stages.values() if _is_time(v))
+    total = taken[_TOTAL]
     rows = [_stage_row(name, seconds, total) for name, seconds in stages.items()]
     listed = table("Wall-clock time", ["Stage", "Seconds", "Share of the total"], rows, "timings")
     return _time_words(taken, total) + listed
 
 
-def _time_words(taken: Mapping[str, Any], total: float) -> str:
+def _time_words(taken: Mapping[str, float], total: float) -> str:
     words = f"{number(total, 2)}{NBSP}s in all"
-    render = taken.get(_RENDER)
-    if _is_time(render) and total > 0:
+    render = taken[_RENDER]
+    if total > 0:
         share = per_cent(render / total, 0)
         words += f", of which the renderer took {number(render, 2)}{NBSP}s ({share})"
     return element("p", text(f"{words}."), class_="lead")
 
 
-def _stage_row(name: str, seconds: object, total: float) -> list[str]:
-    share = seconds / total if _is_time(seconds) and total > 0 else None
+def _stage_row(name: str, seconds: float, total: float) -> list[str]:
+    share = seconds / total if total > 0 else None
     width = min(100 * (share or 0.0), 100.0)
     bar = element("div", class_="bar", style=f"width:{width:.1f}%", aria_hidden="true")
     words = element("span", text(per_cent(share, 1)))
@@ -162,20 +154,12 @@ def _stage_row(name: str, seconds: object, total: float) -> list[str]:
     return [label, text(number(seconds, 2)), element("div", words, bar, class_="share")]
 
 
-def _is_time(value: object) -> TypeGuard[float]:
-    return is_number(value) and math.isfinite(value) and value >= 0
-
-
-def _skipped(data: Mapping[str, Any]) -> str:
-    """The section; empty for a report that does not say."""
-    rows = [
-        [MISSING if part(row).get(key) is None else part(row)[key] for key in _SKIPPED]
-        for row in items(data, "skipped")
-    ]
+def _skipped(data: ReportDocument) -> str:
+    """The section; empty without any step."""
+    rows = [[getattr(row, key) for key in _SKIPPED] for row in data.skipped]
     if not rows:
         return ""
-    error = part(data, "settings").get("score_error")
-    words = _SAMPLES if is_number(error) and error > 0 else _EXACT
+    words = _SAMPLES if data.settings.score_error > 0 else _EXACT
     caption = "What this run did and skipped"
     listed = text_table(caption, list(_SKIPPED.values()), rows, "skips")
     return element("p", text(words), class_="lead") + listed
@@ -193,8 +177,8 @@ def _meanings() -> str:
     return element("dl", *entries, class_="meanings")
 
 
-def _all_checks(data: Mapping[str, Any], _: Images) -> str:
-    return _no_criteria(data) + check_list(data)
+def _all_checks(data: ReportDocument, _: Images) -> str:
+    return _no_criteria(data) + check_list(data.verdict)
 
 
 SECTIONS = (
@@ -207,7 +191,7 @@ SECTIONS = (
         130,
         "warnings",
         "Warnings",
-        lambda data, _: bullets(items(data, "warnings"), "cautions"),
+        lambda data, _: bullets(data.warnings, "cautions"),
     ),
     ReportSection(
         140,

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import Any
-
+from inim.documents.compare import CompareDocument
+from inim.documents.parts import Drift, Regression
+from inim.documents.report import ReportDocument
 from inim.metrics import all_metrics
 from inim.report.images import Images
 from inim.report.markup import element, figure, text, text_table
 from inim.report.sections import ReportSection
-from inim.report.wording import MISSING, check_passed, checks, is_number, items, part, short
+from inim.report.wording import MISSING, short
 
 _FOLDER = "regression"
 # The rest is in report.json.
@@ -22,24 +21,24 @@ _WORDS = (
 )
 
 
-def regression(data: Mapping[str, Any], images: Images) -> str:
+def regression(data: ReportDocument | CompareDocument, images: Images) -> str:
     """The section on the baseline; empty for a run that was not compared with one."""
-    found = part(data, "regression")
-    if not found:
+    found = data.regression
+    if found is None:
         return ""
-    judged = [check for check in checks(data) if "kind" in check]
-    failed = sum(not check_passed(check) for check in judged)
+    judged = [check for check in data.verdict.checks if check.kind is not None]
+    failed = sum(not check.passed for check in judged)
     changed = f"{failed} changed" if failed else "nothing changed"
-    words = f"Of {len(judged)} comparisons with {found.get('baseline', MISSING)}, {changed}. "
-    if found.get("reason"):
-        words += f"That baseline was accepted because: {found['reason']}. "
+    words = f"Of {len(judged)} comparisons with {found.baseline}, {changed}. "
+    if found.reason:
+        words += f"That baseline was accepted because: {found.reason}. "
     lead = element("p", text(words + _WORDS), class_="lead")
     return lead + _images(found, images) + _circumstances(found) + _drift(found)
 
 
-def _images(found: Mapping[str, Any], images: Images) -> str:
+def _images(found: Regression, images: Images) -> str:
     rows = []
-    for name in items(found, "pictures")[:_MOST_PICTURES]:
+    for name in found.pictures[:_MOST_PICTURES]:
         shots = [
             figure(
                 images.embed(images.read(_FOLDER, f"{name}-{kind}.png"), f"{name}, {kind}"),
@@ -57,10 +56,10 @@ def _images(found: Mapping[str, Any], images: Images) -> str:
     return "".join(rows)
 
 
-def _circumstances(found: Mapping[str, Any]) -> str:
+def _circumstances(found: Regression) -> str:
     rows = [
-        [part(row).get("name", MISSING), _shown(row, "baseline"), _shown(row, "candidate")]
-        for row in items(found, "circumstances")
+        [row.name, *(MISSING if v is None else v for v in (row.baseline, row.candidate))]
+        for row in found.circumstances
     ]
     if not rows:
         return ""
@@ -68,27 +67,21 @@ def _circumstances(found: Mapping[str, Any]) -> str:
     return text_table("What else differs between the two runs, not judged", heads, rows, "facts")
 
 
-def _shown(row: Any, key: str) -> object:
-    value = part(row).get(key)
-    return MISSING if value is None else value
-
-
-def _drift(found: Mapping[str, Any]) -> str:
+def _drift(found: Regression) -> str:
     """The reported scores that moved most, passed or not."""
 
-    def size(row: Any) -> float:
-        change, before = part(row).get("change"), part(row).get("baseline")
-        if not is_number(change) or not math.isfinite(change):
+    def size(row: Drift) -> float:
+        if row.change is None or row.baseline is None:
             return 0.0
-        return abs(change) / max(abs(before), 0.1) if is_number(before) else 0.0
+        return abs(row.change) / max(abs(row.baseline), 0.1)
 
-    moved = sorted(items(found, "drift"), key=size, reverse=True)
+    moved = sorted(found.drift, key=size, reverse=True)
     rows = [
         [
-            f"{part(row).get('what', MISSING)}: {_words(part(row).get('score', MISSING))}",
-            short(part(row).get("baseline")),
-            short(part(row).get("candidate")),
-            _signed(part(row).get("change")),
+            f"{row.what}: {_words(row.score)}",
+            short(row.baseline),
+            short(row.candidate),
+            _signed(row.change),
         ]
         for row in moved[:_MOST_DRIFTS]
         if size(row) > 0
@@ -99,9 +92,8 @@ def _drift(found: Mapping[str, Any]) -> str:
     return text_table(caption, ["Score", "Baseline", "This run", "Drift"], rows, "drift")
 
 
-def _words(name: object) -> str:
+def _words(label: str) -> str:
     """A score's name with its metric's label and without its unit: "PSNR to ceiling"."""
-    label = str(name)
     for metric in all_metrics():
         if metric.unit:
             label = label.removesuffix(f"_{metric.unit.lower()}")
@@ -109,10 +101,8 @@ def _words(name: object) -> str:
     return label.replace("eia", "EIA").replace("_", " ")
 
 
-def _signed(change: object) -> str:
-    if not is_number(change):
-        return MISSING
-    return f"+{short(float(change))}" if change >= 0 else short(float(change))
+def _signed(change: float | None) -> str:
+    return f"+{short(change)}" if change is not None and change >= 0 else short(change)
 
 
 SECTIONS = (ReportSection(30, "regression", "Against the baseline", regression),)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
+from inim.documents.report import ReportDocument, Splats
 from inim.report.images import Images
 from inim.report.markup import element, text, text_table
 from inim.report.sections import ReportSection
-from inim.report.wording import is_number, items, mm, part, per_cent, short
+from inim.report.wording import mm, per_cent, short
 
 
-def splats(data: Mapping[str, Any], _images: Images) -> str:
+def splats(data: ReportDocument, _images: Images) -> str:
     """The section on splats; empty for other scenes."""
-    found = part(data, "scene", "splats")
-    if not found:
+    found = data.scene.splats
+    if found is None:
         return ""
     lead = element("p", text(_words(data, found)), class_="lead")
-    shares = items(found, "coverage_histogram")
+    shares = found.coverage_histogram
     rows = [
         (f"{k / len(shares):.0%} to {(k + 1) / len(shares):.0%}", per_cent(share, 1))
         for k, share in enumerate(shares)
@@ -27,25 +25,23 @@ def splats(data: Mapping[str, Any], _images: Images) -> str:
     )
 
 
-def _words(data: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+def _words(data: ReportDocument, found: Splats) -> str:
     """What the figures mean, in sentences."""
     words = (
-        f"{short(found.get('count'))} splats touch "
-        f"{per_cent(found.get('touched_fraction'), 1)} of the picture's pixels, and take "
-        f"{per_cent(found.get('mean_coverage'), 1)} of their light on average. "
+        f"{short(found.count)} splats touch "
+        f"{per_cent(found.touched_fraction, 1)} of the picture's pixels, and take "
+        f"{per_cent(found.mean_coverage, 1)} of their light on average. "
         "A depth map has one depth for each: here, that at which half of the light is gone. "
-        f"{per_cent(found.get('without_depth_fraction'), 1)} of these pixels never lose half: the "
+        f"{per_cent(found.without_depth_fraction, 1)} of these pixels never lose half: the "
         "algorithms are not given them. "
-        f"{per_cent(found.get('never_opaque_fraction'), 1)} never lose nine tenths: what shows "
+        f"{per_cent(found.never_opaque_fraction, 1)} never lose nine tenths: what shows "
         "through them moves otherwise than they do. "
     )
-    spread = found.get("depth_spread_mm")
-    derived = part(data, "display", "derived")
-    low, high = derived.get("depth_min_mm"), derived.get("depth_max_mm")
-    if is_number(spread) and is_number(low) and is_number(high) and high > low:
+    if found.depth_spread_mm is not None:
+        low, high = data.display.given.depth_range_mm
         words += (
-            f"In the others, the light is lost over {mm(spread)} of depth (median; "
-            f"{mm(found.get('depth_spread_p95_mm'))} in one of twenty), from the first tenth to "
+            f"In the others, the light is lost over {mm(found.depth_spread_mm)} of depth (median; "
+            f"{mm(found.depth_spread_p95_mm)} in one of twenty), from the first tenth to "
             f"the last, of a depth range of {mm(high - low)}."
         )
     return words

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from inim.cache.digest import code_digest
+from inim.documents.report import ReportDocument
 from inim.metrics.headline import HEADLINE_WORDS
 from inim.metrics.psnr import metric as PSNR  # noqa: N812
 from inim.report.images import Images
@@ -29,7 +30,7 @@ from inim.report.plots import (
     svg,
 )
 from inim.report.sections import ReportSection
-from inim.report.wording import headlines, is_number, part, plain, viewpoint_names
+from inim.report.wording import plain
 
 _YARDSTICKS = "yardsticks"
 _WORDS = "Down and left is better; the line joins those that no other beats in both. "
@@ -47,14 +48,14 @@ _SECONDS = (
 _Point = tuple[str, float, float]
 
 
-def time_against_error(data: Mapping[str, Any], images: Images) -> str:
+def time_against_error(data: ReportDocument, images: Images) -> str:
     """The section; empty where no algorithm has a time and a score."""
     times, unit = _times(data)
     views, eias = _view_points(data, times), _eia_points(data, times)
     if not (views or eias):
         return ""
-    floor = part(data, "noise_floor", "eia").get(PSNR.key)
-    known_floor = float(floor) if is_number(floor) and math.isfinite(floor) else None
+    floor = data.noise_floor.eia[PSNR.key]
+    known_floor = floor if floor is not None and math.isfinite(floor) else None
     figure = (tuple(views), tuple(eias), unit, known_floor)
     # Loading matplotlib takes the longest.
     drawn = images.cached(
@@ -74,37 +75,36 @@ def time_against_error(data: Mapping[str, Any], images: Images) -> str:
     return element("p", how, class_="lead") + plot(drawn, alt, width=760, height=330)
 
 
-def _times(data: Mapping[str, Any]) -> tuple[dict[str, float], str]:
+def _times(data: ReportDocument) -> tuple[dict[str, float], str]:
     """Times by algorithm, and their unit: ratios where all that took time have one."""
-    runs = part(data, "algorithms")
     seconds, ratios = (
         {
-            name: float(value)
-            for name in runs
-            if is_number(value := part(runs, name).get(key)) and 0 < value < math.inf
+            name: value
+            for name, result in data.algorithms.items()
+            if (value := getattr(result, key)) is not None and value > 0
         }
         for key in ("seconds", _YARDSTICKS)
     )
     return (ratios, _YARDSTICKS) if ratios.keys() >= seconds.keys() else (seconds, "seconds")
 
 
-def _view_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_Point]:
+def _view_points(data: ReportDocument, times: Mapping[str, float]) -> list[_Point]:
     """1 − mean main score to the ceiling, of those that have all of them."""
-    names = viewpoint_names(data)
+    names = data.viewpoint_names
     points = []
     for name, time in times.items():
-        known = headlines(data, name)
+        known = data.headlines(name)
         if names and len(known) == len(names):
             points.append((plain(name), time, 1 - math.fsum(known) / len(known)))
     return points
 
 
-def _eia_points(data: Mapping[str, Any], times: Mapping[str, float]) -> list[_Point]:
+def _eia_points(data: ReportDocument, times: Mapping[str, float]) -> list[_Point]:
     """PSNR of the EIA to the true one, negative."""
     points = []
     for name, time in times.items():
-        psnr = part(data, "algorithms", name, "eia").get(PSNR.key)
-        if is_number(psnr) and math.isfinite(psnr):
+        psnr = data.algorithms[name].eia[PSNR.key]
+        if psnr is not None and math.isfinite(psnr):
             points.append((plain(name), time, -psnr))
     return points
 

@@ -7,11 +7,13 @@ to put there: these are what stands without scripts.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from inim.documents.parts import EyePosition
+from inim.documents.report import ReportDocument
 from inim.metrics import all_metrics
 from inim.report.images import (
     DIFFERENCE_GAIN,
@@ -26,13 +28,8 @@ from inim.report.wording import (
     CEILING,
     NBSP,
     TRUTH,
-    best_algorithm,
-    is_number,
-    items,
     metric_scores,
-    part,
     short,
-    viewpoint_names,
 )
 
 _INTRO = (
@@ -59,10 +56,10 @@ _PARALLAX = (
 )
 
 
-def views(data: Mapping[str, Any], images: Images) -> str:
+def views(data: ReportDocument, images: Images) -> str:
     """The section on the views, one row of images for each viewpoint."""
-    rows = [_viewpoint(data, images, v) for v in items(data, "viewpoints") if "name" in part(v)]
-    names = viewpoint_names(data)
+    rows = [_viewpoint(data, images, eye) for eye in data.viewpoints]
+    names = data.viewpoint_names
     below = [
         f" {metric.label}'s map shows what is lost where, from black for nothing to pale yellow "
         f"for {metric.heat_map_to:g} {metric.unit} or more."
@@ -73,19 +70,19 @@ def views(data: Mapping[str, Any], images: Images) -> str:
     return _wipe(data, images) + intro + "".join(rows)
 
 
-def _wipe(data: Mapping[str, Any], images: Images) -> str:
+def _wipe(data: ReportDocument, images: Images) -> str:
     """Any two of the images below over each other: ground truth and best algorithm at first.
 
     The script finds a picture by what it shows and from where. Empty without a viewpoint, or where
     images are missing or left out.
     """
-    viewpoints, best = viewpoint_names(data), best_algorithm(data)
+    viewpoints, best = data.viewpoint_names, data.best_algorithm
     if not viewpoints or not images.encoding.longest_px:
         return ""
     truth = images.read("truth", f"{viewpoints[0]}.png")
     if truth is None:
         return ""
-    names = [TRUTH, CEILING, *part(data, "algorithms")]
+    names = [TRUTH, CEILING, *data.algorithms]
     start = "centre" if "centre" in viewpoints else viewpoints[0]
     choices = [
         _choice("From", "viewpoint", viewpoints, start),
@@ -147,11 +144,11 @@ def _scale(images: Images) -> str:
     return element("figure", picture, element("figcaption", *words), class_="ssim-scale")
 
 
-def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, Any]) -> str:
-    view = str(viewpoint["name"])
+def _viewpoint(data: ReportDocument, images: Images, eye: EyePosition) -> str:
+    view = eye.name
     truth = images.read("truth", f"{view}.png")
     ceiling = images.read("views", "ceiling", f"{view}.png")
-    place = ", ".join(short(v) for v in items(viewpoint, "position_mm"))
+    place = ", ".join(short(v) for v in eye.position_mm)
     heading = element("h3", text(view), element("small", text(f"eye at ({place}) mm")))
 
     def shown(name: str, pixels: np.ndarray | None) -> str:
@@ -172,7 +169,7 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
             ),
         ]
 
-    floor, own = (part(data, key, "views", view) for key in ("noise_floor", "ceiling"))
+    floor, own = data.noise_floor.views[view], data.ceiling.views[view]
     against_truth = compared(CEILING, ceiling, "ground truth", truth)
     figures = [
         captioned(
@@ -191,8 +188,8 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
             ],
         ),
     ]
-    for name in part(data, "algorithms"):
-        scores = part(data, "algorithms", name, "views", view)
+    for name, result in data.algorithms.items():
+        scores = result.views.get(view, {})
         facts = [
             ("On the relic to ceiling", metric_scores(scores, "relic to ceiling")),
             ("On the relic to scene", metric_scores(scores, "relic")),
@@ -206,41 +203,32 @@ def _viewpoint(data: Mapping[str, Any], images: Images, viewpoint: Mapping[str, 
     return folded(heading, row)
 
 
-def parallax(data: Mapping[str, Any], images: Images) -> str:
+def parallax(data: ReportDocument, images: Images) -> str:
     """The section on parallax; empty with fewer than two viewpoints in a line."""
-    points = [v for v in items(data, "viewpoints") if _position(v) is not None]
-    best = best_algorithm(data)
+    best = data.best_algorithm
     sources = [(TRUTH, ("truth",))] + ([(best, ("views", best))] if best else [])
     strips = [
-        _strip(images, direction, [str(v["name"]) for v in line], sources)
-        for direction, line in _lines_of_sight(points)
+        _strip(images, direction, [eye.name for eye in line], sources)
+        for direction, line in _lines_of_sight(data.viewpoints)
         if len(line) > 1
     ]
     if not strips:
         return ""
-    wide = is_wide(images.read("truth", f"{points[0]['name']}.png")) or len(strips) == 1
+    wide = is_wide(images.read("truth", f"{data.viewpoints[0].name}.png")) or len(strips) == 1
     kind = "strips wide" if wide else "strips"
     return element("p", text(_PARALLAX), class_="lead") + element("div", *strips, class_=kind)
 
 
-def _position(viewpoint: Any) -> tuple[float, float] | None:
-    position = items(viewpoint, "position_mm")
-    if "name" not in part(viewpoint) or len(position) < 2 or not all(map(is_number, position)):
-        return None
-    return float(position[0]), float(position[1])
-
-
-def _lines_of_sight(points: Sequence[Any]) -> list[tuple[str, list[Any]]]:
+def _lines_of_sight(eyes: Sequence[EyePosition]) -> list[tuple[str, list[EyePosition]]]:
     """Viewpoints left to right and top to bottom through the one nearest to the axis."""
-    if not points:
+    if not eyes:
         return []
-    places = {id(v): _position(v) or (0.0, 0.0) for v in points}
-    x0, y0 = min(places.values(), key=lambda p: math.hypot(*p))
-    row = [v for v in points if math.isclose(places[id(v)][1], y0, abs_tol=1e-6)]
-    column = [v for v in points if math.isclose(places[id(v)][0], x0, abs_tol=1e-6)]
+    x0, y0, _ = min((eye.position_mm for eye in eyes), key=lambda p: math.hypot(*p[:2]))
+    row = [eye for eye in eyes if math.isclose(eye.position_mm[1], y0, abs_tol=1e-6)]
+    column = [eye for eye in eyes if math.isclose(eye.position_mm[0], x0, abs_tol=1e-6)]
     return [
-        ("left to right", sorted(row, key=lambda v: places[id(v)][0])),
-        ("top to bottom", sorted(column, key=lambda v: -places[id(v)][1])),
+        ("left to right", sorted(row, key=lambda eye: eye.position_mm[0])),
+        ("top to bottom", sorted(column, key=lambda eye: -eye.position_mm[1])),
     ]
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from inim.display import Display
 from inim.display.misalignment import mounted
-from inim.errors import InimError
+from inim.documents.picture import PictureDocument
+from inim.documents.report import ReportDocument
 from inim.report.images import Images
 from inim.report.markup import element, text
 from inim.report.sections import ReportSection
@@ -22,7 +22,7 @@ from inim.report.virtual_display import (
     live_display,
     live_lens_models,
 )
-from inim.report.wording import CEILING, best_algorithm, is_number, items, part, viewpoint_names
+from inim.report.wording import CEILING
 
 #: Room for a report's panels; the rest of the page has as much again.
 REPORT_PANEL_BYTES = 6_000_000
@@ -38,20 +38,19 @@ class Shown:
 
 
 def report_display(
-    data: Mapping[str, Any], images: Images, *, most_bytes: int = REPORT_PANEL_BYTES
+    data: ReportDocument, images: Images, *, most_bytes: int = REPORT_PANEL_BYTES
 ) -> str:
-    """The section of a report; empty for a report without a display.
+    """The section of a report.
 
     Parameters
     ----------
-    data : mapping
-        Contents of report.json, schema ``inim.report/1``.
+    data : ReportDocument
     images : Images
     most_bytes : int
         Room for the panels.
     """
-    best = best_algorithm(data)
-    names = sorted(part(data, "algorithms"), key=lambda name: name != best)
+    best = data.best_algorithm
+    names = sorted(data.algorithms, key=lambda name: name != best)
     shown = [Shown(CEILING, ("truth", "eia.png"), "ceiling"), *map(of_algorithm, names)]
     return shown_display(data, images, shown, most_bytes=most_bytes)
 
@@ -62,20 +61,15 @@ def of_algorithm(name: str) -> Shown:
 
 
 def shown_display(
-    data: Mapping[str, Any],
+    data: ReportDocument | PictureDocument,
     images: Images,
     shown: Sequence[Shown],
     *,
     most_bytes: int = REPORT_PANEL_BYTES,
 ) -> str:
     """The live display of EIAs, the two that matter most first; see `report_display`."""
-    given = part(data, "display", "given")
-    if not given:
-        return ""
-    try:
-        display = mounted(Display(**given), str(data.get("misalign") or ""))
-    except (InimError, TypeError) as error:
-        return _left_out(f"the display cannot be set up ({error})")
+    misalign = "" if isinstance(data, PictureDocument) else data.misalign
+    display = mounted(data.display.given, misalign)
     eyes = _eyes(data)
     if not eyes:
         return _left_out("no viewpoint has a position")
@@ -91,20 +85,14 @@ def shown_display(
         _stills(data, shown[:2], images, eyes[0].name),
         images,
         most_bytes=most_bytes,
-        lens_model=str(data.get("lens_model")),
+        lens_model=data.lens_model,
         remarks=[*_missing_words(missing), _lens_words(data, display)],
     )
 
 
-def _eyes(data: Mapping[str, Any]) -> list[Eye]:
+def _eyes(data: ReportDocument | PictureDocument) -> list[Eye]:
     """The report's viewpoints, the one called centre first."""
-    eyes = []
-    for viewpoint in items(data, "viewpoints"):
-        position = items(viewpoint, "position_mm")
-        known = len(position) == 3 and all(map(is_number, position)) and position[2] > 0
-        if "name" in part(viewpoint) and known:
-            x, y, z = map(float, position)
-            eyes.append(Eye(str(viewpoint["name"]), (x, y, z)))
+    eyes = [Eye(one.name, one.position_mm) for one in data.viewpoints if one.position_mm[2] > 0]
     return sorted(eyes, key=lambda eye: eye.name != "centre")
 
 
@@ -123,10 +111,10 @@ def _panels(
 
 
 def _stills(
-    data: Mapping[str, Any], shown: Sequence[Shown], images: Images, view: str
+    data: ReportDocument | PictureDocument, shown: Sequence[Shown], images: Images, view: str
 ) -> list[Still]:
     """What stands in on paper and without scripts: one viewpoint, as the report's views show it."""
-    words = f"from {view}, {data.get('lens_model', '')} lenses"
+    words = f"from {view}, {data.lens_model} lenses"
     return [Still(one.name, words, images.read("views", one.views, f"{view}.png")) for one in shown]
 
 
@@ -140,12 +128,11 @@ def _missing_words(missing: Sequence[str]) -> list[str]:
     return [f"Not there, or not of the panel's size: {', '.join(missing)}."]
 
 
-def _lens_words(data: Mapping[str, Any], display: Display) -> str:
-    model = data.get("lens_model")
-    if model in live_lens_models(display) or not model:
+def _lens_words(data: ReportDocument | PictureDocument, display: Display) -> str:
+    model = data.lens_model
+    if model in live_lens_models(display):
         return ""
-    views = "views" if viewpoint_names(data) else "pictures"
-    return f"The report's {views} and scores are those of {model} lenses; thin ones come nearest."
+    return f"The report's views and scores are those of {model} lenses; thin ones come nearest."
 
 
 SECTIONS = (ReportSection(20, ANCHOR, TITLE, report_display, LIVE),)
