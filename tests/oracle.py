@@ -60,21 +60,29 @@ class Rays:
 
 def panel_pixels(display: Display) -> tuple[int, int]:
     """Rows and columns of the panel: as given, or the fewest that cover the elemental images."""
-    ratio = _elemental_pitch(display) / stated(display.pixel_pitch_mm)
+    down, across = (elemental / stated(display.pixel_pitch_mm) for elemental in _elemental(display))
     return (
-        display.panel_rows or math.ceil(display.lens_rows * ratio),
-        display.panel_columns or math.ceil(display.lens_columns * ratio),
+        display.panel_rows or math.ceil(display.lens_rows * down),
+        display.panel_columns or math.ceil(display.lens_columns * across),
     )
 
 
-def _elemental_pitch(display: Display) -> Fraction:
-    given = display.elemental_pitch_mm
-    return stated(display.pitch_mm if given is None else given)
+def _elemental(display: Display) -> tuple[Fraction, Fraction]:
+    """Pitch of the elemental images, down and across."""
+    pitch, given = stated(display.pitch_mm), display.elemental_pitch_mm
+    across = pitch if given is None else stated(given)
+    rows = pitch if display.pitch_y_mm is None else stated(display.pitch_y_mm)
+    return across * rows / pitch, across
 
 
-def lens_of_pixel(pixel: int, pixels: int, lenses: int, ratio: Fraction) -> int:
-    """Lens over one pixel of an axis of `pixels`, `ratio` pixels to the lens; -1 outside."""
-    from_axis = (Fraction(pixel) - Fraction(pixels - 1, 2)) / ratio
+def lens_of_pixel(
+    pixel: int, pixels: int, lenses: int, ratio: Fraction, moved: Fraction = Fraction(0)
+) -> int:
+    """Lens over one pixel of an axis of `pixels`, `ratio` pixels to the lens; -1 outside.
+
+    `moved` is the number of pixels by which the array is off the panel's middle.
+    """
+    from_axis = (Fraction(pixel) - Fraction(pixels - 1, 2) - moved) / ratio
     place = from_axis + Fraction(lenses, 2)
     lens = math.floor(place)
     if place == lens and from_axis >= 0:  # on a border: to the axis side
@@ -82,30 +90,28 @@ def lens_of_pixel(pixel: int, pixels: int, lenses: int, ratio: Fraction) -> int:
     return lens if 0 <= lens < lenses else -1
 
 
-def rays(display: Display, pixels: int, lenses: int, cells: int, cell_mm: float) -> Rays:
-    """Rays of one axis; x to the right for columns, downwards for rows, both alike."""
-    pitch, gap, cell = stated(display.pitch_mm), stated(display.gap_mm), stated(cell_mm)
-    pixel_pitch = stated(display.pixel_pitch_mm)
-    ratio = _elemental_pitch(display) / pixel_pitch
-    lens, start, slope = [], [], []
-    for i in range(pixels):
-        n = lens_of_pixel(i, pixels, lenses, ratio)
-        x = (i - Fraction(pixels - 1, 2)) * pixel_pitch
-        x0 = (n - Fraction(lenses - 1, 2)) * pitch
-        lens.append(n)
-        start.append(x0 / cell + Fraction(cells, 2))
-        slope.append((x0 - x) / gap / cell)
-    return Rays(lens, start, slope)
-
-
 def all_rays(rgbd: RGBD, display: Display) -> tuple[Rays, Rays]:
-    """Rays of the panel's rows and of its columns."""
-    rows, columns = panel_pixels(display)
-    high, wide = rgbd.shape
-    return (
-        rays(display, rows, display.lens_rows, high, rgbd.pixel_mm),
-        rays(display, columns, display.lens_columns, wide, rgbd.pixel_mm),
-    )
+    """Rays of the panel's rows, downwards, and of its columns, to the right."""
+    gap, cell = stated(display.gap_mm), stated(rgbd.pixel_mm)
+    pixel_pitch, across = stated(display.pixel_pitch_mm), stated(display.pitch_mm)
+    down = across if display.pitch_y_mm is None else stated(display.pitch_y_mm)
+    found = []
+    for pixels, lenses, cells, pitch, elemental, shift in zip(
+        panel_pixels(display), (display.lens_rows, display.lens_columns), rgbd.shape,
+        (down, across), _elemental(display),
+        (-stated(display.shift_y_mm), stated(display.shift_x_mm)), strict=True,
+    ):  # fmt: skip
+        lens, start, slope = [], [], []
+        for i in range(pixels):
+            moved = shift / pixel_pitch
+            n = lens_of_pixel(i, pixels, lenses, elemental / pixel_pitch, moved)
+            x = (i - Fraction(pixels - 1, 2)) * pixel_pitch
+            x0 = (n - Fraction(lenses - 1, 2)) * pitch + shift
+            lens.append(n)
+            start.append(x0 / cell + Fraction(cells, 2))
+            slope.append((x0 - x) / gap / cell)
+        found.append(Rays(lens, start, slope))
+    return found[0], found[1]
 
 
 def depth_range(display: Display) -> tuple[Fraction, Fraction]:
@@ -191,7 +197,9 @@ def _whole(front: np.ndarray, back: np.ndarray, scale: int) -> _Solids:
     return {
         (int(r), int(c)): (
             math.floor(Fraction(float(front[r, c])) * scale),
-            back[r, c] if np.isinf(back[r, c]) else math.ceil(Fraction(float(back[r, c])) * scale),
+            float(back[r, c])
+            if np.isinf(back[r, c])
+            else math.ceil(Fraction(float(back[r, c])) * scale),
         )
         for r, c in np.argwhere(~np.isnan(front))
     }

@@ -25,6 +25,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -141,11 +142,47 @@ def _surface_backs(rgbd: RGBD) -> np.ndarray:
 # -- rays ---------------------------------------------------------------------------------------
 
 
+class _PanelAxis(NamedTuple):
+    """Pixels and lenses of one panel axis, to the right or downwards, in millimetres."""
+
+    pixels: int
+    lenses: int
+    shift: Fraction
+    pitch: Fraction
+    elemental: Fraction
+    pixel: Fraction
+
+    def owners(self) -> tuple[int, ...]:
+        """Lens over each pixel: the elemental image that holds its centre, -1 outside."""
+        found = []
+        for i in range(self.pixels):
+            from_axis = (Fraction(2 * i + 1 - self.pixels, 2) * self.pixel - self.shift) / (
+                self.elemental
+            )
+            place = from_axis + Fraction(self.lenses, 2)
+            lens = math.floor(place)
+            if lens == place and from_axis >= 0:
+                lens -= 1
+            found.append(lens if 0 <= lens < self.lenses else -1)
+        return tuple(found)
+
+
+def _panel_axes(display: Display) -> tuple[_PanelAxis, _PanelAxis]:
+    """The axis down the panel and the one across, of a separable display."""
+    (high, wide), pixel = display.eia_shape, stated(display.pixel_pitch_mm)
+    pitch, row_pitch = stated(display.pitch_mm), stated(display.row_pitch_mm)
+    elemental = stated(display.elemental_image_pitch_mm)
+    shift_x, shift_y = stated(display.shift_x_mm), stated(display.shift_y_mm)
+    by_row = elemental * row_pitch / pitch
+    return (
+        _PanelAxis(high, display.lens_rows, -shift_y, row_pitch, by_row, pixel),
+        _PanelAxis(wide, display.lens_columns, shift_x, pitch, elemental, pixel),
+    )
+
+
 def lensed_pixels(display: Display) -> np.ndarray:
     """Row and column of every panel pixel under a lens, (n, 2); of a separable display."""
-    rows, columns = display.eia_shape
-    down = np.array(_lenses(display, rows, display.lens_rows, -display.shift_y_mm)) >= 0
-    across = np.array(_lenses(display, columns, display.lens_columns, display.shift_x_mm)) >= 0
+    down, across = (np.array(axis.owners()) >= 0 for axis in _panel_axes(display))
     return np.argwhere(down[:, None] & across[None, :])
 
 
@@ -154,48 +191,26 @@ def axis_rays(display: Display, rgbd: RGBD, aside: Aside = CENTRE) -> tuple[Axis
 
     A ray moved aside in its pixel keeps that pixel's lens.
     """
-    high, wide = display.eia_shape
-    down = (high, display.lens_rows, -display.shift_y_mm)
-    across = (wide, display.lens_columns, display.shift_x_mm)
+    gap, cell = stated(display.gap_mm), stated(rgbd.pixel_mm)
+    down, across = _panel_axes(display)
     return (
-        _axis(display, down, rgbd.shape[0], rgbd.pixel_mm, aside[0]),
-        _axis(display, across, rgbd.shape[1], rgbd.pixel_mm, aside[1]),
+        _rays(down, gap, rgbd.shape[0], cell, aside[0]),
+        _rays(across, gap, rgbd.shape[1], cell, aside[1]),
     )
 
 
-def _axis(
-    display: Display, panel: tuple[int, int, float], cells: int, cell_mm: float, aside: Fraction
+def _rays(
+    panel: _PanelAxis, gap: Fraction, cells: int, cell: Fraction, aside: Fraction
 ) -> AxisRays:
-    """Eq. 1, X(z) = x0 + (x0 - x) z / g, in cells; to the right or downwards alike.
-
-    `panel` is the number of pixels, that of lenses, and the array's shift.
-    """
-    pixels, lenses, shift_mm = panel
-    pitch, gap, cell = stated(display.pitch_mm), stated(display.gap_mm), stated(cell_mm)
-    pixel, shift = stated(display.pixel_pitch_mm), stated(shift_mm)
+    """Eq. 1, X(z) = x0 + (x0 - x) z / g, in cells; to the right or downwards alike."""
     start, slope = [], []
-    owners = _lenses(display, pixels, lenses, shift_mm)
+    owners = panel.owners()
     for i, owner in enumerate(owners):
-        x = (Fraction(2 * i + 1 - pixels, 2) + aside) * pixel
-        x0 = Fraction(2 * owner + 1 - lenses, 2) * pitch + shift
+        x = (Fraction(2 * i + 1 - panel.pixels, 2) + aside) * panel.pixel
+        x0 = Fraction(2 * owner + 1 - panel.lenses, 2) * panel.pitch + panel.shift
         start.append(x0 / cell + Fraction(cells, 2))
         slope.append((x0 - x) / (gap * cell))
-    return AxisRays(tuple(owners), tuple(start), tuple(slope))
-
-
-def _lenses(display: Display, pixels: int, lenses: int, shift_mm: float) -> list[int]:
-    """Lens over each pixel of an axis: the elemental image that holds its centre, -1 outside."""
-    elemental = stated(display.elemental_image_pitch_mm)
-    pixel, shift = stated(display.pixel_pitch_mm), stated(shift_mm)
-    found = []
-    for i in range(pixels):
-        from_axis = (Fraction(2 * i + 1 - pixels, 2) * pixel - shift) / elemental
-        place = from_axis + Fraction(lenses, 2)
-        lens = math.floor(place)
-        if lens == place and from_axis >= 0:
-            lens -= 1
-        found.append(lens if 0 <= lens < lenses else -1)
-    return found
+    return AxisRays(owners, tuple(start), tuple(slope))
 
 
 # -- hits ---------------------------------------------------------------------------------------

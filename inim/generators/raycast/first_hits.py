@@ -15,7 +15,6 @@ from inim.generators.base import PictureShape, PixelList, SourceGenerator, for_m
 from inim.generators.raycast.cells import Aside, check_ray_length
 from inim.generators.raycast.columns import LAYERS
 from inim.generators.raycast.direction_lists import shares_directions
-from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
 from inim.generators.raycast.polyphase import fits_tables
 from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
 from inim.generators.raycast.shared_directions import SharedDirections
@@ -55,9 +54,7 @@ def first_hits(
         raise UsageError(f"{name}: samples = {samples!r}; use 1, 2 or 4")
     check_ray_length(name, display, shape, pixel_mm)
     layers = _LAYERS if rule == LAYERS else 1
-    shared = shares_directions(display)
-    # Deeper layers are laid out for shared directions alone.
-    tables = (shared or rule != LAYERS) and fits_tables(display, shape, pixel_mm, layers)
+    tables = shares_directions(display) and fits_tables(display, shape, pixel_mm, layers)
 
     def made(pixels: PixelList | None) -> SourceGenerator:
         def through(aside: Aside) -> SourceGenerator:
@@ -65,9 +62,7 @@ def first_hits(
                 return NonSeparable(display, shape, pixel_mm, rule, aside, pixels)
             if pixels is not None or not tables:
                 return RayByRay(display, shape, pixel_mm, rule, aside, pixels)
-            if shared:
-                return SharedDirections(display, shape, pixel_mm, rule, aside)
-            return NonIntegerPitch(display, shape, pixel_mm, rule, aside)
+            return SharedDirections(display, shape, pixel_mm, rule, aside)
 
         return averaged(display, int(samples), through)
 

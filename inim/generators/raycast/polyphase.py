@@ -17,20 +17,17 @@ strip, yet hardly a search would end sooner, for the rays of others beside the o
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
-from inim.generators.base import HOLE, PictureShape, SourceGenerator, Sources
+from inim.generators.base import PictureShape
 from inim.generators.raycast.cells import cell_rays
-from inim.generators.raycast.columns import Columns, columns_of
 from inim.generators.raycast.direction_lists import cells_per_pitch
 from inim.generators.raycast.simd import BLOCK, LANES, transpose
-from inim.image.rgbd import RGBD, Layer
+from inim.image.rgbd import Layer
 
 _NO_PAYLOAD, _NO_BACKS = np.empty((0, 0), np.uint32), np.empty((0, 0), np.float32)
 
@@ -170,70 +167,6 @@ class Phases:
         )  # fmt: skip
 
 
-class PhaseGenerator(SourceGenerator):
-    """First hits in a picture laid out by phases: whole cells per lens pitch.
-
-    Parameters
-    ----------
-    display, shape, pixel_mm :
-        See `inim.generators.prepare`.
-    rule : str
-        See `raycast.columns`.
-    """
-
-    def __init__(self, display: Display, shape: PictureShape, pixel_mm: float, rule: str) -> None:
-        super().__init__(display, shape, pixel_mm)
-        self._rule = rule
-        self._index = index_payload(shape)
-        self._holds_index = False
-        self._phases: Phases  # made by each in its way
-
-    def _fill(self, columns: Columns, payload: np.ndarray) -> None:
-        """Take in a picture; the index, which is that of every picture, only once."""
-        of_index = payload is self._index
-        known, self._holds_index = of_index and self._holds_index, False
-        self._phases.fill(columns.layers[0], None if known else payload)
-        self._holds_index = of_index
-
-    @abstractmethod
-    def _run(
-        self, columns: Columns, payloads: Sequence[np.ndarray], empty: int, out: np.ndarray
-    ) -> None:
-        """Show each panel pixel the payload of its first hit, all uint32; one for each layer."""
-
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`."""
-        return self.find_into(rgbd, np.empty(self.made_shape, np.int32))
-
-    def find_into(self, rgbd: RGBD, found: Sources) -> Sources:
-        """See `SourceGenerator.find_into`."""
-        columns = columns_of(rgbd, self._rule)
-        deeper = range(1, len(columns.layers))
-        payloads = [self._index, *(self._index + np.uint32(n * self._index.size) for n in deeper)]
-        self._run(columns, payloads, HOLE % 2**32, found.view(np.uint32))
-        return found
-
-    def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
-        """See `SourceGenerator.shows_sources`."""
-        return True
-
-    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """See `Generator.generate`; RGBA goes to the panel without a source map between."""
-        if rgbd.color.dtype != np.uint8:
-            return super().generate(rgbd, out)
-        self.check(rgbd)
-        out = self.place(rgbd, out)
-        columns = columns_of(rgbd, self._rule)
-        words = [np.ascontiguousarray(one.color).view(np.uint32)[..., 0] for one in columns.layers]
-        self._run(columns, words, 0, out.view(np.uint32)[..., 0])
-        return out
-
-
-def index_payload(shape: PictureShape) -> np.ndarray:
-    """Flat cell numbers as a payload, so that a run yields sources."""
-    return np.arange(shape[0] * shape[1], dtype=np.uint32).reshape(shape)
-
-
 @compiled(parallel=True)
 def _fill_shared(  # type: ignore[no-untyped-def]
     depth, covered, back, payload, anew, row0, column0, phase_depth, phase_back, phase_payload,
@@ -335,35 +268,35 @@ def farthest_end(farthest, top, bottom, strip):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def write_strip(strip, columns, widths, start, shared, row):  # type: ignore[no-untyped-def]
+def write_strip(strip, columns, start, pixels, row):  # type: ignore[no-untyped-def]
     """Write a strip to its panel row.
 
     Parameters
     ----------
-    strip : (most pixels per lens x LANES,) uint32
-    columns, widths : (lenses,) int64
-        First panel column of each lens, and how many it has.
+    strip : (pixels x LANES,) uint32
+    columns : (lenses,) int64
+        First panel column of each lens.
     start : int
         The strip's first lens.
-    shared : int
-        Pixels that every lens has at least.
+    pixels : int
+        Those of each lens.
     row : (panel columns,) uint32
     """
-    lanes = min(LANES, len(widths))
+    lanes = min(LANES, len(columns))
     blocked = lanes - lanes % BLOCK
-    whole = shared - shared % BLOCK
+    whole = pixels - pixels % BLOCK
     # A last block that covers some pixels again is cheaper than three or more one by one.
-    again = shared >= BLOCK and shared - whole > 2
+    again = pixels >= BLOCK and pixels - whole > 2
     for n in range(0, blocked, BLOCK):
         lens = np.uintp(start + n)
         for u in range(0, whole, BLOCK):
             transpose(strip, np.uintp(u * LANES + n), row, np.uintp(u), columns, lens)
         if again:
-            u = shared - BLOCK
+            u = pixels - BLOCK
             transpose(strip, np.uintp(u * LANES + n), row, np.uintp(u), columns, lens)
     for n in range(lanes):
-        written = 0 if n >= blocked else shared if again else whole
-        for u in range(written, widths[start + n]):
+        written = 0 if n >= blocked else pixels if again else whole
+        for u in range(written, pixels):
             row[columns[start + n] + u] = strip[u * LANES + n]
 
 

@@ -152,24 +152,6 @@ class AxisRuns:
     cell: np.ndarray
     exit_mm: np.ndarray
 
-    def exit32(self) -> np.ndarray:
-        """Exits as float32, rounded up: a float32 depth reaches one if it reaches the other."""
-        return rounded_up(self.exit_mm)
-
-    def came32(self) -> np.ndarray:
-        """As `entry32`, rounded down: a float32 depth is not above one if not above the other."""
-        came = np.empty(len(self.exit_mm), np.float32)
-        came[1:] = -rounded_up(-self.exit_mm[:-1])
-        came[self.first[:-1]] = np.inf
-        return came
-
-    def entry32(self) -> np.ndarray:
-        """Depths at which the ray enters each cell, rounded alike; infinite where it starts."""
-        entry = np.empty(len(self.exit_mm), np.float32)
-        entry[1:] = self.exit32()[:-1]
-        entry[self.first[:-1]] = np.inf
-        return entry
-
 
 def axis_runs(rays: CellRays, depth_range_mm: tuple[float, float]) -> AxisRuns:
     """The runs of all rays of one axis."""
@@ -206,7 +188,8 @@ class RayByRay(SourceGenerator):
     Hits are those of `first_hit`: the depths of its borders, in float64, are those of the runs,
     each computed once for its row or column and not for every ray. Runs left above the nearest
     surface of all cannot hit, and are passed over; nothing of the kind holds below the farthest
-    one, as a ray under all surfaces hits the next column that has no end.
+    one, as a ray under all surfaces hits the next column that has no end. A ray that stays in a
+    rectangle of the picture that covers nothing meets nothing.
 
     Parameters
     ----------
@@ -242,9 +225,10 @@ class RayByRay(SourceGenerator):
         fronts, backs = columns.fronts(), columns.backs()
         nearest, z_min = float(fronts[0].max()), self._rows.exit_mm[-1]  # where all rays end
         runs = [
-            (_below(axis, nearest), axis.cell, axis.exit_mm) for axis in (self._rows, self._columns)
+            _below(axis, nearest, cells)
+            for axis, cells in zip((self._rows, self._columns), self.shape, strict=True)
         ]
-        met = (fronts, backs, columns.continue_behind, z_min)
+        met = (_covered_above(fronts[0] > -np.inf), fronts, backs, columns.continue_behind, z_min)
         found = np.empty(self.made_shape, np.int32)
         if self.pixels is None:
             _first_hits(*runs, *met, found)
@@ -253,37 +237,63 @@ class RayByRay(SourceGenerator):
         return found
 
 
-def _below(runs: AxisRuns, nearest_mm: float) -> np.ndarray:
-    """For every panel column (or row), the first run left no nearer than a surface; or its last."""
+def _below(runs: AxisRuns, nearest_mm: float, cells: int) -> tuple[np.ndarray, ...]:
+    """Runs left no nearer than a surface, or the last one, of every panel column (or row).
+
+    Returns
+    -------
+    begin : (n,) int64
+        The first of them.
+    cell, exit_mm : (m,)
+        See `AxisRuns`.
+    low, high : (n,) int64
+        Their cells, of those that the picture has; `high` excluded.
+    """
     above = np.concatenate([[0], np.cumsum(runs.exit_mm > nearest_mm)])
     begin = runs.first[:-1] + above[runs.first[1:]] - above[runs.first[:-1]]
-    below: np.ndarray = np.minimum(begin, runs.first[1:] - 1)
-    return below
+    last = runs.first[1:] - 1
+    begin = np.minimum(begin, last)
+    ends = runs.cell[begin], runs.cell[last]
+    low, high = np.clip(np.minimum(*ends), 0, cells), np.clip(np.maximum(*ends) + 1, 0, cells)
+    return begin, runs.cell, runs.exit_mm, low, high
+
+
+def _covered_above(covered: np.ndarray) -> np.ndarray:
+    """Number of covered cells above and to the left of each corner, (H + 1, W + 1) int64."""
+    count = np.zeros((covered.shape[0] + 1, covered.shape[1] + 1), np.int64)
+    np.cumsum(np.cumsum(covered, axis=0), axis=1, out=count[1:, 1:])
+    return count
 
 
 @compiled(parallel=True)
-def _first_hits(rows, columns, fronts, backs, continue_behind, z_min, found):  # type: ignore[no-untyped-def]
+def _first_hits(rows, columns, above, fronts, backs, continue_behind, z_min, found):  # type: ignore[no-untyped-def]
     """First hits of all panel pixels."""
     for i in prange(found.shape[0]):
         for j in range(found.shape[1]):
-            found[i, j] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
+            found[i, j] = _first_hit(
+                rows, i, columns, j, above, fronts, backs, continue_behind, z_min
+            )
 
 
 @compiled(parallel=True)
 def _first_hits_at(  # type: ignore[no-untyped-def]
-    rows, columns, at_row, at_column, fronts, backs, continue_behind, z_min, found
+    rows, columns, at_row, at_column, above, fronts, backs, continue_behind, z_min, found
 ):
     """First hits of the panel pixels in some rows and columns, (n,) each."""
     for n in prange(len(at_row)):
         i, j = at_row[n], at_column[n]
-        found[n] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
+        found[n] = _first_hit(rows, i, columns, j, above, fronts, backs, continue_behind, z_min)
 
 
 @compiled
-def _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min):  # type: ignore[no-untyped-def]
+def _first_hit(rows, i, columns, j, above, fronts, backs, continue_behind, z_min):  # type: ignore[no-untyped-def]
     """The source of the first hit of panel pixel (i, j), or `HOLE`; as `first_hit`."""
-    row_begin, row_cell, row_exit = rows
-    column_begin, column_cell, column_exit = columns
+    row_begin, row_cell, row_exit, tops, bottoms = rows
+    column_begin, column_cell, column_exit, lefts, rights = columns
+    top, bottom, at_left, at_right = tops[i], bottoms[i], lefts[j], rights[j]
+    between = above[bottom, at_right] - above[top, at_right]
+    if between == above[bottom, at_left] - above[top, at_left]:
+        return HOLE
     _, high, wide = fronts.shape
     r, c = row_begin[i], column_begin[j]
     came, passed_over, behind = np.inf, HOLE, False
@@ -306,36 +316,6 @@ def _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min):  # t
         came = left
         r += row_left >= left
         c += column_left >= left
-
-
-def doubtful_pixels(rows: AxisRuns, columns: AxisRuns) -> np.ndarray:
-    """Panel pixels whose order of cells float32 exits cannot tell, (rows, columns) bool; few.
-
-    Exits of a row and of a column that differ but round to one float32. Equal ones are corners,
-    and no doubt: a cell left as it is entered is not visited.
-    """
-    found = np.zeros((len(rows.first) - 1, len(columns.first) - 1), np.bool_)
-    _find_doubtful(
-        rows.first, rows.exit_mm, rows.exit32(), columns.first, columns.exit_mm, columns.exit32(),
-        found,
-    )  # fmt: skip
-    return found
-
-
-@compiled(parallel=True)
-def _find_doubtful(row_first, row64, row32, column_first, column64, column32, found):  # type: ignore[no-untyped-def]
-    for r in prange(found.shape[0]):
-        for c in range(found.shape[1]):
-            i, j = row_first[r], column_first[c]
-            doubt = False
-            while i < row_first[r + 1] and j < column_first[c + 1]:
-                if row32[i] == column32[j] and row64[i] != column64[j]:
-                    doubt = True
-                    break
-                a, b = row64[i], column64[j]
-                i += a >= b
-                j += b >= a
-            found[r, c] = doubt
 
 
 class NonSeparable(SourceGenerator):

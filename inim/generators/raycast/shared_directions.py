@@ -14,12 +14,11 @@ import numpy as np
 
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
-from inim.generators.base import PictureShape
+from inim.generators.base import HOLE, PictureShape, SourceGenerator, Sources
 from inim.generators.raycast.cells import CENTRE, Aside
-from inim.generators.raycast.columns import LAYERS, SOLID, Columns
+from inim.generators.raycast.columns import LAYERS, SOLID, Columns, columns_of
 from inim.generators.raycast.direction_lists import build_lists
 from inim.generators.raycast.polyphase import (
-    PhaseGenerator,
     Phases,
     farthest_end,
     nearest_surface,
@@ -40,13 +39,13 @@ from inim.generators.raycast.simd import (
     same,
     store,
 )
-from inim.image.rgbd import Layer
+from inim.image.rgbd import RGBD, Layer
 
 # Of the compiler's own type: a Python integer would make addresses signed, and checked.
 _LANES = np.uintp(LANES)
 
 
-class SharedDirections(PhaseGenerator):
+class SharedDirections(SourceGenerator):
     """One list of cells per direction for all lenses.
 
     Parameters
@@ -67,7 +66,11 @@ class SharedDirections(PhaseGenerator):
         rule: str,
         aside: Aside = CENTRE,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, rule)
+        super().__init__(display, shape, pixel_mm)
+        self._rule = rule
+        # Flat cell numbers as a payload, so that a run yields sources.
+        self._index = np.arange(shape[0] * shape[1], dtype=np.uint32).reshape(shape)
+        self._holds_index = False
         lists = self._lists = build_lists(display, shape, pixel_mm, aside)
         lenses = (display.lens_rows, display.lens_columns)
         phases = self._phases = Phases.make(
@@ -80,9 +83,44 @@ class SharedDirections(PhaseGenerator):
         self._deeper = _Deeper.none(phases)
         self._slots = phases.slots(shape) if rule == LAYERS else np.empty(0, np.int32)
 
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        return self.find_into(rgbd, np.empty(self.made_shape, np.int32))
+
+    def find_into(self, rgbd: RGBD, found: Sources) -> Sources:
+        """See `SourceGenerator.find_into`."""
+        columns = columns_of(rgbd, self._rule)
+        deeper = range(1, len(columns.layers))
+        payloads = [self._index, *(self._index + np.uint32(n * self._index.size) for n in deeper)]
+        self._run(columns, payloads, HOLE % 2**32, found.view(np.uint32))
+        return found
+
+    def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
+        """See `SourceGenerator.shows_sources`."""
+        return True
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`; RGBA goes to the panel without a source map between."""
+        if rgbd.color.dtype != np.uint8:
+            return super().generate(rgbd, out)
+        self.check(rgbd)
+        out = self.place(rgbd, out)
+        columns = columns_of(rgbd, self._rule)
+        words = [np.ascontiguousarray(one.color).view(np.uint32)[..., 0] for one in columns.layers]
+        self._run(columns, words, 0, out.view(np.uint32)[..., 0])
+        return out
+
+    def _fill(self, columns: Columns, payload: np.ndarray) -> None:
+        """Take in a picture; the index, which is that of every picture, only once."""
+        of_index = payload is self._index
+        known, self._holds_index = of_index and self._holds_index, False
+        self._phases.fill(columns.layers[0], None if known else payload)
+        self._holds_index = of_index
+
     def _run(
         self, columns: Columns, payloads: Sequence[np.ndarray], empty: int, out: np.ndarray
     ) -> None:
+        """Show each panel pixel the payload of its first hit, all uint32; one for each layer."""
         self._fill(columns, payloads[0])
         phases, lists, lenses = self._phases, self._lists, self.display.lens_columns
         row_stride = phases.depth[0].size
@@ -104,8 +142,8 @@ class SharedDirections(PhaseGenerator):
                 lists.entry_mm,
             ),
             (
-                columns.continue_behind, np.arange(lenses) * lists.pixels,
-                np.full(lenses, lists.pixels), np.uint32(empty),
+                columns.continue_behind, np.arange(lenses) * lists.pixels, lists.pixels,
+                np.uint32(empty),
             ),
             out,
         )  # fmt: skip
@@ -198,9 +236,9 @@ def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
     def run_row(  # type: ignore[no-untyped-def]
         m, front, back, payload, deeper_front, deeper_back, deeper_payload, row_stride, row_phases,
         nearest, farthest, deeper_nearest, first, offset, phase_row, reach, exits, entries,
-        continue_behind, columns, widths, empty, strip, out,
+        continue_behind, columns, pixels, empty, strip, out,
     ):  # fmt: skip
-        pixels, lenses = widths[0], len(widths)
+        lenses = len(columns)
         for v in range(pixels):
             for s in range(nearest.shape[1]):
                 start = max(min(s * LANES, lenses - LANES), 0)
@@ -250,7 +288,7 @@ def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
                             shown = choose(covered, load(payload, cell), shown)
                             lost = but_not(lost, over)
                     store(strip, np.uintp(u) * _LANES, shown)
-                write_strip(strip, columns, widths, start, pixels, out[m * pixels + v])
+                write_strip(strip, columns, start, pixels, out[m * pixels + v])
 
     row: Callable[..., None] = run_row
     return row

@@ -120,13 +120,6 @@ def no_lanes(typing):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def lanes_of(typing, bits):  # type: ignore[no-untyped-def]
-    """Flags from the bits of an unsigned integer, as many as it has; the lowest comes first."""
-    flags = Lanes("flag", bits.bitwidth)
-    return flags(bits), _simple(lambda builder, bits: builder.bitcast(bits, flags.vector))
-
-
-@intrinsic
 def at_least(typing, a, b):  # type: ignore[no-untyped-def]
     """Where a >= b."""
     return a.flags(a, a), _simple(lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
@@ -171,26 +164,6 @@ def any_lane(typing, flags):  # type: ignore[no-untyped-def]
 def choose(typing, flags, a, b):  # type: ignore[no-untyped-def]
     """Lanes of a where the flag is set, of b elsewhere."""
     return a(flags, a, a), _simple(lambda builder, flags, a, b: builder.select(flags, a, b))
-
-
-@intrinsic
-def greatest(typing, a, b):  # type: ignore[no-untyped-def]
-    """The greater of two numbers, lane by lane; no NaN among them."""
-
-    def build(builder, a, b):  # type: ignore[no-untyped-def]
-        return builder.select(builder.fcmp_ordered(">", a, b), a, b)
-
-    return a(a, a), _simple(build)
-
-
-@intrinsic
-def least(typing, a, b):  # type: ignore[no-untyped-def]
-    """The smaller of two numbers, lane by lane; no NaN among them."""
-
-    def build(builder, a, b):  # type: ignore[no-untyped-def]
-        return builder.select(builder.fcmp_ordered("<", a, b), a, b)
-
-    return a(a, a), _simple(build)
 
 
 @intrinsic

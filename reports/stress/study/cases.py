@@ -318,8 +318,11 @@ def _shifted(_: Size) -> list[Case]:
 _FORMS: dict[str, tuple[dict[str, object], float]] = {
     "lists": ({}, 0.5),
     "lists, binary lengths": ({"gap_mm": 4.0, "pixel_pitch_mm": 0.125}, 0.5),
-    "strips": ({"elemental_pitch_mm": 1.001}, 0.5),
-    "strips, virtual": ({"focal_length_mm": 3.3, "gap_mm": 3.0, "pixel_pitch_mm": 0.19}, 0.5),
+    "converging": ({"elemental_pitch_mm": 1.001}, 0.5),
+    "broken pixels, virtual": (
+        {"focal_length_mm": 3.3, "gap_mm": 3.0, "pixel_pitch_mm": 0.19},
+        0.5,
+    ),
     "ray by ray": ({}, 0.3),
 }
 

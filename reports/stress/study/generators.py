@@ -95,18 +95,14 @@ _LONGEST_S = 60.0
 
 
 def _form_of(variant: Variant, display: Display, rgbd: RGBD) -> str:
-    """How first hits are found: by lists, strips, ray by ray, or rays of a mounted array."""
+    """How first hits are found: by lists, ray by ray, or rays of a mounted array."""
     if not variant.is_first_hit:
         return ""
     if not display.is_separable:
         return "mounted"
-    if variant.alone:
+    if variant.alone or not cells_per_pitch(display, rgbd.pixel_mm):
         return "ray by ray"
-    if not cells_per_pitch(display, rgbd.pixel_mm):
-        return "ray by ray"
-    if shares_directions(display):
-        return "lists"
-    return "ray by ray" if variant.oracle == "layered" else "strips"
+    return "lists" if shares_directions(display) else "ray by ray"
 
 
 def run_cases(size: Size, listener: Any) -> list[dict[str, Any]]:

@@ -371,8 +371,8 @@ def _landings(
     for row, column in rays.pixels:
         m, n = lens_v[row], lens_u[column]
         if (m, n) not in placed:
-            across = (n, display.lens_columns, display.shift_x_mm)
-            down = (m, display.lens_rows, -display.shift_y_mm)
+            across = (n, display.lens_columns, display.pitch_mm, display.shift_x_mm)
+            down = (m, display.lens_rows, display.row_pitch_mm, -display.shift_y_mm)
             x = _landing(display, across, columns, rgbd.shape[1], rgbd, z)
             y = _landing(display, down, rows, rgbd.shape[0], rgbd, z)
             x, y = x + shift[0], y + shift[1]
@@ -389,7 +389,7 @@ def _landings(
 
 def _landing(
     display: Display,
-    lens: tuple[int, int, float],
+    lens: tuple[int, int, float, float],
     cell: np.ndarray,
     cells: int,
     rgbd: RGBD,
@@ -397,11 +397,11 @@ def _landing(
 ) -> np.ndarray:
     """X = x0 + (x0 - X) g / z in panel pixels from the panel's middle.
 
-    `lens` is the lens's number, how many there are, and by how much the array is shifted.
+    `lens` is the lens's number, how many there are, their pitch and the array's shift.
     """
     pixel = stated(display.pixel_pitch_mm)
-    number, lenses, shift = lens
-    centre = Fraction(2 * number + 1 - lenses, 2) * stated(display.pitch_mm) + stated(shift)
+    number, lenses, pitch, shift = lens
+    centre = Fraction(2 * number + 1 - lenses, 2) * stated(pitch) + stated(shift)
     x0 = float(centre / pixel)
     X = (2 * cell + 1 - cells) / 2 * float(stated(rgbd.pixel_mm) / pixel)
     place: np.ndarray = x0 + (x0 - X) * float(stated(display.gap_mm)) / z

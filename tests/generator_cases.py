@@ -1,0 +1,241 @@
+"""The matrix on which generators are tested: displays, pictures and algorithms.
+
+The displays are small. They cover what decides how a generator finds its sources: whole numbers
+of pixels per lens or not, lenses in more than one strip of 32, arrays that are moved, hexagonal,
+turned or tilted, and real and virtual images. The pictures cover what decides a hit: ties at
+borders, steps, thin surfaces, holes, layers and sizes that no pitch divides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from inim.display import Display
+from inim.display.pixels import stated
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from inim.scene.two_spheres import two_spheres
+from inim.stress.pictures import solids_of, tied, with_depth
+from tests.conftest import small_display
+
+REAL = {"depth_min_mm": 10.0, "depth_max_mm": 31.0}
+VIRTUAL = {"focal_length_mm": 3.6, "depth_min_mm": -31.0, "depth_max_mm": -9.0}
+BOTH_SIDES = {"depth_min_mm": -9.0, "depth_max_mm": 11.0}
+PHONE = {"pixel_pitch_mm": 0.0636}
+_BINARY = {"gap_mm": 2.0, "focal_length_mm": 1.5, "depth_min_mm": -6.0, "depth_max_mm": 8.0}
+
+#: Displays whose rows and columns are independent.
+SEPARABLE = {
+    "odd pixels": small_display(4, 3, 7, **REAL),
+    "even pixels": small_display(5, 4, 8, **REAL),
+    "binary lengths": small_display(4, 3, 8, **_BINARY),
+    "nominal pixels, one lens": small_display(1, 1, 17, **BOTH_SIDES),
+    "virtual": small_display(4, 3, 6, **VIRTUAL),
+    "both sides": small_display(3, 4, 5, **BOTH_SIDES),
+    "focused": small_display(3, 3, 5, gap_mm=3.0, depth_min_mm=-4.0, depth_max_mm=9.0),
+    "one pixel per lens": small_display(4, 5, 1, **BOTH_SIDES),
+    "three strips": small_display(70, 1, 5, **BOTH_SIDES),
+    "phone": small_display(3, 2, **PHONE, **REAL),
+    "phone, virtual": small_display(2, 3, **PHONE, **VIRTUAL),
+    "elemental pitch": small_display(4, 3, 7, elemental_pitch_mm=1.013, **REAL),
+    "larger panel": small_display(3, 2, 7, panel_columns=26, panel_rows=21, **BOTH_SIDES),
+    "smaller panel": small_display(4, 4, 7, panel_columns=19, panel_rows=20, **REAL),
+    "moved": small_display(4, 3, 7, shift_x_mm=0.37, shift_y_mm=-0.21, **REAL),
+    "off the panel": small_display(5, 3, 7, shift_x_mm=3.2, shift_y_mm=-1.6, **REAL),
+    "rows closer": small_display(4, 3, 7, pitch_y_mm=0.8, **REAL),
+    "rows closer, elemental pitch": small_display(
+        3, 3, 7, pitch_y_mm=1.2, elemental_pitch_mm=1.02, **REAL
+    ),
+}
+NON_SEPARABLE = {
+    "hexagonal": small_display(4, 3, 7, lattice="hexagonal", **REAL),
+    "turned": small_display(4, 3, 7, rotation_deg=4.0, **REAL),
+    "tilted": small_display(4, 3, 7, tilt_x_deg=8.0, tilt_y_deg=-6.0, **REAL),
+    "off in every way": small_display(
+        4,
+        3,
+        7,
+        lattice="hexagonal",
+        rotation_deg=7.0,
+        shift_x_mm=0.31,
+        shift_y_mm=-0.22,
+        tilt_x_deg=-2.0,
+        tilt_y_deg=1.5,
+        elemental_pitch_mm=1.01,
+        **REAL,
+    ),
+}
+#: Displays whose colours start from places of their own.
+SUBPIXELS = {
+    "stripes": small_display(4, 3, 7, subpixels="rgb-stripe", pixel_fill=0.8, **REAL),
+    "pentile, moved": small_display(4, 3, 7, subpixels="pentile", shift_y_mm=0.13, **REAL),
+    "stripes, phone": small_display(2, 2, subpixels="rgb-stripe", **PHONE, **REAL),
+    "stripes, turned": small_display(4, 3, 7, subpixels="rgb-stripe", rotation_deg=5.0, **REAL),
+}
+DISPLAYS = SEPARABLE | NON_SEPARABLE | SUBPIXELS
+
+
+@dataclass(frozen=True)
+class AlgorithmCase:
+    """An algorithm of the matrix.
+
+    Attributes
+    ----------
+    columns : str, optional
+        The columns whose exact first hits it shows, for the rational oracle.
+    most_pixels : int
+        Panel pixels for which the float64 oracle is asked.
+    anywhere : bool
+        It serves arrays that have no rows and columns.
+    """
+
+    columns: str | None
+    most_pixels: int
+    anywhere: bool
+
+
+ALGORITHMS = {
+    "template": AlgorithmCase("surface", 300, True),
+    "template:columns=solid": AlgorithmCase("solid", 300, True),
+    "layered": AlgorithmCase("layers", 300, True),
+    "gu2020": AlgorithmCase(None, 150, True),
+    "wang2024": AlgorithmCase(None, 40, False),
+    "wang2024:matching=ray": AlgorithmCase(None, 60, False),
+    "li2012": AlgorithmCase(None, 40, False),
+}
+
+
+def single_ray(algorithm: str) -> str:
+    """The algorithm with one ray per pixel."""
+    return "layered:samples=1" if algorithm == "layered" else algorithm
+
+
+def _shape(display: Display, pixel_mm: float) -> tuple[int, int]:
+    """About the part of the picture that rays reach, and not symmetric."""
+    rows, columns = display.capture_shape(1)
+    share = display.pitch_mm / pixel_mm
+    return max(1, round(rows * share) - 1), max(1, round(columns * share) - 2)
+
+
+def random(display: Display, pixel_mm: float, coverage: float = 0.9) -> RGBD:
+    """Independent depths over the whole range and a little beyond; some cells uncovered."""
+    generator = np.random.default_rng(3)
+    low, high = display.depth_range_mm
+    shape, margin = _shape(display, pixel_mm), (high - low) / 8
+    depth = generator.uniform(low - margin, high + margin, shape).astype(np.float32)
+    return with_depth(depth, pixel_mm, generator.random(shape) < coverage)
+
+
+def hills(display: Display, pixel_mm: float) -> RGBD:
+    """Slopes, a jump and holes: connected neighbours, and ends of columns of every kind."""
+    shape = _shape(display, pixel_mm)
+    rows, columns = np.indices(shape)
+    low, high = display.depth_range_mm
+    wave = np.sin(columns / 3) * np.cos(rows / 4) + 1.6 * (columns > shape[1] // 2)
+    depth = np.float32(low + (high - low) * (wave + 1.0) / 3.6)
+    return with_depth(depth, pixel_mm, (rows + columns) % 11 > 1)
+
+
+def steps(display: Display, pixel_mm: float) -> RGBD:
+    """Few depths, the ends of the range and its middle among them."""
+    generator = np.random.default_rng(4)
+    low, high = display.depth_range_mm
+    depth = low + (high - low) * generator.integers(0, 5, _shape(display, pixel_mm)) / 4
+    return with_depth(depth.astype(np.float32), pixel_mm, generator.random(depth.shape) < 0.9)
+
+
+def spikes(display: Display, pixel_mm: float) -> RGBD:
+    """Thin near things before a far ground."""
+    far, near = map(np.float32, display.depth_range_mm)
+    rows, columns = np.indices(_shape(display, pixel_mm))
+    return with_depth(np.where((rows % 3 == 1) & (columns % 4 == 2), near, far), pixel_mm)
+
+
+def single(display: Display, pixel_mm: float) -> RGBD:
+    """One cell."""
+    return with_depth(np.full((1, 1), display.depth_range_mm[1], np.float32), pixel_mm)
+
+
+def ties(ulps: int) -> Callable[[Display, float], RGBD]:
+    """Depths at which rays leave cells, moved by so many units in the last place."""
+    return lambda display, pixel_mm: tied(display, _shape(display, pixel_mm), pixel_mm, ulps)
+
+
+def layers(display: Display, pixel_mm: float) -> LayeredRGBD:
+    """Three random solids behind one another, most of them thin, each layer sparser."""
+    generator = np.random.default_rng(1)
+    shape, (low, high) = _shape(display, pixel_mm), display.depth_range_mm
+    covered, above, solids = generator.random(shape) < 0.7, np.full(shape, high), []
+    for _ in range(3):
+        front = np.float32(low + (above - low) * generator.random(shape))
+        back = np.minimum(np.float32(front - (front - low) * generator.random(shape) ** 3), front)
+        solids.append(Layer(generator.random((*shape, 3), np.float32), front, back, covered))
+        above, covered = back, covered & (generator.random(shape) < 0.6)
+    first = solids[0]
+    return LayeredRGBD(
+        first.color, first.front_mm, covered=first.covered, pixel_mm=pixel_mm,
+        back_mm=first.back_mm, deeper=tuple(solids[1:]),
+    )  # fmt: skip
+
+
+#: Pictures by name: how they are made, and cells to the pitch (not whole: no tables serve it).
+PICTURES: dict[str, tuple[Callable[[Display, float], RGBD], float]] = {
+    "random": (random, 2),
+    "random, sparse, odd size": (lambda d, p: random(d, p, 0.4), 3.68),
+    "hills": (hills, 3),
+    "steps": (steps, 4),
+    "spikes": (spikes, 1),
+    "one cell": (single, 1),
+    "spheres": (
+        lambda d, p: _linear(two_spheres(d, _shape(d, p), p)), 5,
+    ),
+    "ties, one unit below": (ties(-1), 2),
+    "ties": (ties(0), 2),
+    "ties, one unit above": (ties(1), 2),
+    "ties of solids": (lambda d, p: solids_of(ties(0)(d, p), d), 2),
+    "layers": (layers, 2),
+    "layers, odd size": (layers, 2.3),
+}  # fmt: skip
+
+
+def _linear(rgbd: RGBD) -> RGBD:
+    return with_depth(rgbd.depth_mm, rgbd.pixel_mm, rgbd.covered)
+
+
+@cache
+def picture(display: str, name: str) -> RGBD:
+    """A picture of the matrix."""
+    made, per_pitch = PICTURES[name]
+    shown = DISPLAYS[display]
+    return made(shown, float(1 / (stated(per_pitch) / stated(shown.pitch_mm))))
+
+
+def pictures_for(display: str) -> list[str]:
+    """The pictures for a display: ties are known where rays are exact."""
+    exact = DISPLAYS[display].is_separable
+    return [name for name in PICTURES if exact or not name.startswith("ties")]
+
+
+def coded(rgbd: RGBD) -> RGBD:
+    """A picture in RGBA whose colours are the numbers of its pixels, from 1."""
+
+    def codes(shape: tuple[int, int], first: int) -> np.ndarray:
+        index = np.arange(first, first + shape[0] * shape[1], dtype=np.uint32)
+        return index.view(np.uint8).reshape(*shape, 4)
+
+    size = rgbd.depth_mm.size
+    plain: dict[str, Any] = {
+        "color": codes(rgbd.shape, 1), "depth_mm": rgbd.depth_mm, "covered": rgbd.covered,
+        "pixel_mm": rgbd.pixel_mm,
+    }  # fmt: skip
+    if not isinstance(rgbd, LayeredRGBD):
+        return RGBD(**plain)
+    deeper = tuple(
+        Layer(codes(rgbd.shape, 1 + (n + 1) * size), one.front_mm, one.back_mm, one.covered)
+        for n, one in enumerate(rgbd.deeper)
+    )
+    return LayeredRGBD(**plain, back_mm=rgbd.back_mm, deeper=deeper)

@@ -1,0 +1,502 @@
+"""Rules of single generators in closed form, their options, and what they refuse.
+
+Sources on whole panels are tested in `test_generators`.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inim.display import DISPLAYS, Display
+from inim.errors import UsageError
+from inim.generators import (
+    HOLE,
+    NO_LENS,
+    Algorithm,
+    algorithm_summary,
+    check_algorithm,
+    find_sources,
+    generate,
+    hole_fraction,
+    prepare,
+)
+from inim.generators.raycast.direction_lists import shares_directions
+from inim.generators.registry import properties
+from inim.image.color import srgb_from_linear
+from inim.image.rgbd import RGBD
+from inim.pipeline.stages.plugin_guard import run_generator
+from inim.scene.two_spheres import two_spheres, two_spheres_eia
+from inim.stress.pictures import noise, solids_of
+from tests import oracle
+from tests.conftest import small_display
+
+# Lengths that are binary fractions: every position and slope is exact in float64.
+BINARY = {
+    "pitch_mm": 1.0, "focal_length_mm": 1.5, "gap_mm": 2.0, "pixel_pitch_mm": 0.125,
+    "lens_columns": 4, "lens_rows": 3,
+}  # fmt: skip
+NOMINAL = {**DISPLAYS["nominal"].given(), "lens_columns": 4, "lens_rows": 3}
+VIRTUAL = {"focal_length_mm": 3.6, "depth_min_mm": -41.0, "depth_max_mm": -20.0}
+SOLID = "template:columns=solid"
+BASES = pytest.mark.parametrize("base", [BINARY, NOMINAL], ids=["binary", "nominal"])
+
+
+def display(base: dict[str, Any] = BINARY, **changes: Any) -> Display:
+    return Display(**{**base, **changes})
+
+
+def picture(depth: Any, cell_mm: float, covered: Any = None) -> RGBD:
+    depth = np.asarray(depth, np.float32)
+    covered = np.ones(depth.shape, bool) if covered is None else covered
+    return RGBD(np.ones((*depth.shape, 3), np.float32), depth, covered, cell_mm)
+
+
+def only(shape: tuple[int, int], cell: tuple[int, int], depth: float, cell_mm: float) -> RGBD:
+    """A picture in which one cell is covered."""
+    covered = np.zeros(shape, bool)
+    covered[cell] = True
+    return picture(np.full(shape, depth), cell_mm, covered)
+
+
+def two_squares(shown: Display, cell_mm: float = 0.2371) -> RGBD:
+    """A near square over a far one, on nothing."""
+    low, high = shown.depth_range_mm
+    depth = np.full((60, 66), low + 0.2 * (high - low))
+    depth[20:38, 24:45] = low + 0.8 * (high - low)
+    covered = np.zeros(depth.shape, bool)
+    covered[12:50, 10:50] = True
+    return picture(depth, cell_mm, covered)
+
+
+def ray_at(shown: Display, z: float) -> tuple[np.ndarray, np.ndarray]:
+    """y of every panel row's ray and x of every panel column's at depth z, by Eq. 1."""
+    axes = []
+    for pixels, lenses, sign in (
+        (shown.eia_shape[0], shown.lens_rows, -1),
+        (shown.eia_shape[1], shown.lens_columns, 1),
+    ):
+        x = (np.arange(pixels) + 0.5 - pixels / 2) * shown.pixel_pitch_mm
+        lens = np.arange(pixels) * lenses // pixels
+        x0 = (lens + 0.5 - lenses / 2) * shown.pitch_mm
+        axes.append(sign * (x0 + (x0 - x) * z / shown.gap_mm))
+    return axes[0], axes[1]
+
+
+# -- first hits ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("depth", [6.0, -4.0, -7.25])
+@BASES
+def test_flat_surface_shows_the_cell_at_its_depth(depth: float, base: dict[str, Any]) -> None:
+    shown = display(base, depth_min_mm=-8.0, depth_max_mm=8.0)
+    sources = find_sources(picture(np.full((60, 66), depth), 0.1873), shown)
+    y, x = ray_at(shown, depth)
+    row, column = np.floor(30 - y / 0.1873).astype(int), np.floor(33 + x / 0.1873).astype(int)
+    assert np.array_equal(sources, row[:, None] * 66 + column)
+
+
+@pytest.mark.parametrize("z", [4.0, 8.0, -4.0, -8.0])
+def test_single_cell_appears_where_similar_triangles_put_it(z: float) -> None:
+    # A thin slice of depth about z, so that the cell's walls show nothing.
+    thin = 2.0**-12
+    shown = display(depth_min_mm=z - thin, depth_max_mm=z + thin)
+    cell, (row, column), (high, wide) = 0.5, (3, 9), (10, 14)
+    x, y = (column + 0.5 - wide / 2) * cell, (high / 2 - row - 0.5) * cell
+    sources = find_sources(only((high, wide), (row, column), z - thin, cell), shown)
+    reach = cell / 2 * 2.0 / abs(z)  # half the size of the cell's image on the panel
+    x0, y0 = np.arange(4) - 1.5, 1 - np.arange(3)
+    inside = (np.arange(8) - 3.5) / 8
+    across = np.abs(inside - ((x0 - x) * 2.0 / z)[:, None]) < reach
+    down = np.abs(-inside - ((y0 - y) * 2.0 / z)[:, None]) < reach
+    expected = np.where(down.ravel()[:, None] & across.ravel(), row * wide + column, HOLE)
+    assert 0 < (expected >= 0).sum() < expected.size
+    assert np.array_equal(sources, expected)
+
+
+@pytest.mark.parametrize("algorithm", ["template", "gu2020"])
+@pytest.mark.parametrize("mode", [{}, VIRTUAL], ids=["real", "virtual"])
+def test_nearer_square_hides_farther_one(algorithm: str, mode: dict[str, float]) -> None:
+    shown = display(NOMINAL, **mode)
+    rgbd = two_squares(shown)
+    sources, near = find_sources(rgbd, shown, algorithm), rgbd.depth_mm.max()
+    y, x = ray_at(shown, float(near))
+    row, column = 30 - y / 0.2371, 33 + x / 0.2371
+    meets = ((row > 20) & (row < 38))[:, None] & ((column > 24) & (column < 45))
+    assert meets.any() and (sources[meets] >= 0).all()
+    assert (rgbd.depth_mm.ravel()[sources[meets]] == near).all()
+
+
+def test_first_row_of_the_picture_is_the_upper_one() -> None:
+    shown = display(depth_min_mm=-0.01, depth_max_mm=0.01)
+    lens = np.arange(12).reshape(3, 4)
+    sources = find_sources(picture(np.zeros((3, 4)), 1.0), shown)
+    assert np.array_equal(sources, np.kron(lens, np.ones((8, 8), int)))
+
+
+def test_surface_exactly_at_the_leaving_depth_is_seen_one_ulp_below_it_is_not() -> None:
+    # Panel column 3 is 1/16 mm left of the only lens: X(z) = z / 32 mm, one cell per 8 mm.
+    # The ray leaves column 9 of 16, [1/4, 1/2] mm, at z = 8. Panel row 3 likewise, downwards.
+    shown = display(lens_rows=1, lens_columns=1, depth_min_mm=-20.0, depth_max_mm=20.0)
+    at = np.float32(8.0)
+    for depth, seen in ((at, True), (np.nextafter(at, np.float32(-99)), False)):
+        sources = find_sources(only((16, 16), (9, 9), depth, 0.25), shown)
+        assert sources[3, 3] == (9 * 16 + 9 if seen else HOLE), depth
+
+
+def test_ray_along_a_border_belongs_to_the_larger_row_and_column() -> None:
+    # Odd pixels: the middle one is under the lens centre and looks straight ahead, along the
+    # corner of four cells where the picture is even.
+    shown = display(pitch_mm=0.875, lens_rows=1, lens_columns=1)
+    covered = np.ones((8, 10), bool)
+    assert find_sources(picture(np.full((8, 10), 6.0), 0.25), shown)[3, 3] == 4 * 10 + 5
+    covered[4, 5] = False
+    assert find_sources(picture(np.full((8, 10), 6.0), 0.25, covered), shown)[3, 3] == HOLE
+
+
+@pytest.mark.parametrize("panel_column", [3, 4])
+def test_border_met_exactly_at_either_end_of_the_ray_adds_no_cell(panel_column: int) -> None:
+    # Slopes of 1/8 cell per mm: from z_max = 16 to z_min = -16 the ray passes columns 6 to 9, up
+    # or down, and meets the border of one more at each end. Rows alike.
+    shown = display(lens_rows=1, lens_columns=1, depth_min_mm=-16.0, depth_max_mm=16.0)
+    for cell in range(16):
+        covered = np.zeros((16, 16), bool)
+        covered[:, cell] = True
+        rgbd = picture(np.full((16, 16), 16.0), 0.25, covered)
+        turned = picture(np.full((16, 16), 16.0), 0.25, covered.T)
+        passed = 6 <= cell <= 9
+        assert (find_sources(rgbd, shown, SOLID)[3, panel_column] != HOLE) == passed, cell
+        assert (find_sources(turned, shown, SOLID)[panel_column, 3] != HOLE) == passed, cell
+
+
+@pytest.mark.parametrize("algorithm", ["template", "gu2020", "gu2020:step_mm=20.9"])
+def test_depth_equal_to_the_far_end_is_seen_below_it_is_not(algorithm: str) -> None:
+    shown = display(depth_min_mm=4.0, depth_max_mm=8.0)
+    for depth, holes in ((np.float32(4.0), 0), (np.nextafter(np.float32(4.0), np.float32(0)), 1)):
+        rgbd = picture(np.full((40, 48), depth), 0.25)
+        assert hole_fraction(find_sources(rgbd, shown, algorithm)) == holes
+
+
+def test_columns_that_end_are_nearer_to_the_truth_than_solid_ones() -> None:
+    shown = small_display(24, 24, 17)
+    rgbd = two_spheres(shown, shown.capture_shape(5), shown.capture_pixel_mm(5))
+    truth = srgb_from_linear(two_spheres_eia(shown))
+    error = [
+        np.mean((generate(rgbd, shown, f"{a}:samples=4")[..., :3] / 255 - truth) ** 2)
+        for a in (SOLID, "template")
+    ]
+    assert 10 * math.log10(error[0] / error[1]) > 4
+
+
+def test_rays_and_tables_without_end_are_refused_or_walked() -> None:
+    """A picture of 50,000 pixels per pitch took 894 GiB as tables."""
+    fine = small_display(3, 3, pixels=5, depth_min_mm=1e-3, depth_max_mm=1.5e-3)
+    rgbd = solids_of(noise(fine, (16, 16), 2e-5), fine)
+    assert (find_sources(rgbd, fine, "layered", samples=1) >= 0).any()
+    far = small_display(2, 2, pixels=3, gap_mm=3.0 * (1 + 2.0**-24))
+    for shown in (far, far.replace(rotation_deg=4.0)):
+        for algorithm in ("layered", "template"):
+            with pytest.raises(UsageError, match=f"{algorithm}: a ray crosses .* make sense"):
+                prepare(shown, algorithm, shape=(9, 9), pixel_mm=0.5)
+
+
+def test_only_arrays_with_parallel_pixels_share_lists() -> None:
+    assert shares_directions(DISPLAYS["nominal"])
+    assert not shares_directions(DISPLAYS["phone"])
+    assert not shares_directions(small_display(pixels=8, elemental_pitch_mm=1.001))
+
+
+# -- gu2020 -------------------------------------------------------------------------------------
+
+
+def searched(rgbd: RGBD, shown: Display, step: float) -> np.ndarray:
+    """All samples of all rays at once, picked by argmax."""
+    low, high = shown.depth_range_mm
+    z = np.append(np.arange(high, low + 1e-9 * step, -step), low)
+    v, u = (
+        np.floor(np.array(a.start, float)[:, None] + np.array(a.slope, float)[:, None] * z)
+        for a in oracle.all_rays(rgbd, shown)
+    )
+    high_cells, wide = rgbd.shape
+    inside = ((v >= 0) & (v < high_cells))[:, None] & ((u >= 0) & (u < wide))[None]
+    source = (v[:, None] * wide + u[None]).astype(int)
+    depth = np.where(rgbd.covered, rgbd.depth_mm.astype(float), -np.inf).ravel()
+    hit = inside & (depth[np.where(inside, source, 0)] >= z)
+    first = hit.argmax(axis=2)[..., None]
+    return np.where(hit.any(axis=2), np.take_along_axis(source, first, 2)[..., 0], HOLE)
+
+
+@pytest.mark.parametrize("mode", [{"depth_min_mm": 20.0, "depth_max_mm": 41.0}, VIRTUAL])
+@pytest.mark.parametrize("step", [0.37, 5.3])
+def test_gu2020_steps_as_far_as_it_is_told(mode: dict[str, float], step: float) -> None:
+    shown = small_display(4, 3, pixel_pitch_mm=1 / 15.7, **mode)
+    rgbd = noise(shown, (33, 37), 0.27171, covered=0.4)
+    sources = find_sources(rgbd, shown, "gu2020", step_mm=step)
+    lensed = sources != NO_LENS
+    assert np.array_equal(sources[lensed], searched(rgbd, shown, step)[lensed])
+
+
+def test_wrong_sources_of_gu2020_fade_as_the_step_does() -> None:
+    shown = display(NOMINAL)
+    rgbd = noise(shown, (60, 66), 0.2371, covered=0.5)
+    right = find_sources(rgbd, shown, SOLID)
+    wrong = [
+        np.mean(find_sources(rgbd, shown, "gu2020", step_mm=s) != right)
+        for s in (8.0, 2.0, 0.5, 0.125, 0.03125)
+    ]
+    # First order: a cell is missed when the stretch inside it is shorter than the step.
+    assert wrong[0] > 0.2 and wrong[-1] < 0.01
+    assert all(finer < 0.6 * coarser for coarser, finer in pairwise(wrong))
+
+
+@pytest.mark.parametrize("step", ["0", -1, "fast", "nan", "inf", True, 1e-9])
+def test_step_that_makes_no_sense_is_refused_by_name(step: Any) -> None:
+    with pytest.raises(UsageError, match="step_mm"):
+        prepare(display(NOMINAL), "gu2020", shape=(4, 4), pixel_mm=1.0, step_mm=step)
+
+
+# -- wang2024 -----------------------------------------------------------------------------------
+
+
+def entries(
+    rgbd: RGBD, shown: Display, row: int, column: int,
+    matching: str = "matrix", rounding: str = "nearest", step_pixel: str = "picture",
+) -> tuple[float, list[tuple[float, int]]]:  # fmt: skip
+    """Eq. 5 to 10 for one panel pixel, read off the text: the step, and each entry's mismatch."""
+    p_i = rgbd.pixel_mm if step_pixel == "picture" else shown.scene_pixel_mm
+    g, cell = shown.gap_mm, rgbd.pixel_mm
+    high, wide = rgbd.shape
+    low, top = shown.depth_range_mm
+    pixels = round(shown.pixels_per_lens)
+    (m, v), (n, u) = divmod(row, pixels), divmod(column, pixels)
+    x0 = (n - (shown.lens_columns - 1) / 2) * shown.pitch_mm
+    y0 = ((shown.lens_rows - 1) / 2 - m) * shown.pitch_mm
+    dx = ((pixels - 1) / 2 - u) * shown.pixel_pitch_mm  # x0 - x
+    dy = (v - (pixels - 1) / 2) * shown.pixel_pitch_mm  # y0 - y
+    travel = max(abs(dx), abs(dy)) / g / p_i * (top - low)  # pixels P_I over the whole range
+    if travel < (0.5 if rounding == "nearest" else 1):
+        step, depths = top - low, [shown.central_depth_mm]
+    else:
+        step = p_i * g / max(abs(dx), abs(dy))  # Eq. 5
+        z_len = round(travel + 1) if rounding == "nearest" else math.ceil(travel) + 1  # Eq. 6
+        depths = [low + i * step for i in range(z_len)]
+    mismatches = []
+    for z in depths:
+        r = math.floor(high / 2 - (y0 + dy / g * z) / cell)
+        for across in [z] if matching == "ray" else depths:
+            c = math.floor(wide / 2 + (x0 + dx / g * across) / cell)
+            if 0 <= r < high and 0 <= c < wide and rgbd.covered[r, c]:
+                mismatches.append((abs(float(rgbd.depth_mm[r, c]) - z), r * wide + c))
+    return step, mismatches
+
+
+@pytest.mark.parametrize(
+    "mode", [{"depth_min_mm": 26.0, "depth_max_mm": 41.0},
+             {"focal_length_mm": 3.6, "depth_min_mm": -40.0, "depth_max_mm": -31.0}],
+)  # fmt: skip
+@pytest.mark.parametrize("pixels", [4, 5])
+@pytest.mark.parametrize(
+    "options",
+    [{"rounding": "up"}, {"step_pixel": "scene"},
+     {"matching": "ray", "rounding": "up", "step_pixel": "scene"}],
+    ids=str,
+)  # fmt: skip
+def test_wang2024_takes_the_best_entry_under_each_option(
+    mode: dict[str, float], pixels: int, options: dict[str, str]
+) -> None:
+    shown = small_display(3, 2, pixels, **mode)
+    rgbd = noise(shown, (23, 20), 0.2717, seed=pixels)
+    sources = find_sources(rgbd, shown, "wang2024", **options)
+    assert (sources >= 0).any()
+    for (row, column), source in np.ndenumerate(sources):
+        step, mismatches = entries(rgbd, shown, row, column, **options)
+        best = min((mismatch for mismatch, _ in mismatches), default=math.inf)
+        # Entries may tie: the same cell is met from several columns of the matrix.
+        tied = {s for d, s in mismatches if d <= best + 1e-9}
+        assert source == HOLE if best >= step else source in tied
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "at"),
+    [(20.0, 26.0, 23.0), (31.0, 37.0, 33.0), (28.0, 34.0, 33.0)],
+    ids=["middle of the range", "D below the middle", "D above the middle"],
+)
+def test_single_entry_is_at_the_central_depth_plane_or_else_in_the_middle(
+    low: float, high: float, at: float
+) -> None:
+    # No ray moves by half a cell over a range this short: one entry each. D = 33.
+    shown = small_display(3, 2, 5, depth_min_mm=low, depth_max_mm=high)
+    sources = find_sources(picture(np.full((14, 15), at), 1.51), shown, "wang2024")
+    y, x = ray_at(shown, at)
+    row, column = np.floor(7 - y / 1.51).astype(int), np.floor(7.5 + x / 1.51).astype(int)
+    assert np.array_equal(sources, row[:, None] * 15 + column)
+
+
+def test_along_the_ray_fewer_pixels_come_from_the_wrong_cell_than_from_the_whole_matrix() -> None:
+    shown = display(NOMINAL)
+    rgbd = two_squares(shown)
+    right = find_sources(rgbd, shown)
+    share = {
+        matching: np.mean(find_sources(rgbd, shown, "wang2024", matching=matching) != right)
+        for matching in ("matrix", "ray")
+    }
+    assert 0 < share["ray"] < 0.8 * share["matrix"]
+
+
+# -- li2012 -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("z", [12.0, 33.0, -12.0, -33.0])
+def test_single_pixel_lands_where_the_closed_form_says(z: float) -> None:
+    shown = small_display(12, 10, pixels=9)
+    row, column, cell = 11, 21, 0.2371
+    sources = find_sources(only((31, 35), (row, column), z, cell), shown, "li2012")
+    x, y = (column + 0.5 - 35 / 2) * cell, (31 / 2 - row - 0.5) * cell
+    expected = set()
+    for m in range(10):
+        for n in range(12):
+            x0, y0 = n - 5.5, 4.5 - m
+            across, up = (x0 - x) * 3.3 / z, (y0 - y) * 3.3 / z
+            if abs(across) <= 0.5 and abs(up) <= 0.5:
+                expected.add((math.floor((5 - y0 - up) * 9), math.floor((6 + x0 + across) * 9)))
+    assert expected
+    assert {(int(j), int(i)) for j, i in np.argwhere(sources >= 0)} == expected
+    assert set(sources[sources >= 0]) == {row * 35 + column}
+
+
+def test_pixel_on_the_axis_lands_to_the_left_and_above() -> None:
+    sources = find_sources(only((3, 3), (1, 1), 20.0, 0.2), small_display(1, 1, 4), "li2012")
+    assert np.argwhere(sources >= 0).tolist() == [[1, 1]]
+
+
+def test_magnified_picture_leaves_holes_of_the_expected_share() -> None:
+    # Images of neighbours are cell g / z = 2 panel pixels apart: one panel pixel in four is met.
+    shown = small_display(6, 5, pixels=4)
+    for cell_mm, cells, holes in ((5.0, 30, 0.75), (1.0, 200, 0)):
+        rgbd = picture(np.full((cells, cells), 33.0), cell_mm)
+        assert hole_fraction(find_sources(rgbd, shown, "li2012")) == holes
+
+
+def test_pixel_on_the_array_is_skipped_and_extreme_depths_do_no_harm() -> None:
+    shown = small_display(4, 4, pixels=9)
+    depth = np.zeros((9, 9))
+    assert (find_sources(picture(depth, 0.25), shown, "li2012") == HOLE).all()
+    assert (generate(picture(depth, 0.25), shown, "li2012:fill=hidden") == 0).all()
+    depth[2, 3], depth[4, 5] = -20.0, 20.0
+    sources = find_sources(picture(depth, 0.25), shown, "li2012")
+    assert set(sources[sources >= 0]) == {2 * 9 + 3, 4 * 9 + 5}
+    for z in (1e-30, -1e-30, 1e30, 0.01):
+        sources = find_sources(picture(np.full((16, 16), z), 0.3), shown, "li2012")
+        assert sources.min() >= HOLE and sources.max() < 256
+
+
+# -- the interface ------------------------------------------------------------------------------
+
+
+def test_hole_fraction_counts_lensed_pixels_only() -> None:
+    sources = np.array([[NO_LENS, NO_LENS, HOLE, 5], [NO_LENS, NO_LENS, 0, 1]], np.int32)
+    assert hole_fraction(sources) == 0.25
+    assert hole_fraction(np.full((2, 2), NO_LENS, np.int32)) == 0
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "words"),
+    [
+        ("li2013", "'li2013': did you mean li2012?"),
+        ("x", "'x': use template or .* wang2024"),
+        ("template:samples=3", "template: samples = '3'"),
+        ("layered:samples=many", "layered: samples = 'many'"),
+        ("template:smaples=4", "no option 'smaples'; its options are samples"),
+        ("template:columns=open", "columns = 'open': use surface or solid"),
+        ("template:mask=all", "has no option 'mask'"),
+        ("gu2020:samples=4", "'gu2020' has no option 'samples'"),
+        ("gu2020:implementation=python", "'gu2020' has no option 'implementation'"),
+        ("wang2024:matching=diagonal", "matching = 'diagonal': use matrix or ray"),
+        ("li2012:fill=telea", "fill = 'telea': use none or hidden or all"),
+    ],
+)
+def test_unknown_names_options_and_values_are_refused_with_those_there_are(
+    algorithm: str, words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        prepare(small_display(), algorithm, shape=(4, 4), pixel_mm=1.0)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "changes", "words"),
+    [
+        ("wang2024:step_pixel=scene", {"gap_mm": 3.0, "depth_min_mm": 1, "depth_max_mm": 9}, "is"),
+        *(
+            (algorithm, changes, f"{algorithm}.*{word}")
+            for algorithm in ("li2012", "wang2024")
+            for changes, word in (({"rotation_deg": 4.0}, "rotation_deg = 4"),
+                                  ({"lattice": "hexagonal"}, "hexagonal"))
+        ),
+    ],
+)  # fmt: skip
+def test_displays_that_a_method_does_not_serve_are_refused_by_name(
+    algorithm: str, changes: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        prepare(small_display(**changes), algorithm, shape=(9, 9), pixel_mm=0.5)
+
+
+def test_pictures_and_places_of_another_size_are_refused() -> None:
+    shown = small_display()
+    rgbd = noise(shown, (24, 30), 0.5)
+    with pytest.raises(UsageError, match="prepared for 40 x 50"):
+        prepare(shown, shape=(40, 50), pixel_mm=0.5).generate(rgbd)
+    out = np.empty((*shown.eia_shape, 3), np.float32)
+    for wrong in (out[:-1], out.astype(np.float64), out[:, ::-1], np.asfortranarray(out)):
+        with pytest.raises(UsageError, match="out"):
+            generate(rgbd, shown, out=wrong)
+    for mask in (np.ones((3, 3), bool), np.ones(shown.eia_shape, np.uint8)):
+        for algorithm in ("template", "li2012"):
+            with pytest.raises(UsageError, match=r"must be bool of the panel's \(80, 96\)"):
+                prepare(shown, algorithm, shape=(4, 4), pixel_mm=1.0, mask=mask)
+
+
+def test_options_and_properties_are_those_of_the_algorithm() -> None:
+    for text in ("li2012:fill=hidden", "gu2020:step_mm=0.9", "wang2024:matching=ray"):
+        check_algorithm(text)
+    assert "mask" not in algorithm_summary("template")[0]
+    assert properties("template").columns == "surface" and properties(SOLID).columns == "solid"
+    assert properties("layered").columns == "layers"
+
+
+class Bright:
+    """A generator by others, without a mask and with one place to write to."""
+
+    def __init__(self, shown: Display) -> None:
+        self.place = np.ones((*shown.eia_shape, 3), np.float32)
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        return self.place
+
+
+def test_a_generator_that_knows_no_mask_is_run_in_full(monkeypatch: pytest.MonkeyPatch) -> None:
+    bright = Algorithm("bright", lambda shown, shape, pixel_mm: Bright(shown), own=False)
+    monkeypatch.setattr("inim.generators.find_algorithm", lambda name: bright)
+    shown = small_display(5, 4, 3)
+    mask = np.random.default_rng(1).random(shown.eia_shape) < 0.4
+    made = prepare(shown, "bright", shape=(8, 10), pixel_mm=0.5, mask=mask)
+    rgbd = noise(shown, (8, 10), 0.5)
+    masked = np.repeat(mask[..., None], 3, axis=-1)
+    assert np.array_equal(made.generate(rgbd), masked)
+    assert np.array_equal(run_generator("bright", made, rgbd, shown, mask)[0], masked)
+    assert made._whole.place.all()
+
+
+def test_a_masked_run_reports_the_holes_of_its_pixels() -> None:
+    shown = small_display(9, 4, 5)
+    rgbd = noise(shown, shown.capture_shape(2), 0.5, covered=0.67)
+    whole = find_sources(rgbd, shown)
+    mask = np.arange(whole.size).reshape(whole.shape) % 3 == 0
+    made = prepare(shown, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
+    eia, _, empty = run_generator("template", made, rgbd, shown, mask)
+    assert np.array_equal(empty, mask & (whole < 0))
+    assert np.array_equal(eia, made.generate(rgbd))

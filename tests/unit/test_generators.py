@@ -1,0 +1,341 @@
+"""All generators on all displays and pictures of one matrix, against independent oracles.
+
+Expected: first hits are those of the definition, in rational numbers, ties included; `gu2020`,
+`wang2024` and `li2012` show what their definitions say wherever rounding does not decide; and every
+way to ask for an EIA gives the same bits.
+"""
+
+from __future__ import annotations
+
+import importlib
+from fractions import Fraction
+from types import FunctionType
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+
+from inim.display.pixels import SUBPIXELS as PATTERNS
+from inim.display.pixels import stated
+from inim.generators import (
+    HOLE,
+    MASKED,
+    NO_LENS,
+    SourceGenerator,
+    colour_of,
+    find_sources,
+    generate,
+    hole_fraction,
+    plain,
+    prepare,
+)
+from inim.generators.oracle import exact_hits
+from inim.generators.raycast.direction_lists import shares_directions
+from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
+from inim.generators.raycast.shared_directions import SharedDirections
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.image.rgbd import RGBD
+from reports.stress.study.oracles import answer, with_rational_ties
+from reports.stress.study.rays import chosen_pixels, rays_over
+from tests import oracle
+from tests.generator_cases import (
+    ALGORITHMS,
+    DISPLAYS,
+    NON_SEPARABLE,
+    SEPARABLE,
+    SUBPIXELS,
+    coded,
+    picture,
+    pictures_for,
+    single_ray,
+)
+
+FIRST_HITS = [name for name, case in ALGORITHMS.items() if case.columns]
+OF_PAPER = [name for name, case in ALGORITHMS.items() if not case.columns]
+
+
+def pairs(algorithms: list[str], displays: dict[str, Any]) -> list[tuple[str, str]]:
+    """Each algorithm with each display that it serves."""
+    return [
+        (algorithm, display)
+        for algorithm in algorithms
+        for display, shown in displays.items()
+        if shown.is_separable or ALGORITHMS[algorithm].anywhere
+    ]
+
+
+# -- sources ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("algorithm", "display"), pairs(FIRST_HITS, SEPARABLE))
+def test_every_pixel_shows_the_first_hit_of_the_definition(algorithm: str, display: str) -> None:
+    shown, columns = DISPLAYS[display], ALGORITHMS[algorithm].columns
+    assert columns is not None
+    for name in pictures_for(display):
+        rgbd = picture(display, name)
+        sources = find_sources(rgbd, shown, single_ray(algorithm))
+        right = oracle.exact_sources(rgbd, shown, columns)
+        wrong = np.argwhere(sources != right)
+        assert len(wrong) == 0, f"{name}: {len(wrong)} pixels, the first {wrong[0]}"
+        assert np.array_equal(sources == NO_LENS, ~shown.lensed)
+        # The product's own oracle, written apart.
+        assert exact_hits(rgbd, shown, columns, most=20).wrong_share(sources) == 0
+
+
+@pytest.mark.parametrize(("algorithm", "display"), pairs(FIRST_HITS, NON_SEPARABLE))
+def test_arrays_without_rows_and_columns_show_first_hits_but_for_rounding(
+    algorithm: str, display: str
+) -> None:
+    check_against_float64(algorithm, display)
+
+
+@pytest.mark.parametrize(("algorithm", "display"), pairs(OF_PAPER, SEPARABLE | NON_SEPARABLE))
+def test_the_paper_s_algorithms_do_what_their_definitions_say(algorithm: str, display: str) -> None:
+    check_against_float64(algorithm, display)
+
+
+def check_against_float64(algorithm: str, display: str) -> None:
+    shown, known = DISPLAYS[display], []
+    for name in pictures_for(display):
+        rgbd = picture(display, name)
+        pixels = chosen_pixels(shown, ALGORITHMS[algorithm].most_pixels)
+        sources = find_sources(rgbd, shown, single_ray(algorithm))
+        expected = answer(algorithm, rays_over(shown, rgbd, pixels), rgbd, shown, np.float64)
+        sure = ~expected.uncertain
+        assert np.array_equal(sources[tuple(pixels.T)][sure], expected.sources[sure]), name
+        assert (sources[~shown.lensed] == NO_LENS).all()
+        known.append(sure.mean())
+    # Rays straight ahead run along borders: with one pixel per lens, all do.
+    assert np.mean(known) > 0.2, "or the test says little"
+
+
+def test_the_matrix_has_hits_holes_and_deeper_layers() -> None:
+    shown, layered = DISPLAYS["odd pixels"], picture("odd pixels", "layers")
+    for algorithm in ALGORITHMS:
+        sources = find_sources(layered, shown, single_ray(algorithm))
+        assert (sources >= 0).any() and (sources == HOLE).any(), algorithm
+    sources = find_sources(layered, shown, "layered:samples=1")
+    assert len(np.unique(sources[sources >= 0] // layered.depth_mm.size)) == 3
+
+
+@pytest.mark.parametrize("columns", ["surface", "solid", "layers"])
+@pytest.mark.parametrize("display", SEPARABLE)
+def test_lists_rays_with_shared_runs_and_free_rays_find_the_same(
+    display: str, columns: str
+) -> None:
+    """Bit for bit, but for the rounding of free rays; in the order of a stream of pictures."""
+    shown = DISPLAYS[display]
+    for name in ("layers", "random", "layers, odd size", "hills"):
+        rgbd = picture(display, name)
+        size = (shown, rgbd.shape, rgbd.pixel_mm, columns)
+        alone = RayByRay(*size).sources(rgbd)
+        whole = stated(shown.pitch_mm) / stated(rgbd.pixel_mm)
+        if shares_directions(shown) and whole.denominator == 1:
+            lists = SharedDirections(*size)
+            for before in (rgbd, RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)):
+                lists.sources(before)
+                assert np.array_equal(lists.sources(rgbd), alone)
+        # Where pixels are on borders between lenses, free rays go either way.
+        if name == "layers, odd size" and display in ("odd pixels", "virtual", "phone", "moved"):
+            free = NonSeparable(*size).sources(rgbd)
+            assert (free != alone)[shown.lensed].mean() < 0.02
+
+
+# -- colours ------------------------------------------------------------------------------------
+
+_QUARTERS = {
+    1: [(Fraction(0), Fraction(0))],
+    2: [(Fraction(-1, 4), Fraction(-1, 4)), (Fraction(1, 4), Fraction(1, 4))],
+    4: [(Fraction(a, 4), Fraction(b, 4)) for a in (-1, 1) for b in (-1, 1)],
+}
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4])
+@pytest.mark.parametrize(
+    ("algorithm", "display"),
+    [
+        *((a, d) for a in ("template", "layered") for d in SUBPIXELS),
+        *((a, d) for a in ("template", "layered") for d in ("odd pixels", "phone", "hexagonal")),
+        ("template:columns=solid", "virtual"),
+    ],
+)
+def test_a_pixel_shows_the_mean_of_the_rays_from_what_shines_of_it(
+    algorithm: str, display: str, samples: int
+) -> None:
+    shown = DISPLAYS[display]
+    fill = stated(shown.pixel_fill)
+    pixels = chosen_pixels(shown, 150)
+    for name in ("random, sparse, odd size", "layers"):
+        rgbd = picture(display, name)
+        eia = generate(rgbd, shown, f"{algorithm}:samples={samples}")[tuple(pixels.T)]
+        palette = np.concatenate([rgbd.palette.reshape(-1, 3), np.zeros((1, 3), np.float32)])
+        for channel, place in enumerate(PATTERNS[shown.subpixels]):
+            mean, sure = np.zeros(len(pixels)), np.ones(len(pixels), bool)
+            for down, right in _QUARTERS[samples]:
+                aside = (down * fill, place.right + right * place.width * fill)
+                rays = rays_over(shown, rgbd, pixels, aside)
+                known = answer(algorithm, rays, rgbd, shown, np.float64)
+                sources, _ = with_rational_ties(algorithm, known, known.sources, rays, rgbd, shown)
+                if not shown.is_separable:
+                    sure &= ~known.uncertain
+                mean += palette[np.where(sources >= 0, sources, -1), channel] / samples
+            assert sure.mean() > 0.2
+            assert np.abs(eia[sure, channel] - mean[sure]).max() < 1e-6
+
+
+@pytest.mark.parametrize("samples", [2, 4])
+def test_codes_are_those_of_the_mean_light_to_the_last_bit(samples: int) -> None:
+    """Against the colour module's formulas on every pixel's rays; alpha is no light."""
+    shown, linear = DISPLAYS["both sides"], picture("both sides", "spikes")
+    color = np.random.default_rng(1).integers(1, 256, (*linear.shape, 4)).astype(np.uint8)
+    rgbd = RGBD(color, linear.depth_mm, linear.covered, linear.pixel_mm)
+    made = prepare(shown, f"template:samples={samples}", shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+    sources = made.samples(rgbd)
+    palette = np.append(rgbd.color.reshape(-1, 4), np.zeros((1, 4), np.uint8), axis=0)
+    codes = palette[np.where(sources >= 0, sources, -1)] / np.float32(255)
+    light = np.concatenate([linear_from_srgb(codes[..., :3]), codes[..., 3:]], axis=-1)
+    mean = light[0] / np.float32(samples)
+    for ray in light[1:]:
+        mean = mean + ray / np.float32(samples)
+    expected = np.append(srgb_from_linear(mean[..., :3]), mean[..., 3:], axis=-1)
+    eia = made.generate(rgbd)
+    assert np.array_equal(eia, srgb_to_uint8(expected))
+    agree = (sources == sources[0]).all(axis=0)
+    assert 0.1 < agree.mean() < 0.9, "or the test says nothing"
+    assert np.array_equal(eia[agree], palette[np.where(sources[0] >= 0, sources[0], -1)][agree])
+
+
+# -- one result for every way to ask --------------------------------------------------------------
+
+METHODS = {
+    **{name: single_ray(name) for name in ALGORITHMS},
+    "four rays": "template:samples=4",
+    "layers, two rays": "layered:samples=2",
+    "filled": "li2012:fill=hidden",
+    "two rays, filled": "template:samples=2:fill=all",
+}
+
+
+def served(method: str, display: str) -> bool:
+    """Whether a method of the matrix serves a display."""
+    rows_and_columns = DISPLAYS[display].is_separable
+    return rows_and_columns or ("fill" not in method and method.partition(":")[0] not in (
+        "wang2024", "li2012"))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("method", "display"),
+    [
+        (method, display)
+        for method in METHODS
+        for display in ("odd pixels", "three strips", "phone", "larger panel", "off the panel",
+                        "turned", "hexagonal", "stripes", "stripes, turned")
+        if served(METHODS[method], display)
+    ],
+)  # fmt: skip
+def test_masks_threads_codes_and_earlier_pictures_change_no_pixel(
+    method: str, display: str
+) -> None:
+    shown, algorithm = DISPLAYS[display], METHODS[method]
+    rgbd, other = picture(display, "layers"), picture(display, "layers")
+    other = RGBD(other.color[::-1], other.depth_mm[::-1], other.covered[::-1], other.pixel_mm)
+    size: dict[str, Any] = {"shape": rgbd.shape, "pixel_mm": rgbd.pixel_mm}
+    whole, sources = generate(rgbd, shown, algorithm), find_sources(rgbd, shown, algorithm)
+    assert whole.dtype == np.float32 and whole.shape == (*shown.eia_shape, 3)
+    assert sources.dtype == np.int32 and not whole[~shown.lensed].any()
+    made = prepare(shown, algorithm, **size)
+    assert isinstance(made, SourceGenerator)
+    if made.shows_sources(rgbd):
+        assert np.array_equal(whole, colour_of(sources, rgbd))
+    out = np.full_like(whole, 7)
+    made.generate(other)
+    made.generate(coded(rgbd))
+    assert made.generate(rgbd, out) is out and np.array_equal(out, whole)
+    assert np.array_equal(made.sources(rgbd), sources)
+    if made.shows_sources(rgbd):
+        index = generate(coded(rgbd), shown, algorithm).view(np.uint32)[..., 0].astype(np.int64)
+        assert np.array_equal(index - 1, np.maximum(sources, HOLE))
+    # What is not covered means nothing.
+    for depth in (np.nan, np.inf, 6.0):
+        plain_picture = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+        strange = np.where(rgbd.covered, rgbd.depth_mm, np.float32(depth))
+        same = RGBD(rgbd.color, strange, rgbd.covered, rgbd.pixel_mm)
+        assert np.array_equal(
+            generate(same, shown, algorithm), generate(plain_picture, shown, algorithm)
+        )
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        assert np.array_equal(made.generate(rgbd), whole)
+    finally:
+        numba.set_num_threads(before)
+    for share in (0.0, 0.03, 0.5, 1.0):
+        mask = np.random.default_rng(4).random(shown.eia_shape) < share
+        masked = prepare(shown, algorithm, mask=mask, **size)
+        for given in (None, np.full_like(whole, 7)):
+            part = masked.generate(rgbd, given)
+            assert given is None or part is given
+            assert np.array_equal(part[mask], whole[mask]) and not part[~mask].any()
+        asked = masked.sources(rgbd)
+        assert np.array_equal(asked[mask], sources[mask])
+        assert (asked[~mask & shown.lensed] == MASKED).all()
+        assert (asked[~shown.lensed] == NO_LENS).all()
+        lensed = np.count_nonzero(mask & shown.lensed)
+        empty = np.count_nonzero(sources[mask] == HOLE)
+        assert hole_fraction(asked) == (empty / lensed if lensed else 0.0)
+
+
+@pytest.mark.parametrize("algorithm", ["template", "layered:samples=1", "gu2020", "li2012"])
+@pytest.mark.parametrize("display", ["odd pixels", "phone", "turned"])
+def test_nothing_covered_is_all_holes_and_a_picture_without_layers_is_its_front(
+    algorithm: str, display: str
+) -> None:
+    if not served(algorithm, display):
+        pytest.skip("needs rows and columns")
+    shown, rgbd = DISPLAYS[display], picture(display, "layers")
+    front = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    nothing = RGBD(rgbd.color, rgbd.depth_mm, np.zeros(rgbd.shape, bool), rgbd.pixel_mm)
+    empty = find_sources(nothing, shown, algorithm)
+    assert (empty[shown.lensed] == HOLE).all() and not generate(nothing, shown, algorithm).any()
+    if algorithm == "layered:samples=1":
+        assert np.array_equal(
+            find_sources(front, shown, algorithm), find_sources(front, shown, "template")
+        )
+    else:
+        assert np.array_equal(
+            find_sources(front, shown, algorithm), find_sources(rgbd, shown, algorithm)
+        )
+
+
+# -- kernels in plain Python ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "display"),
+    [(a, d) for a in OF_PAPER for d in ("both sides", "virtual", "turned") if served(a, d)],
+)
+def test_plain_python_and_compiled_code_agree_to_the_bit(
+    algorithm: str, display: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown, rgbd = DISPLAYS[display], picture(display, "random, sparse, odd size")
+    sources = find_sources(rgbd, shown, algorithm)
+    # As with NUMBA_DISABLE_JIT, but without another process.
+    monkeypatch.setattr(plain, "compiled", lambda kernel: kernel)
+    assert np.array_equal(find_sources(rgbd, shown, algorithm), sources)
+
+
+@pytest.mark.parametrize("name", ["gu2020", "wang2024", "li2012"])
+def test_plain_python_calls_nothing_compiled(name: str) -> None:
+    module = importlib.import_module(f"inim.generators.{name}")
+    functions = [v for v in vars(module).values() if isinstance(v, FunctionType)]
+    kernels = reached = {f for f in functions if "prange" in f.__code__.co_names}
+    assert kernels
+    for _ in range(5):
+        called = {f.__globals__.get(n) for f in reached for n in f.__code__.co_names}
+        assert not any(isinstance(c, numba.core.dispatcher.Dispatcher) for c in called)
+        reached = reached | {c for c in called if isinstance(c, FunctionType)}
+    assert len(reached) > len(kernels)
+    kernel = next(iter(kernels))
+    assert plain.compiled(kernel) is plain.compiled(kernel)
+    assert plain.compiled(kernel).py_func.__globals__["prange"] is numba.prange
