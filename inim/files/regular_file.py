@@ -16,7 +16,6 @@ from typing import BinaryIO
 
 from inim.errors import FileError
 
-_BLOCK_BYTES = 2**20
 # Neither waits for a pipe's other end, nor takes a terminal for its own.
 _FLAGS = os.O_RDONLY | sum(
     getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY")
@@ -74,25 +73,12 @@ def read_file(path: Path, most_bytes: int, *, shown: str = "", way_out: str = ""
     """
     with open_file(path, shown=shown, way_out=way_out) as file:
         size = os.fstat(file.fileno()).st_size
-        data = b""
-        if size <= most_bytes:
-            data = file.read(size + 1) or b""  # None where it would have to wait
-            if len(data) > size:  # it grows, or states no size, as below /proc
-                data += _rest(file, most_bytes - len(data) + 1)
-                size = len(data)
+        # A byte more, so that a file that cannot be read is an error though it states no size.
+        data = (file.read(size + 1) or b"")[:size] if size <= most_bytes else b""
     if size > most_bytes:
         limit = f"{most_bytes / 2**20:g} MiB"
         raise _error(path, f"has {size} bytes, and at most {limit} are read", shown, way_out)
     return data
-
-
-def _rest(file: BinaryIO, most_bytes: int) -> bytes:
-    """What is left in a file, so much of it at most, and no more memory than there is."""
-    blocks: list[bytes] = []
-    while most_bytes and (block := file.read(min(most_bytes, _BLOCK_BYTES))):
-        blocks.append(block)
-        most_bytes -= len(block)
-    return b"".join(blocks)
 
 
 _IRREGULAR = "is no regular file (a pipe, a device or a socket)"

@@ -22,7 +22,7 @@ from PIL import Image
 from inim.documents import write_document
 from inim.errors import EXIT_BASELINE, EXIT_USAGE, FileError
 from inim.files.image import hushed
-from inim.files.regular_file import open_file, read_file
+from inim.files.regular_file import open_file
 from tests.conftest import scene_text
 from tests.schemas import completed, report_document
 from tests.system.conftest import assert_one_line, run_here, write_scene
@@ -242,13 +242,6 @@ def test_what_is_no_file_is_refused_in_one_line(door: str, kind: str, tmp_path: 
 
 
 # --- What a file may hold -----------------------------------------------------------------------
-
-
-def test_a_file_without_a_size_is_read_to_its_end_and_no_further_than_its_limit() -> None:
-    path = Path("/proc/self/status")
-    assert read_file(path, 2**20).startswith(b"Name:")
-    with pytest.raises(FileError, match=r"status: has 11 bytes, and at most"):
-        read_file(path, 10)
 
 
 def test_a_file_that_is_put_in_place_of_another_is_looked_at_once_it_is_open(

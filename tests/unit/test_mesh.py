@@ -266,6 +266,14 @@ def test_non_finite_vertex_is_refused_in_every_format(tmp_path: Path, value: flo
         assert "not finite" in refusal(put(tmp_path, name, content))
 
 
+ZEROS = json.dumps(
+    {
+        "asset": {"version": "2.0"},
+        "accessors": [{"count": 10**9, "componentType": 5126, "type": "VEC3"}],
+    }
+).encode()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
@@ -276,6 +284,8 @@ def test_non_finite_vertex_is_refused_in_every_format(tmp_path: Path, value: flo
         ("count.stl", stl(POINTS[FACES], 10**9), "no faces"),
         ("short.stl", stl(POINTS[FACES])[:-1], "no faces"),
         ("accessor.gltf", gltf({}, count=10**9), "not a readable gltf"),
+        ("zeros.gltf", ZEROS, "1000000000 items without data"),
+        ("chunk.glb", b"glTF" + struct.pack("<IIII", 2, 36, 8, 2**31) + bytes(12), "readable glb"),
     ],
 )
 def test_lying_counts_are_refused_quickly_and_cheaply(
