@@ -40,8 +40,8 @@ def validate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Report
     """Measure with as many samples as the scores need, compare with the baseline, report."""
     found = measure_until_known(measure, plan, renderer, images, run)
     times = generator_times(found, run=run) if plan.request.time else {}
-    floor = noise_floor(found.truth, found.plan, run=run)
-    truth = truth_statistics(found.truth, found.ceiling, found.plan, run=run)
+    floor = noise_floor(found.truth, run=run)
+    truth = truth_statistics(found.truth, found.ceiling, run=run)
     statistics = run_statistics(found, truth, times)
     comparison = judge(found.plan, images.folder, statistics, found.references)
     return report_of(found, floor, times, comparison, images.folder)
@@ -63,10 +63,11 @@ def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measure
     sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
     views = {eye.name: render_view(scene, eye, *sampling, run=run) for eye in eyes}
     ceiling = reconstruct_views("ceiling", eia, eyes, optics, renderer, run=run)
-    truth = collect_truth(capture, eia, views, ceiling, whole=mask is None)
+    viewing = {eye.name: plan.viewing(eye) for eye in eyes}
+    truth = collect_truth(capture, eia, views, ceiling, viewing, whole=mask is None)
     images.save_capture(capture, plan.display)
     images.save_truth(truth)
-    images.save_heat_maps("ceiling", heat_maps(truth.views, truth.ceiling, plan, run=run))
+    images.save_heat_maps("ceiling", heat_maps(truth, truth.views, truth.ceiling, run=run))
 
     results = {}
     for method, maker in zip(plan.methods, makers, strict=True):
@@ -74,9 +75,10 @@ def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measure
         images.save(f"eia/{method.name}", made.eia.image)
         seen = reconstruct_views(method.name, made.eia, eyes, optics, renderer, run=run)
         images.save_views(method.name, seen)
-        images.save_heat_maps(method.name, heat_maps(truth.ceiling, seen, plan, run=run))
-        results[method.name] = evaluate(method.name, made, seen, truth, plan, run=run)
+        images.save_heat_maps(method.name, heat_maps(truth, truth.ceiling, seen, run=run))
+        limit = plan.ssim_limits.get(method.name)
+        results[method.name] = evaluate(method.name, made, seen, truth, limit, run=run)
 
-    best = ceiling_scores(truth, plan, run=run)
+    best = ceiling_scores(truth, run=run)
     images.finish()
     return Measured(plan, renderer.backend, run, facts, capture, truth, best, results)

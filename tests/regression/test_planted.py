@@ -70,10 +70,10 @@ class Finished:
         made = GeneratedEIA(eia, None, None, self._reference(generate))
         how = (plan.viewpoints, plan.optics, self.renderer)
         views = seen(reconstruct_views("template", eia, *how, run=run))
-        results = {"template": evaluate("template", made, views, truth, plan, run=run)}
-        ceiling = ceiling_scores(truth, plan, run=run)
+        results = {"template": evaluate("template", made, views, truth, run=run)}
+        ceiling = ceiling_scores(truth, run=run)
         found = dataclasses.replace(self.found, truth=truth, ceiling=ceiling, results=results)
-        return run_statistics(found, truth_statistics(truth, ceiling, plan, run=run), times or {})
+        return run_statistics(found, truth_statistics(truth, ceiling, run=run), times or {})
 
     def _reference(self, generate: Callable[[RGBD], np.ndarray]) -> Reference:
         camera, display = self.found.capture.camera, self.found.plan.display

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import AbstractContextManager
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,7 +15,6 @@ from inim.documents.report import AlgorithmResult, NoiseFloor
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import Viewing
 from inim.metrics.headline import HEADLINE, HEADLINE_WORDS
-from inim.pipeline.plan import Plan
 from inim.pipeline.stages.checks import (
     BLACK,
     CLIPPED_SHARE,
@@ -96,7 +96,7 @@ def evaluate(
     made: GeneratedEIA,
     views: Mapping[str, NoisyImage],
     truth: GroundTruth,
-    plan: Plan,
+    limit: float | None = None,
     *,
     run: Run,
 ) -> MethodResult:
@@ -109,19 +109,17 @@ def evaluate(
     views : mapping of str to NoisyImage
         By viewpoint.
     truth : GroundTruth
-    plan : Plan
+    limit : float, optional
+        The smallest headline score that passes.
     run : Run
     """
     eia = made.eia
-    with run.observer.timed("score"), scoring_threads(plan) as submit:
+    with _scoring_threads(truth, run) as submit:
         # The longest first.
         how = {"whole": truth.whole, "generated": True, "run": run}
-        statistics = submit(eia_statistics, f"eia/{name}", eia, plan.display, **how)
+        statistics = submit(eia_statistics, f"eia/{name}", eia, truth.display, **how)
         whole = submit(_eia_scores, truth, run, eia.image)
-        seen = _viewing(plan)
-        pending = {
-            view: submit(_against, truth, view, one, seen[view], run) for view, one in views.items()
-        }
+        pending = {view: submit(_against, truth, view, one, run) for view, one in views.items()}
         # In this thread: a generator of another package may count on its own.
         reference = made.reference
         prints = {} if reference is None else {name: reference.fingerprint()}
@@ -135,12 +133,11 @@ def evaluate(
         )
         judged = {f"{name}/{view}": one for view, one in found.items()}
         kept = Statistics(statistics.result(), judged, prints)
-    eyes = [eye.name for eye in plan.viewpoints]
     checks = [
         *nonfinite_checks(f"eia/{name}", eia.nonfinite),
-        *missing_viewpoints(name, eyes, views),
+        *missing_viewpoints(name, [*truth.views], views),
         _shows_something(name, made),
-        *_limits(name, plan, found),
+        *_limits(name, limit, found),
     ]
     warnings = _too_bright(name, eia.image, truth)
     return MethodResult(scores, kept, reference, tuple(checks), tuple(warnings))
@@ -161,19 +158,11 @@ def reported_scores(
     return values, precision
 
 
-def _viewing(plan: Plan) -> dict[str, Viewing | None]:
-    """How each view is seen, by viewpoint, if there is a metric that asks for it."""
-    asked = any(metric.viewed for metric in metrics.all_metrics())
-    return {eye.name: plan.viewing(eye) if asked else None for eye in plan.viewpoints}
-
-
-def _against(
-    truth: GroundTruth, name: str, view: NoisyImage, viewing: Viewing | None, run: Run
-) -> Scores:
+def _against(truth: GroundTruth, name: str, view: NoisyImage, run: Run) -> Scores:
     """Scores of a view against the rendered view, and against the ceiling's."""
-    region = truth.regions[name]
-    to_scene = score_view(truth.views[name], view, region, viewing, run=run)
-    to_ceiling = score_view(truth.ceiling[name], view, region, viewing, run=run)
+    conditions = truth.conditions(name)
+    to_scene = score_view(truth.views[name], view, *conditions, run=run)
+    to_ceiling = score_view(truth.ceiling[name], view, *conditions, run=run)
     names = {metric.key: metric.to_ceiling_key for metric in metrics.all_metrics()}
     names |= {m.on_relic_key: m.on_relic_to_ceiling_key for m in metrics.all_metrics()}
     return to_scene | {names[key]: one for key, one in to_ceiling.items()}
@@ -204,18 +193,21 @@ def _heat_map(
 
 
 def heat_maps(
-    references: Mapping[str, NoisyImage], views: Mapping[str, NoisyImage], plan: Plan, *, run: Run
+    truth: GroundTruth,
+    references: Mapping[str, NoisyImage],
+    views: Mapping[str, NoisyImage],
+    *,
+    run: Run,
 ) -> dict[str, np.ndarray]:
     """Where views lose to what they are compared with, by metric and viewpoint: ``cvvdp/left``.
 
     Of metrics that have a `heat_map`; see there.
     """
     shown = [metric.name for metric in metrics.all_metrics() if metric.heat_map is not None]
-    seen = _viewing(plan)
-    with run.observer.timed("score"), scoring_threads(plan) as submit:
+    with _scoring_threads(truth, run) as submit:
         pending = {
             f"{metric}/{eye}": submit(
-                _heat_map, references[eye].image, view.image, seen[eye], metric, run=run
+                _heat_map, references[eye].image, view.image, truth.viewing[eye], metric, run=run
             )
             for metric in shown
             for eye, view in views.items()
@@ -223,25 +215,22 @@ def heat_maps(
         return {name: one.result() for name, one in pending.items()}
 
 
-def ceiling_scores(truth: GroundTruth, plan: Plan, *, run: Run) -> dict[str, Scores]:
+def ceiling_scores(truth: GroundTruth, *, run: Run) -> dict[str, Scores]:
     """What perfect elemental images show, against the rendered view, by viewpoint."""
-    seen = _viewing(plan)
-    with run.observer.timed("score"), scoring_threads(plan) as submit:
+    with _scoring_threads(truth, run) as submit:
         pending = {
-            name: submit(
-                score_view, view, truth.ceiling[name], truth.regions[name], seen[name], run=run
-            )
+            name: submit(score_view, view, truth.ceiling[name], *truth.conditions(name), run=run)
             for name, view in truth.views.items()
         }
         return {name: one.result() for name, one in pending.items()}
 
 
-def noise_floor(truth: GroundTruth, plan: Plan, *, run: Run) -> NoiseFloor:
+def noise_floor(truth: GroundTruth, *, run: Run) -> NoiseFloor:
     """The ground truth against itself, one half of its samples against the other."""
-    with run.observer.timed("score"), scoring_threads(plan) as submit:
-        whole, seen = submit(_eia_scores, truth, run), _viewing(plan)
+    with _scoring_threads(truth, run) as submit:
+        whole = submit(_eia_scores, truth, run)
         pending = {
-            name: submit(_score_halves, view, truth.regions[name], seen[name], run=run)
+            name: submit(_score_halves, view, *truth.conditions(name), run=run)
             for name, view in truth.views.items()
         }
         views: dict[str, dict[str, float | None]] = {
@@ -250,24 +239,23 @@ def noise_floor(truth: GroundTruth, plan: Plan, *, run: Run) -> NoiseFloor:
         return NoiseFloor(eia=whole.result(), views=views)
 
 
-def truth_statistics(
-    truth: GroundTruth, ceiling: Mapping[str, Scores], plan: Plan, *, run: Run
-) -> Statistics:
+def truth_statistics(truth: GroundTruth, ceiling: Mapping[str, Scores], *, run: Run) -> Statistics:
     """Statistics of the ground truth, and scores of the ceiling, by viewpoint."""
-    with scoring_threads(plan) as submit:
+    with _scoring_threads(truth, run) as submit:
         how = {"whole": truth.whole, "generated": False, "run": run}
-        whole = submit(eia_statistics, "truth/eia", truth.eia, plan.display, **how)
+        whole = submit(eia_statistics, "truth/eia", truth.eia, truth.display, **how)
         pending = {n: submit(view_statistics, view, run) for n, view in truth.views.items()}
         views = {f"truth/{name}": one.result() for name, one in pending.items()}
         pictures = whole.result() | views
     return Statistics(pictures, {f"ceiling/{name}": found for name, found in ceiling.items()})
 
 
-def scoring_threads(plan: Plan) -> AbstractContextManager[Submit]:
+@contextmanager
+def _scoring_threads(truth: GroundTruth, run: Run) -> Iterator[Submit]:
     """Threads to score a run's images in, as many as their memory allows."""
-    display, per_lens = plan.display, plan.settings.view_pixels_per_lens
-    view = display.lens_rows * display.lens_columns * per_lens**2
-    return threads(_PIXELS_AT_ONCE // max(view, display.eia_shape[0] * display.eia_shape[1]))
+    largest = max(math.prod(image.shape) for image in (truth.eia, *truth.views.values()))
+    with run.observer.timed("score"), threads(_PIXELS_AT_ONCE // largest) as submit:
+        yield submit
 
 
 def _shows_something(name: str, made: GeneratedEIA) -> Check:
@@ -291,11 +279,11 @@ def _too_bright(name: str, eia: np.ndarray, truth: GroundTruth) -> list[str]:
     ]
 
 
-def _limits(name: str, plan: Plan, found: Mapping[str, Scores]) -> list[Check]:
-    """Each view's headline score against the least that was asked for."""
-    if name not in plan.ssim_limits:
+def _limits(name: str, limit: float | None, found: Mapping[str, Scores]) -> list[Check]:
+    """Each view's headline score against the smallest that passes."""
+    if limit is None:
         return []
     return [
-        criterion(f"{name}/{view}: {HEADLINE_WORDS}", scores[HEADLINE], plan.ssim_limits[name])
+        criterion(f"{name}/{view}: {HEADLINE_WORDS}", scores[HEADLINE], limit)
         for view, scores in found.items()
     ]

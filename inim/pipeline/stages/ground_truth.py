@@ -12,7 +12,7 @@ from inim.display import Display, Viewpoint
 from inim.display.pixels import SUBPIXELS
 from inim.documents.parts import Check
 from inim.image.noisy_image import NoisyImage
-from inim.metrics import relic_region
+from inim.metrics import Viewing, all_metrics, relic_region
 from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.checks import (
     BLACK,
@@ -161,6 +161,8 @@ class GroundTruth:
 
     Attributes
     ----------
+    display : Display
+        As designed.
     eia : NoisyImage
         Finite; black where the run observes nothing of it.
     whole : bool
@@ -173,18 +175,26 @@ class GroundTruth:
         The relic's in each view: the same for all methods, as it is known without them.
     ceiling : dict of str to NoisyImage
         Views of the ground-truth EIA.
+    viewing : dict of str to Viewing or None
+        Viewing conditions of each view; None if no metric depends on them.
     checks : tuple of Check
     warnings : tuple of str
     """
 
+    display: Display
     eia: NoisyImage
     whole: bool
     clipped: float
     views: dict[str, NoisyImage]
     regions: dict[str, np.ndarray]
     ceiling: dict[str, NoisyImage]
+    viewing: dict[str, Viewing | None]
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    def conditions(self, view: str) -> tuple[np.ndarray, Viewing | None]:
+        """Conditions under which a view is scored: the relic's region, and how it is viewed."""
+        return self.regions[view], self.viewing[view]
 
 
 def collect_truth(
@@ -192,6 +202,7 @@ def collect_truth(
     eia: NoisyImage,
     views: dict[str, tuple[NoisyImage, np.ndarray]],
     ceiling: dict[str, NoisyImage],
+    viewing: dict[str, Viewing],
     *,
     whole: bool,
 ) -> GroundTruth:
@@ -216,13 +227,16 @@ def collect_truth(
             f"{worst}: {clipped[worst]:.1%} of the pixels are brighter than the panel's white and "
             "clipped; dim the scene's lights"
         )
+    is_viewed = any(metric.viewed for metric in all_metrics())
     return GroundTruth(
+        capture.camera.scene.display,
         eia,
         whole,
         share_outside(images["truth/eia"]),
         finite_views,
         {name: relic_region(relic) for name, (_, relic) in views.items()},
         ceiling,
+        {name: how if is_viewed else None for name, how in viewing.items()},
         tuple(checks),
         tuple(warnings),
     )
