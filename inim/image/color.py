@@ -1,4 +1,4 @@
-"""Transfer between linear light and display-referred sRGB (IEC 61966-2-1)."""
+"""Transfer between linear light and display-referred sRGB (IEC 61966-2-1), and false colours."""
 
 from __future__ import annotations
 
@@ -57,3 +57,10 @@ def srgb_codes(linear: np.ndarray) -> np.ndarray:
     for band in row_bands(*linear.shape[:2]):
         codes[band] = srgb_to_uint8(srgb_from_linear(linear[band]))
     return codes
+
+
+def magma(share: np.ndarray) -> np.ndarray:
+    """Matplotlib's colours for shares of one, (rows, columns, 3) uint8; FLIP's maps have them."""
+    from matplotlib import colormaps
+
+    return np.asarray(colormaps["magma"](np.clip(share, 0, 1), bytes=True)[..., :3], np.uint8)

@@ -19,7 +19,7 @@ from inim.cache.result_cache import ResultCache
 from inim.errors import FileError
 from inim.files.image import encoded
 from inim.files.picture import open_picture
-from inim.image.color import linear_from_srgb
+from inim.image.color import linear_from_srgb, magma
 from inim.metrics import SSIM_WINDOW, ssim_map
 from inim.report.markup import element, text, void
 
@@ -140,7 +140,7 @@ class Images:
         def make() -> np.ndarray:
             return magma(np.linspace(0, 1, 256)[None])
 
-        return self.cached("scale of SSIM", make, code=code_digest("report/images.py"))
+        return self.cached("scale of SSIM", make, code=code_digest("image", "report/images.py"))
 
     def cached(self, product: str, make: Callable[[], np.ndarray], **parts: Any) -> np.ndarray:
         """An array from the cache, or as `make` computes it from the parts."""
@@ -154,13 +154,6 @@ def difference(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
         return None
     change = np.abs(a.astype(np.int16) - b.astype(np.int16))
     return np.asarray(np.minimum(change * DIFFERENCE_GAIN, 255), np.uint8)
-
-
-def magma(share: np.ndarray) -> np.ndarray:
-    """Matplotlib's colours for shares of one, (rows, columns, 3) uint8; FLIP's maps have them."""
-    from matplotlib import colormaps
-
-    return np.asarray(colormaps["magma"](np.clip(share, 0, 1), bytes=True)[..., :3], np.uint8)
 
 
 def is_wide(pixels: np.ndarray | None) -> bool:

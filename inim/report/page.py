@@ -20,7 +20,7 @@ import msgspec
 from inim.documents import Document
 from inim.documents.parts import Checks
 from inim.report.markup import element, folded, mark, table, text
-from inim.report.wording import MISSING, part, plain, short
+from inim.report.wording import MISSING, plain, short
 
 _POLICY = (
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; {scripts}; "
@@ -227,14 +227,15 @@ def how_to_reproduce(document: Mapping[str, Any] | Document, more: str = "") -> 
     """
     data = _values(document)
     command = element("pre", element("code", text(data.get("command", MISSING))), tabindex=0)
-    scene = {**part(data, "scene"), **part(data, "scene", "fit")}
+    scene = data.get("scene", {})
+    facts = {**scene, **scene.get("fit", {})}
     tables = {
         "Settings; what is not listed is the display's own": {
-            key: value for key, value in part(data, "settings").items() if value is not None
+            key: value for key, value in data.get("settings", {}).items() if value is not None
         },
-        "Scene": {k: v for k, v in scene.items() if k not in _NOT_SHOWN},
-        "Versions": {"inim": data.get("inim_version"), **part(data, "versions")},
-        "Backend": part(data, "backend"),
+        "Scene": {k: v for k, v in facts.items() if k not in _NOT_SHOWN},
+        "Versions": {"inim": data.get("inim_version"), **data.get("versions", {})},
+        "Backend": data.get("backend", {}),
     }
     drawn = [_facts_table(caption, values) for caption, values in tables.items() if values]
     below = "".join(drawn)

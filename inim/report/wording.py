@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Literal, TypeGuard
 
 from inim.documents.parts import Check
@@ -37,19 +37,6 @@ _UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 def plain(value: object) -> str:
     """`value` as text that every format can hold: unprintable characters become U+FFFD."""
     return _UNPRINTABLE.sub("\ufffd", str(value))
-
-
-def part(data: Any, *keys: str) -> Mapping[str, Any]:
-    """The mapping under nested `keys`, empty when it is missing or not a mapping."""
-    for key in keys:
-        data = data.get(key) if isinstance(data, Mapping) else None
-    return data if isinstance(data, Mapping) else {}
-
-
-def items(data: Any, key: str) -> Sequence[Any]:
-    """The list under `key`, empty when it is missing or not a list."""
-    found = data.get(key) if isinstance(data, Mapping) else None
-    return found if isinstance(found, (list, tuple)) else ()
 
 
 def is_number(value: object) -> TypeGuard[float]:

@@ -13,12 +13,11 @@ import numpy as np
 from inim.cache.result_cache import ResultCache
 from inim.display import Display
 from inim.files.image import write_exr, write_png, write_rgbd
-from inim.image.color import linear_from_srgb
+from inim.image.color import linear_from_srgb, magma
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.process.observer import Observer
-from inim.report.images import magma
 
 # Images that wait are held in memory, so large ones are waited for: a quarter of a gigabyte.
 _WAITING_BYTES = 2**28

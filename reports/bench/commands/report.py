@@ -7,7 +7,8 @@ from typing import Any
 
 from inim.report.bench import Part, Table, milliseconds, times
 from inim.report.plots import LINES, SOFT, colour_of, new_figure, plain_ticks, style
-from inim.report.wording import MISSING, is_number, items, number, part, per_cent
+from inim.report.wording import MISSING, is_number, number, per_cent
+from reports.bench.parts import items, part
 
 _MIB = 2**20
 _SAME = {

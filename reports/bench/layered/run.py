@@ -20,7 +20,8 @@ from inim.pipeline.plan import Plan
 from inim.pipeline.stages.scene import Renderer
 from inim.report.bench import TIME_HEADS, Part, Table, milliseconds, time_cells, times
 from inim.report.plots import LINES, SOFT, colour_of, marker_of, new_figure, plain_ticks, style
-from inim.report.wording import is_number, items, number, part, per_cent
+from inim.report.wording import is_number, number, per_cent
+from reports.bench.parts import items, part
 from reports.bench.study import add_scene_arguments, new_parser, plan_of, run_study
 
 # How far below the noise floor counts as reaching it, and what layers may cost.

@@ -8,8 +8,9 @@ from typing import Any
 
 from inim.report.bench import TIME, TIME_HEADS, Part, Table, milliseconds, time_cells, times
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
-from inim.report.wording import MISSING, is_number, items, number, part, per_cent
+from inim.report.wording import MISSING, is_number, number, per_cent
 from reports.bench.paper.plain_python import PLAIN_PYTHON
+from reports.bench.parts import items, part
 
 _GIB = 2**30
 

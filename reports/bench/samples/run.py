@@ -21,7 +21,8 @@ from inim.cache.store import FOLDER_VARIABLE
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.report.bench import Part, Table
 from inim.report.plots import draw_front, draw_point, new_figure, plain_ticks, style
-from inim.report.wording import items, number, part
+from inim.report.wording import number
+from reports.bench.parts import items, part
 from reports.bench.process import run_measured
 from reports.bench.study import new_parser, run_study
 

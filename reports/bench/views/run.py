@@ -19,8 +19,9 @@ from inim.bench import Rounds, Timing, in_turn, ratios, threads
 from inim.display.viewpoint import parse_viewpoints
 from inim.lens import FULL
 from inim.report.bench import Part, Table, milliseconds, times
-from inim.report.wording import items, number, part, per_cent
+from inim.report.wording import number, per_cent
 from inim.scene.two_spheres import two_spheres_eia
+from reports.bench.parts import items, part
 from reports.bench.study import new_parser, run_study, square_display
 
 RECTANGLE = "textured rectangle"
