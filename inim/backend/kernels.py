@@ -7,13 +7,16 @@ package ignore it. A program's own kernels still obey it.
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from inim.backend.numba_cache import cache_folder
+from inim.errors import BackendError
 from inim.process.current_folder import configuration_hidden
 
 with configuration_hidden():
@@ -61,13 +64,45 @@ def compiled(
     """
     if function is None:
         return partial(compiled, parallel=parallel, inline=inline)
-    before, config.CACHE_DIR = (
-        config.CACHE_DIR,
-        cache_folder(Path(function.__code__.co_filename).parent),
-    )
+    folder = cache_folder(Path(function.__code__.co_filename).parent)
+    before, config.CACHE_DIR = config.CACHE_DIR, folder
     try:
-        return numba.njit(
+        kernel = numba.njit(
             parallel=parallel, inline=inline, cache=True, nogil=True, pipeline_class=_Compiler
         )(function)
     finally:
         config.CACHE_DIR = before
+    if parallel:
+        _parallel_kernels.append(kernel)
+    if _is_forked:
+        _refuse_after_fork()
+    return kernel
+
+
+_parallel_kernels: list[Any] = []
+_is_forked = False
+
+
+def _refuse_after_fork() -> None:
+    """Make parallel kernels raise in a forked process, which GNU OpenMP would end.
+
+    A pool of processes would start another one, and never return.
+    """
+    global _is_forked
+    layer = numba.np.ufunc.parallel
+    if layer._is_initialized and layer.threading_layer() == "omp" and sys.platform == "linux":
+        _is_forked = True
+        for kernel in _parallel_kernels:
+            kernel._reset_overloads()
+            kernel._compile_for_args = _refuse
+
+
+def _refuse(*_: object, **__: object) -> NoReturn:
+    raise BackendError(
+        "this process was forked from one that has run kernels, whose threads it lacks; start it "
+        "by multiprocessing.get_context('spawn') instead, or set NUMBA_THREADING_LAYER=workqueue"
+    )
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_refuse_after_fork)

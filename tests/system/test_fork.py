@@ -1,0 +1,47 @@
+"""Processes forked after kernels ran: a sentence instead of a pool that never returns."""
+
+from __future__ import annotations
+
+import subprocess
+
+import pytest
+
+from inim.process.python_process import child_environment, python_code
+
+FORK = """
+import multiprocessing
+import sys
+import numpy as np
+import inim
+
+depth = np.zeros((24, 24), np.float32)
+rgbd = inim.RGBD(np.ones((24, 24, 3), np.float32), depth, depth == 0, 0.5)
+display = inim.DISPLAYS["nominal"].replace(lens_rows=4, lens_columns=4)
+
+def job(algorithm):
+    return inim.generate(rgbd, display, algorithm).shape
+
+print(job("template"))
+with multiprocessing.get_context("fork").Pool(1) as pool:
+    for algorithm in ("template", "gu2020"):
+        try:
+            print(pool.apply(job, (algorithm,)))
+        except inim.errors.BackendError as error:
+            print(error)
+"""
+
+
+@pytest.mark.parametrize(("layer", "answer"), [("omp", "spawn"), ("workqueue", "(")])
+def test_forked_jobs_end(layer: str, answer: str) -> None:
+    ended = subprocess.run(
+        python_code(FORK),
+        env=child_environment() | {"NUMBA_THREADING_LAYER": layer},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert ended.returncode == 0, ended.stderr
+    first, *others = ended.stdout.splitlines()
+    assert first.startswith("(")
+    assert len(others) == 2
+    assert all(answer in line for line in others), others
