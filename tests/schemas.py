@@ -12,16 +12,13 @@ from typing import Any
 import msgspec
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
-from referencing import Registry, Resource
 
-import inim.schemas
 from inim.display import DISPLAYS
 from inim.documents import NAMES, schema
 from inim.documents.parts import EIA_SCORES, VIEW_SCORES
 from inim.documents.report import ALGORITHM_VIEW_SCORES, ReportDocument
 from inim.settings import Settings
-
-FOLDER = Path(inim.schemas.__file__).parent
+from inim.sweep.table import columns
 
 
 def read_document(path: Path) -> dict[str, Any]:
@@ -42,9 +39,12 @@ def assert_schema(document: Mapping[str, Any]) -> None:
 
 
 def assert_rows(rows: Iterable[Mapping[str, Any]]) -> None:
-    """Rows of a sweep's table keep their schema."""
+    """Rows of a sweep's table have its columns, each with a value of its type or null."""
+    types = {"string": str, "float64": float, "int64": int, "bool": bool}
     for row in rows:
-        _assert_valid(row, "inim.sweep/1")
+        assert list(row) == list(columns())
+        for name, kind in columns().items():
+            assert row[name] is None or type(row[name]) is types[kind], (name, row[name])
 
 
 def _assert_valid(document: Mapping[str, Any], named: str) -> None:
@@ -59,25 +59,8 @@ def _no_number(name: str) -> float:
 @cache
 def validator(named: str) -> Draft202012Validator:
     """Of the documents that name this schema, such as ``inim.report/1``."""
-    found = _files()["urn:" + named.replace(".", ":").replace("/", ":")]
-    known = [(name, Resource.from_contents(one)) for name, one in _files().items()]
-    return Draft202012Validator(found, registry=Registry().with_resources(known))
-
-
-def file_of(name: str) -> dict[str, Any]:
-    """A schema as its file has it."""
-    return _read(FOLDER / f"{name}.schema.json")
-
-
-@cache
-def _files() -> dict[str, dict[str, Any]]:
-    """All schemas, by what they are called in references."""
-    files = map(_read, FOLDER.glob("*.json"))
-    return {one["$id"]: one for one in [*files, *map(schema, NAMES)]}
-
-
-def _read(path: Path) -> dict[str, Any]:
-    return dict(json.loads(path.read_text("utf-8")))
+    schemas = {one["properties"]["schema"]["enum"][0]: one for one in map(schema, NAMES)}
+    return Draft202012Validator(schemas[named])
 
 
 def flat(part: dict[str, Any], name: str) -> dict[str, Any]:
@@ -126,12 +109,16 @@ def example(part: dict[str, Any], name: str) -> Any:
 def members(part: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """The keys of an example of an object, each with its schema."""
     allows = Draft202012Validator(part.get("propertyNames", True)).is_valid
-    listed = [*part.get("required", ()), *set(part.get("properties", {})) - {"not_finite"}]
-    found = [(k, one) for k, one in part.get("properties", {}).items() if allows(k) and k in listed]
+    own, required = part.get("properties", {}), part.get("required", ())
+    found = [
+        (key, one)
+        for key, one in own.items()
+        if allows(key) and (key != "not_finite" or key in required)
+    ]
     if part.get("additionalProperties"):
         key = next(filter(allows, ("a", "a_to_ceiling")))
         found.append((key, part["additionalProperties"]))
-    return found + [("eia_a", one) for one in part.get("patternProperties", {}).values()]
+    return found
 
 
 def completed(name: str, document: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from typing import Any
 
 import msgspec
 
-import inim.schemas
 from inim.display import Display
 from inim.settings import Settings
 
@@ -27,9 +26,10 @@ _CLASSES = {
     "photo": "PhotoDocument",
     "stress": "StressDocument",
     "tolerate": "ToleranceDocument",
+    "unit": "UnitDocument",
 }
 #: Names of the documents.
-NAMES = inim.schemas.NAMES
+NAMES = tuple(_CLASSES)
 
 
 def schema(name: str) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def schema(name: str) -> dict[str, Any]:
         Another name.
     """
     if name not in _CLASSES:
-        return inim.schemas.schema(name)  # not converted yet
+        raise ValueError(f"schema {name!r}: use {' or '.join(NAMES)}")
     declaration = getattr(import_module(f"inim.documents.{name}"), _CLASSES[name])
     _, parts = msgspec.json.schema_components([declaration], ref_template="#/$defs/{name}")
     own = parts.pop(declaration.__name__)

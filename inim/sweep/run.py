@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
+from inim.documents.sweep import SweepTable
 from inim.errors import FileError
 from inim.pipeline.request import option_words
 from inim.process.machine import cpu_count
@@ -186,12 +187,12 @@ def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False)
     check_pyarrow()
     study = read_study(request.study)
     outcome = carry_out(study, request.place, quiet=quiet, debug=debug)
-    about = {
-        "title": study.title,
-        "command": request.command(),
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "inim_version": __version__,
-    }
+    about = SweepTable(
+        title=study.title,
+        command=request.command(),
+        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        inim_version=__version__,
+    )
     write_table(request.place.out / TABLE, outcome.rows, about)
     write_page(request.place.out / PAGE, outcome.rows, about)
     return outcome

@@ -9,9 +9,11 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-import msgspec
+from msgspec import to_builtins
 
 from inim.documents.report import ReportDocument
+from inim.documents.sweep import SweepTable
+from inim.documents.unit import UnitDocument, UnitView
 from inim.errors import UsageError
 from inim.files.image import write_atomically
 from inim.files.regular_file import check_file
@@ -58,51 +60,62 @@ def eia_columns(start: str = "eia") -> dict[str, Metric]:
     return {f"{start}_{metric.key}": metric for metric in all_metrics() if metric.of_eia}
 
 
-def result_of(
-    data: ReportDocument, times: Mapping[str, Sequence[float]], algorithm: str
-) -> dict[str, Any]:
-    """What a finished validation says of one algorithm.
+def unit_document(
+    data: ReportDocument,
+    times: Mapping[str, Sequence[float]],
+    *,
+    unit: str,
+    algorithm: str,
+    making: dict[str, Any],
+    key: dict[str, Any],
+) -> UnitDocument:
+    """Result of a finished validation for one algorithm.
 
     Parameters
     ----------
     data : ReportDocument
     times : mapping of str to sequence of float
         `inim.regression.log_ratios` by algorithm; empty where nothing was timed.
+    unit : str
+        Hash of the key.
     algorithm : str
-
-    Returns
-    -------
-    dict
-        `made`, what it was made with, and `rows`, one for each viewpoint.
+    making, key : dict
+        Everything that decides the result.
     """
     result, floor = data.algorithms[algorithm], data.noise_floor
     failed = _failed_checks(data, algorithm)
     ratios = times.get(algorithm, ())
-    common = {
-        **{name: result.eia.get(m.key) for name, m in eia_columns().items()},
-        "hole_fraction": result.eia["hole_fraction"],
-        **{name: floor.eia.get(m.key) for name, m in eia_columns("noise_floor_eia").items()},
-        "seconds": result.seconds,
-        "yardsticks": math.exp(statistics.median(ratios)) if ratios else None,
-        "unit_seconds": data.timings["total"],
-        "render_seconds": data.timings["mitsuba_render"],
-        "passed": not failed,
-        "failed_checks": "; ".join(failed) or None,
-    }
-    rows = []
+    views = []
     for eye in data.viewpoints:
-        name, (x_mm, y_mm, z_mm) = eye.name, eye.position_mm
-        row = {"viewpoint": name, "x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm}
-        row |= {key: result.views[name].get(key) for key in (*view_columns(), *ceiling_columns())}
+        own = result.views[eye.name]
+        scores = {column: own.get(column) for column in (*view_columns(), *ceiling_columns())}
         for reference in REFERENCES:
-            scores = getattr(data, reference).views[name]
-            row |= {f"{reference}_{key}": scores.get(key) for key in view_columns()}
-        rows.append(row | common)
-    made = {
-        key: msgspec.to_builtins(getattr(data, key))
-        for key in ("created", "inim_version", "versions", "backend")
-    }
-    return {"made": made, "rows": rows}
+            of_reference = getattr(data, reference).views[eye.name]
+            scores |= {f"{reference}_{name}": of_reference.get(name) for name in view_columns()}
+        x_mm, y_mm, z_mm = eye.position_mm
+        views.append(UnitView(viewpoint=eye.name, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm, scores=scores))
+    return UnitDocument(
+        unit=unit,
+        algorithm=algorithm,
+        making=making,
+        key=key,
+        created=data.created,
+        inim_version=data.inim_version,
+        versions=data.versions,
+        backend=data.backend,
+        scores={
+            **{name: result.eia.get(m.key) for name, m in eia_columns().items()},
+            "hole_fraction": result.eia["hole_fraction"],
+            **{name: floor.eia.get(m.key) for name, m in eia_columns("noise_floor_eia").items()},
+        },
+        seconds=result.seconds,
+        yardsticks=math.exp(statistics.median(ratios)) if ratios else None,
+        unit_seconds=data.timings["total"],
+        render_seconds=data.timings["mitsuba_render"],
+        passed=not failed,
+        failed_checks="; ".join(failed) or None,
+        views=views,
+    )
 
 
 def _failed_checks(data: ReportDocument, algorithm: str) -> list[str]:
@@ -121,17 +134,26 @@ def _is_of(check: str, algorithm: str) -> bool:
     return own.startswith((f"{algorithm}: ", f"{algorithm}/"))
 
 
-def finished_rows(unit: Unit, algorithm: str, result: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """A result's rows as the table has them."""
-    made = {
-        "variant": result["made"]["backend"]["variant"],
-        "device": result["made"]["backend"]["device"],
-        "inim_version": result["made"]["inim_version"],
-        "mitsuba_version": result["made"]["versions"]["mitsuba"],
-        "created": result["made"]["created"],
+def finished_rows(unit: Unit, algorithm: str, result: UnitDocument) -> list[dict[str, Any]]:
+    """Rows of the table for a result, one for each viewpoint."""
+    common = {
+        **_identity(unit, algorithm),
+        "status": "ok",
+        "error": None,
+        **_infinite(result.scores),
+        **{name: getattr(result, name) for name in _MEASURED},
+        "variant": result.backend.variant,
+        "device": result.backend.device,
+        "inim_version": result.inim_version,
+        "mitsuba_version": result.versions["mitsuba"],
+        "created": result.created,
     }
-    start = _identity(unit, algorithm) | {"status": "ok", "error": None}
-    return [start | _infinite(row) | made for row in result["rows"]]
+    return [
+        common
+        | {"viewpoint": view.viewpoint, "x_mm": view.x_mm, "y_mm": view.y_mm, "z_mm": view.z_mm}
+        | _infinite(view.scores)
+        for view in result.views
+    ]
 
 
 def failed_rows(unit: Unit, algorithm: str, error: str) -> list[dict[str, Any]]:
@@ -163,19 +185,22 @@ def _given(unit: Unit) -> dict[str, Any]:
     return {key: settings[key] for key in SETTING_COLUMNS if f"{PREFIX}{key}" in given}
 
 
-def _infinite(row: Mapping[str, Any]) -> dict[str, Any]:
-    """With scores of identical pictures infinite, which JSON has as null: PSNR."""
+def _infinite(columns: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Scores with the infinite PSNR of identical pictures, which is null in JSON."""
     scores = view_columns() | ceiling_columns() | eia_columns() | eia_columns("noise_floor_eia")
     for reference in REFERENCES:
         scores |= reference_columns(reference)
     ends = {name: max(metric.range) for name, metric in scores.items()}
     return {
         key: math.inf if value is None and ends.get(key) == math.inf else value
-        for key, value in row.items()
+        for key, value in columns.items()
     }
 
 
-SCHEMA = "inim.sweep/1"
+# Fields of a result that are columns of each of its rows.
+_OF_GENERATION = ("seconds", "yardsticks")
+_OF_VALIDATION = ("unit_seconds", "render_seconds")
+_MEASURED = (*_OF_GENERATION, *_OF_VALIDATION, "passed", "failed_checks")
 TABLE = "sweep.parquet"
 # Of a setting, by its annotation; what is not among the settings is measured.
 _TYPES = {"str": "string", "int": "int64", "float": "float64"}
@@ -212,11 +237,9 @@ def column_groups() -> dict[str, dict[str, str]]:
         **{what: _of("float64", *names) for what, names in scores.items()},
         "the EIA, before any optics": _of("float64", *eia_columns(), "hole_fraction", *floor),
         "of generating the EIA: once, cold; median ratio, with `time = true`": _of(
-            "float64", "seconds", "yardsticks"
+            "float64", *_OF_GENERATION
         ),
-        "of the whole validation, and within the renderer": _of(
-            "float64", "unit_seconds", "render_seconds"
-        ),
+        "of the whole validation, and within the renderer": _of("float64", *_OF_VALIDATION),
         "whether the validation's checks on truth and algorithm passed": {
             "passed": "bool",
             "failed_checks": "string",
@@ -269,7 +292,7 @@ def check_pyarrow() -> None:
         ) from None
 
 
-def write_table(path: Path, rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) -> None:
+def write_table(path: Path, rows: Sequence[Mapping[str, Any]], about: SweepTable) -> None:
     """Write rows as Parquet, whole or not at all.
 
     Parameters
@@ -277,8 +300,8 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], about: Mapping[st
     path : Path
     rows : sequence of mapping
         Values by `columns`; what is missing is null.
-    about : mapping of str to str
-        Kept with the table: title, command.
+    about : SweepTable
+        Metadata of the table.
     """
     import pyarrow as pa
     from pyarrow import parquet
@@ -291,7 +314,7 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], about: Mapping[st
     }
     schema = pa.schema(
         [(name, types[kind]) for name, kind in columns().items()],
-        metadata={"inim:schema": SCHEMA, **{f"inim:{key}": text for key, text in about.items()}},
+        metadata={f"inim:{key}": text for key, text in to_builtins(about).items()},
     )
     table = pa.Table.from_pylist([dict(row) for row in rows], schema=schema)
     write_atomically(path, lambda p: parquet.write_table(table, p))

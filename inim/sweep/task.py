@@ -7,7 +7,6 @@ work and nothing else, and whoever does the same work twice writes the same file
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import stat
@@ -19,20 +18,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from inim.documents import read_document
+from inim.documents.document import encode
+from inim.documents.unit import UnitDocument
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
-from inim.files.json_file import read_json
 from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
 from inim.pipeline.request import Request
 from inim.process.interrupts import delayed_interrupts
 from inim.process.observer import Observer
 from inim.report import Report
-from inim.report.files import from_strict, to_strict
-from inim.sweep.table import result_of
+from inim.sweep.table import unit_document
 from inim.sweep.unit import Unit, key_of, making_of
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import OnStage, OnStart, run_in_worker
 
-SCHEMA = "inim.unit/1"
 FOLDER = "units"
 
 
@@ -52,18 +51,16 @@ class Results:
         """Where a result lies, or will."""
         return self.out / FOLDER / unit / f"{algorithm}.json"
 
-    def read(self, unit: str, algorithm: str, making: Mapping[str, Any]) -> dict[str, Any] | None:
-        """A result; None where there is none of this making that can be read."""
+    def read(self, unit: str, algorithm: str, making: Mapping[str, Any]) -> UnitDocument | None:
+        """A result; None if none of this making can be read."""
         try:
-            found = read_json(self.path(unit, algorithm), "", "unit")
-            key = {"schema": SCHEMA, "unit": unit, "algorithm": algorithm, "making": dict(making)}
-            if any(found[name] != value for name, value in key.items()) or not found["rows"]:
-                return None
-            return from_strict(found)
-        except (FileError, ValueError):
+            document = read_document(self.path(unit, algorithm), "", UnitDocument)
+        except FileError:
             return None
+        own = (document.unit, document.algorithm, document.making)
+        return document if own == (unit, algorithm, making) else None
 
-    def write(self, unit: str, algorithm: str, content: Mapping[str, Any]) -> None:
+    def write(self, document: UnitDocument) -> None:
         """Put a result there, whole: a reader sees it or does not.
 
         Raises
@@ -71,14 +68,13 @@ class Results:
         FileError
             The folder cannot be written.
         """
-        path = self.path(unit, algorithm)
-        strict = to_strict({"schema": SCHEMA, "unit": unit, "algorithm": algorithm, **content})
+        path = self.path(document.unit, document.algorithm)
         # A process's number is its own on one machine only, and the folder may be shared.
         temporary = path.with_name(f".{uuid.uuid4().hex}.tmp")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with temporary.open("w", encoding="utf-8") as file:
-                json.dump(strict, file, indent=1, allow_nan=False, ensure_ascii=False)
+                file.write(encode(document))
                 file.flush()
                 os.fsync(file.fileno())
             temporary.replace(path)
@@ -243,8 +239,16 @@ def work(task: Task, staging: Path, observer: Observer) -> bool:
         if task.keep_report:  # before the results: they say that nothing is left to do
             publish(staging, _report_folder(task))
         for name in task.algorithms:
-            content = {"making": making_of(plan, name), "key": task.key}
-            results.write(task.unit, name, content | result_of(report.data, times, name))
+            results.write(
+                unit_document(
+                    report.data,
+                    times,
+                    unit=task.unit,
+                    algorithm=name,
+                    making=making_of(plan, name),
+                    key=task.key,
+                )
+            )
     return True
 
 

@@ -39,7 +39,7 @@ _NOT_SCORING = (
     "stress/",
     "sweep/",
     "tolerate/",
-    "schemas/",
+    "documents/",
     "views/",
 )
 _HASH_DIGITS = 16

@@ -13,9 +13,9 @@ from scipy.ndimage import gaussian_filter, shift
 
 from inim.calibrate.camera import Camera, Pose
 from inim.calibrate.photo import simulate
+from inim.documents import schema
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.report.files import json_text
-from inim.schemas import schema
 from tests.conftest import small_display
 from tests.schemas import example, read_document
 from tests.system.conftest import Ended, assert_one_line, run_here

@@ -7,11 +7,12 @@ import re
 
 import pytest
 
+from inim.documents.sweep import SweepTable
 from inim.report.plots import on_front
 from inim.report.sweep import best_displays, render_sweep, time_column, write_page
 from inim.report.sweep.results import mean, results_of
 
-ABOUT = {"title": "T <b>&", "command": "inim sweep s.toml", "created": "2026", "inim_version": "1"}
+ABOUT = SweepTable(title="T <b>&", command="inim sweep s.toml", created="2026", inim_version="1")
 
 
 def row(scene="jade", display="wide", algorithm="template", viewpoint="centre", **values):

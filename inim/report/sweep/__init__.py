@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from inim.documents.files import write_text
+from inim.documents.sweep import SweepTable
 from inim.metrics import all_metrics
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
-from inim.report.files import write_text
 from inim.report.markup import element, plot, table, text, text_table
 from inim.report.page import Section, badge, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.plots import (
@@ -76,27 +77,25 @@ FROM 'sweep.parquet' WHERE status = 'ok'
 GROUP BY ALL ORDER BY scene, display, kept DESC;"""
 
 
-def write_page(path: Path, rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) -> None:
+def write_page(path: Path, rows: Sequence[Mapping[str, Any]], about: SweepTable) -> None:
     """Write the page, whole or not at all; parameters as of `render_sweep`."""
     write_text(path, render_sweep(rows, about))
 
 
-def render_sweep(rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) -> str:
+def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
     """The whole page.
 
     Parameters
     ----------
     rows : sequence of mapping
         Of the table; see docs/how-to/sweep.md.
-    about : mapping of str to str
-        `title`, `command`, `created`, `inim_version`.
+    about : SweepTable
     """
     results = results_of(rows)
-    title = about.get("title", "Sweep")
     query = element("p", "All rows are in sweep.parquet, in this page's folder; for example:")
     query += element("pre", element("code", text(_QUERY)), tabindex=0)
     return render_page(
-        title,
+        about.title,
         _facts(results, about),
         [
             Section("failures", "What failed", failures(rows)),
@@ -106,19 +105,19 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: Mapping[str, str]) ->
             Section("cost", "What it took", cost_table(results)),
             how_to_reproduce(about, query),
         ],
-        window_title=f"{title} – inim sweep",
+        window_title=f"{about.title} – inim sweep",
         footer=data_note(about, "sweep.parquet"),
         verdict_badge=_badge(rows, results),
         style=_STYLE,
     )
 
 
-def _facts(results: Sequence[Result], about: Mapping[str, str]) -> list[str]:
+def _facts(results: Sequence[Result], about: SweepTable) -> list[str]:
     counts = [
         f"{len(names_of(results, field))} {field}{'s' * (len(names_of(results, field)) != 1)}"
         for field in ("scene", "display", "algorithm")
     ]
-    words = [" × ".join(counts), f"inim {about.get('inim_version', MISSING)}"]
+    words = [" × ".join(counts), f"inim {about.inim_version}"]
     return [*map(text, words), timestamp(about)]
 
 

@@ -1,0 +1,92 @@
+"""Result of one algorithm in a sweep: `units/HASH/ALGORITHM.json`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from inim.documents.document import Document, Part, doc
+from inim.documents.parts import Backend, Created, InimVersion, Versions
+
+Scores = dict[str, float | None]
+
+
+class UnitView(Part):
+    """Scores of one viewpoint."""
+
+    viewpoint: Annotated[str, doc("Name of the eye position.")]
+    x_mm: Annotated[float, doc("Position of the eye to the right, mm.")]
+    y_mm: Annotated[float, doc("Position of the eye upwards, mm.")]
+    z_mm: Annotated[float, doc("Distance of the eye from the lens array, mm.")]
+    scores: Annotated[
+        Scores,
+        doc(
+            "Scores by column of the sweep's table: of the view against the scene and the "
+            "ceiling's view, of the ceiling, and of the noise floor; null: infinite, or no pixel "
+            "shows the relic."
+        ),
+    ]
+
+
+class UnitDocument(Document, tag="inim.unit/2"):
+    """Result of one algorithm in a sweep.
+
+    `units/HASH/ALGORITHM.json` in the folder of `inim sweep`: the result of one validation of a
+    study for one algorithm, and everything that decides it.
+    """
+
+    unit: Annotated[
+        str,
+        doc(
+            "Hash of the key, the name of the folder.",
+            pattern="^[0-9a-f]{16}$",
+            examples=["0" * 16],
+        ),
+    ]
+    algorithm: Annotated[str, doc("The algorithm with its options.")]
+    making: Annotated[
+        dict[str, str | float | None],
+        doc(
+            "What decides the result of this algorithm in addition: `min_ssim_to_ceiling`, its "
+            "criterion (null: none); the code of another package's algorithm as `entry_point`, "
+            "`version` and `sha256`, where they exist."
+        ),
+    ]
+    key: Annotated[
+        dict[str, Any],
+        doc(
+            "Everything else that the scores depend on (scene, settings, display, viewpoints, "
+            "backend, versions, code): equal keys are equal results."
+        ),
+    ]
+    created: Created
+    inim_version: InimVersion
+    versions: Versions
+    backend: Backend
+    scores: Annotated[
+        Scores,
+        doc(
+            "Scores of the EIA and of its noise floor, and `hole_fraction`, by column of the "
+            "sweep's table; null: infinite, or not known."
+        ),
+    ]
+    seconds: Annotated[
+        float | None, doc("Seconds to generate the EIA, once and cold; null: not measured.")
+    ]
+    yardsticks: Annotated[
+        float | None,
+        doc(
+            "With `time = true`: time of the generator as a multiple of the reference kernel's, "
+            "median; null: not timed."
+        ),
+    ]
+    unit_seconds: Annotated[float, doc("Seconds of the whole validation.")]
+    render_seconds: Annotated[float, doc("Seconds of the validation inside the renderer.")]
+    passed: Annotated[
+        bool, doc("True if the validation's checks on ground truth and algorithm passed.")
+    ]
+    failed_checks: Annotated[str | None, doc("Failed checks in words; null: none.")]
+    views: Annotated[list[UnitView], doc("Scores of each viewpoint.")]
+
+    def __post_init__(self) -> None:
+        if not self.views:
+            raise ValueError("views: there is none")
