@@ -155,9 +155,9 @@ def _write(
     import shlex
 
     from inim.calibrate.output import calibration_document, display_file, residual_maps
+    from inim.documents.files import write_text
     from inim.pipeline.request import option_words
     from inim.report.calibration import FILES, write_calibration
-    from inim.report.files import write_text
     from inim.worker.output import published
 
     options = {

@@ -188,7 +188,7 @@ def _page(title: str, facts: str, content: str) -> str:
 
 
 def _written(path: Path, page: str) -> Path:
-    from inim.report.files import write_text
+    from inim.documents.files import write_text
 
     if path.is_dir():
         raise FileError(f"{path}: is a folder; name a file with -o")

@@ -21,6 +21,8 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from inim import backend
 from inim.errors import (
     EXIT_BASELINE,
@@ -175,7 +177,6 @@ def _baseline(place: str) -> Read:
         from inim.pipeline.plan import make_plan
         from inim.pipeline.request import Request
         from inim.regression import CANDIDATE, read_statistics
-        from inim.report.files import json_text, to_strict
 
         folder = path.parent
         with _in_place_of(folder / place, path):
@@ -184,8 +185,8 @@ def _baseline(place: str) -> Read:
             request = Request(folder / "scene.xml", out, baseline=folder / "base", definitions=tiny)
             plan = make_plan(request)
             candidate = read_statistics(folder / "OUT/regression", CANDIDATE)
-            found = judge(plan, out, candidate, {})
-            json_text(to_strict({"data": found.data, "checks": found.checks}))
+            comparison = judge(plan, out, candidate, {})
+            msgspec.json.encode([comparison.data, *comparison.checks])
 
     return read
 

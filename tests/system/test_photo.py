@@ -15,7 +15,6 @@ from inim.calibrate.camera import Camera, Pose
 from inim.calibrate.photo import simulate
 from inim.documents import schema
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
-from inim.report.files import json_text
 from tests.conftest import small_display
 from tests.schemas import example, read_document
 from tests.system.conftest import Ended, assert_one_line, run_here
@@ -41,7 +40,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     document["positions"] = [place | places | {"name": name} for name in ("front", "side")]
     calibration = folder / "mine-calibration" / "calibration.json"
     calibration.parent.mkdir()
-    calibration.write_text(json_text(document))
+    calibration.write_text(json.dumps(document))
     read_document(calibration)
     random = np.random.default_rng(4)
     eia = gaussian_filter(random.random((*DISPLAY.eia_shape, 3)), (6, 6, 0)) - 0.5
