@@ -95,7 +95,7 @@ def test_no_view_at_all_fails_a_check(
 def test_missing_views_are_a_failed_check() -> None:
     for views, count in ((["down", "right"], None), (["down"], 1), ([], 2)):
         checks = missing_viewpoints("mine", ["right", "down"], views)
-        assert [row["value"] for row in checks] == ([] if count is None else [count])
+        assert [row.value for row in checks] == ([] if count is None else [count])
         assert not any(row["passed"] for row in checks)
     assert [row["passed"] for row in missing_viewpoints("mine", [], [])] == [False]
 
