@@ -7,21 +7,14 @@ Generators, metrics and lens models of other packages are entry points of the gr
 from __future__ import annotations
 
 import hashlib
-import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import metadata, util
 from pathlib import Path
-from threading import Lock
-from typing import Any, TextIO
+from typing import Any
 
 from inim.errors import InimError, OutOfMemoryError, UsageError
-
-# Threads in which plugins run now, and what stdout is when there is none.
-_LOCK = Lock()
-_running = 0
-_stdout: TextIO | None = None
 
 
 def announced(group: str) -> list[str]:
@@ -78,57 +71,37 @@ def identity(group: str, name: str) -> dict[str, str]:
 
 
 @contextmanager
-def stdout_to_stderr() -> Iterator[None]:
-    """While a plugin runs, in one thread or several, what it prints goes to stderr.
-
-    The program's own stdout is for results. `contextlib.redirect_stdout` in two threads at once
-    would leave it redirected.
-    """
-    global _running, _stdout
-    with _LOCK:
-        if not _running:
-            _stdout, sys.stdout = sys.stdout, sys.stderr
-        _running += 1
-    try:
-        yield
-    finally:
-        with _LOCK:
-            _running -= 1
-            if not _running and _stdout is not None:
-                sys.stdout = _stdout
-
-
-@contextmanager
-def blame(what: str, doing: str, also: tuple[str, ...] = ()) -> Iterator[None]:
-    """Turn what a plugin raises into one line that names it; what it prints goes to stderr.
+def attribute_errors(group: str, kind: str, name: str) -> Iterator[None]:
+    """Name a plugin and its package in the message of any error in the block.
 
     Parameters
     ----------
-    what : str
-        The plugin: "metric 'mine'".
-    doing : str
-        What it was called for.
-    also : tuple of str
-        Other beginnings of errors that name it already.
+    group, kind : str
+        As for `load`.
+    name : str
+        Of the plugin, with or without its options.
 
     Raises
     ------
-    UsageError
-        In place of any exception but want of memory.
+    InimError
+        Instead of any exception except out-of-memory errors: of its own type, or a `UsageError`.
     """
     try:
-        with stdout_to_stderr():
-            yield
+        yield
     except (MemoryError, OutOfMemoryError):
         raise
-    except InimError as error:
-        if str(error).startswith((what, *also)):
-            raise
-        raise UsageError(f"{what}: {error}") from error
     except (Exception, SystemExit) as error:
+        plugin = f"{kind} {name!r}"
+        points = metadata.entry_points(group=group, name=name.partition(":")[0])
+        packages = [point.dist.name for point in points if point.dist is not None]
+        if packages:
+            plugin += f" of package {packages[0]}"
+        if isinstance(error, InimError):
+            if str(error).startswith(kind):  # it names the plugin already
+                raise
+            raise type(error)(f"{plugin}: {error}") from error
         last = traceback.extract_tb(error.__traceback__)[-1]
         raise UsageError(
-            f"{what} failed in {doing}: {type(error).__name__}: "
-            f"{' '.join(str(error).split())[:400]} ({last.filename}, line {last.lineno}); "
-            "--debug shows the traceback"
+            f"{plugin} failed: {type(error).__name__}: {' '.join(str(error).split())[:400]} "
+            f"({last.filename}, line {last.lineno}); --debug shows the traceback"
         ) from error

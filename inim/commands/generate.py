@@ -236,10 +236,10 @@ def _generated(
     algorithm: str, rgbd: RGBD, display: Display
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """A picture's EIA, linear RGB, and where it shows nothing, if the algorithm says."""
-    from inim.generators import prepare
-    from inim.pipeline.stages.plugin_guard import blamed, run_generator
+    from inim.generators import foreign_errors, prepare
+    from inim.pipeline.stages.run_generator import run_generator
 
-    with blamed(algorithm, "prepare"):
+    with foreign_errors(algorithm):
         generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
     eia, _, empty = run_generator(algorithm, generator, rgbd, display)
     return eia, empty

@@ -22,6 +22,7 @@ import inspect
 import math
 import pkgutil
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -30,7 +31,7 @@ from typing import Any, TypeVar
 
 from inim.errors import UsageError, known_words
 from inim.generators.base import Generator
-from inim.plugins import announced, load
+from inim.plugins import announced, attribute_errors, load
 from inim.settings import value_text
 
 #: The algorithm of whoever names none; listed first.
@@ -191,6 +192,13 @@ def _own() -> dict[str, Algorithm]:
 def is_own(name: str) -> bool:
     """Whether an algorithm, named without options, ships with inim; nothing else is loaded."""
     return name in _own()
+
+
+def foreign_errors(text: str) -> AbstractContextManager[None]:
+    """Name another package's algorithm in errors of the block; inim's own algorithms need none."""
+    if is_own(parse_algorithm(text)[0]):
+        return nullcontext()
+    return attribute_errors(_ENTRY_POINTS, "algorithm", text)
 
 
 def algorithm_names() -> list[str]:

@@ -25,13 +25,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
-from typing import Any
+from functools import cache, wraps
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from inim.display import Display
-from inim.errors import DisplayError, UsageError, known_words
+from inim.errors import UsageError, known_words
 from inim.lens import full, pinhole, thick, thin
 from inim.lens.array import (
     NUMPY_OPS,
@@ -49,7 +49,7 @@ from inim.lens.array import (
     to_panel,
 )
 from inim.lens.model import LensModel, SheetMesh, Trace
-from inim.plugins import announced, blame, identity, load
+from inim.plugins import announced, attribute_errors, identity, load
 
 __all__ = [
     "FULL",
@@ -110,74 +110,47 @@ def lens_model(name: str) -> LensModel:
         raise UsageError(f"{what}: its stand_in is {found.stand_in!r}; use {' or '.join(_OWN)}")
     return replace(
         found,
-        trace=found.trace and _guarded_trace(what, found.trace),
-        mesh=found.mesh and _guarded_mesh(what, found.mesh),
-        check=_guarded_check(what, found.check),
-        transmittance=_guarded_transmittance(what, found.transmittance),
+        trace=found.trace and _attributed(name, _full_sized(found.trace)),
+        mesh=found.mesh and _attributed(name, found.mesh),
+        check=_attributed(name, found.check),
+        transmittance=_attributed(name, _checked_transmittance(found.transmittance)),
     )
 
 
-def _guarded_trace(what: str, trace: Trace) -> Trace:
-    """Another package's function: whatever it does, there is a ray for each or one clear line."""
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
-    def guarded(
+
+def _attributed(name: str, function: _Function) -> _Function:
+    """Return another package's function, with the model named in its errors."""
+
+    @wraps(function)
+    def attributed(*values: Any) -> Any:
+        with attribute_errors(_ENTRY_POINTS, "lens model", name):
+            return function(*values)
+
+    return cast(_Function, attributed)
+
+
+def _full_sized(trace: Trace) -> Trace:
+    """Let a trace return one value for each ray: a constant weight, say, is repeated."""
+
+    def full_sized(
         array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, sx: Any, sy: Any, index: Any
     ) -> PanelRay:
-        with blame(what, "trace"):
-            ray = trace(array, traits, ops, x, y, sx, sy, index)
-            if not (isinstance(ray, tuple) and len(ray) == len(PanelRay._fields)):
-                made = type(ray).__name__
-                raise UsageError(f"{what} traced a ray to a {made}; return an inim.lens.PanelRay")
-            # A constant weight, say, becomes one for each ray.
-            full_sized = PanelRay(*(value + 0.0 * x for value in ray))
-            shapes = {np.shape(value) for value in full_sized} - {np.shape(x)}
-            if shapes:
-                raise UsageError(
-                    f"{what} traced {np.shape(x)} rays to {', '.join(map(str, shapes))}"
-                )
-            return full_sized
+        ray = trace(array, traits, ops, x, y, sx, sy, index)
+        return PanelRay(*(value + 0.0 * x for value in ray))
 
-    return guarded
+    return full_sized
 
 
-def _guarded_mesh(
-    what: str, mesh: Callable[[Display], SheetMesh]
-) -> Callable[[Display], SheetMesh]:
-    def guarded(display: Display) -> SheetMesh:
-        with blame(what, "mesh"):
-            made = mesh(display)
-        if not isinstance(made, SheetMesh):
-            raise UsageError(f"{what} made a {type(made).__name__}, not an inim.lens.SheetMesh")
-        return made
-
-    return guarded
-
-
-def _guarded_check(what: str, check: Callable[[Display], None]) -> Callable[[Display], None]:
-    def guarded(display: Display) -> None:
-        refusal = None
-        with blame(what, "check"):
-            try:
-                check(display)
-            except DisplayError as error:
-                refusal = error
-        if refusal is not None:
-            raise DisplayError(f"{what}: {refusal}") from refusal
-
-    return guarded
-
-
-def _guarded_transmittance(
-    what: str, transmittance: Callable[[Display], float]
-) -> Callable[[Display], float]:
-    def guarded(display: Display) -> float:
-        with blame(what, "transmittance"):
-            share = float(transmittance(display))
+def _checked_transmittance(transmittance: Callable[[Display], float]) -> Callable[[Display], float]:
+    def checked(display: Display) -> float:
+        share = float(transmittance(display))
         if not (math.isfinite(share) and share > 0):
-            raise UsageError(f"{what} lets through {share:g} of the light; make it a share above 0")
+            raise ValueError(f"its transmittance is {share:g}; return a share above 0")
         return share
 
-    return guarded
+    return checked
 
 
 def foreign_identity(name: str) -> dict[str, str]:

@@ -16,8 +16,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, wraps
 from threading import Lock
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from inim.metrics.psnr import metric as _psnr
 from inim.metrics.psnr import psnr_db
 from inim.metrics.ssim import SSIM_WINDOW, ssim, ssim_map
 from inim.metrics.ssim import metric as _ssim
-from inim.plugins import announced, blame, identity, load
+from inim.plugins import announced, attribute_errors, identity, load
 
 __all__ = [
     "RELIC_MARGIN_PX",
@@ -62,7 +63,6 @@ _ENTRY_POINTS = "inim.metrics"
 # Other packages' functions need not bear being called from several threads.
 _ONE_AT_A_TIME = Lock()
 # Beyond a declared range by this share of it, a score is not rounded but wrong.
-_ROUNDING = 1e-6
 
 
 def all_metrics() -> tuple[Metric, ...]:
@@ -97,56 +97,28 @@ def _foreign(name: str) -> Metric:
         raise UsageError(f"metric {name!r} calls itself {found.name!r}; give both one name")
     if name in {metric.name for metric in (*_OWN, cvvdp.metric)}:
         raise UsageError(f"metric {name!r} is one of inim's own; give the other one another name")
-    heat_map = None if found.heat_map is None else _guarded_heat_map(found)
-    return replace(found, function=_guarded(found), heat_map=heat_map)
+    return replace(
+        found,
+        function=_attributed(name, found.function, is_map=found.reach is not None),
+        heat_map=found.heat_map and _attributed(name, found.heat_map, is_map=True),
+    )
 
 
-def _guarded(metric: Metric) -> Callable[..., np.ndarray]:
-    """Another package's function: whatever it does, there is a score or one clear line."""
-    what = f"metric {metric.name!r}"
-    low, high = metric.range
-    slack = _ROUNDING * (high - low) if np.isfinite(high - low) else _ROUNDING
+def _attributed(name: str, function: Callable[..., Any], *, is_map: bool) -> Callable[..., Any]:
+    """Return another package's function, with the metric named in its errors."""
 
-    def function(reference: np.ndarray, test: np.ndarray, *viewing: Viewing) -> np.ndarray:
+    @wraps(function)
+    def attributed(reference: np.ndarray, test: np.ndarray, *viewing: Viewing) -> np.ndarray:
         shape = reference.shape[:2]
-        with _ONE_AT_A_TIME, blame(what, "scoring"):
-            made = metric.function(reference, test, *viewing)
-        if not isinstance(made, (int, float, np.number, np.ndarray)):
-            raise UsageError(
-                f"{what} returned a {type(made).__name__}; it must return a number or an array of "
-                f"shape {shape}"
-            )
-        found = np.asarray(made)
-        if found.shape not in ((), shape) or (metric.reach is not None and not found.shape):
-            raise UsageError(f"{what} returned an array of shape {found.shape}, not {shape}")
-        if found.dtype.kind not in "fiu":
-            raise UsageError(f"{what} returned {found.dtype}; it must return real numbers")
-        if np.isnan(found).any():
-            raise UsageError(f"{what} returned NaN")
-        if metric.of_mean is None and not ((low - slack <= found) & (found <= high + slack)).all():
-            worst = float(found.min() if found.min() < low - slack else found.max())
-            raise UsageError(f"{what} returned {worst:g}, outside its range {low:g} to {high:g}")
-        return found
+        with _ONE_AT_A_TIME, attribute_errors(_ENTRY_POINTS, "metric", name):
+            values = np.asarray(function(reference, test, *viewing))
+            if values.shape != shape and (is_map or values.shape):
+                raise ValueError(f"the result has the shape {values.shape}, not {shape}")
+            if np.isnan(values).any():
+                raise ValueError("the result is NaN")
+            return values
 
-    return function
-
-
-def _guarded_heat_map(metric: Metric) -> Callable[..., np.ndarray]:
-    """The same of its heat map."""
-    what = f"metric {metric.name!r}"
-
-    def heat_map(reference: np.ndarray, test: np.ndarray, *viewing: Viewing) -> np.ndarray:
-        assert metric.heat_map is not None
-        with _ONE_AT_A_TIME, blame(what, "making its heat map"):
-            found = np.asarray(metric.heat_map(reference, test, *viewing))
-        if found.shape != reference.shape[:2] or found.dtype.kind not in "fiu":
-            raise UsageError(
-                f"{what}: its heat map is an array of {found.dtype}, shape {found.shape}, not of "
-                f"numbers, {reference.shape[:2]}"
-            )
-        return found
-
-    return heat_map
+    return attributed
 
 
 def perception_packages() -> tuple[str, ...]:

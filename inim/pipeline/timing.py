@@ -22,11 +22,11 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators import Generator, is_own, parse_algorithm, prepare
+from inim.generators import Generator, foreign_errors, is_own, parse_algorithm, prepare
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.pipeline.measured import Measured
-from inim.pipeline.stages.plugin_guard import blamed, check_made
+from inim.pipeline.stages.run_generator import check_array
 from inim.pipeline.stages.stage import Run
 from inim.regression import is_steady, log_ratios
 
@@ -264,12 +264,11 @@ class TimedMethod:
         if self.is_own:
             self.generator.generate(self.rgbd, self.out)
             return
-        with blamed(self.name, "generate"):
-            made = self.generator.generate(self.rgbd, self.out)
-        if made is not self.out:  # it wrote elsewhere: the EIA still has to get to its place
-            check_made(self.name, made, self.out.shape, str(self.out.dtype))
-            with blamed(self.name, "generate"):
-                self.out[...] = made
+        with foreign_errors(self.name):
+            eia = self.generator.generate(self.rgbd, self.out)
+            if eia is not self.out:  # it wrote elsewhere: the EIA still has to get to its place
+                check_array(eia, self.out.shape, str(self.out.dtype))
+                self.out[...] = eia
 
 
 def prepare_method(
@@ -292,7 +291,7 @@ def prepare_method(
         Unknown algorithm or option.
     """
     start = time.perf_counter()
-    with blamed(name, "prepare"):
+    with foreign_errors(name):
         made = prepare(display, name, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
     taken = time.perf_counter() - start
     out = np.zeros((*display.eia_shape, 4), np.uint8)  # written once: its pages are there

@@ -24,12 +24,11 @@ from inim import metrics
 from inim.display import Display
 from inim.documents.stress import FirstHits, Jitter
 from inim.errors import InimError
-from inim.generators import SourceGenerator, prepare
+from inim.generators import SourceGenerator, foreign_errors, prepare
 from inim.generators.oracle import exact_hits
 from inim.generators.registry import properties
 from inim.image.rgbd import RGBD
 from inim.inspect.accuracy_limits import accuracy_warnings
-from inim.pipeline.stages.plugin_guard import blamed
 from inim.stress.pictures import (
     DISPLAYS,
     SHAPES,
@@ -206,7 +205,7 @@ def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> l
         for kind in JITTERS:
             for picture in jitters[kind]:
                 if id(picture) not in seen:
-                    with blamed(algorithm, "generate"):
+                    with foreign_errors(algorithm):
                         seen[id(picture)] = eia_of(picture, display, algorithm)
             (a, eia), (b, moved) = (seen[id(picture)] for picture in jitters[kind])
             changed = float((a != b).any(axis=-1)[display.lensed].mean())

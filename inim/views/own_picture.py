@@ -26,7 +26,13 @@ from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.from_camera.fit import empty_share
 from inim.from_camera.picture import MOST, CameraPicture
-from inim.generators import SourceGenerator, algorithm_items, check_algorithm, generate
+from inim.generators import (
+    SourceGenerator,
+    algorithm_items,
+    check_algorithm,
+    foreign_errors,
+    generate,
+)
 from inim.generators.base import MOST_OUTSIDE, outside_depth_range
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
 from inim.generators.registry import properties
@@ -39,7 +45,6 @@ from inim.pipeline.request import Choices, option_words
 from inim.pipeline.stages.checks import BLACK, check
 from inim.pipeline.stages.generate import GeneratorHandle, hole_fraction
 from inim.pipeline.stages.method import parse_methods
-from inim.pipeline.stages.plugin_guard import blamed
 from inim.pipeline.stages.reconstruct import Optics, reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
@@ -344,7 +349,7 @@ def _made(
     wrong, known = None, generator.properties
     if exact and isinstance(generator.generator, SourceGenerator):
         hits = exact[known.columns if known.exact else "surface"]
-        with blamed(algorithm, "sources"):
+        with foreign_errors(algorithm):
             wrong = hits.wrong_share(generator.generator.sources(rgbd))
     bad = float((~np.isfinite(eia).all(axis=-1)).mean())
     (eia,), _ = replace_nonfinite(eia)

@@ -151,7 +151,7 @@ def test_bench_has_errors_by_its_metric(tmp_path: Path, installed: Mapping[str, 
         (
             "from inim.metrics import Metric\n"
             "metric = Metric('bad', lambda a, b: a.no_such, tolerance=0.01)",
-            ["failed in scoring: AttributeError", "bad_metric.py, line 2"],
+            ["of package bad-metric failed: AttributeError", "bad_metric.py, line 2"],
         ),
     ],
     ids=["loading", "scoring"],

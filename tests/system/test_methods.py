@@ -33,7 +33,7 @@ from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.capture import DepthCamera
 from inim.pipeline.stages.method import Task, parse_eias, parse_methods
-from inim.pipeline.stages.plugin_guard import run_generator
+from inim.pipeline.stages.run_generator import run_generator
 from inim.pipeline.stages.scene import Scene
 from inim.pipeline.stages.stage import Run as StageRun
 from inim.pipeline.work import setup
@@ -448,13 +448,13 @@ def test_name_with_options_works_in_every_form_of_the_report(evaluated: Finished
     [
         ("example:contrast=2", "'example' has no option 'contrast'; its options are brightness"),
         ("example:brightness=a/b", "names files of the report"),
-        ("example:brightness=much", "'example:brightness=much' failed in prepare: ValueError: "),
-        ("faulty:how=raise", "failed in prepare: RuntimeError: no such weights ("),
-        ("faulty:how=leave", "failed in prepare: SystemExit: 0 ("),
-        ("faulty:how=badly", "failed in prepare: KeyError: 'badly' ("),
-        ("faulty:how=refuse", "'faulty:how=refuse': a picture of 4 pixels"),
+        ("example:brightness=much", "'example:brightness=much' of package "),
+        ("faulty:how=raise", "failed: RuntimeError: no such weights ("),
+        ("faulty:how=leave", "failed: SystemExit: 0 ("),
+        ("faulty:how=badly", "failed: KeyError: 'badly' ("),
+        ("faulty:how=refuse", "a picture of 4 pixels"),
         ("faulty:how=none", "'faulty' made a NoneType, which cannot generate"),
-        ("faulty:how=shape", "'faulty:how=shape' made float32 of shape (101, 136, 3); this"),
+        ("faulty:how=shape", "the result is float32 (101, 136, 3); this"),
         ("gone", "'gone' (no_such_module:prepare) cannot be loaded: ModuleNotFoundError"),
     ],
 )
@@ -470,10 +470,9 @@ def test_fault_of_another_s_generator_is_one_line_that_names_it(
     # After rendering, threads are at work that only the worker's end stops.
     run = run_process if algorithm == "faulty:how=shape" else run_inim
     ended = run(tiny_scene, *words, folder=tiny_scene.parent, variables=others)
-    assert (ended.code, ended.stdout) == (EXIT_USAGE, "")
-    said = ended.stderr.removeprefix("generating\n")
-    assert_one_line(said, [f"algorithm '{algorithm.partition(':')[0]}", says])
-    assert said.count("algorithm '") == 1
+    assert (ended.code, ended.stdout.removeprefix("generating\n")) == (EXIT_USAGE, "")
+    assert_one_line(ended.stderr, [f"algorithm '{algorithm.partition(':')[0]}", says])
+    assert ended.stderr.count("algorithm '") == 1
     assert nothing_left(tiny_scene.parent)
     assert not (tiny_scene.parent / "out").exists()
 
@@ -533,13 +532,14 @@ def some_picture() -> inim.RGBD:
 @pytest.mark.parametrize(
     ("generator", "says"),
     [
-        (Wrong(None), "'x' made a NoneType"),
-        (Wrong(np.zeros((80, 96, 3))), "'x' made float64 of shape (80, 96, 3)"),
-        (Wrong(np.zeros((80, 96, 4), np.float32)), "needs float32 of shape (80, 96, 3)"),
-        (Wrong(np.zeros((80, 96, 3), np.uint8)), "'x' made uint8"),
-        (WrongSources(small_display(), 16, "int32"), "'x' names sources 16 to 16"),
-        (WrongSources(small_display(), -3, "int32"), "'x' names sources -3 to -3"),
-        (WrongSources(small_display(), 1, "float64"), "'x' made float64"),
+        (Wrong(None), "'x' failed: ValueError: the result is NoneType ()"),
+        (Wrong(np.zeros((80, 96, 3))), "the result is float64 (80, 96, 3)"),
+        (Wrong(np.zeros((80, 96, 4), np.float32)), "needs float32 (80, 96, 3)"),
+        (
+            WrongSources(small_display(), 16, "int32"),
+            "'x': a source is 16; this picture has 0 to 15",
+        ),
+        (WrongSources(small_display(), 1, "float64"), "the result is float64"),
     ],
 )
 def test_result_of_a_generator_is_looked_at(generator: Any, says: str) -> None:

@@ -29,7 +29,7 @@ from inim.generators.raycast.direction_lists import shares_directions
 from inim.generators.registry import properties
 from inim.image.color import srgb_from_linear
 from inim.image.rgbd import RGBD
-from inim.pipeline.stages.plugin_guard import run_generator
+from inim.pipeline.stages.run_generator import run_generator
 from inim.scene.two_spheres import two_spheres, two_spheres_eia
 from inim.stress.pictures import noise, solids_of
 from tests import oracle

@@ -113,7 +113,9 @@ def test_another_package_s_model_is_one_of_them(plant):
     assert drawn_as("theirs") == "pinhole"
     assert foreign_identity("theirs")["version"] == "1.0"
     assert len(foreign_identity("theirs")["sha256"]) == 64
-    with pytest.raises(DisplayError, match=r"lens model 'theirs': gap_mm = 6: too far"):
+    with pytest.raises(
+        DisplayError, match=r"lens model 'theirs' of package .*: gap_mm = 6: too far"
+    ):
         check_lens_model("theirs", DISPLAY.replace(gap_mm=6))
 
 
@@ -142,16 +144,14 @@ def test_the_renderer_shows_a_display_through_another_package_s_model(plant, ren
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (THEIRS.replace("    centre_x, c", "    1 / 0\n    c, c"), "trace: ZeroDivisionError"),
-        (THEIRS.replace("return PanelRay", "return list"), "failed in trace: TypeError"),
+        (THEIRS.replace("    centre_x, c", "    1 / 0\n    c, c"), "failed: ZeroDivisionError"),
+        (THEIRS.replace("return PanelRay", "return list"), "failed: TypeError"),
         (THEIRS.replace("return PanelRay(", "return list(("), "cannot be loaded: SyntaxError"),
-        (THEIRS.replace("sy, weight)", "sy, weight)[0]"), "ray to a ndarray"),
-        (THEIRS.replace("sy, weight)", "sy, weight[:2])"), "failed in trace: ValueError"),
-        (THEIRS.replace("sy, weight)", "sy, weight[:, None])"), "traced (3,) rays to"),
+        (THEIRS.replace("sy, weight)", "sy, weight[:2])"), "failed: ValueError"),
         (THEIRS.replace('"theirs"', '"others"'), "calls itself 'others'; give both one name"),
         (THEIRS.replace('"pinhole"', '"magic"'), "its stand_in is 'magic'; use pinhole or"),
         (THEIRS.replace("trace=trace, ", ""), "give it a function, trace, or a mesh"),
-        (THEIRS.replace("    if display", "    1 / 0\n    if display"), "check: ZeroDivisionErr"),
+        (THEIRS.replace("    if display", "    1 / 0\n    if display"), "failed: ZeroDivisionErr"),
         ("model = 3", "is a int; announce an inim.lens.LensModel"),
         ("import no_such_package", "cannot be loaded: ModuleNotFoundError"),
         ("raise SystemExit(0)", "cannot be loaded: SystemExit"),
@@ -166,7 +166,7 @@ def test_a_model_that_fails_is_named_in_one_line(plant, wrong, said):
 @pytest.mark.parametrize("share", ["0.0", "float('nan')", "-1"])
 def test_a_transmittance_that_no_exposure_makes_up_for_is_refused(plant, share):
     plant(THEIRS.replace("display: 0.5", f"display: {share}"))
-    with pytest.raises(UsageError, match="lens model 'theirs' lets through"):
+    with pytest.raises(UsageError, match=r"lens model 'theirs'.* failed: .* transmittance"):
         white_exposure(DISPLAY, "theirs")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -14,7 +13,6 @@ from inim.errors import UsageError
 from inim.image.color import srgb_from_linear
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric
-from inim.plugins import stdout_to_stderr
 from inim.regression import ScoreEstimate, view_scores
 from inim.regression.scores import compare_scores
 
@@ -108,16 +106,13 @@ def leave(reference: np.ndarray, test: np.ndarray) -> float:
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (raise_lines, "failed in scoring: RuntimeError: no such weights"),
-        (leave, "failed in scoring: SystemExit: 0"),
-        (lambda a, b: math.nan, "returned NaN"),
-        (lambda a, b: np.full(a.shape[:2], np.nan), "returned NaN"),
-        (lambda a, b: "0.5", "returned a str; it must return a number or an array of shape"),
-        (lambda a, b: None, "returned a NoneType"),
-        (lambda a, b: 1j * np.ones(a.shape[:2]), "returned complex128"),
-        (lambda a, b: np.zeros(a.shape), "returned an array of shape (60, 48, 3), not (60, 48)"),
-        (lambda a, b: 1.5, "returned 1.5, outside its range 0 to 1"),
-        (lambda a, b: -math.inf, "returned -inf, outside its range 0 to 1"),
+        (raise_lines, "failed: RuntimeError: no such weights"),
+        (leave, "failed: SystemExit: 0"),
+        (lambda a, b: math.nan, "failed: ValueError: the result is NaN"),
+        (lambda a, b: np.full(a.shape[:2], np.nan), "failed: ValueError: the result is NaN"),
+        (lambda a, b: "0.5", "failed: TypeError"),
+        (lambda a, b: None, "failed: TypeError"),
+        (lambda a, b: np.zeros(a.shape), "the result has the shape (60, 48, 3), not (60, 48)"),
     ],
 )
 def test_whatever_a_function_does_wrong_is_one_line(
@@ -129,18 +124,6 @@ def test_whatever_a_function_does_wrong_is_one_line(
     assert str(raised.value).startswith("metric 'bad' ")
     assert words in str(raised.value)
     assert "\n" not in str(raised.value)
-
-
-def test_what_a_function_prints_is_no_result(
-    announce: Announce, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def loud(reference: np.ndarray, test: np.ndarray) -> float:
-        print("scoring")
-        return 0.5
-
-    announce(loud=lower("loud", loud))
-    metrics.score(*two(np.random.default_rng(5)))
-    assert capsys.readouterr() == ("", "scoring\n")
 
 
 @pytest.mark.parametrize(
@@ -256,16 +239,3 @@ def test_score_whose_metric_is_gone_fails() -> None:
     (found,) = compare_scores(known, known)
     assert not found.passed
     assert found.detail == "its metric is not installed"
-
-
-def test_two_plugins_at_once_leave_stdout_as_it_was(capsys: pytest.CaptureFixture[str]) -> None:
-    """The first to begin is the first to end, as in two threads."""
-    before = sys.stdout
-    first, second = stdout_to_stderr(), stdout_to_stderr()
-    first.__enter__()
-    second.__enter__()
-    first.__exit__(None, None, None)
-    print("second")
-    second.__exit__(None, None, None)
-    assert sys.stdout is before
-    assert capsys.readouterr() == ("", "second\n")

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.generators import Generator, prepare, properties
+from inim.generators import Generator, foreign_errors, prepare, properties
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, DepthCamera
-from inim.pipeline.stages.plugin_guard import blamed, run_generator
+from inim.pipeline.stages.run_generator import run_generator
 from inim.pipeline.stages.stage import GENERATING, Run, stage
 from inim.regression import Fingerprint, fingerprint, reference_input
 
@@ -103,7 +103,7 @@ class GeneratorHandle:
     def generator(self) -> Generator:
         """The generator; `seconds` says how long preparing it took."""
         started = time.perf_counter()
-        with blamed(self.algorithm, "prepare"):
+        with foreign_errors(self.algorithm):
             made = prepare(
                 self.display,
                 self.algorithm,

@@ -66,7 +66,7 @@ RENDERING = Code(
         "lens",
         "files",
         "pipeline/stages/scene.py",
-        "pipeline/stages/plugin_guard.py",
+        "pipeline/stages/run_generator.py",
         *_VALUES,
     ),
     ("drjit", "mitsuba", "numpy", "OpenEXR", "trimesh"),
