@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import itertools
 import json
 import logging
 import mimetypes
@@ -39,7 +38,6 @@ class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
     """
 
     def __init__(self, path: Path) -> None:
-        self._counted = itertools.count()
         super().__init__(str(path))
         self._folder = path.parent
         self.lacking: dict[str, None] = {}
@@ -61,18 +59,6 @@ class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
             with suppress(ValueError, FileError):
                 return read_file(self.absolute(candidate), _MOST_COMPANION_BYTES)
         raise ValueError(f"{name[:120]!r} is no file that is read")
-
-    @property
-    def file_name(self) -> str:
-        """Another one at each call: trimesh calls surfaces without a material so.
-
-        Of one name, it would look for a free one among all others, in quadratic time.
-        """
-        return f"surface-{next(self._counted)}"
-
-    @file_name.setter
-    def file_name(self, _: str) -> None:
-        """Ignored; trimesh sets it."""
 
 
 def read_with_trimesh(

@@ -57,10 +57,10 @@ class SceneFile:
     parameters : dict of str to str
         What to hand to Mitsuba's loader.
     meshes : tuple of (str, Path)
-        Shape plugin and mesh file of the scene's shapes, to be checked before Mitsuba reads them.
+        Shape plugin and mesh file of the scene's shapes, to be decoded for Mitsuba.
     pictures, volumes : tuple of Path
-        Pictures and grids it names, to be checked likewise: the renderer's own readers are old
-        and allocate what a header says.
+        Pictures to be decoded for Mitsuba or checked, and grids to be checked: Mitsuba allocates
+        what a header declares.
     named : dict of str to Path
         By the name in the scene, every file that it names and where that is.
     contents : dict of Path to tuple

@@ -415,27 +415,3 @@ def test_million_triangles_are_read_in_half_a_second(tmp_path: Path) -> None:
 
 def test_units_are_exact() -> None:
     assert UNIT_MM == {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
-
-
-def test_materials_that_are_not_there_cost_no_search_for_names(tmp_path, monkeypatch):
-    """Expected: of thousands, none is given a name that another has; finding a free one takes time
-    that grows as their square."""
-    from trimesh import util
-
-    path, taken, given = tmp_path / "many.obj", [], util.unique_name
-
-    def asked(start, contains, *rest):
-        taken.append(start in contains)
-        return given(start, contains, *rest)
-
-    monkeypatch.setattr(util, "unique_name", asked)
-    corner = "v {0} 0 0\nv {0} 1 0\nv {0} 0 1\n"
-    path.write_text(
-        "".join(
-            f"{corner.format(k)}usemtl m{k}\nf {3 * k + 1} {3 * k + 2} {3 * k + 3}\n"
-            for k in range(300)
-        )
-    )
-    assert len(read_mesh(path)) == 300
-    assert len(taken) >= 300
-    assert not any(taken)
