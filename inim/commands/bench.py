@@ -6,10 +6,9 @@ import argparse
 from pathlib import Path
 
 from inim.commands.options import (
-    DISPLAY_HELP,
     Command,
     add_allow_folder,
-    add_definitions,
+    add_choices,
     add_exit_codes,
     add_quiet,
     choices_of,
@@ -27,13 +26,8 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
     parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-bench)")
-    add_definitions(parser)
+    add_choices(parser, "definitions", "display", "algorithms")
     add_allow_folder(parser)
-    parser.add_argument("--display", help=DISPLAY_HELP)
-    parser.add_argument(
-        "--algorithms",
-        help="generators with options, separated by commas (all, other packages' included)",
-    )
     parser.add_argument("--runs", type=int, default=9, metavar="N", help="timed runs (9)")
     parser.add_argument("--warmups", type=int, default=2, metavar="N", help="runs before (2)")
     parser.add_argument("--threads", type=int, metavar="T", help="threads to time with (all)")
@@ -72,13 +66,8 @@ def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
         help="Mitsuba scene (.xml) whose depth is jittered; two synthetic spheres otherwise",
     )
     parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-stress)")
-    add_definitions(parser)
+    add_choices(parser, "definitions", "algorithms")
     add_allow_folder(parser)
-    parser.add_argument(
-        "--algorithms",
-        metavar="LIST",
-        help="separated by commas, with options as name:key=value (default: all there are)",
-    )
     parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
     add_quiet(parser)
 

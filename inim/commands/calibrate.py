@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from inim.commands.options import (
     Command,
+    add_choices,
     add_debug,
-    add_display,
     add_exit_codes,
     choices_of,
     print_outcome,
@@ -52,7 +52,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PHOTOS|patterns",
         help="folder of folders of photographs, one for each position; or the word patterns",
     )
-    add_display(parser)
+    add_choices(parser, "display", "definitions")
     parser.add_argument(
         "-o",
         "--out",

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_allow_folder, add_display, add_quiet, choices_of
+from inim.commands.options import Command, add_allow_folder, add_choices, add_quiet, choices_of
 from inim.errors import EXIT_PASSED, FileError, UsageError, ViewpointError
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add = parser.add_argument
     add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
-    add_display(parser)
+    add_choices(parser, "display", "definitions")
     add("--algorithm", metavar="NAME", help="of a report: whose EIA, or truth (the best's)")
     add("--pdf", type=Path, metavar="FILE", help="a PDF that prints at true size")
     add("--views", type=Path, metavar="DIR", help="folder for view_ROW_COLUMN.png")

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from inim.commands.options import (
     Command,
+    add_choices,
     add_debug,
-    add_display,
     add_picture,
     choices_of,
     picture_of,
@@ -63,7 +63,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "them; --color and --depth otherwise",
     )
     add_picture(parser)
-    add_display(parser)
+    add_choices(parser, "display", "definitions")
     add("--hci", type=Path, metavar="DIR", help="instead of both: an HCI 4D light field")
     add("--true-views", action="store_true", help="with --hci: of all views, not of the centre one")
     add("--algorithm", default=_DEFAULT_ALGORITHM, help="see `inim algorithms`; template:samples=4")

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_debug, add_definitions, add_exit_codes
+from inim.commands.options import Command, add_choices, add_debug, add_exit_codes
 from inim.errors import EXIT_PASSED, FileError, UsageError, known_words
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "spots, crosstalk, and what its pixels per lens cost and give."
     )
     parser.add_argument("display", metavar="SCENE|PRESET", help="scene (.xml), nominal or phone")
-    add_definitions(parser)
+    add_choices(parser, "definitions")
     parser.add_argument(
         "--distance",
         type=float,

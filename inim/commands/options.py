@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from inim.from_camera.picture import CameraPicture
 
-DISPLAY_HELP = "a preset, nominal or phone, or an .xml with inim.* settings"
 _EXIT_CODES = """exit codes:
   0 passed    1 a check failed    2 usage, scene or file error
   3 no usable backend, or out of memory    4 baseline missing or incomparable    5 internal error
@@ -49,18 +48,6 @@ def add_exit_codes(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
 
 
-def add_definitions(parser: _Options, of: str = "an inim.* setting or a scene parameter") -> None:
-    """`-D KEY=VALUE`, into `definitions`."""
-    parser.add_argument(
-        "-D",
-        dest="definitions",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help=f"override {of}; may be repeated",
-    )
-
-
 def add_allow_folder(parser: _Options) -> None:
     """`--allow-folder DIR`, into `allow_folders`."""
     parser.add_argument(
@@ -74,29 +61,32 @@ def add_allow_folder(parser: _Options) -> None:
     )
 
 
-def add_display(parser: _Options) -> None:
-    """The display of a command without a scene: `choices_of` reads it."""
-    parser.add_argument("--display", help=DISPLAY_HELP)
-    add_definitions(parser, "an inim.* setting of the display")
+#: Options for a display, its EIAs and its viewer, as `inim.pipeline.request.Choices` has them.
+_CHOICES: dict[str, dict[str, Any]] = {
+    "definitions": {
+        "action": "append",
+        "default": [],
+        "metavar": "KEY=VALUE",
+        "help": "override an inim.* setting or a scene parameter; may be repeated",
+    },
+    "display": {"help": "a preset, nominal or phone, or an .xml with inim.* settings"},
+    "algorithms": {
+        "help": "algorithms with options, separated by commas; see `inim algorithms`",
+    },
+    "viewpoints": {"help": "names, or 'name=x y [z]' in mm, separated by commas"},
+    "lens_model": {"help": "lens model: pinhole, thin, thick, full, or another package's"},
+    "misalign": {
+        "metavar": "KEY=NUMBER,...",
+        "help": "how far the array lies off what generators know, such as 'rotation_deg=0.5'",
+    },
+}
 
 
-def add_choices(parser: _Options) -> None:
-    """Choices for a scene's display, its EIAs and its viewer; `choices_of` reads them."""
-    add_definitions(parser)
-    add = parser.add_argument
-    add("--display", help=DISPLAY_HELP)
-    add(
-        "--algorithms",
-        help="algorithms with options, separated by commas; see `inim algorithms`; "
-        "'none' to score finished EIAs only",
-    )
-    add("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
-    add("--lens-model", help="lens model: pinhole, thin, thick, full, or another package's")
-    add(
-        "--misalign",
-        metavar="KEY=NUMBER,...",
-        help="how far the array lies off what generators know, such as 'rotation_deg=0.5'",
-    )
+def add_choices(parser: _Options, *names: str) -> None:
+    """Options for a display, its EIAs and its viewer, all by default; `choices_of` reads them."""
+    for name in names or _CHOICES:
+        option = "-D" if name == "definitions" else f"--{name.replace('_', '-')}"
+        parser.add_argument(option, dest=name, **_CHOICES[name])
 
 
 def choices_of(args: argparse.Namespace) -> dict[str, Any]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from inim.commands.options import (
     Command,
+    add_choices,
     add_debug,
-    add_display,
     add_exit_codes,
     choices_of,
     print_outcome,
@@ -32,7 +32,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("photo", type=Path, metavar="PHOTO", help="JPEG or PNG, as photographed")
     parser.add_argument("--eia", type=Path, required=True, help="what the panel shows, PNG or EXR")
-    add_display(parser)
+    add_choices(parser, "display", "definitions")
     stood = parser.add_mutually_exclusive_group()
     stood.add_argument(
         "--position", metavar="NAME", help="of the calibration, where the camera stood"

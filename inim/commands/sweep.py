@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inim.commands.options import (
-    DISPLAY_HELP,
     Command,
     add_allow_folder,
-    add_definitions,
+    add_choices,
     add_exit_codes,
     add_quiet,
     choices_of,
@@ -121,9 +120,7 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="how the errors scatter (.toml), see docs/how-to/tolerate.md (by the geometry)",
     )
-    add_definitions(parser)
-    parser.add_argument("--display", help=DISPLAY_HELP)
-    parser.add_argument("--viewpoints", help="names, or 'name=x y [z]' in mm, separated by commas")
+    add_choices(parser, "definitions", "display", "viewpoints")
     parser.add_argument(
         "--algorithm",
         dest="algorithms",

@@ -44,7 +44,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=FILE",
-        help="score a finished EIA, .png (sRGB) or .exr (linear), too; may be repeated",
+        help="score a finished EIA, .png (sRGB) or .exr (linear), too, or with "
+        "`--algorithms none` only; may be repeated",
     )
     add("--backend", default="auto", choices=("auto", "llvm", "cuda"))
     add(

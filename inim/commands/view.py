@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_allow_folder, add_display, add_quiet, choices_of
+from inim.commands.options import Command, add_allow_folder, add_choices, add_quiet, choices_of
 from inim.errors import EXIT_PASSED, FileError, UsageError
 from inim.version import __version__
 
@@ -31,7 +31,7 @@ def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add = parser.add_argument
     add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
-    add_display(parser)
+    add_choices(parser, "display", "definitions")
     add(
         "-o", "--out", type=Path, metavar="HTML", help=f"file to write (OUT/{_PAGE}, EIA-view.html)"
     )
@@ -220,7 +220,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         "there and back (circle)",
     )
     add("--allow-flips", action="store_true", help="the path may leave the viewing zone")
-    add("--lens-model", help="pinhole, thin, thick, full, or another package's (the report's)")
+    add_choices(parser, "lens_model")
     add(
         "--scene",
         type=Path,
