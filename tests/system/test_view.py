@@ -74,7 +74,7 @@ def view(*words: str | Path, folder: Path) -> Ended:
 def show_eia(tab: Tab, folder: Path, codes: np.ndarray, **settings: object) -> None:
     """Open the live display of an EIA, on a small screen that is soon drawn."""
     eia = save(folder / "eia.png", codes)
-    definitions = [word for word in display_words(**settings) if word != "-D"]
+    definitions = NAMES | {f"inim.{name}": str(value) for name, value in settings.items()}
     tab.size(240, 300)
     tab.open(view_eia(eia, "nominal", definitions, folder / "page.html"))
     assert tab.evaluate("inimDisplay.ready") is True
