@@ -214,7 +214,7 @@ def reconstruct(
 
     Raises
     ------
-    UsageError, ViewpointError, DisplayError, BackendError
+    UsageError, ViewpointError, DisplayError, BackendError, SceneError
     """
     display = display_of(display)
     viewpoint = viewpoint_of(viewpoint, display)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
@@ -12,6 +13,7 @@ import mitsuba as mi
 from inim import backend as backends
 from inim.errors import BackendError
 from inim.render import array_mesh, counter_sampler, display_emitter, sensors
+from inim.scene.parameters import check_plugin_folder
 
 # With one thread Mitsuba's own file readers hang, and Embree builds crawl.
 _FEWEST_THREADS = 2
@@ -31,6 +33,9 @@ def use(wanted: str = "auto") -> backends.Backend:
     BackendError
         When none works on this machine.
     """
+    check_plugin_folder(
+        Path()
+    )  # Mitsuba loads plugins from the current folder, whatever it renders
     backend = backends.choose_backend(wanted)
     register_plugins()
     if mi.variant() != backend.variant:
@@ -72,6 +77,7 @@ def borrowed(wanted: str = "auto") -> Iterator[None]:
     UsageError
         `wanted` is none of the three.
     """
+    check_plugin_folder(Path())
     before, threads = mi.variant(), dr.thread_count()
     variant = _variant(before or "", wanted)
     register_plugins()

@@ -99,13 +99,8 @@ class SceneFolder:
         for name, (path, where) in self._named.items():
             if self._found(name, where) != path:
                 raise SceneError(f"{where}: {name!r} names several files; rename all but one")
-        # Mitsuba looks for plugins where it looks for files: a library there would be run.
         for place in (*self._places, Path()):
-            for library in _libraries(place / "plugins"):
-                raise SceneError(
-                    f"{shown}: {library} would be loaded into the renderer and run; move the "
-                    "folder 'plugins' elsewhere"
-                )
+            check_plugin_folder(place, f"{shown}: ")
 
     def _content(self, path: Path, name: str, where: str) -> Content:
         digest = hashlib.sha256()
@@ -172,6 +167,21 @@ def content_of(sha256: bytes, found: os.stat_result) -> Content:
 def _unusable(name: str, where: str, error: Exception) -> FileError:
     cause = getattr(error, "strerror", None) or error
     return FileError(f"{where}: {name[:120]!r} is no usable file name ({cause})")
+
+
+def check_plugin_folder(place: Path, shown: str = "") -> None:
+    """Refuse a folder with `plugins/*.so`: Mitsuba looks for plugins where it looks for files.
+
+    Raises
+    ------
+    SceneError
+        The message starts with `shown`.
+    """
+    for library in _libraries(place / "plugins"):
+        raise SceneError(
+            f"{shown}{library} would be loaded into the renderer and run; move the folder "
+            "'plugins' elsewhere"
+        )
 
 
 def _libraries(folder: Path) -> list[str]:

@@ -10,10 +10,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from inim.errors import EXIT_PASSED
+import inim
+from inim.errors import EXIT_PASSED, SceneError
 from inim.process.python_process import child_environment, python_code, python_module
+from inim.render import variant
 from tests.system.conftest import TINY, definitions, write_scene
 
 #: Of the standard library, of what is installed, what Python itself looks for, and the package.
@@ -138,3 +141,17 @@ def test_the_caller_s_own_path_stays(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     said = subprocess.check_output(python_code("import mine"), env=child_environment(), text=True)
     assert said == "found\n"
+
+
+def test_renderer_plugins_in_the_current_folder_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "inim_rays.so").write_text("")
+    monkeypatch.chdir(tmp_path)
+    display = inim.DISPLAYS["nominal"]
+    eia = np.zeros((1088, 1088, 3), np.float32)
+    with pytest.raises(SceneError, match=r"plugins/inim_rays\.so would be loaded"):
+        inim.reconstruct(eia, display, "centre")
+    with pytest.raises(SceneError, match=r"plugins/inim_rays\.so would be loaded"):
+        variant.use()
