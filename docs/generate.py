@@ -83,9 +83,8 @@ def _rows(part: Mapping[str, Any], shared: Mapping[str, Any], path: str) -> Iter
     for key, stated in part.get("properties", {}).items():
         yield from _row(stated, shared, f"{path}.{key}" if path else key)
     others = part.get("additionalProperties")
-    for stated in [*part.get("patternProperties", {}).values(), others]:
-        if isinstance(stated, dict) and stated:
-            yield from _row(stated, shared, f"{path}.NAME" if path else "NAME")
+    if isinstance(others, dict) and others:
+        yield from _row(others, shared, f"{path}.NAME" if path else "NAME")
 
 
 def _row(stated: Mapping[str, Any], shared: Mapping[str, Any], path: str) -> Iterator[str]:
@@ -93,7 +92,7 @@ def _row(stated: Mapping[str, Any], shared: Mapping[str, Any], path: str) -> Ite
     meaning = str(whole.get("description", "")).replace("|", "\\|")
     name = _referred(stated)
     if name and _is_large(shared[name]):
-        yield f"| `{path}` | [{name}](#part-{name.replace('_', '-')}) | {meaning} |"
+        yield f"| `{path}` | [{name}](#part-{name.lower()}) | {meaning} |"
         return
     yield f"| `{path}` | {_type(whole, shared)} | {meaning} |"
     yield from _rows(whole, shared, path)
@@ -120,8 +119,6 @@ def _resolved(stated: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str,
 def _type(whole: Mapping[str, Any], shared: Mapping[str, Any]) -> str:
     if "kinds" in whole:
         return str(whole["kinds"])
-    if "const" in whole:
-        return f"`{whole['const']}`"
     if "enum" in whole:
         return " or ".join("null" if one is None else f"`{one}`" for one in whole["enum"])
     kinds = whole.get("type", "any")

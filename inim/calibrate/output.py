@@ -20,8 +20,8 @@ from inim.documents.calibration import (
     CameraPosition,
     CertainShift,
     Correlation,
-    Estimate,
     NextPosition,
+    ParameterEstimate,
     Vector,
 )
 from inim.documents.parts import DisplayRecord
@@ -134,10 +134,10 @@ def calibration_document(found: Calibration, title: str, command: str) -> Calibr
     )
 
 
-def _estimate(found: Calibration, name: str) -> Estimate:
+def _estimate(found: Calibration, name: str) -> ParameterEstimate:
     estimate = found.estimates[name]
     low, high = estimate.interval
-    return Estimate(
+    return ParameterEstimate(
         value=estimate.value,
         standard_error=estimate.error,
         low=low,

@@ -11,7 +11,7 @@ from inim.documents.record import Record
 Vector = tuple[float, float, float]
 
 
-class Estimate(Part):
+class ParameterEstimate(Part):
     """A parameter of the display, as determined by the photographs."""
 
     value: Annotated[float, doc("Best value, also where it is not determined.")]
@@ -124,7 +124,7 @@ class CalibrationDocument(Record, tag="inim.calibration/2"):
     versions: Versions
     display: DisplayRecord
     parameters: Annotated[
-        dict[str, Estimate],
+        dict[str, ParameterEstimate],
         doc(
             "Estimates by parameter of the display: `pitch_mm`, `rotation_deg`, `shift_x_mm`, "
             "`shift_y_mm`, `gap_mm`, `tilt_x_deg`, `tilt_y_deg` and `focal_length_mm`."

@@ -10,7 +10,6 @@ from typing import Any
 
 from msgspec.structs import asdict, replace
 
-from inim.documents import write_document
 from inim.documents.bench import (
     BenchAlgorithm,
     BenchDocument,
@@ -19,7 +18,7 @@ from inim.documents.bench import (
     Scores,
 )
 from inim.documents.document import decode, encode
-from inim.documents.files import folder_files, write_text
+from inim.documents.files import folder_files, write_forms
 from inim.report.markup import bullets, element, saved_plot, text, text_table
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.plots import (
@@ -135,10 +134,12 @@ def write_bench(data: BenchDocument, folder: Path, parts_of: PartsOf = scene_par
     for one in parts:
         if one.figure is not None:
             save(one.figure, folder, one.plot)
-    data = replace(data, files=folder_files(folder, "bench.json", "bench.md", "bench.html"))
-    write_text(folder / "bench.md", render_markdown(data, parts))
-    write_text(folder / "bench.html", _page(data, parts, folder))
-    write_document(folder / "bench.json", data)
+    forms = {
+        "bench.md": lambda data: render_markdown(data, parts),
+        "bench.html": lambda data: _page(data, parts, folder),
+    }
+    data = replace(data, files=folder_files(folder, "bench.json", *forms))
+    write_forms(data, folder, "bench.json", forms)
 
 
 def milliseconds(value: float | None) -> str:

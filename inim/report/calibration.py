@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from inim.documents import write_document
 from inim.documents.calibration import CalibrationDocument
-from inim.documents.files import folder_files, write_text
+from inim.documents.files import folder_files, write_forms
 from inim.report.markup import bullets, element, saved_plot, text, text_table
 from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
 from inim.report.plots import new_figure, save, style
@@ -74,8 +73,7 @@ def write_calibration(data: CalibrationDocument, maps: Maps, folder: Path) -> No
     """
     save(_draw(maps), folder, "residuals")
     data = replace(data, files=folder_files(folder, *FILES))
-    write_text(folder / FILES[1], _page(data, folder))
-    write_document(folder / FILES[0], data)
+    write_forms(data, folder, FILES[0], {FILES[1]: lambda data: _page(data, folder)})
 
 
 def _draw(maps: Maps) -> Any:

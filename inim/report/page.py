@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
@@ -26,9 +26,6 @@ _POLICY = (
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; {scripts}; "
     "base-uri 'none'; form-action 'none'"
 )
-
-# Of a scene: the fit has rows of its own, and the command shows the others.
-_NOT_SHOWN = ("fit", "definitions", "allow_folders")
 
 
 @dataclass(frozen=True)
@@ -193,48 +190,45 @@ def check_badge(verdict: Checks, warnings: Sequence[str] = ()) -> str:
     return badge(verdict.word, *lines)
 
 
-def timestamp(data: Mapping[str, Any] | Document) -> str:
+class _Dated(Protocol):
+    @property
+    def created(self) -> str: ...
+
+
+def timestamp(document: _Dated) -> str:
     """Time of a document, as HTML."""
-    words = plain(_values(data).get("created") or MISSING).replace("T", " ")
+    words = plain(document.created).replace("T", " ")
     return element("time", text(words.replace("+00:00", " UTC").replace("Z", " UTC")))
 
 
-def data_note(document: Mapping[str, Any] | Document, file: str) -> str:
+def data_note(document: Document, file: str) -> str:
     """The footer's words: what wrote the page, and which file has its data."""
-    data = _values(document)
-    version = f"inim {plain(data['inim_version'])} · " if data.get("inim_version") else ""
-    schema = f" ({plain(data['schema'])})" if data.get("schema") else ""
-    return f"{version}data in {file}{schema}"
+    version = getattr(document, "inim_version", "")
+    words = f"data in {file} ({document.__struct_config__.tag})"
+    return f"inim {plain(version)} · {words}" if version else words
 
 
-def _values(document: Mapping[str, Any] | Document) -> Mapping[str, Any]:
-    if isinstance(document, Document):
-        values: dict[str, Any] = msgspec.to_builtins(document)
-        return values
-    return document
-
-
-def how_to_reproduce(document: Mapping[str, Any] | Document, more: str = "") -> Section:
+def how_to_reproduce(document: Document, more: str = "") -> Section:
     """The command of a report and whatever could make another run differ.
 
     Parameters
     ----------
-    document : mapping or Document
-        Only what it has of `command`, `settings`, `scene`, `versions` and `backend`
-        is shown.
+    document : Document
+        Its `command`, `settings`, `scene`, `versions` and `backend` are shown, as far as it has
+        them.
     more : str
         HTML below the command.
     """
-    data = _values(document)
-    command = element("pre", element("code", text(data.get("command", MISSING))), tabindex=0)
-    scene = data.get("scene", {})
+    data: dict[str, Any] = msgspec.to_builtins(document)
+    command = element("pre", element("code", text(data["command"])), tabindex=0)
+    scene = data.get("scene") or {}  # null in a bench of something else
     facts = {**scene, **scene.get("fit", {})}
     tables = {
         "Settings; what is not listed is the display's own": {
             key: value for key, value in data.get("settings", {}).items() if value is not None
         },
-        "Scene": {k: v for k, v in facts.items() if k not in _NOT_SHOWN},
-        "Versions": {"inim": data.get("inim_version"), **data.get("versions", {})},
+        "Scene": {key: value for key, value in facts.items() if _is_fact(key, value)},
+        "Versions": {"inim": data["inim_version"], **data.get("versions", {})},
         "Backend": data.get("backend", {}),
     }
     drawn = [_facts_table(caption, values) for caption, values in tables.items() if values]
@@ -243,6 +237,12 @@ def how_to_reproduce(document: Mapping[str, Any] | Document, more: str = "") -> 
         stack = element("div", *drawn[1:], class_="stack")
         below = element("div", drawn[0], stack, class_="columns")
     return Section("reproduce", "How to reproduce", command + more + below, is_folded=True)
+
+
+def _is_fact(key: str, value: object) -> bool:
+    """True unless the command or another section shows it: folders, and what is nested."""
+    first = value[0] if isinstance(value, (list, tuple)) and value else value
+    return key != "allow_folders" and not isinstance(first, dict)
 
 
 def _facts_table(caption: str, values: Mapping[str, Any]) -> str:

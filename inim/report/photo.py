@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from inim.documents import write_document
-from inim.documents.files import folder_files, write_text
+from inim.documents.files import folder_files, write_forms
 from inim.documents.photo import PhotoDocument
 from inim.files.image import write_png
 from inim.report.images import DIFFERENCE_GAIN, ENCODINGS, Images, difference
@@ -67,8 +66,7 @@ def write_photo(
         write_png(folder / f"{name}.png", pictures[name])
     save(_draw(flow), folder, "flow")
     data = replace(data, files=folder_files(folder, *FILES))
-    write_text(folder / FILES[1], _page(data, folder))
-    write_document(folder / FILES[0], data)
+    write_forms(data, folder, FILES[0], {FILES[1]: lambda data: _page(data, folder)})
 
 
 def _draw(flow: np.ndarray) -> Any:

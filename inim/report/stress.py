@@ -9,8 +9,8 @@ from typing import TypeVar
 
 from msgspec.structs import replace
 
-from inim.documents import Part, write_document
-from inim.documents.files import folder_files, write_text
+from inim.documents import Part
+from inim.documents.files import folder_files, write_forms
 from inim.documents.stress import (
     FirstHits,
     RelationResult,
@@ -214,10 +214,12 @@ def write_stress(
     lines : sequence of str
         Sentences of the page and of the Markdown.
     """
-    data = replace(data, files=folder_files(folder, "stress.json", "stress.md", "stress.html"))
-    write_text(folder / "stress.md", _markdown(data, tables, lines))
-    write_text(folder / "stress.html", _page(data, folder, tables, lines))
-    write_document(folder / "stress.json", data)
+    forms = {
+        "stress.md": lambda data: _markdown(data, tables, lines),
+        "stress.html": lambda data: _page(data, folder, tables, lines),
+    }
+    data = replace(data, files=folder_files(folder, "stress.json", *forms))
+    write_forms(data, folder, "stress.json", forms)
 
 
 def _markdown(data: StressRecord, tables: Sequence[Table], lines: Sequence[str]) -> str:

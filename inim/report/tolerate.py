@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from inim.documents import write_document
-from inim.documents.files import write_text
+from inim.documents.files import write_forms
 from inim.documents.tolerate import ParameterTolerance, Together, ToleranceDocument
 from inim.metrics.headline import HEADLINE_WORDS
 from inim.report.markup import bullets, element, plot, text, text_table
@@ -51,8 +50,7 @@ def write_tolerance(data: ToleranceDocument, folder: Path) -> None:
     folder : Path
         Of the sweep.
     """
-    write_text(folder / PAGE, _page(data))
-    write_document(folder / "tolerate.json", data)
+    write_forms(data, folder, "tolerate.json", {PAGE: _page})
 
 
 def sentences(data: ToleranceDocument) -> list[str]:
