@@ -1,6 +1,6 @@
 """Run time against error: what each algorithm takes on a scene, and what it gets for it.
 
-All methods and a reference kernel take turns in one loop (`inim.pipeline.timing`), on display-ready
+All methods and a reference kernel take turns in one loop (`inim.timing`), on display-ready
 pictures. A time is given in milliseconds and in yardsticks: as a multiple of the reference kernel,
 one 4-byte gather per display pixel. `python -m inim.bench SCENE` does all of it. For a study of
 one's own, these functions are public:
@@ -15,19 +15,15 @@ one's own, these functions are public:
 from inim.bench.evaluate import evaluate, make_reference, mark_fronts, noise_floor
 from inim.bench.record import load_average, record
 from inim.bench.scene import available, bench_scene, method_data
-from inim.pipeline.timing import (
+from inim.timing.methods import (
     YARDSTICK,
-    Rounds,
     TimedMethod,
-    Timing,
     display_ready,
-    in_turn,
     linear_picture,
     prepare_method,
-    ratios,
-    threads,
     time_methods,
 )
+from inim.timing.turns import Rounds, Timing, in_turn, ratios, threads
 
 __all__ = [
     "YARDSTICK",

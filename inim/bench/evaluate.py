@@ -17,7 +17,7 @@ from inim.generators import HOLE, NO_LENS, SourceGenerator, Sources, find_source
 from inim.generators.raycast.supersampling import Supersampled
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.metrics import Viewing
-from inim.pipeline.timing import TimedMethod, linear_picture
+from inim.timing.methods import TimedMethod, linear_picture
 
 # Scores with a panel of their own; those of other packages' metrics have one, too.
 _PLOTTED = ("eia_psnr_db", "view_ssim_to_ceiling")

@@ -15,9 +15,9 @@ from inim.errors import UsageError
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request, option_words
 from inim.pipeline.stages.scene import Renderer
-from inim.pipeline.timing import Rounds, most_threads
 from inim.process.observer import Observer
 from inim.report.bench import write_bench
+from inim.timing.turns import Rounds, most_threads
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 

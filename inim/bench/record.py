@@ -11,7 +11,7 @@ from typing import Any
 from inim.backend.provenance import backend_data, versions
 from inim.documents.bench import BenchDocument, BenchRounds, Load
 from inim.documents.parts import Backend
-from inim.pipeline.timing import Rounds, most_threads
+from inim.timing.turns import Rounds, most_threads
 from inim.version import __version__
 
 _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")

@@ -35,16 +35,8 @@ from inim.pipeline.stages.ground_truth import pick_up_truth
 from inim.pipeline.stages.reconstruct import reconstruct_views
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
-from inim.pipeline.timing import (
-    YARDSTICK,
-    Rounds,
-    TimedMethod,
-    Timing,
-    display_ready,
-    prepare_method,
-    ratios,
-    time_methods,
-)
+from inim.timing.methods import YARDSTICK, TimedMethod, display_ready, prepare_method, time_methods
+from inim.timing.turns import Rounds, Timing, ratios
 
 # What is measured where nothing is named, with those that other packages announce: every
 # algorithm, and the settings that cost time.

@@ -400,3 +400,10 @@ def outside_depth_range(rgbd: RGBD, display: Display) -> float:
     low, high = display.depth_range_mm
     depth = rgbd.depth_mm[rgbd.covered]
     return float(((depth < low) | (depth > high)).mean()) if depth.size else 0.0
+
+
+def check_array(array: Any, shape: tuple[int, ...], kind: str) -> None:
+    """Raise `ValueError` unless a generator's result is an array of this shape and type."""
+    if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != kind:
+        result = f"{getattr(array, 'dtype', type(array).__name__)} {np.shape(array)}"
+        raise ValueError(f"the result is {result}; this display needs {kind} {shape}")

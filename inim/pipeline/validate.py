@@ -26,20 +26,20 @@ from inim.pipeline.stages.evaluate import (
     noise_floor,
     truth_statistics,
 )
+from inim.pipeline.stages.generator_times import generator_times
 from inim.pipeline.stages.ground_truth import collect_truth, pick_up_truth, render_view
 from inim.pipeline.stages.method import Task, make_eia, prepare_methods
 from inim.pipeline.stages.reconstruct import observed_pixels, reconstruct_views
 from inim.pipeline.stages.scene import Renderer, Scene, scene_facts
 from inim.pipeline.stages.stage import Run
 from inim.pipeline.stages.translucency import translucency
-from inim.pipeline.timing import generator_times
 from inim.report import Report
 
 
 def validate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Report:
     """Measure with as many samples as the scores need, compare with the baseline, report."""
     found = measure_until_known(measure, plan, renderer, images, run)
-    times = generator_times(found, run=run) if plan.request.time else {}
+    times = generator_times(plan.methods, found.capture, run=run) if plan.request.time else {}
     floor = noise_floor(found.truth, run=run)
     truth = truth_statistics(found.truth, found.ceiling, run=run)
     statistics = run_statistics(found, truth, times)

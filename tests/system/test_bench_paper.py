@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from inim.pipeline.timing import Rounds
 from inim.process.observer import Observer
 from inim.report.bench import write_bench
+from inim.timing.turns import Rounds
 from reports.bench.paper.experiments import Sizes, bench_paper
 from reports.bench.paper.report import parts_of
 from reports.bench.paper.scaling import bench_scaling

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.pipeline.timing import Rounds
 from inim.process.observer import Observer
 from inim.report.bench import SCHEMA, write_bench
+from inim.timing.turns import Rounds
 from reports.bench.views.run import RECTANGLE, bench_views, parts_of
 from tests.conftest import small_display
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from inim.image.rgbd import RGBD
-from inim.pipeline.timing import threads
+from inim.timing.turns import threads
 from tests.conftest import small_display
 
 DISPLAYS = {

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from typing import Any
 
 import numpy as np
 
 from inim.display import Display
 from inim.generators import Generator, SourceGenerator, colour_of, foreign_errors
+from inim.generators.base import check_array
 from inim.image.rgbd import RGBD
 
 
@@ -67,10 +67,3 @@ def _sources(generator: SourceGenerator, rgbd: RGBD, display: Display) -> np.nda
     sources = generator.sources(rgbd)
     check_array(sources, display.eia_shape, "int32")
     return sources
-
-
-def check_array(array: Any, shape: tuple[int, ...], kind: str) -> None:
-    """Raise `ValueError` unless a generator's result is an array of this shape and type."""
-    if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != kind:
-        result = f"{getattr(array, 'dtype', type(array).__name__)} {np.shape(array)}"
-        raise ValueError(f"the result is {result}; this display needs {kind} {shape}")
