@@ -96,8 +96,8 @@ def test_missing_views_are_a_failed_check() -> None:
     for views, count in ((["down", "right"], None), (["down"], 1), ([], 2)):
         checks = missing_viewpoints("mine", ["right", "down"], views)
         assert [row.value for row in checks] == ([] if count is None else [count])
-        assert not any(row["passed"] for row in checks)
-    assert [row["passed"] for row in missing_viewpoints("mine", [], [])] == [False]
+        assert not any(row.passed for row in checks)
+    assert [row.passed for row in missing_viewpoints("mine", [], [])] == [False]
 
 
 def test_swapped_views_fail_their_limit(
