@@ -39,14 +39,12 @@ def plain(value: object) -> str:
     return _UNPRINTABLE.sub("\ufffd", str(value))
 
 
-def is_number(value: object) -> TypeGuard[float]:
-    """Whether `value` is a number that can be compared: neither missing nor NaN."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    return not math.isnan(value)
+def is_number(value: float | None) -> TypeGuard[float]:
+    """True for a number that can be compared: neither missing nor NaN."""
+    return value is not None and not math.isnan(value)
 
 
-def number(value: object, digits: int) -> str:
+def number(value: float | None, digits: int) -> str:
     """`value` with fixed digits and a true minus sign; "–" where there is none."""
     if not is_number(value):
         return MISSING
@@ -65,12 +63,12 @@ def short(value: object) -> str:
     return f"{value:.4g}".replace("-", "−") if math.isfinite(value) else number(value, 0)
 
 
-def mm(value: object) -> str:
+def mm(value: float | None) -> str:
     """A length with four significant digits."""
     return f"{short(value)}{NBSP}mm" if is_number(value) else MISSING
 
 
-def per_cent(share: object, digits: int) -> str:
+def per_cent(share: float | None, digits: int) -> str:
     """A share of one in per cent."""
     return f"{number(100 * share, digits)}{NBSP}%" if is_number(share) else MISSING
 

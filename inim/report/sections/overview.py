@@ -117,7 +117,7 @@ def _reference_row(
 
 def _noise(precision: Precision, view: str, key: str) -> str:
     known = precision.get(view, {}).get(key)
-    half = known and known.half_width
+    half = None if known is None else known.half_width
     return "" if half is None else element("small", text(f"± {number(half, MAIN.digits)}"))
 
 

@@ -82,13 +82,13 @@ def _regions(data: StudyDocument) -> Table:
     return Table("limits", "Accuracy limits: measured safe between", heads, rows)
 
 
-def _range(low: object, high: object) -> str:
+def _range(low: float | None, high: float | None) -> str:
     if not is_number(low) and not is_number(high):
         return "none"
     return f"{_end(low)} … {_end(high)}"
 
 
-def _end(value: object) -> str:
+def _end(value: float | None) -> str:
     return f"{value:.6g}".replace("-", "−") if is_number(value) else "∞"
 
 
