@@ -409,6 +409,21 @@ def test_radiance_line_without_its_mark_is_refused(tmp_path: Path) -> None:
             read_texture(path)
 
 
+@pytest.mark.parametrize("columns", [5, 40])
+@pytest.mark.parametrize("name", ["a.hdr", "a.pfm"])
+def test_hdr_and_pfm_have_the_pixels_of_mitsuba(
+    renderer: object, tmp_path: Path, name: str, columns: int
+) -> None:
+    """Bit for bit; Radiance HDR of fewer than 8 columns is not run-length coded."""
+    import mitsuba as mi
+
+    pixels = np.random.default_rng(2).random((9, columns, 3)).astype(np.float32) ** 8 * 100
+    pixels[2:4] = 0.25
+    mi.Bitmap(pixels).write(str(tmp_path / name))
+    theirs = np.array(mi.Bitmap(str(tmp_path / name)))
+    np.testing.assert_array_equal(read_texture(tmp_path / name), theirs)
+
+
 @pytest.mark.parametrize("start", [b"BM", b"P6\n20 20\n255\n", b"\0\0\x0a"])
 def test_kinds_whose_readers_trust_their_headers_are_checked(tmp_path: Path, start: bytes) -> None:
     path = tmp_path / "a.png"
