@@ -228,10 +228,10 @@ class RayByRay(SourceGenerator):
             _below(axis, nearest, cells)
             for axis, cells in zip((self._rows, self._columns), self.shape, strict=True)
         ]
-        met = (_covered_above(fronts[0] > -np.inf), fronts, backs, columns.continue_behind, z_min)
+        met = (fronts, backs, columns.continue_behind, z_min)
         found = np.empty(self.made_shape, np.int32)
         if self.pixels is None:
-            _first_hits(*runs, *met, found)
+            _first_hits(*runs, _covered_above(fronts[0] > -np.inf), *met, found)
         else:
             _first_hits_at(*runs, self.pixels.rows, self.pixels.columns, *met, found[0])
         return found
@@ -259,8 +259,8 @@ def _below(runs: AxisRuns, nearest_mm: float, cells: int) -> tuple[np.ndarray, .
 
 
 def _covered_above(covered: np.ndarray) -> np.ndarray:
-    """Number of covered cells above and to the left of each corner, (H + 1, W + 1) int64."""
-    count = np.zeros((covered.shape[0] + 1, covered.shape[1] + 1), np.int64)
+    """Number of covered cells above and to the left of each corner, (H + 1, W + 1) int32."""
+    count = np.zeros((covered.shape[0] + 1, covered.shape[1] + 1), np.int32)
     np.cumsum(np.cumsum(covered, axis=0), axis=1, out=count[1:, 1:])
     return count
 
@@ -268,32 +268,31 @@ def _covered_above(covered: np.ndarray) -> np.ndarray:
 @compiled(parallel=True)
 def _first_hits(rows, columns, above, fronts, backs, continue_behind, z_min, found):  # type: ignore[no-untyped-def]
     """First hits of all panel pixels."""
+    tops, bottoms, lefts, rights = rows[3], rows[4], columns[3], columns[4]
     for i in prange(found.shape[0]):
+        # Covered cells to the left, among the rows of cells that this panel row's rays visit.
+        to_the_left = above[bottoms[i]] - above[tops[i]]
         for j in range(found.shape[1]):
-            found[i, j] = _first_hit(
-                rows, i, columns, j, above, fronts, backs, continue_behind, z_min
-            )
+            found[i, j] = HOLE
+            if to_the_left[rights[j]] > to_the_left[lefts[j]]:
+                found[i, j] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
 
 
 @compiled(parallel=True)
 def _first_hits_at(  # type: ignore[no-untyped-def]
-    rows, columns, at_row, at_column, above, fronts, backs, continue_behind, z_min, found
+    rows, columns, at_row, at_column, fronts, backs, continue_behind, z_min, found
 ):
     """First hits of the panel pixels in some rows and columns, (n,) each."""
     for n in prange(len(at_row)):
         i, j = at_row[n], at_column[n]
-        found[n] = _first_hit(rows, i, columns, j, above, fronts, backs, continue_behind, z_min)
+        found[n] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
 
 
 @compiled
-def _first_hit(rows, i, columns, j, above, fronts, backs, continue_behind, z_min):  # type: ignore[no-untyped-def]
+def _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min):  # type: ignore[no-untyped-def]
     """The source of the first hit of panel pixel (i, j), or `HOLE`; as `first_hit`."""
-    row_begin, row_cell, row_exit, tops, bottoms = rows
-    column_begin, column_cell, column_exit, lefts, rights = columns
-    top, bottom, at_left, at_right = tops[i], bottoms[i], lefts[j], rights[j]
-    between = above[bottom, at_right] - above[top, at_right]
-    if between == above[bottom, at_left] - above[top, at_left]:
-        return HOLE
+    row_begin, row_cell, row_exit = rows[:3]
+    column_begin, column_cell, column_exit = columns[:3]
     _, high, wide = fronts.shape
     r, c = row_begin[i], column_begin[j]
     came, passed_over, behind = np.inf, HOLE, False
