@@ -181,7 +181,8 @@ def needed_by(library: Path | None) -> list[str]:
     library : Path or None
         The libLLVM to use; None for CUDA.
     """
-    lacks_atomic = platform.machine() == "x86_64" and not _system_has_libatomic()
+    is_linux_x86 = sys.platform == "linux" and platform.machine() == "x86_64"
+    lacks_atomic = is_linux_x86 and not _system_has_libatomic()
     needed = [Path(__file__).with_name("libatomic") / _LIBATOMIC] if lacks_atomic else []
     if library and library.parent in wheel_folders():
         folders = sorted(library.parent.glob("*-linux-gnu*"))
