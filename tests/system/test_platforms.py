@@ -101,7 +101,6 @@ def test_an_eia_is_generated_and_exported(inim: Callable[..., Ended], tmp_path: 
         ("bench", "tiny.xml"),
         ("stress", "--quick"),
         ("compare", "a", "b"),
-        ("baseline", "accept", "a", "--reason", "why"),
         ("film", "a"),
         ("sweep", "study.toml"),
     ],
