@@ -89,7 +89,7 @@ def _rows(part: Mapping[str, Any], shared: Mapping[str, Any], path: str) -> Iter
 
 def _row(stated: Mapping[str, Any], shared: Mapping[str, Any], path: str) -> Iterator[str]:
     whole = _resolved(stated, shared)
-    meaning = str(whole.get("description", "")).replace("|", "\\|")
+    meaning = " ".join(str(whole.get("description", "")).split()).replace("|", "\\|")
     name = _referred(stated)
     if name and _is_large(shared[name]):
         yield f"| `{path}` | [{name}](#part-{name.lower()}) | {meaning} |"

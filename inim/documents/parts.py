@@ -202,33 +202,42 @@ VIEW_SCORES = {
 EIA_SCORES = {key: VIEW_SCORES[key] for key in ("ssim", "psnr_db")}
 
 
-def scores(text: str, named: dict[str, str], other: str) -> Meta:
-    """Description of a mapping of scores by name: those it always has, and `other` ones."""
+def scores(text: str, named: dict[str, str]) -> Meta:
+    """Description of a mapping of scores by name, and of those that it always has."""
     number = {"type": ["number", "null"]}
     return doc(
         text,
         properties={name: number | {"description": about} for name, about in named.items()},
         required=list(named),
-        additionalProperties=number | {"description": other},
     )
 
 
 Scores = Annotated[
-    dict[str, float | None],
+    dict[
+        str,
+        Annotated[
+            float | None,
+            doc(
+                "The same of another package's metric, under its name and unit, with `_on_relic` "
+                "on the relic; null: infinite."
+            ),
+        ],
+    ],
     scores(
         "Scores of one picture against another by every metric, whole and on the relic.",
         VIEW_SCORES,
-        "The same of another package's metric, under its name and unit, with `_on_relic` on the "
-        "relic; null: infinite.",
     ),
 ]
+EiaScore = Annotated[
+    float | None,
+    doc("The same of another package's metric, under its name and unit; null: infinite."),
+]
 EiaScores = Annotated[
-    dict[str, float | None],
+    dict[str, EiaScore],
     scores(
         "Scores of an EIA against the ground truth by the metrics that apply to a panel; null with "
         "`--lazy`.",
         EIA_SCORES,
-        "The same of another package's metric, under its name and unit; null: infinite.",
     ),
 ]
 

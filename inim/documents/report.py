@@ -15,6 +15,7 @@ from inim.documents.parts import (
     Command,
     Created,
     DisplayRecord,
+    EiaScore,
     EiaScores,
     Files,
     InimVersion,
@@ -200,25 +201,28 @@ class AlgorithmResult(Part):
     """Results of an algorithm or a finished EIA."""
 
     eia: Annotated[
-        dict[str, float | None],
+        dict[str, EiaScore],
         scores(
             "Scores of the EIA against the ground truth, before any optics; null with `--lazy`.",
             _ALGORITHM_EIA_SCORES,
-            "The same of another package's metric, under its name and unit; null: infinite.",
         ),
     ]
     views: Annotated[
         dict[
             str,
             Annotated[
-                dict[str, float | None],
-                scores(
-                    "Scores of a view without noise.",
-                    ALGORITHM_VIEW_SCORES,
-                    "The same of another package's metric: NAME_UNIT against the scene, "
-                    "NAME_to_ceiling_UNIT against the ceiling's view, NAME_on_relic_UNIT and "
-                    "NAME_on_relic_to_ceiling_UNIT on the relic; null: infinite.",
-                ),
+                dict[
+                    str,
+                    Annotated[
+                        float | None,
+                        doc(
+                            "The same of another package's metric: NAME_UNIT against the scene, "
+                            "NAME_to_ceiling_UNIT against the ceiling's view, NAME_on_relic_UNIT "
+                            "and NAME_on_relic_to_ceiling_UNIT on the relic; null: infinite."
+                        ),
+                    ],
+                ],
+                scores("Scores of a view without noise.", ALGORITHM_VIEW_SCORES),
             ],
         ],
         doc("Scores of its views, by viewpoint."),

@@ -13,7 +13,7 @@ import numpy as np
 
 from inim.display import Display, Viewpoint
 from inim.display.viewpoint import zone_eyes
-from inim.errors import FileError, UsageError
+from inim.errors import FileError, InimError, UsageError
 from inim.files.eia_file import read_eia
 from inim.files.light_field import quilt_path, write_quilt
 from inim.lens import check_lens_model
@@ -129,7 +129,10 @@ def check_quilt(request: QuiltRequest) -> QuiltRequest:
     if isinstance(request.source, TracedScene):
         request.source.file()
     else:
-        check_lens_model(request.lens_model, request.mounted)
+        try:
+            check_lens_model(request.lens_model, request.mounted)
+        except InimError as error:
+            raise FileError(f"{request.source}: {error}") from None
         read_eia(request.source, request.mounted)
     return request
 
