@@ -90,6 +90,10 @@ def _check(args: argparse.Namespace) -> None:
 
 def _estimator(model: str) -> Any:
     """The `transformers` pipeline for a model."""
+    if model == _DEFAULT_MODEL and os.path.lexists(model):  # a folder would be preferred
+        raise UsageError(
+            f"--model {model}: lies in the current folder, too; give --model ./{model}, or move it"
+        )
     try:
         import torch  # noqa: F401 (the pipeline's own message about it is a page long)
         from transformers import pipeline

@@ -127,6 +127,14 @@ def test_a_mistake_is_one_line(photo, capsys, monkeypatch, more, says):
     assert said.count("\n") == 1
 
 
+def test_a_folder_named_as_the_default_model_does_not_replace_it(photo, capsys, monkeypatch):
+    monkeypatch.chdir(photo.parent)
+    Path("depth-anything/Depth-Anything-V2-Small-hf").mkdir(parents=True)
+    stand_in(monkeypatch, np.ones((4, 4)), model_type="dpt")
+    assert main(["depth", str(photo), "-o", "d.exr"]) == EXIT_USAGE
+    assert "give --model ./depth-anything" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("missing", ["torch", "transformers"])
 def test_without_the_extra_the_line_to_type_is_said(photo, capsys, monkeypatch, missing):
     stand_in(monkeypatch, np.ones((4, 4)))
