@@ -100,8 +100,6 @@ class ConsoleObserver(Observer):
             self._bar.refresh()
 
 
-# Of the job's length, before the job.
-_LENGTH_BYTES = 8
 #: What a worker does: from a request, its staging folder and an observer to a published result,
 #: and whether every check passed.
 Work = Callable[[Any, Path, Observer], bool]
@@ -130,11 +128,6 @@ class Job:
     variables: Mapping[str, str] = field(default_factory=dict)
     quiet: bool = True
     debug: bool = False
-
-    def packed(self) -> bytes:
-        """As `read_job` reads it."""
-        content = pickle.dumps(self)
-        return len(content).to_bytes(_LENGTH_BYTES, "big") + content
 
 
 def answer(job: Job, channel: Any, work: Work) -> None:
@@ -243,18 +236,9 @@ def serve(job: Job, channel: int, work: Work) -> None:
 
 
 def read_job() -> Job:
-    """The worker's job, from its stdin; without one it ends, as its supervisor has."""
-    length = int.from_bytes(_read(_LENGTH_BYTES), "big")
-    job: Job = pickle.loads(_read(length))
+    """Read the worker's job from its stdin; exit if the supervisor has ended without sending it."""
+    try:
+        job: Job = pickle.load(sys.stdin.buffer)
+    except (EOFError, pickle.UnpicklingError):
+        os._exit(1)
     return job
-
-
-def _read(count: int) -> bytes:
-    """So many bytes from stdin and no more: its end is waited for later."""
-    content = bytearray()
-    while len(content) < count:
-        more = os.read(0, count - len(content))
-        if not more:
-            os._exit(1)
-        content += more
-    return bytes(content)

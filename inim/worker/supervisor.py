@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import pickle
 import signal
 import subprocess
 from collections.abc import Callable, Mapping
@@ -157,7 +158,7 @@ def _carry_out(
     """
     message: dict[str, Any] = {"stage": "start"}
     with contextlib.suppress(OSError):  # it has died already
-        _stdin(process).write(job.packed())
+        pickle.dump(job, _stdin(process))
         _stdin(process).flush()
     for line in messages:
         if line.endswith("\n"):
