@@ -237,7 +237,12 @@ def choose_display(
             raise SceneError(
                 f"-D {other[0]}: a display has inim.* settings only; see `inim settings`"
             )
-        texts |= {} if display is None else {f"{PREFIX}display": str(display)}
+        if display is not None:
+            if f"{PREFIX}display" in definitions:
+                raise UsageError(
+                    f"-D {PREFIX}display: the display is {display} already; name it once"
+                )
+            texts[f"{PREFIX}display"] = display
     settings = Settings.parse(texts, source)
     return settings.make_display(source), settings
 
