@@ -2,6 +2,7 @@
 
 import os
 import sys
+from contextlib import suppress
 
 TYPE_CHECKING = False  # `typing` takes longer to load than all else here
 if TYPE_CHECKING:
@@ -34,5 +35,6 @@ def run(*words: str) -> "NoReturn":
 def _end(number: int = 2, note: str = "unfinished results were discarded") -> "NoReturn":
     """End the process after a signal, without waiting for its threads."""
     if number == 2:  # SIGINT; whoever sends SIGTERM needs no message
-        print(f"inim: interrupted; {note}", file=sys.stderr, flush=True)
+        with suppress(OSError):
+            os.write(2, f"inim: interrupted; {note}\n".encode())
     os._exit(128 + number)
