@@ -26,9 +26,10 @@ from msgspec import structs
 
 from inim.cli import main
 from inim.errors import EXIT_BASELINE, EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
-from inim.pipeline import timing, validation
+from inim.pipeline import validation
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
+from inim.timing import turns
 from tests.conftest import sphere
 from tests.schemas import read_document
 from tests.system.conftest import (
@@ -141,7 +142,7 @@ def timed(bench: Bench) -> Bench:
     words = ["baseline", "accept", str(bench.folder / "timed-first"), "--reason", "times", "--to"]
     with pytest.MonkeyPatch.context() as patch:
         for name in ("_SETTLE_S", "_LEAD_IN_S"):
-            patch.setattr(timing, name, 0.0)
+            patch.setattr(turns, name, 0.0)
         assert bench.run("-o", "timed-first", "--time").code == EXIT_PASSED
         assert main([*words, to]) == EXIT_PASSED
         bench.run("-o", "timed", "--time", "--baseline", to)

@@ -14,7 +14,7 @@ import pytest
 
 from inim.bench.scene import choose_algorithms
 from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.pipeline import timing
+from inim.timing import turns
 from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
@@ -69,7 +69,7 @@ def run_bench(*words: object, folder: Path, site: Path | None = None) -> Ended:
     """`inim bench` in this process, without the pauses that make times comparable."""
     with pytest.MonkeyPatch.context() as patch:
         for name in ("_SETTLE_S", "_LEAD_IN_S"):
-            patch.setattr(timing, name, 0.0)
+            patch.setattr(turns, name, 0.0)
         variables = {"PYTHONPATH": str(site or "")}
         return run_here("bench", *map(str, words), folder=folder, variables=variables)
 

@@ -10,6 +10,7 @@ from inim.timing.turns import Rounds
 from reports.bench.paper.experiments import Sizes, bench_paper
 from reports.bench.paper.report import parts_of
 from reports.bench.paper.scaling import bench_scaling
+from tests.unit.test_bench_report import bench
 
 
 @pytest.mark.slow
@@ -30,6 +31,6 @@ def test_scaling_and_paper_at_small_sizes(tmp_path, renderer):
         python, compiled = forms[f"{name} in plain Python"], forms[name]
         same = ("wrong_source", "eia_psnr_db", "middle_view_ssim")
         assert [python[k] for k in same] == [compiled[k] for k in same]
-    data = {"title": "t", "schema": "s", "scaling": scaling, "paper": paper}
-    write_bench(data, tmp_path, parts_of)
+    document = bench(scaling=scaling, paper=paper)
+    write_bench(document, tmp_path, lambda document: parts_of(document.study))
     assert {p.stem for p in tmp_path.glob("*.svg")} == {"scaling", "paper"}

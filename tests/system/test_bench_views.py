@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from inim.process.observer import Observer
-from inim.report.bench import SCHEMA, write_bench
+from inim.report.bench import write_bench
 from inim.timing.turns import Rounds
 from reports.bench.views.run import RECTANGLE, bench_views, parts_of
 from tests.conftest import small_display
+from tests.unit.test_bench_report import bench
 
 pytestmark = [pytest.mark.usefixtures("renderer"), pytest.mark.slow]
 
@@ -43,9 +44,9 @@ def test_times_are_those_of_equal_samples_and_of_equal_noise(views):
 
 
 def test_the_views_have_a_table_on_the_page(views, tmp_path):
-    data = {"title": "t", "schema": SCHEMA, "views": views}
-    write_bench(data, tmp_path, parts_of)
-    assert [len(table.rows) for table in parts_of(data)[0].tables] == [5]
+    document = bench(views=views)
+    write_bench(document, tmp_path, lambda document: parts_of(document.study))
+    assert [len(table.rows) for table in parts_of(document.study)[0].tables] == [5]
     assert "textured rectangle" in (tmp_path / "bench.html").read_text("utf-8")
     assert "| thick |" in (tmp_path / "bench.md").read_text("utf-8")
 

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.pipeline import timing
 from inim.sweep.table import TABLE, read_table
+from inim.timing import turns
 from tests.schemas import assert_rows, read_document
 from tests.system.conftest import TINY, assert_one_line, definitions, run_here, write_scene
 
@@ -130,7 +130,7 @@ def test_bench_has_errors_by_its_metric(tmp_path: Path, installed: Mapping[str, 
     scene = write_scene(tmp_path).name
     with pytest.MonkeyPatch.context() as patch:
         for name in ("_SETTLE_S", "_LEAD_IN_S"):  # pauses that make times comparable
-            patch.setattr(timing, name, 0.0)
+            patch.setattr(turns, name, 0.0)
         given = definitions(TINY | LENS)
         run("bench", scene, *words, *given, folder=tmp_path, variables=installed)
     data = read_document(tmp_path / "out" / "bench.json")

@@ -15,8 +15,8 @@ import pytest
 from inim import metrics
 from inim.files.picture import open_picture
 from inim.metrics import Viewing, cvvdp
-from inim.pipeline import timing
 from inim.sweep.table import columns
+from inim.timing import turns
 from tests.schemas import read_document
 from tests.system.conftest import TINY, assert_one_line, definitions, run_here, write_scene
 
@@ -125,7 +125,7 @@ def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path: Path) -> 
     words = ("-o", "timed", "--algorithms", "template", "--runs", "3", "--threads", "1")
     with pytest.MonkeyPatch.context() as patch:
         for name in ("_SETTLE_S", "_LEAD_IN_S"):  # pauses that make times comparable
-            patch.setattr(timing, name, 0.0)
+            patch.setattr(turns, name, 0.0)
         run("bench", scene, *words, *definitions(TINY), folder=tmp_path)
     (found,) = read_document(tmp_path / "timed" / "bench.json")["scene"]["algorithms"]
     assert found["scores"]["view_cvvdp_to_ceiling_jod"] < 10
