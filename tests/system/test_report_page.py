@@ -118,7 +118,7 @@ def test_no_word_of_a_table_is_broken_into_letters_on_a_phone(tmp_path):
         "name": "wang2024/right: SSIM on relic to ceiling against the baseline",
         "kind": "score",
         "value": 0.1234,
-        "relation": "within ±",
+        "relation": "within",
         "limit": 0.0567,
         "passed": True,
         "detail": "0.1234, baseline 0.1234",
