@@ -22,10 +22,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import mitsuba as mi
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.render.rays import AxisRays, NonSeparableRays, SeparableRays
 from inim.render.splats import splat_count
@@ -187,20 +187,20 @@ def _non_separable(
     return np.minimum.reduce(reached), np.maximum.reduce(reached)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _mark(counts, left, right, low, high, seen):  # type: ignore[no-untyped-def]
     """Mark pixels whose rectangle of cells, per column and per row, holds an occupied one."""
-    for i in numba.prange(seen.shape[0]):
+    for i in prange(seen.shape[0]):
         below, above = counts[low[i]], counts[high[i]]
         for j in range(seen.shape[1]):
             a, b = left[j], right[j]
             seen[i, j] |= above[b] - above[a] - below[b] + below[a] > 0
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def _mark_each(counts, left, right, low, high, seen):  # type: ignore[no-untyped-def]
     """As `_mark`, of rectangles that every pixel has for its own."""
-    for i in numba.prange(seen.shape[0]):
+    for i in prange(seen.shape[0]):
         for j in range(seen.shape[1]):
             below, above = counts[low[i, j]], counts[high[i, j]]
             a, b = left[i, j], right[i, j]
@@ -281,7 +281,7 @@ def _met(
     return seen
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _spread_across(rays, out):  # type: ignore[no-untyped-def]
     """Rays spread to the places left and right of theirs; around the cells they are everywhere."""
     one, seven = np.uint64(1), np.uint64(7)
@@ -295,7 +295,7 @@ def _spread_across(rays, out):  # type: ignore[no-untyped-def]
             out[r, c] = own | (before & _RIGHT) >> seven | (after & _LEFT) << seven
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _spread_down(rays, out):  # type: ignore[no-untyped-def]
     """Rays spread to the places above and below theirs."""
     row, last = np.uint64(8), np.uint64(56)

@@ -29,10 +29,10 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from inim.backend.kernels import compiled
 from inim.display import Display
 from inim.process.observer import Observer
 from inim.render import splats
@@ -401,7 +401,7 @@ def _solids(
     return front, back, hit, found
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _join(count, depth, facing, shape, front, back, hit, found):  # type: ignore[no-untyped-def]
     """Join the hits of each ray to solids and these to layers; see the module's text."""
     most = max(1, depth.shape[0])
@@ -437,7 +437,7 @@ def _join(count, depth, facing, shape, front, back, hit, found):  # type: ignore
         found[ray] = layers
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _close_gaps(front, back, slope, facing, pixel):  # type: ignore[no-untyped-def]
     """Lower the backs, (layers, rows, columns), to the fronts beside them of the same surface."""
     layers, rows, columns = front.shape

@@ -24,10 +24,10 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from inim.backend.kernels import compiled
 from inim.display import Display
 from inim.render.rays import SeparableRays
 from inim.render.scene import FittedScene
@@ -119,7 +119,7 @@ def _begins(*names: np.ndarray) -> NDArray[np.bool_]:
     return new
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _gap(front, back, row, column, low, high):  # type: ignore[no-untyped-def]
     """The tallest gap of a pixel's solids within a span of depths: its lower and upper end."""
     solids, rows, columns = front.shape
@@ -136,7 +136,7 @@ def _gap(front, back, row, column, low, high):  # type: ignore[no-untyped-def]
     return begin, end
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _count(front, back, least, tall, pieces):  # type: ignore[no-untyped-def]
     """How many pieces of at most `tall` each solid has that is open by more than `least`."""
     for k in range(front.shape[0]):
@@ -152,7 +152,7 @@ def _count(front, back, least, tall, pieces):  # type: ignore[no-untyped-def]
                         break
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _cut(front, back, pieces):  # type: ignore[no-untyped-def]
     """Cut solids into pieces as tall as each other, and leave out those that are open nowhere.
 
