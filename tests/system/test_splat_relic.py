@@ -128,7 +128,7 @@ def test_a_splat_relic_is_validated_with_layers_and_its_translucency(tmp_path: P
 def test_the_study_of_their_number_writes_its_bench(tmp_path: Path) -> None:
     ended = run_study("splats", 200, 400, "-o", "out", folder=tmp_path, timeout=600)
     assert ended.returncode == EXIT_PASSED, ended.stderr
-    few, many = read_document(tmp_path / "out" / "bench.json")["splats"]
+    few, many = read_document(tmp_path / "out" / "bench.json")["study"]["splats"]
     assert (few["splats"], many["splats"]) == (200, 400)
     assert many["file_bytes"] > 1.9 * few["file_bytes"]
     assert all(run["validate"]["peak_bytes"] > 1e8 for run in (few, many))
