@@ -11,7 +11,6 @@ from inim.generators import find_sources, generate
 from inim.image.rgbd import Layer, LayeredRGBD
 from inim.render.culling import in_view
 from tests.conftest import small_display
-from tests.unit.test_layered import VIRTUAL, picture
 
 PER_PITCH = 4
 DISPLAY = small_display(pixels=17)
@@ -20,6 +19,29 @@ ROWS, COLUMNS = DISPLAY.capture_shape(PER_PITCH)
 PIXEL_MM = DISPLAY.pitch_mm / PER_PITCH
 # Millimetres sideways for each of depth, of the steepest ray.
 CONE = DISPLAY.pitch_mm / (2 * DISPLAY.gap_mm)
+VIRTUAL = {"focal_length_mm": 3.3, "gap_mm": 3.0}
+
+
+def picture(display, per_pitch, layers, *, seed=1):
+    """Random solids, most of them thin, behind one another; each layer sparser than the last."""
+    rows, columns = display.capture_shape(per_pitch)
+    random = np.random.default_rng(seed)
+    low, high = display.depth_range_mm
+    covered = random.random((rows, columns)) < 0.6
+    above = np.full((rows, columns), high)
+    solids = []
+    for _ in range(layers):
+        front = np.float32(low + (above - low) * random.random((rows, columns)))
+        back = np.float32(front - (front - low) * random.random((rows, columns)) ** 3)
+        back = np.minimum(back, front)
+        color = random.random((rows, columns, 3), dtype=np.float32)
+        solids.append(Layer(color, front, back, covered))
+        above, covered = back, covered & (random.random((rows, columns)) < 0.6)
+    first = solids[0]
+    pixel_mm = display.pitch_mm / per_pitch
+    return LayeredRGBD(
+        first.color, first.front_mm, first.covered, pixel_mm, first.back_mm, tuple(solids[1:])
+    )
 
 
 def at(share):
