@@ -331,6 +331,9 @@ def test_single_entry_is_at_the_central_depth_plane_or_else_in_the_middle(
     # No ray moves by half a cell over a range this short: one entry each. D = 33.
     shown = small_display(3, 2, 5, depth_min_mm=low, depth_max_mm=high)
     sources = find_sources(picture(np.full((14, 15), at), 1.51), shown, "wang2024")
+    listed = np.ones(shown.eia_shape, bool)
+    masked = find_sources(picture(np.full((14, 15), at), 1.51), shown, "wang2024", mask=listed)
+    assert np.array_equal(masked, sources)
     y, x = ray_at(shown, at)
     row, column = np.floor(7 - y / 1.51).astype(int), np.floor(7.5 + x / 1.51).astype(int)
     assert np.array_equal(sources, row[:, None] * 15 + column)
@@ -371,6 +374,22 @@ def test_single_pixel_lands_where_the_closed_form_says(z: float) -> None:
 def test_pixel_on_the_axis_lands_to_the_left_and_above() -> None:
     sources = find_sources(only((3, 3), (1, 1), 20.0, 0.2), small_display(1, 1, 4), "li2012")
     assert np.argwhere(sources >= 0).tolist() == [[1, 1]]
+
+
+@pytest.mark.parametrize("shape", [(20, 25), (25, 20)])
+@pytest.mark.parametrize("levels", [1, 3])
+def test_equal_landings_keep_the_mirror(shape: tuple[int, int], levels: int) -> None:
+    shown = small_display(4, 3, 5, depth_min_mm=20.0, depth_max_mm=41.0)
+    random = np.random.default_rng(levels)
+    rgbd = picture(20 + 7.0 * random.integers(0, levels, shape), 0.2, random.random(shape) < 0.8)
+    sources, index = find_sources(rgbd, shown, "li2012"), np.arange(rgbd.depth_mm.size)
+    for axis in (0, 1):
+        there = picture(np.flip(rgbd.depth_mm, axis), 0.2, np.flip(rgbd.covered, axis))
+        back = np.flip(find_sources(there, shown, "li2012"), axis)
+        named = np.where(back >= 0, np.flip(index.reshape(shape), axis).ravel()[back], back)
+        # A point on the axis has to go one way.
+        middle = [(shown.eia_shape[axis] - 1) // 2, shown.eia_shape[axis] // 2]
+        assert np.array_equal(np.delete(named, middle, axis), np.delete(sources, middle, axis))
 
 
 def test_magnified_picture_leaves_holes_of_the_expected_share() -> None:
