@@ -24,7 +24,7 @@ from inim.errors import (
     known_words,
     missing_package,
 )
-from inim.process.current_folder import configuration_hidden
+from inim.process.python_process import configuration_hidden
 from inim.version import __version__
 
 #: In the order of the help; each with its module in `inim.commands`.

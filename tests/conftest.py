@@ -69,7 +69,7 @@ def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[st
     """The scene dictionary of a display showing an EIA, in a world that is the display frame."""
     import mitsuba as mi
 
-    from inim.render.plugin_properties import half_extent_mm
+    from inim.render.sensors import half_extent_mm
 
     told = {k: v for k, v in display.given().items() if v is not None and k != "name"}
     picture = mi.TensorXf(np.ascontiguousarray(eia, np.float32))

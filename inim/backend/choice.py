@@ -1,4 +1,4 @@
-"""Choosing a backend: CUDA where it works, else the newest libLLVM that works; and using it."""
+"""Choosing a backend: CUDA where it works, else the newest working libLLVM; using and naming it."""
 
 from __future__ import annotations
 
@@ -300,3 +300,27 @@ def cuda_verdict() -> Verdict:
     devices = sorted(path.name for path in Path("/dev").glob("nvidia*"))
     visible = [os.environ.get("CUDA_VISIBLE_DEVICES", ""), *devices]
     return verdict_on("cuda_ad_rgb", drivers[0], {}, needed_by(None), visible)
+
+
+def versions(packages: Iterable[str]) -> dict[str, str]:
+    """Of Python and of installed packages; "unknown" where one is not."""
+    return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
+
+
+@cache
+def _version(package: str) -> str:
+    from importlib import metadata  # slow to load
+
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def backend_data(backend: Backend) -> dict[str, Any]:
+    """The backend under the names of report.json and bench.json."""
+    return {
+        "variant": backend.variant,
+        "libllvm": backend.libllvm_version,
+        "device": backend.device,
+    }

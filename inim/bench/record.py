@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from datetime import datetime, timezone
 from typing import Any
 
-from inim.backend.provenance import backend_data, versions
+from inim.backend.choice import backend_data, versions
 from inim.documents.bench import BenchDocument, BenchRounds, Load
 from inim.documents.parts import Backend
 from inim.timing.turns import Rounds, most_threads

@@ -36,7 +36,7 @@ from inim.lens.array import (
     to_array,
     to_panel,
 )
-from inim.lens.surface import sag
+from inim.lens.model import sag
 from inim.lens.thick import bulge
 
 #: Of the display, in the order in which they are fitted.

@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 
 import numpy as np
 
-from inim.backend.provenance import versions
+from inim.backend.choice import versions
 from inim.calibrate.advice import Advice, next_positions
 from inim.calibrate.fit import Calibration
 from inim.calibrate.model import PARAMETERS, Seen

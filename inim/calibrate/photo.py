@@ -16,7 +16,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion, gaussian_filter, shift
 from scipy.optimize import least_squares, minimize_scalar
 
-from inim.backend.provenance import versions
+from inim.backend.choice import versions
 from inim.calibrate.camera import Camera, Pose, rays
 from inim.display import Display
 from inim.documents.parts import DisplayRecord

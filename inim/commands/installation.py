@@ -11,7 +11,7 @@ from inim.errors import EXIT_PASSED, BackendError
 
 if TYPE_CHECKING:
     from inim.backend import Verdict
-    from inim.cache.store import StoreInfo
+    from inim.cache import StoreInfo
 
 _NO_STORE = "no store is used: INIM_CACHE is off, or there is no home folder; let it name a folder"
 _DISTRIBUTIONS = ("inim", "mitsuba", "drjit", "numpy", "OpenEXR", "trimesh", "flip-evaluator")
@@ -41,7 +41,7 @@ def _add_cache_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _cache(args: argparse.Namespace) -> int:
-    from inim.cache.store import open_store
+    from inim.cache import open_store
 
     store = open_store()
     if store is None:

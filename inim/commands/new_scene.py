@@ -2,7 +2,7 @@
 
 The mesh is turned (+y up, +z towards the viewer), scaled to millimetres, centred and written as
 PLY beside the scene. Units and axes that a format does not state are asked for, never guessed.
-Splats (`inim.scene.splat_scene`) have no unit, and shine by themselves.
+Splats (`inim.scene.relic_scene`) have no unit, and shine by themselves.
 The scene is plain Mitsuba: `mi.load_file` opens it, and the display travels in its `<default>`s.
 """
 
@@ -168,7 +168,7 @@ def _splat_scene(
 ) -> Path:
     """As `new_scene`, of splats."""
     from inim.files.splat_ply import read_splats, write_splats
-    from inim.scene.splat_scene import Frame, placed_splats, splat_scene_xml
+    from inim.scene.relic_scene import Frame, placed_splats, splat_scene_xml
 
     splats = read_splats(source, data)
     frame = Frame.parse(crop) if crop is not None else Frame.around(splats)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from inim.errors import DisplayError
-from inim.image.buffers import row_bands
+from inim.image.noisy_image import row_bands
 
 if TYPE_CHECKING:
     from inim.display.display import Display

@@ -19,8 +19,8 @@ from inim.errors import FileError
 from inim.files.image import read_exr_channels, write_atomically, write_exr_parts
 from inim.files.picture import open_picture
 from inim.files.regular_file import check_file
-from inim.image.buffers import row_bands
 from inim.image.color import linear_from_srgb, srgb_codes
+from inim.image.noisy_image import row_bands
 
 # Pillow's names for grey of 16 bits.
 _GREY_16 = ("I;16", "I;16B", "I")

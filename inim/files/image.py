@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache.result_cache import ResultCache
+from inim.cache import ResultCache
 from inim.errors import FileError, UsageError
 from inim.files.regular_file import check_file
 from inim.image.color import srgb_codes

@@ -15,6 +15,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
+from types import FunctionType
 from typing import Any, NamedTuple, Protocol, overload, runtime_checkable
 
 import numpy as np
@@ -22,7 +24,7 @@ from numpy.typing import NDArray
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.image.buffers import row_bands
+from inim.image.noisy_image import row_bands
 from inim.image.rgbd import RGBD
 
 #: A larger share of a picture outside the depth range is most likely in another unit.
@@ -407,3 +409,56 @@ def check_array(array: Any, shape: tuple[int, ...], kind: str) -> None:
     if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != kind:
         result = f"{getattr(array, 'dtype', type(array).__name__)} {np.shape(array)}"
         raise ValueError(f"the result is {result}; this display needs {kind} {shape}")
+
+
+#: Of a kernel's outer loop; compiled, its turns are shared among the threads.
+prange = range
+
+
+def run_kernel(
+    kernel: Any, shape: tuple[int, int], start: int, *arguments: Any
+) -> NDArray[np.int32]:
+    """Fill a map of panel pixels by a kernel.
+
+    Parameters
+    ----------
+    kernel : function
+        Called with the arguments and, last, the map as a flat array to write into.
+    shape : (rows, columns)
+        Of the map.
+    start : int
+        What the map holds before.
+    *arguments
+        Numbers, flat arrays and named tuples of them.
+
+    Returns
+    -------
+    (rows, columns) int32
+    """
+    filled = np.full(shape, start, np.int32)
+    compile_kernel(kernel)(*arguments, filled.ravel())
+    return filled
+
+
+@cache
+def compile_kernel(kernel: FunctionType) -> Any:
+    """A plain function compiled by numba, and with it the functions of this package it calls.
+
+    Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4, time algorithms written as
+    plain Python loops. The kernels of the paper's algorithms are in the part of Python that both
+    interpreter and numba run. With ``NUMBA_DISABLE_JIT=1`` in the environment they run uncompiled:
+    the same arithmetic to the bit.
+    """
+    from inim.backend import kernels
+
+    names = dict(kernel.__globals__)
+    called = {name: names[name] for name in kernel.__code__.co_names if name in names}
+    parallel = called.get("prange") is prange
+    for name, value in called.items():
+        if value is prange:
+            names[name] = kernels.prange
+        elif isinstance(value, FunctionType):
+            names[name] = compile_kernel(value)
+    copy = FunctionType(kernel.__code__, names, kernel.__name__)
+    copy.__qualname__ = kernel.__qualname__
+    return kernels.compiled(copy, parallel=parallel)

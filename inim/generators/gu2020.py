@@ -40,8 +40,9 @@ from inim.generators.base import (
     SourceGenerator,
     Sources,
     for_mask,
+    prange,
+    run_kernel,
 )
-from inim.generators.plain import prange, run
 from inim.generators.raycast.cells import Aside, cell_rays
 from inim.generators.registry import algorithm, positive_mm
 from inim.image.rgbd import RGBD
@@ -119,7 +120,7 @@ class _Gu2020(SourceGenerator):
         if self.pixels is not None:
             columns, rows = self.pixels.columns, self.pixels.rows
             rays = [r[at] for r, at in zip(rays, (columns, columns, rows, rows), strict=True)]
-        return run(
+        return run_kernel(
             _search_all if self.pixels is None else _search_each,
             self.made_shape,
             HOLE,
@@ -135,7 +136,7 @@ class _Gu2020(SourceGenerator):
 
         found = np.empty(self.made_shape, np.int32)
         for lensed, cells, at in ray_blocks(self, (float(self._aside[0]), float(self._aside[1]))):
-            found[at] = run(
+            found[at] = run_kernel(
                 _search_each,
                 lensed.shape,
                 HOLE,

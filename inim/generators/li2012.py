@@ -45,9 +45,10 @@ from inim.generators.base import (
     PictureShape,
     SourceGenerator,
     Sources,
+    prange,
     require_separable,
+    run_kernel,
 )
-from inim.generators.plain import prange, run
 from inim.generators.registry import algorithm
 from inim.image.rgbd import RGBD
 
@@ -177,7 +178,7 @@ class _Li2012(SourceGenerator):
         miss = np.full(x.pixels * y.pixels, np.inf)
         shape = self.display.eia_shape
         mapping = (depth, x, y, nearest, miss)
-        return run(_map_all, shape, HOLE, *mapping)
+        return run_kernel(_map_all, shape, HOLE, *mapping)
 
     def _mapping(self, rgbd: RGBD) -> tuple[np.ndarray, ForwardAxis, ForwardAxis]:
         """Depths, 0 for what has no place on the panel, and both axes of the mapping."""

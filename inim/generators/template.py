@@ -16,7 +16,7 @@ column; one that crosses exactly at a corner passes to the diagonal neighbour.
 Two ways lead to the same sources, bit for bit, on displays that are separable:
 
 * where co-located pixels of all lenses are parallel and the picture has a whole number of pixels
-  per pitch, one list of cells per direction serves all lenses (`raycast.direction_lists`), and runs
+  per pitch, one list of cells per direction serves all lenses (`raycast.polyphase`), and runs
   over the picture's phases without a gather (`raycast.shared_directions`);
 * anywhere else, and for the few pixels of a sparse mask, each ray is walked by itself
   (`raycast.ray_by_ray.RayByRay`).
@@ -70,7 +70,7 @@ def prepare(
         Another number of samples, or rays so long that they are a slip.
     """
     from inim.generators.raycast.columns import SEEN, SURFACE
-    from inim.generators.raycast.first_hits import first_hits
+    from inim.generators.raycast.shared_directions import first_hits
 
     rule = one_of("template: columns", columns, ("surface", "solid"))
     if leave_holes and rule == SURFACE:

@@ -53,9 +53,10 @@ from inim.generators.base import (
     SourceGenerator,
     Sources,
     for_mask,
+    prange,
     require_separable,
+    run_kernel,
 )
-from inim.generators.plain import prange, run
 from inim.generators.raycast.cells import cell_rays
 from inim.generators.registry import algorithm, one_of
 from inim.image.rgbd import RGBD
@@ -151,7 +152,7 @@ class _Wang2024(SourceGenerator):
             single = (z_min + z_max) / 2
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), np.inf)
         listed = () if self.pixels is None else (self.pixels.rows, self.pixels.columns)
-        return run(
+        return run_kernel(
             _match_listed if listed else _match_all,
             self.made_shape,
             HOLE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from inim.image.buffers import row_bands
+from inim.image.noisy_image import row_bands
 
 # Where the straight part of the curve ends, in linear light and in code value.
 _KNEE = 0.0031308

@@ -10,17 +10,15 @@ from inim.display.pixels import least_gap_mm
 from inim.documents.inspect import PixelChoice
 from inim.errors import DisplayError
 from inim.inspect.accuracy_limits import lenses_beside_panel
-from inim.inspect.crosstalk import (
+from inim.inspect.geometry import (
     CrosstalkMap,
     LightShares,
-    array_samples,
-    crosstalk_map,
-    light_shares,
-)
-from inim.inspect.geometry import (
     ViewingZone,
     VoxelCurve,
+    array_samples,
+    crosstalk_map,
     has_whole_pixels,
+    light_shares,
     pixel_choice,
     viewing_zone,
     voxel_curve,

@@ -20,9 +20,9 @@ from inim.documents.inspect import (
     VoxelWidths,
 )
 from inim.documents.parts import EyePosition
-from inim.inspect.crosstalk import LightShares
 from inim.inspect.findings import PIXEL_STEPS, Findings, cautions, misalignments
 from inim.inspect.geometry import (
+    LightShares,
     aperture_blur_mm,
     has_whole_pixels,
     mode,

@@ -25,8 +25,7 @@ from inim.display import Display
 from inim.errors import DisplayError
 from inim.lens import thick
 from inim.lens.array import NUMPY_OPS, LensArray, channel_indices, lens_array
-from inim.lens.model import LensModel, SheetMesh
-from inim.lens.surface import Face, sag, steepness
+from inim.lens.model import Face, LensModel, SheetMesh, sag, steepness
 
 # Facets may depart from the surface by this many panel pixels. A ray then meets the facet aside of
 # the surface's point by the error times the tangent of its angle to the normal; the interpolated

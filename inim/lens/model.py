@@ -1,17 +1,30 @@
-"""What a lens model is: where rays go, and all that the rest of the program asks of it."""
+"""What a lens model is: where rays go; and refraction at one face, for models that trace it.
+
+Frame of a face: origin at its vertex, z along the light's way (depth), as lens designers have it:
+a face whose centre of curvature lies behind it has a positive curvature. Its sag is::
+
+    z(r) = c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)) + a4 r^4 + a6 r^6
+
+(Spencer and Murty, J. Opt. Soc. Am. 52, 672, 1962, who also give the vector form of Snell's law.)
+Roots are written so that nothing cancels: float32 is enough for landing points.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
 from inim.lens.array import LensArray, LensTraits, Ops, PanelRay
+
+if TYPE_CHECKING:
+    from inim.lens.array import Ops
+
 
 #: (array, traits, ops, x, y, sx, sy, index) to the ray at the panel; see `inim.lens`.
 Trace = Callable[[LensArray, LensTraits, Ops, Any, Any, Any, Any, Any], PanelRay]
@@ -125,3 +138,144 @@ class LensModel:
                 f"{self.stand_in!r} here"
             )
         return self.trace
+
+
+# Newton's steps from the conic to the asphere: quadratic, so that the fourth is below rounding for
+# any face that is nearly a conic; one to spare for those that are not.
+_NEWTON_STEPS = 5
+# How far off an asphere, in radii of curvature, a ray counts as meeting it: some float32 roundings.
+_ON_FACE = 3e-6
+
+
+class Face(NamedTuple):
+    """A face of revolution; what it has not is None, and is not computed.
+
+    Attributes
+    ----------
+    curvature :
+        c = 1 / R, mm^-1; 0 for a plane.
+    conic :
+        k: 0 or None for a sphere, -1 for a paraboloid.
+    asphere : (a4, a6), optional
+        mm^-3 and mm^-5.
+    """
+
+    curvature: Any
+    conic: Any = None
+    asphere: tuple[Any, Any] | None = None
+
+
+def _under_root(face: Face, r_squared: Any) -> Any:
+    """1 - (1 + k) c^2 r^2: above zero where the conic reaches."""
+    stretch = 1.0 if face.conic is None else 1.0 + face.conic
+    return 1.0 - stretch * (face.curvature * face.curvature) * r_squared
+
+
+def sag(ops: Ops, face: Face, r_squared: Any) -> Any:
+    """Depth of the face below its vertex plane at r^2, in millimetres."""
+    under = _under_root(face, r_squared)
+    depth = face.curvature * r_squared / (1.0 + ops.sqrt(ops.where(under > 0, under, 0.0)))
+    if face.asphere is None:
+        return depth
+    a4, a6 = face.asphere
+    return depth + (a4 + a6 * r_squared) * (r_squared * r_squared)
+
+
+def steepness(ops: Ops, face: Face, r_squared: Any) -> Any:
+    """The sag's slope over the radius, z'(r) / r, mm^-1."""
+    under = _under_root(face, r_squared)
+    slope = face.curvature / ops.sqrt(ops.where(under > 0, under, 1.0))
+    if face.asphere is None:
+        return slope
+    a4, a6 = face.asphere
+    return slope + (4.0 * a4 + 6.0 * a6 * r_squared) * r_squared
+
+
+def meet(ops: Ops, face: Face, x: Any, y: Any, d: Any) -> tuple[Any, Any]:
+    """Path along a ray from the vertex plane to the face, and whether the ray meets it.
+
+    Parameters
+    ----------
+    x, y :
+        Where the ray crosses the vertex plane z = 0, mm.
+    d : (dx, dy, dz)
+        Unit vector along the light, dz > 0.
+
+    Returns
+    -------
+    path, met :
+        Millimetres, negative where the face lies in front of its vertex plane. Of a conic's two
+        points it is the one next to the vertex.
+    """
+    c = face.curvature
+    r_squared = x * x + y * y
+    ahead = d[2] - c * (x * d[0] + y * d[1])
+    bent = c * c if face.conic is None else c * c * (1.0 + face.conic * (d[2] * d[2]))
+    under = ahead * ahead - bent * r_squared
+    met = (under > 0) & (ahead > 0)
+    path = c * r_squared / ops.where(met, ahead + ops.sqrt(ops.where(met, under, 0.0)), 1.0)
+    if face.asphere is None:
+        return path, met
+    return _meet_asphere(ops, face, x, y, d, path)
+
+
+def _meet_asphere(ops: Ops, face: Face, x: Any, y: Any, d: Any, path: Any) -> tuple[Any, Any]:
+    """From the conic to the asphere by Newton's method, a fixed number of steps."""
+    for _ in range(_NEWTON_STEPS):
+        px, py = x + path * d[0], y + path * d[1]
+        r_squared = px * px + py * py
+        above = sag(ops, face, r_squared) - path * d[2]
+        closing = d[2] - steepness(ops, face, r_squared) * (px * d[0] + py * d[1])
+        step = above / ops.where(closing > 0, closing, 1.0)
+        # No face is met a radius off its conic: a ray that misses would run away.
+        path = path + ops.where(ops.absolute(step * face.curvature) < 1, step, 0.0)
+    px, py = x + path * d[0], y + path * d[1]
+    r_squared = px * px + py * py
+    above = (sag(ops, face, r_squared) - path * d[2]) * face.curvature
+    return path, (ops.absolute(above) < _ON_FACE) & (_under_root(face, r_squared) > 0)
+
+
+def normal(ops: Ops, face: Face, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+    """Unit normal at a point of the face, against the light."""
+    if face.asphere is None:
+        c = face.curvature
+        if face.conic is None:
+            return c * x, c * y, c * z - 1.0
+        # On a conic the gradient's length is known: 1 - k c^2 r^2 is its square.
+        length = ops.sqrt(1.0 - face.conic * (c * c) * (x * x + y * y))
+        return c * x / length, c * y / length, (c * (1.0 + face.conic) * z - 1.0) / length
+    r_squared = x * x + y * y
+    slope = steepness(ops, face, r_squared)
+    length = ops.sqrt(1.0 + slope * slope * r_squared)
+    return slope * x / length, slope * y / length, -1.0 / length
+
+
+def refract(ops: Ops, d: Any, against: Any, ratio: Any) -> tuple[tuple[Any, Any, Any], Any]:
+    """Snell's law in vector form, and Fresnel's transmittance of unpolarised light.
+
+    Parameters
+    ----------
+    d, against : (x, y, z)
+        The ray's unit vector, and the face's normal against it.
+    ratio :
+        Index in front of the face over the index behind it.
+
+    Returns
+    -------
+    d, transmittance :
+        The refracted unit vector; 0 under total reflection and on a face met from behind.
+    """
+    cos_in = -(d[0] * against[0] + d[1] * against[1] + d[2] * against[2])
+    under = 1.0 - ratio * ratio * (1.0 - cos_in * cos_in)
+    passes = (under > 0) & (cos_in > 0)
+    cos_out = ops.sqrt(ops.where(passes, under, 1.0))
+    bend = ratio * cos_in - cos_out
+    x, y, z = (ratio * a + bend * b for a, b in zip(d, against, strict=True))
+    r_s = bend / ops.where(passes, ratio * cos_in + cos_out, 1.0)
+    r_p = (cos_in - ratio * cos_out) / ops.where(passes, cos_in + ratio * cos_out, 1.0)
+    return (x, y, z), ops.where(passes, 1.0 - 0.5 * (r_s * r_s + r_p * r_p), 0.0)
+
+
+def carry(x: Any, y: Any, d: Any, depth: Any) -> tuple[Any, Any]:
+    """Follow a ray for a depth; behind where it is (negative) as well."""
+    return x + d[0] / d[2] * depth, y + d[1] / d[2] * depth

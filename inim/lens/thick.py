@@ -42,8 +42,7 @@ from inim.lens.array import (
     lens_traits,
     pass_straight,
 )
-from inim.lens.model import LensModel
-from inim.lens.surface import Face, carry, meet, normal, refract, sag, steepness
+from inim.lens.model import Face, LensModel, carry, meet, normal, refract, sag, steepness
 
 _AGAINST_THE_LIGHT = (0.0, 0.0, -1.0)  # a flat face's normal
 # Below this a ray runs along the array and never reaches the panel.

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from inim.errors import UsageError
-from inim.image.buffers import row_bands
 from inim.image.color import srgb_from_linear
+from inim.image.noisy_image import row_bands
 
 _NAME = re.compile(r"[a-z][a-z0-9]*")
 _UNIT = re.compile(r"[A-Za-z]*")

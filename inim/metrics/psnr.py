@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from inim.image.buffers import row_bands
 from inim.image.color import srgb_from_linear
+from inim.image.noisy_image import row_bands
 from inim.metrics.base import Metric, check_alike
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from inim.cache.result_cache import ResultCache
-from inim.cache.store import open_store
+from inim.cache import ResultCache, open_store
 from inim.documents.report import ReportDocument
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS
 from inim.pipeline.output.images import Images

@@ -1,8 +1,8 @@
-"""How a child process is started and ended; Python imports nothing that lies in the current folder.
+"""Start and end of Python processes, and what they ignore in the current folder.
 
 `python -m` and `python -c` put the current folder before the standard library, and there lies
-whatever a user keeps beside a scene: a `numpy.py` would be executed. What `PYTHONPATH` names is the
-user's own choice, and stays.
+whatever a user keeps next to a scene: a `numpy.py` would be executed. What `PYTHONPATH` names is
+the user's own choice, and stays. numba and matplotlib read configuration files there.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +20,7 @@ import inim
 
 if TYPE_CHECKING:
     import subprocess
+
 
 # A worker that moves its results is waited for as long.
 _PATIENCE_S = 10.0
@@ -75,3 +78,23 @@ def end_process(process: subprocess.Popen[Any]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+
+
+#: As both packages ask for them: by `os.path.exists` of the bare name. numba's can name a folder
+#: whose compiled kernels are executed; matplotlib's changes pictures, and a FIFO would hang.
+_NAMES = (".numba_config.yaml", "matplotlibrc")
+
+
+@contextmanager
+def configuration_hidden() -> Iterator[None]:
+    """Hide these files from all packages of this process: a picture's folder configures nothing."""
+    exists = os.path.exists
+
+    def exists_elsewhere(path: Any) -> bool:
+        return path not in _NAMES and exists(path)
+
+    os.path.exists = exists_elsewhere
+    try:
+        yield
+    finally:
+        os.path.exists = exists

@@ -34,8 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.image.buffers import row_bands
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import NoisyImage, row_bands
 from inim.regression.verdict import freedom_of_sum
 
 # Views: small enough to see a shift of half a pixel at an edge, large enough for a standard error.

@@ -2,7 +2,7 @@
 
 Radiance depends on where and in which direction a ray leaves the array, so any stock camera and
 integrator sees the display as an eye would, and it lights what stands before it. The rectangle is
-the array as it lies (see `inim.render.plugin_properties`), wherever its `to_world` puts it: where
+the array as it lies (see `inim.render.sensors`), wherever its `to_world` puts it: where
 a ray arrives comes from the rectangle's own coordinates, its slopes from the rectangle's frame.
 
 The array is one shape and the lens is analytic: thousands of instances hang the renderer, and
@@ -32,7 +32,7 @@ from inim.lens import (
     through_array,
 )
 from inim.lens import lens_model as find_lens_model
-from inim.render.plugin_properties import (
+from inim.render.sensors import (
     display_of,
     display_place,
     half_extent_mm,

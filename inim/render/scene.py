@@ -1,4 +1,8 @@
-"""Opening a scene in Mitsuba and fitting its relic into a display's depth range."""
+"""Opening a scene in Mitsuba and fitting its relic into a display's depth range.
+
+Meshes reach Mitsuba as arrays, by the shape plugin `inim_mesh`. Bit for bit, its positions and
+normals are those of Mitsuba's shape `ply`.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +24,7 @@ from inim.files.picture import check_volume, read_texture
 from inim.files.splat_ply import SPLAT_SHAPES, check_splats
 from inim.files.triangle_mesh import Mesh, read_bytes
 from inim.process.observer import Observer
-from inim.render import array_mesh, splats
+from inim.render import splats
 from inim.render.culling import BoundsGrid, box_corners
 from inim.scene.file import SceneFile
 
@@ -217,7 +221,7 @@ def _settle_file(file: SceneFile, properties: Any, decoded: Mapping[Path, Any]) 
     path = file.named[name]
     content = decoded.get(path)
     if isinstance(content, Mesh):
-        array_mesh.pass_mesh(properties, content)
+        pass_mesh(properties, content)
     elif content is not None:
         del properties["filename"]
         properties["bitmap"] = mi.Bitmap(content)
@@ -319,3 +323,82 @@ def fit_to_display(
     forward[:3, :3] = np.diag([scale, scale, scale_z]) @ axes
     forward[:3, 3] = np.array([0, 0, centre_z]) - forward[:3, :3] @ (axes.T @ ((low + high) / 2))
     return Fit(forward, np.linalg.inv(forward), float(scale), float(scale_z))
+
+
+MESH_PLUGIN = "inim_mesh"
+_ARRAYS = ("faces", "vertex_positions", "vertex_normals", "vertex_texcoords")
+_ATTRIBUTE = "attribute."
+# Mitsuba's readers differ in which way v grows.
+_FLIPS_BY_DEFAULT = {"ply": False, "obj": True}
+
+
+def register() -> None:
+    """Register the plugin in the active variant."""
+    mi.register_shape(MESH_PLUGIN, _shape)
+
+
+def pass_mesh(properties: Any, mesh: Mesh) -> None:
+    """Let a `ply` or `obj` shape have a mesh instead of the file that it names.
+
+    Parameters
+    ----------
+    properties : mi.Properties
+        Of the shape; changed in place.
+    mesh : Mesh
+        With indices in range.
+    """
+    flipped = _FLIPS_BY_DEFAULT[properties.plugin_name()]
+    if "flip_tex_coords" in properties:
+        flipped = properties["flip_tex_coords"]
+        del properties["flip_tex_coords"]
+    del properties["filename"]
+    properties.set_plugin_name(MESH_PLUGIN)
+    transform = properties.get("to_world", mi.ScalarAffineTransform4d())
+    matrix, normal_matrix = (
+        mi.Matrix4f(np.asarray(m, np.float32).reshape(4, 4))
+        for m in (transform.matrix, transform.inverse_transpose)
+    )
+    to_world = mi.AffineTransform4f(matrix, normal_matrix)
+    arrays = {
+        "faces": mesh.faces.astype(np.uint32),
+        "vertex_positions": np.array(to_world @ mi.Point3f(mesh.vertices.T)).T,
+    }
+    if mesh.normals is not None and not properties.get("face_normals", False):
+        x, y, z = np.array(to_world @ mi.Normal3f(mesh.normals.T))
+        # In the order of Mitsuba's own sum.
+        scale = np.float32(1) / np.sqrt(x * x + z * z + y * y)
+        arrays["vertex_normals"] = np.stack([x * scale, y * scale, z * scale], axis=1)
+    if mesh.uv is not None:
+        u, v = mesh.uv.T
+        arrays["vertex_texcoords"] = np.stack([u, 1 - v if flipped else v], axis=1)
+    colors = {} if mesh.color is None else {"vertex_color": mesh.color}
+    for name, values in {**mesh.attributes, **colors}.items():
+        arrays[_ATTRIBUTE + name] = values
+    for name, values in arrays.items():
+        kind = mi.TensorXu if name == "faces" else mi.TensorXf
+        properties[name] = kind(np.ascontiguousarray(values))
+
+
+def _shape(properties: Any) -> Any:
+    """Build the shape; Mitsuba computes normals that are missing."""
+    arrays = {
+        name: properties[name]
+        for name in list(properties.keys())
+        if name in _ARRAYS or name.startswith(_ATTRIBUTE)
+    }
+    shape = mi.Mesh(
+        properties.id(),
+        arrays["vertex_positions"].shape[0],
+        arrays["faces"].shape[0],
+        properties,
+        has_vertex_normals=not properties.get("face_normals", False),
+        has_vertex_texcoords="vertex_texcoords" in arrays,
+    )
+    parameters = mi.traverse(shape)
+    for name, values in arrays.items():
+        if name.startswith(_ATTRIBUTE):
+            shape.add_attribute(name.removeprefix(_ATTRIBUTE), values.shape[1], values.array)
+        else:
+            parameters[name] = values.array
+    parameters.update()
+    return shape

@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from inim import backend as backends
 from inim.errors import BackendError
-from inim.render import array_mesh, counter_sampler, display_emitter, sensors
+from inim.render import counter_sampler, display_emitter, scene, sensors
 from inim.scene.parameters import check_plugin_folder
 
 # With one thread Mitsuba's own file readers hang, and Embree builds crawl.
@@ -123,5 +123,5 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
         return
     if not mi.variant().startswith("scalar"):
         counter_sampler.register()
-    for plugins in (array_mesh, sensors, display_emitter):
+    for plugins in (scene, sensors, display_emitter):
         plugins.register()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from inim.cache.result_cache import ResultCache
+from inim.cache import ResultCache
 from inim.display import Display
 from inim.documents.files import read_document, write_forms
 from inim.documents.picture import PictureDocument

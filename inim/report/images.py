@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache.digest import code_digest
-from inim.cache.result_cache import ResultCache
+from inim.cache import ResultCache, code_digest
 from inim.errors import FileError
 from inim.files.image import encoded
 from inim.files.picture import open_picture

@@ -1,14 +1,23 @@
-"""A new scene around a relic: its meshes turned, scaled and centred, lit from three sides."""
+"""A new scene around a relic, turned, scaled and centred: of meshes, or of 3D Gaussian splats.
+
+Meshes are lit from three sides. Mitsuba's `to_world` turns splats, but not their colours, which are
+functions of the direction in the file's axes. So splats are turned here, with their harmonics, and
+written to a new file. Their file has no unit of length. The relic becomes `SIZE_MM` large: the
+integrator continues 1e-4 behind each splat that it enters, whatever the unit, which must be little
+against the splats and much against the rounding of coordinates.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from inim.errors import UsageError
+from inim.files.splat_ply import Splats
 from inim.files.triangle_mesh import Mesh
 from inim.image.color import linear_from_srgb
 
@@ -218,3 +227,227 @@ def attribute(text: str) -> str:
     from xml.sax.saxutils import escape
 
     return escape(xml_text(text), {'"': "&quot;"}).replace("$", "\\$")
+
+
+#: The largest side of a relic of splats.
+SIZE_MM = 100.0
+# Of a splat's greatest share of light, below which it counts as nothing: Mitsuba's
+# `extent_adaptive_clamping` ends its support there, and cannot take a fainter one.
+_FAINTEST = 0.01
+# Splats far out are few and faint: this share of all opacity is left out at each end of an axis,
+# and the frame widened by so much of its largest side.
+_STRAY = 0.005
+_WIDER = 0.05
+# Splats that reach farther, in largest sides of the frame, are fog or background.
+_FARTHEST = 0.25
+# Turned at a time: harmonics of a million splats take 0.2 GB.
+_SPLATS_AT_ONCE = 2**17
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A box in the axes of a file.
+
+    Attributes
+    ----------
+    low, high : (3,) float64
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+
+    @classmethod
+    def parse(cls, words: str) -> Frame:
+        """The box of `--crop`: x0,x1,y0,y1,z0,z1.
+
+        Raises
+        ------
+        UsageError
+        """
+        try:
+            numbers = np.array([float(word) for word in words.split(",")]).reshape(3, 2)
+        except ValueError:
+            raise UsageError(f"--crop {words}: write six numbers, x0,x1,y0,y1,z0,z1") from None
+        low, high = numbers.T
+        if not (np.isfinite(numbers).all() and (low < high).all()):
+            raise UsageError(f"--crop {words}: each axis needs a finite lower and a higher end")
+        return cls(low, high)
+
+    @classmethod
+    def around(cls, splats: Splats) -> Frame:
+        """The box that holds nearly all opacity, along each axis."""
+        weight = splats.opacity
+        low, high = np.zeros((2, 3))
+        for axis, places in enumerate(splats.centre.T.astype(np.float64)):
+            order = np.argsort(places, kind="stable")
+            share = weight[order].cumsum() / weight.sum()
+            low[axis], high[axis] = places[order][np.searchsorted(share, (_STRAY, 1 - _STRAY))]
+        margin = _WIDER * (high - low).max()
+        return cls(low - margin, high + margin)
+
+    def holds(self, points: np.ndarray) -> np.ndarray:
+        """Which points, (n, 3), lie within."""
+        inside: np.ndarray = np.all((points >= self.low) & (points <= self.high), axis=1)
+        return inside
+
+    def __str__(self) -> str:
+        return ",".join(
+            f"{end:.4g}" for pair in zip(self.low, self.high, strict=True) for end in pair
+        )
+
+
+def placed_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splats, np.ndarray]:
+    """The splats in a frame, turned, `SIZE_MM` large, about the origin.
+
+    Parameters
+    ----------
+    splats : Splats
+    turn : (3, 3) float64
+        Rotation from the file's axes to the scene's.
+    frame : Frame
+        Holds their centres.
+
+    Returns
+    -------
+    splats : Splats
+    half_mm : (3,) float64
+        Half the size of the box that their supports reach.
+
+    Raises
+    ------
+    UsageError
+        None are left.
+    """
+    shown = splats[splats.opacity > _FAINTEST]
+    small = _reach(shown).max(axis=1) <= _FARTHEST * (frame.high - frame.low).max()
+    inside = frame.holds(shown.centre) & small
+    if not inside.any():
+        raise UsageError(
+            f"--crop {frame}: holds no splats that are small against it; they are in "
+            f"{Frame.around(splats)}"
+        )
+    kept = turned(shown[inside], turn)
+    reach = _reach(kept)
+    low, high = (kept.centre - reach).min(axis=0), (kept.centre + reach).max(axis=0)
+    scale = SIZE_MM / (high - low).max()
+    centre = (kept.centre - (low + high) / 2) * scale
+    log_scale = kept.log_scale + np.float32(np.log(scale))
+    moved = replace(kept, centre=centre.astype(np.float32), log_scale=log_scale)
+    return moved, (high - low) / 2 * scale
+
+
+def turned(splats: Splats, turn: np.ndarray) -> Splats:
+    """Splats after a rotation, (3, 3): centres, axes and colours."""
+    harmonics = np.empty_like(splats.harmonics)
+    bands = [(k * k, (k + 1) ** 2) for k in range(4) if k * k < harmonics.shape[1]]
+    matrices = [_band_rotation(turn, first, last) for first, last in bands]
+    for start in range(0, len(splats), _SPLATS_AT_ONCE):
+        block = np.s_[start : start + _SPLATS_AT_ONCE]
+        for (first, last), matrix in zip(bands, matrices, strict=True):
+            own = splats.harmonics[block, first:last].astype(np.float64)
+            harmonics[block, first:last] = np.einsum("ij,njc->nic", matrix, own)
+    return replace(
+        splats,
+        centre=(splats.centre @ turn.T).astype(np.float32),
+        turn=_product(_quaternion(turn), splats.turn.astype(np.float64)).astype(np.float32),
+        harmonics=harmonics,
+    )
+
+
+def splat_scene_xml(name: str, half_mm: np.ndarray, title: str, display: str) -> str:
+    """The scene's text.
+
+    Parameters
+    ----------
+    name : str
+        Of the PLY file, in the scene's folder.
+    half_mm : (3,) float64
+        Half the size of the relic, which is centred on the origin.
+    title, display : str
+        Values of `inim.title` and `inim.display`.
+    """
+    # There is no light to sample: noise is that of a pixel's area alone, and a few samples do.
+    lines = defaults_xml(title, display, score_error="0.01")
+    # Rays meet splats by the hundred; Mitsuba's default ends them at the 64th.
+    lines += ['    <integrator type="volprim_rf_basic">']
+    lines += ['        <integer name="max_depth" value="4096"/>', "    </integrator>", ""]
+    lines += [*camera_xml(half_mm, float(np.linalg.norm(half_mm))), ""]
+    # `ellipsoids` meets thin splats twice: its intersections round too much.
+    lines += ['    <shape type="ellipsoidsmesh">']
+    lines += [f'        <string name="filename" value="{attribute(name)}"/>']
+    lines += ['        <boolean name="extent_adaptive_clamping" value="true"/>', "    </shape>"]
+    return "\n".join([*lines, "</scene>", ""])
+
+
+def _reach(splats: Splats) -> np.ndarray:
+    """Half the sizes of the boxes of splats' supports, (n, 3) float64."""
+    extent = np.sqrt(2 * np.log(np.maximum(splats.opacity / _FAINTEST, 1)))
+    axes = _matrices(splats.turn.astype(np.float64)) * np.exp(splats.log_scale)[:, None]
+    reach: np.ndarray = np.linalg.norm(axes, axis=2) * extent[:, None]
+    return reach
+
+
+# --- Rotations ----------------------------------------------------------------------------------
+
+
+def _matrices(quaternions: np.ndarray) -> np.ndarray:
+    """Rotations (n, 3, 3) of unit quaternions (n, 4), real part first."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def _quaternion(turn: np.ndarray) -> np.ndarray:
+    """The unit quaternion of a rotation: the eigenvector that Bar-Itzhack (2000) names."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turn
+    k = [
+        [xx + yy + zz, zy - yz, xz - zx, yx - xy],
+        [zy - yz, xx - yy - zz, xy + yx, xz + zx],
+        [xz - zx, xy + yx, yy - xx - zz, yz + zy],
+        [yx - xy, xz + zx, yz + zy, zz - xx - yy],
+    ]
+    vectors: np.ndarray = np.linalg.eigh(np.array(k))[1]
+    return vectors[:, -1]
+
+
+def _product(one: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Quaternion `one` times each of `others`, (n, 4)."""
+    w, v = one[0], one[1:]
+    real = w * others[:, 0] - others[:, 1:] @ v
+    rest = w * others[:, 1:] + others[:, :1] * v + np.cross(v, others[:, 1:])
+    return np.column_stack([real, rest])
+
+
+def _band_rotation(turn: np.ndarray, first: int, last: int) -> np.ndarray:
+    """What a rotation does to the coefficients of a degree: the real Wigner matrix.
+
+    Turned functions of a degree are of that degree, so the matrix follows from their values in as
+    many directions as there are of them, and more for good measure.
+    """
+    directions = np.random.default_rng(0).normal(size=(4 * (last - first), 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    after, before = (_basis(d)[:, first:last] for d in (directions, directions @ turn))
+    matrix: np.ndarray = np.linalg.lstsq(after, before, rcond=None)[0]
+    return matrix
+
+
+def _basis(directions: np.ndarray) -> np.ndarray:
+    """Real spherical harmonics up to degree 3, (n, 16), in the order and signs of splat files."""
+    x, y, z = directions.T
+    one = np.ones_like(x)
+    columns = [
+        0.28209479177387814 * one,
+        -0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x,
+        1.0925484305920792 * x * y, -1.0925484305920792 * y * z,
+        0.31539156525252005 * (3 * z * z - 1), -1.0925484305920792 * x * z,
+        0.5462742152960396 * (x * x - y * y),
+        -0.5900435899266435 * y * (3 * x * x - y * y), 2.890611442640554 * x * y * z,
+        -0.4570457994644658 * y * (5 * z * z - 1), 0.3731763325901154 * z * (5 * z * z - 3),
+        -0.4570457994644658 * x * (5 * z * z - 1), 1.445305721320277 * z * (x * x - y * y),
+        -0.5900435899266435 * x * (x * x - 3 * y * y),
+    ]  # fmt: skip
+    return np.stack(columns, axis=-1)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.backend.provenance import backend_data, versions
+from inim.backend.choice import backend_data, versions
 from inim.documents.parts import Backend
 from inim.documents.stress import (
     Claim,

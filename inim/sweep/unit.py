@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import inim
-from inim.backend.provenance import versions
+from inim.backend.choice import versions
 from inim.errors import InimError
 from inim.generators import PICKUP, is_own, parse_algorithm
 from inim.metrics import foreign_identities

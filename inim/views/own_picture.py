@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from inim import metrics
-from inim.backend.provenance import backend_data, versions
+from inim.backend.choice import backend_data, versions
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.documents.parts import Backend, Check, Checks, DisplayRecord, EyePosition
 from inim.documents.picture import (

@@ -6,7 +6,7 @@ The module is loaded while the supervisor still checks the request; the job come
 import sys
 from importlib import import_module
 
-from inim.process.current_folder import configuration_hidden
+from inim.process.python_process import configuration_hidden
 from inim.worker.serve import read_job, serve
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
-from inim.backend.numba_cache import go_without_cache, is_cache_fault
 from inim.errors import InimError, missing_package
 from inim.process.observer import Observer
 from inim.process.python_process import exit_with_parent
@@ -175,9 +174,13 @@ def _carried_out(job: Job, observer: Observer, work: Work) -> bool:
     except InimError:
         raise
     except Exception as error:
+        if "numba" not in sys.modules:
+            raise
+        from inim.backend.kernels import disable_cache, is_cache_fault
+
         if not is_cache_fault(error):
             raise
-        go_without_cache(error)
+        disable_cache(error)
     return work(job.request, job.staging, observer)
 
 

@@ -22,7 +22,7 @@ from types import ModuleType
 import pytest
 
 import inim
-from inim.backend import numba_cache
+from inim.backend import kernels
 from inim.errors import EXIT_BACKEND, EXIT_PASSED, FileError
 from inim.process.observer import Observer
 from inim.worker.output import publish, staging_folder
@@ -55,17 +55,17 @@ def nothing_to_write(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         monkeypatch.setenv(name, "")  # so that whatever the test sets is undone
         monkeypatch.delenv(name)
     monkeypatch.setenv("HOME", str(NOWHERE))
-    monkeypatch.setattr(numba_cache.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(kernels.tempfile, "tempdir", str(tmp_path))
     return tmp_path
 
 
 def test_kernels_find_a_private_folder_where_nothing_else_can_be_written(
     nothing_to_write: Path,
 ) -> None:
-    folder = Path(numba_cache.cache_folder(NOWHERE))
+    folder = Path(kernels.cache_folder(NOWHERE))
     assert folder.parent == nothing_to_write
     assert folder.stat().st_mode & 0o777 == 0o700
-    assert numba_cache.cache_folder(NOWHERE) == str(folder)  # a second run takes the same
+    assert kernels.cache_folder(NOWHERE) == str(folder)  # a second run takes the same
 
 
 @pytest.mark.parametrize("spoil", ["open", "link", "file"])
@@ -82,25 +82,25 @@ def test_folder_that_others_could_fill_with_code_is_refused(
     else:
         folder.write_text("")
     with pytest.raises(FileError, match="NUMBA_CACHE_DIR"):
-        numba_cache.cache_folder(NOWHERE)
+        kernels.cache_folder(NOWHERE)
 
 
 def test_kernels_stay_beside_the_source_or_at_home_where_they_can(
     nothing_to_write: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert not numba_cache.cache_folder(nothing_to_write)
+    assert not kernels.cache_folder(nothing_to_write)
     monkeypatch.setenv("XDG_CACHE_HOME", str(nothing_to_write / "cache"))
-    assert not numba_cache.cache_folder(NOWHERE)
+    assert not kernels.cache_folder(NOWHERE)
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/as/the/user/says")
-    assert numba_cache.cache_folder(NOWHERE) == "/as/the/user/says"
+    assert kernels.cache_folder(NOWHERE) == "/as/the/user/says"
 
 
 def test_nowhere_to_write_at_all_is_one_line(
     nothing_to_write: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(numba_cache.tempfile, "tempdir", str(NOWHERE))
+    monkeypatch.setattr(kernels.tempfile, "tempdir", str(NOWHERE))
     with pytest.raises(FileError, match="set NUMBA_CACHE_DIR"):
-        numba_cache.cache_folder(NOWHERE)
+        kernels.cache_folder(NOWHERE)
 
 
 def loaded_anew(path: Path) -> ModuleType:

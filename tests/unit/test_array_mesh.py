@@ -62,7 +62,7 @@ def shapes(path: Path, plugin: str, inner: str) -> tuple[Any, Any]:
     """The shape of a scene, read by Mitsuba and passed as arrays."""
     import mitsuba as mi
 
-    from inim.render.array_mesh import pass_mesh
+    from inim.render.scene import pass_mesh
 
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_meshes = False

@@ -10,8 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.cache.digest import address_of, array_digest, code_digest, value_digest
-from inim.cache.store import Record, Store, open_store
+from inim.cache import (
+    Record,
+    Store,
+    address_of,
+    array_digest,
+    code_digest,
+    open_store,
+    value_digest,
+)
 from inim.errors import UsageError
 
 
@@ -136,7 +143,7 @@ def test_two_that_write_at_once_leave_a_whole_record(store):
 KEEPER = """
 import sys, numpy as np
 from pathlib import Path
-from inim.cache.store import Record, Store
+from inim.cache import Record, Store
 store = Store(Path(sys.argv[1]), 2**30)
 print("ready", flush=True)
 for k in range(10**6):

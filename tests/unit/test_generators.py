@@ -31,7 +31,7 @@ from inim.generators import (
     prepare,
 )
 from inim.generators.oracle import exact_hits
-from inim.generators.raycast.direction_lists import shares_directions
+from inim.generators.raycast.polyphase import shares_directions
 from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
 from inim.generators.raycast.shared_directions import SharedDirections
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8

@@ -11,7 +11,6 @@ import pytest
 from inim.display import DISPLAYS
 from inim.display.viewpoint import default_distance_mm
 from inim.errors import DisplayError, UsageError
-from inim.inspect.crosstalk import array_samples, crosstalk_map, light_shares
 from inim.inspect.findings import (
     Findings,
     cautions,
@@ -21,6 +20,9 @@ from inim.inspect.findings import (
 )
 from inim.inspect.geometry import (
     aperture_blur_mm,
+    array_samples,
+    crosstalk_map,
+    light_shares,
     pixel_choice,
     viewing_zone,
     voxel_curve,

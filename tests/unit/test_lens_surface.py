@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from inim.lens.array import NUMPY_OPS as OPS
-from inim.lens.surface import Face, carry, meet, normal, refract, sag, steepness
+from inim.lens.model import Face, carry, meet, normal, refract, sag, steepness
 
 FACES = {
     "plane": Face(0.0),

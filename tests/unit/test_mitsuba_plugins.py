@@ -122,8 +122,8 @@ def test_an_array_may_lie_turned_and_shifted_on_its_panel():
     """The rectangle holds the array as it lies; the product's formula sees the same."""
     import mitsuba as mi
 
-    from inim.render.plugin_properties import half_extent_mm
     from inim.render.reconstruct import DisplayScene
+    from inim.render.sensors import half_extent_mm
 
     display = DISPLAY.replace(rotation_deg=20, shift_x_mm=0.5, tilt_y_deg=1.0)
     half = half_extent_mm(display)

@@ -13,7 +13,7 @@ from inim.files.ply import write_ply
 from inim.files.splat_ply import check_splats, is_splats, read_splats, write_splats
 from inim.files.triangle_mesh import Mesh
 from inim.image.color import linear_from_srgb, srgb_from_linear
-from inim.scene.splat_scene import SIZE_MM, Frame, placed_splats, turned
+from inim.scene.relic_scene import SIZE_MM, Frame, placed_splats, turned
 from tests.conftest import small_display, square
 from tests.splat_relics import joined, on_triangles, random_splats, splat_scene, splats_at
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.cache.result_cache import ResultCache
-from inim.cache.store import Store
+from inim.cache import ResultCache, Store
 from inim.pipeline.stages import stage as module
 from inim.pipeline.stages.stage import Code, Run, stage
 from inim.process.observer import Observer

@@ -1,8 +1,13 @@
-"""First hits where one list of cells per direction serves all lenses.
+"""First hits of every panel pixel's ray in a picture's columns, by the fastest way there is.
 
-The front surface of a picture is laid out by phases (`raycast.polyphase`). Of a layered depth
-image, what lies deeper is little: only its cells are written, and looked at by rays that passed
-behind what is before them. Solid columns, behind which no ray passes, have a loop of their own.
+A ray is in a cell between the depths at which it enters and leaves it; the first cell, and in it
+the nearest layer, whose column reaches into that span is hit: ``front >= exit`` and
+``back <= entry``. The last cell ends at z_min.
+
+Where one list of cells per direction serves all lenses, the front surface of a picture is laid out
+by phases (`raycast.polyphase`). Of a layered depth image, what lies deeper is little: only its
+cells are written, and looked at by rays that passed behind what is before them. Solid columns,
+behind which no ray passes, have a loop of their own.
 """
 
 from __future__ import annotations
@@ -14,16 +19,20 @@ import numpy as np
 
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
-from inim.generators.base import HOLE, PictureShape, SourceGenerator, Sources
-from inim.generators.raycast.cells import CENTRE, Aside
+from inim.errors import UsageError
+from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources, for_mask
+from inim.generators.raycast.cells import CENTRE, Aside, check_ray_length
 from inim.generators.raycast.columns import LAYERS, SOLID, Columns, columns_of
-from inim.generators.raycast.direction_lists import build_lists
 from inim.generators.raycast.polyphase import (
     Phases,
+    build_lists,
     farthest_end,
+    fits_tables,
     nearest_surface,
+    shares_directions,
     write_strip,
 )
+from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
 from inim.generators.raycast.simd import (
     LANES,
     all_lanes,
@@ -39,6 +48,7 @@ from inim.generators.raycast.simd import (
     same,
     store,
 )
+from inim.generators.raycast.supersampling import averaged
 from inim.image.rgbd import RGBD, Layer
 
 # Of the compiler's own type: a Python integer would make addresses signed, and checked.
@@ -338,3 +348,52 @@ def _run_layered(rows, pixels, met, lists, shown, out):  # type: ignore[no-untyp
     for m in prange(rows):
         strip = np.empty(pixels * LANES, np.uint32)
         _layered_row(np.int64(m), *met, *lists, *shown, strip, out)
+
+
+# Of usual pictures, with sides: what tables are made for is not known before a picture comes.
+_LAYERS = 12
+
+
+def first_hits(
+    name: str,
+    display: Display,
+    shape: PictureShape,
+    pixel_mm: float,
+    rule: str,
+    samples: int | str,
+    mask: np.ndarray | None,
+) -> SourceGenerator:
+    """The generator of first hits in the columns of pictures.
+
+    Parameters
+    ----------
+    name : str
+        Of the algorithm, for errors.
+    display, shape, pixel_mm, mask :
+        See `inim.generators.prepare`.
+    rule : str
+        What the columns are; see `raycast.columns`.
+    samples : {1, 2, 4}
+
+    Raises
+    ------
+    UsageError
+        Another number of samples, or rays so long that they are a slip.
+    """
+    if str(samples) not in ("1", "2", "4"):
+        raise UsageError(f"{name}: samples = {samples!r}; use 1, 2 or 4")
+    check_ray_length(name, display, shape, pixel_mm)
+    layers = _LAYERS if rule == LAYERS else 1
+    tables = shares_directions(display) and fits_tables(display, shape, pixel_mm, layers)
+
+    def made(pixels: PixelList | None) -> SourceGenerator:
+        def through(aside: Aside) -> SourceGenerator:
+            if not display.is_separable:
+                return NonSeparable(display, shape, pixel_mm, rule, aside, pixels)
+            if pixels is not None or not tables:
+                return RayByRay(display, shape, pixel_mm, rule, aside, pixels)
+            return SharedDirections(display, shape, pixel_mm, rule, aside)
+
+        return averaged(display, int(samples), through)
+
+    return for_mask(mask, display, made, dense_in_full=tables)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache.result_cache import ResultCache
+from inim.cache import ResultCache
 from inim.display import Display
 from inim.files.image import write_exr, write_png, write_rgbd
 from inim.image.color import linear_from_srgb, magma

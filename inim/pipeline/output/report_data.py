@@ -12,7 +12,7 @@ from time import perf_counter
 import msgspec
 
 from inim import metrics
-from inim.backend.provenance import backend_data, versions
+from inim.backend.choice import backend_data, versions
 from inim.documents.files import folder_files
 from inim.documents.parts import Backend, Checks, DisplayRecord, EyePosition
 from inim.documents.report import (

@@ -8,7 +8,7 @@ from datetime import datetime, timezone
 from typing import Any
 
 from inim.backend import Backend
-from inim.backend.provenance import versions
+from inim.backend.choice import versions
 from inim.documents.parts import Circumstances
 from inim.documents.report import AlgorithmResult
 from inim.metrics import perception_packages

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from inim.documents.parts import Check, Relation
-from inim.image.buffers import row_bands
+from inim.image.noisy_image import row_bands
 from inim.regression import ScoreEstimate, score_interval
 
 #: An image whose brightest value is below this shows nothing.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache.digest import array_digest
+from inim.cache import array_digest
 from inim.display import Display, Viewpoint
 from inim.image.noisy_image import NoisyImage
 from inim.lens import foreign_identity, white_exposure

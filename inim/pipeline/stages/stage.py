@@ -16,9 +16,8 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Generic, ParamSpec, TypeVar
 
 from inim import metrics
-from inim.backend.provenance import versions
-from inim.cache.digest import code_digest
-from inim.cache.result_cache import ResultCache
+from inim.backend.choice import versions
+from inim.cache import ResultCache, code_digest
 from inim.process.observer import Observer
 
 _Given = ParamSpec("_Given")

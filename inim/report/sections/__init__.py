@@ -15,7 +15,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from inim.cache.result_cache import ResultCache
+from inim.cache import ResultCache
 from inim.documents.report import ReportDocument
 from inim.process.threads import threads
 from inim.report.images import ENCODINGS, Encoding, Images

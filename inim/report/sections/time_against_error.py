@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache.digest import code_digest
+from inim.cache import code_digest
 from inim.documents.report import ReportDocument
 from inim.metrics.headline import HEADLINE_WORDS
 from inim.metrics.psnr import metric as PSNR  # noqa: N812

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.bench import Rounds, Timing
-from inim.cache.store import FOLDER_VARIABLE
+from inim.cache import FOLDER_VARIABLE
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.files.image import read_rgbd

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from inim.cache.store import FOLDER_VARIABLE
+from inim.cache import FOLDER_VARIABLE
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.report.bench import Part, Table
 from inim.report.plots import draw_front, draw_point, new_figure, plain_ticks, style

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache.store import FOLDER_VARIABLE
+from inim.cache import FOLDER_VARIABLE
 from inim.errors import EXIT_PASSED, WorkerError
 from inim.files.splat_ply import Splats, write_splats
 from inim.report.bench import Part, Table

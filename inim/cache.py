@@ -1,25 +1,27 @@
-"""A store of results, by what decides them: found again, a result need not be made again.
+"""Results kept from run to run, by the digest of what decides them.
 
-A record's address is the digest of all that decides it (`inim.cache.digest`): scene and mesh bytes,
-display, viewpoint, seed, samples, versions; no file names and no times. So there is nothing to
-invalidate. Records are npz files, written beside their place and moved there, so that a run that
-is killed leaves none half written, and read against their checksums and the address that they hold,
-so that a damaged one, or one under another's name, is found out, removed and made again. Any number
-of processes may share a folder.
+A record's address is the digest of all that decides it: scene and mesh bytes, display, viewpoint,
+seed, samples, versions and the program's own code; no file names and no times. Equal parts make
+equal results, bit for bit, so there is nothing to invalidate. Records are npz files. They are
+written to a temporary file and renamed, so a killed run leaves no half-written record. They are
+read against their checksums and their address; a damaged record is removed and its result is
+computed again. Any number of processes may share a folder.
 
-The folder is `inim` in the user's cache, or what the variable INIM_CACHE names; "off" is none.
-Beyond a size, 8 GiB or INIM_CACHE_GIB, what was not used for longest goes first.
+The folder is `inim` in the user's cache folder, or the variable INIM_CACHE names it; "off" is none.
+Beyond a size, 8 GiB or INIM_CACHE_GIB, the least recently used records are deleted first.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import io
 import json
 import os
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,64 @@ import numpy as np
 
 from inim.errors import UsageError
 from inim.process.atomic_file import atomic_file
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def address_of(product: str, parts: Mapping[str, str]) -> str:
+    """Where the result of a product lies whose parts have these digests."""
+    return value_digest([product, sorted(parts.items())])
+
+
+def value_digest(value: Any) -> str:
+    """Of anything that JSON can hold, and of arrays and dataclasses in it; 40 hex digits."""
+    text = json.dumps(value, sort_keys=True, default=_plain)
+    return hashlib.sha256(text.encode()).hexdigest()[:40]
+
+
+def array_digest(*arrays: np.ndarray | None) -> str:
+    """Of the shapes, types and bytes of arrays."""
+    found = hashlib.sha256()
+    for array in arrays:
+        if array is None:
+            found.update(b"none")
+            continue
+        found.update(f"{array.shape} {array.dtype.str} ".encode())
+        found.update(np.ascontiguousarray(array).data)
+    return found.hexdigest()[:40]
+
+
+@cache
+def code_digest(*places: str) -> str:
+    """Of the source of modules and packages of this program: edited code makes other results.
+
+    Parameters
+    ----------
+    places : str
+        Paths below the package, such as ``"kernel"`` or ``"metrics.py"``.
+    """
+    found = hashlib.sha256()
+    for place in places:
+        path = _PACKAGE / place
+        files = [path] if path.is_file() else sorted(path.rglob("*.py"))
+        if not files:
+            raise FileNotFoundError(place)
+        for file in files:
+            found.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
+    return found.hexdigest()[:40]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return array_digest(value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return {f.name: getattr(value, f.name) for f in fields(value)}
+    if isinstance(value, Path):
+        raise TypeError("paths decide nothing")
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} has no digest")
+
 
 FOLDER_VARIABLE = "INIM_CACHE"
 SIZE_VARIABLE = "INIM_CACHE_GIB"
@@ -211,3 +271,120 @@ def _array(data: bytes) -> np.ndarray:
         raise ValueError("Python objects")
     values = np.frombuffer(data, dtype, offset=stream.tell())
     return values.reshape(shape, order="F" if by_columns else "C")
+
+
+class ResultCache:
+    """A store, and what successive runs have in common.
+
+    Parameters
+    ----------
+    store : Store, optional
+        Without one, nothing is found and nothing kept.
+    topic : str
+        Such as the scene's path: tells what has changed since the last run on it.
+    """
+
+    def __init__(self, store: Store | None = None, topic: str = "") -> None:
+        self._store = store
+        self._topic = topic
+
+    def holds(self, product: str, parts: Mapping[str, Any]) -> bool:
+        """Whether `find` has a result now."""
+        return self._store is not None and self._store.holds(address_of(product, _digests(parts)))
+
+    def find_or_make(
+        self,
+        product: str,
+        parts: Callable[[], Mapping[str, Any]],
+        make: Callable[[], Any],
+        kinds: Iterable[type] = (),
+        *,
+        explain: bool = True,
+    ) -> tuple[Any, str | None]:
+        """A result, found or made, and why it was made.
+
+        Parameters
+        ----------
+        product : str
+            What it is, for people, too.
+        parts : callable
+            All that decides it, by names that people can read; not called without a store.
+        make : callable
+        kinds : iterable of type
+            The dataclasses that the result is made of.
+        explain : bool
+            Keep the parts, to say next time which of them changed.
+
+        Returns
+        -------
+        result
+        why : str or None
+            Why it had to be made, such as "changed: seed"; None where it was found, "" where
+            nobody knows.
+        """
+        if self._store is None:
+            return make(), ""
+        digests = _digests(parts())
+        address, topic = address_of(product, digests), value_digest([self._topic, product])
+        record = self._store.load(address)
+        if record is None:
+            made = make()
+            self._store.keep(address, _packed(made))
+            why = _change(self._store.last_parts(topic), digests) if explain else ""
+        else:
+            made, why = _unpacked(record, kinds), None
+        if explain:
+            self._store.remember_parts(topic, digests)
+        return made, why
+
+
+def _digests(parts: Mapping[str, Any]) -> dict[str, str]:
+    return {name: value_digest(value) for name, value in parts.items()}
+
+
+def _change(before: Mapping[str, str] | None, now: Mapping[str, str]) -> str:
+    if before is None:
+        return "not made before"
+    changed = [name for name in now if before.get(name) != now[name]]
+    changed += [name for name in before if name not in now]
+    return f"changed: {', '.join(changed)}" if changed else "the store had dropped it"
+
+
+def _packed(value: Any) -> Record:
+    """Arrays, each once, and the tree of everything else for JSON."""
+    arrays: dict[str, np.ndarray] = {}
+    names: dict[int, str] = {}
+
+    def tree(part: Any) -> Any:
+        if isinstance(part, np.ndarray):
+            name = names.setdefault(id(part), f"a{len(names)}")
+            arrays[name] = part
+            return {"array": name}
+        if is_dataclass(part) and not isinstance(part, type):
+            return {
+                type(part).__name__: {f.name: tree(getattr(part, f.name)) for f in fields(part)}
+            }
+        if isinstance(part, tuple | list):
+            return {"list": [tree(one) for one in part]}
+        if isinstance(part, dict):
+            return {"dict": {name: tree(one) for name, one in part.items()}}
+        return part
+
+    return Record(arrays, tree(value))
+
+
+def _unpacked(record: Record, kinds: Iterable[type]) -> Any:
+    known = {kind.__name__: kind for kind in kinds}
+
+    def value(part: Any) -> Any:
+        if not isinstance(part, dict):
+            return part
+        ((kind, held),) = part.items()
+        if kind == "array":
+            return record.arrays[held]
+        if kind == "list":
+            return tuple(value(one) for one in held)
+        whole = {name: value(one) for name, one in held.items()}
+        return whole if kind == "dict" else known[kind](**whole)
+
+    return value(record.facts)
