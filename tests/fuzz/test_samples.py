@@ -85,7 +85,7 @@ def check(cost: Cost, sound: Cost, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("sample", samples("exr"), ids=lambda p: p.name[-30:])
-def test_damaged_exr_as_an_eia(sample: Path, tmp_path: Path, sound: Cost) -> None:
+def test_damaged_exr_as_an_eia(sample, tmp_path, sound):
     (tmp_path / "eia.exr").write_bytes(sample.read_bytes())
     words = ("--eia", "mine=eia.exr", "-o", "out")
     cost = spent(command(write_scene(tmp_path), *words, viewpoints="centre"), tmp_path)
@@ -94,7 +94,7 @@ def test_damaged_exr_as_an_eia(sample: Path, tmp_path: Path, sound: Cost) -> Non
 
 
 @pytest.mark.parametrize("sample", samples("exr"), ids=lambda p: p.name[-30:])
-def test_damaged_exr_as_a_texture(sample: Path, tmp_path: Path, sound: Cost) -> None:
+def test_damaged_exr_as_a_texture(sample, tmp_path, sound):
     name = ("a.exr", "a.png")[len(sample.name) % 2]  # the renderer goes by the content
     (tmp_path / name).write_bytes(sample.read_bytes())
     scene = write_scene(tmp_path, text=scene_text(TEXTURED.format(name)))
@@ -102,7 +102,7 @@ def test_damaged_exr_as_a_texture(sample: Path, tmp_path: Path, sound: Cost) -> 
 
 
 @pytest.mark.parametrize("sample", samples("mesh"), ids=lambda p: p.name)
-def test_damaged_mesh_in_a_new_scene(sample: Path, tmp_path: Path, sound: Cost) -> None:
+def test_damaged_mesh_in_a_new_scene(sample, tmp_path, sound):
     words = ["new-scene", str(sample), "-o", "made.xml", "--unit", "mm", "--up", "y"]
     cost = spent([sys.executable, "-m", "inim", *words], tmp_path)
     if cost.code == EXIT_PASSED:  # with warnings, such as on a picture it names
@@ -112,7 +112,7 @@ def test_damaged_mesh_in_a_new_scene(sample: Path, tmp_path: Path, sound: Cost) 
 
 
 @pytest.mark.parametrize("sample", samples("mesh"), ids=lambda p: p.name)
-def test_damaged_mesh_in_a_scene(sample: Path, tmp_path: Path, sound: Cost) -> None:
+def test_damaged_mesh_in_a_scene(sample, tmp_path, sound):
     plugin = "obj" if sample.suffix == ".obj" else "ply"
     (tmp_path / sample.name).write_bytes(sample.read_bytes())
     scene = write_scene(tmp_path, text=scene_text(MESH.format(plugin, sample.name)))
@@ -120,7 +120,7 @@ def test_damaged_mesh_in_a_scene(sample: Path, tmp_path: Path, sound: Cost) -> N
 
 
 @pytest.mark.parametrize("sample", samples("xml"), ids=lambda p: p.name)
-def test_damaged_xml_as_a_scene(sample: Path, tmp_path: Path, sound: Cost) -> None:
+def test_damaged_xml_as_a_scene(sample, tmp_path, sound):
     (tmp_path / sample.name).write_bytes(sample.read_bytes())
     cost = spent(command(sample.name, "-o", "out", **ALONE), tmp_path)
     check(cost, sound, tmp_path)

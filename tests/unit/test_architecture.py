@@ -67,7 +67,7 @@ def path(renderer: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> s
     return seen
 
 
-def test_a_view_s_ssim_is_twenty_modules_away_or_less_and_they_are_listed(path: set[str]) -> None:
+def test_a_view_s_ssim_is_twenty_modules_away_or_less_and_they_are_listed(path):
     part = DOCUMENT.read_text("utf-8").split("<!-- path -->")[1]
     listed = re.findall(r"`(inim[\w.]*)`", part)
     assert len(listed) == len(set(listed)) <= MOST

@@ -125,14 +125,12 @@ NORMALS = ["float nx", "float ny", "float nz"]
         ["float heat_0", "float stain_r", "float stain_g", "float stain_b", "float lonely"],
     ],
 )
-def test_ply_gives_the_arrays_of_mitsuba(
-    renderer: object, tmp_path: Path, form: str, inner: str, columns: list[str]
-) -> None:
+def test_ply_gives_the_arrays_of_mitsuba(renderer, tmp_path, form, inner, columns):
     path = ply(tmp_path / "a.ply", columns, form, ("float glow_0",))
     assert_equal(*shapes(path, "ply", inner))
 
 
-def test_integer_colours_are_srgb(renderer: object, tmp_path: Path) -> None:
+def test_integer_colours_are_srgb(renderer, tmp_path):
     """Mitsuba 3.9 takes 16-bit ones so, too, and 8-bit ones for values up to 255."""
     columns = [f"ushort {name}" for name in ("red", "green", "blue")]
     assert_equal(*shapes(ply(tmp_path / "a.ply", columns, "ascii"), "ply", ""), tolerance=1e-5)
@@ -148,9 +146,7 @@ OBJ = {
 
 @pytest.mark.parametrize("name", OBJ)
 @pytest.mark.parametrize("inner", ["", MOVED, '<boolean name="flip_tex_coords" value="false"/>'])
-def test_obj_gives_the_corners_of_mitsuba(
-    renderer: object, tmp_path: Path, name: str, inner: str
-) -> None:
+def test_obj_gives_the_corners_of_mitsuba(renderer, tmp_path, name, inner):
     import mitsuba as mi
 
     path = tmp_path / "a.obj"

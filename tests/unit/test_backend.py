@@ -85,41 +85,37 @@ def refuse(monkeypatch: pytest.MonkeyPatch, **answers: Verdict) -> None:
         ("/usr/local/lib/libLLVM.so", None),
     ],
 )
-def test_version_is_read_from_the_name_or_else_the_folder(
-    path: str, version: tuple[int, ...] | None
-) -> None:
+def test_version_is_read_from_the_name_or_else_the_folder(path, version):
     assert choice.llvm_version(Path(path)) == version
 
 
-def test_newest_version_comes_first_and_a_nameless_one_last(tmp_path: Path) -> None:
+def test_newest_version_comes_first_and_a_nameless_one_last(tmp_path):
     order = ["libLLVM.so.22.1", "libLLVM.so.19.1", "libLLVM-17.so.1", "libLLVM-9.so", "libLLVM.so"]
     found = choice.find_libllvm([libraries(tmp_path / "lib", *sorted(order))])
     assert [path.name for path in found] == order
 
 
-def test_other_files_named_alike_are_no_candidates(tmp_path: Path) -> None:
+def test_other_files_named_alike_are_no_candidates(tmp_path):
     names = ["libLLVMX86CodeGen.a", "libLLVM-C.so", "libLLVMgold.so", "libLLVM-19.txt"]
     assert choice.find_libllvm([libraries(tmp_path / "lib", *names)]) == []
 
 
-def test_aliases_of_one_file_are_one_candidate(tmp_path: Path) -> None:
+def test_aliases_of_one_file_are_one_candidate(tmp_path):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     (folder / "libLLVM-19.so").symlink_to("libLLVM.so.19.1")
     (folder / "libLLVM-18.so").symlink_to("nowhere")
     assert choice.find_libllvm([folder, folder]) == [(folder / "libLLVM.so.19.1").resolve()]
 
 
-def test_no_folders_to_search_means_no_candidates() -> None:
+def test_no_folders_to_search_means_no_candidates():
     assert choice.find_libllvm([]) == []
 
 
-def test_missing_folders_are_passed_over(tmp_path: Path) -> None:
+def test_missing_folders_are_passed_over(tmp_path):
     assert choice.find_libllvm([tmp_path / "none", Path("/dev/null")]) == []
 
 
-def test_search_variable_replaces_the_usual_folders(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_search_variable_replaces_the_usual_folders(monkeypatch, tmp_path):
     one = libraries(tmp_path / "one", "libLLVM-17.so.1")
     two = libraries(tmp_path / "two", "libLLVM-18.so.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", f"{one}{os.pathsep}{two}")
@@ -127,7 +123,7 @@ def test_search_variable_replaces_the_usual_folders(
     assert found == ["libLLVM-18.so.1", "libLLVM-17.so.1"]
 
 
-def test_linker_cache_is_searched(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_linker_cache_is_searched(monkeypatch, tmp_path):
     odd = libraries(tmp_path / "odd", "libLLVM.so.97.1") / "libLLVM.so.97.1"
     monkeypatch.setattr(machine, "linker_cache", lambda name: [str(odd)])
     assert choice.find_libllvm()[0].name == "libLLVM.so.97.1"
@@ -141,8 +137,8 @@ def test_linker_cache_is_searched(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     ],
 )
 def test_installed_package_is_preferred_and_its_libraries_are_loaded_by_their_files(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, packages: str, library: str
-) -> None:
+    monkeypatch, tmp_path, packages, library
+):
     monkeypatch.setattr(choice, "wheel_folders", WHEEL_FOLDERS)
     monkeypatch.setattr(sys, "path", ["", str(tmp_path / packages)])
     libraries(tmp_path / packages / "karellen_llvm_core-22.1.8.dist-info")
@@ -160,7 +156,7 @@ def test_installed_package_is_preferred_and_its_libraries_are_loaded_by_their_fi
 @pytest.mark.skipif(
     (sys.platform, os.uname().machine) != ("linux", "x86_64"), reason="a library for Linux, x86-64"
 )
-def test_own_libatomic_serves_where_the_system_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_own_libatomic_serves_where_the_system_has_none(monkeypatch):
     monkeypatch.setattr(choice, "_system_has_libatomic", lambda: False)
     (path,) = choice.needed_by(None)
     exchange = ctypes.CDLL(path)["__atomic_compare_exchange_16"]
@@ -177,18 +173,14 @@ def test_own_libatomic_serves_where_the_system_has_none(monkeypatch: pytest.Monk
     assert list(place) == [5, 6]
 
 
-def test_library_named_by_the_user_alone_is_tried(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
-) -> None:
+def test_library_named_by_the_user_alone_is_tried(monkeypatch, tmp_path, tried):
     folder = libraries(tmp_path / "lib", "libLLVM.so.22.1", "libLLVM.so.19.1")
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(folder / "libLLVM.so.19.1"))
     assert backend.choose_backend("llvm", [folder]).libllvm == folder / "libLLVM.so.19.1"
     assert tried == ["libLLVM.so.19.1"]
 
 
-def test_refusal_of_the_library_named_by_the_user_names_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_refusal_of_the_library_named_by_the_user_names_it(monkeypatch, tmp_path):
     refuse(monkeypatch)
     folder = libraries(tmp_path / "lib", "libLLVM.so.22.1", "libLLVM.so.19.1")
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(folder / "libLLVM.so.19.1"))
@@ -199,7 +191,7 @@ def test_refusal_of_the_library_named_by_the_user_names_it(
 # --- Choice -------------------------------------------------------------------------------
 
 
-def test_newest_that_works_is_chosen(tmp_path: Path, tried: list[str]) -> None:
+def test_newest_that_works_is_chosen(tmp_path, tried):
     folder = libraries(tmp_path / "lib", "libLLVM-18.so.1", "libLLVM.so.19.1")
     chosen = backend.choose_backend("llvm", [folder])
     assert (chosen.name, chosen.variant, chosen.libllvm_version) == (
@@ -210,9 +202,7 @@ def test_newest_that_works_is_chosen(tmp_path: Path, tried: list[str]) -> None:
     assert tried == ["libLLVM.so.19.1"]
 
 
-def test_next_is_tried_when_the_newest_is_refused(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_next_is_tried_when_the_newest_is_refused(monkeypatch, tmp_path):
     folder = libraries(tmp_path / "lib", "libLLVM-18.so.1", "libLLVM.so.19.1")
 
     def answer(variant: str, variables: dict[str, str], needed: object) -> Verdict:
@@ -224,16 +214,14 @@ def test_next_is_tried_when_the_newest_is_refused(
 
 
 @pytest.mark.skipif(not X86, reason="these versions die on x86 only")
-def test_versions_known_to_be_bad_are_never_run(tmp_path: Path, tried: list[str]) -> None:
+def test_versions_known_to_be_bad_are_never_run(tmp_path, tried):
     names = ("libLLVM-14.so.1", "libLLVM-15.so.1", "libLLVM-16.so.1")
     with pytest.raises(BackendError, match="LLVM 15 aborts the process"):
         backend.choose_backend("llvm", [libraries(tmp_path / "lib", *names)])
     assert tried == []
 
 
-def test_refusal_is_one_line_with_every_reason_and_the_way_out(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_refusal_is_one_line_with_every_reason_and_the_way_out(monkeypatch, tmp_path):
     refuse(monkeypatch)
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
     with pytest.raises(BackendError) as caught:
@@ -245,19 +233,17 @@ def test_refusal_is_one_line_with_every_reason_and_the_way_out(
     assert "sudo apt-get install libllvm19 libatomic1" in said
 
 
-def test_finding_nothing_says_so(tmp_path: Path) -> None:
+def test_finding_nothing_says_so(tmp_path):
     with pytest.raises(BackendError, match="found none; install one: pip install karellen"):
         backend.choose_backend("auto", [tmp_path])
 
 
-def test_unknown_backend_is_a_usage_error() -> None:
+def test_unknown_backend_is_a_usage_error():
     with pytest.raises(UsageError, match="'metal' is unknown: choose one of auto, cuda, llvm"):
         backend.choose_backend("metal")
 
 
-def test_renderer_that_cannot_be_imported_is_not_blamed_on_llvm(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_renderer_that_cannot_be_imported_is_not_blamed_on_llvm(monkeypatch, tmp_path):
     broken = Verdict(False, "libatomic.so.1: cannot open", stage="import", lasting=False)
     refuse(monkeypatch, llvm=broken)
     with pytest.raises(BackendError, match=r"Mitsuba cannot be imported: libatomic.so.1"):
@@ -267,15 +253,13 @@ def test_renderer_that_cannot_be_imported_is_not_blamed_on_llvm(
 # --- CUDA ---------------------------------------------------------------------------------
 
 
-def test_no_cuda_is_tried_without_its_driver(tried: list[str]) -> None:
+def test_no_cuda_is_tried_without_its_driver(tried):
     with pytest.raises(BackendError, match=r"no usable CUDA: the driver library libcuda.so.1 was"):
         backend.choose_backend("cuda")
     assert tried == []
 
 
-def test_working_cuda_is_preferred(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
-) -> None:
+def test_working_cuda_is_preferred(monkeypatch, tmp_path, tried):
     folder = libraries(tmp_path / "lib", "libcuda.so.1", "libLLVM.so.19.1")
     monkeypatch.setenv("LD_LIBRARY_PATH", str(folder))
     assert backend.choose_backend("auto", [folder]).variant == "cuda_ad_rgb"
@@ -283,9 +267,7 @@ def test_working_cuda_is_preferred(
     assert tried == ["cuda_ad_rgb", "libLLVM.so.19.1"]
 
 
-def test_broken_cuda_falls_back_to_llvm_unless_asked_for(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_broken_cuda_falls_back_to_llvm_unless_asked_for(monkeypatch, tmp_path):
     refuse(monkeypatch, llvm=GOOD)
     folder = libraries(tmp_path / "lib", "libcuda.so.1", "libLLVM.so.19.1")
     monkeypatch.setenv("DRJIT_LIBCUDA_PATH", str(folder / "libcuda.so.1"))
@@ -302,7 +284,7 @@ def probe_of(monkeypatch: pytest.MonkeyPatch, script: str, seconds: float = 20.0
     return backend.probe("llvm_ad_rgb", {}, (), seconds)
 
 
-def test_child_that_aborts_is_a_lasting_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_child_that_aborts_is_a_lasting_refusal(monkeypatch):
     verdict = probe_of(monkeypatch, "import os; os.abort()")
     assert not verdict.usable
     assert "SIGABRT" in verdict.reason
@@ -310,8 +292,8 @@ def test_child_that_aborts_is_a_lasting_refusal(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_child_killed_from_outside_is_tried_again_next_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     verdict = probe_of(monkeypatch, f"import os; os.kill(os.getpid(), {int(signal.SIGKILL)})")
     assert not verdict.usable
     assert "SIGKILL" in verdict.reason
@@ -319,24 +301,24 @@ def test_child_killed_from_outside_is_tried_again_next_time(
 
 
 def test_child_that_hangs_is_killed_and_tried_again_next_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     verdict = probe_of(monkeypatch, "import time; time.sleep(600)", seconds=0.2)
     assert (verdict.usable, verdict.lasting) == (False, False)
     assert "hung" in verdict.reason
 
 
-def test_silent_child_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_silent_child_is_refused(monkeypatch):
     assert not probe_of(monkeypatch, "print('all is well')").usable
 
 
-def test_noise_around_the_answer_does_no_harm(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_around_the_answer_does_no_harm(monkeypatch):
     said = 'INIM-PROBE {"stage": "done", "reason": "", "version": "19", "device": "d"}'
     script = f"print('hello'); print({said!r}); print('bye')"
     assert probe_of(monkeypatch, script) == Verdict(True, "", "19", "d", "done")
 
 
-def test_cause_is_taken_from_the_log_when_the_exception_hides_it() -> None:
+def test_cause_is_taken_from_the_log_when_the_exception_hides_it():
     said = 'INIM-PROBE {"stage": "start", "reason": "could not be found!"}'
     log = 'jit_find_library(): Unable to load "x": file too short!\n'
     assert "file too short" in trial._read_answer(0, said, log).reason
@@ -345,23 +327,21 @@ def test_cause_is_taken_from_the_log_when_the_exception_hides_it() -> None:
 # --- Memory of verdicts -------------------------------------------------------------------
 
 
-def test_verdict_is_remembered(tmp_path: Path, tried: list[str]) -> None:
+def test_verdict_is_remembered(tmp_path, tried):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     first = backend.choose_backend("llvm", [folder])
     assert backend.choose_backend("llvm", [folder]) == first
     assert len(tried) == 1
 
 
-def test_warm_choice_starts_no_process(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
-) -> None:
+def test_warm_choice_starts_no_process(monkeypatch, tmp_path, tried):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     backend.choose_backend("auto", [folder])
     monkeypatch.setattr(subprocess, "Popen", None)
     assert backend.choose_backend("auto", [folder]).name == "llvm"
 
 
-def test_changed_library_is_tried_again(tmp_path: Path, tried: list[str]) -> None:
+def test_changed_library_is_tried_again(tmp_path, tried):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     backend.choose_backend("llvm", [folder])
     (folder / "libLLVM.so.19.1").write_bytes(b"upgraded")
@@ -370,9 +350,7 @@ def test_changed_library_is_tried_again(tmp_path: Path, tried: list[str]) -> Non
 
 
 @pytest.mark.parametrize(("module", "function"), [(trial, "_renderer"), (machine, "cpu_text")])
-def test_other_renderer_or_processor_is_tried_again(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str], module: object, function: str
-) -> None:
+def test_other_renderer_or_processor_is_tried_again(monkeypatch, tmp_path, tried, module, function):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     backend.choose_backend("llvm", [folder])
     monkeypatch.setattr(module, function, lambda *names: "another")
@@ -380,9 +358,7 @@ def test_other_renderer_or_processor_is_tried_again(
     assert len(tried) == 2
 
 
-def test_renderer_installed_anew_is_tried_again(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
-) -> None:
+def test_renderer_installed_anew_is_tried_again(monkeypatch, tmp_path, tried):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     monkeypatch.setattr(sys, "path", [str(tmp_path / "site"), *sys.path])
     metadata = libraries(tmp_path / "site/drjit-1.5.0.dist-info")
@@ -395,9 +371,7 @@ def test_renderer_installed_anew_is_tried_again(
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"a": 1}', "\0\xff", "42"])
-def test_damaged_memory_is_ignored_and_replaced(
-    tmp_path: Path, tried: list[str], content: str
-) -> None:
+def test_damaged_memory_is_ignored_and_replaced(tmp_path, tried, content):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     path = libraries(tmp_path / "cache/inim") / "backends.json"
     path.write_text(content, "latin-1")
@@ -407,9 +381,7 @@ def test_damaged_memory_is_ignored_and_replaced(
 
 
 @pytest.mark.parametrize("entry", [None, 7, [], {}, {"usable": "yes"}, {"usable": True, "odd": 1}])
-def test_entry_of_another_shape_is_tried_again(
-    tmp_path: Path, tried: list[str], entry: object
-) -> None:
+def test_entry_of_another_shape_is_tried_again(tmp_path, tried, entry):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     backend.choose_backend("llvm", [folder])
     path = tmp_path / "cache/inim/backends.json"
@@ -418,17 +390,13 @@ def test_entry_of_another_shape_is_tried_again(
     assert len(tried) == 2
 
 
-def test_unwritable_cache_does_no_harm(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
-) -> None:
+def test_unwritable_cache_does_no_harm(monkeypatch, tmp_path, tried):
     monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     assert backend.choose_backend("llvm", [folder]).name == "llvm"
 
 
-def test_missing_home_does_no_harm(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
-) -> None:
+def test_missing_home_does_no_harm(monkeypatch, tmp_path, tried):
     def homeless() -> Path:
         raise RuntimeError("Could not determine home directory.")
 
@@ -439,7 +407,7 @@ def test_missing_home_does_no_harm(
     assert trial.cache_file() is None
 
 
-def test_curable_refusal_is_not_remembered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_curable_refusal_is_not_remembered(monkeypatch, tmp_path):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     refuse(monkeypatch, llvm=Verdict(False, "libz3 is missing", stage="start", lasting=False))
     with pytest.raises(BackendError):
@@ -448,7 +416,7 @@ def test_curable_refusal_is_not_remembered(monkeypatch: pytest.MonkeyPatch, tmp_
     assert backend.choose_backend("llvm", [folder]).name == "llvm"
 
 
-def test_memory_does_not_grow_without_end(tmp_path: Path, tried: list[str]) -> None:
+def test_memory_does_not_grow_without_end(tmp_path, tried):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     trial._write_cache({str(number): {} for number in range(5 * trial.REMEMBERED)})
     backend.choose_backend("llvm", [folder])
@@ -463,12 +431,12 @@ def chosen(library: Path | None) -> Backend:
     return Backend("llvm", "llvm_ad_rgb", library, "19.1.7", "a processor")
 
 
-def test_environment_names_the_library_and_nothing_else(tmp_path: Path) -> None:
+def test_environment_names_the_library_and_nothing_else(tmp_path):
     library = tmp_path / "libLLVM.so.19.1"
     assert backend.environment(chosen(library)) == {"DRJIT_LIBLLVM_PATH": str(library)}
 
 
-def test_activate_sets_this_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_activate_sets_this_process(monkeypatch, tmp_path):
     monkeypatch.delitem(sys.modules, "drjit", raising=False)
     backend.activate(chosen(tmp_path / "libLLVM.so.19.1"))
     assert os.environ["DRJIT_LIBLLVM_PATH"] == str(tmp_path / "libLLVM.so.19.1")
@@ -487,9 +455,7 @@ class Loaded:
         return name in self._has
 
 
-def test_a_library_that_is_loaded_already_serves(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_library_that_is_loaded_already_serves(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "drjit", Loaded((19, 1, 7), "llvm"))
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
     backend.activate(chosen(tmp_path / "libLLVM.so.21.1"))
@@ -503,15 +469,13 @@ def test_a_library_that_is_loaded_already_serves(
         (Loaded((14, 0, 6), "llvm"), "LLVM 14 is too old for Dr.Jit; import inim.render"),
     ],
 )
-def test_activate_refuses_to_be_late(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, loaded: Loaded, says: str
-) -> None:
+def test_activate_refuses_to_be_late(monkeypatch, tmp_path, loaded, says):
     monkeypatch.setitem(sys.modules, "drjit", loaded)
     with pytest.raises(BackendError, match=f"Dr.Jit is loaded already, and {says}"):
         backend.activate(chosen(tmp_path / "libLLVM.so.19.1"))
 
 
-def test_importing_loads_no_renderer() -> None:
+def test_importing_loads_no_renderer():
     script = "import sys, inim.backend; sys.exit(str({'mitsuba', 'drjit'} & set(sys.modules)))"
     child = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert child.stderr.strip() == "set()"
@@ -529,24 +493,22 @@ def limit(tmp_path: Path, membership: str, files: dict[str, str]) -> list[int]:
     return [number for number in map(machine._number_in, paths) if number]
 
 
-def test_every_enclosing_group_limits_the_memory(tmp_path: Path) -> None:
+def test_every_enclosing_group_limits_the_memory(tmp_path):
     files = {"a/b/memory.max": "max\n", "a/memory.max": "5000\n", "memory.max": "7000\n"}
     assert limit(tmp_path, "0::/a/b\n", files) == [5000, 7000]
 
 
-def test_older_control_groups_limit_the_memory_too(tmp_path: Path) -> None:
+def test_older_control_groups_limit_the_memory_too(tmp_path):
     files = {"memory/a/memory.limit_in_bytes": "5000\n", "cpu/a/memory.limit_in_bytes": "1\n"}
     assert limit(tmp_path, "4:cpu,cpuacct:/a\n3:memory:/a\n", files) == [5000]
 
 
-def test_group_of_a_container_may_be_the_root(tmp_path: Path) -> None:
+def test_group_of_a_container_may_be_the_root(tmp_path):
     assert limit(tmp_path, "0::/\n", {"memory.max": "5000\n"}) == [5000]
     assert limit(tmp_path, "0::/not/here\n", {}) == [5000]
 
 
-def test_memory_limit_is_never_above_what_the_machine_has(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_memory_limit_is_never_above_what_the_machine_has(monkeypatch, tmp_path):
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     assert 0 < backend.memory_limit_bytes() <= total
     (tmp_path / "limit").write_text("123456789")
@@ -554,9 +516,7 @@ def test_memory_limit_is_never_above_what_the_machine_has(
     assert backend.memory_limit_bytes() == 123456789
 
 
-def test_description_is_json_and_gives_each_library_its_reason(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
-) -> None:
+def test_description_is_json_and_gives_each_library_its_reason(monkeypatch, tmp_path, tried):
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(folder))
     facts = json.loads(json.dumps(describe()))
@@ -566,9 +526,7 @@ def test_description_is_json_and_gives_each_library_its_reason(
     assert facts["memory_bytes"] == backend.memory_limit_bytes()
 
 
-def test_text_form_works_with_and_without_a_backend(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tried: list[str]
-) -> None:
+def test_text_form_works_with_and_without_a_backend(monkeypatch, tmp_path, tried):
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(tmp_path / "nothing"))
     assert "no usable libLLVM: found none" in sys_info()
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")

@@ -91,7 +91,7 @@ def truth(name: str) -> float:
 # -- the camera -----------------------------------------------------------------------------------
 
 
-def test_directions_undo_the_projection() -> None:
+def test_directions_undo_the_projection():
     camera = Camera(1900.0, 246.0, 175.0, 0.4, -1.0)
     pose = Pose(look_at((5.0, 3, 120)), np.array([5.0, 3.0, 120.0]))
     points = np.random.default_rng(0).uniform(-14, 14, (200, 2))
@@ -103,7 +103,7 @@ def test_directions_undo_the_projection() -> None:
     assert np.abs(directions(camera, np.array([[246.0, 175.0]]))).max() == 0
 
 
-def test_projection_is_opencv_s() -> None:
+def test_projection_is_opencv_s():
     cv2 = pytest.importorskip("cv2")
     axes, eye = look_at((5.0, 3, 120), roll_deg=20), np.array([5.0, 3.0, 120.0])
     points = np.random.default_rng(0).uniform(-14, 14, (200, 3))
@@ -114,7 +114,7 @@ def test_projection_is_opencv_s() -> None:
     np.testing.assert_allclose(here, there[:, 0] + 0.5, atol=1e-8)
 
 
-def test_rotation_is_scipy_s() -> None:
+def test_rotation_is_scipy_s():
     from scipy.spatial.transform import Rotation
 
     for vector in ([0.0, 0, 0], [1e-9, 0, 0], [0.3, -0.2, 0.9], [0, 3.1, 0]):
@@ -148,7 +148,7 @@ def offset(seen: Lenses, name: str, roll: float | None = None) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", EYES)
-def test_every_lens_is_counted_right(name: str) -> None:
+def test_every_lens_is_counted_right(name):
     seen = lenses(name)
     offset(seen, name)
     columns, rows = HIDDEN.lens_columns, HIDDEN.lens_rows
@@ -160,7 +160,7 @@ def test_every_lens_is_counted_right(name: str) -> None:
 
 
 @pytest.mark.parametrize("roll", [35.0, 90.0, 180.0])
-def test_a_camera_held_otherwise_counts_the_same(roll: float) -> None:
+def test_a_camera_held_otherwise_counts_the_same(roll):
     eye, target, _ = EYES["far"]
     seen = find_lenses(
         photograph(HIDDEN, CAMERA, eye, look_at(eye, target, roll), 1), DESIGN, "rolled"
@@ -169,7 +169,7 @@ def test_a_camera_held_otherwise_counts_the_same(roll: float) -> None:
     assert len(seen.index) > 400
 
 
-def test_a_thumb_over_half_the_sheet_hides_its_lenses_and_no_others() -> None:
+def test_a_thumb_over_half_the_sheet_hides_its_lenses_and_no_others():
     whole = taken("near")
     covered = [part.copy() for part in whole]
     v, u = np.mgrid[:360, :480]
@@ -181,7 +181,7 @@ def test_a_thumb_over_half_the_sheet_hides_its_lenses_and_no_others() -> None:
     assert 200 < len(seen.index) < 320
 
 
-def test_a_lens_decoded_a_period_off_is_left_out() -> None:
+def test_a_lens_decoded_a_period_off_is_left_out():
     photo = Photograph(*(part.copy() for part in taken("near")))
     before = lenses("near")
     wrong = 200
@@ -195,14 +195,14 @@ def test_a_lens_decoded_a_period_off_is_left_out() -> None:
     assert len(seen.index) >= len(before.index) - 2
 
 
-def test_noise_is_no_lattice() -> None:
+def test_noise_is_no_lattice():
     random = np.random.default_rng(0)
     maps = [random.uniform(0, n, (200, 300)).astype(np.float32) for n in (COLUMNS, ROWS, 1, 1)]
     with pytest.raises(FileError, match=r"^dark: no lattice of lenses"):
         find_lenses(Photograph(*maps), DESIGN, "dark")
 
 
-def test_darkness_and_a_single_row_of_lenses_are_no_lattice() -> None:
+def test_darkness_and_a_single_row_of_lenses_are_no_lattice():
     dark = Photograph(*(np.full_like(part, np.nan) for part in taken("near")))
     row = Photograph(*(part.copy() for part in taken("near")))
     for part in row[:3]:
@@ -217,7 +217,7 @@ def test_darkness_and_a_single_row_of_lenses_are_no_lattice() -> None:
 
 
 @pytest.mark.parametrize("side", ["viewer", "panel"])
-def test_a_ray_lands_where_the_lens_model_has_it(side: str) -> None:
+def test_a_ray_lands_where_the_lens_model_has_it(side):
     display = HIDDEN.replace(curved_side=side)
     random = np.random.default_rng(2)
     index = random.integers(0, (28, 20), (500, 2))
@@ -233,7 +233,7 @@ def test_a_ray_lands_where_the_lens_model_has_it(side: str) -> None:
     np.testing.assert_allclose(landed, np.stack([x, y], axis=-1), atol=1e-12)
 
 
-def test_a_ray_beyond_its_cell_stays_with_its_lens() -> None:
+def test_a_ray_beyond_its_cell_stays_with_its_lens():
     index = np.array([[14, 10], [14, 10]])
     flat = HIDDEN.replace(rotation_deg=0, shift_x_mm=0, shift_y_mm=0, tilt_x_deg=0, tilt_y_deg=0)
     edge = np.array([[0.499, 0.501], [-0.5, -0.5], [0, 0], [0, 0]]) * 1.0073 + [
@@ -246,7 +246,7 @@ def test_a_ray_beyond_its_cell_stays_with_its_lens() -> None:
 @pytest.mark.parametrize(
     ("side", "eye"), [("viewer", (-45.0, 30.0, 120.0)), ("panel", (-24.0, 18.0, 120.0))]
 )
-def test_outlines_are_where_the_relief_s_seams_are_seen(side: str, eye: tuple) -> None:
+def test_outlines_are_where_the_relief_s_seams_are_seen(side, eye):
     display = HIDDEN.replace(curved_side=side)
     axes = look_at(eye)
     lens = Lens((720, 960), 3400.0, (480.0, 360.0))
@@ -272,7 +272,7 @@ def test_outlines_are_where_the_relief_s_seams_are_seen(side: str, eye: tuple) -
 
 
 @pytest.mark.slow
-def test_derivatives_of_one_pose_are_of_its_position_alone() -> None:
+def test_derivatives_of_one_pose_are_of_its_position_alone():
     result = found(*EYES)
     seen, guess = result.seen, result.guess
     free = np.ones(guess.steps.size, bool)
@@ -287,7 +287,7 @@ def test_derivatives_of_one_pose_are_of_its_position_alone() -> None:
     assert np.abs(slopes[second, : 2 * (rays_ + outlines)]).max() == 0
 
 
-def test_imperfections_are_what_they_say() -> None:
+def test_imperfections_are_what_they_say():
     result = found(*EYES)
     seen, guess = result.seen, result.guess
     magnified, deeper = seen.imperfections(guess)
@@ -313,7 +313,7 @@ def at_truth() -> tuple[Seen, Guess]:
     return Seen.of(counted, HIDDEN), Guess(HIDDEN, camera, tuple(poses))
 
 
-def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet() -> None:
+def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet():
     seen, guess = at_truth()
 
     def looks(seen: Seen) -> np.ndarray:
@@ -329,7 +329,7 @@ def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet() -> None:
 
 
 @pytest.mark.parametrize("name", EYES)
-def test_a_camera_stands_where_photographs_of_a_known_display_say(name: str) -> None:
+def test_a_camera_stands_where_photographs_of_a_known_display_say(name):
     eye, target, roll = EYES[name]
     camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
     pose = stand(lenses(name), HIDDEN, camera, name)
@@ -337,7 +337,7 @@ def test_a_camera_stands_where_photographs_of_a_known_display_say(name: str) -> 
     np.testing.assert_allclose(pose.turn, look_at(eye, target, roll), atol=0.001)
 
 
-def test_a_part_of_a_known_sheet_is_enough_to_stand_by() -> None:
+def test_a_part_of_a_known_sheet_is_enough_to_stand_by():
     photo = Photograph(*(part.copy() for part in taken("left")))
     u = np.mgrid[:360, :480][1]
     for part in photo[:3]:
@@ -347,7 +347,7 @@ def test_a_part_of_a_known_sheet_is_enough_to_stand_by() -> None:
     np.testing.assert_allclose(pose.eye_mm, EYES["left"][0], atol=0.2)
 
 
-def test_nobody_stands_before_another_display() -> None:
+def test_nobody_stands_before_another_display():
     camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
     with pytest.raises(FileError, match=r"^near: .* off what lenses of display"):
         stand(lenses("near"), HIDDEN.replace(rotation_deg=-2.0), camera, "near")
@@ -356,7 +356,7 @@ def test_nobody_stands_before_another_display() -> None:
 # -- the fit --------------------------------------------------------------------------------------
 
 
-def test_a_hidden_display_is_found_within_its_errors() -> None:
+def test_a_hidden_display_is_found_within_its_errors():
     result = found(*EYES)
     assert result.unknown == [] and result.edges_seen == (True, True)
     for name, one in result.estimates.items():
@@ -368,7 +368,7 @@ def test_a_hidden_display_is_found_within_its_errors() -> None:
         assert abs(truth(name) - getattr(DESIGN, name)) > 2 * limit, "the design would do"
 
 
-def test_cameras_are_found_where_they_stood() -> None:
+def test_cameras_are_found_where_they_stood():
     result = found(*EYES)
     for (eye, target, roll), pose, errors in zip(
         EYES.values(), result.guess.poses, result.pose_errors, strict=True
@@ -379,7 +379,7 @@ def test_cameras_are_found_where_they_stood() -> None:
 
 
 @pytest.mark.slow
-def test_one_straight_position_tells_the_rotation_only() -> None:
+def test_one_straight_position_tells_the_rotation_only():
     result = straight_on()
     assert abs(result.display.rotation_deg - HIDDEN.rotation_deg) < 0.05
     assert {*result.unknown} == {*PARAMETERS} - {"rotation_deg"}
@@ -389,7 +389,7 @@ def test_one_straight_position_tells_the_rotation_only() -> None:
         assert abs(one.value - truth(name)) < 4 * one.error, name
 
 
-def test_known_intrinsics_are_kept_and_help() -> None:
+def test_known_intrinsics_are_kept_and_help():
     camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
     result = calibrate({name: lenses(name) for name in EYES}, DESIGN, camera=camera)
     assert result.guess.camera == camera
@@ -400,7 +400,7 @@ def test_known_intrinsics_are_kept_and_help() -> None:
         assert one.error < 1.3 * own.estimates[name].error
 
 
-def test_half_the_sheet_under_a_thumb_still_works() -> None:
+def test_half_the_sheet_under_a_thumb_still_works():
     u = np.mgrid[:360, :480][1]
     covered = {}
     for name in EYES:
@@ -417,7 +417,7 @@ def test_half_the_sheet_under_a_thumb_still_works() -> None:
 
 
 @pytest.mark.slow
-def test_without_its_edges_the_shift_nearest_to_the_design_is_given() -> None:
+def test_without_its_edges_the_shift_nearest_to_the_design_is_given():
     v, u = np.mgrid[:360, :480]
     design = DESIGN.replace(shift_x_mm=2.0, panel_rows=ROWS, panel_columns=COLUMNS)
     cut = {}
@@ -438,7 +438,7 @@ def test_without_its_edges_the_shift_nearest_to_the_design_is_given() -> None:
 # -- what is refused ------------------------------------------------------------------------------
 
 
-def test_an_array_that_lies_a_lens_over_is_the_same_array() -> None:
+def test_an_array_that_lies_a_lens_over_is_the_same_array():
     known = found(*EYES)
     true = known.guess.display
     over = np.radians(true.rotation_deg)
@@ -465,7 +465,7 @@ def test_an_array_that_lies_a_lens_over_is_the_same_array() -> None:
     assert kept.display.shift_x_mm == true.shift_x_mm
 
 
-def test_photographs_of_another_display_are_refused() -> None:
+def test_photographs_of_another_display_are_refused():
     other = DESIGN.replace(pitch_mm=1.08, panel_rows=ROWS, panel_columns=COLUMNS)
     seen = {name: find_lenses(taken(name), other, name) for name in ("near", "left")}
     with pytest.raises(FileError, match=r"^near: lenses lie 15\.\d+ panel pixels apart.*--display"):
@@ -473,32 +473,32 @@ def test_photographs_of_another_display_are_refused() -> None:
 
 
 @pytest.mark.parametrize("zoom", [0.9, 1.1, 1.25])
-def test_patterns_that_the_browser_scaled_are_refused(zoom: float) -> None:
+def test_patterns_that_the_browser_scaled_are_refused(zoom):
     one = lenses("near")
     scaled = replace(one, panel_px=one.panel_px / zoom, middle_px=one.middle_px / zoom)
     with pytest.raises(FileError, match=r"^near: lenses lie .* show the patterns pixel by pixel"):
         calibrate({"near": scaled}, DESIGN)
 
 
-def test_more_lenses_than_there_are_is_another_display() -> None:
+def test_more_lenses_than_there_are_is_another_display():
     fewer = DESIGN.replace(lens_columns=20, panel_rows=ROWS, panel_columns=COLUMNS)
     with pytest.raises(FileError, match=r"28 columns of lenses are seen, display small has 20"):
         calibrate({"near": lenses("near"), "far": lenses("far")}, fewer)
 
 
-def test_mirrored_photographs_are_refused() -> None:
+def test_mirrored_photographs_are_refused():
     mirrored = Photograph(*(part[:, ::-1].copy() for part in taken("near")))
     with pytest.raises(FileError, match=r"^near: the photographs are mirrored"):
         calibrate({"near": find_lenses(mirrored, DESIGN, "near")}, DESIGN)
 
 
-def test_another_size_of_photograph_is_another_camera() -> None:
+def test_another_size_of_photograph_is_another_camera():
     other = replace(lenses("far"), shape=(480, 360))
     with pytest.raises(FileError, match="480 x 360 and of 360 x 480 pixels"):
         calibrate({"near": lenses("near"), "far": other}, DESIGN)
 
 
-def test_a_sheet_that_slipped_between_positions_is_refused() -> None:
+def test_a_sheet_that_slipped_between_positions_is_refused():
     eye, target, roll = EYES["far"]
     slipped = HIDDEN.replace(rotation_deg=HIDDEN.rotation_deg + 1)
     photo = photograph(slipped, CAMERA, eye, look_at(eye, target, roll), 3)
@@ -507,7 +507,7 @@ def test_a_sheet_that_slipped_between_positions_is_refused() -> None:
         calibrate(seen, DESIGN)
 
 
-def test_a_strip_of_the_sheet_is_too_little() -> None:
+def test_a_strip_of_the_sheet_is_too_little():
     photo = Photograph(*(part.copy() for part in taken("near")))
     for part in photo[:3]:
         part[:, 90:] = np.nan
@@ -515,7 +515,7 @@ def test_a_strip_of_the_sheet_is_too_little() -> None:
         calibrate({"strip": find_lenses(photo, DESIGN, "strip")}, DESIGN)
 
 
-def test_other_lattices_are_refused() -> None:
+def test_other_lattices_are_refused():
     with pytest.raises(UsageError, match="lattice = 'hexagonal' cannot be calibrated"):
         calibrate({"near": lenses("near")}, DESIGN.replace(lattice="hexagonal"))
 
@@ -523,7 +523,7 @@ def test_other_lattices_are_refused() -> None:
 # -- what is written ------------------------------------------------------------------------------
 
 
-def test_the_display_file_is_the_display(tmp_path) -> None:
+def test_the_display_file_is_the_display(tmp_path):
     result = found(*EYES)
     path = tmp_path / "mine.xml"
     path.write_text(display_file(result, "phone"), "utf-8")
@@ -537,7 +537,7 @@ def test_the_display_file_is_the_display(tmp_path) -> None:
     assert path.read_text("utf-8").count("±") == len(PARAMETERS)
 
 
-def test_a_file_of_what_is_not_determined_says_so(tmp_path) -> None:
+def test_a_file_of_what_is_not_determined_says_so(tmp_path):
     text = display_file(straight_on(), "phone")
     for name in straight_on().unknown:
         line = next(one for one in text.splitlines() if f"inim.{name}" in one)
@@ -545,7 +545,7 @@ def test_a_file_of_what_is_not_determined_says_so(tmp_path) -> None:
         assert f'value="{getattr(DESIGN, name):g}"' in line
 
 
-def test_the_report_keeps_its_schema_and_shows_what_it_says(tmp_path) -> None:
+def test_the_report_keeps_its_schema_and_shows_what_it_says(tmp_path):
     result = found(*EYES)
     document = calibration_document(
         result, "Calibration: <photos>", "inim calibrate photos -o mine.xml"
@@ -562,7 +562,7 @@ def test_the_report_keeps_its_schema_and_shows_what_it_says(tmp_path) -> None:
     assert (tmp_path / "residuals.png").stat().st_size > 10_000
 
 
-def test_maps_of_residuals_have_no_pattern(tmp_path) -> None:
+def test_maps_of_residuals_have_no_pattern(tmp_path):
     for _, panel, outline in residual_maps(found(*EYES)):
         assert panel.shape == outline.shape == (20, 28, 2)
         # Noise of a lens: a third of a panel pixel and a fifth of a photograph's.
@@ -573,7 +573,7 @@ def test_maps_of_residuals_have_no_pattern(tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_advice_says_what_a_further_position_brings() -> None:
+def test_advice_says_what_a_further_position_brings():
     three = found("near", "left", "above")
     advised = next_positions(three)
     document = calibration_document(three, "Calibration", "inim calibrate")
@@ -591,7 +591,7 @@ def test_advice_says_what_a_further_position_brings() -> None:
         assert promised / 2 < kept < 2 * promised, name
 
 
-def test_a_guess_moves_all_that_it_is_told_to() -> None:
+def test_a_guess_moves_all_that_it_is_told_to():
     guess = found(*EYES).guess
     by = np.arange(1, guess.steps.size + 1) * 1e-3
     moved = guess.moved(by)

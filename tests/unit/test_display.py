@@ -29,7 +29,7 @@ def display(**changes: Any) -> Display:
 # -- formulas -----------------------------------------------------------------------------------
 
 
-def test_nominal_display_by_hand() -> None:
+def test_nominal_display_by_hand():
     # D = 3 * 3.3 / 0.3; P_I = 33 / 17 / 3.3; span = 2 * 33 * P_I / 1.
     assert NOMINAL.central_depth_mm == pytest.approx(33, rel=1e-12)
     assert NOMINAL.scene_pixel_mm == pytest.approx(10 / 17, rel=1e-12)
@@ -45,7 +45,7 @@ def test_nominal_display_by_hand() -> None:
     assert NOMINAL.eia_shape == (1088, 1088)
 
 
-def test_gap_below_the_focal_length_shows_virtual_images_behind_the_array() -> None:
+def test_gap_below_the_focal_length_shows_virtual_images_behind_the_array():
     virtual = display(gap_mm=2.7)
     assert virtual.central_depth_mm == pytest.approx(-27, rel=1e-12)
     assert virtual.scene_pixel_mm == pytest.approx(10 / 17, rel=1e-12)
@@ -55,7 +55,7 @@ def test_gap_below_the_focal_length_shows_virtual_images_behind_the_array() -> N
     assert (low + high) / 2 == pytest.approx(-27)
 
 
-def test_focused_display_needs_a_depth_range() -> None:
+def test_focused_display_needs_a_depth_range():
     with pytest.raises(DisplayError, match=r"gap_mm = focal_length_mm = 3\.0.*depth_min_mm"):
         display(gap_mm=3.0)
     focused = display(gap_mm=3.0, depth_min_mm=-5, depth_max_mm=20)
@@ -67,9 +67,7 @@ def test_focused_display_needs_a_depth_range() -> None:
 
 @pytest.mark.parametrize(("gap", "side"), [(3.3, 1), (2.7, -1)])
 @pytest.mark.parametrize("pixels", [2, 4, 7, 9, 10, 13])
-def test_range_that_would_cross_the_array_is_cut_in_front_of_it_and_says_so(
-    gap: float, side: int, pixels: int
-) -> None:
+def test_range_that_would_cross_the_array_is_cut_in_front_of_it_and_says_so(gap, side, pixels):
     # Half the span is 10 / pixels of |D|, for either gap: 10 pixels and fewer reach the array.
     shown = display(gap_mm=gap, pixel_pitch_mm=1 / pixels)
     centre, half = shown.central_depth_mm, shown.depth_span_mm / 2
@@ -82,7 +80,7 @@ def test_range_that_would_cross_the_array_is_cut_in_front_of_it_and_says_so(
 
 
 @pytest.mark.parametrize("gap", [3.3, 2.7])
-def test_range_that_just_clears_the_array_is_the_formulas_or_is_called_cut(gap: float) -> None:
+def test_range_that_just_clears_the_array_is_the_formulas_or_is_called_cut(gap):
     # The formula leaves 0.5 mm to the array, less than the pitch that a cut keeps free.
     base = display(gap_mm=gap)
     pixel = base.pixel_pitch_mm * (1 - 0.5 / abs(base.central_depth_mm))
@@ -94,13 +92,13 @@ def test_range_that_just_clears_the_array_is_the_formulas_or_is_called_cut(gap: 
     assert shown.depth_range_is_cut == cut
 
 
-def test_stated_depth_range_replaces_the_formula() -> None:
+def test_stated_depth_range_replaces_the_formula():
     shown = display(depth_min_mm=-3, depth_max_mm=4, pixel_pitch_mm=0.5)
     assert shown.depth_range_mm == (-3.0, 4.0)
     assert not shown.depth_range_is_cut
 
 
-def test_elemental_pitch_decides_the_pixels_of_a_lens_not_the_array() -> None:
+def test_elemental_pitch_decides_the_pixels_of_a_lens_not_the_array():
     # Aimed at a viewer at 500 mm.
     pitch = 1.0 * (500 + 3.3) / 500
     shown = display(elemental_pitch_mm=pitch, pixel_pitch_mm=pitch / 17)
@@ -117,23 +115,21 @@ LENGTHS = ["pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm"]
 
 @pytest.mark.parametrize("name", [*LENGTHS, "pitch_y_mm", "shift_x_mm", "depth_max_mm"])
 @pytest.mark.parametrize("value", [1e39, 1e200, -1e300])
-def test_length_beyond_float32_is_refused_and_not_found_out_by_an_overflow(
-    name: str, value: float
-) -> None:
+def test_length_beyond_float32_is_refused_and_not_found_out_by_an_overflow(name, value):
     if value < 0 and name in [*LENGTHS, "pitch_y_mm"]:
         value = -value
     with pytest.raises(DisplayError, match=re.escape(f"{name} = {value:g}: at most 1e+38 mm")):
         display(**{"depth_min_mm": -1.0, "depth_max_mm": 1.0, name: value})
 
 
-def test_longest_lengths_still_have_a_capture() -> None:
+def test_longest_lengths_still_have_a_capture():
     lengths = {"pitch_mm": 1e37, "focal_length_mm": 3e37, "gap_mm": 3.3e37}
     assert display(pixel_pitch_mm=2e36, **lengths).capture_shape(5)[0] > 320
 
 
 @pytest.mark.parametrize("name", [*LENGTHS, "elemental_pitch_mm", "lens_thickness_mm"])
 @pytest.mark.parametrize("value", [0, -1.5, math.nan, math.inf, True, "1"])
-def test_length_that_is_none_is_refused_by_name_and_value(name: str, value: Any) -> None:
+def test_length_that_is_none_is_refused_by_name_and_value(name, value):
     what = "must be a (positive length|finite number)"
     wanted = rf"^{name} = '?{re.escape(str(value))}(\.0)?'?: {what}$"
     with pytest.raises(DisplayError, match=wanted):
@@ -142,7 +138,7 @@ def test_length_that_is_none_is_refused_by_name_and_value(name: str, value: Any)
 
 @pytest.mark.parametrize("name", ["lens_columns", "lens_rows", "panel_columns", "panel_rows"])
 @pytest.mark.parametrize("value", [0, -3, 2.5, 2.0, True, "4"])
-def test_count_that_is_none_is_refused_by_name_and_value(name: str, value: Any) -> None:
+def test_count_that_is_none_is_refused_by_name_and_value(name, value):
     with pytest.raises(DisplayError, match=rf"^{name} = {value!r}: must be a whole number"):
         display(**{name: value})
 
@@ -162,19 +158,17 @@ def test_count_that_is_none_is_refused_by_name_and_value(name: str, value: Any) 
         ({"depth_min_mm": 0.0, "depth_max_mm": math.inf}, r"depth_max_mm = inf"),
     ],
 )
-def test_impossible_display_is_refused_in_one_line_with_the_value(
-    changes: dict[str, Any], message: str
-) -> None:
+def test_impossible_display_is_refused_in_one_line_with_the_value(changes, message):
     with pytest.raises(DisplayError, match=message) as caught:
         display(**changes)
     assert "\n" not in str(caught.value)
 
 
-def test_numpy_counts_are_counts() -> None:
+def test_numpy_counts_are_counts():
     assert display(lens_columns=np.int64(5)).eia_shape == (1088, 85)
 
 
-def test_display_does_not_change() -> None:
+def test_display_does_not_change():
     with pytest.raises(AttributeError):
         NOMINAL.gap_mm = 4.0  # type: ignore[misc]
 
@@ -182,7 +176,7 @@ def test_display_does_not_change() -> None:
 # -- pixels -------------------------------------------------------------------------------------
 
 
-def test_phone_addresses_every_pixel_by_position_without_drift() -> None:
+def test_phone_addresses_every_pixel_by_position_without_drift():
     # 159 / 2500 mm pixels under 1 mm lenses, the panel centred under the array.
     ratio = 1 / Fraction(159, 2500)
     for axis, pixels, lenses in ((PHONE.columns, 2400, 152), (PHONE.rows, 1080, 68)):
@@ -199,7 +193,7 @@ def test_phone_addresses_every_pixel_by_position_without_drift() -> None:
     assert not PHONE.has_integer_ratio
 
 
-def test_phone_rays_follow_eq_1_to_rounding() -> None:
+def test_phone_rays_follow_eq_1_to_rounding():
     for axis, pixels, lenses, sign in (
         (PHONE.columns, 2400, 152, 1),
         (PHONE.rows, 1080, 68, -1),
@@ -223,8 +217,8 @@ def test_phone_rays_follow_eq_1_to_rounding() -> None:
     elemental_um=st.none() | st.integers(900, 2600),
 )
 def test_lens_of_every_pixel_is_that_of_its_exact_position(
-    pixel_um: int, pitch_um: int, lenses: int, panel: int | None, elemental_um: int | None
-) -> None:
+    pixel_um, pitch_um, lenses, panel, elemental_um
+):
     shown = Display(
         pitch_mm=pitch_um / 1000,
         focal_length_mm=3.0,
@@ -256,7 +250,7 @@ def test_lens_of_every_pixel_is_that_of_its_exact_position(
     ],
     ids=["nominal", "phone", "even", "odd lengths", "elemental pitch"],
 )
-def test_halves_of_an_axis_mirror_each_other_bit_for_bit(shown: Display) -> None:
+def test_halves_of_an_axis_mirror_each_other_bit_for_bit(shown):
     for axis, lenses in ((shown.columns, shown.lens_columns), (shown.rows, shown.lens_rows)):
         inside = axis.lens >= 0
         assert np.array_equal(inside, inside[::-1])
@@ -266,7 +260,7 @@ def test_halves_of_an_axis_mirror_each_other_bit_for_bit(shown: Display) -> None
         assert np.array_equal(axis.slope[inside], -axis.slope[::-1][inside])
 
 
-def test_rows_run_down_and_columns_to_the_right() -> None:
+def test_rows_run_down_and_columns_to_the_right():
     assert (np.diff(NOMINAL.columns.position_mm) > 0).all()
     assert (np.diff(NOMINAL.rows.position_mm) < 0).all()
     assert NOMINAL.rows.lens[0] == 0 and NOMINAL.rows.centre_mm[0] == 31.5
@@ -291,9 +285,7 @@ def shows_a_flipped_view(shown: Display, eye: float, distance: float, lenses: in
 
 @pytest.mark.parametrize("elemental", [None, 1.0066, 1.003, 1.02, 0.999])
 @pytest.mark.parametrize("distance", [300.0, 500.0, 2000.0])
-def test_flip_limit_is_where_the_first_lens_looks_under_its_neighbour(
-    elemental: float | None, distance: float
-) -> None:
+def test_flip_limit_is_where_the_first_lens_looks_under_its_neighbour(elemental, distance):
     shown = display(elemental_pitch_mm=elemental, lens_columns=15, lens_rows=40)
     limits = shown.flip_limit_mm(distance)
     for limit, lenses in zip(limits, (15, 40), strict=True):
@@ -309,8 +301,8 @@ def test_flip_limit_is_where_the_first_lens_looks_under_its_neighbour(
 
 @pytest.mark.parametrize("elemental", [None, 1.0066, 0.999])
 def test_nearest_viewing_distance_is_where_the_flip_limit_reaches_zero(
-    elemental: float | None,
-) -> None:
+    elemental,
+):
     shown = display(elemental_pitch_mm=elemental)
     nearest = shown.nearest_viewing_distance_mm
     assert shown.flip_limit_mm(nearest) == pytest.approx((0, 0), abs=1e-9)
@@ -318,7 +310,7 @@ def test_nearest_viewing_distance_is_where_the_flip_limit_reaches_zero(
     assert shows_a_flipped_view(shown, 0.0, nearest * (1 - 1e-9), 64)
 
 
-def test_elemental_pitch_without_any_viewing_distance_is_an_error() -> None:
+def test_elemental_pitch_without_any_viewing_distance_is_an_error():
     with pytest.raises(DisplayError, match=r"elemental_pitch_mm = 0\.9 against pitch_mm = 1"):
         _ = display(elemental_pitch_mm=0.9).nearest_viewing_distance_mm
 
@@ -327,12 +319,12 @@ def test_elemental_pitch_without_any_viewing_distance_is_an_error() -> None:
 
 
 @pytest.mark.parametrize("shown", [*DISPLAYS.values(), display(depth_min_mm=1, depth_max_mm=2)])
-def test_given_values_make_the_same_display(shown: Display) -> None:
+def test_given_values_make_the_same_display(shown):
     assert Display(**shown.given()) == shown
     assert Display(**json.loads(json.dumps(shown.given()))) == shown
 
 
-def test_derived_values_are_those_of_the_properties_and_fit_json() -> None:
+def test_derived_values_are_those_of_the_properties_and_fit_json():
     derived = PHONE.derived()
     assert json.loads(json.dumps(derived, allow_nan=False)) == derived
     assert (derived["eia_rows"], derived["eia_columns"]) == PHONE.eia_shape == (1080, 2400)
@@ -341,11 +333,11 @@ def test_derived_values_are_those_of_the_properties_and_fit_json() -> None:
     assert derived["pixels_per_lens"] == pytest.approx(15.723, abs=5e-4)
 
 
-def test_derived_values_are_told_whatever_the_display() -> None:
+def test_derived_values_are_told_whatever_the_display():
     assert "width_mm" in display(elemental_pitch_mm=0.9).derived()
 
 
-def test_replace_checks_anew() -> None:
+def test_replace_checks_anew():
     assert NOMINAL.replace(gap_mm=3.5).gap_mm == 3.5
     with pytest.raises(DisplayError):
         NOMINAL.replace(gap_mm=0)
@@ -389,20 +381,20 @@ RAYS: dict[str, Any] = {
 }
 
 
-def test_displays_that_differ_in_their_lenses_are_one_through_pinholes() -> None:
+def test_displays_that_differ_in_their_lenses_are_one_through_pinholes():
     assert {*LENSES, *RAYS} == NOMINAL.given().keys()
     theirs = display(**LENSES)
     assert theirs.through_pinholes() == NOMINAL.through_pinholes() == display(name="")
 
 
 @pytest.mark.parametrize("name", RAYS)
-def test_what_decides_rays_through_lens_centres_is_kept_through_pinholes(name: str) -> None:
+def test_what_decides_rays_through_lens_centres_is_kept_through_pinholes(name):
     given = {"depth_min_mm": 10.0, "depth_max_mm": 50.0} | {name: RAYS[name]}
     kept = display(**LENSES, **given).through_pinholes()
     assert kept.given() == NOMINAL.given() | given | {"name": ""}
 
 
-def test_rays_through_pinholes_are_those_of_the_display() -> None:
+def test_rays_through_pinholes_are_those_of_the_display():
     """The pickup of the true EIA, the depth camera and the viewing zone know no lens."""
     for mounted in ({}, {"rotation_deg": 2.0, "tilt_x_deg": 1.0}):
         theirs = display(**LENSES, **mounted)

@@ -50,17 +50,17 @@ def refusal(path: Path, content: str | bytes) -> str:
     return message
 
 
-def test_document_reads_back_as_written(tmp_path: Path) -> None:
+def test_document_reads_back_as_written(tmp_path):
     document = Notes(title="jug \udcff", scores={"a": Score(value=0.5, note="b")}, columns=3)
     write_document(tmp_path / "notes.json", document)
     assert read_document(tmp_path / "notes.json", "", Other, Notes) == document
 
 
-def test_defaults_are_left_out() -> None:
+def test_defaults_are_left_out():
     assert json.loads(encode(Notes(title="a"))) == {"schema": "inim.notes/1", "title": "a"}
 
 
-def test_numbers_that_are_not_finite_are_null_and_return_as_nan() -> None:
+def test_numbers_that_are_not_finite_are_null_and_return_as_nan():
     values = {"nan": math.nan, "low": -math.inf, "psnr": math.inf, "none": None}
     text = encode(Notes(title="a", scores={k: Score(value=v) for k, v in values.items()}))
     assert json.loads(text)["not_finite"] == [["scores", k, "value"] for k in ("nan", "low")]
@@ -101,7 +101,7 @@ NOTES: dict[str, Any] = {"schema": "inim.notes/1", "title": "a"}
         (" " * (2**24 + 1), "at most 16 MiB are read"),
     ],
 )  # fmt: skip
-def test_a_refusal_is_one_line_with_the_place(content: Any, message: str, tmp_path: Path) -> None:
+def test_a_refusal_is_one_line_with_the_place(content, message, tmp_path):
     assert message in refusal(tmp_path / "notes.json", content)
 
 
@@ -140,7 +140,7 @@ def mutations(value: Any) -> Iterator[Any]:
 
 
 @pytest.mark.parametrize("name", SOUND)
-def test_reader_accepts_its_documents_and_refuses_what_the_schema_refuses(name: str) -> None:
+def test_reader_accepts_its_documents_and_refuses_what_the_schema_refuses(name):
     document = completed(name, SOUND[name])
     validator = Draft202012Validator(schema(name))
     validator.validate(document)
@@ -157,6 +157,6 @@ def test_reader_accepts_its_documents_and_refuses_what_the_schema_refuses(name: 
 
 
 @pytest.mark.parametrize("path", sorted(Path("reports/gallery").glob("*/report*.json")), ids=str)
-def test_committed_report_reads_and_writes_back_equal(path: Path) -> None:
+def test_committed_report_reads_and_writes_back_equal(path):
     text = path.read_text("utf-8")
     assert json.loads(encode(decode(text, ReportDocument))) == json.loads(text)

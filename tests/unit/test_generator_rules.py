@@ -92,7 +92,7 @@ def ray_at(shown: Display, z: float) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("depth", [6.0, -4.0, -7.25])
 @BASES
-def test_flat_surface_shows_the_cell_at_its_depth(depth: float, base: dict[str, Any]) -> None:
+def test_flat_surface_shows_the_cell_at_its_depth(depth, base):
     shown = display(base, depth_min_mm=-8.0, depth_max_mm=8.0)
     sources = find_sources(picture(np.full((60, 66), depth), 0.1873), shown)
     y, x = ray_at(shown, depth)
@@ -101,7 +101,7 @@ def test_flat_surface_shows_the_cell_at_its_depth(depth: float, base: dict[str, 
 
 
 @pytest.mark.parametrize("z", [4.0, 8.0, -4.0, -8.0])
-def test_single_cell_appears_where_similar_triangles_put_it(z: float) -> None:
+def test_single_cell_appears_where_similar_triangles_put_it(z):
     # A thin slice of depth about z, so that the cell's walls show nothing.
     thin = 2.0**-12
     shown = display(depth_min_mm=z - thin, depth_max_mm=z + thin)
@@ -120,7 +120,7 @@ def test_single_cell_appears_where_similar_triangles_put_it(z: float) -> None:
 
 @pytest.mark.parametrize("algorithm", ["template", "gu2020"])
 @pytest.mark.parametrize("mode", [{}, VIRTUAL], ids=["real", "virtual"])
-def test_nearer_square_hides_farther_one(algorithm: str, mode: dict[str, float]) -> None:
+def test_nearer_square_hides_farther_one(algorithm, mode):
     shown = display(NOMINAL, **mode)
     rgbd = two_squares(shown)
     sources, near = find_sources(rgbd, shown, algorithm), rgbd.depth_mm.max()
@@ -131,14 +131,14 @@ def test_nearer_square_hides_farther_one(algorithm: str, mode: dict[str, float])
     assert (rgbd.depth_mm.ravel()[sources[meets]] == near).all()
 
 
-def test_first_row_of_the_picture_is_the_upper_one() -> None:
+def test_first_row_of_the_picture_is_the_upper_one():
     shown = display(depth_min_mm=-0.01, depth_max_mm=0.01)
     lens = np.arange(12).reshape(3, 4)
     sources = find_sources(picture(np.zeros((3, 4)), 1.0), shown)
     assert np.array_equal(sources, np.kron(lens, np.ones((8, 8), int)))
 
 
-def test_surface_exactly_at_the_leaving_depth_is_seen_one_ulp_below_it_is_not() -> None:
+def test_surface_exactly_at_the_leaving_depth_is_seen_one_ulp_below_it_is_not():
     # Panel column 3 is 1/16 mm left of the only lens: X(z) = z / 32 mm, one cell per 8 mm.
     # The ray leaves column 9 of 16, [1/4, 1/2] mm, at z = 8. Panel row 3 likewise, downwards.
     shown = display(lens_rows=1, lens_columns=1, depth_min_mm=-20.0, depth_max_mm=20.0)
@@ -148,7 +148,7 @@ def test_surface_exactly_at_the_leaving_depth_is_seen_one_ulp_below_it_is_not() 
         assert sources[3, 3] == (9 * 16 + 9 if seen else HOLE), depth
 
 
-def test_ray_along_a_border_belongs_to_the_larger_row_and_column() -> None:
+def test_ray_along_a_border_belongs_to_the_larger_row_and_column():
     # Odd pixels: the middle one is under the lens centre and looks straight ahead, along the
     # corner of four cells where the picture is even.
     shown = display(pitch_mm=0.875, lens_rows=1, lens_columns=1)
@@ -159,7 +159,7 @@ def test_ray_along_a_border_belongs_to_the_larger_row_and_column() -> None:
 
 
 @pytest.mark.parametrize("panel_column", [3, 4])
-def test_border_met_exactly_at_either_end_of_the_ray_adds_no_cell(panel_column: int) -> None:
+def test_border_met_exactly_at_either_end_of_the_ray_adds_no_cell(panel_column):
     # Slopes of 1/8 cell per mm: from z_max = 16 to z_min = -16 the ray passes columns 6 to 9, up
     # or down, and meets the border of one more at each end. Rows alike.
     shown = display(lens_rows=1, lens_columns=1, depth_min_mm=-16.0, depth_max_mm=16.0)
@@ -174,14 +174,14 @@ def test_border_met_exactly_at_either_end_of_the_ray_adds_no_cell(panel_column: 
 
 
 @pytest.mark.parametrize("algorithm", ["template", "gu2020", "gu2020:step_mm=20.9"])
-def test_depth_equal_to_the_far_end_is_seen_below_it_is_not(algorithm: str) -> None:
+def test_depth_equal_to_the_far_end_is_seen_below_it_is_not(algorithm):
     shown = display(depth_min_mm=4.0, depth_max_mm=8.0)
     for depth, holes in ((np.float32(4.0), 0), (np.nextafter(np.float32(4.0), np.float32(0)), 1)):
         rgbd = picture(np.full((40, 48), depth), 0.25)
         assert hole_fraction(find_sources(rgbd, shown, algorithm)) == holes
 
 
-def test_columns_that_end_are_nearer_to_the_truth_than_solid_ones() -> None:
+def test_columns_that_end_are_nearer_to_the_truth_than_solid_ones():
     shown = small_display(24, 24, 17)
     rgbd = two_spheres(shown, shown.capture_shape(5), shown.capture_pixel_mm(5))
     truth = srgb_from_linear(two_spheres_eia(shown))
@@ -192,7 +192,7 @@ def test_columns_that_end_are_nearer_to_the_truth_than_solid_ones() -> None:
     assert 10 * math.log10(error[0] / error[1]) > 4
 
 
-def test_rays_and_tables_without_end_are_refused_or_walked() -> None:
+def test_rays_and_tables_without_end_are_refused_or_walked():
     """A picture of 50,000 pixels per pitch took 894 GiB as tables."""
     fine = small_display(3, 3, pixels=5, depth_min_mm=1e-3, depth_max_mm=1.5e-3)
     rgbd = solids_of(noise(fine, (16, 16), 2e-5), fine)
@@ -204,7 +204,7 @@ def test_rays_and_tables_without_end_are_refused_or_walked() -> None:
                 prepare(shown, algorithm, shape=(9, 9), pixel_mm=0.5)
 
 
-def test_only_arrays_with_parallel_pixels_share_lists() -> None:
+def test_only_arrays_with_parallel_pixels_share_lists():
     assert shares_directions(DISPLAYS["nominal"])
     assert not shares_directions(DISPLAYS["phone"])
     assert not shares_directions(small_display(pixels=8, elemental_pitch_mm=1.001))
@@ -232,7 +232,7 @@ def searched(rgbd: RGBD, shown: Display, step: float) -> np.ndarray:
 
 @pytest.mark.parametrize("mode", [{"depth_min_mm": 20.0, "depth_max_mm": 41.0}, VIRTUAL])
 @pytest.mark.parametrize("step", [0.37, 5.3])
-def test_gu2020_steps_as_far_as_it_is_told(mode: dict[str, float], step: float) -> None:
+def test_gu2020_steps_as_far_as_it_is_told(mode, step):
     shown = small_display(4, 3, pixel_pitch_mm=1 / 15.7, **mode)
     rgbd = noise(shown, (33, 37), 0.27171, covered=0.4)
     sources = find_sources(rgbd, shown, "gu2020", step_mm=step)
@@ -240,7 +240,7 @@ def test_gu2020_steps_as_far_as_it_is_told(mode: dict[str, float], step: float) 
     assert np.array_equal(sources[lensed], searched(rgbd, shown, step)[lensed])
 
 
-def test_wrong_sources_of_gu2020_fade_as_the_step_does() -> None:
+def test_wrong_sources_of_gu2020_fade_as_the_step_does():
     shown = display(NOMINAL)
     rgbd = noise(shown, (60, 66), 0.2371, covered=0.5)
     right = find_sources(rgbd, shown, SOLID)
@@ -254,7 +254,7 @@ def test_wrong_sources_of_gu2020_fade_as_the_step_does() -> None:
 
 
 @pytest.mark.parametrize("step", ["0", -1, "fast", "nan", "inf", True, 1e-9])
-def test_step_that_makes_no_sense_is_refused_by_name(step: Any) -> None:
+def test_step_that_makes_no_sense_is_refused_by_name(step):
     with pytest.raises(UsageError, match="step_mm"):
         prepare(display(NOMINAL), "gu2020", shape=(4, 4), pixel_mm=1.0, step_mm=step)
 
@@ -305,9 +305,7 @@ def entries(
      {"matching": "ray", "rounding": "up", "step_pixel": "scene"}],
     ids=str,
 )  # fmt: skip
-def test_wang2024_takes_the_best_entry_under_each_option(
-    mode: dict[str, float], pixels: int, options: dict[str, str]
-) -> None:
+def test_wang2024_takes_the_best_entry_under_each_option(mode, pixels, options):
     shown = small_display(3, 2, pixels, **mode)
     rgbd = noise(shown, (23, 20), 0.2717, seed=pixels)
     sources = find_sources(rgbd, shown, "wang2024", **options)
@@ -325,9 +323,7 @@ def test_wang2024_takes_the_best_entry_under_each_option(
     [(20.0, 26.0, 23.0), (31.0, 37.0, 33.0), (28.0, 34.0, 33.0)],
     ids=["middle of the range", "D below the middle", "D above the middle"],
 )
-def test_single_entry_is_at_the_central_depth_plane_or_else_in_the_middle(
-    low: float, high: float, at: float
-) -> None:
+def test_single_entry_is_at_the_central_depth_plane_or_else_in_the_middle(low, high, at):
     # No ray moves by half a cell over a range this short: one entry each. D = 33.
     shown = small_display(3, 2, 5, depth_min_mm=low, depth_max_mm=high)
     sources = find_sources(picture(np.full((14, 15), at), 1.51), shown, "wang2024")
@@ -339,7 +335,7 @@ def test_single_entry_is_at_the_central_depth_plane_or_else_in_the_middle(
     assert np.array_equal(sources, row[:, None] * 15 + column)
 
 
-def test_along_the_ray_fewer_pixels_come_from_the_wrong_cell_than_from_the_whole_matrix() -> None:
+def test_along_the_ray_fewer_pixels_come_from_the_wrong_cell_than_from_the_whole_matrix():
     shown = display(NOMINAL)
     rgbd = two_squares(shown)
     right = find_sources(rgbd, shown)
@@ -354,7 +350,7 @@ def test_along_the_ray_fewer_pixels_come_from_the_wrong_cell_than_from_the_whole
 
 
 @pytest.mark.parametrize("z", [12.0, 33.0, -12.0, -33.0])
-def test_single_pixel_lands_where_the_closed_form_says(z: float) -> None:
+def test_single_pixel_lands_where_the_closed_form_says(z):
     shown = small_display(12, 10, pixels=9)
     row, column, cell = 11, 21, 0.2371
     sources = find_sources(only((31, 35), (row, column), z, cell), shown, "li2012")
@@ -371,14 +367,14 @@ def test_single_pixel_lands_where_the_closed_form_says(z: float) -> None:
     assert set(sources[sources >= 0]) == {row * 35 + column}
 
 
-def test_pixel_on_the_axis_lands_to_the_left_and_above() -> None:
+def test_pixel_on_the_axis_lands_to_the_left_and_above():
     sources = find_sources(only((3, 3), (1, 1), 20.0, 0.2), small_display(1, 1, 4), "li2012")
     assert np.argwhere(sources >= 0).tolist() == [[1, 1]]
 
 
 @pytest.mark.parametrize("shape", [(20, 25), (25, 20)])
 @pytest.mark.parametrize("levels", [1, 3])
-def test_equal_landings_keep_the_mirror(shape: tuple[int, int], levels: int) -> None:
+def test_equal_landings_keep_the_mirror(shape, levels):
     shown = small_display(4, 3, 5, depth_min_mm=20.0, depth_max_mm=41.0)
     random = np.random.default_rng(levels)
     rgbd = picture(20 + 7.0 * random.integers(0, levels, shape), 0.2, random.random(shape) < 0.8)
@@ -392,7 +388,7 @@ def test_equal_landings_keep_the_mirror(shape: tuple[int, int], levels: int) -> 
         assert np.array_equal(np.delete(named, middle, axis), np.delete(sources, middle, axis))
 
 
-def test_magnified_picture_leaves_holes_of_the_expected_share() -> None:
+def test_magnified_picture_leaves_holes_of_the_expected_share():
     # Images of neighbours are cell g / z = 2 panel pixels apart: one panel pixel in four is met.
     shown = small_display(6, 5, pixels=4)
     for cell_mm, cells, holes in ((5.0, 30, 0.75), (1.0, 200, 0)):
@@ -400,7 +396,7 @@ def test_magnified_picture_leaves_holes_of_the_expected_share() -> None:
         assert hole_fraction(find_sources(rgbd, shown, "li2012")) == holes
 
 
-def test_pixel_on_the_array_is_skipped_and_extreme_depths_do_no_harm() -> None:
+def test_pixel_on_the_array_is_skipped_and_extreme_depths_do_no_harm():
     shown = small_display(4, 4, pixels=9)
     depth = np.zeros((9, 9))
     assert (find_sources(picture(depth, 0.25), shown, "li2012") == HOLE).all()
@@ -416,7 +412,7 @@ def test_pixel_on_the_array_is_skipped_and_extreme_depths_do_no_harm() -> None:
 # -- the interface ------------------------------------------------------------------------------
 
 
-def test_hole_fraction_counts_lensed_pixels_only() -> None:
+def test_hole_fraction_counts_lensed_pixels_only():
     sources = np.array([[NO_LENS, NO_LENS, HOLE, 5], [NO_LENS, NO_LENS, 0, 1]], np.int32)
     assert hole_fraction(sources) == 0.25
     assert hole_fraction(np.full((2, 2), NO_LENS, np.int32)) == 0
@@ -438,9 +434,7 @@ def test_hole_fraction_counts_lensed_pixels_only() -> None:
         ("li2012:fill=telea", "fill = 'telea': use none or hidden or all"),
     ],
 )
-def test_unknown_names_options_and_values_are_refused_with_those_there_are(
-    algorithm: str, words: str
-) -> None:
+def test_unknown_names_options_and_values_are_refused_with_those_there_are(algorithm, words):
     with pytest.raises(UsageError, match=words):
         prepare(small_display(), algorithm, shape=(4, 4), pixel_mm=1.0)
 
@@ -457,14 +451,12 @@ def test_unknown_names_options_and_values_are_refused_with_those_there_are(
         ),
     ],
 )  # fmt: skip
-def test_displays_that_a_method_does_not_serve_are_refused_by_name(
-    algorithm: str, changes: dict[str, Any], words: str
-) -> None:
+def test_displays_that_a_method_does_not_serve_are_refused_by_name(algorithm, changes, words):
     with pytest.raises(UsageError, match=words):
         prepare(small_display(**changes), algorithm, shape=(9, 9), pixel_mm=0.5)
 
 
-def test_pictures_and_places_of_another_size_are_refused() -> None:
+def test_pictures_and_places_of_another_size_are_refused():
     shown = small_display()
     rgbd = noise(shown, (24, 30), 0.5)
     with pytest.raises(UsageError, match="prepared for 40 x 50"):
@@ -479,7 +471,7 @@ def test_pictures_and_places_of_another_size_are_refused() -> None:
                 prepare(shown, algorithm, shape=(4, 4), pixel_mm=1.0, mask=mask)
 
 
-def test_options_and_properties_are_those_of_the_algorithm() -> None:
+def test_options_and_properties_are_those_of_the_algorithm():
     for text in ("li2012:fill=hidden", "gu2020:step_mm=0.9", "wang2024:matching=ray"):
         check_algorithm(text)
     assert "mask" not in algorithm_summary("template")[0]
@@ -497,7 +489,7 @@ class Bright:
         return self.place
 
 
-def test_a_generator_that_knows_no_mask_is_run_in_full(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_generator_that_knows_no_mask_is_run_in_full(monkeypatch):
     bright = Algorithm("bright", lambda shown, shape, pixel_mm: Bright(shown), own=False)
     monkeypatch.setattr("inim.generators.find_algorithm", lambda name: bright)
     shown = small_display(5, 4, 3)
@@ -510,7 +502,7 @@ def test_a_generator_that_knows_no_mask_is_run_in_full(monkeypatch: pytest.Monke
     assert made._whole.place.all()
 
 
-def test_a_masked_run_reports_the_holes_of_its_pixels() -> None:
+def test_a_masked_run_reports_the_holes_of_its_pixels():
     shown = small_display(9, 4, 5)
     rgbd = noise(shown, shown.capture_shape(2), 0.5, covered=0.67)
     whole = find_sources(rgbd, shown)

@@ -69,7 +69,7 @@ def pairs(algorithms: list[str], displays: dict[str, Any]) -> list[tuple[str, st
 
 
 @pytest.mark.parametrize(("algorithm", "display"), pairs(FIRST_HITS, SEPARABLE))
-def test_every_pixel_shows_the_first_hit_of_the_definition(algorithm: str, display: str) -> None:
+def test_every_pixel_shows_the_first_hit_of_the_definition(algorithm, display):
     shown, columns = DISPLAYS[display], ALGORITHMS[algorithm].columns
     assert columns is not None
     for name in pictures_for(display):
@@ -84,14 +84,12 @@ def test_every_pixel_shows_the_first_hit_of_the_definition(algorithm: str, displ
 
 
 @pytest.mark.parametrize(("algorithm", "display"), pairs(FIRST_HITS, NON_SEPARABLE))
-def test_arrays_without_rows_and_columns_show_first_hits_but_for_rounding(
-    algorithm: str, display: str
-) -> None:
+def test_arrays_without_rows_and_columns_show_first_hits_but_for_rounding(algorithm, display):
     check_against_float64(algorithm, display)
 
 
 @pytest.mark.parametrize(("algorithm", "display"), pairs(OF_PAPER, SEPARABLE | NON_SEPARABLE))
-def test_the_paper_s_algorithms_do_what_their_definitions_say(algorithm: str, display: str) -> None:
+def test_the_paper_s_algorithms_do_what_their_definitions_say(algorithm, display):
     check_against_float64(algorithm, display)
 
 
@@ -110,7 +108,7 @@ def check_against_float64(algorithm: str, display: str) -> None:
     assert np.mean(known) > 0.2, "or the test says little"
 
 
-def test_the_matrix_has_hits_holes_and_deeper_layers() -> None:
+def test_the_matrix_has_hits_holes_and_deeper_layers():
     shown, layered = DISPLAYS["odd pixels"], picture("odd pixels", "layers")
     for algorithm in ALGORITHMS:
         sources = find_sources(layered, shown, single_ray(algorithm))
@@ -121,9 +119,7 @@ def test_the_matrix_has_hits_holes_and_deeper_layers() -> None:
 
 @pytest.mark.parametrize("columns", ["surface", "solid", "layers"])
 @pytest.mark.parametrize("display", SEPARABLE)
-def test_lists_rays_with_shared_runs_and_free_rays_find_the_same(
-    display: str, columns: str
-) -> None:
+def test_lists_rays_with_shared_runs_and_free_rays_find_the_same(display, columns):
     """Bit for bit, but for the rounding of free rays; in the order of a stream of pictures."""
     shown = DISPLAYS[display]
     for name in ("layers", "random", "layers, odd size", "hills"):
@@ -160,9 +156,7 @@ _QUARTERS = {
         ("template:columns=solid", "virtual"),
     ],
 )
-def test_a_pixel_shows_the_mean_of_the_rays_from_what_shines_of_it(
-    algorithm: str, display: str, samples: int
-) -> None:
+def test_a_pixel_shows_the_mean_of_the_rays_from_what_shines_of_it(algorithm, display, samples):
     shown = DISPLAYS[display]
     fill = stated(shown.pixel_fill)
     pixels = chosen_pixels(shown, 150)
@@ -185,7 +179,7 @@ def test_a_pixel_shows_the_mean_of_the_rays_from_what_shines_of_it(
 
 
 @pytest.mark.parametrize("samples", [2, 4])
-def test_codes_are_those_of_the_mean_light_to_the_last_bit(samples: int) -> None:
+def test_codes_are_those_of_the_mean_light_to_the_last_bit(samples):
     """Against the colour module's formulas on every pixel's rays; alpha is no light."""
     shown, linear = DISPLAYS["both sides"], picture("both sides", "spikes")
     color = np.random.default_rng(1).integers(1, 256, (*linear.shape, 4)).astype(np.uint8)
@@ -234,9 +228,7 @@ def served(method: str, display: str) -> bool:
         if served(METHODS[method], display)
     ],
 )  # fmt: skip
-def test_masks_threads_codes_and_earlier_pictures_change_no_pixel(
-    method: str, display: str
-) -> None:
+def test_masks_threads_codes_and_earlier_pictures_change_no_pixel(method, display):
     shown, algorithm = DISPLAYS[display], METHODS[method]
     rgbd, other = picture(display, "layers"), picture(display, "layers")
     other = RGBD(other.color[::-1], other.depth_mm[::-1], other.covered[::-1], other.pixel_mm)
@@ -288,9 +280,7 @@ def test_masks_threads_codes_and_earlier_pictures_change_no_pixel(
 
 @pytest.mark.parametrize("algorithm", ["template", "layered:samples=1", "gu2020", "li2012"])
 @pytest.mark.parametrize("display", ["odd pixels", "phone", "turned"])
-def test_nothing_covered_is_all_holes_and_a_picture_without_layers_is_its_front(
-    algorithm: str, display: str
-) -> None:
+def test_nothing_covered_is_all_holes_and_a_picture_without_layers_is_its_front(algorithm, display):
     if not served(algorithm, display):
         pytest.skip("needs rows and columns")
     shown, rgbd = DISPLAYS[display], picture(display, "layers")
@@ -315,9 +305,7 @@ def test_nothing_covered_is_all_holes_and_a_picture_without_layers_is_its_front(
     ("algorithm", "display"),
     [(a, d) for a in OF_PAPER for d in ("both sides", "virtual", "turned") if served(a, d)],
 )
-def test_plain_python_and_compiled_code_agree_to_the_bit(
-    algorithm: str, display: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_plain_python_and_compiled_code_agree_to_the_bit(algorithm, display, monkeypatch):
     shown, rgbd = DISPLAYS[display], picture(display, "random, sparse, odd size")
     sources = find_sources(rgbd, shown, algorithm)
     # As with NUMBA_DISABLE_JIT, but without another process.
@@ -326,7 +314,7 @@ def test_plain_python_and_compiled_code_agree_to_the_bit(
 
 
 @pytest.mark.parametrize("name", ["gu2020", "wang2024", "li2012"])
-def test_plain_python_calls_nothing_compiled(name: str) -> None:
+def test_plain_python_calls_nothing_compiled(name):
     module = importlib.import_module(f"inim.generators.{name}")
     functions = [v for v in vars(module).values() if isinstance(v, FunctionType)]
     kernels = reached = {f for f in functions if "prange" in f.__code__.co_names}

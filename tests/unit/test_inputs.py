@@ -7,7 +7,6 @@ silently give a wrong picture is refused with the remedy, or warned of.
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +28,7 @@ def picture(depth_mm: float = 33.0, color: float = 0.5) -> inim.RGBD:
     return inim.RGBD(colors, np.full(shape, depth_mm), np.ones(shape, bool), NOMINAL.pitch_mm / 5)
 
 
-def test_a_display_is_a_value_a_name_or_a_file(tmp_path: Path):
+def test_a_display_is_a_value_a_name_or_a_file(tmp_path):
     path = tmp_path / "mine.xml"
     path.write_text(FILE)
     with warnings.catch_warnings():

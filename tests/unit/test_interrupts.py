@@ -41,7 +41,7 @@ def ended(code: str, *, deaf: bool = False) -> tuple[int, str, str]:
 @pytest.mark.parametrize(
     ("name", "code", "line"), [("SIGINT", 130, LINE), ("SIGTERM", 143, ""), ("SIGHUP", 129, "")]
 )
-def test_signal_leaves_the_blocks_and_ends_the_program(name: str, code: int, line: str) -> None:
+def test_signal_leaves_the_blocks_and_ends_the_program(name, code, line):
     main = f"""
 def main():
     try: interrupt(signal.{name}); say("went on")
@@ -51,12 +51,12 @@ program(main)
     assert ended(main) == (code, "cleaned up ", line)
 
 
-def test_threads_are_not_waited_for() -> None:
+def test_threads_are_not_waited_for():
     main = "def main(): threading.Thread(target=time.sleep, args=[60]).start(); interrupt()\n"
     assert ended(main + "program(main)") == (130, "", LINE)
 
 
-def test_delayed_signal_comes_after_the_block() -> None:
+def test_delayed_signal_comes_after_the_block():
     main = """
 def main():
     with delayed_interrupts(), delayed_interrupts(): interrupt(); say("published")
@@ -66,23 +66,23 @@ program(main)
     assert ended(main) == (130, "published ", LINE)
 
 
-def test_signal_counts_though_the_delayed_block_fails() -> None:
+def test_signal_counts_though_the_delayed_block_fails():
     main = "def main():\n    with delayed_interrupts(): interrupt(); raise OSError\n"
     assert ended(main + "program(main)") == (130, "", LINE)
 
 
-def test_signal_after_the_end_is_ignored() -> None:
+def test_signal_after_the_end_is_ignored():
     code = "import atexit; atexit.register(interrupt)\n"
     assert ended(code + "program(lambda: 3)") == (3, "", "")
 
 
-def test_ignored_signals_stay_ignored() -> None:
+def test_ignored_signals_stay_ignored():
     """As for jobs of a shell's background, and below `nohup`."""
     main = "def main():\n    with delayed_interrupts(): interrupt()\n    interrupt(); say('on')\n"
     assert ended(main + "program(main)", deaf=True) == (0, "on ", "")
 
 
-def test_library_leaves_handlers_alone() -> None:
+def test_library_leaves_handlers_alone():
     code = """
 import inim, inim.pytest_plugin, inim.worker.supervisor, inim.pipeline.validation, inim.program
 try:
@@ -94,7 +94,7 @@ assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     assert ended(code) == (0, "published raised ", "")
 
 
-def test_child_that_ignores_sigterm_is_killed() -> None:
+def test_child_that_ignores_sigterm_is_killed():
     code = """
 import subprocess
 from inim.process import python_process

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from inim.errors import OutOfMemoryError
@@ -14,7 +12,7 @@ from tests.system.conftest import write_scene
 GIB = 2**30
 
 
-def test_passes_shrink_by_halves_as_memory_goes_and_then_there_are_none() -> None:
+def test_passes_shrink_by_halves_as_memory_goes_and_then_there_are_none():
     limits = range(4 * GIB, GIB, -(2**20))
     rays = [rays_in_flight(limit, GIB // 4) for limit in limits]
     assert rays[0] == 2**22
@@ -22,7 +20,7 @@ def test_passes_shrink_by_halves_as_memory_goes_and_then_there_are_none() -> Non
     assert rays == sorted(rays, reverse=True)
 
 
-def test_pictures_and_rays_together_stay_below_the_limit() -> None:
+def test_pictures_and_rays_together_stay_below_the_limit():
     """By the plan's own figure for a ray: what one more takes beyond the fewest."""
     each = (LEAST_BYTES - 2 * GIB) / 2**16
     for limit in range(2 * GIB, 4 * GIB, 2**24):
@@ -34,14 +32,12 @@ def test_pictures_and_rays_together_stay_below_the_limit() -> None:
                 assert LEAST_BYTES + pictures > limit
 
 
-def test_unknown_memory_limits_nothing() -> None:
+def test_unknown_memory_limits_nothing():
     assert rays_in_flight(0, 10**15) == 2**22
 
 
 @pytest.mark.parametrize("spare", [-1, 0, 2**26])
-def test_a_plan_is_refused_only_where_the_smallest_passes_do_not_fit(
-    spare: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_plan_is_refused_only_where_the_smallest_passes_do_not_fit(spare, tmp_path, monkeypatch):
     request = Request(write_scene(tmp_path), tmp_path / "out", algorithms=("template",))
     plenty = make_plan(request)
     assert plenty.rays_in_flight == 2**22

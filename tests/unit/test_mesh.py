@@ -8,7 +8,6 @@ import os
 import struct
 import time
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +94,7 @@ def refusal(path: Path) -> str:
 # --- Round trips --------------------------------------------------------------------------------
 
 
-def test_written_ply_reads_back_bit_for_bit(tmp_path: Path) -> None:
+def test_written_ply_reads_back_bit_for_bit(tmp_path):
     rng = np.random.default_rng(7)
     normals = rng.normal(size=(4, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -116,7 +115,7 @@ def test_written_ply_reads_back_bit_for_bit(tmp_path: Path) -> None:
     assert got.vertices.dtype == np.float32
 
 
-def test_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
+def test_failed_write_leaves_the_old_file(tmp_path):
     path = put(tmp_path, "a.ply", "old")
     with pytest.raises(ValueError, match="dimension"):
         write_ply(path, Mesh(POINTS, FACES, POINTS[:2]))
@@ -125,7 +124,7 @@ def test_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary_big_endian", "binary_little_endian"])
-def test_every_ply_format_gives_the_same_mesh(tmp_path: Path, form: str) -> None:
+def test_every_ply_format_gives_the_same_mesh(tmp_path, form):
     if form == "ascii":
         rows = [" ".join(map(str, p)) for p in POINTS] + [
             "3 " + " ".join(map(str, f)) for f in FACES
@@ -139,32 +138,32 @@ def test_every_ply_format_gives_the_same_mesh(tmp_path: Path, form: str) -> None
     np.testing.assert_array_equal(mesh.faces, FACES)
 
 
-def test_quads_are_read(tmp_path: Path) -> None:
+def test_quads_are_read(tmp_path):
     body = POINTS.tobytes() + struct.pack("<B4i", 4, 0, 1, 2, 3)
     path = put(tmp_path, "a.ply", ply_header(4, 1) + body)
     assert len(read_mesh(path)[0].faces) == 2
     assert len(read_shape(path, "ply").faces) == 2
 
 
-def test_stl_is_known_by_content(tmp_path: Path) -> None:
+def test_stl_is_known_by_content(tmp_path):
     for name in ("a.stl", "a.bin"):
         (mesh,) = read_mesh(put(tmp_path, name, stl(POINTS[FACES])))
         assert len(mesh.faces) == 4
 
 
-def test_gltf_node_transform_is_applied(tmp_path: Path) -> None:
+def test_gltf_node_transform_is_applied(tmp_path):
     node = {"translation": [10, 20, 30], "scale": [2, 2, 2]}
     (mesh,) = read_mesh(put(tmp_path, "a.gltf", gltf(node)))
     np.testing.assert_allclose(np.sort(mesh.vertices, 0), np.sort(POINTS * 2 + [10, 20, 30], 0))
 
 
-def test_gltf_base_colour_is_linear(tmp_path: Path) -> None:
+def test_gltf_base_colour_is_linear(tmp_path):
     (mesh,) = read_mesh(put(tmp_path, "a.gltf", gltf({}, material=0)))
     assert mesh.color is not None
     np.testing.assert_allclose(mesh.color, np.tile([1, 0.2, 0], (4, 1)), atol=1 / 255)
 
 
-def test_ply_byte_colours_are_decoded_from_srgb(tmp_path: Path) -> None:
+def test_ply_byte_colours_are_decoded_from_srgb(tmp_path):
     text = (
         ply_header(4, 4, "ascii")
         .decode()
@@ -189,7 +188,7 @@ def textured_obj(folder: Path, picture: str) -> Path:
     return put(folder, "a.obj", "mtllib a.mtl\n" + points + uv + faces)
 
 
-def test_obj_texture_in_the_folder_is_kept(tmp_path: Path) -> None:
+def test_obj_texture_in_the_folder_is_kept(tmp_path):
     from PIL import Image
 
     pixels = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
@@ -199,7 +198,7 @@ def test_obj_texture_in_the_folder_is_kept(tmp_path: Path) -> None:
     assert mesh.uv is not None
 
 
-def test_obj_texture_outside_the_folder_is_not_opened(tmp_path: Path) -> None:
+def test_obj_texture_outside_the_folder_is_not_opened(tmp_path):
     from PIL import Image
 
     inner = tmp_path / "in"
@@ -225,9 +224,7 @@ def textured_gltf(folder: Path, picture: str) -> Path:
 
 
 @pytest.mark.parametrize("textured", [textured_obj, textured_ply, textured_gltf])
-def test_a_missing_picture_is_told_and_leaves_no_stand_in(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], textured: Callable[[Path, str], Path]
-) -> None:
+def test_a_missing_picture_is_told_and_leaves_no_stand_in(tmp_path, capfd, textured):
     said: list[str] = []
     path = textured(tmp_path, "gone.png")
     (mesh,) = read_mesh(path, said.append)
@@ -243,7 +240,7 @@ def test_a_missing_picture_is_told_and_leaves_no_stand_in(
 
 
 @pytest.mark.parametrize("index", [4, -1, 2**31 - 1])
-def test_ply_index_out_of_range_is_refused(tmp_path: Path, index: int) -> None:
+def test_ply_index_out_of_range_is_refused(tmp_path, index):
     faces = FACES.astype(np.int64)
     faces[2, 1] = index
     path = put(tmp_path, "a.ply", tetrahedron_ply(faces=faces))
@@ -253,7 +250,7 @@ def test_ply_index_out_of_range_is_refused(tmp_path: Path, index: int) -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_non_finite_vertex_is_refused_in_every_format(tmp_path: Path, value: float) -> None:
+def test_non_finite_vertex_is_refused_in_every_format(tmp_path, value):
     points = POINTS.copy()
     points[1, 2] = value
     lines = OBJ.splitlines()
@@ -288,9 +285,7 @@ ZEROS = json.dumps(
         ("chunk.glb", b"glTF" + struct.pack("<IIII", 2, 36, 8, 2**31) + bytes(12), "readable glb"),
     ],
 )
-def test_lying_counts_are_refused_quickly_and_cheaply(
-    tmp_path: Path, name: str, content: bytes, words: str
-) -> None:
+def test_lying_counts_are_refused_quickly_and_cheaply(tmp_path, name, content, words):
     path = put(tmp_path, name, content)
     tracemalloc.start()
     began = time.process_time()
@@ -334,18 +329,16 @@ STRIPS = (
         ("a.glb", b"hello", "its content is not"),
     ],
 )
-def test_what_is_no_surface_is_refused_in_one_line(
-    tmp_path: Path, name: str, content: bytes | str, words: str
-) -> None:
+def test_what_is_no_surface_is_refused_in_one_line(tmp_path, name, content, words):
     assert words in refusal(put(tmp_path, name, content))
 
 
-def test_folder_and_missing_file_are_refused(tmp_path: Path) -> None:
+def test_folder_and_missing_file_are_refused(tmp_path):
     assert "is a folder" in refusal(tmp_path)
     assert "no such file" in refusal(tmp_path / "none.ply")
 
 
-def test_gltf_buffer_outside_the_folder_is_refused(tmp_path: Path) -> None:
+def test_gltf_buffer_outside_the_folder_is_refused(tmp_path):
     inner = tmp_path / "in"
     inner.mkdir()
     put(tmp_path, "b.bin", POINTS.tobytes() + FACES.tobytes())
@@ -356,7 +349,7 @@ def test_gltf_buffer_outside_the_folder_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("keep", [0.2, 0.5, 0.9, 0.999])
 @pytest.mark.parametrize("name", ["a.ply", "a.stl", "a.gltf", "a.obj"])
-def test_truncated_files_never_raise_anything_else(tmp_path: Path, name: str, keep: float) -> None:
+def test_truncated_files_never_raise_anything_else(tmp_path, name, keep):
     whole = {
         "a.ply": tetrahedron_ply(),
         "a.stl": stl(POINTS[FACES]),
@@ -374,26 +367,26 @@ def test_truncated_files_never_raise_anything_else(tmp_path: Path, name: str, ke
 # --- Meshes of scenes ---------------------------------------------------------------------------
 
 
-def test_serialized_is_refused_with_the_way_out(tmp_path: Path) -> None:
+def test_serialized_is_refused_with_the_way_out(tmp_path):
     path = put(tmp_path, "a.serialized", b"\x1c\x04")
     with pytest.raises(FileError, match=r"a\.serialized: serialized .* export it as PLY"):
         read_shape(path, "serialized")
 
 
-def test_relative_indices_are_read(tmp_path: Path) -> None:
+def test_relative_indices_are_read(tmp_path):
     path = put(tmp_path, "a.obj", OBJ + "f -4 -3 -2\n")
     assert len(read_mesh(path)[0].faces) == 5
     assert len(read_shape(path, "obj").faces) == 5
 
 
-def test_a_shape_is_one_mesh_and_opens_no_other_file(tmp_path: Path) -> None:
+def test_a_shape_is_one_mesh_and_opens_no_other_file(tmp_path):
     """Mitsuba's shape has the scene's material on all its faces, whatever those of the file."""
     path = put(tmp_path, "a.obj", "mtllib a.mtl\n" + OBJ + "usemtl one\nf 1 2 3\n")
     os.mkfifo(tmp_path / "a.mtl")
     assert len(read_shape(path, "obj").faces) == 5
 
 
-def test_million_triangles_are_read_in_half_a_second(tmp_path: Path) -> None:
+def test_million_triangles_are_read_in_half_a_second(tmp_path):
     side = 708
     x, y = np.meshgrid(np.arange(side), np.arange(side))
     points = np.stack([x.ravel(), y.ravel(), np.zeros(side * side)], 1).astype(np.float32)
@@ -413,5 +406,5 @@ def test_million_triangles_are_read_in_half_a_second(tmp_path: Path) -> None:
     assert min(seconds) < 0.5  # about 0.1 s on one core
 
 
-def test_units_are_exact() -> None:
+def test_units_are_exact():
     assert UNIT_MM == {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}

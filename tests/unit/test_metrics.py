@@ -48,7 +48,7 @@ def two(rng: np.random.Generator, rows: int = 60, columns: int = 48) -> tuple[np
     return tuple(rng.random((rows, columns, 3)).astype(np.float32) for _ in range(2))
 
 
-def test_score_of_another_package_stands_beside_the_own_ones(announce: Announce) -> None:
+def test_score_of_another_package_stands_beside_the_own_ones(announce):
     a, b = two(np.random.default_rng(1))
     before = metrics.score(a, b)
     announce(mae=lower("mae", absolute), maemap=lower("maemap", absolute_map, on_relic=True))
@@ -65,7 +65,7 @@ def test_score_of_another_package_stands_beside_the_own_ones(announce: Announce)
     assert "mae_on_relic" not in metrics.score(a, b, mask)
 
 
-def test_map_in_parts_is_the_map_of_the_whole(announce: Announce) -> None:
+def test_map_in_parts_is_the_map_of_the_whole(announce):
     a, b = two(np.random.default_rng(2))
     b[:30] = a[:30]
     seen = []
@@ -80,7 +80,7 @@ def test_map_in_parts_is_the_map_of_the_whole(announce: Announce) -> None:
     assert sum(seen) == 30
 
 
-def test_pictures_that_a_function_writes_into_are_its_own(announce: Announce) -> None:
+def test_pictures_that_a_function_writes_into_are_its_own(announce):
     def spoil(reference: np.ndarray, test: np.ndarray) -> float:
         found = absolute(reference, test)
         reference[...] = test[...] = 0
@@ -115,9 +115,7 @@ def leave(reference: np.ndarray, test: np.ndarray) -> float:
         (lambda a, b: np.zeros(a.shape), "the result has the shape (60, 48, 3), not (60, 48)"),
     ],
 )
-def test_whatever_a_function_does_wrong_is_one_line(
-    announce: Announce, function: Callable, words: str
-) -> None:
+def test_whatever_a_function_does_wrong_is_one_line(announce, function, words):
     announce(bad=lower("bad", function))
     with pytest.raises(UsageError) as raised:
         metrics.score(*two(np.random.default_rng(4)))
@@ -133,15 +131,13 @@ def test_whatever_a_function_does_wrong_is_one_line(
         (lower("other", absolute), "calls itself 'other'"),
     ],
 )
-def test_what_is_announced_must_be_a_metric_of_that_name(
-    announce: Announce, found: object, words: str
-) -> None:
+def test_what_is_announced_must_be_a_metric_of_that_name(announce, found, words):
     announce(mine=found)
     with pytest.raises(UsageError, match=f"^metric 'mine' {words}"):
         metrics.all_metrics()
 
 
-def test_own_names_are_taken(announce: Announce) -> None:
+def test_own_names_are_taken(announce):
     announce(ssim=lower("ssim", absolute))
     with pytest.raises(UsageError, match=r"^metric 'ssim' is one of inim's own"):
         metrics.all_metrics()
@@ -159,12 +155,12 @@ def test_own_names_are_taken(announce: Announce) -> None:
         ({"unit": "1/mm"}, "its unit"),
     ],
 )
-def test_declaration_that_makes_no_sense_is_refused(wrong: dict, words: str) -> None:
+def test_declaration_that_makes_no_sense_is_refused(wrong, words):
     with pytest.raises(UsageError, match=f"^metric .*{words}"):
         Metric(**{"name": "mine", "function": absolute, "tolerance": 0.01, **wrong})
 
 
-def test_eia_has_scores_of_those_metrics_that_say_something_of_it(announce: Announce) -> None:
+def test_eia_has_scores_of_those_metrics_that_say_something_of_it(announce):
     announce(mae=lower("mae", absolute, of_eia=True), other=lower("other", absolute))
     a, b = two(np.random.default_rng(7))
     found = metrics.eia_scores(a, b)
@@ -172,7 +168,7 @@ def test_eia_has_scores_of_those_metrics_that_say_something_of_it(announce: Anno
     assert found == {"ssim": metrics.ssim(a, b), "psnr_db": metrics.psnr_db(a, b), "mae": mae}
 
 
-def test_keys_carry_the_unit() -> None:
+def test_keys_carry_the_unit():
     angle = lower("hue", absolute, unit="deg", range=(0, 180))
     names = angle.key, angle.to_ceiling_key, angle.on_relic_key, angle.on_relic_to_ceiling_key
     assert names == (
@@ -195,7 +191,7 @@ def halves(rng: np.random.Generator, image: np.ndarray, noise: float) -> NoisyIm
     )
 
 
-def test_score_without_a_map_is_as_sure_as_the_same_with_one(announce: Announce) -> None:
+def test_score_without_a_map_is_as_sure_as_the_same_with_one(announce):
     announce(plain=lower("plain", absolute), local=lower("local", absolute_map))
     rng = np.random.default_rng(6)
     scene = rng.uniform(0.3, 0.6, (160, 192, 3)).astype(np.float32)
@@ -217,7 +213,7 @@ def test_score_without_a_map_is_as_sure_as_the_same_with_one(announce: Announce)
     np.testing.assert_allclose(np.mean(ratios, axis=0), 1, atol=0.45)
 
 
-def test_tolerance_is_the_metrics_own(announce: Announce) -> None:
+def test_tolerance_is_the_metrics_own(announce):
     def verdict(change: float) -> bool:
         old, new = (ScoreEstimate(v, 0.0, 8.0, 0.0) for v in (0.5, 0.5 + change))
         name = "hue_to_ceiling_deg"
@@ -234,7 +230,7 @@ def test_tolerance_is_the_metrics_own(announce: Announce) -> None:
     assert not verdict(-0.26)
 
 
-def test_score_whose_metric_is_gone_fails() -> None:
+def test_score_whose_metric_is_gone_fails():
     known = {"a/left": {"lpips_to_ceiling": ScoreEstimate(0.5, 0.0, 8.0, 0.0)}}
     (found,) = compare_scores(known, known)
     assert not found.passed

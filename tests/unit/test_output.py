@@ -59,9 +59,7 @@ def assert_refused(out: Path, message: str) -> None:
     [("file", "file: is a file"), ("file/out", "cannot be written"), ("link", "is a file"),
      ("n" * 300, "File name too long")],
 )  # fmt: skip
-def test_place_that_cannot_hold_a_folder_is_refused_at_once(
-    tmp_path: Path, out: str, message: str
-) -> None:
+def test_place_that_cannot_hold_a_folder_is_refused_at_once(tmp_path, out, message):
     (tmp_path / "file").write_text("mine")
     (tmp_path / "link").symlink_to("nowhere")
     with pytest.raises(FileError, match=message), staging_folder(tmp_path / out):
@@ -69,13 +67,13 @@ def test_place_that_cannot_hold_a_folder_is_refused_at_once(
     assert tree(tmp_path) == {"file": "mine", "link": "-> nowhere"}
 
 
-def test_longest_name_a_file_system_allows_can_be_written(tmp_path: Path) -> None:
+def test_longest_name_a_file_system_allows_can_be_written(tmp_path):
     out = tmp_path / ("n" * 255)
     write_report(out)
     assert (out / "report.json").is_file()
 
 
-def test_own_files_are_replaced_or_deleted_and_others_kept(tmp_path: Path) -> None:
+def test_own_files_are_replaced_or_deleted_and_others_kept(tmp_path):
     out = tmp_path / "out"
     for names in (("a.png", "sub/b.png"), ("a.png", "sub/c.png")):
         write_report(out, **dict.fromkeys(names, names[1]))
@@ -87,7 +85,7 @@ def test_own_files_are_replaced_or_deleted_and_others_kept(tmp_path: Path) -> No
     assert list(tmp_path.iterdir()) == [out]
 
 
-def test_list_of_an_earlier_version_counts(tmp_path: Path) -> None:
+def test_list_of_an_earlier_version_counts(tmp_path):
     out = tmp_path / "out"
     write_report(out, **{"a.png": "a"})
     digests = {"schema": "inim.files/1", "files": {"a.png": ["0"], "report.json": ["0"]}}
@@ -96,7 +94,7 @@ def test_list_of_an_earlier_version_counts(tmp_path: Path) -> None:
     assert tree(out).keys() == {"report.json", LIST}
 
 
-def test_report_of_another_kind_in_the_same_folder_stays(tmp_path: Path) -> None:
+def test_report_of_another_kind_in_the_same_folder_stays(tmp_path):
     out = tmp_path / "out"
     write_report(out, **{"eia/a.png": "a"})
     with output.published(out, ["bench.json"]) as staging:
@@ -105,7 +103,7 @@ def test_report_of_another_kind_in_the_same_folder_stays(tmp_path: Path) -> None
     assert {"report.json", "bench.json"} <= tree(out).keys()
 
 
-def test_folder_that_is_itself_a_link_is_the_user_s_choice(tmp_path: Path) -> None:
+def test_folder_that_is_itself_a_link_is_the_user_s_choice(tmp_path):
     (tmp_path / "real").mkdir()
     out = tmp_path / "out"
     out.symlink_to("real")
@@ -115,9 +113,7 @@ def test_folder_that_is_itself_a_link_is_the_user_s_choice(tmp_path: Path) -> No
     assert (tmp_path / "real" / "eia" / "a.png").read_text() == "second"
 
 
-def test_run_killed_while_it_moved_its_files_is_cleared_up_by_the_next(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_run_killed_while_it_moved_its_files_is_cleared_up_by_the_next(tmp_path, monkeypatch):
     """At each move in turn: the folder has the old report, the new one, or none."""
     first = {"eia/old.png": "old", "report.html": "old"}
     second = {"eia/new.png": "new", "report.html": "new"}
@@ -168,9 +164,7 @@ def elsewhere(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("place", ["eia", "views", "truth"])
-def test_link_to_a_folder_is_refused_before_any_work(
-    tmp_path: Path, elsewhere: Path, place: str
-) -> None:
+def test_link_to_a_folder_is_refused_before_any_work(tmp_path, elsewhere, place):
     out = tmp_path / "out"
     out.mkdir()
     (out / place).symlink_to(elsewhere)
@@ -179,9 +173,7 @@ def test_link_to_a_folder_is_refused_before_any_work(
 
 @pytest.mark.parametrize("kind", ["folder", "file", "nothing"])
 @pytest.mark.parametrize("place", ["eia", "eia/deep", "eia/deep/a.png"])
-def test_link_created_while_the_run_renders_is_not_followed(
-    tmp_path: Path, elsewhere: Path, place: str, kind: str
-) -> None:
+def test_link_created_while_the_run_renders_is_not_followed(tmp_path, elsewhere, place, kind):
     out = tmp_path / "out"
     write_report(out, **{"eia/deep/a.png": "first"})
     path = out / place
@@ -203,9 +195,7 @@ def test_link_created_while_the_run_renders_is_not_followed(
 
 @pytest.mark.parametrize("name", ["report.json", "report.html", "junit.xml", "summary.md"])
 @pytest.mark.parametrize("kind", ["file", "folder", "link"])
-def test_file_in_the_report_s_place_is_named_before_any_work(
-    tmp_path: Path, elsewhere: Path, name: str, kind: str
-) -> None:
+def test_file_in_the_report_s_place_is_named_before_any_work(tmp_path, elsewhere, name, kind):
     out = tmp_path / "out"
     out.mkdir()
     if kind == "file":
@@ -220,9 +210,7 @@ def test_file_in_the_report_s_place_is_named_before_any_work(
 @pytest.mark.parametrize(
     ("mine", "theirs"), [("views", "views/a"), ("page/mine", "page"), ("eia/a.png", "eia/a.png")]
 )
-def test_file_in_the_way_is_named_and_nothing_is_touched(
-    tmp_path: Path, mine: str, theirs: str
-) -> None:
+def test_file_in_the_way_is_named_and_nothing_is_touched(tmp_path, mine, theirs):
     out = tmp_path / "out"
     write_report(out, **{"eia.png": "earlier"})
     with (
@@ -240,7 +228,7 @@ def test_file_in_the_way_is_named_and_nothing_is_touched(
 # --- Lists by another hand ----------------------------------------------------------------------
 
 
-def test_what_a_report_says_of_its_files_deletes_nothing(tmp_path: Path) -> None:
+def test_what_a_report_says_of_its_files_deletes_nothing(tmp_path):
     out = tmp_path / "out"
     write_report(out)
     (out / "mine").write_text("mine")
@@ -250,7 +238,7 @@ def test_what_a_report_says_of_its_files_deletes_nothing(tmp_path: Path) -> None
     assert (out / "mine").read_text() == (tmp_path / "mine").read_text() == "mine"
 
 
-def test_names_that_lead_outside_or_nowhere_delete_nothing(tmp_path: Path, elsewhere: Path) -> None:
+def test_names_that_lead_outside_or_nowhere_delete_nothing(tmp_path, elsewhere):
     out = tmp_path / "out"
     out.mkdir()
     (out / "folder").mkdir()
@@ -273,7 +261,7 @@ def test_names_that_lead_outside_or_nowhere_delete_nothing(tmp_path: Path, elsew
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, "[", "", "{}", "\0", "3", "[3]", '{"files": 3}'])
-def test_damaged_list_is_refused(tmp_path: Path, text: str) -> None:
+def test_damaged_list_is_refused(tmp_path, text):
     out = tmp_path / "out"
     out.mkdir()
     (out / LIST).write_text(text)
@@ -281,7 +269,7 @@ def test_damaged_list_is_refused(tmp_path: Path, text: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["folder", "fifo", "link"])
-def test_list_that_is_no_file_is_refused(tmp_path: Path, elsewhere: Path, kind: str) -> None:
+def test_list_that_is_no_file_is_refused(tmp_path, elsewhere, kind):
     out = tmp_path / "out"
     write_report(out)
     if kind == "link":

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -194,7 +193,7 @@ def test_jod_is_the_package_s_own_of_codes_on_a_display_in_its_words(
 
 
 @installed
-def test_equal_pictures_are_ten_and_more_noise_is_less(tmp_path: Path):
+def test_equal_pictures_are_ten_and_more_noise_is_less(tmp_path):
     a, _, noise = pictures(6)
     found = [
         metrics.score(a, np.clip(a + by * (noise - 0.5), 0, 1), viewing=SEEN)["cvvdp_jod"]

@@ -134,7 +134,7 @@ def test_null_psnr_is_infinite_but_an_absent_one_and_a_null_ssim_are_not():
 
 
 @pytest.mark.parametrize("value", [None, math.nan])
-def test_check_without_a_number_cannot_have_passed(value: float | None) -> None:
+def test_check_without_a_number_cannot_have_passed(value):
     assert not typed(value=value, passed=False).passed
     with pytest.raises(ValueError, match="passed, but the value is not a number"):
         typed(value=value)
@@ -188,7 +188,7 @@ def test_best_algorithm_has_the_highest_mean_over_all_viewpoints():
     assert report(algorithms={"d": {}}).best_algorithm is None
 
 
-def test_a_report_prints_as_a_small_table() -> None:
+def test_a_report_prints_as_a_small_table():
     data = report(ceiling={"views": {"centre": {"ssim_on_relic": 0.891}, "left": {}}})
     printed = str(Report(Path("out/amphora"), data))
     assert printed.splitlines() == [
@@ -201,5 +201,5 @@ def test_a_report_prints_as_a_small_table() -> None:
     assert repr(Report(Path("out/amphora"), data)) == "Report('out/amphora': passed)"
 
 
-def test_what_is_missing_prints_too() -> None:
+def test_what_is_missing_prints_too():
     assert "\x00" not in str(Report(Path(), report(title=HOSTILE)))

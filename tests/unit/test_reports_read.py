@@ -7,7 +7,7 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -60,20 +60,20 @@ def changed(**changes: Any) -> dict[str, Any]:
     return {**copy.deepcopy(SOUND), **changes}
 
 
-def test_a_sound_one_is_read(tmp_path: Path) -> None:
+def test_a_sound_one_is_read(tmp_path):
     (tmp_path / "report.json").write_text(json.dumps(SOUND))
     assert Report.load(tmp_path).data == msgspec.convert(SOUND, ReportDocument)
 
 
 @pytest.mark.parametrize("name", ["../secret", "a/b", "", ".", "a\0", "a\\b", "\ud800"])
-def test_a_name_that_leads_out_of_the_folder_is_refused(name: str, tmp_path: Path) -> None:
+def test_a_name_that_leads_out_of_the_folder_is_refused(name, tmp_path):
     algorithm = SOUND["algorithms"]["template"]
     assert "names no file" in refusal(tmp_path, changed(algorithms={name: algorithm}))
     viewpoint = {**SOUND["viewpoints"][0], "name": name}
     assert "names no file" in refusal(tmp_path, changed(viewpoints=[viewpoint]))
 
 
-def test_scores_of_a_viewpoint_that_is_not_there_are_refused(tmp_path: Path) -> None:
+def test_scores_of_a_viewpoint_that_is_not_there_are_refused(tmp_path):
     viewpoint = {**SOUND["viewpoints"][0], "name": "left"}
     assert "has no scores of 'left'" in refusal(tmp_path, changed(viewpoints=[viewpoint]))
 
@@ -93,9 +93,7 @@ def test_scores_of_a_viewpoint_that_is_not_there_are_refused(tmp_path: Path) -> 
         (lambda d: d.update(algorithms={"a": {}}), "missing required field `eia` - at"),
     ],
 )
-def test_report_that_cannot_be_is_refused_with_the_file(
-    change: Callable[[dict[str, Any]], object], message: str, tmp_path: Path
-) -> None:
+def test_report_that_cannot_be_is_refused_with_the_file(change, message, tmp_path):
     wrong = changed()
     change(wrong)
     assert message in refusal(tmp_path, wrong)
@@ -140,9 +138,7 @@ def write_baseline(folder: Path, document: Mapping[str, Any], arrays: bytes) -> 
         (npz(**{f"a{k}": b"" for k in range(20_001)}), "more than 20000 arrays"),
     ],
 )
-def test_arrays_that_are_none_are_refused_before_they_take_memory(
-    content: bytes, said: str, tmp_path: Path
-) -> None:
+def test_arrays_that_are_none_are_refused_before_they_take_memory(content, said, tmp_path):
     write_baseline(tmp_path, {}, content)
     with pytest.raises(BaselineError) as caught:
         read_statistics(tmp_path, BASELINE)
@@ -151,7 +147,7 @@ def test_arrays_that_are_none_are_refused_before_they_take_memory(
 
 
 @pytest.mark.parametrize("name", ["../outside", "/etc/x", "truth/../../x", "a\0"])
-def test_a_baseline_s_picture_stays_in_the_report(name: str, tmp_path: Path) -> None:
+def test_a_baseline_s_picture_stays_in_the_report(name, tmp_path):
     """Pictures of what changed are written under its name."""
     write_baseline(tmp_path, {"pictures": {name: {}}}, npz())
     with pytest.raises(BaselineError, match="lies outside the report"):

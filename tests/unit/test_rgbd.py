@@ -21,13 +21,13 @@ def picture(**changes: Any) -> RGBD:
     )
 
 
-def test_sizes_follow_from_the_shape_and_the_pixel() -> None:
+def test_sizes_follow_from_the_shape_and_the_pixel():
     rgbd = picture()
     assert rgbd.shape == (2, 3)
     assert (rgbd.width_mm, rgbd.height_mm) == (0.75, 0.5)
 
 
-def test_values_are_float32_and_bool_and_do_not_change() -> None:
+def test_values_are_float32_and_bool_and_do_not_change():
     rgbd = picture(covered=COVERED.astype(int))
     assert rgbd.color.dtype == rgbd.depth_mm.dtype == np.float32
     assert rgbd.covered.dtype == bool
@@ -38,7 +38,7 @@ def test_values_are_float32_and_bool_and_do_not_change() -> None:
         rgbd.pixel_mm = 1.0  # type: ignore[misc]
 
 
-def test_arrays_of_the_caller_stay_writable() -> None:
+def test_arrays_of_the_caller_stay_writable():
     depth = DEPTH.astype(np.float32)
     picture(depth_mm=depth)
     depth[0, 0] = 9
@@ -61,13 +61,11 @@ def test_arrays_of_the_caller_stay_writable() -> None:
         ({"depth_mm": np.full((2, 3), -np.inf)}, r"5 covered pixels have no finite depth"),
     ],
 )
-def test_inconsistent_picture_is_refused_with_the_value(
-    changes: dict[str, Any], message: str
-) -> None:
+def test_inconsistent_picture_is_refused_with_the_value(changes, message):
     with pytest.raises(UsageError, match=message):
         picture(**changes)
 
 
-def test_depth_of_an_uncovered_pixel_may_be_anything() -> None:
+def test_depth_of_an_uncovered_pixel_may_be_anything():
     depth = np.where(COVERED, DEPTH, np.nan)
     assert np.isnan(picture(depth_mm=depth).depth_mm[0, 2])

@@ -48,7 +48,7 @@ def properties_in(value: Any) -> Iterator[tuple[str, Any]]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_generated_schema_describes_each_key(name: str) -> None:
+def test_generated_schema_describes_each_key(name):
     generated = schema(name)
     Draft202012Validator.check_schema(generated)
     Draft202012Validator(generated).validate(example(generated, name))
@@ -68,22 +68,22 @@ def referred(part: dict[str, Any]) -> str:
     return next((one["$ref"] for one in choices if "$ref" in one), "").rpartition("/")[2]
 
 
-def test_another_name_is_refused() -> None:
+def test_another_name_is_refused():
     with pytest.raises(ValueError, match=r"'parts'.*report"):
         schema("parts")
 
 
-def test_derived_lengths_of_a_display_are_those_of_the_code() -> None:
+def test_derived_lengths_of_a_display_are_those_of_the_code():
     for display in DISPLAYS.values():
         assert list(DerivedDisplay.__struct_fields__) == list(display.derived())
 
 
 @pytest.mark.parametrize("path", COMMITTED, ids=lambda path: str(path.relative_to(ROOT)))
-def test_committed_document_keeps_its_schema(path: Path) -> None:
+def test_committed_document_keeps_its_schema(path):
     read_document(path)
 
 
-def test_a_document_that_does_not_is_told_where() -> None:
+def test_a_document_that_does_not_is_told_where():
     document = copy.deepcopy(example(schema("report"), "report"))
     document["verdict"]["passed"] = "yes"
     with pytest.raises(AssertionError, match=r"verdict\.passed: 'yes' is not of type 'boolean'"):

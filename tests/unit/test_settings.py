@@ -212,7 +212,7 @@ def test_presets_fit_their_panels(name):
     assert lenses_beside_panel(DISPLAYS[name]) == []
 
 
-def test_a_picture_may_have_the_pixel_of_eq_3() -> None:
+def test_a_picture_may_have_the_pixel_of_eq_3():
     """P / P_I pixels to the pitch, 1.7 on the nominal display; a whole number stays whole."""
     key = "inim.capture_pixels_per_pitch"
     fraction, whole = (

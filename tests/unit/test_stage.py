@@ -43,7 +43,7 @@ def counted(**declared: Any) -> tuple[Any, list[int]]:
     return stage("product of {factor}", code=CODE, makes=(Picture,), **declared)(function), calls
 
 
-def test_equal_arguments_find_the_result_and_a_label_does_not_matter(run: Run) -> None:
+def test_equal_arguments_find_the_result_and_a_label_does_not_matter(run):
     product, calls = counted()
     first = product(Picture("one", np.arange(3.0)), 2, run=run)
     again = product(Picture("other", np.arange(3.0)), 2, run=run)
@@ -54,14 +54,14 @@ def test_equal_arguments_find_the_result_and_a_label_does_not_matter(run: Run) -
     assert calls == [2, 2, 3]
 
 
-def test_without_a_store_every_call_is_made(run: Run) -> None:
+def test_without_a_store_every_call_is_made(run):
     product, calls = counted()
     for _ in range(2):
         product(Picture("one", np.arange(3.0)), 2, run=Run())
     assert calls == [2, 2]
 
 
-def test_what_follows_from_other_arguments_decides_nothing(run: Run) -> None:
+def test_what_follows_from_other_arguments_decides_nothing(run):
     product, calls = counted(follows=("engine",))
     picture = Picture("one", np.arange(3.0))
     assert not product.is_known(picture, 2, run=run)
@@ -71,9 +71,7 @@ def test_what_follows_from_other_arguments_decides_nothing(run: Run) -> None:
     assert calls == [2]
 
 
-def test_edited_code_and_the_stage_s_own_file_make_another_result(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_edited_code_and_the_stage_s_own_file_make_another_result(run, monkeypatch):
     product, calls = counted()
     product(Picture("one", np.arange(3.0)), 2, run=run)
     places: list[tuple[str, ...]] = []
@@ -83,7 +81,7 @@ def test_edited_code_and_the_stage_s_own_file_make_another_result(
     assert places == [("version.py", "pipeline/stages/stage.py")]
 
 
-def test_the_report_says_what_was_made_found_and_why(run: Run) -> None:
+def test_the_report_says_what_was_made_found_and_why(run):
     product, _ = counted(describe=("made", "nothing", "it is new"))
     for factor in (2, 2):
         product(Picture("one", np.arange(3.0)), factor, run=run)
@@ -92,7 +90,7 @@ def test_the_report_says_what_was_made_found_and_why(run: Run) -> None:
     assert (found["done"], found["skipped"]) == ("read from the store", "all of it")
 
 
-def test_words_may_be_made_of_the_samples_traced(run: Run) -> None:
+def test_words_may_be_made_of_the_samples_traced(run):
     observer = Observer()
 
     def function(factor: int) -> int:
