@@ -5,8 +5,6 @@ dies of whatever kills it: that is the finding. Each file is announced on the ch
 read and answered for afterwards, so the parent knows which one did it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import os

@@ -4,8 +4,6 @@ JSON, TOML and XML are read, changed as trees, and written again; an .npz is cha
 So most of them stay well formed, and what is wrong with them lies behind the reader's first look.
 """
 
-from __future__ import annotations
-
 import copy
 import io
 import json
@@ -200,22 +198,9 @@ def _doubled_line(rng: random.Random, text: str) -> str:
 
 
 def _toml(tree: Any) -> str:
-    """A tree as TOML: tables where the root has some, all else inline."""
-    if not isinstance(tree, dict):
-        return f"value = {_inline(tree)}\n"
-    plain = [
-        f"{_name(k)} = {_inline(v)}" for k, v in tree.items() if not isinstance(v, (dict, list))
-    ]
-    found = [*plain]
-    for key, value in tree.items():
-        tables = value if isinstance(value, list) and value else [value]
-        if isinstance(value, (dict, list)) and all(isinstance(one, dict) for one in tables):
-            for table in tables:
-                found.append(f"[[{_name(key)}]]" if isinstance(value, list) else f"[{_name(key)}]")
-                found += [f"{_name(k)} = {_inline(v)}" for k, v in table.items()]
-        elif isinstance(value, list):
-            found.insert(0, f"{_name(key)} = {_inline(value)}")
-    return "\n".join(found) + "\n"
+    """A tree as TOML, tables inline."""
+    root = tree if isinstance(tree, dict) else {"value": tree}
+    return "".join(f"{_name(key)} = {_inline(value)}\n" for key, value in root.items())
 
 
 def _name(key: object) -> str:

@@ -1,7 +1,5 @@
 """Mutations of a file's bytes, each told by its seed: what bit rot, cut transfers and malice do."""
 
-from __future__ import annotations
-
 import random
 import re
 import struct

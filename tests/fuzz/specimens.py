@@ -1,7 +1,5 @@
 """Small sound files of every format that inim accepts, made anew for each run."""
 
-from __future__ import annotations
-
 import atexit
 import base64
 import io

@@ -6,8 +6,6 @@ and 1 GiB, in a process that lives on. The fast run tries fifty of each format, 
 changed by their structure (`tests/fuzz/documents.py`): 10,000 of them in the slow run.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

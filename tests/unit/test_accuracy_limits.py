@@ -1,7 +1,5 @@
 """Warnings of what was not measured safe: none for what is, one for each way out of it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The way from `inim.validate` to one view's SSIM is as short as docs/architecture.md says."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ Expected: equal arrays, bit for bit, from PLY; the same picture from OBJ, whose 
 numbers otherwise.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The study of the paper's experiments: growth, claims, and what its page says of them."""
 
-from __future__ import annotations
-
 import json
 import math
 from importlib import import_module

@@ -1,7 +1,5 @@
 """A busy machine is said to be one."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

@@ -1,7 +1,5 @@
 """What a bench writes: the tables say what the data say, and the page needs nothing else."""
 
-from __future__ import annotations
-
 import json
 import re
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """The bench's arithmetic: who runs when, medians, ratios, the front."""
 
-from __future__ import annotations
-
 import pytest
 
 from inim.bench.evaluate import mark_fronts, pareto

@@ -1,7 +1,5 @@
 """What is computed a band of rows at a time has no seams: the same bits as in one piece."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import tracemalloc

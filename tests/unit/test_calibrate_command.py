@@ -4,8 +4,6 @@ Expected: a display file that others take, a report that keeps its schema; code 
 where the photographs do not determine everything; one line for each mistake.
 """
 
-from __future__ import annotations
-
 import json
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Photographs in, panel pixels out; and a line for each way to photograph the patterns wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ model of a photograph is that of the lens models; hidden parameters are found wi
 errors, and these are small; what photographs cannot tell is said and keeps the design's value.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -17,9 +15,9 @@ from inim.calibrate.advice import next_positions
 from inim.calibrate.camera import Camera, Pose, directions, project, rays, rotation
 from inim.calibrate.fit import Calibration, calibrate, recounted, stand
 from inim.calibrate.lattice import Lenses, find_lenses
-from inim.calibrate.model import PARAMETERS, SHARED, Guess, Seen, centres, panel_points
+from inim.calibrate.model import PARAMETERS, Guess, Seen, centres, panel_points
 from inim.calibrate.output import calibration_document, display_file, residual_maps
-from inim.display import DISPLAYS, Display
+from inim.display import DISPLAYS
 from inim.documents import read_document
 from inim.documents.calibration import CalibrationDocument
 from inim.documents.document import decode, encode
@@ -269,22 +267,6 @@ def test_outlines_are_where_the_relief_s_seams_are_seen(side, eye):
     flat = display.replace(focal_length_mm=1e4, gap_mm=3.0, lens_thickness_mm=1.0)
     shallow = centres(flat, camera, pose, index[whole]) - seen.centre_px[whole]
     assert np.abs(shallow.mean(axis=0)).max() > 0.25
-
-
-@pytest.mark.slow
-def test_derivatives_of_one_pose_are_of_its_position_alone():
-    result = found(*EYES)
-    seen, guess = result.seen, result.guess
-    free = np.ones(guess.steps.size, bool)
-    slopes = seen.slopes(guess, np.zeros(free.size), free)
-    second = len(SHARED) + 6 + 4
-    by = np.zeros(free.size)
-    by[second] = 0.01
-    change = (seen.flat(guess.moved(by)) - seen.flat(guess.moved(-by))) / 0.02
-    scale = np.abs(change).max()
-    np.testing.assert_allclose(slopes[second], change, atol=1e-4 * scale)
-    rays_, outlines = seen.counts[0]
-    assert np.abs(slopes[second, : 2 * (rays_ + outlines)]).max() == 0
 
 
 def test_imperfections_are_what_they_say():
@@ -589,18 +571,3 @@ def test_advice_says_what_a_further_position_brings():
         promised = best.errors[name] / own[name].error
         kept = more.estimates[name].error / own[name].error
         assert promised / 2 < kept < 2 * promised, name
-
-
-def test_a_guess_moves_all_that_it_is_told_to():
-    guess = found(*EYES).guess
-    by = np.arange(1, guess.steps.size + 1) * 1e-3
-    moved = guess.moved(by)
-    assert isinstance(moved, Guess) and isinstance(moved.display, Display)
-    for n, name in enumerate(PARAMETERS):
-        change = getattr(moved.display, name) - getattr(guess.display, name)
-        assert change == pytest.approx(by[n])
-    assert moved.camera.k2 - guess.camera.k2 == pytest.approx(by[len(SHARED) - 1])
-    last = moved.poses[-1].eye_mm - guess.poses[-1].eye_mm
-    np.testing.assert_allclose(last, by[-3:], atol=1e-12)
-    seen = Seen.of(found(*EYES).lenses, guess.display)
-    assert len(seen.flat(guess)) == sum(2 * (a + b) for a, b in seen.counts)

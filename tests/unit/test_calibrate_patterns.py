@@ -1,7 +1,5 @@
 """The pictures for calibration: what they code, and that files say the same."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

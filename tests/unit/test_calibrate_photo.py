@@ -1,7 +1,5 @@
 """A photograph against its simulation: what was changed on purpose is found, in its own row."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift

@@ -1,7 +1,5 @@
 """The table of hidden displays: worst first, shifts as they were stated, and no miss left out."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from reports.calibration.run import TARGETS, table

@@ -1,7 +1,5 @@
 """Commands are those of the modules of `inim.commands`; only the named one's module is imported."""
 
-from __future__ import annotations
-
 import os
 import pkgutil
 import subprocess

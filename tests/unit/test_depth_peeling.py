@@ -1,7 +1,5 @@
 """The layers of closed-form scenes: fronts, backs, coverage, colours."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

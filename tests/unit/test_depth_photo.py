@@ -1,7 +1,5 @@
 """Photographs with depth inside: each format, the same way up, and a line for each damage."""
 
-from __future__ import annotations
-
 import io
 import struct
 import sys
@@ -14,13 +12,11 @@ import pytest
 from PIL import Image
 
 from inim.errors import FileError, UsageError
-from inim.from_camera.depth_photo.codes import turned, upright
+from inim.from_camera.depth_photo.codes import upright
 from inim.from_camera.depth_photo.read import read_depth_photo
-from inim.from_camera.depth_photo.xmp import read_xmp
 from inim.from_camera.fit import Pinhole
 from inim.from_camera.picture_files import read_color
 from tests.depth_photographs import (
-    DYNAMIC,
     EXTENDED,
     RDF,
     apple_jpeg,
@@ -110,14 +106,6 @@ def test_apple_s_disparity_is_found_among_the_pictures_of_a_jpeg(tmp_path, order
     assert "accuracy relative: relative" in photo.said[0]
 
 
-def test_absolute_disparity_is_metric(tmp_path):
-    data = apple_jpeg(picture(COLOR), picture(SMALL), apple_xml(accuracy="absolute"))
-    photo = read(tmp_path, data)
-    codes = np.asarray(Image.open(io.BytesIO(picture(SMALL)))).astype(float)
-    np.testing.assert_allclose(photo.values.depth, 1000 / (0.5 + codes / 255 * 2), rtol=1e-6)
-    assert photo.values.has_unit
-
-
 def test_what_is_infinitely_far_is_farther_than_all_else_and_finite(tmp_path):
     codes = np.array([[0, 1], [2, 255]], np.uint8)
     xml = apple_xml(least=0, most=2.55, accuracy="absolute")
@@ -170,12 +158,6 @@ def test_upright_is_pillow_s_own_turning():
         stored = Image.open(io.BytesIO(picture(pixels, "PNG", orientation)))
         expected = np.asarray(ImageOps.exif_transpose(stored))
         np.testing.assert_array_equal(upright(pixels, orientation), expected)
-
-
-def test_a_camera_turned_twice_by_half_a_turn_is_itself():
-    camera = Pinhole(100, 110, 30, 20)
-    assert turned(turned(camera, (80, 60), 3), (80, 60), 3) == camera
-    assert turned(turned(camera, (80, 60), 6), (60, 80), 8) == camera
 
 
 def test_cameras_are_scaled_to_the_colour_picture(tmp_path):
@@ -418,15 +400,6 @@ def test_without_pillow_heif_the_line_says_what_to_install(tmp_path, monkeypatch
     (tmp_path / "photo.heic").write_bytes(b"\0\0\0\x1cftypheic" + bytes(16))
     with pytest.raises(UsageError, match=r"pip install 'inim\[photos\]'"):
         read_depth_photo(tmp_path / "photo.heic")
-
-
-def test_properties_are_found_as_attributes_and_as_elements():
-    text = RDF.format(
-        f'<rdf:Description {DYNAMIC} DepthMap:Near="1"><DepthMap:Far> 2 </DepthMap:Far>'
-        "</rdf:Description>"
-    )
-    found = [node for node in read_xmp(text.encode(), Path("x")) if node]
-    assert found == [{"DepthMap:Near": "1", "DepthMap:Far": "2"}]
 
 
 def test_a_segmentation_is_no_depth(tmp_path):

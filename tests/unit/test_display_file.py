@@ -1,7 +1,5 @@
 """A display file is a display to every command: with a scene, in a study, for tolerances."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

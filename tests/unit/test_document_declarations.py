@@ -4,8 +4,6 @@ Expected: each refusal is one short line that gives the place and the remedy; nu
 finite return as NaN, and an infinite PSNR as null.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ Expected: every command parses, every block of Python compiles, every link leads
 is short, and pages quote the examples that the tests run.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import shlex

@@ -5,8 +5,6 @@ as a disc; measured on the lens array, where the film is, its diameter is A V |1
 picture then rises like a disc's integral: its slope has the variance (diameter / 4)^2.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

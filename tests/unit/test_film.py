@@ -1,7 +1,5 @@
 """Films: where the eye goes, and what is written."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

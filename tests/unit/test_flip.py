@@ -1,7 +1,5 @@
 """Where views flip: a sweep of the eye across the edge of the viewing zone."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`--fit auto`: the subject, its depth range and its place are found where there is one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

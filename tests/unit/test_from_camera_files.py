@@ -1,7 +1,5 @@
 """Colour and depth files: what is read, what is noticed, and one line for each way to be wrong."""
 
-from __future__ import annotations
-
 import zlib
 from pathlib import Path
 

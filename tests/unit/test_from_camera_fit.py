@@ -1,7 +1,5 @@
 """A camera's picture in the display frame: places against closed forms, surfaces, holes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 Sources on whole panels are tested in `test_generators`.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Any

@@ -5,8 +5,6 @@ Expected: first hits are those of the definition, in rational numbers, ties incl
 way to ask for an EIA gives the same bits.
 """
 
-from __future__ import annotations
-
 import importlib
 from fractions import Fraction
 from types import FunctionType

@@ -1,7 +1,5 @@
 """Pictures in and out, whole or not at all; scores against known values."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

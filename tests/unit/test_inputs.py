@@ -4,8 +4,6 @@ Expected: a preset's name, a display file and a `Display` give the same EIA and 
 silently give a wrong picture is refused with the remedy, or warned of.
 """
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

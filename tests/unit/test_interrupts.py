@@ -4,8 +4,6 @@ Expected: the process ends with 130, 143 or 129 and one line or none; context ma
 what is being published is published. In a process that is no program, handlers stay as they were.
 """
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What no ray of a display can meet, and that leaving it out changes no pixel."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

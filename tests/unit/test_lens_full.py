@@ -1,13 +1,11 @@
 """The mesh of the lens array against a sheet of lenses: closed, exact, as large as it is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
 from inim.errors import DisplayError
-from inim.lens import check_lens_model, trace_to_panel
+from inim.lens import check_lens_model
 from inim.lens.full import facet_error_mm, facets_per_lens, sheet_mesh
 from tests.conftest import small_display
 
@@ -155,10 +153,3 @@ def test_the_nominal_array_fits_and_a_huge_one_is_refused():
 def test_what_a_mesh_of_full_lenses_cannot_be_is_refused_by_name(changes):
     with pytest.raises(DisplayError, match=next(iter(changes))):
         check_lens_model("full", NOMINAL.replace(**changes))
-
-
-def test_numpy_does_not_trace_the_mesh():
-    from inim.errors import UsageError
-
-    with pytest.raises(UsageError, match="thick"):
-        trace_to_panel(NOMINAL, "full", 0.0, 0.0, 0.0, 0.0)

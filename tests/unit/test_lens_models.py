@@ -1,7 +1,5 @@
 """Lens models are found by name, other packages' too, which give a view or one clear line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

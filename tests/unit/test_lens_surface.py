@@ -1,7 +1,5 @@
 """One refracting face: met, refracted, reversed; and a camera lens of eleven of them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -57,27 +55,6 @@ def test_rays_end_on_the_face(name):
     # Next to the vertex, not on the far side of the ball.
     assert np.abs(z[met]).max() < 0.9
     assert np.abs(z - sag(OPS, face, x**2 + y**2))[met].max() < 1e-13
-
-
-@pytest.mark.parametrize("name", FACES)
-def test_single_precision_meets_the_face_to_a_few_roundings(name):
-    """No root cancels: the error in float32 is some 1e-7 of lengths of one millimetre."""
-    face = FACES[name]
-    x, y, d = rays(reach=0.6, dtype=np.float32)
-    exact = points(face, *(np.asarray(a, np.float64) for a in (x, y)), [a.astype(float) for a in d])
-    single = points(Face(*_as_float32(face)), x, y, d)
-    sure = exact[3] & single[3]
-    assert sure.mean() > 0.95
-    for a, b in zip(single[:3], exact[:3], strict=True):
-        assert a.dtype == np.float32
-        assert np.abs(a - b)[sure].max() < 2e-6
-
-
-def _as_float32(face):
-    """The same face in numbers that float32 holds."""
-    asphere = None if face.asphere is None else tuple(np.float32(a) for a in face.asphere)
-    conic = None if face.conic is None else np.float32(face.conic)
-    return np.float32(face.curvature), conic, asphere
 
 
 def test_a_ray_beside_the_ball_is_not_met():

@@ -1,7 +1,5 @@
 """Light fields and quilts: which view is whose, and back again without loss."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Memory that is short: passes shrink before a run is refused, and never exceed what there is."""
 
-from __future__ import annotations
-
 import pytest
 
 from inim.errors import OutOfMemoryError

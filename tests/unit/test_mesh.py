@@ -1,7 +1,5 @@
 """Meshes come through whole, and no file takes time, memory or the process with it."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os
@@ -345,23 +343,6 @@ def test_gltf_buffer_outside_the_folder_is_refused(tmp_path):
     tree = json.loads(gltf({}))
     tree["buffers"][0]["uri"] = "../b.bin"
     assert "'../b.bin' is no file" in refusal(put(inner, "a.gltf", json.dumps(tree)))
-
-
-@pytest.mark.parametrize("keep", [0.2, 0.5, 0.9, 0.999])
-@pytest.mark.parametrize("name", ["a.ply", "a.stl", "a.gltf", "a.obj"])
-def test_truncated_files_never_raise_anything_else(tmp_path, name, keep):
-    whole = {
-        "a.ply": tetrahedron_ply(),
-        "a.stl": stl(POINTS[FACES]),
-        "a.gltf": gltf({}),
-        "a.obj": OBJ.encode(),
-    }[name]
-    path = put(tmp_path, name, whole[: int(len(whole) * keep)])
-    for act in (read_mesh, lambda path: read_shape(path, path.suffix[1:])):
-        try:
-            act(path)
-        except FileError as error:
-            assert "\n" not in str(error)
 
 
 # --- Meshes of scenes ---------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """Metrics of other packages: announced like generators, scored like the project's own."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 

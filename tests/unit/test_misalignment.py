@@ -1,7 +1,5 @@
 """How an array lies off its design."""
 
-from __future__ import annotations
-
 import pytest
 
 from inim.display import DISPLAYS

@@ -1,7 +1,5 @@
 """The plugins in anybody's scene: `inim_display`, `inim_eye`, `inim_pickup`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -423,15 +421,6 @@ def test_what_it_shows_can_be_changed():
     assert not rendered(scene, 4).any(), "with a warning"
 
 
-def test_an_emitter_without_a_shape_is_dark():
-    import mitsuba as mi
-
-    world = mi.ScalarTransform4f()
-    alone = mi.load_dict(panel(world)["emitter"])
-    assert before(world).mean() > 0.2
-    assert "small" not in alone.to_string()
-
-
 def lit_wall(integrator: dict):
     """A wall on the display's axis, lit by it alone, as a stock camera sees it."""
     import mitsuba as mi
@@ -563,26 +552,6 @@ def test_forward_mode_is_the_same_derivative(integrator):
     parameters[key] = mi.TensorXf(picture())
     parameters.update()
     assert tangent == pytest.approx(there - np.array(mi.render(scene, spp=16, seed=5)), abs=1e-4)
-
-
-def test_an_eia_can_be_optimised_through():
-    """From grey, towards a picture seen by the eye: each step of Adam's shows less error."""
-    import drjit as dr
-    import mitsuba as mi
-
-    scene, parameters, key = gradient_scene("prb")
-    goal = mi.TensorXf(np.array(mi.render(scene, spp=64, seed=9)))
-    optimizer = mi.ad.Adam(lr=0.1)
-    optimizer[key] = mi.TensorXf(np.full((*DISPLAY.eia_shape, 3), 0.5, np.float32))
-    losses = []
-    for turn in range(12):
-        parameters.update(optimizer)
-        image = mi.render(scene, parameters, spp=32, seed=turn)
-        loss = dr.mean(dr.square(image - goal), axis=None)
-        dr.backward(loss)
-        optimizer.step()
-        losses.append(float(loss.array[0]))
-    assert losses[-1] < 0.2 * losses[0], losses
 
 
 def test_presets_are_the_displays_of_that_name():

@@ -5,8 +5,6 @@ run listed are replaced or deleted; whatever links, lists and files are in the w
 the folder changes.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Metrics of perception: how a picture is seen reaches them, and JOD is the package's own."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Quilts before rendering: where eyes stand, what of a tile the array takes, what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

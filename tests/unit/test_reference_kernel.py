@@ -1,7 +1,5 @@
 """The reference kernel gathers where it says: against float64 rays of the display model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

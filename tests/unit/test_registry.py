@@ -1,7 +1,5 @@
 """What is known of an algorithm stands in its own file, and costs nothing to ask."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from importlib.metadata import EntryPoint

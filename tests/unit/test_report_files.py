@@ -1,7 +1,5 @@
 """A report on disk: strict JSON that loses no number silently, and safe wherever it is shown."""
 
-from __future__ import annotations
-
 import html
 import json
 import math

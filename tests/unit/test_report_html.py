@@ -1,11 +1,8 @@
 """The HTML report: one safe, self-contained page that never shows more than was measured."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io
-import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -90,8 +87,12 @@ def view_scores(ssim: float) -> dict[str, Any]:
     return {**scores(0.8), **own, "ssim_on_relic": 0.75, "ssim_on_relic_to_ceiling": ssim}
 
 
+def displayed(**changes: Any) -> dict[str, Any]:
+    display = DISPLAYS["nominal"].replace(**changes)
+    return {"given": display.given(), "derived": display.derived()}
+
+
 def report(algorithms: dict[str, float], views: tuple[str, ...] = VIEWS) -> dict[str, Any]:
-    display = DISPLAYS["nominal"]
     places = dict(zip(VIEWS, [(0, 0), (-10, 0), (10, 0), (0, 10), (0, -10)], strict=True))
     return {
         "title": "Painted amphora",
@@ -101,7 +102,7 @@ def report(algorithms: dict[str, float], views: tuple[str, ...] = VIEWS) -> dict
         "command": "python -m inim.validate scenes/amphora.xml -o OUT",
         "scene": {"path": "scenes/amphora.xml", "shapes": 3},
         "settings": {"seed": 7},
-        "display": {"given": display.given(), "derived": display.derived()},
+        "display": displayed(),
         "backend": {"variant": "llvm_ad_rgb"},
         "lens_model": "thick",
         "viewpoints": [
@@ -152,6 +153,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 ALGORITHMS = {"template": 0.9731, "wang2024": 0.9211}
+COMPARED = ["Difference of template and ceiling", "SSIM map of template and ceiling"]
 
 
 def test_page_is_well_formed_html_with_every_section(folder):
@@ -161,6 +163,8 @@ def test_page_is_well_formed_html_with_every_section(folder):
     assert {"overview", "display", "views", "eia", "rgbd", "checks", "timings", "warnings"} < titles
     assert {"reproduce", "meaning"} < titles
     assert page.all("html") == [{"lang": "en"}]
+    places = {attributes.get("id") for _, attributes in page.elements}
+    assert {link["href"][1:] for link in page.all("a")} <= places
 
 
 def test_sections_stand_in_the_order_of_their_places_whatever_file_registers_them(folder):
@@ -170,12 +174,6 @@ def test_sections_stand_in_the_order_of_their_places_whatever_file_registers_the
     anchors = [section["id"] for section in page.all("section")]
     assert anchors == [one.anchor for one in found if one.anchor in anchors]
     assert (anchors[0], anchors[-1]) == ("overview", "meaning")
-
-
-def test_every_link_leads_to_a_place_on_the_page(folder):
-    page = Page(render_html(report(ALGORITHMS), folder))
-    places = {attributes.get("id") for _, attributes in page.elements}
-    assert {link["href"][1:] for link in page.all("a")} <= places
 
 
 def test_every_picture_is_embedded_and_described(folder):
@@ -226,16 +224,34 @@ def test_hostile_names_are_shown_as_text_and_never_run(folder):
     assert {key for image in page.all("img") for key in image} <= allowed
 
 
-@pytest.mark.parametrize("content", [None, b"", b"not a picture", b"\x89PNG\r\n\x1a\n cut"])
-def test_missing_or_damaged_picture_shows_a_box(folder, content):
+def png(size):
+    stream = io.BytesIO()
+    Image.fromarray(noise(1, size)).save(stream, "PNG")
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "missing"),
+    [
+        (None, ["template", *COMPARED]),
+        (b"not a picture", ["template", *COMPARED]),
+        (b"\x89PNG\r\n\x1a\n cut", ["template", *COMPARED]),
+        (png(32), COMPARED),  # of another size than the ceiling's
+    ],
+)
+def test_what_a_picture_lacks_has_a_box(folder, content, missing):
     path = folder / "views/template/centre.png"
-    path.unlink()
-    if content is not None:
-        path.write_bytes(content)
-    page = Page(render_html(report(ALGORITHMS), folder))
-    assert "missing template from centre" in page.text
-    assert "missing Difference of template and ceiling from centre" in page.text
-    assert "missing SSIM map of template and ceiling from centre" in page.text
+    path.unlink() if content is None else path.write_bytes(content)
+    text = Page(render_html(report(ALGORITHMS), folder)).text
+    for shown in ("template", *COMPARED):
+        assert (f"missing {shown} from centre" in text) == (shown in missing)
+
+
+def test_picture_smaller_than_ssim_s_window_has_no_map(folder):
+    for place in ("views/ceiling", "views/template"):
+        save(folder / place / "centre.png", noise(1, 10))
+    text = Page(render_html(report(ALGORITHMS), folder)).text
+    assert [f"missing {shown} from centre" in text for shown in COMPARED] == [False, True]
 
 
 def test_difference_is_the_absolute_srgb_difference_times_four_and_says_so(folder):
@@ -273,20 +289,6 @@ def test_ssim_map_is_black_where_equal_and_its_mean_is_the_score(folder):
     assert 1 - places[5:-5, 5:-5].mean() / 255 == pytest.approx(score, abs=4e-3)
 
 
-def test_picture_smaller_than_ssim_s_window_has_no_map(folder):
-    for place in ("views/ceiling", "views/template"):
-        save(folder / place / "centre.png", noise(1, 10))
-    page = Page(render_html(report(ALGORITHMS), folder))
-    assert "missing SSIM map of template and ceiling from centre" in page.text
-    assert "missing Difference of template and ceiling from centre" not in page.text
-
-
-def test_pictures_of_unlike_sizes_are_not_compared(folder):
-    save(folder / "views/template/centre.png", noise(1, 32))
-    page = Page(render_html(report(ALGORITHMS), folder))
-    assert "missing Difference of template and ceiling from centre" in page.text
-
-
 def test_eia_crop_shows_the_same_busiest_lenses_of_every_array_unscaled(folder):
     truth = np.full((1088, 1088, 3), 128, np.uint8)
     top, left, size = 17 * 30, 17 * 22, 5 * 17
@@ -302,18 +304,6 @@ def test_eia_crop_shows_the_same_busiest_lenses_of_every_array_unscaled(folder):
     np.testing.assert_array_equal(crop, made[cut])
 
 
-def test_missing_scores_are_dashes_and_the_psnr_of_identical_pictures_is_infinite(folder):
-    data = report({"template": 0.9}, views=("centre",))
-    none = {"ssim_on_relic_to_ceiling": None, "ssim_to_ceiling": None, "ssim": math.nan}
-    data["algorithms"]["template"]["views"]["centre"] |= none
-    data["algorithms"]["template"]["views"]["centre"] |= {"psnr_to_ceiling_db": None}
-    data["algorithms"]["template"]["seconds"] = None
-    text = Page(render_html(data, folder)).text
-    assert "SSIM – PSNR ∞\N{NO-BREAK SPACE}dB".replace("\N{NO-BREAK SPACE}", " ") in text
-    assert "nan" not in text.lower().split()
-    assert "None" not in text
-
-
 def test_verdict_is_a_word_and_not_only_a_colour(folder):
     data = report(ALGORITHMS)
     text = Page(render_html(data, folder)).text
@@ -327,12 +317,6 @@ def test_verdict_is_a_word_and_not_only_a_colour(folder):
     assert "template: SSIM 0.8500, required ≥ 0.9000" in text
 
 
-def test_nothing_checked_is_not_a_pass(folder):
-    data = report(ALGORITHMS)
-    data["verdict"] = {"passed": True, "checks": []}
-    assert "No verdict" in Page(render_html(data, folder)).text
-
-
 def test_first_pictures_are_ground_truth_ceiling_and_best_algorithm(folder):
     page = Page(render_html(report({"wang2024": 0.91, "template": 0.97}), folder))
     assert [image["alt"] for image in page.all("img")][:3] == [
@@ -340,12 +324,6 @@ def test_first_pictures_are_ground_truth_ceiling_and_best_algorithm(folder):
         "Ceiling, viewpoint centre",
         "template, viewpoint centre",
     ]
-
-
-def test_algorithm_that_lacks_scores_is_not_the_best(folder):
-    data = report({"wang2024": 0.99, "template": 0.9})
-    data["algorithms"]["wang2024"]["views"]["left"]["ssim_on_relic_to_ceiling"] = None
-    assert "template best mean" in Page(render_html(data, folder)).text
 
 
 def test_parallax_strips_go_by_position_not_by_order(folder):
@@ -431,37 +409,25 @@ def test_depth_profile_without_a_depth_picture_is_left_out(folder, content):
     assert depth_profile(folder, DISPLAYS["nominal"]) == ""
 
 
-def test_depth_picture_says_that_lighter_is_nearer(folder):
-    assert "lighter is nearer to the viewer" in Page(render_html(report(ALGORITHMS), folder)).text
-
-
-def test_cut_depth_range_is_a_warning(folder):
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: None, "lighter is nearer to the viewer"),
+        (lambda d: None, "in front of the lens array"),
+        (lambda d: d["display"].update(displayed(gap_mm=2.7)), "behind the lens array"),
+        (lambda d: d["display"]["derived"].update(depth_range_is_cut=True), "Depth range cut."),
+        (lambda d: d["display"]["derived"].update(central_depth_mm=None),
+         "It is focused (gap = focal length)"),
+        (lambda d: d.update(settings={"fit_share": 0.123456789}), "0.123456789"),
+    ],
+)  # fmt: skip
+def test_page_says_what_the_report_does(folder, change, words):
     data = report(ALGORITHMS)
-    assert "Depth range cut." not in Page(render_html(data, folder)).text
-    data["display"]["derived"]["depth_range_is_cut"] = True
-    assert "Depth range cut." in Page(render_html(data, folder)).text
-
-
-def test_display_without_a_central_depth_plane_is_called_focused(folder):
-    data = report(ALGORITHMS)
-    data["display"]["derived"]["central_depth_mm"] = None
-    text = Page(render_html(data, folder)).text
-    assert "It is focused (gap = focal length)" in text
-    assert "Central depth plane focused" in text
-
-
-@pytest.mark.parametrize(("gap_mm", "side"), [(3.3, "in front of"), (2.7, "behind")])
-def test_central_depth_plane_is_said_to_be_on_its_side_of_the_array(folder, gap_mm, side):
-    display = DISPLAYS["nominal"].replace(gap_mm=gap_mm)
-    data = report(ALGORITHMS)
-    data["display"] = {"given": display.given(), "derived": display.derived()}
-    assert f"{side} the lens array" in Page(render_html(data, folder)).text
-
-
-def test_settings_are_printed_in_full_to_be_given_again(folder):
-    data = report(ALGORITHMS)
-    data["settings"] = {"fit_share": 0.123456789}
-    assert "0.123456789" in Page(render_html(data, folder)).text
+    plain = render_html(data, folder)
+    change(data)
+    page = render_html(data, folder)
+    assert words in Page(page).text
+    assert page == plain or words not in Page(plain).text
 
 
 def test_plan_view_names_the_eyes_and_escapes_them():
@@ -531,8 +497,3 @@ def test_what_was_skipped_is_listed_with_its_reason(folder):
     page = Page(render_html({**report(ALGORITHMS), "skipped": rows}, folder))
     assert "3 of 5 2 nothing moves there" in page.text
     assert page.scripts == [PAGE_SCRIPT, WIPE.script]
-
-
-def test_nothing_skipped_is_no_section(folder):
-    page = Page(render_html({**report(ALGORITHMS), "skipped": []}, folder))
-    assert "skipped" not in {s["id"] for s in page.all("section")}

@@ -1,7 +1,5 @@
 """JUnit output: always well-formed, one case per check, and red whenever the run is."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from typing import Any
 

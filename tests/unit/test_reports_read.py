@@ -1,7 +1,5 @@
 """Reports and baselines that cannot be: each is refused with one line that names the file."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import io

@@ -4,8 +4,6 @@ Expected: a value reaches the plan as it is; the recorded command, typed, makes 
 wrong type is one line that gives the remedy.
 """
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """An RGB-D picture is consistent, or is not made."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

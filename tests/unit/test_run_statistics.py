@@ -1,7 +1,5 @@
 """RunStatistics of a run: written and read back, and whether two can be compared."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import threading

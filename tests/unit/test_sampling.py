@@ -1,7 +1,5 @@
 """How many samples scores need, on scores whose noise is known."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

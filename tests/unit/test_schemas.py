@@ -3,8 +3,6 @@
 Expected: each is a schema and describes each key; the committed documents keep theirs.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The scoreboard: what is known in closed form, a textured plane, is scored as it must be."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

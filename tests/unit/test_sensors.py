@@ -1,7 +1,5 @@
 """The sensors' rays against the display's own geometry, and stock use of the plugins."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -122,27 +120,6 @@ def test_depth_of_a_sphere_is_its_closed_form(open_fitted):
     assert error.max() < 1e-3 * (display.depth_range_mm[1] - display.depth_range_mm[0])
 
 
-def test_the_pickup_plugin_renders_with_the_stock_renderer(open_fitted):
-    """The own pass planner and `mi.render` see the same picture through the same plugin."""
-    import mitsuba as mi
-
-    from inim.render.rays import pickup_rays
-    from inim.render.sensors import make_sensor
-    from inim.render.trace import Tracer, mean_light, scene_light
-
-    display = small_display()
-    fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
-    sensor = make_sensor(pickup_rays(display, fitted.start_mm), fitted.fit.world_from_display)
-    stock = np.asarray(
-        mi.render(fitted.scene, sensor=sensor, integrator=fitted.integrator, spp=256, seed=3)
-    )
-    own = mean_light(Tracer(scene_light(fitted.scene, fitted.integrator), sensor, 4), 256)
-    assert stock.shape == own.shape
-    # Delta light: the only noise is where inside a pixel the sample lies, largest at the rim.
-    assert np.abs(stock - own).mean() < 2e-3
-    assert own.max() > 0.1
-
-
 def test_passes_of_any_size_give_the_same_pixels(open_fitted, monkeypatch):
     """A sample's numbers are counter-based: passes, bands and masks only sort the work."""
     from inim.render import trace
@@ -163,17 +140,6 @@ def test_passes_of_any_size_give_the_same_pixels(open_fitted, monkeypatch):
     few = np.flatnonzero(mask)[:50]
     apart = tracer.means(few, 48)
     assert np.abs(apart - whole.reshape(-1, 3)[few]).max() < 1e-6, "only sums are rounded elsewhere"
-
-
-@pytest.mark.parametrize(("pixels", "spp"), [(1, 1), (10, 3), (1088 * 1088, 32), (7, 10**7)])
-def test_passes_cover_every_sample_once(pixels, spp):
-    from inim.render.trace import _RAYS_PER_PASS, _passes
-
-    passes = _passes(pixels, spp)
-    sizes = [(part.stop - part.start) * samples for part, _, samples in passes]
-    assert sum(sizes) == pixels * spp
-    assert max(sizes) <= max(_RAYS_PER_PASS, 1)
-    assert len({(part.start, first) for part, first, _ in passes}) == len(passes)
 
 
 def test_lights_are_hidden_from_depth_and_colour(open_fitted):

@@ -1,11 +1,9 @@
 """Settings and scene files: what is read, what is refused, in which words."""
 
-from __future__ import annotations
-
 import pytest
 
 from inim.display import DISPLAYS
-from inim.display.viewpoint import Viewpoint, check_viewpoint, parse_viewpoints
+from inim.display.viewpoint import parse_viewpoints
 from inim.errors import DisplayError, FileError, SceneError, UsageError, ViewpointError
 from inim.inspect.accuracy_limits import lenses_beside_panel
 from inim.scene.file import parse_definitions, read_scene_file
@@ -182,14 +180,6 @@ def test_named_viewpoints_are_inside_the_zone_and_apart():
 def test_a_viewpoint_that_cannot_be_used_is_named(text, words):
     with pytest.raises(ViewpointError, match=words):
         parse_viewpoints(text, DISPLAY.replace(depth_min_mm=10, depth_max_mm=30), 120)
-
-
-def test_the_limit_of_the_viewing_zone_is_the_formula_s():
-    """|e - x_lens| <= V P / 2g for the outermost lens."""
-    limit = 200 * 1.0 / (2 * 3.3) - 5.5
-    check_viewpoint(Viewpoint("in", limit - 1e-6, 0, 200), DISPLAY)
-    with pytest.raises(ViewpointError):
-        check_viewpoint(Viewpoint("out", limit + 1e-6, 0, 200), DISPLAY)
 
 
 def test_lenses_are_counted_from_a_panel_that_is_given():

@@ -1,7 +1,5 @@
 """Sides: which solids show them, what they are cut into, and their colours."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

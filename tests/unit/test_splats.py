@@ -1,7 +1,5 @@
 """Splats: their files, their turns, and rays through them against closed forms and a mesh."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The wrapper around a stage: what finds a result again, and what the report then says."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 An error is planted into what an algorithm shows, and the check that should see it must.
 """
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

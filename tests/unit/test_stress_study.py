@@ -3,8 +3,6 @@
 An error is planted into a generator or a lens model, and the check that should see it must.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -216,51 +214,42 @@ def test_an_honest_case_passes():
     assert all(r["changed"] == 0 for r in rows if r["algorithm"] == "template")
 
 
-def test_a_lens_off_by_one_is_reported(monkeypatch):
-    def wrong(rgbd, display, algorithm="template", **options):
-        return np.roll(find_sources(rgbd, display, algorithm, **options), 5, axis=1)
-
-    replace_finder(monkeypatch, wrong)
-    rows = generators.run_case(*one_case(), FEW)
-    assert len(rows) == len(generators.VARIANTS) == len(failed(rows))
+def lens_off_by_one(rgbd, display, algorithm="template", **options):
+    return np.roll(find_sources(rgbd, display, algorithm, **options), 5, axis=1)
 
 
-def test_a_wrong_sign_of_depth_is_reported(monkeypatch):
-    def wrong(rgbd, display, algorithm="template", **options):
-        low, high = display.depth_range_mm
-        turned = RGBD(
-            rgbd.color, np.float32(low + high) - rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm
-        )
-        return find_sources(turned, display, algorithm, **options)
-
-    replace_finder(monkeypatch, wrong)
-    rows = generators.run_case(*one_case(), FEW)
-    assert len(rows) == len(generators.VARIANTS) == len(failed(rows))
+def wrong_sign_of_depth(rgbd, display, algorithm="template", **options):
+    depth = np.float32(sum(display.depth_range_mm)) - rgbd.depth_mm
+    return find_sources(replace(rgbd, depth_mm=depth), display, algorithm, **options)
 
 
-def test_one_wrong_pixel_of_the_exact_path_is_reported(monkeypatch):
-    def wrong(rgbd, display, algorithm="template", **options):
-        found = find_sources(rgbd, display, algorithm, **options)
-        found[7, 7] = HOLE if found[7, 7] != HOLE else 0
-        return found
-
-    replace_finder(monkeypatch, wrong)
-    rows = generators.run_case(*one_case(), FEW)
-    assert {("template", "float32"), ("template", "float64")} <= failed(rows)
+def one_wrong_pixel(rgbd, display, algorithm="template", **options):
+    found = find_sources(rgbd, display, algorithm, **options)
+    found[7, 7] = HOLE if found[7, 7] != HOLE else 0
+    return found
 
 
-def test_depths_off_by_their_last_bit_are_reported(monkeypatch):
+def last_bit_of_depth(rgbd, display, algorithm="template", **options):
     """Exact tables over a picture that is one float32 farther away: ties give it away."""
-    tied = next(c for c in ties() if c.label == "ray by ray, +0 ulp")
+    if algorithm == "template":
+        rgbd = replace(rgbd, depth_mm=np.nextafter(rgbd.depth_mm, np.float32(-np.inf)))
+    return find_sources(rgbd, display, algorithm, **options)
 
-    def farther(rgbd, display, algorithm="template", **options):
-        if algorithm == "template":
-            rgbd = replace(rgbd, depth_mm=np.nextafter(rgbd.depth_mm, np.float32(-np.inf)))
-        return find_sources(rgbd, display, algorithm, **options)
 
-    replace_finder(monkeypatch, farther)
-    rows = generators.run_case(Family("ties", "", lambda _: []), tied, FEW)
+@pytest.mark.parametrize(
+    ("wrong", "whole"),
+    [(lens_off_by_one, True), (wrong_sign_of_depth, True), (one_wrong_pixel, False),
+     (last_bit_of_depth, False)],
+)  # fmt: skip
+def test_wrong_sources_are_reported(monkeypatch, wrong, whole):
+    """Whole pictures of them for all algorithms, single pixels for the exact one."""
+    replace_finder(monkeypatch, wrong)
+    family, case = one_case()
+    if wrong is last_bit_of_depth:
+        case = next(c for c in ties() if c.label == "ray by ray, +0 ulp")
+    rows = generators.run_case(family, case, FEW)
     assert {("template", "float32"), ("template", "float64")} <= failed(rows)
+    assert not whole or len(rows) == len(generators.VARIANTS) == len(failed(rows))
 
 
 def test_a_crash_is_a_row_and_not_the_end(monkeypatch):

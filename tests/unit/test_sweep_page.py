@@ -1,7 +1,5 @@
 """The page of a sweep: means, fronts and rankings against hand-made tables."""
 
-from __future__ import annotations
-
 import math
 import re
 

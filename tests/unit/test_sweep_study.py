@@ -1,7 +1,5 @@
 """Studies: what is multiplied, what is refused and in which words, and what units are known by."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The engine on this machine: how many tasks at once, by cores and memory; its progress."""
 
-from __future__ import annotations
-
 import pickle
 import signal
 import subprocess

@@ -4,8 +4,6 @@ Expected: draws depend on the seed alone and more of them change none; a curve f
 again, whatever a few draws do; each sentence says what the numbers do.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Two spheres in closed form: picture, EIA and view agree with one another and with geometry."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Which variant is borrowed of a program that has one active, and that it comes back."""
 
-from __future__ import annotations
-
 import pytest
 
 from inim.backend import Backend
