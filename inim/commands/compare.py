@@ -83,7 +83,7 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     from inim.documents.parts import Checks
     from inim.pipeline.output.baseline import read_run, regression_data, verdict_lines
     from inim.regression import all_passed, compare
-    from inim.report.compare import write_comparison
+    from inim.report.sections.regression import write_comparison
     from inim.worker.output import published
 
     (report, old), (other, new) = read_run(before), read_run(after)

@@ -163,10 +163,10 @@ def _command(args: argparse.Namespace) -> str:
 
 
 def _write(document: PhotoDocument, pictures: dict[str, Any], flow: Any, out: Path) -> None:
-    from inim.report.photo import FILES, write_photo
+    from inim.report.calibration import PHOTO_FILES, write_photo
     from inim.worker.output import published
 
-    with published(out, FILES) as staging:
+    with published(out, PHOTO_FILES) as staging:
         write_photo(document, pictures, flow, staging)
 
 

@@ -122,23 +122,23 @@ def view_eia(
     """
     from inim.display.misalignment import mounted
     from inim.display.viewpoint import parse_viewpoints
+    from inim.documents.parts import EyePosition
     from inim.files.eia_file import read_eia
     from inim.image.color import srgb_codes
     from inim.report.images import ENCODINGS, Images
     from inim.report.virtual_display import (
         LIVE,
-        Eye,
         Panel,
         Still,
         live_display,
         shown_lens_model,
+        still_view,
     )
-    from inim.report.virtual_display.still import still_view
     from inim.scene.file import choose_display
 
     design, settings = choose_display(display, definitions, "inim view")
     viewpoints = parse_viewpoints(settings.viewpoints, design, settings.viewing_distance_mm)
-    eyes = [Eye(v.name, v.position_mm) for v in viewpoints]
+    eyes = [EyePosition(name=v.name, position_mm=v.position_mm) for v in viewpoints]
     real = mounted(design, settings.misalign)
     codes = srgb_codes(read_eia(eia, real)[0])
     model = shown_lens_model(real, settings.lens_model)
@@ -173,8 +173,7 @@ def _words(display: Display) -> str:
 
 def _page(title: str, facts: str, content: str) -> str:
     """One HTML file that needs nothing else."""
-    from inim.report.markup import text
-    from inim.report.page import Section, render_page
+    from inim.report.page import Section, render_page, text
     from inim.report.virtual_display import ANCHOR, LIVE, TITLE
 
     return render_page(

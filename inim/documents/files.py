@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
+from msgspec.structs import replace
+
 from inim.documents.document import Document, decode, encode
 from inim.errors import FileError
 from inim.files.image import write_atomically
@@ -71,6 +73,14 @@ def write_forms(
     texts = {file: render(read) for file, render in forms.items()}
     for file, content in {**texts, name: text}.items():
         write_text(folder / file, content)
+
+
+def write_listed(
+    document: _D, folder: Path, name: str, forms: Mapping[str, Callable[[_D], str]]
+) -> None:
+    """Write a document's forms as `write_forms`; its `files` name all files of the folder."""
+    files = folder_files(folder, name, *forms)
+    write_forms(replace(document, files=files), folder, name, forms)
 
 
 def folder_files(folder: Path, *written: str) -> list[str]:

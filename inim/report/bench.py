@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from msgspec.structs import asdict, replace
+from msgspec.structs import asdict
 
 from inim.documents.bench import (
     BenchAlgorithm,
@@ -18,9 +18,18 @@ from inim.documents.bench import (
     Scores,
 )
 from inim.documents.document import decode, encode
-from inim.documents.files import folder_files, write_forms
-from inim.report.markup import bullets, element, saved_plot, text, text_table
-from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
+from inim.documents.files import write_listed
+from inim.report.page import (
+    Section,
+    bullets,
+    document_page,
+    element,
+    how_to_reproduce,
+    lead,
+    saved_plot,
+    text,
+    text_table,
+)
 from inim.report.plots import (
     LINES,
     Name,
@@ -109,13 +118,13 @@ def scene_parts(data: BenchDocument) -> list[Part]:
     """Time against error, where methods were timed on a scene."""
     if data.scene is None:
         return []
-    lead = (
+    intro = (
         "Down and left is better. Coloured: no other is as fast and as good. Grey: another is "
         "both. The picture scored is the very one that was timed, display-ready 8-bit sRGB. "
         "A point's whisker ends at its fastest run."
     )
     tables = [_scene_table(data.scene)]
-    return [Part("scene", "Time against error", lead, tables, "pareto", _draw_scene(data.scene))]
+    return [Part("scene", "Time against error", intro, tables, "pareto", _draw_scene(data.scene))]
 
 
 def write_bench(data: BenchDocument, folder: Path, parts_of: PartsOf = scene_parts) -> None:
@@ -124,7 +133,7 @@ def write_bench(data: BenchDocument, folder: Path, parts_of: PartsOf = scene_par
     Parameters
     ----------
     data : BenchDocument
-        `files` is set here.
+        Its `files` are listed here.
     folder : Path
         Empty; the plots are written first, for the page shows them.
     parts_of : callable
@@ -138,8 +147,7 @@ def write_bench(data: BenchDocument, folder: Path, parts_of: PartsOf = scene_par
         "bench.md": lambda data: render_markdown(data, parts),
         "bench.html": lambda data: _page(data, parts, folder),
     }
-    data = replace(data, files=folder_files(folder, "bench.json", *forms))
-    write_forms(data, folder, "bench.json", forms)
+    write_listed(data, folder, "bench.json", forms)
 
 
 def milliseconds(value: float | None) -> str:
@@ -251,30 +259,16 @@ def _page(data: BenchDocument, parts: Sequence[Part], folder: Path) -> str:
     conditions += bullets(_remarks(data, parts), "remarks")
     sections = [Section("conditions", "Conditions", conditions)]
     for one in parts:
-        body = element("p", text(one.lead), class_="lead")
+        body = lead(one.lead)
         body += saved_plot(folder / f"{one.plot}.svg", one.title)
         body += _claims(*one.claims)
         body += "".join(text_table(t.caption, t.heads, t.rows, "bench") for t in one.tables)
         sections.append(Section(one.name, one.title, body))
-    return render_page(
-        data.title,
-        _facts(data),
-        [*sections, how_to_reproduce(data)],
-        window_title=f"{data.title} – inim",
-        footer=data_note(data, "bench.json"),
-        style=_STYLE,
-    )
-
-
-def _facts(data: BenchDocument) -> list[str]:
-    display = [] if data.scene is None else [f"Display {text(data.scene.display.given.name)}"]
-    return [
-        *display,
-        text(_thread_words(data)),
-        text(data.backend.device),
-        f"inim {text(data.inim_version)}",
-        timestamp(data),
-    ]
+    facts = [_thread_words(data), data.backend.device, f"inim {data.inim_version}"]
+    if data.scene is not None:
+        facts.insert(0, f"Display {data.scene.display.given.name}")
+    sections.append(how_to_reproduce(data))
+    return document_page(data, "bench.json", map(text, facts), sections, style=_STYLE)
 
 
 def _claims(heading: str, lines: Sequence[str]) -> str:

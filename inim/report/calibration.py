@@ -1,22 +1,34 @@
-"""The report of a calibration: `calibration.json`, `calibration.html` and its maps."""
+"""The reports of a calibration, and of a photograph compared with its simulation."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from msgspec.structs import replace
 
 from inim.documents.calibration import CalibrationDocument
-from inim.documents.files import folder_files, write_forms
-from inim.report.markup import bullets, element, saved_plot, text, text_table
-from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
+from inim.documents.files import write_listed
+from inim.documents.photo import PhotoDocument
+from inim.files.image import write_png
+from inim.report.images import DIFFERENCE_GAIN, ENCODINGS, Images, difference
+from inim.report.page import (
+    Section,
+    bullets,
+    document_page,
+    element,
+    figure,
+    how_to_reproduce,
+    lead,
+    saved_plot,
+    text,
+    text_table,
+)
 from inim.report.plots import new_figure, save, style
-from inim.report.wording import number
+from inim.report.wording import number, per_cent
 
-#: What a report has for certain, its JSON first.
+#: Files of every calibration report, its JSON first.
 FILES = ("calibration.json", "calibration.html", "residuals.svg", "residuals.png")
 _STYLE = """
 .plot img { max-width: 1240px; }
@@ -66,14 +78,13 @@ def write_calibration(data: CalibrationDocument, maps: Maps, folder: Path) -> No
     Parameters
     ----------
     data : CalibrationDocument
-        `files` is set here.
+        Its `files` are listed here.
     maps : sequence of (str, (rows, columns, 2) array, (rows, columns, 2) array)
         Of each position, by lens: residuals on the panel, µm, and in the photograph, pixels.
     folder : Path
     """
     save(_draw(maps), folder, "residuals")
-    data = replace(data, files=folder_files(folder, *FILES))
-    write_forms(data, folder, FILES[0], {FILES[1]: lambda data: _page(data, folder)})
+    write_listed(data, folder, FILES[0], {FILES[1]: lambda data: _page(data, folder)})
 
 
 def _draw(maps: Maps) -> Any:
@@ -89,35 +100,37 @@ def _draw(maps: Maps) -> Any:
         ("outline, across", "px"),
         ("outline, down", "px"),
     )
-    found = [
+    residuals = [
         np.stack([np.concatenate([panel, outline], axis=-1) for _, panel, outline in maps])[..., k]
         for k in range(4)
     ]
-    limits = [max(float(np.nanquantile(np.abs(one), _QUANTILE)), 1e-9) for one in found]
+    limits = [max(float(np.nanquantile(np.abs(one), _QUANTILE)), 1e-9) for one in residuals]
     for n, (name, *_) in enumerate(maps):
         for k, (what, unit) in enumerate(kinds):
             axis = axes[4 * n + k]
-            shown = axis.imshow(
-                found[k][n], cmap="RdBu_r", vmin=-limits[k], vmax=limits[k], interpolation="nearest"
-            )
-            style(axis, f"{name}: {what}", "", "")
-            axis.grid(False)
+            bar = _draw_map(axis, residuals[k][n], limits[k], f"{name}: {what}", unit)
             for side in (axis.xaxis, axis.yaxis):
                 side.set_major_locator(MaxNLocator(integer=True))
-            bar = figure.colorbar(shown, ax=axis, shrink=0.8)
-            bar.ax.set_title(unit, fontsize=8)
             bar.ax.tick_params(labelsize=8)
     return figure
 
 
+def _draw_map(axis: Any, values: np.ndarray, limit: float, title: str, unit: str) -> Any:
+    """Draw signed values, white at zero, and return their colour bar."""
+    shown = axis.imshow(values, cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
+    style(axis, title, "", "")
+    axis.grid(False)
+    bar = axis.figure.colorbar(shown, ax=axis, shrink=0.8)
+    bar.ax.set_title(unit, fontsize=8)
+    return bar
+
+
 def _page(data: CalibrationDocument, folder: Path) -> str:
-    return render_page(
-        data.title,
-        [
-            "Calibrated from photographs",
-            text(_count(len(data.positions), "position")),
-            timestamp(data),
-        ],
+    count = len(data.positions)
+    return document_page(
+        data,
+        FILES[0],
+        ["Calibrated from photographs", f"{count} position{'s' * (count != 1)}"],
         [
             Section("warnings", "Warnings", bullets(data.warnings, "cautions")),
             Section("parameters", "Parameters", _parameters(data)),
@@ -127,14 +140,8 @@ def _page(data: CalibrationDocument, folder: Path) -> str:
             Section("correlation", "Correlations", _correlation(data)),
             how_to_reproduce(data),
         ],
-        window_title=f"{data.title} – inim",
-        footer=data_note(data, FILES[0]),
         style=_STYLE,
     )
-
-
-def _count(count: int, noun: str) -> str:
-    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def _parameters(data: CalibrationDocument) -> str:
@@ -153,9 +160,7 @@ def _parameters(data: CalibrationDocument) -> str:
             ]
         )
     heads = ["Parameter", "Found", "Standard error", "95 % interval", "Design", "Limit"]
-    return element("p", text(_LEAD), class_="lead") + text_table(
-        "The display's parameters", heads, rows, "calibration"
-    )
+    return lead(_LEAD) + text_table("The display's parameters", heads, rows, "calibration")
 
 
 def _next(data: CalibrationDocument) -> str:
@@ -166,22 +171,18 @@ def _next(data: CalibrationDocument) -> str:
     advised = {"as it is": now}
     advised |= {f"from {position.where}": position.standard_errors for position in data.next}
     rows = [
-        [where, *(number(errors[name], _digits(name)) for name in names)]
+        [where, *(number(errors[name], _NAMES[name][2] + 1) for name in names)]
         for where, errors in advised.items()
     ]
     heads = ["Position", *(_NAMES[name][1] for name in names)]
-    return element("p", text(_NEXT), class_="lead") + text_table(
+    return lead(_NEXT) + text_table(
         "Standard errors with one more position", heads, rows, "calibration"
     )
 
 
-def _digits(name: str) -> int:
-    return _NAMES[name][2] + 1
-
-
 def _residuals(folder: Path) -> str:
     words = "Maps of the residuals over the lens array, a row for each position"
-    return element("p", text(_MAPS), class_="lead") + saved_plot(folder / "residuals.svg", words)
+    return lead(_MAPS) + saved_plot(folder / "residuals.svg", words)
 
 
 def _positions(data: CalibrationDocument) -> str:
@@ -209,7 +210,7 @@ def _positions(data: CalibrationDocument) -> str:
         [
             _NAMES[name][0],
             number(getattr(data.camera, name), _NAMES[name][2]),
-            "given" if error is None else f"± {number(error, _digits(name))}",
+            "given" if error is None else f"± {number(error, _NAMES[name][2] + 1)}",
         ]
         for name, error in data.camera.standard_errors.items()
     ]
@@ -225,3 +226,138 @@ def _correlation(data: CalibrationDocument) -> str:
         for label, row in zip(labels, data.correlation.matrix, strict=True)
     ]
     return text_table("Correlations of the estimates", ["", *labels], rows, "calibration")
+
+
+_PICTURES = ("photograph", "simulation", "matched")
+#: Files of every report of a photograph, its JSON first.
+PHOTO_FILES = (
+    "photo.json",
+    "photo.html",
+    *(f"{name}.png" for name in _PICTURES),
+    "flow.svg",
+    "flow.png",
+)
+_PHOTO_STYLE = """
+.plot img { max-width: 900px; }
+.photo table { width: auto; min-width: min(100%, 640px); }
+.photo th, .photo td { text-align: right; }
+.photo th:first-child { text-align: left; }
+.photos { display: flex; flex-wrap: wrap; gap: 16px; }
+.photos figure { flex: 0 1 calc(50% - 8px); min-width: 300px; margin: 0; }
+.photos img { width: 100%; height: auto; }
+"""
+_STAGES = (
+    "Scores of the simulation against the photograph, as one cause after another is put into it: "
+    "the exposure alone, then the remaining shift, then blur, then the response of panel and "
+    "camera. The share of the squared error that is left at the end has other causes."
+)
+_FLOW = (
+    "How far the photograph lies from the simulation, by blocks: pixels of the photograph, to the "
+    "right and down. One colour all over is a camera that moved; a pattern, a wrong display."
+)
+
+
+def write_photo(
+    data: PhotoDocument, pictures: Mapping[str, np.ndarray], flow: np.ndarray, folder: Path
+) -> None:
+    """Write all forms into a folder, `photo.json` last: it marks a whole report.
+
+    Parameters
+    ----------
+    data : PhotoDocument
+        Its `files` are listed here.
+    pictures : mapping of str to (H, W, 3) array, linear
+        The photograph, its simulation, and that matched in all three respects.
+    flow : (rows, columns, 2) array
+        See `inim.calibrate.photo.Difference`.
+    folder : Path
+    """
+    for name in _PICTURES:
+        write_png(folder / f"{name}.png", pictures[name])
+    save(_draw_flow(flow), folder, "flow")
+    forms = {PHOTO_FILES[1]: lambda data: _photo_page(data, folder)}
+    write_listed(data, folder, PHOTO_FILES[0], forms)
+
+
+def _draw_flow(flow: np.ndarray) -> Any:
+    figure, axes = new_figure(2, 0.75 + 3.6 * flow.shape[0] / max(flow.shape[1], 1), 1)
+    largest = max(float(np.nanmax(np.abs(flow), initial=0.0)), 1e-3)
+    for k, what in enumerate(("to the right", "down")):
+        _draw_map(axes[k], flow[..., k], largest, what, "px")
+    return figure
+
+
+def _photo_page(data: PhotoDocument, folder: Path) -> str:
+    return document_page(
+        data,
+        PHOTO_FILES[0],
+        ["Photograph against simulation", text(data.photograph)],
+        [
+            Section("causes", "What differs", _causes(data)),
+            Section("pictures", "Pictures", _pictures(folder)),
+            Section("scores", "Scores", _scores(data)),
+            Section("flow", "Remaining shift", _flow(folder)),
+            how_to_reproduce(data),
+        ],
+        style=_PHOTO_STYLE,
+    )
+
+
+def _causes(data: PhotoDocument) -> str:
+    geometry = data.geometry
+    rows = [
+        [
+            "Geometry: shift, photograph px",
+            f"{number(geometry.right_px, 3)} right, {number(geometry.down_px, 3)} down, "
+            f"± {number(geometry.standard_error_px, 3)}; a lens is {number(geometry.lens_px, 1)} "
+            "wide",
+        ],
+        ["Blur: sigma, photograph px", number(data.blur_sigma_px, 2)],
+        *(
+            [
+                f"Tone: {label}",
+                ", ".join(number(getattr(curve, key), 3) for curve in data.tone.values()),
+            ]
+            for key, label in (
+                ("gamma", "gamma (red, green, blue)"),
+                ("black", "black level"),
+                ("gain", "gain"),
+            )
+        ),
+    ]
+    words = "What has to be changed in the simulation"
+    return text_table(words, ["Cause", "Found"], rows, "photo")
+
+
+def _pictures(folder: Path) -> str:
+    images = Images(folder, ENCODINGS[1])
+    photo, plain, matched = (images.read(f"{name}.png") for name in _PICTURES)
+    shown = (
+        (photo, "Photograph", "what is compared of it"),
+        (plain, "Simulation", "exposed alike"),
+        (matched, "Simulation, matched", "shift, blur and tone put in"),
+        (difference(photo, matched), "Difference", f"of the two, times {DIFFERENCE_GAIN}"),
+    )
+    figures = (figure(images.embed(p, name), name, remark) for p, name, remark in shown)
+    return element("div", *figures, class_="photos")
+
+
+def _scores(data: PhotoDocument) -> str:
+    rows = [
+        [
+            stage.name,
+            number(stage.scores["ssim"], 4),
+            number(stage.scores["psnr_db"], 2),
+            number(stage.scores["flip"], 4),
+            per_cent(stage.error_share, 1),
+        ]
+        for stage in data.stages
+    ]
+    heads = ["Simulation", "SSIM", "PSNR, dB", "FLIP", "squared error left"]
+    table = text_table("Against the photograph", heads, rows, "photo")
+    return lead(_STAGES) + table
+
+
+def _flow(folder: Path) -> str:
+    words = "Maps of the remaining shift, to the right and down"
+    return lead(_FLOW) + saved_plot(folder / "flow.svg", words)

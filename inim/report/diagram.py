@@ -20,7 +20,7 @@ from inim.documents.parts import DerivedDisplay, DisplayRecord, EyePosition
 from inim.errors import InimError
 from inim.files.image import read_rgbd
 from inim.image.rgbd import RGBD
-from inim.report.markup import element, text
+from inim.report.page import element, text
 from inim.report.wording import mm, plain
 
 _WIDTH, _HEIGHT = 900.0, 250.0

@@ -20,7 +20,7 @@ from inim.files.image import encoded
 from inim.files.picture import open_picture
 from inim.image.color import linear_from_srgb, magma
 from inim.metrics import SSIM_WINDOW, ssim_map
-from inim.report.markup import element, text, void
+from inim.report.page import element, text, void
 
 #: Differences are shown this many times brighter: most are below what an eye notices.
 DIFFERENCE_GAIN = 4

@@ -7,18 +7,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from msgspec.structs import replace
-
 from inim.documents import Part
-from inim.documents.files import folder_files, write_forms
+from inim.documents.files import write_listed
 from inim.documents.stress import (
     FirstHits,
     RelationResult,
     StressDocument,
     StressRecord,
 )
-from inim.report.markup import bullets, saved_plot, text, text_table
-from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
+from inim.report.page import (
+    Section,
+    bullets,
+    document_page,
+    how_to_reproduce,
+    saved_plot,
+    text,
+    text_table,
+)
 from inim.report.summary import markdown_command, markdown_line, markdown_section
 from inim.report.wording import MISSING, number, per_cent
 
@@ -207,7 +212,7 @@ def write_stress(
     Parameters
     ----------
     data : StressRecord
-        `files` is set here.
+        Its `files` are listed here.
     folder : Path
         Empty but for figures; the page shows `stress.svg`.
     tables : sequence of Table
@@ -218,8 +223,7 @@ def write_stress(
         "stress.md": lambda data: _markdown(data, tables, lines),
         "stress.html": lambda data: _page(data, folder, tables, lines),
     }
-    data = replace(data, files=folder_files(folder, "stress.json", *forms))
-    write_forms(data, folder, "stress.json", forms)
+    write_listed(data, folder, "stress.json", forms)
 
 
 def _markdown(data: StressRecord, tables: Sequence[Table], lines: Sequence[str]) -> str:
@@ -243,24 +247,15 @@ def _page(data: StressRecord, folder: Path, tables: Sequence[Table], lines: Sequ
         if one.rows:
             body = bodies.setdefault(one.part, above.get(one.part, ""))
             bodies[one.part] = body + text_table(one.caption, one.heads, one.rows, "stress")
-    return render_page(
-        data.title,
-        _facts(data),
-        [*(Section(k, _PARTS[k], body) for k, body in bodies.items()), how_to_reproduce(data)],
-        window_title=f"{data.title} – inim",
-        footer=data_note(data, "stress.json"),
-        style=_STYLE,
-    )
-
-
-def _facts(data: StressRecord) -> list[str]:
-    return [
+    sections = [Section(part, _PARTS[part], body) for part, body in bodies.items()]
+    facts = [
         "passed" if data.passed else "FAILED",
         f"{data.mode} run",
         f"{number(data.seconds, 0)} s",
         text(data.backend.device),
-        timestamp(data),
     ]
+    sections.append(how_to_reproduce(data))
+    return document_page(data, "stress.json", facts, sections, style=_STYLE)
 
 
 def _figure(folder: Path) -> str:

@@ -8,8 +8,17 @@ from pathlib import Path
 from inim.documents.files import write_forms
 from inim.documents.tolerate import ParameterTolerance, Together, ToleranceDocument
 from inim.metrics.headline import HEADLINE_WORDS
-from inim.report.markup import bullets, element, plot, text, text_table
-from inim.report.page import Section, data_note, how_to_reproduce, render_page, timestamp
+from inim.report.page import (
+    Section,
+    bullets,
+    document_page,
+    element,
+    how_to_reproduce,
+    lead,
+    plot,
+    text,
+    text_table,
+)
 from inim.report.plots import LINES, SOFT, across, new_figure, style, svg
 from inim.report.wording import MISSING, NBSP, number, per_cent
 
@@ -109,7 +118,7 @@ def _with_unit(row: ParameterTolerance, value: float) -> str:
 
 def _page(data: ToleranceDocument) -> str:
     criterion = number(data.criterion, 4).rstrip("0")
-    lead = (
+    introduction = (
         f"An elemental image array made for the display as designed, shown on one that is off. Its "
         f"score is {HEADLINE_WORDS}, the mean over the viewpoints; the ceiling knows the error. "
         f"What may be lost: {criterion} of the {number(data.aligned, 4)} that the aligned "
@@ -117,28 +126,27 @@ def _page(data: ToleranceDocument) -> str:
     )
     rows = data.parameters
     failed = [f"{one.display}: {one.error}" for one in data.failed]
-    return render_page(
-        data.title,
+    return document_page(
+        data,
+        "tolerate.json",
         _facts(data),
         [
             Section("failures", "What failed", bullets(failed, "failures")),
             Section(
                 "bears",
                 "What this display can bear",
-                element("p", text(lead), class_="lead")
-                + bullets(sentences(data), "remarks")
-                + _table(rows),
+                lead(introduction) + bullets(sentences(data), "remarks") + _table(rows),
             ),
             Section(
                 "alone",
                 "Each error alone",
-                element("p", text(_ALONE + _CALIBRATED * _is_calibrated(rows)), class_="lead")
+                lead(_ALONE + _CALIBRATED * _is_calibrated(rows))
                 + element("div", *(_panel(data, row) for row in rows), class_="panels"),
             ),
             Section(
                 "together",
                 "All errors at once",
-                element("p", text(_TOGETHER), class_="lead")
+                lead(_TOGETHER)
                 + plot(
                     _draw_together(data, data.together), "Share of displays against what they lose"
                 )
@@ -147,8 +155,7 @@ def _page(data: ToleranceDocument) -> str:
             ),
             how_to_reproduce(data),
         ],
-        window_title=f"{data.title} – inim tolerate",
-        footer=data_note(data, "tolerate.json"),
+        purpose="inim tolerate",
         style=_STYLE,
     )
 
@@ -160,7 +167,6 @@ def _facts(data: ToleranceDocument) -> list[str]:
         text(f"{alone} displays off in one parameter, {together} in all"),
         text(f"EIA of {data.algorithm}"),
         text(", ".join(data.viewpoints)),
-        timestamp(data),
     ]
 
 

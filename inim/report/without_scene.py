@@ -6,22 +6,25 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
-from inim.documents.files import folder_files, write_forms
+from inim.documents.files import write_listed
 from inim.documents.picture import PictureAlgorithm, PictureDocument
 from inim.metrics import RELIC_MARGIN_PX, all_metrics
 from inim.metrics.headline import MAIN
 from inim.report.images import Encoding, Images, is_wide
-from inim.report.markup import bullets, element, figure, folded, table, text, text_table
 from inim.report.page import (
     Section,
+    bullets,
     check_badge,
-    data_note,
+    document_page,
+    element,
+    figure,
+    folded,
     how_to_reproduce,
-    render_page,
-    timestamp,
+    table,
+    text,
+    text_table,
 )
 from inim.report.sections import small_enough
 from inim.report.sections.display import display
@@ -54,16 +57,14 @@ def write_picture_report(data: PictureDocument, folder: Path) -> None:
     Parameters
     ----------
     data : PictureDocument
-        `files` is added here.
+        Its `files` are listed here.
     folder : Path
     """
     forms = {
         "summary.md": _markdown,
         "report.html": lambda data: small_enough(lambda encoding: _page(data, folder, encoding)),
     }
-    files = folder_files(folder, "report.json", *forms)
-    whole = msgspec.structs.replace(data, files=files)
-    write_forms(whole, folder, "report.json", forms)
+    write_listed(data, folder, "report.json", forms)
 
 
 def _rows(data: PictureDocument, to: str) -> list[list[str]]:
@@ -135,13 +136,13 @@ def _page(data: PictureDocument, folder: Path, encoding: Encoding) -> str:
     best = data.best_algorithm
     names = sorted(data.algorithms, key=lambda name: name != best)
     shown = [Shown(_EXACT, ("eia", "exact.png"), "exact"), *map(of_algorithm, names)]
-    return render_page(
-        data.title,
+    return document_page(
+        data,
+        "report.json",
         [
             "Without a scene",
             f"display {text(data.display.given.name)}",
             f"{text(data.lens_model)} lenses",
-            timestamp(data),
         ],
         [
             Section("overview", "Picture", _overview(data, images, best)),
@@ -153,8 +154,7 @@ def _page(data: PictureDocument, folder: Path, encoding: Encoding) -> str:
             Section("checks", "Checks", check_list(data.verdict), is_folded=True),
             how_to_reproduce(data),
         ],
-        window_title=f"{data.title}: {verdict_words(data)} – inim",
-        footer=data_note(data, "report.json"),
+        words=f": {verdict_words(data)}",
         verdict_badge=check_badge(data.verdict, data.warnings),
         style=_STYLE,
         widgets=[LIVE],

@@ -18,7 +18,7 @@ from inim.errors import UsageError
 from inim.files.image import write_atomically
 from inim.files.regular_file import check_file
 from inim.metrics import Metric, all_metrics
-from inim.report.sweep.results import SETTING_COLUMNS
+from inim.report.sweep import SETTING_COLUMNS
 from inim.report.wording import check_finding
 from inim.settings import PREFIX, Settings
 from inim.sweep.unit import Unit

@@ -18,7 +18,7 @@ from inim.generators import PICKUP
 from inim.metrics.headline import HEADLINE
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request, option_words
-from inim.report.sweep.results import mean
+from inim.report.sweep import mean
 from inim.report.tolerate import write_tolerance
 from inim.settings import PREFIX, Settings
 from inim.sweep.run import Place, SweepPlan, carry_out, plan_study

@@ -20,7 +20,7 @@ from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.files.eia_file import read_eia
 from inim.files.image import read_rgbd
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
-from inim.report.virtual_display.still import still_view
+from inim.report.virtual_display import still_view
 from tests.conftest import small_display
 
 FOCAL, ROWS, COLUMNS = 150.0, 90, 120

@@ -21,8 +21,7 @@ from inim.display import DISPLAYS, Display, Viewpoint
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.lens import white_exposure
 from inim.metrics import ssim
-from inim.report.virtual_display import live_lens_models
-from inim.report.virtual_display.still import still_view
+from inim.report.virtual_display import live_lens_models, still_view
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
 from tests.frame_rate import COUNT_WORK, drag_about

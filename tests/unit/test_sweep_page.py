@@ -7,8 +7,7 @@ import pytest
 
 from inim.documents.sweep import SweepTable
 from inim.report.plots import on_front
-from inim.report.sweep import best_displays, render_sweep, time_column, write_page
-from inim.report.sweep.results import mean, results_of
+from inim.report.sweep import best_displays, mean, render_sweep, results_of, time_column, write_page
 
 ABOUT = SweepTable(title="T <b>&", command="inim sweep s.toml", created="2026", inim_version="1")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from inim.errors import EXIT_USAGE, FileError, InimError
-from inim.report.sweep.results import SETTING_COLUMNS
+from inim.report.sweep import SETTING_COLUMNS
 from inim.settings import Settings
 from inim.sweep.study import AS_SCENE, read_study
 from inim.sweep.table import DISPLAY_COLUMNS, columns, failed_rows

@@ -17,8 +17,7 @@ from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.report.images import ENCODINGS, Images
 from inim.report.page import package_text
 from inim.report.sections.virtual_display import report_display
-from inim.report.virtual_display import LIVE, Panel, embed_panels
-from inim.report.virtual_display.still import still_view
+from inim.report.virtual_display import LIVE, Panel, embed_panels, still_view
 from tests.conftest import small_display
 from tests.schemas import report_document
 from tests.unit.test_report_html import HOSTILE, Page, noise, render_html, report, save

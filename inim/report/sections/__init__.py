@@ -19,11 +19,8 @@ from inim.cache import ResultCache
 from inim.documents.report import ReportDocument
 from inim.process.threads import threads
 from inim.report.images import ENCODINGS, Encoding, Images
-from inim.report.markup import text
-from inim.report.page import Section, Widget, check_badge, data_note, render_page, timestamp
+from inim.report.page import Section, Widget, check_badge, document_page, text
 from inim.report.wording import verdict_words
-
-__all__ = ["LARGEST_PAGE_BYTES", "ReportSection", "all_sections", "render_html", "small_enough"]
 
 #: A page above this is built again with smaller images.
 LARGEST_PAGE_BYTES = 10_000_000
@@ -100,15 +97,16 @@ def _page(data: ReportDocument, images: Images) -> str:
     with threads() as submit:  # packing and comparing images takes the longest
         begun = [submit(section.body, data, images) for section in listed]
         bodies = [one.result() for one in begun]
-    return render_page(
-        data.title,
+    return document_page(
+        data,
+        "report.json",
         _facts(data),
         [
             Section(s.anchor, s.title, body, s.is_folded)
             for s, body in zip(listed, bodies, strict=True)
         ],
-        window_title=f"{data.title}: {verdict_words(data)} – inim report",
-        footer=data_note(data, "report.json"),
+        purpose="inim report",
+        words=f": {verdict_words(data)}",
         verdict_badge=check_badge(data.verdict, data.warnings),
         widgets=[section.widget for section in listed if section.widget],
     )
@@ -120,5 +118,4 @@ def _facts(data: ReportDocument) -> list[str]:
         f"lens model {text(data.lens_model)}",
         text(data.backend.variant),
         f"inim {text(data.inim_version)}",
-        timestamp(data),
     ]

@@ -10,10 +10,10 @@ import msgspec
 
 from inim.documents.parts import DerivedDisplay
 from inim.documents.picture import PictureDocument
-from inim.documents.report import ReportDocument
+from inim.documents.report import ReportDocument, Splats
 from inim.report.diagram import depth_profile, plan_view
 from inim.report.images import Images
-from inim.report.markup import element, figure, folded, text, text_table
+from inim.report.page import element, figure, folded, lead, text, text_table
 from inim.report.sections import ReportSection
 from inim.report.wording import MISSING, NBSP, mm, per_cent, short
 
@@ -111,7 +111,7 @@ def _display_words(data: ReportDocument | PictureDocument) -> str:
         f"±{short(derived.viewing_half_angle_deg)}°; an eye on the axis sees one unbroken "
         f"picture from {mm(derived.nearest_viewing_distance_mm)} onwards."
     )
-    return element("p", text(words), class_="lead")
+    return lead(words)
 
 
 def _focus_words(derived: DerivedDisplay) -> str:
@@ -165,9 +165,7 @@ def rgbd(data: ReportDocument, images: Images) -> str:
         figure(images.embed(depth, "RGB-D input, depth"), "Depth", _depth_words(data)),
         _profile(data, images),
     ]
-    return element("p", text(_input_words(data)), class_="lead") + element(
-        "div", *shots, class_="three"
-    )
+    return lead(_input_words(data)) + element("div", *shots, class_="three")
 
 
 def _input_words(data: ReportDocument) -> str:
@@ -205,3 +203,43 @@ SECTIONS = (
     ReportSection(40, "display", "Display", display, is_folded=True),
     ReportSection(90, "rgbd", "RGB-D input", rgbd, is_folded=True),
 )
+
+
+def splats(data: ReportDocument, _images: Images) -> str:
+    """The section on splats; empty for other scenes."""
+    found = data.scene.splats
+    if found is None:
+        return ""
+    shares = found.coverage_histogram
+    rows = [
+        (f"{k / len(shares):.0%} to {(k + 1) / len(shares):.0%}", per_cent(share, 1))
+        for k, share in enumerate(shares)
+    ]
+    return lead(_words(data, found)) + text_table(
+        "Coverage: what share of the light a pixel's ray loses", ["Coverage", "Pixels"], rows
+    )
+
+
+def _words(data: ReportDocument, found: Splats) -> str:
+    """What the figures mean, in sentences."""
+    words = (
+        f"{short(found.count)} splats touch "
+        f"{per_cent(found.touched_fraction, 1)} of the picture's pixels, and take "
+        f"{per_cent(found.mean_coverage, 1)} of their light on average. "
+        "A depth map has one depth for each: here, that at which half of the light is gone. "
+        f"{per_cent(found.without_depth_fraction, 1)} of these pixels never lose half: the "
+        "algorithms are not given them. "
+        f"{per_cent(found.never_opaque_fraction, 1)} never lose nine tenths: what shows "
+        "through them moves otherwise than they do. "
+    )
+    if found.depth_spread_mm is not None:
+        low, high = data.display.given.depth_range_mm
+        words += (
+            f"In the others, the light is lost over {mm(found.depth_spread_mm)} of depth (median; "
+            f"{mm(found.depth_spread_p95_mm)} in one of twenty), from the first tenth to "
+            f"the last, of a depth range of {mm(high - low)}."
+        )
+    return words
+
+
+SECTIONS_SPLATS = (ReportSection(45, "splats", "Translucency", splats),)

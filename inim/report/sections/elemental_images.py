@@ -8,7 +8,7 @@ import numpy as np
 
 from inim.documents.report import ReportDocument
 from inim.report.images import Images
-from inim.report.markup import captioned, element, text
+from inim.report.page import captioned, element, lead
 from inim.report.sections import ReportSection
 from inim.report.wording import TRUE_EIA, metric_scores, score
 
@@ -46,7 +46,7 @@ def elemental_images(data: ReportDocument, images: Images) -> str:
         made, scores = images.read("eia", f"{name}.png"), result.eia
         facts = [*metric_scores(scores, "eia"), ("Holes", score(scores, "hole_fraction"))]
         figures.append(_eia_figure(images, made, window, name, ("To the true EIA", facts)))
-    intro = element("p", text(_INTRO), class_="lead")
+    intro = lead(_INTRO)
     return intro + element("div", *figures, class_="eias")
 
 

@@ -10,7 +10,7 @@ from inim.documents.picture import PictureDocument
 from inim.documents.report import AlgorithmResult, ReportDocument
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
 from inim.report.images import Images, is_wide
-from inim.report.markup import element, figure, table, text
+from inim.report.page import element, figure, lead, table, text
 from inim.report.sections import ReportSection
 from inim.report.wording import (
     CEILING,
@@ -35,7 +35,7 @@ def overview(data: ReportDocument, images: Images) -> str:
     """The table of scores above the images of the centre viewpoint."""
     link = element("a", "What the numbers mean", href="#meaning")
     note = element("p", text(_NOTE), link, class_="note")
-    others = [element("p", text(line), class_="note") for line in disagreements(data)]
+    others = [lead(line, "note") for line in disagreements(data)]
     parts = [_preview(data), failures(data), _scores(data), note, *others, _hero(data, images)]
     return "".join(parts)
 

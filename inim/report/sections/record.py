@@ -8,8 +8,7 @@ from inim.documents.parts import Check, Checks
 from inim.documents.report import ReportDocument
 from inim.metrics import RELIC_MARGIN_PX, all_metrics
 from inim.report.images import Images
-from inim.report.markup import bullets, element, mark, table, text, text_table
-from inim.report.page import how_to_reproduce
+from inim.report.page import bullets, element, how_to_reproduce, lead, mark, table, text, text_table
 from inim.report.sections import ReportSection
 from inim.report.wording import (
     CEILING,
@@ -107,7 +106,7 @@ def _no_criteria(data: ReportDocument) -> str:
     """What the checks do not say, and criteria to set; empty where there are some."""
     if data.verdict.word != "ran clean":
         return ""
-    words = element("p", text(_NO_CRITERIA), class_="lead")
+    words = lead(_NO_CRITERIA)
     wanted = suggested_criteria(data)
     if not wanted:
         return words
@@ -142,7 +141,7 @@ def _time_words(taken: Mapping[str, float], total: float) -> str:
     if total > 0:
         share = per_cent(render / total, 0)
         words += f", of which the renderer took {number(render, 2)}{NBSP}s ({share})"
-    return element("p", text(f"{words}."), class_="lead")
+    return lead(f"{words}.")
 
 
 def _stage_row(name: str, seconds: float, total: float) -> list[str]:
@@ -162,7 +161,7 @@ def _skipped(data: ReportDocument) -> str:
     words = _SAMPLES if data.settings.score_error > 0 else _EXACT
     caption = "What this run did and skipped"
     listed = text_table(caption, list(_SKIPPED.values()), rows, "skips")
-    return element("p", text(words), class_="lead") + listed
+    return lead(words) + listed
 
 
 def _meanings() -> str:

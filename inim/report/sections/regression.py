@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import msgspec
+
 from inim.documents.compare import CompareDocument
+from inim.documents.files import write_listed
 from inim.documents.parts import Drift, Regression
 from inim.documents.report import ReportDocument
 from inim.metrics import all_metrics
-from inim.report.images import Images
-from inim.report.markup import element, figure, text, text_table
+from inim.report.images import ENCODINGS, Images
+from inim.report.page import (
+    Section,
+    check_badge,
+    document_page,
+    element,
+    figure,
+    lead,
+    text,
+    text_table,
+)
 from inim.report.sections import ReportSection
+from inim.report.sections.record import check_list
+from inim.report.summary import render_checks, render_junit
 from inim.report.wording import MISSING, short
 
 _FOLDER = "regression"
@@ -32,8 +48,8 @@ def regression(data: ReportDocument | CompareDocument, images: Images) -> str:
     words = f"Of {len(judged)} comparisons with {found.baseline}, {changed}. "
     if found.reason:
         words += f"That baseline was accepted because: {found.reason}. "
-    lead = element("p", text(words + _WORDS), class_="lead")
-    return lead + _images(found, images) + _circumstances(found) + _drift(found)
+    pictures = _images(found, images)
+    return lead(words + _WORDS) + pictures + _circumstances(found) + _drift(found)
 
 
 def _images(found: Regression, images: Images) -> str:
@@ -106,3 +122,46 @@ def _signed(change: float | None) -> str:
 
 
 SECTIONS = (ReportSection(30, "regression", "Against the baseline", regression),)
+
+
+_SHOWN = ("title", "created", "inim", "mitsuba", "libLLVM", "device", "threads", "seed")
+
+
+def write_comparison(data: CompareDocument, folder: Path) -> None:
+    """Write all forms of a comparison into a folder, `compare.json` last: it marks a whole one.
+
+    Parameters
+    ----------
+    data : CompareDocument
+        Its `files` are listed here.
+    folder : Path
+        Its images lie there already.
+    """
+    forms = {
+        "compare.html": lambda data: _page(data, folder),
+        "junit.xml": render_junit,
+        "summary.md": render_checks,
+    }
+    write_listed(data, folder, "compare.json", forms)
+
+
+def _page(data: CompareDocument, folder: Path) -> str:
+    return document_page(
+        data,
+        "compare.json",
+        [text(f"{data.after.folder} against {data.before.folder}")],
+        [
+            Section("regression", "What changed", regression(data, Images(folder, ENCODINGS[0]))),
+            Section("checks", "Checks", check_list(data.verdict)),
+            Section("runs", "The two runs", _runs(data)),
+        ],
+        purpose="inim comparison",
+        words=f": {data.verdict.word}",
+        verdict_badge=check_badge(data.verdict),
+    )
+
+
+def _runs(data: CompareDocument) -> str:
+    sides = [msgspec.to_builtins(side.circumstances) for side in (data.before, data.after)]
+    rows = [[name, *(side.get(name, MISSING) for side in sides)] for name in _SHOWN]
+    return text_table("What made them", ["", "Before", "After"], rows, "facts")

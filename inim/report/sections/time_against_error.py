@@ -15,7 +15,7 @@ from inim.documents.report import ReportDocument
 from inim.metrics.headline import HEADLINE_WORDS
 from inim.metrics.psnr import metric as PSNR  # noqa: N812
 from inim.report.images import Images
-from inim.report.markup import element, plot, text
+from inim.report.page import element, plot, text
 from inim.report.plots import (
     LINES,
     Name,

@@ -21,8 +21,7 @@ from inim.report.images import (
     difference,
     is_wide,
 )
-from inim.report.markup import captioned, element, folded, text, void
-from inim.report.page import Widget, package_text
+from inim.report.page import Widget, captioned, element, folded, lead, package_text, text, void
 from inim.report.sections import ReportSection
 from inim.report.wording import (
     CEILING,
@@ -66,7 +65,7 @@ def views(data: ReportDocument, images: Images) -> str:
         for metric in all_metrics()
         if names and images.read("maps", metric.name, "ceiling", f"{names[0]}.png") is not None
     ]
-    intro = element("p", text(_INTRO + "".join(below)), class_="lead") + _scale(images)
+    intro = lead(_INTRO + "".join(below)) + _scale(images)
     return _wipe(data, images) + intro + "".join(rows)
 
 
@@ -110,10 +109,11 @@ def _wipe(data: ReportDocument, images: Images) -> str:
         element("div", flips, element("label", itself, "by itself"), data_way="flip"),
         element("p", class_="spoken", role="status"),
     ]
-    lead = element("p", text(_WIPE_HELP), class_="lead")
     controls = element("div", *choices, class_="controls")
     kind = "wipe wide" if is_wide(truth) else "wipe"
-    return element("div", lead, controls, stage, *below, id=_WIPE_ID, class_=kind, hidden="hidden")
+    return element(
+        "div", lead(_WIPE_HELP), controls, stage, *below, id=_WIPE_ID, class_=kind, hidden="hidden"
+    )
 
 
 def _choice(label: str, name: str, options: Sequence[str], chosen: str) -> str:
@@ -216,7 +216,7 @@ def parallax(data: ReportDocument, images: Images) -> str:
         return ""
     wide = is_wide(images.read("truth", f"{data.viewpoints[0].name}.png")) or len(strips) == 1
     kind = "strips wide" if wide else "strips"
-    return element("p", text(_PARALLAX), class_="lead") + element("div", *strips, class_=kind)
+    return lead(_PARALLAX) + element("div", *strips, class_=kind)
 
 
 def _lines_of_sight(eyes: Sequence[EyePosition]) -> list[tuple[str, list[EyePosition]]]:

@@ -10,13 +10,12 @@ from inim.display.misalignment import mounted
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument
 from inim.report.images import Images
-from inim.report.markup import element, text
+from inim.report.page import lead
 from inim.report.sections import ReportSection
 from inim.report.virtual_display import (
     ANCHOR,
     LIVE,
     TITLE,
-    Eye,
     Panel,
     Still,
     live_display,
@@ -70,7 +69,8 @@ def shown_display(
     """The live display of EIAs, the two that matter most first; see `report_display`."""
     misalign = "" if isinstance(data, PictureDocument) else data.misalign
     display = mounted(data.display.given, misalign)
-    eyes = _eyes(data)
+    eyes = [eye for eye in data.viewpoints if eye.position_mm[2] > 0]
+    eyes.sort(key=lambda eye: eye.name != "centre")
     if not eyes:
         return _left_out("no viewpoint has a position")
     if not images.encoding.longest_px:
@@ -78,22 +78,27 @@ def shown_display(
     panels, missing = _panels(shown, images, display)
     if not panels:
         return _left_out(f"{', '.join(missing)} cannot be read, or not of the panel's size")
+    view = eyes[0].name
+    words = f"from {view}, {data.lens_model} lenses"
+    stills = [
+        Still(eia.name, words, images.read("views", eia.views, f"{view}.png")) for eia in shown[:2]
+    ]
+    remarks = [f"Not there, or not of the panel's size: {', '.join(missing)}."] if missing else []
+    if data.lens_model not in live_lens_models(display):
+        remarks.append(
+            f"The report's views and scores are those of {data.lens_model} lenses; thin ones come "
+            "nearest."
+        )
     return live_display(
         display,
         panels,
         eyes,
-        _stills(data, shown[:2], images, eyes[0].name),
+        stills,
         images,
         most_bytes=most_bytes,
         lens_model=data.lens_model,
-        remarks=[*_missing_words(missing), _lens_words(data, display)],
+        remarks=remarks,
     )
-
-
-def _eyes(data: ReportDocument | PictureDocument) -> list[Eye]:
-    """The report's viewpoints, the one called centre first."""
-    eyes = [Eye(one.name, one.position_mm) for one in data.viewpoints if one.position_mm[2] > 0]
-    return sorted(eyes, key=lambda eye: eye.name != "centre")
 
 
 def _panels(
@@ -110,29 +115,8 @@ def _panels(
     return panels, missing
 
 
-def _stills(
-    data: ReportDocument | PictureDocument, shown: Sequence[Shown], images: Images, view: str
-) -> list[Still]:
-    """What stands in on paper and without scripts: one viewpoint, as the report's views show it."""
-    words = f"from {view}, {data.lens_model} lenses"
-    return [Still(one.name, words, images.read("views", one.views, f"{view}.png")) for one in shown]
-
-
 def _left_out(reason: str) -> str:
-    return element("p", text(f"Left out: {reason}."), class_="note")
-
-
-def _missing_words(missing: Sequence[str]) -> list[str]:
-    if not missing:
-        return []
-    return [f"Not there, or not of the panel's size: {', '.join(missing)}."]
-
-
-def _lens_words(data: ReportDocument | PictureDocument, display: Display) -> str:
-    model = data.lens_model
-    if model in live_lens_models(display):
-        return ""
-    return f"The report's views and scores are those of {model} lenses; thin ones come nearest."
+    return lead(f"Left out: {reason}.", "note")
 
 
 SECTIONS = (ReportSection(20, ANCHOR, TITLE, report_display, LIVE),)

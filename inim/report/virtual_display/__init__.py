@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
+from inim.documents.parts import EyePosition
 from inim.errors import DisplayError
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.lens import (
     channel_indices,
     check_lens_model,
@@ -23,25 +25,11 @@ from inim.lens import (
     lens_array,
     lens_traits,
     thick,
+    trace_to_pixels,
     white_exposure,
 )
 from inim.report.images import Images, is_wide
-from inim.report.markup import element, figure, text, void
-from inim.report.page import Widget, package_text
-
-__all__ = [
-    "ANCHOR",
-    "LIVE",
-    "LIVE_LENS_MODELS",
-    "TITLE",
-    "Eye",
-    "Panel",
-    "Still",
-    "embed_panels",
-    "live_display",
-    "live_lens_models",
-    "shown_lens_model",
-]
+from inim.report.page import Widget, element, figure, lead, package_text, text, void
 
 ANCHOR, TITLE = "virtual-display", "Virtual display"
 #: The lens models that the shader draws of any display.
@@ -86,14 +74,6 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Eye:
-    """A named eye position, in the display frame."""
-
-    name: str
-    position_mm: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
 class Still:
     """A pre-rendered view, (rows, columns, 3) uint8 sRGB, None where it is missing."""
 
@@ -105,7 +85,7 @@ class Still:
 def live_display(
     display: Display,
     panels: Sequence[Panel],
-    eyes: Sequence[Eye],
+    eyes: Sequence[EyePosition],
     stills: Sequence[Still],
     images: Images,
     *,
@@ -121,7 +101,7 @@ def live_display(
         As its array lies.
     panels : sequence of Panel
         Of its size, the most important first.
-    eyes : sequence of Eye
+    eyes : sequence of EyePosition
         The first is where the eye starts.
     stills : sequence of Still
     images : Images
@@ -135,7 +115,7 @@ def live_display(
     """
     embedded, left_out = embed_panels(panels, most_bytes, images)
     words = [*_embedding_words(embedded, left_out), *remarks, *_display_words(display)]
-    note = element("p", text(" ".join(filter(None, words))), class_="note")
+    note = lead(" ".join(filter(None, words)), "note")
     if not embedded:
         return _stand_in(stills, images) + note
     start = [0, min(1, len(embedded) - 1)]
@@ -189,7 +169,7 @@ def _live(
     display: Display,
     names: Sequence[str],
     start: Sequence[int],
-    eyes: Sequence[Eye],
+    eyes: Sequence[EyePosition],
     lens_model: str,
 ) -> str:
     several = len(names) > 1
@@ -217,7 +197,7 @@ def _live(
     return element("div", *body, class_=" ".join(kinds), id="virtual-display-live", hidden="hidden")
 
 
-def _controls(eyes: Sequence[Eye], several: bool, models: Sequence[str], first: str) -> str:
+def _controls(eyes: Sequence[EyePosition], several: bool, models: Sequence[str], first: str) -> str:
     buttons = [
         element("button", text(eye.name), type="button", data_viewpoint=i, aria_pressed="false")
         for i, eye in enumerate(eyes)
@@ -426,3 +406,73 @@ def _fill_up(
 def _embed(images: Images, panel: Panel, form: str, quality: int) -> _Embedded:
     source = images.source(panel.codes, form, quality, compress_level=9)
     return _Embedded(panel.name, source, form == "PNG")
+
+
+def still_view(
+    eia: np.ndarray,
+    display: Display,
+    eye_mm: tuple[float, float, float],
+    lens_model: str = "pinhole",
+    *,
+    pixels_per_lens: int = 4,
+    grid: int = 4,
+) -> np.ndarray:
+    """A view of a display from one eye position, by the lens models in NumPy.
+
+    Parameters
+    ----------
+    eia : (rows, columns, 3) uint8, sRGB
+        Row 0 on top.
+    display : Display
+    eye_mm : (x, y, z)
+    lens_model : str
+        One of `inim.lens.lens_models`.
+    pixels_per_lens : int
+        Of the view, which shows exactly the lens array.
+    grid : int
+        Samples along one side of a view pixel, at the shader's places.
+
+    Returns
+    -------
+    (rows, columns, 3) uint8, sRGB
+        Panel pixels are evenly lit: sub-pixels are drawn as none.
+    """
+    rows, columns = (n * pixels_per_lens for n in (display.lens_rows, display.lens_columns))
+    light = linear_from_srgb(np.arange(256) / 255)
+    total = np.zeros((rows, columns, 3), np.float32)
+    for j in range(grid):
+        for i in range(grid):
+            x = _places(columns, (i + (j + 0.5) / grid) / grid, display.width_mm)[None, :]
+            y = _places(rows, (j + (i + 0.5) / grid) / grid, display.height_mm)[::-1, None]
+            codes, weight = _codes(eia, display, lens_model, x, y, eye_mm)
+            total += light[codes] * weight
+    total *= white_exposure(display, lens_model)
+    return srgb_to_uint8(srgb_from_linear(total / grid**2))
+
+
+def _places(count: int, within: float, size_mm: float) -> np.ndarray:
+    """One place inside each of `count` pixels that fill `size_mm` about the axis, ascending."""
+    return ((np.arange(count) + within) / count - 0.5) * size_mm
+
+
+def _codes(
+    eia: np.ndarray,
+    display: Display,
+    lens_model: str,
+    x: np.ndarray,
+    y: np.ndarray,
+    eye_mm: tuple[float, float, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Code values that rays through points (x, y) of the array land on, and their weights.
+
+    Both (rows, columns, 3), of red, green and blue.
+    """
+    slopes = (x - eye_mm[0]) / eye_mm[2], (y - eye_mm[1]) / eye_mm[2]
+    codes = np.zeros((y.shape[0], x.shape[1], 3), np.uint8)
+    weights = np.zeros(codes.shape, np.float32)
+    for channel, index in enumerate(channel_indices(display)):
+        row, column, weights[..., channel] = trace_to_pixels(
+            display, lens_model, x, y, *slopes, index=index
+        )
+        codes[..., channel] = eia[row, column, channel]
+    return codes, weights

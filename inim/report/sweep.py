@@ -1,9 +1,14 @@
-"""The page of a sweep: scores by scene and algorithm, displays by relic, failures, costs."""
+"""The page of a sweep: scores by scene and algorithm, displays by relic, failures, costs.
+
+Scores of different scenes are never averaged into one rank: a scene's row is compared with itself
+only, and a figure for several scenes is the mean of each one's loss against its own ceiling.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +16,18 @@ from inim.documents.files import write_text
 from inim.documents.sweep import SweepTable
 from inim.metrics import all_metrics
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
-from inim.report.markup import element, plot, table, text, text_table
-from inim.report.page import Section, badge, data_note, how_to_reproduce, render_page, timestamp
+from inim.report.page import (
+    Section,
+    badge,
+    document_page,
+    element,
+    how_to_reproduce,
+    lead,
+    plot,
+    table,
+    text,
+    text_table,
+)
 from inim.report.plots import (
     draw_front,
     draw_point,
@@ -24,18 +39,7 @@ from inim.report.plots import (
     style,
     svg,
 )
-from inim.report.sweep.results import (
-    REFERENCES,
-    Result,
-    mean,
-    names_of,
-    results_of,
-    settings_of,
-    varied_settings,
-)
-from inim.report.wording import MISSING, number
-
-__all__ = ["PAGE", "render_sweep", "write_page"]
+from inim.report.wording import MISSING, is_number, number
 
 PAGE = "sweep.html"
 
@@ -94,8 +98,9 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
     results = results_of(rows)
     query = element("p", "All rows are in sweep.parquet, in this page's folder; for example:")
     query += element("pre", element("code", text(_QUERY)), tabindex=0)
-    return render_page(
-        about.title,
+    return document_page(
+        about,
+        "sweep.parquet",
         _facts(results, about),
         [
             Section("failures", "What failed", failures(rows)),
@@ -105,8 +110,7 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
             Section("cost", "What it took", cost_table(results)),
             how_to_reproduce(about, query),
         ],
-        window_title=f"{about.title} – inim sweep",
-        footer=data_note(about, "sweep.parquet"),
+        purpose="inim sweep",
         verdict_badge=_badge(rows, results),
         style=_STYLE,
     )
@@ -117,8 +121,7 @@ def _facts(results: Sequence[Result], about: SweepTable) -> list[str]:
         f"{len(names_of(results, field))} {field}{'s' * (len(names_of(results, field)) != 1)}"
         for field in ("scene", "display", "algorithm")
     ]
-    words = [" × ".join(counts), f"inim {about.inim_version}"]
-    return [*map(text, words), timestamp(about)]
+    return [*map(text, [" × ".join(counts), f"inim {about.inim_version}"])]
 
 
 def _badge(rows: Sequence[Mapping[str, Any]], results: Sequence[Result]) -> str:
@@ -134,7 +137,7 @@ def _matrices(results: Sequence[Result]) -> str:
         for settings in names_of(results, "settings"):
             own = [c for c in results if (c.display, c.settings) == (display, settings)]
             found += [matrix(display, settings, own)] if own else []
-    return element("p", text(_SCORES), class_="lead") + "".join(found)
+    return lead(_SCORES) + "".join(found)
 
 
 def _pareto(results: Sequence[Result]) -> str:
@@ -147,7 +150,7 @@ def _pareto(results: Sequence[Result]) -> str:
     panels = {display: points for display, points in panels.items() if points}
     if not panels:
         return ""
-    words = element("p", text(_PARETO + _TIMES[unit]), class_="lead")
+    words = lead(_PARETO + _TIMES[unit])
     return words + plot(_drawing(panels, unit), "Time against error")
 
 
@@ -262,7 +265,7 @@ def best_displays(results: Sequence[Result]) -> str:
     ]
     heads += [metric.label for metric in others]
     listed = table("Displays by relic, the best first", [text(h) for h in heads], rows, "sweep")
-    return element("p", text(_BEST), class_="lead") + listed
+    return lead(_BEST) + listed
 
 
 def _ranking(results: Sequence[Result]) -> list[Result]:
@@ -306,3 +309,101 @@ def failures(rows: Sequence[Mapping[str, Any]]) -> str:
             found[" · ".join(str(word) for word in words if word), str(error)] = None
     lines = [element("li", element("b", text(what)), " ", text(why)) for what, why in found]
     return element("ul", *lines, class_="failures") if lines else ""
+
+
+Row = Mapping[str, Any]
+
+#: Columns of the main score on the relic of the ceiling, and of the truth against itself.
+REFERENCES = (f"ceiling_{HEADLINE_TO_SCENE}", f"noise_floor_{HEADLINE_TO_SCENE}")
+_COSTS = ("seconds", "yardsticks", "unit_seconds")
+
+#: Settings that tell rows of one scene, display, algorithm and viewpoint apart.
+SETTING_COLUMNS = (
+    "lens_model",
+    "misalign",
+    "fit_share",
+    "viewing_distance_mm",
+    "pupil_mm",
+    "focus_mm",
+    "luminance_cd_m2",
+    "view_pixels_per_lens",
+    "capture_pixels_per_pitch",
+    "capture_spp",
+    "eia_spp",
+    "view_spp",
+    "reconstruction_spp",
+    "score_error",
+    "seed",
+)
+
+
+@dataclass(frozen=True)
+class Result:
+    """One algorithm on one scene, display and set of settings: means over its viewpoints.
+
+    Attributes
+    ----------
+    scene, display, settings, algorithm : str
+    failed : bool
+    scores : dict of str to float or None
+        By column of the table; None where a viewpoint lacks it.
+    """
+
+    scene: str
+    display: str
+    settings: str
+    algorithm: str
+    failed: bool
+    scores: dict[str, float | None]
+
+
+def results_of(rows: Sequence[Row]) -> list[Result]:
+    """The rows by result, in the table's order."""
+    varied = varied_settings(rows)
+    own = [key for m in all_metrics() for key in (m.key, m.on_relic_key)]
+    columns = [*own, MAIN.to_ceiling_key, HEADLINE, *REFERENCES, *_COSTS]
+    groups: dict[tuple[str, str, str, str], list[Row]] = {}
+    for row in rows:
+        settings = settings_of(row, varied)
+        key = (str(row["scene"]), str(row["display"]), settings, str(row["algorithm"]))
+        groups.setdefault(key, []).append(row)
+    return [
+        Result(
+            *key,
+            any(row["status"] != "ok" for row in group),
+            {name: mean(row.get(name) for row in group) for name in columns},
+        )
+        for key, group in groups.items()
+    ]
+
+
+def varied_settings(rows: Sequence[Row]) -> list[str]:
+    """Settings that the study varies: of which one scene and display has several values."""
+    values: dict[tuple[Any, Any, str], set[Any]] = {}
+    for row in rows:
+        for name in SETTING_COLUMNS:
+            if name in row:
+                values.setdefault((row["scene"], row["display"], name), set()).add(row[name])
+    return [
+        n
+        for n in SETTING_COLUMNS
+        if any(len(v) > 1 for (_, _, name), v in values.items() if name == n)
+    ]
+
+
+def settings_of(row: Row, varied: Iterable[str]) -> str:
+    """The varied settings of a row, as text; empty where nothing varies."""
+    return ", ".join(f"{name} = {row.get(name)}" for name in varied)
+
+
+def names_of(results: Sequence[Result], field: str) -> list[str]:
+    """The values of a field, each once, in order."""
+    return list(dict.fromkeys(getattr(result, field) for result in results))
+
+
+def mean(values: Iterable[Any]) -> float | None:
+    """The arithmetic mean; None of nothing, or where a value is missing or not finite."""
+    known = list(values)
+    if not known or not all(is_number(v) and math.isfinite(v) for v in known):
+        return None
+    return math.fsum(known) / len(known)
