@@ -87,7 +87,7 @@ def test_a_file_with_other_layers_than_it_says_is_refused(tmp_path, count):
         )
     ]
     header = {"inim:pixel_mm": "0.2", "inim:layers": count}
-    image._write_parts(tmp_path / "b.exr", parts, header)
+    image.write_exr_parts(tmp_path / "b.exr", parts, header)
     with pytest.raises(FileError, match=r"b\.exr"):
         image.read_rgbd(tmp_path / "b.exr")
 

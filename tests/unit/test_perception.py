@@ -10,6 +10,7 @@ import pytest
 from inim import metrics
 from inim.display import DISPLAYS
 from inim.display.viewpoint import Viewpoint
+from inim.documents.report import ReportDocument
 from inim.errors import UsageError
 from inim.image.color import linear_from_srgb, srgb_from_linear
 from inim.image.noisy_image import NoisyImage
@@ -17,6 +18,7 @@ from inim.metrics import Metric, Viewing, cvvdp
 from inim.pipeline.stages.reconstruct import Optics
 from inim.regression import view_scores
 from inim.report.wording import disagreements
+from tests.schemas import report_document
 
 SEEN = Viewing(30.0, 400.0)
 installed = pytest.mark.skipif(
@@ -129,7 +131,7 @@ def test_a_viewed_metric_of_eias_is_refused():
         Metric("seen", lambda *_: 1.0, viewed=True, of_eia=True, tolerance=1)
 
 
-def results(**psnr_db: float) -> dict:
+def results(**psnr_db: float) -> ReportDocument:
     """A report in which SSIM falls from one algorithm to the next."""
     views = {
         name: {
@@ -140,7 +142,7 @@ def results(**psnr_db: float) -> dict:
         for n, (name, value) in enumerate(psnr_db.items())
     }
     algorithms = {name: {"views": {"centre": scores}} for name, scores in views.items()}
-    return {"viewpoints": [{"name": "centre"}], "algorithms": algorithms}
+    return report_document({"viewpoints": [{"name": "centre"}], "algorithms": algorithms})
 
 
 def test_a_metric_that_prefers_another_algorithm_is_named(announce):
