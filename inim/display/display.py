@@ -186,6 +186,8 @@ class Display:
     name: str = "custom"
 
     def __post_init__(self) -> None:
+        # msgspec leaves absent fields to the class, and omits them when it encodes the display.
+        self.__dict__.update(self.given())
         for name in _LENGTHS:
             self._take_number(name)
             if getattr(self, name) is not None and not getattr(self, name) > 0:

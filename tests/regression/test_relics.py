@@ -60,7 +60,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n != "tripod" else n
                                   for n in MADE])  # fmt: skip
-def test_script_makes_the_committed_meshes_and_textures(name: str, tmp_path: Path) -> None:
+def test_script_makes_the_committed_meshes_and_textures(name, tmp_path):
     """To the byte where processor and libraries are the same; else to the last bit of sines and
     a code of a texture."""
     words = [sys.executable, str(SCENES / "make_relics.py"), name, "-o", str(tmp_path)]
@@ -80,6 +80,6 @@ def test_script_makes_the_committed_meshes_and_textures(name: str, tmp_path: Pat
             assert np.abs(one - other).max() <= 1.01e-4  # coordinates are rounded to 1e-4 mm
 
 
-def test_every_committed_mesh_and_texture_is_made_by_the_script() -> None:
+def test_every_committed_mesh_and_texture_is_made_by_the_script():
     committed = {p.name for kind in ("meshes", "textures") for p in (SCENES / kind).iterdir()}
     assert committed == set().union(*MADE.values())

@@ -58,7 +58,7 @@ def other_library(path: Path) -> None:
 
 
 @pytest.mark.parametrize("make", [no_library, other_library])
-def test_file_that_is_no_llvm_is_refused_with_exit_code_3(tmp_path: Path, make: object) -> None:
+def test_file_that_is_no_llvm_is_refused_with_exit_code_3(tmp_path, make):
     assert callable(make)
     make(tmp_path / "libLLVM.so.19.1")
     ended = run("-c", CHOOSE, INIM_LLVM_SEARCH=str(tmp_path))
@@ -69,9 +69,7 @@ def test_file_that_is_no_llvm_is_refused_with_exit_code_3(tmp_path: Path, make: 
 
 
 @pytest.mark.skipif(not ABORTS.is_file(), reason=f"needs {ABORTS}")
-def test_version_that_aborts_is_refused_by_name(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_version_that_aborts_is_refused_by_name(monkeypatch, tmp_path):
     (tmp_path / ABORTS.name).symlink_to(ABORTS)
     monkeypatch.setenv(SEARCH_VARIABLE, str(tmp_path))
     with pytest.raises(BackendError, match="LLVM 15 aborts the process"):
@@ -79,20 +77,20 @@ def test_version_that_aborts_is_refused_by_name(
 
 
 @pytest.mark.skipif(not ABORTS.is_file(), reason=f"needs {ABORTS}")
-def test_version_that_aborts_kills_only_the_child() -> None:
+def test_version_that_aborts_kills_only_the_child():
     # A CPU that happens to live with it computes correctly; no third outcome.
     verdict = probe("llvm_ad_rgb", {LLVM_VARIABLE: str(ABORTS)})
     assert verdict.usable or "SIGABRT" in verdict.reason
 
 
-def test_chosen_backend_renders_in_a_child_that_chooses_nothing() -> None:
+def test_chosen_backend_renders_in_a_child_that_chooses_nothing():
     backend = choose_backend()
     script = f"import mitsuba as mi; mi.set_variant({backend.variant!r}); print(mi.Float(1) + 1)"
     ended = run("-c", script, **environment(backend))
     assert ended.stdout.strip() == "[2]", ended.stderr
 
 
-def test_activated_backend_renders_in_the_same_process() -> None:
+def test_activated_backend_renders_in_the_same_process():
     script = (
         "from inim.backend import activate, choose_backend; b = choose_backend(); activate(b); "
         "import mitsuba as mi; mi.set_variant(b.variant); print(mi.Float(1) + 1)"

@@ -168,7 +168,7 @@ def noisy(bench: Bench) -> Bench:
 # --- Passing and failing ------------------------------------------------------------------------
 
 
-def test_baseline_is_small_and_says_why_and_when(bench: Bench) -> None:
+def test_baseline_is_small_and_says_why_and_when(bench):
     files = {p.name: p.stat().st_size for p in (bench.folder / "base").iterdir()}
     assert set(files) == {"baseline.json", "baseline.npz"}
     assert sum(files.values()) < 100_000
@@ -177,7 +177,7 @@ def test_baseline_is_small_and_says_why_and_when(bench: Bench) -> None:
     assert data["accepted"].startswith("20")
 
 
-def test_fresh_seed_passes_and_its_drift_shows(bench: Bench) -> None:
+def test_fresh_seed_passes_and_its_drift_shows(bench):
     ended = bench.judged("fresh", seed="1")
     assert ended.code == EXIT_PASSED, (ended.stderr, bench.failed("fresh"))
     regression = bench.data("fresh")["regression"]
@@ -190,7 +190,7 @@ def test_fresh_seed_passes_and_its_drift_shows(bench: Bench) -> None:
     assert "the first" in page
 
 
-def test_every_row_has_value_limit_interval_and_verdict(noisy: Bench) -> None:
+def test_every_row_has_value_limit_interval_and_verdict(noisy):
     rows = [c for c in noisy.data("noisy")["verdict"]["checks"] if "kind" in c]
     assert {row["kind"] for row in rows} == {"picture", "noise", "score", "pixels"}
     for row in rows:
@@ -198,14 +198,14 @@ def test_every_row_has_value_limit_interval_and_verdict(noisy: Bench) -> None:
         assert row["interval"][0] <= row["value"] <= row["interval"][1] or row["kind"] == "pixels"
 
 
-def test_noisy_lens_fails_its_own_rows_only(noisy: Bench) -> None:
+def test_noisy_lens_fails_its_own_rows_only(noisy):
     assert noisy.failed("noisy") == {
         "eia/planted: tiles against the baseline",
         "planted: changed pixels of the reference input",
     }
 
 
-def test_failure_leaves_candidate_baseline_and_difference(noisy: Bench) -> None:
+def test_failure_leaves_candidate_baseline_and_difference(noisy):
     from PIL import Image
 
     folder = noisy.folder / "noisy" / "regression"
@@ -222,7 +222,7 @@ def test_failure_leaves_candidate_baseline_and_difference(noisy: Bench) -> None:
     )
 
 
-def test_failed_rows_are_in_junit_summary_and_page(noisy: Bench) -> None:
+def test_failed_rows_are_in_junit_summary_and_page(noisy):
     row, out = "eia/planted: tiles against the baseline", noisy.folder / "noisy"
     cases = ElementTree.parse(out / "junit.xml").getroot().findall(".//testcase")
     assert next(c.get("name") for c in cases if c.find("failure") is not None) == row
@@ -232,17 +232,17 @@ def test_failed_rows_are_in_junit_summary_and_page(noisy: Bench) -> None:
     assert "Against the baseline" in page
 
 
-def test_mirrored_pictures_fail_in_every_view(bench: Bench) -> None:
+def test_mirrored_pictures_fail_in_every_view(bench):
     assert bench.judged("mirrored", fault="mirrored").code == EXIT_CHECK_FAILED
     rows = {f"planted/{v}: SSIM to ceiling against the baseline" for v in ("left", "right")}
     assert rows <= bench.failed("mirrored")
 
 
-def test_picture_with_a_nan_fails(with_nan: Bench) -> None:
+def test_picture_with_a_nan_fails(with_nan):
     assert "eia/planted: pixels not finite" in with_nan.failed("nan")
 
 
-def test_times_of_the_same_machine_are_compared(timed: Bench) -> None:
+def test_times_of_the_same_machine_are_compared(timed):
     rows = [c for c in timed.data("timed")["verdict"]["checks"] if c.get("kind") == "time"]
     assert [row["name"] for row in rows] == ["planted: time against the baseline"]
     rounds = min(len(timed.ratios(out)) for out in ("timed-first", "timed"))
@@ -252,7 +252,7 @@ def test_times_of_the_same_machine_are_compared(timed: Bench) -> None:
 
 
 @pytest.mark.slow
-def test_generator_slower_by_30_percent_fails_and_itself_does_not(bench: Bench) -> None:
+def test_generator_slower_by_30_percent_fails_and_itself_does_not(bench):
     """On a display whose EIA takes milliseconds. Beside other programs nobody can tell, and the
     row says so: then there is nothing to claim."""
     large = {"lens_columns": "100", "lens_rows": "100", "eia_spp": "2", "view_spp": "2",
@@ -273,7 +273,7 @@ def test_generator_slower_by_30_percent_fails_and_itself_does_not(bench: Bench) 
 
 
 @pytest.mark.slow
-def test_five_percent_fewer_samples_pass_and_half_as_many_do_not(bench: Bench) -> None:
+def test_five_percent_fewer_samples_pass_and_half_as_many_do_not(bench):
     """From the command line. Half of the samples have 1.4 times the noise; 1.25 is allowed."""
     names = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp")
     samples = {"all": "40", "fewer": "38", "half": "20"}
@@ -303,9 +303,7 @@ def test_five_percent_fewer_samples_pass_and_half_as_many_do_not(bench: Bench) -
         ({"view_pixels_per_lens": "3"}, ["view pixels"]),
     ],
 )
-def test_other_conditions_end_with_4_before_rendering(
-    bench: Bench, changes: dict[str, str], words: list[str]
-) -> None:
+def test_other_conditions_end_with_4_before_rendering(bench, changes, words):
     ended = bench.judged("other", **changes)
     assert ended.code == EXIT_BASELINE
     assert_one_line(ended.stderr, ["base", "other conditions", *words])
@@ -313,7 +311,7 @@ def test_other_conditions_end_with_4_before_rendering(
     assert nothing_left(bench.folder)
 
 
-def test_other_scene_ends_with_4(bench: Bench, tmp_path: Path) -> None:
+def test_other_scene_ends_with_4(bench, tmp_path):
     write_scene(tmp_path, sphere((0, 0, 1), 1.3))
     other = Bench(tmp_path, bench.run_inim, bench.variables)
     ended = other.run("-o", "out", "--baseline", str(bench.folder / "base"))
@@ -357,16 +355,14 @@ def _other_variant(folder: Path) -> None:
     ids=["no json", "no npz", "junk npz", "junk json", "schema", "no views", "no scores",
          "variant"],
 )  # fmt: skip
-def test_baseline_that_is_none_ends_with_4(
-    bench: Bench, tmp_path: Path, change: Callable[[Path], object], words: list[str]
-) -> None:
+def test_baseline_that_is_none_ends_with_4(bench, tmp_path, change, words):
     ended = damaged(bench, tmp_path / "base", change)
     assert ended.code == EXIT_BASELINE
     assert_one_line(ended.stderr, words)
     assert not (bench.folder / "out4").exists()
 
 
-def test_times_of_another_machine_end_with_4(timed: Bench) -> None:
+def test_times_of_another_machine_end_with_4(timed):
     from inim.errors import BaselineError
     from inim.regression import check_times, read_statistics
 
@@ -380,7 +376,7 @@ def test_times_of_another_machine_end_with_4(timed: Bench) -> None:
 # --- Accepting ----------------------------------------------------------------------------------
 
 
-def test_accepted_change_passes_from_then_on(noisy: Bench, tmp_path: Path) -> None:
+def test_accepted_change_passes_from_then_on(noisy, tmp_path):
     to = tmp_path / "base"
     words = ["baseline", "accept", str(noisy.folder / "noisy"), "--reason", "meant", "--to"]
     assert main([*words, str(to)]) == EXIT_PASSED
@@ -388,9 +384,7 @@ def test_accepted_change_passes_from_then_on(noisy: Bench, tmp_path: Path) -> No
     assert ended.code == EXIT_PASSED, noisy.failed("again")
 
 
-def test_run_that_failed_on_its_own_cannot_be_accepted(
-    with_nan: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_run_that_failed_on_its_own_cannot_be_accepted(with_nan, tmp_path, capsys):
     words = ["baseline", "accept", str(with_nan.folder / "nan"), "--reason", "hide it"]
     assert main([*words, "--to", str(tmp_path / "base")]) == EXIT_USAGE
     assert_one_line(capsys.readouterr().err, ["pixels not finite"])
@@ -398,9 +392,7 @@ def test_run_that_failed_on_its_own_cannot_be_accepted(
 
 
 @pytest.mark.parametrize("reason", ["", "  "])
-def test_reason_may_not_be_empty(
-    bench: Bench, capsys: pytest.CaptureFixture[str], reason: str
-) -> None:
+def test_reason_may_not_be_empty(bench, capsys, reason):
     words = ["baseline", "accept", str(bench.folder / "first"), "--reason", reason]
     assert main(words) == EXIT_USAGE
     assert_one_line(capsys.readouterr().err, ["--reason"])
@@ -409,9 +401,7 @@ def test_reason_may_not_be_empty(
 # --- Comparing two reports ----------------------------------------------------------------------
 
 
-def test_compare_gives_the_verdicts_of_the_baseline_check(
-    noisy: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_compare_gives_the_verdicts_of_the_baseline_check(noisy, tmp_path, capsys):
     out = tmp_path / "cmp"
     folders = [str(noisy.folder / name) for name in ("first", "noisy")]
     assert main(["compare", *folders, "-o", str(out)]) == EXIT_CHECK_FAILED
@@ -429,9 +419,7 @@ def test_compare_gives_the_verdicts_of_the_baseline_check(
     assert main(["compare", folders[0], folders[0], "-o", str(out), "--quiet"]) == EXIT_PASSED
 
 
-def test_compare_of_unlike_runs_ends_with_4(
-    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_compare_of_unlike_runs_ends_with_4(bench, tmp_path, capsys):
     shutil.copytree(bench.folder / "first", tmp_path / "pinhole")
     _change_condition(tmp_path / "pinhole/regression/candidate.json", "lens model", "pinhole")
     folders = [str(bench.folder / "first"), str(tmp_path / "pinhole")]
@@ -476,15 +464,13 @@ def clean_copy(folder: Path) -> Path:
     return folder
 
 
-def test_only_these_steps_are_the_hosted_runner_s() -> None:
+def test_only_these_steps_are_the_hosted_runner_s():
     used = [step["uses"].partition("@")[0] for step in steps() if "uses" in step]
     assert used == ["actions/checkout", "actions/setup-python", "actions/upload-artifact"]
     assert all(("run" in step) != ("uses" in step) for step in steps())
 
 
-def test_workflow_s_commands_plan_runs_that_its_baselines_can_be_compared_with(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_workflow_s_commands_plan_runs_that_its_baselines_can_be_compared_with(monkeypatch):
     """Up to where the worker would begin: options, settings, scene and baseline's conditions."""
     planned = []
 
@@ -504,7 +490,7 @@ def test_workflow_s_commands_plan_runs_that_its_baselines_can_be_compared_with(
 
 
 @pytest.mark.slow
-def test_workflow_s_steps_pass_on_a_clean_copy(tmp_path: Path) -> None:
+def test_workflow_s_steps_pass_on_a_clean_copy(tmp_path):
     """All but the installation, for this Python has inim. The project's own baselines hold."""
     copy = clean_copy(tmp_path / "clone")
     bin_folder = tmp_path / "bin"
@@ -531,7 +517,7 @@ def test_workflow_s_steps_pass_on_a_clean_copy(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_workflow_s_installation_works_in_an_environment_of_its_own(tmp_path: Path) -> None:
+def test_workflow_s_installation_works_in_an_environment_of_its_own(tmp_path):
     """And there pytest finds the plugin: it accepts a baseline and holds the next run to it."""
     copy = clean_copy(tmp_path / "clone")
     subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True)
@@ -562,10 +548,7 @@ def test_sphere(inim_validate):
 
 
 def plugin_test(
-    pytester: pytest.Pytester,
-    *words: str,
-    others: Mapping[str, str] | None = None,
-    **changes: str,
+    pytester: pytest.Pytester, *words: str, others: Mapping[str, str] | None = None, **changes: str
 ) -> pytest.RunResult:
     """Run the plugin's test with these settings, and with `others` also a second one."""
     few = {"lens_columns": "8", "lens_rows": "6", "viewpoints": "left"}
@@ -583,14 +566,12 @@ def plugin_test(
         return pytester.runpytest_inprocess("-q", "-p", "no:cacheprovider", *words)
 
 
-def test_plugin_is_announced() -> None:
+def test_plugin_is_announced():
     names = {p.value for p in metadata.entry_points(group="pytest11")}
     assert "inim.pytest_plugin" in names, "install the project anew: pip install -e ."
 
 
-def test_plugin_asks_for_a_baseline_accepts_one_and_compares(
-    bench: Bench, pytester: pytest.Pytester
-) -> None:
+def test_plugin_asks_for_a_baseline_accepts_one_and_compares(bench, pytester):
     """In this process, where `bench` has loaded the renderer, which can be loaded once only."""
     missing = plugin_test(pytester)
     missing.assert_outcomes(failed=1)
@@ -605,7 +586,7 @@ def test_plugin_asks_for_a_baseline_accepts_one_and_compares(
     compared.stdout.fnmatch_lines(["*other conditions*"])
 
 
-def test_plugin_wants_a_reason(pytester: pytest.Pytester) -> None:
+def test_plugin_wants_a_reason(pytester):
     refused = plugin_test(pytester, "--inim-update")
     assert refused.ret == pytest.ExitCode.USAGE_ERROR
     refused.stderr.fnmatch_lines(["*--inim-reason*"])

@@ -48,7 +48,7 @@ def without_cache_variable() -> dict[str, str]:
 
 
 @pytest.mark.parametrize("start", ["script", "module"])
-def test_modules_in_the_current_folder_are_not_executed(trapped: Path, start: str) -> None:
+def test_modules_in_the_current_folder_are_not_executed(trapped, start):
     words = [sys.executable, "-m", "inim.validate"]
     if start == "script":  # as the one that pip installs
         words = [sys.executable, str(trapped / "bin" / "inim"), "validate"]
@@ -81,7 +81,7 @@ eia = inim.generate(rgbd, display)
 """
 
 
-def test_python_functions_ignore_the_current_folder_s_configuration(tmp_path: Path) -> None:
+def test_python_functions_ignore_the_current_folder_s_configuration(tmp_path):
     script = PICTURE + "import sys\nassert 'matplotlib' not in sys.modules\nprint(eia.shape)"
     ended = subprocess.run(
         python_code(script),
@@ -95,7 +95,7 @@ def test_python_functions_ignore_the_current_folder_s_configuration(tmp_path: Pa
     assert not (tmp_path / "kernels").exists()
 
 
-def test_a_program_s_own_kernels_obey_its_configuration(tmp_path: Path) -> None:
+def test_a_program_s_own_kernels_obey_its_configuration(tmp_path):
     script = PICTURE + (
         "import numba\n"
         "assert not numba.config.BOUNDSCHECK\n"
@@ -110,7 +110,7 @@ def test_a_program_s_own_kernels_obey_its_configuration(tmp_path: Path) -> None:
     subprocess.run(python_code(script), cwd=tmp_path, env=nothing_compiled, check=True, timeout=300)
 
 
-def test_pictures_are_drawn_without_the_current_folder_s_configuration(tmp_path: Path) -> None:
+def test_pictures_are_drawn_without_the_current_folder_s_configuration(tmp_path):
     words = python_module("inim", "inspect", "nominal", "-o", "out")
     ended = subprocess.run(
         words,
@@ -124,7 +124,7 @@ def test_pictures_are_drawn_without_the_current_folder_s_configuration(tmp_path:
     assert list((tmp_path / "out").rglob("*.png"))
 
 
-def test_children_do_not_search_the_current_folder(trapped: Path) -> None:
+def test_children_do_not_search_the_current_folder(trapped):
     code = "import json, sys; print(json.dumps(sys.argv[1:]))"
     said = subprocess.check_output(
         python_code(code, "a", "b"), cwd=trapped, env=child_environment(), text=True
@@ -136,16 +136,14 @@ def test_children_do_not_search_the_current_folder(trapped: Path) -> None:
     assert not (trapped / "executed").exists()
 
 
-def test_the_caller_s_own_path_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_caller_s_own_path_stays(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text("print('found')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     said = subprocess.check_output(python_code("import mine"), env=child_environment(), text=True)
     assert said == "found\n"
 
 
-def test_renderer_plugins_in_the_current_folder_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_renderer_plugins_in_the_current_folder_are_refused(tmp_path, monkeypatch):
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "inim_rays.so").write_text("")
     monkeypatch.chdir(tmp_path)

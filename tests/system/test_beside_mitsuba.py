@@ -52,7 +52,7 @@ def inim_first() -> dict:
     return run("")
 
 
-def test_without_mitsuba_before_the_variant_used_stays(inim_first: dict) -> None:
+def test_without_mitsuba_before_the_variant_used_stays(inim_first):
     assert inim_first["before"] is None
     assert inim_first["after"][0].endswith("_ad_rgb")
 
@@ -70,7 +70,7 @@ def test_without_mitsuba_before_the_variant_used_stays(inim_first: dict) -> None
         "import mitsuba as mi; mi.set_variant('scalar_spectral_polarized')",
     ],
 )
-def test_all_is_as_before(before: str, inim_first: dict) -> None:
+def test_all_is_as_before(before, inim_first):
     found = run(before)
     if found["before"] and found["before"][0]:
         assert found["after"] == found["before"], "a variant was active"
@@ -80,7 +80,7 @@ def test_all_is_as_before(before: str, inim_first: dict) -> None:
     assert found["view"] == inim_first["view"], "the same view, to the bit"
 
 
-def test_a_program_s_own_objects_and_plugins_live_on() -> None:
+def test_a_program_s_own_objects_and_plugins_live_on():
     before = """
 import mitsuba as mi
 mi.set_variant("llvm_ad_spectral")

@@ -229,7 +229,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("door", "kind"), CASES)
-def test_what_is_no_file_is_refused_in_one_line(door: str, kind: str, tmp_path: Path) -> None:
+def test_what_is_no_file_is_refused_in_one_line(door, kind, tmp_path):
     words, name, code, beside = DOORS[door]
     beside(tmp_path)
     path = tmp_path / name
@@ -244,9 +244,7 @@ def test_what_is_no_file_is_refused_in_one_line(door: str, kind: str, tmp_path: 
 # --- What a file may hold -----------------------------------------------------------------------
 
 
-def test_a_file_that_is_put_in_place_of_another_is_looked_at_once_it_is_open(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_is_put_in_place_of_another_is_looked_at_once_it_is_open(tmp_path, monkeypatch):
     """Whatever the name meant before, the pipe itself is found out."""
     path = tmp_path / "x"
     path.write_bytes(b"a file")
@@ -264,9 +262,7 @@ def test_a_file_that_is_put_in_place_of_another_is_looked_at_once_it_is_open(
 
 @pytest.mark.parametrize("flipped", [8, 120, 300])
 @pytest.mark.parametrize("command", ["generate", "depth"])
-def test_a_damaged_tiff_is_one_line(
-    command: str, flipped: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_tiff_is_one_line(command, flipped, tmp_path, capfd):
     """Expected: libtiff's own words on descriptor 2, up to hundreds of lines, are not heard."""
     from inim.from_camera.picture_files import read_color, read_depth
 
@@ -283,7 +279,7 @@ def test_a_damaged_tiff_is_one_line(
     assert capfd.readouterr().err == "heard again"
 
 
-def test_stderr_is_back_once_all_threads_have_decoded(capfd: pytest.CaptureFixture[str]) -> None:
+def test_stderr_is_back_once_all_threads_have_decoded(capfd):
     """Expected: the first to end does not give back what the second has found silent."""
     inside, leave = threading.Barrier(2), threading.Event()
 

@@ -65,7 +65,7 @@ def validated(
     return folder / "out", read_document(folder / "out" / "report.json")
 
 
-def test_report_has_its_algorithm_s_scores_by_its_metric(validated) -> None:
+def test_report_has_its_algorithm_s_scores_by_its_metric(validated):
     _, data = validated
     assert [*data["algorithms"]] == ["template", "example"]
     assert data["lens_model"] == "vignetted"
@@ -80,7 +80,7 @@ def test_report_has_its_algorithm_s_scores_by_its_metric(validated) -> None:
     assert views["template"]["mad_to_ceiling"] < views["example"]["mad_to_ceiling"]
 
 
-def test_page_shows_them(validated) -> None:
+def test_page_shows_them(validated):
     out, data = validated
     page = (out / "report.html").read_text("utf-8")
     assert "vignetted" in page
@@ -89,9 +89,7 @@ def test_page_shows_them(validated) -> None:
         assert f"<dd>MAD <b>{shown}</b></dd>" in page
 
 
-def test_baseline_judges_its_metric_by_its_own_tolerance(
-    validated, installed: Mapping[str, str], tmp_path: Path
-) -> None:
+def test_baseline_judges_its_metric_by_its_own_tolerance(validated, installed, tmp_path):
     out, _ = validated
     run("compare", out, out, "-o", "same", folder=tmp_path, variables=installed)
     data = read_document(tmp_path / "same" / "compare.json")
@@ -102,7 +100,7 @@ def test_baseline_judges_its_metric_by_its_own_tolerance(
     assert found["limit"] >= 0.002
 
 
-def test_sweep_has_columns_of_its_metric(tmp_path: Path, installed: Mapping[str, str]) -> None:
+def test_sweep_has_columns_of_its_metric(tmp_path, installed):
     scene = write_scene(tmp_path).name
     lines = [f"{key.removeprefix('inim.')} = {value}\n" for key, value in TINY.items()]
     settings = "".join(line for line in lines if "lens_" not in line)
@@ -124,7 +122,7 @@ def test_sweep_has_columns_of_its_metric(tmp_path: Path, installed: Mapping[str,
         assert 0 < row[name] < 1, name
 
 
-def test_bench_has_errors_by_its_metric(tmp_path: Path, installed: Mapping[str, str]) -> None:
+def test_bench_has_errors_by_its_metric(tmp_path, installed):
     words = ("-o", "out", "--algorithms", "example", "--runs", "3", "--threads", "1")
     scene = write_scene(tmp_path).name
     with pytest.MonkeyPatch.context() as patch:
@@ -155,9 +153,7 @@ def test_bench_has_errors_by_its_metric(tmp_path: Path, installed: Mapping[str, 
     ],
     ids=["loading", "scoring"],
 )
-def test_metric_with_a_fault_is_one_line_that_names_it(
-    tmp_path: Path, code: str, words: list[str]
-) -> None:
+def test_metric_with_a_fault_is_one_line_that_names_it(tmp_path, code, words):
     info = tmp_path / "bad_metric-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bad-metric\nVersion: 1.0\n")
@@ -171,7 +167,7 @@ def test_metric_with_a_fault_is_one_line_that_names_it(
     assert not (tmp_path / "out").exists()
 
 
-def test_lens_model_of_the_how_to_is_the_one_tested_here() -> None:
+def test_lens_model_of_the_how_to_is_the_one_tested_here():
     page = HOW_TO.read_text("utf-8")
     assert f"```python\n{(PACKAGE / 'inim_example_lens.py').read_text('utf-8')}```" in page
     points = dict(SECTION.findall((PACKAGE / "pyproject.toml").read_text("utf-8")))

@@ -32,7 +32,7 @@ with multiprocessing.get_context("fork").Pool(1) as pool:
 
 
 @pytest.mark.parametrize(("layer", "answer"), [("omp", "spawn"), ("workqueue", "(")])
-def test_forked_jobs_end(layer: str, answer: str) -> None:
+def test_forked_jobs_end(layer, answer):
     ended = subprocess.run(
         python_code(FORK),
         env=child_environment() | {"NUMBA_THREADING_LAYER": layer},

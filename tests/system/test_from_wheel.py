@@ -11,7 +11,7 @@ from tests.from_wheel import ROOT
 
 
 @pytest.mark.slow
-def test_a_stranger_s_programs_run() -> None:
+def test_a_stranger_s_programs_run():
     ended = subprocess.run(
         [sys.executable, "-m", "tests.from_wheel", "--borrow-packages"],
         cwd=ROOT, capture_output=True, text=True, timeout=900, check=False,

@@ -12,7 +12,7 @@ import re
 import struct
 import time
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -31,7 +31,7 @@ from inim.scene.file import SceneFile, read_scene_file
 from inim.scene.parameters import SceneParameters
 from tests.conftest import scene_text, small_display, sphere, square
 from tests.schemas import read_document
-from tests.system.conftest import Ended, write_scene
+from tests.system.conftest import write_scene
 
 SHAPE = '<shape type="{}"><string name="filename" value="{}"/></shape>'
 TEXTURE = '<texture type="bitmap"><string name="filename" value="{}"/></texture>'
@@ -66,7 +66,7 @@ def assert_quick(started: float, seconds: float = 5) -> None:
         '<include filename="in/../../secret.txt"/>',
     ],
 )
-def test_no_way_of_writing_a_name_leads_outside(tmp_path: Path, body: str) -> None:
+def test_no_way_of_writing_a_name_leads_outside(tmp_path, body):
     (tmp_path / "secret.txt").write_text("400 1\n700 1\n")
     (tmp_path / "in" / "in").mkdir(parents=True)
     # Decoys under the names as written, which a scan that reads otherwise would settle for.
@@ -76,7 +76,7 @@ def test_no_way_of_writing_a_name_leads_outside(tmp_path: Path, body: str) -> No
         scanned(tmp_path / "in", body)
 
 
-def test_a_folder_can_be_allowed(tmp_path: Path) -> None:
+def test_a_folder_can_be_allowed(tmp_path):
     """As the message says, which proposes the highest folder that is not the scene's own."""
     for name in ("common/meshes/deep", "scenes/one"):
         (tmp_path / name).mkdir(parents=True)
@@ -100,7 +100,7 @@ def test_a_folder_can_be_allowed(tmp_path: Path) -> None:
         read_scene_file(folder / "s.xml", allowed=[tmp_path / "nowhere"])
 
 
-def test_a_link_does_not_lead_out_of_an_allowed_folder(tmp_path: Path) -> None:
+def test_a_link_does_not_lead_out_of_an_allowed_folder(tmp_path):
     for name in ("in", "common"):
         (tmp_path / name).mkdir()
     (tmp_path / "secret.txt").write_text("400 1")
@@ -110,14 +110,14 @@ def test_a_link_does_not_lead_out_of_an_allowed_folder(tmp_path: Path) -> None:
         scanned(tmp_path / "in", body, [tmp_path / "common"])
 
 
-def test_mesh_named_by_parameters_is_still_checked(tmp_path: Path) -> None:
+def test_mesh_named_by_parameters_is_still_checked(tmp_path):
     tmp_path.joinpath("bad.ply").write_text("ply")
     body = '<default name="t" value="ply"/><default name="n" value="filename"/>'
     body += '<shape type="$t"><string name="$n" value="bad.ply"/></shape>'
     assert scanned(tmp_path, body).meshes == (("ply", tmp_path / "bad.ply"),)
 
 
-def test_name_that_means_two_files_is_refused(tmp_path: Path) -> None:
+def test_name_that_means_two_files_is_refused(tmp_path):
     (tmp_path / "sub").mkdir()
     for folder in (tmp_path, tmp_path / "sub"):
         (folder / "a.ply").write_text("ply")
@@ -129,9 +129,7 @@ def test_name_that_means_two_files_is_refused(tmp_path: Path) -> None:
         scanned(tmp_path, '<include filename="sub/part.xml"/>')
 
 
-def test_renderer_opens_the_files_that_were_scanned(
-    tmp_path: Path, open_fitted: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_renderer_opens_the_files_that_were_scanned(tmp_path, open_fitted, monkeypatch):
     """Mitsuba looks in the current folder first; what lies there must not stand in."""
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -148,13 +146,13 @@ def test_renderer_opens_the_files_that_were_scanned(
 
 
 @pytest.mark.parametrize("plugin", ["../plugins/evil", "a/b", "evil.so", "..", "a b", "a\\b"])
-def test_plugin_is_a_name_and_not_a_path(tmp_path: Path, plugin: str) -> None:
+def test_plugin_is_a_name_and_not_a_path(tmp_path, plugin):
     with pytest.raises(SceneError, match="name of a plugin"):
         scanned(tmp_path, f'<shape type="{plugin}"/>')
 
 
 @pytest.mark.parametrize("place", [".", "sub"])
-def test_library_beside_a_scene_is_never_run(tmp_path: Path, place: str) -> None:
+def test_library_beside_a_scene_is_never_run(tmp_path, place):
     """Mitsuba looks for plugins where it looks for files: `plugins/sphere.so` would be loaded."""
     folder = tmp_path / place / "plugins"
     folder.mkdir(parents=True)
@@ -163,7 +161,7 @@ def test_library_beside_a_scene_is_never_run(tmp_path: Path, place: str) -> None
         scanned(tmp_path, f'<path value="{place}"/><shape type="sphere"/>')
 
 
-def test_folder_of_pictures_called_plugins_harms_nobody(tmp_path: Path) -> None:
+def test_folder_of_pictures_called_plugins_harms_nobody(tmp_path):
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "a.png").write_bytes(b"")
     scanned(tmp_path, '<shape type="sphere"/>')
@@ -172,7 +170,7 @@ def test_folder_of_pictures_called_plugins_harms_nobody(tmp_path: Path) -> None:
 # --- The scan reads as Mitsuba does -------------------------------------------------------------
 
 
-def test_parameters_are_substituted_as_mitsuba_does(renderer: object) -> None:
+def test_parameters_are_substituted_as_mitsuba_does(renderer):
     """Random texts of dollars, backslashes and names; Mitsuba's own parser is the judge."""
     import mitsuba as mi
 
@@ -207,7 +205,7 @@ def test_parameters_are_substituted_as_mitsuba_does(renderer: object) -> None:
 @pytest.mark.parametrize(
     "encoding", ["cp037", "utf-7", "utf-32", "shift_jis", "windows-1252", "x" * 5000]
 )
-def test_encoding_that_mitsuba_reads_otherwise_is_refused(tmp_path: Path, encoding: str) -> None:
+def test_encoding_that_mitsuba_reads_otherwise_is_refused(tmp_path, encoding):
     path = tmp_path / "s.xml"
     path.write_text(f'<?xml version="1.0" encoding="{encoding}"?><scene version="3.0.0"/>')
     with pytest.raises(FileError, match=r"unknown encoding|broken XML"):
@@ -215,7 +213,7 @@ def test_encoding_that_mitsuba_reads_otherwise_is_refused(tmp_path: Path, encodi
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "UTF-8", "utf-16", "iso-8859-1", "us-ascii"])
-def test_usual_encodings_are_read(tmp_path: Path, encoding: str) -> None:
+def test_usual_encodings_are_read(tmp_path, encoding):
     title = "relic" if encoding == "us-ascii" else "r\xe9lique"
     text = f'<?xml version="1.0" encoding="{encoding}"?><scene version="3.0.0">'
     text += f'<default name="inim.title" value="{title}"/></scene>'
@@ -226,7 +224,7 @@ def test_usual_encodings_are_read(tmp_path: Path, encoding: str) -> None:
 # --- What unfolds without end -------------------------------------------------------------------
 
 
-def test_parameters_made_of_parameters_do_not_unfold(tmp_path: Path) -> None:
+def test_parameters_made_of_parameters_do_not_unfold(tmp_path):
     """A billion laughs without an entity: Mitsuba would take ten gigabytes."""
     levels = ['<default name="a0" value="ha ha ha ha "/>']
     for k in range(9):
@@ -237,7 +235,7 @@ def test_parameters_made_of_parameters_do_not_unfold(tmp_path: Path) -> None:
     assert_quick(started)
 
 
-def test_thousands_of_parameters_are_refused(tmp_path: Path) -> None:
+def test_thousands_of_parameters_are_refused(tmp_path):
     many = "".join(f'<default name="p{k}" value="$p0"/>' for k in range(1, 2000))
     with pytest.raises(SceneError, match="parameters; simplify"):
         scanned(tmp_path, '<default name="p0" value="1"/>' + many)
@@ -252,13 +250,13 @@ def test_thousands_of_parameters_are_refused(tmp_path: Path) -> None:
         '<!DOCTYPE s [<!ENTITY % a SYSTEM "file:///dev/zero">%a;]><scene/>',
     ],
 )
-def test_entities_are_refused_unread(tmp_path: Path, text: str) -> None:
+def test_entities_are_refused_unread(tmp_path, text):
     (tmp_path / "s.xml").write_text(text)
     with pytest.raises(SceneError, match="entities are refused"):
         read_scene_file(tmp_path / "s.xml")
 
 
-def test_fan_of_includes_ends_soon(tmp_path: Path) -> None:
+def test_fan_of_includes_ends_soon(tmp_path):
     for k in range(8):
         text = f'<include filename="{k + 1}.xml"/>' * 10
         (tmp_path / f"{k}.xml").write_text(f'<scene version="3.0.0">{text}</scene>')
@@ -269,14 +267,14 @@ def test_fan_of_includes_ends_soon(tmp_path: Path) -> None:
     assert_quick(started)
 
 
-def test_crowd_of_shapes_is_refused_before_the_renderer_crawls(tmp_path: Path) -> None:
+def test_crowd_of_shapes_is_refused_before_the_renderer_crawls(tmp_path):
     started = time.process_time()
     with pytest.raises(SceneError, match="merge the shapes"):
         scanned(tmp_path, '<shape type="sphere"/>' * 50_000)
     assert_quick(started)
 
 
-def test_one_file_named_many_times_is_read_once(tmp_path: Path) -> None:
+def test_one_file_named_many_times_is_read_once(tmp_path):
     with (tmp_path / "a.png").open("wb") as file:
         file.truncate(2**26)
     started = time.process_time()
@@ -285,7 +283,7 @@ def test_one_file_named_many_times_is_read_once(tmp_path: Path) -> None:
     assert found.pictures == (tmp_path / "a.png",)
 
 
-def test_named_file_of_terabytes_is_refused_unread(tmp_path: Path) -> None:
+def test_named_file_of_terabytes_is_refused_unread(tmp_path):
     with (tmp_path / "a.png").open("wb") as file:
         file.truncate(2**36)
     started = time.process_time()
@@ -295,7 +293,7 @@ def test_named_file_of_terabytes_is_refused_unread(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["a" * 5000, "a" * 300, "", ".", "a/" * 2000])
-def test_name_that_no_file_can_have_is_refused(tmp_path: Path, name: str) -> None:
+def test_name_that_no_file_can_have_is_refused(tmp_path, name):
     with pytest.raises(FileError, match=r"s\.xml:1: "):
         scanned(tmp_path, TEXTURE.format(name))
 
@@ -313,7 +311,7 @@ def png(columns: int, rows: int, body: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("side", [12_000, 60_000])
-def test_png_bomb_is_refused_as_a_texture_and_as_an_eia(tmp_path: Path, side: int) -> None:
+def test_png_bomb_is_refused_as_a_texture_and_as_an_eia(tmp_path, side):
     path = tmp_path / "a.png"
     path.write_bytes(png(side, side, zlib.compress(bytes((side // 8 + 1) * 1000), 9)))
     started = time.process_time()
@@ -340,7 +338,7 @@ def resized_exr(folder: Path, columns: int, rows: int) -> Path:
 @pytest.mark.parametrize(
     "size", [(100_000, 100_000), (2**31 - 1, 2**31 - 1), (2**28, 1), (16_000, 16_000)]
 )
-def test_exr_of_absurd_size_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
+def test_exr_of_absurd_size_is_refused(tmp_path, size):
     path = resized_exr(tmp_path, *size)
     started = time.process_time()
     for read in (read_exr, read_texture, lambda p: read_eia(p, small_display())):
@@ -349,7 +347,7 @@ def test_exr_of_absurd_size_is_refused(tmp_path: Path, size: tuple[int, int]) ->
     assert_quick(started)
 
 
-def test_exr_bomb_is_refused(tmp_path: Path) -> None:
+def test_exr_bomb_is_refused(tmp_path):
     """Zeros to a thousandth: 768 MB of pixels in less than a megabyte."""
     import OpenEXR
 
@@ -362,7 +360,7 @@ def test_exr_bomb_is_refused(tmp_path: Path) -> None:
         read_exr(path)
 
 
-def test_openexr_says_nothing_itself(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_openexr_says_nothing_itself(tmp_path, capfd):
     path = tmp_path / "a.exr"
     write_exr(path, np.random.default_rng(0).random((64, 64, 3)).astype(np.float32))
     data = bytearray(path.read_bytes())
@@ -375,7 +373,7 @@ def test_openexr_says_nothing_itself(tmp_path: Path, capfd: pytest.CaptureFixtur
 
 
 @pytest.mark.parametrize("companion", ["pipe.mtl", "huge.mtl", "../secret.mtl", "link.mtl"])
-def test_companion_of_a_mesh_is_a_file_of_its_folder(tmp_path: Path, companion: str) -> None:
+def test_companion_of_a_mesh_is_a_file_of_its_folder(tmp_path, companion):
     folder = tmp_path / "in"
     folder.mkdir()
     os.mkfifo(folder / "pipe.mtl")
@@ -394,7 +392,7 @@ def test_companion_of_a_mesh_is_a_file_of_its_folder(tmp_path: Path, companion: 
 # --- Regressions: what mutated files have found -------------------------------------------------
 
 
-def test_radiance_line_without_its_mark_is_refused(tmp_path: Path) -> None:
+def test_radiance_line_without_its_mark_is_refused(tmp_path):
     """Mitsuba takes the whole rest for plain pixels there and writes past its buffer."""
     line = b"\2\2\0\x14" + (b"\x8a\x80\x0a" + b"\x70" * 10) * 4
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 20\n"
@@ -411,9 +409,7 @@ def test_radiance_line_without_its_mark_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("columns", [5, 40])
 @pytest.mark.parametrize("name", ["a.hdr", "a.pfm"])
-def test_hdr_and_pfm_have_the_pixels_of_mitsuba(
-    renderer: object, tmp_path: Path, name: str, columns: int
-) -> None:
+def test_hdr_and_pfm_have_the_pixels_of_mitsuba(renderer, tmp_path, name, columns):
     """Bit for bit; Radiance HDR of fewer than 8 columns is not run-length coded."""
     import mitsuba as mi
 
@@ -425,7 +421,7 @@ def test_hdr_and_pfm_have_the_pixels_of_mitsuba(
 
 
 @pytest.mark.parametrize("start", [b"BM", b"P6\n20 20\n255\n", b"\0\0\x0a"])
-def test_kinds_whose_readers_trust_their_headers_are_checked(tmp_path: Path, start: bytes) -> None:
+def test_kinds_whose_readers_trust_their_headers_are_checked(tmp_path, start):
     path = tmp_path / "a.png"
     path.write_bytes(start + bytes(200) + b"TRUEVISION-XFILE.\0")
     with pytest.raises(FileError, match=r"a\.png: not a .*picture.* save it"):
@@ -444,9 +440,7 @@ def test_kinds_whose_readers_trust_their_headers_are_checked(tmp_path: Path, sta
         ("a.exr", "RGB", {}),
     ],
 )
-def test_textures_in_every_format_show_the_same(
-    tmp_path: Path, open_fitted: Any, name: str, mode: str, options: dict[str, str]
-) -> None:
+def test_textures_in_every_format_show_the_same(tmp_path, open_fitted, name, mode, options):
     """As the PNG of the same pixels does, which the renderer reads itself; palettes, too."""
     pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
     picture = Image.fromarray(pixels).quantize(8) if mode == "P" else Image.fromarray(pixels)
@@ -470,9 +464,7 @@ def test_textures_in_every_format_show_the_same(
 
 
 @pytest.mark.parametrize("wrapper", ["aov", "moment"])
-def test_an_integrator_that_wraps_another_is_unwrapped(
-    tmp_path: Path, open_fitted: Any, wrapper: str
-) -> None:
+def test_an_integrator_that_wraps_another_is_unwrapped(tmp_path, open_fitted, wrapper):
     """Twice, too; what is inside must give radiance as any other."""
     aovs = '<string name="aovs" value="d:depth"/>' if wrapper == "aov" else ""
     inside = '<integrator type="{}"><integer name="max_depth" value="3"/></integrator>'
@@ -494,7 +486,7 @@ def test_an_integrator_that_wraps_another_is_unwrapped(
         opened(empty)
 
 
-def test_infinite_pixel_size_names_the_file(tmp_path: Path) -> None:
+def test_infinite_pixel_size_names_the_file(tmp_path):
     from inim.files.image import read_rgbd, write_rgbd
     from inim.image.rgbd import RGBD
 
@@ -505,7 +497,7 @@ def test_infinite_pixel_size_names_the_file(tmp_path: Path) -> None:
         read_rgbd(path)
 
 
-def test_surface_without_area_beside_a_sound_one_is_left_out(tmp_path: Path) -> None:
+def test_surface_without_area_beside_a_sound_one_is_left_out(tmp_path):
     from inim.files.triangle_mesh import smoothed
 
     path = tmp_path / "a.obj"
@@ -516,7 +508,7 @@ def test_surface_without_area_beside_a_sound_one_is_left_out(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("count", ["1e999", "-1", "1.5", '"8"', "null", "[]", "true"])
-def test_gltf_count_that_is_no_count_is_refused(tmp_path: Path, count: str) -> None:
+def test_gltf_count_that_is_no_count_is_refused(tmp_path, count):
     path = tmp_path / "a.gltf"
     accessor = f'{{"count": {count}, "componentType": 5126, "type": "VEC3"}}'
     path.write_text(f'{{"asset": {{"version": "2.0"}}, "accessors": [{accessor}]}}')
@@ -532,7 +524,7 @@ def test_gltf_count_that_is_no_count_is_refused(tmp_path: Path, count: str) -> N
         ('</bsdf><bsdf type="blendbsdf">', "'blendbsdf' has no 'weight'"),
     ],
 )  # fmt: skip
-def test_plugin_without_what_it_needs_is_named(open_fitted: Any, body: str, says: str) -> None:
+def test_plugin_without_what_it_needs_is_named(open_fitted, body, says):
     """Mitsuba ends the process there, without a word."""
     shape = f'<shape type="sphere"><bsdf type="diffuse">{body}</bsdf></shape>'
     with pytest.raises(SceneError, match=says):
@@ -542,9 +534,7 @@ def test_plugin_without_what_it_needs_is_named(open_fitted: Any, body: str, says
 # --- Names in reports ---------------------------------------------------------------------------
 
 
-def test_names_of_any_letters_are_escaped_in_every_report(
-    tmp_path: Path, run_inim: Callable[..., Ended]
-) -> None:
+def test_names_of_any_letters_are_escaped_in_every_report(tmp_path, run_inim):
     mesh = "a 'b' \u9f0e.ply"
     quad = "0 0 0\n1 0 0\n0 1 0.5\n3 0 1 2\n"
     head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"

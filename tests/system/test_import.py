@@ -16,7 +16,7 @@ def fresh(code: str) -> str:
     return ended.stdout.strip()
 
 
-def test_importing_the_package_loads_nothing_heavy_and_sets_no_variant() -> None:
+def test_importing_the_package_loads_nothing_heavy_and_sets_no_variant():
     loaded = fresh(
         "import sys, inim; dir(inim); print([m for m in "
         "('numpy', 'mitsuba', 'drjit', 'numba', 'skimage', 'trimesh') if m in sys.modules])"
@@ -44,5 +44,5 @@ print(inim.reconstruct(eia, display, inim.Viewpoint("eye", 0, 0, 200), spp=4).sh
         "from inim import reconstruct, Display; import inim",
     ],
 )
-def test_a_view_can_be_the_first_thing_asked_for(before: str) -> None:
+def test_a_view_can_be_the_first_thing_asked_for(before):
     assert fresh(before + VIEW) == "(12, 16, 3)"

@@ -48,9 +48,7 @@ def refused(
 
 
 @pytest.mark.parametrize("preset", ["nominal", "phone"])
-def test_text_of_a_preset_fits_a_terminal_and_names_the_figures(
-    capsys: pytest.CaptureFixture[str], preset: str
-) -> None:
+def test_text_of_a_preset_fits_a_terminal_and_names_the_figures(capsys, preset):
     text = inspect(capsys, preset)
     assert max(map(len, text.splitlines())) <= 100
     for words in (
@@ -66,7 +64,7 @@ def test_text_of_a_preset_fits_a_terminal_and_names_the_figures(
     assert "nan" not in text and "inf " not in text
 
 
-def test_json_is_valid_complete_and_says_its_units(capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_is_valid_complete_and_says_its_units(capsys):
     data = read_text(inspect(capsys, "nominal", "--json"))
     assert data["schema"] == "inim.inspect/2"
     assert list(data) == [
@@ -118,7 +116,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_folder_gets_the_json_and_a_figure_with_something_on_it(written: Path) -> None:
+def test_folder_gets_the_json_and_a_figure_with_something_on_it(written):
     files = ["inspect.json", "inspect.png", "inspect.svg"]
     assert sorted(p.name for p in written.iterdir()) == files
     data = read_document(written / "inspect.json")
@@ -132,18 +130,14 @@ def test_folder_gets_the_json_and_a_figure_with_something_on_it(written: Path) -
         assert label in words
 
 
-def test_same_display_gives_the_same_files_and_text_names_them(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, written: Path
-) -> None:
+def test_same_display_gives_the_same_files_and_text_names_them(capsys, tmp_path, written):
     text = inspect(capsys, "nominal", "-o", tmp_path)
     for file in ("inspect.json", "inspect.svg", "inspect.png"):
         assert (tmp_path / file).read_bytes() == (written / file).read_bytes()
         assert str(tmp_path / file) in text
 
 
-def test_scene_s_settings_are_read_and_the_command_line_wins(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_scene_s_settings_are_read_and_the_command_line_wins(capsys, tmp_path):
     settings = (
         '<default name="inim.gap_mm" value="2.7"/><default name="inim.lens_model" value="thin"/>'
         '<default name="inim.viewing_distance_mm" value="500"/>'
@@ -163,9 +157,7 @@ def test_scene_s_settings_are_read_and_the_command_line_wins(
     assert data["viewing"]["distance_mm"] == 300
 
 
-def test_focused_display_says_nothing_of_a_formula_s_range(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_focused_display_says_nothing_of_a_formula_s_range(capsys):
     text = inspect(capsys, "nominal", *FOCUSED)
     assert "depth range                   4 to 24 mm (stated)" in text
     assert "focused: g = f" in text
@@ -182,13 +174,11 @@ def test_focused_display_says_nothing_of_a_formula_s_range(
     ],
     ids=["focused", "dark", "colours", "no zone"],
 )
-def test_json_of_odd_displays_keeps_its_schema(
-    capsys: pytest.CaptureFixture[str], words: list[str]
-) -> None:
+def test_json_of_odd_displays_keeps_its_schema(capsys, words):
     read_text(inspect(capsys, "nominal", *words, "--json"))
 
 
-def test_lens_that_cannot_be_ground_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+def test_lens_that_cannot_be_ground_is_a_sentence(capsys):
     words = definitions({"inim.focal_length_mm": "1", "inim.gap_mm": "1.2"})
     text = inspect(capsys, "nominal", *words)
     assert "lens model used below         thin" in text
@@ -219,20 +209,12 @@ def test_lens_that_cannot_be_ground_is_a_sentence(capsys: pytest.CaptureFixture[
         ),
     ],
 )
-def test_bad_input_is_one_line_with_the_way_out(
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    words: tuple[str, ...],
-    says: tuple[str, ...],
-) -> None:
+def test_bad_input_is_one_line_with_the_way_out(capsys, tmp_path, monkeypatch, words, says):
     monkeypatch.chdir(tmp_path)
     refused(capsys, tmp_path, *words, "-o", tmp_path / "out", says=says)
 
 
-def test_folder_that_is_a_file_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_folder_that_is_a_file_is_refused(capsys, tmp_path):
     (tmp_path / "out").write_text("mine")
     for out in (tmp_path / "out", tmp_path / "out" / "deeper"):
         refused(capsys, tmp_path, "nominal", *SMALL, "-o", out, says=("out", "-o"))
@@ -250,7 +232,7 @@ sys.exit(code)
 """
 
 
-def test_neither_the_renderer_nor_the_plots_are_loaded_for_a_text() -> None:
+def test_neither_the_renderer_nor_the_plots_are_loaded_for_a_text():
     ended = subprocess.run(
         [sys.executable, "-c", LOADED, "nominal", *SMALL],
         capture_output=True,

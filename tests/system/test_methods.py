@@ -23,7 +23,6 @@ import pytest
 from PIL import Image
 
 import inim
-from inim.cli import main
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, UsageError
 from inim.files.eia_file import read_eia
 from inim.files.image import read_exr, write_exr
@@ -133,8 +132,8 @@ def evaluated(
 
 
 @pytest.fixture(scope="session")
-def files_scored(tmp_path_factory: pytest.TempPathFactory, evaluated: Finished) -> inim.Report:
-    """The template's EIA again, from files, and nothing else."""
+def files_scored(tmp_path_factory, evaluated):
+    """Folder of a report on the template's EIA again, from files, and on nothing else."""
     folder = tmp_path_factory.mktemp("files")
     rgb = np.asarray(Image.open(evaluated.out / "eia" / "template.png"))
     shown = np.full(rgb.shape[:2], 255, np.uint8)
@@ -145,56 +144,34 @@ def files_scored(tmp_path_factory: pytest.TempPathFactory, evaluated: Finished) 
         "srgb": evaluated.out / "eia" / "template.png",
         "holes": folder / "holes.PNG",
     }
-    scene = write_scene(folder)
+    given = {"definitions": TINY, "viewpoints": "centre", "algorithms": "none", "eias": eias}
     with worker_here():
-        return inim.validate(
-            scene,
-            folder / "out",
-            definitions=TINY,
-            viewpoints="centre",
-            algorithms="none",
-            eias=eias,
-        )
+        return inim.validate(write_scene(folder), folder / "out", **given).folder
 
 
 # --- Finished EIAs ------------------------------------------------------------------------------
 
 
-def test_finished_eia_scores_as_the_algorithm_it_came_from(
-    evaluated: Finished, files_scored: inim.Report
-) -> None:
-    results = files_scored.data["algorithms"]
+def test_finished_eia_scores_as_the_algorithm_it_came_from(evaluated, files_scored):
+    """It has no seconds; holes only with alpha, where the panel is black."""
+    results = read_document(files_scored / "report.json")["algorithms"]
     assert list(results) == ["linear", "srgb", "holes"]
-    # Plain: what noise a finished EIA has is not known, so it is not free of it.
+    # Plain: the noise of a finished EIA is unknown, so its scores are not corrected for it.
     plain, linear, srgb = (
-        {key: sure["plain"] for key, sure in found["precision"]["centre"].items()}
-        for found in (evaluated.results["template"], results["linear"], results["srgb"])
+        {key: sure["plain"] for key, sure in result["precision"]["centre"].items()}
+        for result in (evaluated.results["template"], results["linear"], results["srgb"])
     )
     assert linear == plain
     for key, value in plain.items():
         assert srgb[key] == pytest.approx(value, rel=0.02), key
-
-
-def test_finished_eia_has_no_seconds_and_holes_only_with_alpha(files_scored: inim.Report) -> None:
-    results = files_scored.data["algorithms"]
     assert {result["seconds"] for result in results.values()} == {None}
     holes = {name: result["eia"]["hole_fraction"] for name, result in results.items()}
     assert holes == {"linear": None, "srgb": None, "holes": 0.5}
-
-
-def test_where_alpha_is_0_the_panel_is_black(files_scored: inim.Report) -> None:
-    eia = read_exr(files_scored.folder / "eia" / "holes.exr")
+    eia = read_exr(files_scored / "eia" / "holes.exr")
     assert eia[: len(eia) // 2].max() == 0 < eia[len(eia) // 2 :].max()
 
 
-def test_report_of_finished_eias_says_how_to_repeat_it(files_scored: inim.Report) -> None:
-    words = files_scored.data["command"].split()
-    assert words[words.index("--algorithms") + 1] == "none"
-    assert words.count("--eia") == 3
-    assert "seconds" in (files_scored.folder / "summary.md").read_text()
-
-
-def test_eia_with_values_that_are_no_numbers_fails_a_check(tmp_path: Path, run_inim: Run) -> None:
+def test_eia_with_values_that_are_no_numbers_fails_a_check(tmp_path, run_inim):
     scene = write_scene(tmp_path)
     eia = np.full((*make_plan(request(scene)).display.eia_shape, 3), 0.5, np.float32)
     eia[5, 6:8] = np.nan, np.inf, 1
@@ -240,17 +217,15 @@ def task_of(plan: Plan, folder: Path) -> Task:
         ("mine.tif", "is a .png"),
         ("text.png", "text.png: not a readable PNG"),
         ("text.exr", "text.exr: not a readable EXR"),
-        ("cut.png", "cut.png: not a readable PNG"),
+        ("cut.png", "cut.png: not a readable picture"),
         ("cut.exr", "cut.exr: "),
         ("jpeg.png", "jpeg.png: not a readable PNG"),
         ("small.png", "small.png: has 9 x 7 pixels, display nominal, changed needs 136 x 102"),
         ("small.exr", "small.exr: has 9 x 7 pixels, display nominal, changed needs 136 x 102"),
-        ("bomb.png", "bomb.png: not a readable PNG (Image size (3600000000 pixels)"),
+        ("bomb.png", "bomb.png: not a readable picture (Image size (3600000000 pixels)"),
     ],
 )
-def test_bad_file_is_found_before_anything_is_rendered(
-    tiny_scene: Path, name: str, says: str
-) -> None:
+def test_bad_file_is_found_before_anything_is_rendered(tiny_scene, name, says):
     folder = tiny_scene.parent
     write_bad_files(folder, make_plan(request(tiny_scene)).display.eia_shape)
     with pytest.raises(FileError) as caught:
@@ -271,7 +246,7 @@ print(*sorted({"OpenEXR", "PIL", "mitsuba"} & set(sys.modules)))
 """
 
 
-def test_plans_decode_nothing_for_they_are_made_outside_the_worker(tiny_scene: Path) -> None:
+def test_plans_decode_nothing_for_they_are_made_outside_the_worker(tiny_scene):
     folder = tiny_scene.parent
     eias = []
     for name in ("a.png", "b.exr"):
@@ -281,16 +256,6 @@ def test_plans_decode_nothing_for_they_are_made_outside_the_worker(tiny_scene: P
         [sys.executable, "-c", DECODERS, tiny_scene, *eias], capture_output=True, text=True
     )
     assert (ended.returncode, ended.stdout.split()) == (0, []), ended.stderr
-
-
-def test_damaged_file_is_one_line_of_the_command_before_rendering(
-    tiny_scene: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    (tiny_scene.parent / "text.exr").write_text("no picture")
-    words = ["--eia", f"mine={tiny_scene.parent / 'text.exr'}", "-o", str(tiny_scene.parent / "o")]
-    assert main(["validate", str(tiny_scene), *words]) == EXIT_USAGE
-    assert_one_line(capfd.readouterr().err, ["text.exr: not a readable EXR"])
-    assert not (tiny_scene.parent / "o").exists()
 
 
 def write_bad_files(folder: Path, shape: tuple[int, int]) -> None:
@@ -317,7 +282,7 @@ def write_bad_files(folder: Path, shape: tuple[int, int]) -> None:
     ("mode", "alpha"),
     [("1", False), ("L", False), ("P", False), ("LA", True), ("RGB", False), ("RGBA", True)],
 )
-def test_png_of_any_kind_is_read_as_srgb(tmp_path: Path, mode: str, alpha: bool) -> None:
+def test_png_of_any_kind_is_read_as_srgb(tmp_path, mode, alpha):
     shown = small_display()
     picture = Image.new("RGBA", shown.eia_shape[::-1], (255, 255, 255, 255))
     picture.paste((0, 0, 0, 0), (0, 0, 10, 20))
@@ -331,7 +296,7 @@ def test_png_of_any_kind_is_read_as_srgb(tmp_path: Path, mode: str, alpha: bool)
         assert np.count_nonzero(~seen) == 200
 
 
-def test_grey_of_16_bits_keeps_them(tmp_path: Path) -> None:
+def test_grey_of_16_bits_keeps_them(tmp_path):
     shown = small_display()
     rows, columns = shown.eia_shape
     codes = np.arange(rows * columns, dtype=np.uint16).reshape(rows, columns) * 7
@@ -363,27 +328,16 @@ def test_grey_of_16_bits_keeps_them(tmp_path: Path) -> None:
         ("pickup:samples=4", (), "'pickup' has no option 'samples'; its options are spp"),
     ],
 )
-def test_bad_method_is_named_with_the_way_out(
-    algorithms: str, eias: tuple[str, ...], says: str
-) -> None:
+def test_bad_method_is_named_with_the_way_out(algorithms, eias, says):
     with pytest.raises(UsageError) as caught:
         parse_methods(algorithm_items(algorithms), parse_eias(eias))
     assert says in str(caught.value)
 
 
-def test_bad_file_is_one_line_of_the_command(
-    tiny_scene: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    gone = tiny_scene.parent / "gone.png"
-    assert main(["validate", str(tiny_scene), "--eia", f"mine={gone}"]) == EXIT_USAGE
-    assert_one_line(capsys.readouterr().err, [f"{gone}: no such file"])
-    assert list(tiny_scene.parent.iterdir()) == [tiny_scene]
-
-
 # --- The pickup ---------------------------------------------------------------------------------
 
 
-def test_pickup_is_a_ground_truth_of_its_own(evaluated: Finished) -> None:
+def test_pickup_is_a_ground_truth_of_its_own(evaluated):
     """Its noise is its own: not the truth again, yet nearer to it than one half to the other.
 
     The truth has two samples a pixel, the pickup eight.
@@ -396,7 +350,7 @@ def test_pickup_is_a_ground_truth_of_its_own(evaluated: Finished) -> None:
     assert pickup["seconds"] > 0
 
 
-def test_holes_of_the_pickup_are_where_the_scene_is_not(tmp_path: Path, run_inim: Run) -> None:
+def test_holes_of_the_pickup_are_where_the_scene_is_not(tmp_path, run_inim):
     """A square lit from the front casts no shadow on itself: what is black met nothing."""
     scene = write_scene(tmp_path, square((0, 0, 0), 1, "0.8"))
     words = ("-o", "out", "--algorithms", "pickup", "--viewpoints", "centre")
@@ -410,7 +364,7 @@ def test_holes_of_the_pickup_are_where_the_scene_is_not(tmp_path: Path, run_inim
     assert abs(holes - (lit == 0).mean()) <= at_edges < 0.1
 
 
-def test_pickup_without_a_scene_says_what_it_needs() -> None:
+def test_pickup_without_a_scene_says_what_it_needs():
     shown = small_display()
     rgbd = some_picture()
     with pytest.raises(UsageError, match=r"'pickup' needs the scene.*inim validate"):
@@ -420,7 +374,7 @@ def test_pickup_without_a_scene_says_what_it_needs() -> None:
 # --- Generators of other packages ---------------------------------------------------------------
 
 
-def test_generator_of_another_package_is_scored_with_its_options(evaluated: Finished) -> None:
+def test_generator_of_another_package_is_scored_with_its_options(evaluated):
     assert list(evaluated.results) == NAMES
     bright, half = (read_exr(evaluated.out / "eia" / f"{name}.exr") for name in (BRIGHT, HALF))
     assert bright.max() > 0.1
@@ -429,7 +383,7 @@ def test_generator_of_another_package_is_scored_with_its_options(evaluated: Fini
     assert evaluated.results[HALF]["eia"]["hole_fraction"] is None
 
 
-def test_name_with_options_works_in_every_form_of_the_report(evaluated: Finished) -> None:
+def test_name_with_options_works_in_every_form_of_the_report(evaluated):
     assert {f"eia/{HALF}.png", f"views/{HALF}/centre.exr"} <= set(evaluated.data["files"])
     assert all((evaluated.out / name).is_file() for name in evaluated.data["files"])
     page = (evaluated.out / "report.html").read_text(encoding="utf-8")
@@ -459,13 +413,8 @@ def test_name_with_options_works_in_every_form_of_the_report(evaluated: Finished
     ],
 )
 def test_fault_of_another_s_generator_is_one_line_that_names_it(
-    tiny_scene: Path,
-    run_inim: Run,
-    run_process: Run,
-    others: Mapping[str, str],
-    algorithm: str,
-    says: str,
-) -> None:
+    tiny_scene, run_inim, run_process, others, algorithm, says
+):
     words = ("-o", "out", "--algorithms", algorithm, "--viewpoints", "centre")
     # After rendering, threads are at work that only the worker's end stops.
     run = run_process if algorithm == "faulty:how=shape" else run_inim
@@ -477,9 +426,7 @@ def test_fault_of_another_s_generator_is_one_line_that_names_it(
     assert not (tiny_scene.parent / "out").exists()
 
 
-def test_debug_shows_where_another_s_generator_failed(
-    tiny_scene: Path, run_inim: Run, others: Mapping[str, str]
-) -> None:
+def test_debug_shows_where_another_s_generator_failed(tiny_scene, run_inim, others):
     words = ("-o", "out", "--algorithms", "faulty:how=raise", "--debug")
     ended = run_inim(tiny_scene, *words, folder=tiny_scene.parent, variables=others)
     assert ended.code == EXIT_USAGE
@@ -490,13 +437,11 @@ def test_debug_shows_where_another_s_generator_failed(
 @pytest.mark.parametrize(
     ("how", "check"), [("nan", "pixels not finite"), ("dark", "brightest value")]
 )
-def test_picture_that_cannot_be_scored_fails_a_check(
-    tiny_scene: Path, run_inim: Run, others: Mapping[str, str], how: str, check: str
-) -> None:
+def test_picture_that_cannot_be_scored_fails_a_check(tiny_scene, run_inim, others, how, check):
     words = ("-o", "out", "--algorithms", f"faulty:how={how}", "--viewpoints", "centre")
     ended = run_inim(tiny_scene, *words, folder=tiny_scene.parent, variables=others)
-    assert (ended.code, ended.stderr) == (EXIT_CHECK_FAILED, "generating\n")
-    lines = ended.stdout.splitlines()
+    assert (ended.code, ended.stderr) == (EXIT_CHECK_FAILED, "")
+    lines = [line for line in ended.stdout.splitlines() if line != "generating"]
     assert lines[0].startswith(f"faulty:how={how} ")
     assert lines[1].startswith("failed: ") and f"faulty:how={how}: {check}: " in lines[1]
     assert lines[2].startswith("FAILED; report: ")
@@ -542,7 +487,7 @@ def some_picture() -> inim.RGBD:
         (WrongSources(small_display(), 1, "float64"), "the result is float64"),
     ],
 )
-def test_result_of_a_generator_is_looked_at(generator: Any, says: str) -> None:
+def test_result_of_a_generator_is_looked_at(generator, says):
     with pytest.raises(UsageError) as caught:
         run_generator("x", generator, some_picture(), small_display())
     assert says in str(caught.value)
@@ -551,9 +496,7 @@ def test_result_of_a_generator_is_looked_at(generator: Any, says: str) -> None:
 # --- What there is ------------------------------------------------------------------------------
 
 
-def test_list_of_algorithms_names_options_and_what_cannot_be_loaded(
-    tmp_path: Path, others: Mapping[str, str]
-) -> None:
+def test_list_of_algorithms_names_options_and_what_cannot_be_loaded(tmp_path, others):
     done = run_here("algorithms", folder=tmp_path, variables=others)
     assert done.code == EXIT_PASSED
     rows = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())

@@ -70,7 +70,7 @@ def render(mi: Any, path: Path, spp: int = 16) -> np.ndarray:
 # --- Units, axes, refusals ----------------------------------------------------------------------
 
 
-def test_missing_unit_and_up_are_asked_for_with_the_extents(tmp_path: Path) -> None:
+def test_missing_unit_and_up_are_asked_for_with_the_extents(tmp_path):
     source = saved(tmp_path, box((1.7, 2.1, 3.0)))
     with pytest.raises(UsageError, match=r"--unit.*--up.*1\.7 x 2\.1 x 3 units"):
         new_scene(source, tmp_path / "a.xml", unit=None, up=None)
@@ -81,7 +81,7 @@ def test_missing_unit_and_up_are_asked_for_with_the_extents(tmp_path: Path) -> N
     assert not (tmp_path / "a.xml").exists()
 
 
-def test_gltf_is_metres_and_y_up_without_asking(tmp_path: Path) -> None:
+def test_gltf_is_metres_and_y_up_without_asking(tmp_path):
     import trimesh
 
     source = tmp_path / "relic.glb"
@@ -101,9 +101,7 @@ def test_gltf_is_metres_and_y_up_without_asking(tmp_path: Path) -> None:
         ("-x", "y", (30, 10, 20)),
     ],
 )
-def test_named_axes_end_up_on_y_and_z(
-    tmp_path: Path, up: str, front: str | None, size_mm: tuple[int, ...]
-) -> None:
+def test_named_axes_end_up_on_y_and_z(tmp_path, up, front, size_mm):
     source = saved(tmp_path, box((1, 2, 3)))
     out = new_scene(source, tmp_path / "a.xml", unit="cm", up=up, front=front)
     points = read_mesh(out.with_suffix(".ply"))[0].vertices
@@ -112,7 +110,7 @@ def test_named_axes_end_up_on_y_and_z(
 
 
 @pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
-def test_turning_never_mirrors(tmp_path: Path, up: str) -> None:
+def test_turning_never_mirrors(tmp_path, up):
     source = saved(tmp_path, sphere())
     out = new_scene(source, tmp_path / "a.xml", unit="mm", up=up)
     mesh = read_mesh(out.with_suffix(".ply"))[0]
@@ -130,15 +128,13 @@ def test_turning_never_mirrors(tmp_path: Path, up: str) -> None:
         ({"display": "cinema"}, "--display cinema"),
     ],
 )
-def test_impossible_options_are_refused(
-    tmp_path: Path, options: dict[str, str], words: str
-) -> None:
+def test_impossible_options_are_refused(tmp_path, options, words):
     source = saved(tmp_path, box((1, 2, 3)))
     with pytest.raises(UsageError, match=words):
         new_scene(source, tmp_path / "a.xml", **{"unit": "mm", "up": "y", **options})
 
 
-def test_existing_files_stay_unless_forced(tmp_path: Path) -> None:
+def test_existing_files_stay_unless_forced(tmp_path):
     source = saved(tmp_path, box((1, 2, 3)))
     bystander = tmp_path / "a.ply"
     bystander.write_text("mine")
@@ -150,7 +146,7 @@ def test_existing_files_stay_unless_forced(tmp_path: Path) -> None:
     read_mesh(bystander)
 
 
-def test_forcing_removes_the_parts_that_only_the_earlier_scene_had(tmp_path: Path) -> None:
+def test_forcing_removes_the_parts_that_only_the_earlier_scene_had(tmp_path):
     from PIL import Image
 
     skins = [f"newmtl {name}\nmap_Kd {name}.png\n" for name in ("one", "two")]
@@ -174,7 +170,7 @@ def test_forcing_removes_the_parts_that_only_the_earlier_scene_had(tmp_path: Pat
     assert [path.read_text() for path in bystanders] == ["mine"] * 3
 
 
-def test_forcing_leaves_the_parts_of_a_scene_of_their_own_name(tmp_path: Path) -> None:
+def test_forcing_leaves_the_parts_of_a_scene_of_their_own_name(tmp_path):
     source = saved(tmp_path, sphere())
     new_scene(source, tmp_path / "b-2.xml", unit="mm", up="y")
     (tmp_path / "b.xml").write_text('<scene><string name="filename" value="b-2.ply"/></scene>')
@@ -182,13 +178,13 @@ def test_forcing_leaves_the_parts_of_a_scene_of_their_own_name(tmp_path: Path) -
     read_mesh(tmp_path / "b-2.ply")
 
 
-def test_a_scene_never_takes_the_name_of_its_parts(tmp_path: Path) -> None:
+def test_a_scene_never_takes_the_name_of_its_parts(tmp_path):
     source = saved(tmp_path, box((1, 2, 3)))
     with pytest.raises(UsageError, match=r"name the scene a\.xml"):
         new_scene(source, tmp_path / "a.ply", unit="mm", up="y")
 
 
-def test_the_mesh_itself_is_never_overwritten(tmp_path: Path) -> None:
+def test_the_mesh_itself_is_never_overwritten(tmp_path):
     source = saved(tmp_path, box((1, 2, 3)))
     before = source.read_bytes()
     with pytest.raises(UsageError, match="the mesh itself"):
@@ -196,7 +192,7 @@ def test_the_mesh_itself_is_never_overwritten(tmp_path: Path) -> None:
     assert source.read_bytes() == before
 
 
-def test_a_failed_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_write_leaves_nothing(tmp_path, monkeypatch):
     import inim.files.ply
 
     def full(path: Path, mesh: Mesh) -> None:
@@ -212,7 +208,7 @@ def test_a_failed_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.Monke
 # --- Normals ------------------------------------------------------------------------------------
 
 
-def test_box_keeps_its_edges_and_sphere_is_smooth() -> None:
+def test_box_keeps_its_edges_and_sphere_is_smooth():
     cube = smoothed(box((1, 1, 1)))
     assert len(cube.vertices) == 24
     assert cube.normals is not None
@@ -222,7 +218,7 @@ def test_box_keeps_its_edges_and_sphere_is_smooth() -> None:
     assert np.einsum("ij,ij->i", ball.normals, ball.vertices).min() > 0.995
 
 
-def test_a_soup_of_triangles_is_smoothed_as_one_surface() -> None:
+def test_a_soup_of_triangles_is_smoothed_as_one_surface():
     ball = sphere()
     soup = Mesh(ball.vertices[ball.faces.ravel()], np.arange(ball.faces.size).reshape(-1, 3))
     normals = smoothed(soup).normals
@@ -230,7 +226,7 @@ def test_a_soup_of_triangles_is_smoothed_as_one_surface() -> None:
     assert np.einsum("ij,ij->i", normals, smoothed(soup).vertices).min() > 0.995
 
 
-def test_normals_of_the_file_are_kept_and_turned(tmp_path: Path) -> None:
+def test_normals_of_the_file_are_kept_and_turned(tmp_path):
     mesh = box((1, 2, 3), normals=np.tile(np.float32([0, 0, 1]), (8, 1)))
     out = new_scene(saved(tmp_path, mesh), tmp_path / "a.xml", unit="mm", up="z")
     normals = read_mesh(out.with_suffix(".ply"))[0].normals
@@ -240,7 +236,7 @@ def test_normals_of_the_file_are_kept_and_turned(tmp_path: Path) -> None:
 # --- In Mitsuba ---------------------------------------------------------------------------------
 
 
-def test_scene_is_lit_whole_and_on_black(tmp_path: Path, mi: Any) -> None:
+def test_scene_is_lit_whole_and_on_black(tmp_path, mi):
     out = new_scene(saved(tmp_path, sphere()), tmp_path / "a.xml", unit="m", up="y")
     picture = render(mi, out)
     assert picture.shape == (512, 512, 3)
@@ -258,7 +254,7 @@ def test_scene_is_lit_whole_and_on_black(tmp_path: Path, mi: Any) -> None:
     assert light[100:256, 100:256].mean() > 1.5 * light[256:412, 256:412].mean()
 
 
-def test_lamps_are_out_of_sight_within_25_degrees(tmp_path: Path, mi: Any) -> None:
+def test_lamps_are_out_of_sight_within_25_degrees(tmp_path, mi):
     """Rays through a field three bounding radii wide, from anywhere in the viewing zone."""
     out = new_scene(saved(tmp_path, box((1, 3, 2))), tmp_path / "a.xml", unit="m", up="y")
     scene = mi.load_file(str(out))
@@ -280,7 +276,7 @@ def test_lamps_are_out_of_sight_within_25_degrees(tmp_path: Path, mi: Any) -> No
 
 
 @pytest.mark.parametrize("kind", ["colour", "texture"])
-def test_a_white_relic_is_not_clipped(tmp_path: Path, mi: Any, kind: str) -> None:
+def test_a_white_relic_is_not_clipped(tmp_path, mi, kind):
     """As bright as plaster of its shape; a dark one is not brightened."""
     seen = {}
     for name, value in {"white": 1.0, "plaster": max(STONE), "dark": 0.3}.items():
@@ -299,7 +295,7 @@ def test_a_white_relic_is_not_clipped(tmp_path: Path, mi: Any, kind: str) -> Non
     assert seen["dark"] == pytest.approx(seen["plaster"], rel=1e-2)
 
 
-def test_white_relics_of_the_command_stay_below_white(tmp_path: Path, mi: Any) -> None:
+def test_white_relics_of_the_command_stay_below_white(tmp_path, mi):
     mesh = sphere()
     white = replace(mesh, color=np.ones((len(mesh.vertices), 3), np.float32))
     out = new_scene(saved(tmp_path, white), tmp_path / "a.xml", unit="m", up="y")
@@ -309,7 +305,7 @@ def test_white_relics_of_the_command_stay_below_white(tmp_path: Path, mi: Any) -
     assert np.quantile(shown, 0.99) > 0.7
 
 
-def test_off_is_read(tmp_path: Path) -> None:
+def test_off_is_read(tmp_path):
     """Triangles and quads; what is binary or of another kind is refused in one line."""
     text = "OFF\n# a pyramid\n5 5 0\n-1 0 -1\n1 0 -1\n1 0 1\n-1 0 1\n0 2 0\n"
     text += "3 0 1 4\n3 1 2 4\n3 2 3 4\n3 3 0 4\n4 3 2 1 0\n"
@@ -325,9 +321,7 @@ def test_off_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("unit", "asked"), [("mm", True), ("cm", False), ("m", False)])
-def test_a_size_that_is_hardly_a_relics_is_asked_about(
-    tmp_path: Path, unit: str, asked: bool
-) -> None:
+def test_a_size_that_is_hardly_a_relics_is_asked_about(tmp_path, unit, asked):
     said: list[str] = []
     mesh = saved(tmp_path, box((0.8, 0.6, 0.4)))
     new_scene(mesh, tmp_path / "a.xml", unit=unit, up="y", warn=said.append)
@@ -337,7 +331,7 @@ def test_a_size_that_is_hardly_a_relics_is_asked_about(
     assert "40 m large" in said[-1]
 
 
-def test_robust_intersections_and_defaults_are_in_the_scene(tmp_path: Path) -> None:
+def test_robust_intersections_and_defaults_are_in_the_scene(tmp_path):
     out = new_scene(saved(tmp_path, sphere()), tmp_path / "a.xml", unit="m", up="y", title="T")
     text = out.read_text(encoding="utf-8")
     assert '<boolean name="embree_use_robust_intersections" value="true"/>' in text
@@ -361,7 +355,7 @@ def quadrants(folder: Path) -> Path:
     return folder / "a.obj"
 
 
-def test_texture_is_the_right_way_up(tmp_path: Path, mi: Any) -> None:
+def test_texture_is_the_right_way_up(tmp_path, mi):
     source = quadrants(tmp_path / "given")
     picture = render(mi, new_scene(source, tmp_path / "b.xml", unit="mm", up="y"), spp=4)
     for row, column, channels in ((150, 150, [0]), (150, 360, [1]), (360, 150, [2])):
@@ -387,9 +381,7 @@ def no_material(folder: Path) -> None:
     ("lose", "name"),
     [(no_picture, "skin.png"), (broken_picture, "skin.png"), (no_material, "a.mtl")],
 )
-def test_a_texture_that_is_lost_is_named_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], lose: Any, name: str
-) -> None:
+def test_a_texture_that_is_lost_is_named_in_one_line(tmp_path, capsys, lose, name):
     source = quadrants(tmp_path / "given")
     lose(tmp_path / "given")
     new_scene(source, tmp_path / "b.xml", unit="mm", up="y")
@@ -397,14 +389,12 @@ def test_a_texture_that_is_lost_is_named_in_one_line(
     assert line.startswith(f"inim: warning: {source}: '{name}' is missing")
 
 
-def test_a_whole_mesh_is_taken_without_a_word(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_whole_mesh_is_taken_without_a_word(tmp_path, capsys):
     new_scene(quadrants(tmp_path / "given"), tmp_path / "b.xml", unit="mm", up="y")
     assert capsys.readouterr().err == ""
 
 
-def test_vertex_colours_reach_mitsuba(tmp_path: Path, mi: Any) -> None:
+def test_vertex_colours_reach_mitsuba(tmp_path, mi):
     ball = sphere()
     color = np.tile(np.float32([0.8, 0.1, 0.1]), (len(ball.vertices), 1))
     source = saved(tmp_path, Mesh(ball.vertices, ball.faces, color=color))
@@ -416,7 +406,7 @@ def test_vertex_colours_reach_mitsuba(tmp_path: Path, mi: Any) -> None:
 @pytest.mark.parametrize(
     "name", ['a "b" c', "Tom & <Jerry>", "青铜 鼎", "it's", "50$ $off", "a\\b", "tab\tline\nend"]
 )
-def test_odd_names_survive(tmp_path: Path, mi: Any, name: str) -> None:
+def test_odd_names_survive(tmp_path, mi, name):
     source = saved(tmp_path, box((1, 2, 3)), f"{name}.ply")
     out = new_scene(source, tmp_path / f"{name}.xml", unit="mm", up="y", title=name)
     assert out.name == f"{name}.xml"
@@ -427,7 +417,7 @@ def test_odd_names_survive(tmp_path: Path, mi: Any, name: str) -> None:
 # --- Command line -------------------------------------------------------------------------------
 
 
-def test_command_line_writes_the_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_line_writes_the_scene(tmp_path, capsys):
     parser = argparse.ArgumentParser()
     COMMANDS["new-scene"].add_arguments(parser)
     source = saved(tmp_path, box((1, 2, 3)))
@@ -438,7 +428,7 @@ def test_command_line_writes_the_scene(tmp_path: Path, capsys: pytest.CaptureFix
     assert (tmp_path / "a.ply").is_file()
 
 
-def test_importing_the_command_loads_nothing_heavy() -> None:
+def test_importing_the_command_loads_nothing_heavy():
     heavy = "{'numpy', 'trimesh', 'mitsuba'}"
     code = f"import sys, inim.commands.new_scene; print({heavy} & {{*sys.modules}})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

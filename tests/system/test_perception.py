@@ -77,7 +77,7 @@ def validated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str,
     return folder / "out", read_document(folder / "out" / "report.json")
 
 
-def test_report_has_jod_to_scene_and_ceiling_with_intervals(validated) -> None:
+def test_report_has_jod_to_scene_and_ceiling_with_intervals(validated):
     _, data = validated
     for result in data["algorithms"].values():
         view, precision = result["views"]["centre"], result["precision"]["centre"]
@@ -90,7 +90,7 @@ def test_report_has_jod_to_scene_and_ceiling_with_intervals(validated) -> None:
     assert data["scoring"]["metrics"]["cvvdp"]["arguments"]["ambient_lux"] == 0
 
 
-def test_it_is_seen_as_the_display_from_the_eye(validated) -> None:
+def test_it_is_seen_as_the_display_from_the_eye(validated):
     _, data = validated
     (position,) = (one["position_mm"] for one in data["viewpoints"])
     pixel = data["display"]["given"]["pitch_mm"] / data["settings"]["view_pixels_per_lens"]
@@ -99,7 +99,7 @@ def test_it_is_seen_as_the_display_from_the_eye(validated) -> None:
     assert {round(one.pixels_per_degree, 6) for one in SEEN} == {round(degree / pixel, 6)}
 
 
-def test_page_and_files_show_it(validated) -> None:
+def test_page_and_files_show_it(validated):
     out, data = validated
     page = (out / "report.html").read_text("utf-8")
     assert "CVVDP&#x27;s map shows what is lost where" in page
@@ -112,7 +112,7 @@ def test_page_and_files_show_it(validated) -> None:
             assert np.asarray(picture).std() > 1
 
 
-def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path: Path) -> None:
+def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path):
     out, _ = validated
     run("compare", out, out, "-o", "same", folder=tmp_path)
     checks = read_document(tmp_path / "same" / "compare.json")["verdict"]["checks"]
@@ -132,7 +132,7 @@ def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path: Path) -> 
     assert "view CVVDP to ceiling" in (tmp_path / "timed" / "bench.html").read_text("utf-8")
 
 
-def test_film_is_scored_against_the_scene_that_it_names(validated, tmp_path: Path) -> None:
+def test_film_is_scored_against_the_scene_that_it_names(validated, tmp_path):
     out, _ = validated
     words = ("film", out, "-o", tmp_path / "film.webp", "--frames", "4", "--spp", "4")
     scene = out.parent / "tiny.xml"

@@ -72,9 +72,7 @@ def inim(tmp_path: Path) -> Callable[..., Ended]:
         ("new-scene", "ball.ply", "--unit", "mm", "--up", "y"),
     ],
 )
-def test_commands_that_need_no_worker_work(
-    inim: Callable[..., Ended], tmp_path: Path, words: tuple[str, ...]
-) -> None:
+def test_commands_that_need_no_worker_work(inim, tmp_path, words):
     text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
     text += "property float z\nelement face 1\nproperty list uchar int vertex_indices\n"
     (tmp_path / "ball.ply").write_text(text + "end_header\n0 0 0\n9 0 0\n0 9 1\n3 0 1 2\n")
@@ -82,7 +80,7 @@ def test_commands_that_need_no_worker_work(
     assert (ended.code, ended.stderr) == (0, "")
 
 
-def test_an_eia_is_generated_and_exported(inim: Callable[..., Ended], tmp_path: Path) -> None:
+def test_an_eia_is_generated_and_exported(inim, tmp_path):
     np.save(tmp_path / "depth.npy", np.tile(np.linspace(300, 400, 64), (64, 1)))
     words = ("--color", "color.png", "--depth", "depth.npy", "--depth-unit", "mm")
     ended = inim("generate", *words, "--orthographic", "--far-is-large", "-o", "eia.exr")
@@ -105,9 +103,7 @@ def test_an_eia_is_generated_and_exported(inim: Callable[..., Ended], tmp_path: 
         ("sweep", "study.toml"),
     ],
 )
-def test_commands_with_workers_say_what_they_need(
-    inim: Callable[..., Ended], words: tuple[str, ...]
-) -> None:
+def test_commands_with_workers_say_what_they_need(inim, words):
     ended = inim(*words)
     assert ended.code == EXIT_BACKEND
     assert_one_line(ended.stderr, ["need Linux or macOS", "WSL"])

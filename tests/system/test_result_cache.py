@@ -85,7 +85,7 @@ def reason(report: dict[str, Any], what: str) -> str:
     return f"{row['done']}; {row['why']}"
 
 
-def test_a_rerun_renders_nothing_and_says_the_same(bench: Bench) -> None:
+def test_a_rerun_renders_nothing_and_says_the_same(bench):
     cold = bench.report()
     pictures = {p: p.read_bytes() for p in bench.out.rglob("*.png")}
     assert len(rendered(cold)) == 4
@@ -96,7 +96,7 @@ def test_a_rerun_renders_nothing_and_says_the_same(bench: Bench) -> None:
     assert warm["timings"]["mitsuba_render"] == 0
 
 
-def test_everything_done_scores_the_same(bench: Bench) -> None:
+def test_everything_done_scores_the_same(bench):
     skipping = bench.report()
     everything = bench.report("--no-skip")
     assert lasting(everything) == lasting(skipping)
@@ -108,7 +108,7 @@ def test_everything_done_scores_the_same(bench: Bench) -> None:
 SAMPLES = {"capture_spp": "16", "eia_spp": "16", "view_spp": "32", "reconstruction_spp": "16"}
 
 
-def test_sampling_ends_when_scores_are_known(bench: Bench) -> None:
+def test_sampling_ends_when_scores_are_known(bench):
     report = bench.report(**SAMPLES, score_error="0.9")
     (row,) = [row for row in report["skipped"] if row["what"] == "samples"]
     taken = report["settings"]["eia_spp"]
@@ -125,7 +125,7 @@ def test_sampling_ends_when_scores_are_known(bench: Bench) -> None:
     assert set(report["files"]) == set(whole["files"])
 
 
-def test_scores_that_stay_unknown_take_all_samples_and_are_warned_of(bench: Bench) -> None:
+def test_scores_that_stay_unknown_take_all_samples_and_are_warned_of(bench):
     report = bench.report(**SAMPLES, score_error="1e-6")
     assert report["settings"]["eia_spp"] == 16
     (warning,) = [w for w in report["warnings"] if "inim.score_error" in w]
@@ -136,7 +136,7 @@ def test_scores_that_stay_unknown_take_all_samples_and_are_warned_of(bench: Benc
     assert every["algorithms"]["template"]["views"] == whole["algorithms"]["template"]["views"]
 
 
-def test_names_comments_and_settings_of_a_scene_decide_nothing(after_a_run: Bench) -> None:
+def test_names_comments_and_settings_of_a_scene_decide_nothing(after_a_run):
     bench = after_a_run
     text = bench.scene.read_text("utf-8")
     bench.scene = bench.scene.rename(bench.folder / "renamed.xml")
@@ -144,20 +144,20 @@ def test_names_comments_and_settings_of_a_scene_decide_nothing(after_a_run: Benc
     assert rendered(bench.report()) == set()
 
 
-def test_another_algorithm_renders_nothing(after_a_run: Bench) -> None:
+def test_another_algorithm_renders_nothing(after_a_run):
     bench = after_a_run
     other = bench.report("--algorithms", "li2012")
     assert rendered(other) == set()
     assert "generated" in reason(other, "EIA of li2012")
 
 
-def test_another_viewpoint_renders_one_view(after_a_run: Bench) -> None:
+def test_another_viewpoint_renders_one_view(after_a_run):
     bench = after_a_run
     moved = bench.report(**{"viewpoints": "centre,right"})
     assert rendered(moved) == {"true view: right"}
 
 
-def test_another_light_renders_all_and_says_why(bench: Bench) -> None:
+def test_another_light_renders_all_and_says_why(bench):
     bench.report()
     text = bench.scene.read_text("utf-8")
     brighter = text.replace('name="irradiance" value="2.5"', 'name="irradiance" value="2.4"')
@@ -168,7 +168,7 @@ def test_another_light_renders_all_and_says_why(bench: Bench) -> None:
     assert "changed: scene)" in reason(report, "ground-truth EIA")
 
 
-def test_a_lens_alone_renders_no_scene(after_a_run: Bench) -> None:
+def test_a_lens_alone_renders_no_scene(after_a_run):
     bench = after_a_run
     report = bench.report(**{"refractive_index": "1.6"})
     assert rendered(report) == set()
@@ -184,12 +184,12 @@ def test_a_lens_alone_renders_no_scene(after_a_run: Bench) -> None:
         ("fit_share", "0.7", "fit_share"),
     ],
 )
-def test_what_decides_the_eia_makes_it_anew(bench: Bench, key: str, value: str, says: str) -> None:
+def test_what_decides_the_eia_makes_it_anew(bench, key, value, says):
     bench.report()
     assert says in reason(bench.report(**{key: value}), "ground-truth EIA")
 
 
-def test_lazy_makes_what_is_observed_and_scores_views_the_same(bench: Bench) -> None:
+def test_lazy_makes_what_is_observed_and_scores_views_the_same(bench):
     whole = bench.report("--lens-model", "thin", cached=False)
     eia = read_exr(bench.out / "eia" / "template.exr")
     truth = read_exr(bench.out / "truth" / "eia.exr")
@@ -209,13 +209,13 @@ def test_lazy_makes_what_is_observed_and_scores_views_the_same(bench: Bench) -> 
     assert "no sample of any asked-for view" in reason(lazy, "panel pixels")
 
 
-def test_lazy_with_lenses_that_scatter_makes_all(bench: Bench) -> None:
+def test_lazy_with_lenses_that_scatter_makes_all(bench):
     report = bench.report("--lens-model", "full", "--lazy", "--algorithms", "template")
     assert "scatters" in reason(report, "panel pixels")
     assert report["algorithms"]["template"]["eia"]["ssim"] is not None
 
 
-def test_a_cache_of_damaged_records_changes_nothing(bench: Bench) -> None:
+def test_a_cache_of_damaged_records_changes_nothing(bench):
     whole = bench.report()
     records = sorted((bench.folder / "cache").glob("*.npz"))
     assert len(records) > 10
@@ -229,7 +229,7 @@ def test_a_cache_of_damaged_records_changes_nothing(bench: Bench) -> None:
     assert lasting(bench.report()) == lasting(whole)
 
 
-def test_the_cache_command(bench: Bench) -> None:
+def test_the_cache_command(bench):
     def cache(action: str, where: str | None = None) -> str:
         variables = {"INIM_CACHE": where or str(bench.folder / "cache")}
         ended = run_here("cache", action, folder=bench.folder, variables=variables)

@@ -62,13 +62,7 @@ def write_all(folder: Path, kind: str) -> Path:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("moment", ["decode", "load", "loaded", "there and back"])
-def test_a_file_saved_meanwhile_stops_the_run(
-    run_inim: Callable[..., Ended],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    kind: str,
-    moment: str,
-) -> None:
+def test_a_file_saved_meanwhile_stops_the_run(run_inim, tmp_path, monkeypatch, kind, moment):
     """Between the scan and the decoding, before the renderer, after it, or changed and put back."""
     folder = write_all(tmp_path / "scene", kind)
     decode, load = render_scene._decode, render_scene._load
@@ -126,7 +120,7 @@ def truth(out: Path) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_file_saved_at_any_moment(tmp_path: Path, kind: str) -> None:
+def test_a_file_saved_at_any_moment(tmp_path, kind):
     """Processes as users start them; the file is replaced once, at a random moment."""
     folder, out = write_all(tmp_path / "scene", kind), tmp_path / "out"
     words = command(

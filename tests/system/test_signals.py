@@ -55,7 +55,7 @@ run()
         "inim.worker.supervisor",
     ],
 )
-def test_interrupt_while_modules_load_is_one_line(tmp_path: Path, module: str) -> None:
+def test_interrupt_while_modules_load_is_one_line(tmp_path, module):
     """Some libraries turn what is raised while they load into errors of their own."""
     scene = write_scene(tmp_path)
     words = [sys.executable, "-c", AT_IMPORT, module, *command(scene, "-o", "out")[2:]]
@@ -68,7 +68,7 @@ def test_interrupt_while_modules_load_is_one_line(tmp_path: Path, module: str) -
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_after_the_outcome_was_said_is_an_ordinary_end(number: int) -> None:
+def test_signal_after_the_outcome_was_said_is_an_ordinary_end(number):
     code = "import atexit, os, signal, sys\nfrom inim.program import run\nimport inim.cli\n"
     code += f"atexit.register(os.kill, os.getpid(), {int(number)})\nrun('algorithms')"
     ended = subprocess.run(
@@ -79,7 +79,7 @@ def test_signal_after_the_outcome_was_said_is_an_ordinary_end(number: int) -> No
 
 
 @on_linux
-def test_interrupt_of_the_group_while_the_worker_starts_is_one_line(tmp_path: Path) -> None:
+def test_interrupt_of_the_group_while_the_worker_starts_is_one_line(tmp_path):
     """Python's own start would answer with a traceback."""
     scene = write_scene(tmp_path)
     for wait_ms in range(0, 150, 15):
@@ -239,7 +239,7 @@ CHOICES = [
 
 
 @on_linux
-def test_runs_ended_at_some_moment_leave_what_was_there_or_their_own(tmp_path: Path) -> None:
+def test_runs_ended_at_some_moment_leave_what_was_there_or_their_own(tmp_path):
     """One of each that finds a report to replace; many in the slow tests."""
     bench = Bench(tmp_path, random.Random(1))
     assert bench.end_one(signal.SIGINT, "all", 0.2 * bench.seconds) == "ended"
@@ -250,9 +250,7 @@ def test_runs_ended_at_some_moment_leave_what_was_there_or_their_own(tmp_path: P
 @on_linux
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "whom"), CHOICES)
-def test_runs_ended_at_random_moments_leave_nothing_behind(
-    tmp_path: Path, number: signal.Signals, whom: str
-) -> None:
+def test_runs_ended_at_random_moments_leave_nothing_behind(tmp_path, number, whom):
     bench = Bench(tmp_path, random.Random(f"{number} {whom}"))
     ends = []
     for count in range(20):

@@ -46,7 +46,7 @@ def mi() -> Any:
     return mitsuba
 
 
-def test_a_relic_with_y_down_stands_upright_and_is_not_mirrored(mi: Any, tmp_path: Path) -> None:
+def test_a_relic_with_y_down_stands_upright_and_is_not_mirrored(mi, tmp_path):
     """Whoever stands at -z of such a file, with -y up, has +x of it on the right."""
     said: list[str] = []
     scene = new_scene(
@@ -64,7 +64,7 @@ def test_a_relic_with_y_down_stands_upright_and_is_not_mirrored(mi: Any, tmp_pat
     assert brightest["green"][1] > 0.6 * columns and brightest["blue"][1] < 0.4 * columns
 
 
-def test_what_splats_do_not_say_is_asked_for(tmp_path: Path) -> None:
+def test_what_splats_do_not_say_is_asked_for(tmp_path):
     source, out = signpost(tmp_path), tmp_path / "a.xml"
     with pytest.raises(UsageError, match=r"--up .*nearly all lie in -"):
         new_scene(source, out, unit=None, up=None)
@@ -79,9 +79,7 @@ def test_what_splats_do_not_say_is_asked_for(tmp_path: Path) -> None:
     assert not out.exists()
 
 
-def test_the_box_that_was_taken_is_printed_though_all_splats_are_kept(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_box_that_was_taken_is_printed_though_all_splats_are_kept(tmp_path, capsys):
     places = np.array([[-1.0, -2, -3], [1, 2, 3]])
     write_splats(tmp_path / "s.ply", splats_at(places, np.full(3, 0.1), 0.9, np.full(3, 0.3)))
     out = tmp_path / "a.xml"
@@ -91,7 +89,7 @@ def test_the_box_that_was_taken_is_printed_though_all_splats_are_kept(
     assert printed.out.startswith("took 2 of 2 splats, --crop=-1.3,1.3,-2.3,2.3,-3.3,3.3\nwrote ")
 
 
-def test_crop_keeps_a_part(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_crop_keeps_a_part(tmp_path, capsys):
     source, out = signpost(tmp_path), tmp_path / "a.xml"
     words = ["new-scene", str(source), "--up=-y", "--crop=-0.5,0.5,-2,0.01,-1,1", "-o", str(out)]
     assert main(words) == EXIT_PASSED
@@ -102,7 +100,7 @@ def test_crop_keeps_a_part(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert len(kept) == 12 and np.abs(kept.centre).max() < 50
 
 
-def test_a_splat_relic_is_validated_with_layers_and_its_translucency(tmp_path: Path) -> None:
+def test_a_splat_relic_is_validated_with_layers_and_its_translucency(tmp_path):
     relic = random_splats(300)
     write_splats(tmp_path / "relic.ply", replace(relic, log_scale=relic.log_scale - 0.5))
     new_scene(tmp_path / "relic.ply", tmp_path / "scene.xml", unit=None, up="y", warn=print)
@@ -125,7 +123,7 @@ def test_a_splat_relic_is_validated_with_layers_and_its_translucency(tmp_path: P
 
 
 @pytest.mark.slow
-def test_the_study_of_their_number_writes_its_bench(tmp_path: Path) -> None:
+def test_the_study_of_their_number_writes_its_bench(tmp_path):
     ended = run_study("splats", 200, 400, "-o", "out", folder=tmp_path, timeout=600)
     assert ended.returncode == EXIT_PASSED, ended.stderr
     few, many = read_document(tmp_path / "out" / "bench.json")["study"]["splats"]

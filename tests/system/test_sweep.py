@@ -18,6 +18,7 @@ from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
 from inim.sweep.run import Place, SweepRequest, run_sweep
 from inim.sweep.table import TABLE, columns
 from tests.conftest import scene_text
+from tests.schemas import read_document
 from tests.system.conftest import assert_one_line, nothing_left, worker_here
 from tests.system.sweeps import (
     results,
@@ -65,13 +66,11 @@ def test_scores_are_those_of_a_validation_of_its_own(swept, tmp_path):
     given = {f"inim.{k}": v for k, v in (settings | {"reconstruction_spp": 2}).items()}
     scene, out = folder / "relic1.xml", tmp_path / "alone"
     with worker_here():
-        report = inim.validate(
-            scene, out, algorithms="gu2020", viewpoints="centre", definitions=given
-        )
+        inim.validate(scene, out, algorithms="gu2020", viewpoints="centre", definitions=given)
     (row,) = [
         r for r in table(folder / "out") if (r["scene"], r["algorithm"]) == ("relic1", "gu2020")
     ]
-    data = report.data
+    data = read_document(out / "report.json")
     for key, value in data["algorithms"]["gu2020"]["views"]["centre"].items():
         assert row[key] == value, key
     for key in ("ssim", "psnr_db"):

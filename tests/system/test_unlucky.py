@@ -59,9 +59,7 @@ def nothing_to_write(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_kernels_find_a_private_folder_where_nothing_else_can_be_written(
-    nothing_to_write: Path,
-) -> None:
+def test_kernels_find_a_private_folder_where_nothing_else_can_be_written(nothing_to_write):
     folder = Path(kernels.cache_folder(NOWHERE))
     assert folder.parent == nothing_to_write
     assert folder.stat().st_mode & 0o777 == 0o700
@@ -69,9 +67,7 @@ def test_kernels_find_a_private_folder_where_nothing_else_can_be_written(
 
 
 @pytest.mark.parametrize("spoil", ["open", "link", "file"])
-def test_folder_that_others_could_fill_with_code_is_refused(
-    nothing_to_write: Path, spoil: str
-) -> None:
+def test_folder_that_others_could_fill_with_code_is_refused(nothing_to_write, spoil):
     folder = nothing_to_write / f"inim-{os.getuid()}"
     if spoil == "open":
         folder.mkdir()
@@ -85,9 +81,7 @@ def test_folder_that_others_could_fill_with_code_is_refused(
         kernels.cache_folder(NOWHERE)
 
 
-def test_kernels_stay_beside_the_source_or_at_home_where_they_can(
-    nothing_to_write: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kernels_stay_beside_the_source_or_at_home_where_they_can(nothing_to_write, monkeypatch):
     assert not kernels.cache_folder(nothing_to_write)
     monkeypatch.setenv("XDG_CACHE_HOME", str(nothing_to_write / "cache"))
     assert not kernels.cache_folder(NOWHERE)
@@ -95,9 +89,7 @@ def test_kernels_stay_beside_the_source_or_at_home_where_they_can(
     assert kernels.cache_folder(NOWHERE) == "/as/the/user/says"
 
 
-def test_nowhere_to_write_at_all_is_one_line(
-    nothing_to_write: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nowhere_to_write_at_all_is_one_line(nothing_to_write, monkeypatch):
     monkeypatch.setattr(kernels.tempfile, "tempdir", str(NOWHERE))
     with pytest.raises(FileError, match="set NUMBA_CACHE_DIR"):
         kernels.cache_folder(NOWHERE)
@@ -115,9 +107,7 @@ def loaded_anew(path: Path) -> ModuleType:
 @pytest.mark.parametrize(
     ("kind", "content"), [("nbi", b""), ("nbi", b"garbage"), ("nbc", b"\x80\x05"), ("nbc", None)]
 )
-def test_broken_kernel_cache_costs_a_compilation_and_no_more(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, content: bytes | None
-) -> None:
+def test_broken_kernel_cache_costs_a_compilation_and_no_more(tmp_path, monkeypatch, kind, content):
     import numba
     from numba.core import caching
 
@@ -143,7 +133,7 @@ def test_broken_kernel_cache_costs_a_compilation_and_no_more(
             assert len(tries) <= most
 
 
-def test_fault_of_the_job_is_not_tried_again() -> None:
+def test_fault_of_the_job_is_not_tried_again():
     from inim.worker.serve import Job, _carried_out
 
     tries = []
@@ -159,9 +149,7 @@ def test_fault_of_the_job_is_not_tried_again() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("content", [b"", b"garbage" * 100, None])
-def test_broken_cache_of_the_renderer_is_survived(
-    tmp_path: Path, run_process: Run, content: bytes | None
-) -> None:
+def test_broken_cache_of_the_renderer_is_survived(tmp_path, run_process, content):
     scene = write_scene(tmp_path / "scene")
     home = {"HOME": str(tmp_path)}
     run_process(scene, "-o", tmp_path / "first", folder=tmp_path, variables=home, **SMALLEST)
@@ -176,7 +164,7 @@ def test_broken_cache_of_the_renderer_is_survived(
 
 
 @pytest.mark.slow
-def test_read_only_package_and_no_home_is_enough(tmp_path: Path) -> None:
+def test_read_only_package_and_no_home_is_enough(tmp_path):
     """As installed by root for a user without a home: the first run compiles, the second not."""
     if os.geteuid() != 0 or not shutil.which("setpriv"):
         pytest.skip("gives up root's right to write anywhere, for which it needs root and setpriv")
@@ -224,7 +212,7 @@ def from_the_next_century(folder: Path) -> Path:
     return scene
 
 
-def test_clock_set_back_is_no_obstacle(tmp_path: Path, run_inim: Run) -> None:
+def test_clock_set_back_is_no_obstacle(tmp_path, run_inim):
     scene = from_the_next_century(tmp_path)
     ended = run_inim(scene, "-o", "out", folder=tmp_path, **SMALLEST)
     assert ended.code == EXIT_PASSED, ended.stderr
@@ -233,7 +221,7 @@ def test_clock_set_back_is_no_obstacle(tmp_path: Path, run_inim: Run) -> None:
 
 
 @pytest.mark.slow
-def test_home_that_cannot_be_written_and_a_clock_set_back(tmp_path: Path, run_process: Run) -> None:
+def test_home_that_cannot_be_written_and_a_clock_set_back(tmp_path, run_process):
     """No home, no terminal, closed descriptors; scene and report are from the next century."""
     scene = from_the_next_century(tmp_path)
     bare = {"HOME": str(NOWHERE), "XDG_CACHE_HOME": None, "XDG_DATA_HOME": None, "TERM": None}
@@ -257,8 +245,8 @@ def earlier(tmp_path_factory: pytest.TempPathFactory, run_inim: Run) -> Path:
 
 @pytest.mark.parametrize("share", [pytest.param(0.2, marks=pytest.mark.slow), 0.9])
 def test_disk_that_fills_at_any_time_leaves_the_earlier_report(
-    tmp_path: Path, earlier: Path, run_process: Run, share: float
-) -> None:
+    tmp_path, earlier, run_process, share
+):
     scene = write_scene(tmp_path / "scene")
     with small_disk(tmp_path / "disk", "2m") as disk:
         shutil.copytree(earlier, disk / "out")
@@ -274,7 +262,7 @@ def test_disk_that_fills_at_any_time_leaves_the_earlier_report(
         assert nothing_left(disk)
 
 
-def test_memory_limit_of_the_shell_counts(tmp_path: Path) -> None:
+def test_memory_limit_of_the_shell_counts(tmp_path):
     """`ulimit -v`: what does not fit is said with its figure before it is tried."""
     scene = write_scene(tmp_path)
     limit = 2 * 2**30
@@ -313,12 +301,12 @@ def assert_two_leave_one_report(folder: Path, apart_s: float = 0.0) -> None:
     assert sorted(p.name for p in folder.iterdir()) == ["out", scene.name]
 
 
-def test_two_runs_into_one_folder_leave_one_report(tmp_path: Path) -> None:
+def test_two_runs_into_one_folder_leave_one_report(tmp_path):
     assert_two_leave_one_report(tmp_path)
 
 
 @pytest.mark.slow
-def test_two_runs_into_one_folder_leave_one_report_whenever_they_begin(tmp_path: Path) -> None:
+def test_two_runs_into_one_folder_leave_one_report_whenever_they_begin(tmp_path):
     rng = random.Random(3)
     for _ in range(15):
         assert_two_leave_one_report(tmp_path, rng.uniform(0, 0.5))
@@ -341,7 +329,7 @@ for k in range(count):
 """
 
 
-def test_reports_published_at_once_never_mix(tmp_path: Path) -> None:
+def test_reports_published_at_once_never_mix(tmp_path):
     out = tmp_path / "out"
     words = [sys.executable, "-c", MOVES, str(out)]
     runs = [subprocess.Popen([*words, name, "20"]) for name in ("one", "two", "three")]
@@ -355,9 +343,7 @@ def test_reports_published_at_once_never_mix(tmp_path: Path) -> None:
 # --- Kills --------------------------------------------------------------------------------------
 
 
-def test_staging_folder_of_a_dead_run_is_cleared_away_and_of_a_living_one_is_not(
-    tmp_path: Path,
-) -> None:
+def test_staging_folder_of_a_dead_run_is_cleared_away_and_of_a_living_one_is_not(tmp_path):
     out = tmp_path / "o*ut"
     code = "import sys, os; from pathlib import Path; from inim.worker.output import staging_folder"
     code += "; staging_folder(Path(sys.argv[1])).__enter__(); os.kill(os.getpid(), 9)"
@@ -396,7 +382,7 @@ for k in range(count):
 
 @on_linux
 @pytest.mark.slow
-def test_fifty_validations_in_one_process_take_no_more_memory_than_ten(tmp_path: Path) -> None:
+def test_fifty_validations_in_one_process_take_no_more_memory_than_ten(tmp_path):
     write_scene(tmp_path)
     settings = [f"{key}={value}" for key, value in TINY.items()]
     settings += [f"inim.{key}={value}" for key, value in ALONE.items()]

@@ -51,9 +51,7 @@ def refused(
     assert sorted(folder.rglob("*")) == before
 
 
-def test_a_mesh_in_place_of_a_scene_is_told_what_makes_one(
-    tmp_path: Path, run_inim: Callable[..., Ended]
-) -> None:
+def test_a_mesh_in_place_of_a_scene_is_told_what_makes_one(tmp_path, run_inim):
     (tmp_path / "my pot.PLY").write_bytes(b"ply\n")
     ended = run_inim("my pot.PLY", folder=tmp_path)
     assert ended.code == EXIT_USAGE
@@ -124,31 +122,27 @@ SETTINGS = [
 
 
 @pytest.mark.parametrize(("item", "says"), SETTINGS)
-def test_bad_setting_is_named_with_the_way_out(
-    tiny_scene: Path, capsys: pytest.CaptureFixture[str], item: str, says: str
-) -> None:
+def test_bad_setting_is_named_with_the_way_out(tiny_scene, capsys, item, says):
     out = tiny_scene.parent / "out"
     refused(capsys, tiny_scene.parent, tiny_scene, "-o", out, "-D", item, says=(says,))
 
 
-def test_key_given_twice_is_refused(tiny_scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_key_given_twice_is_refused(tiny_scene, capsys):
     twice = ("-D", "inim.seed=1", "-D", "inim.seed=2")
     refused(capsys, tiny_scene.parent, tiny_scene, *twice, says=("inim.seed: given twice",))
 
 
-def test_empty_depth_range_is_refused(tiny_scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_empty_depth_range_is_refused(tiny_scene, capsys):
     items = ("-D", "inim.depth_min_mm=9", "-D", "inim.depth_max_mm=5")
     refused(capsys, tiny_scene.parent, tiny_scene, *items, says=("depth range [9, 5] mm",))
 
 
-def test_unknown_key_in_the_scene_names_the_scene(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_unknown_key_in_the_scene_names_the_scene(tmp_path, capsys):
     scene = write_scene(tmp_path, '<default name="inim.gapmm" value="1"/>', *SHAPES)
     refused(capsys, tmp_path, scene, says=(str(scene), "did you mean inim.gap_mm?"))
 
 
-def test_unknown_option_is_one_line(tiny_scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_option_is_one_line(tiny_scene, capsys):
     with pytest.raises(SystemExit, match=str(EXIT_USAGE)):
         main(["validate", str(tiny_scene), "--algoritms", "template"])
     assert_one_line(capsys.readouterr().err, ["--algoritms", "--help"])
@@ -158,24 +152,20 @@ def test_unknown_option_is_one_line(tiny_scene: Path, capsys: pytest.CaptureFixt
     "item",
     ["inim.lens_columns=1000000000", f"inim.lens_rows={'9' * 15}", "inim.panel_rows=99999999"],
 )
-def test_display_too_large_for_memory_is_refused_before_it_is_allocated(
-    tiny_scene: Path, capsys: pytest.CaptureFixture[str], item: str
-) -> None:
+def test_display_too_large_for_memory_is_refused_before_it_is_allocated(tiny_scene, capsys, item):
     words = (tiny_scene, "-D", item)
     refused(capsys, tiny_scene.parent, *words, code=EXIT_BACKEND, says=("GiB", "with fewer pixels"))
 
 
 @pytest.mark.parametrize("key", ["view_pixels_per_lens", "capture_pixels_per_pitch"])
-def test_pictures_too_large_for_memory_are_refused_before_they_are_allocated(
-    tiny_scene: Path, key: str
-) -> None:
+def test_pictures_too_large_for_memory_are_refused_before_they_are_allocated(tiny_scene, key):
     out, large = tiny_scene.parent / "out", {f"inim.{key}": "20000"}
     request = Request(tiny_scene, out, definitions=large)
     with pytest.raises(OutOfMemoryError, match=key):
         make_plan(request)
 
 
-def test_viewpoint_cannot_take_the_name_of_another_picture(tiny_scene: Path) -> None:
+def test_viewpoint_cannot_take_the_name_of_another_picture(tiny_scene):
     with pytest.raises(ViewpointError, match="eia"):
         make_plan(Request(tiny_scene, tiny_scene.parent / "out", viewpoints=("eia=0 0",)))
 
@@ -203,9 +193,7 @@ def test_viewpoint_cannot_take_the_name_of_another_picture(tiny_scene: Path) -> 
         (b'<scene><string name="filename" value="folder"/></scene>', "'folder' is not there"),
     ],
 )
-def test_bad_scene_file_is_named_with_the_reason(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes, says: str
-) -> None:
+def test_bad_scene_file_is_named_with_the_reason(tmp_path, capsys, content, says):
     scene = tmp_path / "bad.xml"
     scene.write_bytes(content)
     (tmp_path / "folder").mkdir()
@@ -213,22 +201,16 @@ def test_bad_scene_file_is_named_with_the_reason(
 
 
 @pytest.mark.parametrize(("name", "says"), [("gone.xml", "no such file"), (".", "is a folder")])
-def test_missing_scene_and_folder_are_told_apart(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, says: str
-) -> None:
+def test_missing_scene_and_folder_are_told_apart(tmp_path, capsys, name, says):
     refused(capsys, tmp_path, tmp_path / name, says=(str(tmp_path), says))
 
 
-def test_control_characters_in_a_name_do_not_break_the_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_control_characters_in_a_name_do_not_break_the_line(tmp_path, capsys):
     name = "a\nb\x1b[31m 'c' \"d\" 青铜.xml"
     refused(capsys, tmp_path, tmp_path / name, says=("青铜.xml: no such file",))
 
 
-def test_name_that_is_no_text_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_name_that_is_no_text_is_refused(tmp_path, capsys):
     refused(capsys, tmp_path, "\udcff.xml", says=(r"'\udcff.xml'", "PYTHONUTF8=1"))
 
 
@@ -269,9 +251,7 @@ MESH = '<shape type="ply"><string name="filename" value="a.ply"/></shape>'
         (TEXTURED.format("a.jpg"), {"a.jpg": "\xff\xd8\xff\xe0" + "\0" * 30}, "picture"),
     ],
 )
-def test_damaged_content_is_named(
-    tmp_path: Path, run_inim: Run, shapes: str, files: dict[str, str], says: str
-) -> None:
+def test_damaged_content_is_named(tmp_path, run_inim, shapes, files, says):
     scene = write_scene(tmp_path, text=scene_text(shapes))
     for name, content in files.items():
         (tmp_path / name).write_text(content, encoding="latin-1")
@@ -283,9 +263,7 @@ def test_damaged_content_is_named(
 
 
 @pytest.mark.parametrize("integrator", ["ptracer", "prb"])
-def test_integrator_that_traces_no_single_rays_is_refused(
-    tmp_path: Path, run_inim: Run, integrator: str
-) -> None:
+def test_integrator_that_traces_no_single_rays_is_refused(tmp_path, run_inim, integrator):
     text = scene_text(*SHAPES).replace(LIT[: LIT.index("<sensor")], "")
     text = text.replace("</scene>", f'<integrator type="{integrator}"/></scene>')
     ended = run_inim(write_scene(tmp_path, text=text), "-o", "out", folder=tmp_path)
@@ -293,7 +271,7 @@ def test_integrator_that_traces_no_single_rays_is_refused(
     assert_one_line(ended.stderr, ["integrator", "use 'path' or 'volpath'"])
 
 
-def test_pictures_too_small_to_score_are_refused(tmp_path: Path, run_inim: Run) -> None:
+def test_pictures_too_small_to_score_are_refused(tmp_path, run_inim):
     one = {"lens_columns": "1", "lens_rows": "1"}
     ended = run_inim(write_scene(tmp_path), "-o", "out", folder=tmp_path, **one)
     assert ended.code == EXIT_USAGE
@@ -303,9 +281,7 @@ def test_pictures_too_small_to_score_are_refused(tmp_path: Path, run_inim: Run) 
 # --- Output folders -----------------------------------------------------------------------------
 
 
-def test_full_disk_is_one_line_and_leaves_nothing(
-    tiny_scene: Path, run_process: Run, tmp_path: Path
-) -> None:
+def test_full_disk_is_one_line_and_leaves_nothing(tiny_scene, run_process, tmp_path):
     with small_disk(tmp_path / "disk", "200k") as disk:
         ended = run_process(tiny_scene, "-o", disk / "out", folder=tmp_path, viewpoints="centre")
         assert ended.code == EXIT_USAGE
@@ -313,18 +289,14 @@ def test_full_disk_is_one_line_and_leaves_nothing(
         assert list(disk.iterdir()) == []
 
 
-def test_read_only_disk_is_refused_before_rendering(
-    tiny_scene: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_read_only_disk_is_refused_before_rendering(tiny_scene, capsys, tmp_path):
     with small_disk(tmp_path / "disk", "200k", read_only=True) as disk:
         out = disk / "out"
         refused(capsys, tmp_path, tiny_scene, "-o", out, says=(str(out), "Read-only", "-o"))
 
 
 @pytest.mark.parametrize("name", ["eia", "views", "report.json"])
-def test_link_below_the_folder_is_refused_before_rendering(
-    tiny_scene: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str
-) -> None:
+def test_link_below_the_folder_is_refused_before_rendering(tiny_scene, capsys, tmp_path, name):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / name).symlink_to(tmp_path)
     refused(
@@ -333,7 +305,7 @@ def test_link_below_the_folder_is_refused_before_rendering(
     )  # fmt: skip
 
 
-def test_deleted_current_folder_is_one_line(tiny_scene: Path, run_process: Run) -> None:
+def test_deleted_current_folder_is_one_line(tiny_scene, run_process):
     gone = ("sh", "-c", 'mkdir gone; cd gone; rmdir ../gone; exec "$@"', "sh")
     ended = run_process("tiny.xml", "-o", "out", folder=tiny_scene.parent, prefix=gone)
     assert ended.code == EXIT_USAGE

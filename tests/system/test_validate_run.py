@@ -125,13 +125,13 @@ def replaced(tmp_path_factory: pytest.TempPathFactory, run_inim: Run) -> tuple[F
 # --- What a report holds ------------------------------------------------------------------------
 
 
-def test_every_file_of_the_report_exists_and_is_listed(finished: Finished) -> None:
+def test_every_file_of_the_report_exists_and_is_listed(finished):
     assert files_in(finished.out) == FILES == set(finished.data["files"])
     assert all((finished.out / name).stat().st_size > 0 for name in FILES)
     assert nothing_left(finished.out.parent.parent)
 
 
-def test_report_has_the_fields_of_its_schema(finished: Finished) -> None:
+def test_report_has_the_fields_of_its_schema(finished):
     data = finished.data
     assert data["schema"] == "inim.report/2"
     assert data.keys() >= SCHEMA_KEYS
@@ -155,15 +155,13 @@ def test_report_has_the_fields_of_its_schema(finished: Finished) -> None:
 
 
 @pytest.mark.parametrize("part", ["algorithms", "ceiling", "noise_floor", "timings", "rgbd"])
-def test_all_numbers_are_finite(finished: Finished, part: str) -> None:
+def test_all_numbers_are_finite(finished, part):
     numbers = dict(numbers_in(finished.data[part], part))
     assert numbers
     assert {k: v for k, v in numbers.items() if v is None or not math.isfinite(v)} == {}
 
 
-def test_ssim_computed_again_from_the_report_s_pictures_is_the_plain_one(
-    finished: Finished,
-) -> None:
+def test_ssim_computed_again_from_the_report_s_pictures_is_the_plain_one(finished):
     from skimage.metrics import structural_similarity
 
     arguments = finished.data["scoring"]["metrics"]["ssim"]["arguments"]
@@ -187,7 +185,7 @@ def test_ssim_computed_again_from_the_report_s_pictures_is_the_plain_one(
             assert sure["ssim_on_relic"]["plain"] == pytest.approx(local[region].mean(), abs=1e-6)
 
 
-def test_scores_lie_where_scores_lie(finished: Finished) -> None:
+def test_scores_lie_where_scores_lie(finished):
     for result in finished.data["algorithms"].values():
         for score in result["views"].values():
             assert all(-1 <= score[k] <= 1 for k in SCORES if "ssim" in k)
@@ -195,7 +193,7 @@ def test_scores_lie_where_scores_lie(finished: Finished) -> None:
             assert score["ssim_to_ceiling"] < 1
 
 
-def test_every_check_of_a_passed_run_passed(finished: Finished) -> None:
+def test_every_check_of_a_passed_run_passed(finished):
     verdict = finished.data["verdict"]
     assert verdict["passed"] is True
     assert verdict["checks"]
@@ -204,7 +202,7 @@ def test_every_check_of_a_passed_run_passed(finished: Finished) -> None:
         assert {"name", "value", "relation", "limit", "detail"} <= check.keys()
 
 
-def test_every_name_in_the_page_and_the_summary_resolves(finished: Finished) -> None:
+def test_every_name_in_the_page_and_the_summary_resolves(finished):
     page = (finished.out / "report.html").read_text(encoding="utf-8")
     for link in re.findall(r'(?:href|src)="(?!#|data:|https?:)([^"]+)"', page):
         assert (finished.out / link).is_file(), link
@@ -213,18 +211,18 @@ def test_every_name_in_the_page_and_the_summary_resolves(finished: Finished) -> 
     assert ElementTree.parse(finished.out / "junit.xml").getroot().findall(".//testcase")
 
 
-def test_report_says_how_to_repeat_it(finished: Finished) -> None:
+def test_report_says_how_to_repeat_it(finished):
     words = shlex.split(finished.data["command"])
     assert words[:4] == ["python", "-m", "inim.validate", 'a "b" & 鼎.xml']
     assert words[words.index("-o") + 1] == "deep/o u't"
-    assert words[words.index("--viewpoints") + 1] == "centre, mine=3 -2"
+    assert words[words.index("--viewpoints") + 1] == "centre,mine=3 -2"
     assert "inim.lens_columns=8" in words
 
 
 # --- What the terminal shows --------------------------------------------------------------------
 
 
-def test_one_line_for_each_algorithm_and_viewpoint_in_order(finished: Finished) -> None:
+def test_one_line_for_each_algorithm_and_viewpoint_in_order(finished):
     *scores, best, criteria, verdict = finished.ended.stdout.splitlines()
     assert best.startswith("best: ")
     assert criteria.startswith("no criteria set; for later runs: -D 'inim.min_ssim_to_ceiling=")
@@ -233,14 +231,14 @@ def test_one_line_for_each_algorithm_and_viewpoint_in_order(finished: Finished) 
     assert verdict == "ran clean; no criteria set; report: deep/o u't/report.html"
 
 
-def test_nothing_on_stderr_where_it_is_no_terminal(finished: Finished) -> None:
+def test_nothing_on_stderr_where_it_is_no_terminal(finished):
     assert finished.ended.stderr == ""
 
 
 # --- A second run into the same folder ----------------------------------------------------------
 
 
-def test_limit_not_met_ends_with_1_and_a_failed_check(replaced: tuple[Finished, Path]) -> None:
+def test_limit_not_met_ends_with_1_and_a_failed_check(replaced):
     second, _ = replaced
     assert second.ended.code == EXIT_CHECK_FAILED
     verdict = second.data["verdict"]
@@ -249,14 +247,12 @@ def test_limit_not_met_ends_with_1_and_a_failed_check(replaced: tuple[Finished, 
     assert failed == ["template/centre: SSIM on the relic, to the ceiling"]
 
 
-def test_quiet_prints_nothing_even_when_a_check_failed(replaced: tuple[Finished, Path]) -> None:
+def test_quiet_prints_nothing_even_when_a_check_failed(replaced):
     second, _ = replaced
     assert (second.ended.stdout, second.ended.stderr) == ("", "")
 
 
-def test_second_run_replaces_its_own_files_and_keeps_others(
-    replaced: tuple[Finished, Path],
-) -> None:
+def test_second_run_replaces_its_own_files_and_keeps_others(replaced):
     second, folder = replaced
     others = {"notes.txt", "views/wang2024/mine.png"}
     assert files_in(second.out) == set(second.data["files"]) | others
@@ -268,7 +264,7 @@ def test_second_run_replaces_its_own_files_and_keeps_others(
 # --- Worlds that are not kind -------------------------------------------------------------------
 
 
-def test_scene_without_light_fails_a_check(tmp_path: Path, run_inim: Run) -> None:
+def test_scene_without_light_fails_a_check(tmp_path, run_inim):
     scene = write_scene(tmp_path, text=f'<scene version="3.0.0">{sphere((0, 0, 0), 1)}</scene>')
     alone = {"algorithms": "template", "viewpoints": "centre"}
     ended = run_inim(scene, "-o", "out", folder=tmp_path, **alone)
@@ -278,7 +274,7 @@ def test_scene_without_light_fails_a_check(tmp_path: Path, run_inim: Run) -> Non
     assert {"truth/eia: brightest value", "truth/centre: brightest value"} <= failed
 
 
-def test_light_that_is_not_a_number_fails_a_check(tmp_path: Path, run_inim: Run) -> None:
+def test_light_that_is_not_a_number_fails_a_check(tmp_path, run_inim):
     light = '<emitter type="constant"><rgb name="radiance" value="nan nan nan"/></emitter>'
     scene = write_scene(tmp_path, text=scene_text(sphere((0, 0, 0), 1), light))
     alone = {"algorithms": "template", "viewpoints": "centre"}
@@ -288,7 +284,7 @@ def test_light_that_is_not_a_number_fails_a_check(tmp_path: Path, run_inim: Run)
     assert "truth/eia: pixels not finite" in {c["name"] for c in checks if not c["passed"]}
 
 
-def test_bare_machine_is_enough(tmp_path: Path, run_process: Run) -> None:
+def test_bare_machine_is_enough(tmp_path, run_process):
     """One CPU, no home to write in, no stdin, a C locale, a display whose sizes do not divide, and
     nobody who reads stdout."""
     scene = write_scene(tmp_path, sphere((0, 0, 0), 1))
@@ -360,12 +356,8 @@ on_linux = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="find
     [(signal.SIGKILL, EXIT_BACKEND, "killed"), (signal.SIGSEGV, EXIT_INTERNAL, "SIGSEGV")],
 )
 def test_death_of_the_worker_is_one_line_and_leaves_nothing(
-    tiny_scene: Path,
-    under_way: tuple[subprocess.Popen[str], int],
-    number: signal.Signals,
-    code: int,
-    says: str,
-) -> None:
+    tiny_scene, under_way, number, code, says
+):
     parent, worker = under_way
     os.kill(worker, number)
     out, err = parent.communicate(timeout=30)
@@ -385,13 +377,8 @@ def test_death_of_the_worker_is_one_line_and_leaves_nothing(
     ],
 )
 def test_end_of_the_parent_ends_the_worker_and_leaves_nothing(
-    tiny_scene: Path,
-    under_way: tuple[subprocess.Popen[str], int],
-    number: signal.Signals,
-    whole_group: bool,
-    code: int,
-    says: str,
-) -> None:
+    tiny_scene, under_way, number, whole_group, code, says
+):
     parent, worker = under_way
     (os.killpg if whole_group else os.kill)(parent.pid, number)
     _, err = parent.communicate(timeout=30)
@@ -405,7 +392,7 @@ def test_end_of_the_parent_ends_the_worker_and_leaves_nothing(
 # --- From Python, and without a run -------------------------------------------------------------
 
 
-def test_function_returns_a_report(tmp_path: Path) -> None:
+def test_function_returns_a_report(tmp_path):
     scene = write_scene(tmp_path)
     report = inim.validate(
         scene, tmp_path / "out", definitions=TINY, algorithms="template", viewpoints="centre"
@@ -416,14 +403,14 @@ def test_function_returns_a_report(tmp_path: Path) -> None:
     assert report.html_path.is_file()
 
 
-def test_module_and_function_share_a_name() -> None:
+def test_module_and_function_share_a_name():
     code = "import inim, inim.validate; print(callable(inim.validate), inim.validate.__name__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "True validate\n"
     assert "scene" in inspect.signature(inim.validate).parameters
 
 
-def test_help_answers_within_a_second() -> None:
+def test_help_answers_within_a_second():
     """Of the processor: what other programs take is not this one's."""
     seconds = []
     for _ in range(3):
@@ -438,14 +425,14 @@ def test_help_answers_within_a_second() -> None:
     assert min(seconds) < 1
 
 
-def test_help_names_every_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_names_every_exit_code(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["validate", "--help"])
     text = capsys.readouterr().out
     assert all(f"{code} " in text.partition("exit codes:")[2] for code in range(6))
 
 
-def test_settings_table_names_every_tiny_setting(capsys: pytest.CaptureFixture[str]) -> None:
+def test_settings_table_names_every_tiny_setting(capsys):
     assert main(["settings"]) == EXIT_PASSED
     table = capsys.readouterr().out
     assert all(f"`{key}`" in table for key in TINY)

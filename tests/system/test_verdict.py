@@ -68,13 +68,11 @@ def with_views(
     monkeypatch.setattr(validating, "reconstruct_views", changed)
 
 
-def test_sound_run_passes(run: Callable[[], Report]) -> None:
+def test_sound_run_passes(run):
     assert run().passed is True
 
 
-def test_missing_view_fails_a_check(
-    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_view_fails_a_check(run, monkeypatch):
     with_views(monkeypatch, lambda seen: {"down": seen["down"]})
     try:
         assert "template: viewpoints missing" in failed(run())
@@ -82,9 +80,7 @@ def test_missing_view_fails_a_check(
         assert "right" in str(error)
 
 
-def test_no_view_at_all_fails_a_check(
-    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_view_at_all_fails_a_check(run, monkeypatch):
     with_views(monkeypatch, lambda seen: {})
     try:
         assert "template: viewpoints missing" in failed(run())
@@ -92,7 +88,7 @@ def test_no_view_at_all_fails_a_check(
         assert "down" in str(error)
 
 
-def test_missing_views_are_a_failed_check() -> None:
+def test_missing_views_are_a_failed_check():
     for views, count in ((["down", "right"], None), (["down"], 1), ([], 2)):
         checks = missing_viewpoints("mine", ["right", "down"], views)
         assert [row.value for row in checks] == ([] if count is None else [count])
@@ -100,17 +96,13 @@ def test_missing_views_are_a_failed_check() -> None:
     assert [row.passed for row in missing_viewpoints("mine", [], [])] == [False]
 
 
-def test_swapped_views_fail_their_limit(
-    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_swapped_views_fail_their_limit(run, monkeypatch):
     with_views(monkeypatch, lambda seen: {"down": seen["right"], "right": seen["down"]})
     wanted = {f"template/{view}: SSIM on the relic, to the ceiling" for view in ("down", "right")}
     assert wanted <= failed(run())
 
 
-def test_view_that_is_not_a_number_is_never_scored(
-    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_view_that_is_not_a_number_is_never_scored(run, monkeypatch):
     def spoiled(seen: dict[str, Any]) -> dict[str, Any]:
         seen["down"].image[3, 4] = np.nan
         return seen
@@ -121,9 +113,7 @@ def test_view_that_is_not_a_number_is_never_scored(
 
 
 @pytest.mark.parametrize("factor", [255.0, 1 / 255])
-def test_eia_in_another_range_fails_its_limit(
-    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch, factor: float
-) -> None:
+def test_eia_in_another_range_fails_its_limit(run, monkeypatch, factor):
     real = generating.run_generator
 
     def scaled(*words: Any) -> Any:
@@ -134,9 +124,7 @@ def test_eia_in_another_range_fails_its_limit(
     assert any("SSIM on the relic" in name for name in failed(run()))
 
 
-def test_radiance_that_is_not_finite_is_counted_and_fails_a_check(
-    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_radiance_that_is_not_finite_is_counted_and_fails_a_check(run, monkeypatch):
     """Three spoiled pixels in each half of the truth: counted, taken as black, and no pass."""
     from inim.render import ground_truth
 
@@ -158,21 +146,21 @@ def test_radiance_that_is_not_finite_is_counted_and_fails_a_check(
 
 @pytest.mark.parametrize("value", [None, float("nan"), float("inf"), -float("inf")])
 @pytest.mark.parametrize("relation", [">=", "<="])
-def test_value_that_is_no_number_passes_no_check(value: float | None, relation: str) -> None:
+def test_value_that_is_no_number_passes_no_check(value, relation):
     assert check("any", value, relation, 0.5).passed is False
 
 
 # --- Scores -------------------------------------------------------------------------------------
 
 
-def test_noise_against_black_scores_next_to_nothing() -> None:
+def test_noise_against_black_scores_next_to_nothing():
     """With constants for 0..255 it would score 0.96."""
     noise = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32) / 255
     assert metrics.ssim(np.random.default_rng(1).random((64, 64, 3)), np.zeros((64, 64, 3))) < 0.05
     assert metrics.ssim(noise, np.zeros_like(noise)) < 0.99
 
 
-def test_constants_of_the_data_range_are_those_of_pictures_in_0_to_1() -> None:
+def test_constants_of_the_data_range_are_those_of_pictures_in_0_to_1():
     """Wang et al.'s closed form for flat pictures: (2ab + c1) / (a^2 + b^2 + c1), c1 = 0.01^2."""
     from inim.image.color import srgb_from_linear
 
@@ -184,7 +172,7 @@ def test_constants_of_the_data_range_are_those_of_pictures_in_0_to_1() -> None:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("score", [metrics.ssim, metrics.psnr_db, metrics.flip])
-def test_picture_that_is_not_finite_has_no_score(score: Any, value: float) -> None:
+def test_picture_that_is_not_finite_has_no_score(score, value):
     sound = np.random.default_rng(0).random((32, 32, 3)).astype(np.float32)
     spoiled = sound.copy()
     spoiled[5, 5, 1] = value
@@ -193,7 +181,7 @@ def test_picture_that_is_not_finite_has_no_score(score: Any, value: float) -> No
             score(*pair)
 
 
-def test_pictures_of_unlike_sizes_have_no_score() -> None:
+def test_pictures_of_unlike_sizes_have_no_score():
     for other in ((32, 31, 3), (32, 32, 4), (32, 32), (1, 32, 32, 3)):
         with pytest.raises(UsageError, match="cannot be compared"):
             metrics.ssim(np.zeros((32, 32, 3)), np.zeros(other))
@@ -202,9 +190,7 @@ def test_pictures_of_unlike_sizes_have_no_score() -> None:
 # --- The renderer -------------------------------------------------------------------------------
 
 
-def test_integrator_that_raises_is_an_error_and_no_pass(
-    run: Callable[[], Report], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_integrator_that_raises_is_an_error_and_no_pass(run, monkeypatch):
     from inim.render import trace
 
     def broken(*_: Any, **__: Any) -> Any:
@@ -224,9 +210,7 @@ def test_integrator_that_raises_is_an_error_and_no_pass(
         (ZeroDivisionError("division"), EXIT_INTERNAL, "internal error: ZeroDivisionError"),
     ],
 )
-def test_whatever_a_worker_raises_becomes_one_line_and_a_code(
-    error: Exception, code: int, says: str
-) -> None:
+def test_whatever_a_worker_raises_becomes_one_line_and_a_code(error, code, says):
     import io
     import json
 
