@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -83,35 +84,22 @@ def _new_scene(path: Path) -> None:
     new_scene(path, out, unit="mm", up="y", force=True, warn=lambda _: None)
 
 
-def _eia(path: Path) -> None:
-    from inim.files.eia_file import read_eia
+def _reader(module: str, *names: str, more: tuple[object, ...] = ()) -> Read:
+    """Functions that read a file, from a module that is loaded when it is needed."""
 
-    read_eia(path, DISPLAY)
+    def read(path: Path) -> None:
+        for name in names:
+            getattr(import_module(f"inim.{module}"), name)(path, *more)
 
-
-def _rgbd(path: Path) -> None:
-    from inim.files.image import read_exr, read_rgbd
-
-    read_exr(path)
-    read_rgbd(path)
+    return read
 
 
-def _depth(path: Path) -> None:
-    from inim.from_camera.picture_files import read_depth
-
-    read_depth(path)
-
-
-def _color(path: Path) -> None:
-    from inim.from_camera.picture_files import read_color
-
-    read_color(path)
-
-
-def _photo(path: Path) -> None:
-    from inim.from_camera.depth_photo.read import read_depth_photo
-
-    read_depth_photo(path)
+_eia = _reader("files.eia_file", "read_eia", more=(DISPLAY,))
+_rgbd = _reader("files.image", "read_exr", "read_rgbd")
+_depth = _reader("from_camera.picture_files", "read_depth")
+_color = _reader("from_camera.picture_files", "read_color")
+_photo = _reader("from_camera.depth_photo.read", "read_depth_photo")
+_read_study = _reader("sweep.study", "read_study")
 
 
 class EndedError(InimError):
@@ -187,12 +175,6 @@ def _baseline(place: str) -> Read:
             msgspec.json.encode([comparison.data, *comparison.checks])
 
     return read
-
-
-def _read_study(path: Path) -> None:
-    from inim.sweep.study import read_study
-
-    read_study(path)
 
 
 def _plan(path: Path) -> None:

@@ -163,72 +163,48 @@ def _obj(folder: Path) -> tuple[bytes, ...]:
     return (vertices + plain).encode(), full.encode(), mixed.encode()
 
 
-def _gltf_parts(folder: Path) -> tuple[dict[str, Any], bytes]:
+def _textured_box():
+    import trimesh
+    from PIL import Image
+
     points, faces = _box()
-    buffer = points.tobytes() + faces.tobytes()
-    picture = _png(folder)[0]
-    views = [(0, 96), (96, 144), (len(buffer), len(picture))]
-    tree = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"children": [1]}, {"mesh": 0, "translation": [1, 2, 3], "scale": [2, 2, 2]}],
-        "meshes": [{"primitives": [
-            {"attributes": {"POSITION": 0}, "indices": 1, "material": 0, "mode": 4}]}],
-        "materials": [{"pbrMetallicRoughness": {
-            "baseColorTexture": {"index": 0}, "baseColorFactor": [0.5, 0.5, 0.5, 1]}}],
-        "textures": [{"source": 0}],
-        "images": [{"bufferView": 2, "mimeType": "image/png"}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3",
-             "min": [0, 0, 0], "max": [1, 1, 1]},
-            {"bufferView": 1, "componentType": 5125, "count": 36, "type": "SCALAR"}],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": at, "byteLength": size} for at, size in views],
-        "buffers": [{"byteLength": len(buffer) + len(picture)}],
-    }  # fmt: skip
-    return tree, buffer + picture
+    skin = Image.fromarray((_picture(8, 8) * 255).astype(np.uint8))
+    visual = trimesh.visual.TextureVisuals(uv=points[:, :2], image=skin)
+    box = trimesh.Trimesh(points, faces, visual=visual, process=False)
+    turned = trimesh.transformations.rotation_matrix(0.5, (0, 1, 0), (1, 2, 3))
+    scene = trimesh.Scene([trimesh.creation.box((1, 2, 3))])
+    scene.add_geometry(box, transform=turned)
+    return scene
 
 
-def _glb(folder: Path) -> tuple[bytes, ...]:
+def _glb(_: Path) -> tuple[bytes, ...]:
     import trimesh
 
-    tree, buffer = _gltf_parts(folder)
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    buffer += b"\0" * (-len(buffer) % 4)
-    body = struct.pack("<II", len(text), 0x4E4F534A) + text
-    body += struct.pack("<II", len(buffer), 0x004E4942) + buffer
-    own = struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
     blocks = trimesh.Scene([trimesh.creation.box((1, 2, 3)), trimesh.creation.box((1, 1, 1))])
-    return own, bytes(blocks.export(file_type="glb"))
+    return tuple(bytes(one.export(file_type="glb")) for one in (_textured_box(), blocks))
 
 
 def _gltf(folder: Path) -> tuple[bytes, ...]:
-    tree, buffer = _gltf_parts(folder)
-    uri = "data:application/octet-stream;base64," + base64.b64encode(buffer).decode()
-    (folder / "a.bin").write_bytes(buffer)
-    inside, beside = json.loads(json.dumps(tree)), json.loads(json.dumps(tree))
-    inside["buffers"][0]["uri"] = uri
-    beside["buffers"][0]["uri"] = "a.bin"
-    return json.dumps(inside).encode(), json.dumps(beside, indent=1).encode()
+    """Buffers in files of the folder, and in the text itself."""
+    files = _textured_box().export(file_type="gltf")
+    tree = json.loads(files.pop("model.gltf"))
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    beside = json.dumps(tree, indent=1).encode()
+    for part in (*tree["buffers"], *tree.get("images", ())):
+        if "uri" in part:
+            data = base64.b64encode(files[part["uri"]]).decode()
+            part["uri"] = f"data:application/octet-stream;base64,{data}"
+    return json.dumps(tree).encode(), beside
 
 
-def _stl_binary(_: Path) -> tuple[bytes, ...]:
-    points, faces = _box()
-    records = b"".join(b"\0" * 12 + points[f].tobytes() + b"\0\0" for f in faces)
-    return tuple(
-        title.ljust(80) + struct.pack("<I", 12) + records for title in (b"a box", b"solid")
-    )
+def _stl(kind: str) -> tuple[bytes, ...]:
+    import trimesh
 
-
-def _stl_text(_: Path) -> tuple[bytes, ...]:
-    points, faces = _box()
-    lines = ["solid box"]
-    for face in faces:
-        corners = ["  vertex {:g} {:g} {:g}".format(*p) for p in points[face]]
-        lines += ["facet normal 0 0 1", " outer loop", *corners, " endloop", "endfacet"]
-    return ("\n".join([*lines, "endsolid box", ""]).encode(),)
+    data = trimesh.Trimesh(*_box(), process=False).export(file_type=kind)
+    if isinstance(data, str):
+        return (data.encode(),)
+    return data, b"solid" + data[5:]  # a title that text begins with
 
 
 def _volume(_: Path) -> tuple[bytes, ...]:
@@ -376,8 +352,8 @@ SPECIMENS = {
     "obj": (".obj", _obj),
     "glb": (".glb", _glb),
     "gltf": (".gltf", _gltf),
-    "stl-text": (".stl", _stl_text),
-    "stl-binary": (".stl", _stl_binary),
+    "stl-text": (".stl", lambda _: _stl("stl_ascii")),
+    "stl-binary": (".stl", lambda _: _stl("stl")),
     "volume": (".vol", _volume),
     "depth-exr": (".exr", lambda folder: _depth(folder, "exr")),
     "depth-png": (".png", lambda folder: _depth(folder, "png")),

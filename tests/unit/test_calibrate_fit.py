@@ -5,6 +5,7 @@ model of a photograph is that of the lens models; hidden parameters are found wi
 errors, and these are small; what photographs cannot tell is said and keeps the design's value.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -43,6 +44,7 @@ HIDDEN = DESIGN.replace(
     panel_columns=COLUMNS,
 )
 CAMERA = Lens((360, 480), 1900.0, (246.0, 175.0), k1=0.4, k2=-1.0)
+TRUE_CAMERA = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
 # Eyes, what they look at, and the camera's roll.
 EYES = {
     "near": ((2.0, -1.0, 120.0), (0.3, 0.2, 0), 2.0),
@@ -56,6 +58,14 @@ EYES = {
 def taken(name: str, seed: int = 0) -> Photograph:
     eye, target, roll = EYES[name]
     return photograph(HIDDEN, CAMERA, eye, look_at(eye, target, roll), seed + len(name))
+
+
+def covered(name: str, hides: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Photograph:
+    """A photograph of which a part, by row and column, shows nothing."""
+    photo = Photograph(*(part.copy() for part in taken(name)))
+    for part in photo[:3]:
+        part[hides(*np.mgrid[:360, :480])] = np.nan
+    return photo
 
 
 @cache
@@ -81,9 +91,7 @@ def lenses(name: str) -> Lenses:
 
 
 def truth(name: str) -> float:
-    centre_x, centre_y = CAMERA.centre
-    of_camera = Camera(CAMERA.focal, centre_x, centre_y, CAMERA.k1, CAMERA.k2)._asdict()
-    return float(getattr(HIDDEN, name, of_camera.get(name)))
+    return float(getattr(HIDDEN, name, TRUE_CAMERA._asdict().get(name)))
 
 
 # -- the camera -----------------------------------------------------------------------------------
@@ -128,8 +136,7 @@ def true_index(seen: Lenses, name: str, roll: float | None = None) -> np.ndarray
     """Of each lens, by where the ray of its middle crosses the array."""
     eye, target, own = EYES[name]
     pose = Pose(look_at(eye, target, own if roll is None else roll), np.array(eye))
-    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
-    x, y, *_ = rays(camera, pose, seen.centre_px)
+    x, y, *_ = rays(TRUE_CAMERA, pose, seen.centre_px)
     angle = np.radians(HIDDEN.rotation_deg)
     x, y = x - HIDDEN.shift_x_mm, y - HIDDEN.shift_y_mm
     across, up = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
@@ -168,13 +175,8 @@ def test_a_camera_held_otherwise_counts_the_same(roll):
 
 
 def test_a_thumb_over_half_the_sheet_hides_its_lenses_and_no_others():
-    whole = taken("near")
-    covered = [part.copy() for part in whole]
-    v, u = np.mgrid[:360, :480]
-    thumb = (u - 240) + 0.6 * (v - 180) > 10
-    for part in covered[:3]:
-        part[thumb] = np.nan
-    seen = find_lenses(Photograph(*covered), DESIGN, "thumb")
+    thumb = covered("near", lambda v, u: (u - 240) + 0.6 * (v - 180) > 10)
+    seen = find_lenses(thumb, DESIGN, "thumb")
     offset(seen, "near")
     assert 200 < len(seen.index) < 320
 
@@ -202,10 +204,7 @@ def test_noise_is_no_lattice():
 
 def test_darkness_and_a_single_row_of_lenses_are_no_lattice():
     dark = Photograph(*(np.full_like(part, np.nan) for part in taken("near")))
-    row = Photograph(*(part.copy() for part in taken("near")))
-    for part in row[:3]:
-        part[188:] = np.nan
-        part[:174] = np.nan
+    row = covered("near", lambda v, _: (v >= 188) | (v < 174))
     for photo in (dark, row):
         with pytest.raises(FileError, match=r"^dark: no lattice of lenses"):
             find_lenses(photo, DESIGN, "dark")
@@ -291,8 +290,7 @@ def at_truth() -> tuple[Seen, Guess]:
     """Photographs counted right, and what they are of."""
     counted = [replace(lenses(name), index=true_index(lenses(name), name)) for name in EYES]
     poses = [Pose(look_at(*way), np.array(way[0])) for way in EYES.values()]
-    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
-    return Seen.of(counted, HIDDEN), Guess(HIDDEN, camera, tuple(poses))
+    return Seen.of(counted, HIDDEN), Guess(HIDDEN, TRUE_CAMERA, tuple(poses))
 
 
 def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet():
@@ -313,26 +311,20 @@ def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet():
 @pytest.mark.parametrize("name", EYES)
 def test_a_camera_stands_where_photographs_of_a_known_display_say(name):
     eye, target, roll = EYES[name]
-    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
-    pose = stand(lenses(name), HIDDEN, camera, name)
+    pose = stand(lenses(name), HIDDEN, TRUE_CAMERA, name)
     np.testing.assert_allclose(pose.eye_mm, eye, atol=0.1)
     np.testing.assert_allclose(pose.turn, look_at(eye, target, roll), atol=0.001)
 
 
 def test_a_part_of_a_known_sheet_is_enough_to_stand_by():
-    photo = Photograph(*(part.copy() for part in taken("left")))
-    u = np.mgrid[:360, :480][1]
-    for part in photo[:3]:
-        part[(u < 120) | (u > 360)] = np.nan
-    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
-    pose = stand(find_lenses(photo, DESIGN, "part"), HIDDEN, camera, "part")
+    photo = covered("left", lambda _, u: (u < 120) | (u > 360))
+    pose = stand(find_lenses(photo, DESIGN, "part"), HIDDEN, TRUE_CAMERA, "part")
     np.testing.assert_allclose(pose.eye_mm, EYES["left"][0], atol=0.2)
 
 
 def test_nobody_stands_before_another_display():
-    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
     with pytest.raises(FileError, match=r"^near: .* off what lenses of display"):
-        stand(lenses("near"), HIDDEN.replace(rotation_deg=-2.0), camera, "near")
+        stand(lenses("near"), HIDDEN.replace(rotation_deg=-2.0), TRUE_CAMERA, "near")
 
 
 # -- the fit --------------------------------------------------------------------------------------
@@ -372,9 +364,8 @@ def test_one_straight_position_tells_the_rotation_only():
 
 
 def test_known_intrinsics_are_kept_and_help():
-    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
-    result = calibrate({name: lenses(name) for name in EYES}, DESIGN, camera=camera)
-    assert result.guess.camera == camera
+    result = calibrate({name: lenses(name) for name in EYES}, DESIGN, camera=TRUE_CAMERA)
+    assert result.guess.camera == TRUE_CAMERA
     assert [*result.estimates] == [*PARAMETERS]
     own = found(*EYES)
     for name, one in result.estimates.items():
@@ -383,14 +374,9 @@ def test_known_intrinsics_are_kept_and_help():
 
 
 def test_half_the_sheet_under_a_thumb_still_works():
-    u = np.mgrid[:360, :480][1]
-    covered = {}
-    for name in EYES:
-        photo = Photograph(*(part.copy() for part in taken(name)))
-        for part in photo[:3]:
-            part[u > 260] = np.nan
-        covered[name] = find_lenses(photo, DESIGN, name)
-    result = calibrate(covered, DESIGN)
+    photos = {name: covered(name, lambda _, u: u > 260) for name in EYES}
+    seen = {name: find_lenses(photo, DESIGN, name) for name, photo in photos.items()}
+    result = calibrate(seen, DESIGN)
     assert result.edges_seen == (False, True)
     for name in PARAMETERS:
         one = result.estimates[name]
@@ -400,14 +386,11 @@ def test_half_the_sheet_under_a_thumb_still_works():
 
 @pytest.mark.slow
 def test_without_its_edges_the_shift_nearest_to_the_design_is_given():
-    v, u = np.mgrid[:360, :480]
+    def edges(v, u):
+        return (u < 150) | (u > 330) | (v < 100) | (v > 260)
+
     design = DESIGN.replace(shift_x_mm=2.0, panel_rows=ROWS, panel_columns=COLUMNS)
-    cut = {}
-    for name in EYES:
-        photo = Photograph(*(part.copy() for part in taken(name)))
-        for part in photo[:3]:
-            part[(u < 150) | (u > 330) | (v < 100) | (v > 260)] = np.nan
-        cut[name] = find_lenses(photo, DESIGN, name)
+    cut = {name: find_lenses(covered(name, edges), DESIGN, name) for name in EYES}
     result = calibrate(cut, design)
     assert result.edges_seen == (False, False)
     shift = result.guess.display.shift_x_mm
@@ -490,11 +473,9 @@ def test_a_sheet_that_slipped_between_positions_is_refused():
 
 
 def test_a_strip_of_the_sheet_is_too_little():
-    photo = Photograph(*(part.copy() for part in taken("near")))
-    for part in photo[:3]:
-        part[:, 90:] = np.nan
+    strip = covered("near", lambda _, u: u >= 90)
     with pytest.raises(FileError, match=r"^strip: \d+ lenses are seen whole"):
-        calibrate({"strip": find_lenses(photo, DESIGN, "strip")}, DESIGN)
+        calibrate({"strip": find_lenses(strip, DESIGN, "strip")}, DESIGN)
 
 
 def test_other_lattices_are_refused():

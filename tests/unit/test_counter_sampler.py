@@ -27,33 +27,15 @@ def test_numbers_follow_from_seed_pixel_and_sample():
     assert not np.array_equal(pairs(4, range(50), range(16), 5), whole)
 
 
-def test_second_axis_is_the_textbook_s():
-    """Against the loop over direction numbers of Sobol's second dimension."""
-    import mitsuba as mi
-
-    from inim.render.counter_sampler import _second_axis
-
-    def textbook(index):
-        result, direction = 0, 1 << 31
-        while index:
-            if index & 1:
-                result ^= direction
-            index >>= 1
-            direction ^= direction >> 1
-        return result
-
-    index = np.append(np.arange(300), 2 ** np.arange(32) - 1).astype(np.uint32)
-    expected = np.array([textbook(int(i)) for i in index], np.uint32)
-    assert np.array_equal(np.asarray(_second_axis(mi.UInt32(index))), expected)
-
-
-def test_samples_of_a_pixel_are_a_net():
-    """Of 16 samples, one lies in every box of area 1/16, whatever its shape: a (0, 4, 2)-net."""
-    found = pairs(11, range(200), range(16), 6).transpose(0, 2, 1, 3).reshape(-1, 16, 2)
-    for across in range(5):
-        boxes = np.floor(found * [2**across, 2 ** (4 - across)]).astype(int)
-        keys = boxes[..., 0] * 16 + boxes[..., 1]
-        assert all(len(set(k)) == 16 for k in keys.tolist())
+@pytest.mark.parametrize(("bits", "pixels"), [(4, 200), (10, 8)])
+def test_samples_of_a_pixel_are_a_net(bits, pixels):
+    """One sample in every box of equal area, whatever its shape: a (0, m, 2)-net, as Sobol's is."""
+    count = 2**bits
+    found = pairs(11, range(pixels), range(count), 6).transpose(0, 2, 1, 3).reshape(-1, count, 2)
+    for across in range(bits + 1):
+        boxes = np.floor(found * [2**across, 2 ** (bits - across)]).astype(int)
+        keys = boxes[..., 0] * count + boxes[..., 1]
+        assert all(len(set(k)) == count for k in keys.tolist())
 
 
 def test_every_sample_alone_is_uniform_and_shares_nothing_with_others():

@@ -288,9 +288,7 @@ DAMAGES = {
         "GDepth:Near of its depth is missing",
     ),
     "near beyond far": (gdepth(JPEG, DEPTH_PNG, Near=5, Far=2), "goes from Near 5 to Far 2"),
-    "near zero": (gdepth(JPEG, DEPTH_PNG, Near=0, Far=2), "goes from Near 0 to Far 2"),
     "far infinite": (gdepth(JPEG, DEPTH_PNG, Far="inf"), "GDepth:Far of its depth is 'inf'"),
-    "near a word": (gdepth(JPEG, DEPTH_PNG, Near="close"), "GDepth:Near of its depth is 'close'"),
     "format": (gdepth(JPEG, DEPTH_PNG, Format="RangeOther"), "GDepth:Format 'RangeOther'"),
     "base64": (
         edited(gdepth(JPEG, DEPTH_PNG), b'Data="iVBOR', b'Data="iVBO'),
@@ -325,10 +323,6 @@ DAMAGES = {
     "disparity": (
         apple_jpeg(JPEG, picture(SMALL), apple_xml(least=3, most=1)),
         "disparity goes from 3 to 1",
-    ),
-    "disparity a word": (
-        apple_jpeg(JPEG, picture(SMALL), apple_xml(least="nan")),
-        "FloatMinValue of its depth is 'nan'",
     ),
 }
 

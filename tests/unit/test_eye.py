@@ -101,23 +101,6 @@ def test_an_edge_in_the_plane_of_focus_is_sharp(z):
     assert profile[half - 1] < 0.01 and profile[half] > 0.99, "float32 places it a hair aside"
 
 
-@pytest.mark.usefixtures("renderer")
-def test_a_stock_render_draws_the_pupil_too():
-    """The renderer's own loop asks the sensor for an aperture sample and blurs alike."""
-    import mitsuba as mi
-
-    from inim.render.sensors import make_sensor
-
-    eye = Viewpoint("eye", 0.0, 0.0, DISTANCE, pupil_mm=6.0, focus_mm=150.0)
-    own, _ = edge_profile(eye, 20.0)
-    sensor = make_sensor(family(small_display(12, 10), eye, 8, start_mm=21.0), np.eye(4))
-    integrator = mi.load_dict({"type": "path", "max_depth": 1})
-    stock = np.asarray(mi.render(edge(20.0), sensor=sensor, integrator=integrator, spp=128))
-    # 80 rows of 128 samples: a half-lit pixel's mean is known to 0.005.
-    assert np.abs(stock[..., 0].mean(axis=0) - own).max() < 0.03
-    assert sensor.needs_aperture_sample()
-
-
 def random_eia(display, seed=0):
     return np.random.default_rng(seed).random((*display.eia_shape, 3)).astype(np.float32)
 

@@ -121,21 +121,6 @@ def test_failed_write_leaves_the_old_file(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("form", ["ascii", "binary_big_endian", "binary_little_endian"])
-def test_every_ply_format_gives_the_same_mesh(tmp_path, form):
-    if form == "ascii":
-        rows = [" ".join(map(str, p)) for p in POINTS] + [
-            "3 " + " ".join(map(str, f)) for f in FACES
-        ]
-        body = ("\n".join(rows) + "\n").encode()
-    else:
-        body = ply_body(POINTS, FACES, "<" if "little" in form else ">")
-    path = put(tmp_path, "a.ply", ply_header(4, 4, form) + body)
-    (mesh,) = read_mesh(path)
-    np.testing.assert_array_equal(mesh.vertices, POINTS)
-    np.testing.assert_array_equal(mesh.faces, FACES)
-
-
 def test_quads_are_read(tmp_path):
     body = POINTS.tobytes() + struct.pack("<B4i", 4, 0, 1, 2, 3)
     path = put(tmp_path, "a.ply", ply_header(4, 1) + body)

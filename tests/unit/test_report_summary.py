@@ -1,6 +1,11 @@
-"""The Markdown summary: short, honest about gaps, and safe to paste into a comment."""
+"""The summary and JUnit output of a report: honest about gaps, and well-formed whatever the names.
+
+Expected: a short summary, safe to paste into a comment; a JUnit case for each check, and red
+whenever the run is.
+"""
 
 import math
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +14,7 @@ import pytest
 from inim.documents.parts import Check
 from inim.documents.report import ReportDocument
 from inim.report import Report
-from inim.report.summary import render_summary
+from inim.report.summary import render_junit, render_summary
 from inim.report.wording import (
     check_limit,
     check_value,
@@ -194,3 +199,52 @@ def test_a_report_prints_as_a_small_table():
 
 def test_what_is_missing_prints_too():
     assert "\x00" not in str(Report(Path(), report(title=HOSTILE)))
+
+
+# -- JUnit -----------------------------------------------------------------------------------------
+
+
+def suite(*checks: dict[str, Any], passed: bool = True) -> ET.Element:
+    data = {"verdict": {"passed": passed, "checks": list(checks)}, "timings": {"total": 20.8}}
+    return ET.fromstring(render_junit(report_document(data)).encode("utf-8"))
+
+
+def test_one_case_per_check_in_a_suite_named_after_the_job():
+    root = suite(check(name="a"), check(name="b"))
+    assert root.tag == "testsuite"
+    assert root.get("name") == "inim.validate"
+    assert [case.get("name") for case in root.iter("testcase")] == ["a", "b"]
+    assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("2", "0", "0")
+    assert root.get("time") == "20.800"
+    assert root.find(".//failure") is None
+
+
+@pytest.mark.parametrize(("value", "digits"), [(0.85, 4), (0.8999996, 7)])
+def test_failure_says_what_was_found_and_what_was_asked(value, digits):
+    """A value just short of its limit is not printed as equal to it."""
+    root = suite(
+        check(name="a"), check(name="b", value=value, passed=False, detail="why"), passed=False
+    )
+    failure = root.find("testcase[@name='b']/failure")
+    assert failure is not None
+    message = f"{value:.{digits}f}, required ≥ {0.9:.{digits}f}. why"
+    assert failure.get("message") == message
+    assert root.get("failures") == "1"
+    assert root.find("testcase[@name='a']/failure") is None
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["<script>alert(1)</script>", "\"quoted\" & 'single'", "two\nlines\ttab", "双耳陶罐", "]]>", "",
+     "null \x00", "bell \x07", "lone \ud800", "\ufffe"],
+)  # fmt: skip
+def test_any_name_survives_but_for_characters_that_xml_cannot_hold(name):
+    root = suite(check(name=name, passed=False, detail=name), passed=False)
+    held = name.translate(dict.fromkeys([0, 7, 0xD800, 0xFFFE], "\ufffd"))
+    assert root[0].get("name") == held
+
+
+def test_failed_run_without_a_failed_check_is_still_red():
+    root = suite(check(name="a"), passed=False)
+    assert root.get("failures") == "1"
+    assert root.find("testcase[@name='verdict']/failure") is not None

@@ -16,10 +16,8 @@ from inim.display import Display
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.report.images import ENCODINGS, Images
 from inim.report.page import package_text
-from inim.report.sections.virtual_display import report_display
 from inim.report.virtual_display import LIVE, Panel, embed_panels, still_view
 from tests.conftest import small_display
-from tests.schemas import report_document
 from tests.unit.test_report_html import HOSTILE, Page, noise, render_html, report, save
 
 DISPLAY = small_display(12, 10, 8)
@@ -90,15 +88,6 @@ def test_viewpoint_called_centre_is_where_the_eye_starts(tmp_path):
     data = shown_report(tmp_path)
     data["viewpoints"].reverse()
     assert block(render_html(data, tmp_path))["viewpoints"][0]["name"] == "centre"
-
-
-def test_misaligned_array_is_shown_as_it_lies(tmp_path):
-    data = shown_report(tmp_path) | {"misalign": "rotation_deg=30, shift_x_mm=0.2"}
-    optics = block(render_html(data, tmp_path))["optics"]
-    assert optics["turn"] == pytest.approx([np.sqrt(3) / 2, 0.5])
-    assert optics["shift_mm"] == [0.2, 0]
-    assert optics["traits"] == ["TURNED", "BULGES_TO_VIEWER"]
-    assert optics["panel"] == [96, 80]
 
 
 @pytest.mark.parametrize("subpixels", ["none", "rgb-stripe"])
@@ -176,25 +165,6 @@ def test_the_most_important_panels_are_embedded_while_there_is_room(share, shown
         difference = picture(e.source).astype(int) - noise(int(e.name), 64)
         assert bool(difference.any()) is not exact
         assert abs(difference).mean() < 6
-
-
-@pytest.mark.parametrize(
-    ("share", "words"),
-    [
-        (3.5, ""),
-        (2.5, "Left out, the page would be too large: wang2024."),
-        (1.8, "compressed with loss"),
-        (0.1, "Left out, the page would be too large: Ceiling, template, wang2024."),
-    ],
-)
-def test_page_says_when_panels_are_compressed_or_left_out(tmp_path, share, words):
-    data = shown_report(tmp_path, ("template", "wang2024"))
-    one = len(block(render_html(data, tmp_path))["panels"][0]["source"])
-    content = report_display(
-        report_document(data), Images(tmp_path, ENCODINGS[0]), most_bytes=int(share * one)
-    )
-    assert words in content
-    assert words or "too large" not in content
 
 
 def panel_of_places(display: Display) -> np.ndarray:
