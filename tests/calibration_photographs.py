@@ -6,8 +6,6 @@ of it, with noise; pixels on a seam see two lenses and are often not decoded. Th
 distortion is undone by iteration, not by the project's own code.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A headless Chromium of the system's, driven by Playwright."""
 
-from __future__ import annotations
-
 import atexit
 import json
 import shutil

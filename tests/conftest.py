@@ -1,7 +1,5 @@
 """Fixtures shared by all tiers."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

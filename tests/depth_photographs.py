@@ -1,7 +1,5 @@
 """Photographs with depth inside, made by hand: what phones write, by boxes and segments."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

@@ -7,8 +7,6 @@ written to PATH; one below `<!-- not run: REASON -->` is left out.
 `python -m tests.documents [PAGE ...]` runs pages and says what each block took.
 """
 
-from __future__ import annotations
-
 import ast
 import os
 import re

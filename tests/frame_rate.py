@@ -6,8 +6,6 @@ drags the eye about for some seconds in a headless Chromium that draws in softwa
 is the same on any machine. The times are this processor's; no graphics card is timed here.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

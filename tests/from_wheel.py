@@ -7,8 +7,6 @@ Builds the wheel, installs it, and runs each program below in a process and an e
 own. A program that ends badly ends this with its output.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

@@ -6,8 +6,6 @@ turned or tilted, and real and virtual images. The pictures cover what decides a
 borders, steps, thin surfaces, holes, layers and sizes that no pitch divides.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

@@ -23,8 +23,6 @@ is no exception. A panel pixel centred exactly on the line between two elemental
 the one nearer the axis, and on the axis to the left or upper one.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from fractions import Fraction

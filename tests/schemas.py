@@ -1,7 +1,5 @@
 """Documents held to their schemas, wherever a test reads one."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict

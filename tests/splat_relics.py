@@ -1,7 +1,5 @@
 """Splats for tests: from triangles, as sheets, and at random."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -112,11 +112,6 @@ class Plan:
         return self.optics.viewing(eye, self.settings.luminance_cd_m2)
 
     @property
-    def is_short_of_memory(self) -> bool:
-        """Whether the renderer could trace more rays at once with more memory."""
-        return self.rays_in_flight < _MOST_RAYS
-
-    @property
     def reads_layers(self) -> bool:
         """Whether a method is given what lies behind the front surface, too."""
         return any(method.reads_layers for method in self.methods)
