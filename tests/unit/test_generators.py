@@ -21,11 +21,11 @@ from inim.generators import (
     MASKED,
     NO_LENS,
     SourceGenerator,
+    base,
     colour_of,
     find_sources,
     generate,
     hole_fraction,
-    plain,
     prepare,
 )
 from inim.generators.oracle import exact_hits
@@ -307,7 +307,7 @@ def test_plain_python_and_compiled_code_agree_to_the_bit(algorithm, display, mon
     shown, rgbd = DISPLAYS[display], picture(display, "random, sparse, odd size")
     sources = find_sources(rgbd, shown, algorithm)
     # As with NUMBA_DISABLE_JIT, but without another process.
-    monkeypatch.setattr(plain, "compiled", lambda kernel: kernel)
+    monkeypatch.setattr(base, "compile_kernel", lambda kernel: kernel)
     assert np.array_equal(find_sources(rgbd, shown, algorithm), sources)
 
 
@@ -323,5 +323,5 @@ def test_plain_python_calls_nothing_compiled(name):
         reached = reached | {c for c in called if isinstance(c, FunctionType)}
     assert len(reached) > len(kernels)
     kernel = next(iter(kernels))
-    assert plain.compiled(kernel) is plain.compiled(kernel)
-    assert plain.compiled(kernel).py_func.__globals__["prange"] is numba.prange
+    assert base.compile_kernel(kernel) is base.compile_kernel(kernel)
+    assert base.compile_kernel(kernel).py_func.__globals__["prange"] is numba.prange
