@@ -27,15 +27,15 @@ def test_numbers_follow_from_seed_pixel_and_sample():
     assert not np.array_equal(pairs(4, range(50), range(16), 5), whole)
 
 
-@pytest.mark.parametrize(("bits", "pixels"), [(4, 200), (10, 8)])
+@pytest.mark.parametrize(("bits", "pixels"), [(4, 200), (17, 1)])
 def test_samples_of_a_pixel_are_a_net(bits, pixels):
     """One sample in every box of equal area, whatever its shape: a (0, m, 2)-net, as Sobol's is."""
     count = 2**bits
-    found = pairs(11, range(pixels), range(count), 6).transpose(0, 2, 1, 3).reshape(-1, count, 2)
+    found = pairs(11, range(pixels), range(count), 3).transpose(0, 2, 1, 3).reshape(-1, count, 2)
     for across in range(bits + 1):
         boxes = np.floor(found * [2**across, 2 ** (bits - across)]).astype(int)
-        keys = boxes[..., 0] * count + boxes[..., 1]
-        assert all(len(set(k)) == count for k in keys.tolist())
+        numbers = boxes[..., 0] * 2 ** (bits - across) + boxes[..., 1]
+        assert (np.sort(numbers) == np.arange(count)).all()
 
 
 def test_every_sample_alone_is_uniform_and_shares_nothing_with_others():
