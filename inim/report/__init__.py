@@ -112,13 +112,7 @@ class Report:
         return Path(self.folder, place[0], f"{place[1]}.exr")
 
     def write(self, cache: ResultCache | None = None) -> None:
-        """Write all four forms into the folder, `report.json` last: it marks a whole report.
-
-        Parameters
-        ----------
-        cache : ResultCache, optional
-            Of the page's pictures.
-        """
+        """Write all four forms into the folder, `report.json` last: it marks a whole report."""
         from inim.report.sections import render_html
         from inim.report.summary import render_junit, render_summary
 

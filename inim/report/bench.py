@@ -261,7 +261,9 @@ def _page(data: BenchDocument, parts: Sequence[Part], folder: Path) -> str:
     for one in parts:
         body = lead(one.lead)
         body += saved_plot(folder / f"{one.plot}.svg", one.title)
-        body += _claims(*one.claims)
+        heading, claims = one.claims
+        if claims:
+            body += element("h3", text(heading)) + bullets(claims, "claims")
         body += "".join(text_table(t.caption, t.heads, t.rows, "bench") for t in one.tables)
         sections.append(Section(one.name, one.title, body))
     facts = [_thread_words(data), data.backend.device, f"inim {data.inim_version}"]
@@ -269,10 +271,6 @@ def _page(data: BenchDocument, parts: Sequence[Part], folder: Path) -> str:
         facts.insert(0, f"Display {data.scene.display.given.name}")
     sections.append(how_to_reproduce(data))
     return document_page(data, "bench.json", map(text, facts), sections, style=_STYLE)
-
-
-def _claims(heading: str, lines: Sequence[str]) -> str:
-    return element("h3", text(heading)) + bullets(lines, "claims") if lines else ""
 
 
 def _draw_scene(scene: BenchScene) -> Any:
@@ -285,7 +283,9 @@ def _draw_scene(scene: BenchScene) -> Any:
     style(axes[0], title, f"{TIME} (↙ better)", label)
     for axis, score in zip(axes[1:], plotted, strict=True):
         names.append(_score_panel(axis, scene, score))
-    _share_scale(axes[0])
+    linear = 100 * _LINEAR_SHARE  # below, so that zero has a place on the axis
+    axes[0].set_yscale("symlog", linthresh=linear, linscale=0.5)
+    axes[0].set_ylim(-0.3 * linear, max(10 * linear, 2.5 * axes[0].get_ylim()[1]))
     for axis in axes:
         plain_ticks(axis)
     figure.canvas.draw()  # now all has its place, and names can be set apart in it
@@ -311,13 +311,6 @@ def _score_panel(axis: Any, scene: BenchScene, score: BenchScore) -> list[Name]:
     elif is_higher:
         axis.invert_yaxis()
     return names
-
-
-def _share_scale(axis: Any) -> None:
-    """Logarithmic with a place for zero."""
-    linear = 100 * _LINEAR_SHARE
-    axis.set_yscale("symlog", linthresh=linear, linscale=0.5)
-    axis.set_ylim(-0.3 * linear, max(10 * linear, 2.5 * axis.get_ylim()[1]))
 
 
 def _error(algorithm: BenchAlgorithm, key: str) -> float | None:

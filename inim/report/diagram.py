@@ -21,7 +21,7 @@ from inim.errors import InimError
 from inim.files.image import read_rgbd
 from inim.image.rgbd import RGBD
 from inim.report.page import element, text
-from inim.report.wording import mm, plain
+from inim.report.wording import mm, plain, short
 
 _WIDTH, _HEIGHT = 900.0, 250.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 24.0, 128.0, 34.0, 46.0
@@ -53,18 +53,7 @@ class _Frame:
 
 
 def plan_view(display: DisplayRecord, viewpoints: Sequence[EyePosition] = ()) -> str:
-    """The plan view.
-
-    Parameters
-    ----------
-    display : DisplayRecord
-    viewpoints : sequence of EyePosition
-
-    Returns
-    -------
-    str
-        An ``<svg>`` element coloured by the style sheet's classes, with its own description.
-    """
+    """The plan view."""
     given, derived = display.given, display.derived
     eyes = _eyes(viewpoints)
     frame = _frame(given, derived, eyes)
@@ -144,7 +133,7 @@ def _depth_range(frame: _Frame, derived: DerivedDisplay) -> str:
     plane = ""
     if centre is not None and low <= centre <= high:
         plane = _line(frame, (-half, centre), (half, centre), "cdp")
-    words = f"depth range {_mm(low)} to {_mm(high)} mm"
+    words = f"depth range {short(low)} to {short(high)} mm"
     return _band(x, top, width, height) + plane + _label(x, _HEIGHT - 26, words, "start")
 
 
@@ -154,22 +143,15 @@ def _hardware(frame: _Frame, given: Display, derived: DerivedDisplay) -> str:
     array = frame.z(0)
     panel = min(frame.z(-given.gap_mm), array - _SMALLEST_GAP_PX)
     top, bottom = frame.x(-half), frame.x(half)
-    body = (
-        f'<line class="panel" x1="{panel:.1f}" x2="{panel:.1f}" y1="{top:.1f}" y2="{bottom:.1f}"/>'
-    )
-    return (
-        body
-        + _lenses(array, top, bottom, given)
-        + _label(panel - 4, 20, "panel and lens array", "start")
-    )
-
-
-def _lenses(array: float, top: float, bottom: float, given: Display) -> str:
-    """The array as a row of bulges, fewer than there are lenses where they would run together."""
+    # A bulge per lens, fewer where they would run together.
     count = min(given.lens_columns, _MOST_LENSES_DRAWN)
     step = (bottom - top) / count
     bulges = "".join(f"q4,{step / 2:.2f} 0,{step:.2f}" for _ in range(count))
-    return f'<path class="lenses" d="M{array:.1f},{top:.1f}{bulges}Z"/>'
+    return (
+        f'<line class="panel" x1="{panel:.1f}" x2="{panel:.1f}" y1="{top:.1f}" y2="{bottom:.1f}"/>'
+        f'<path class="lenses" d="M{array:.1f},{top:.1f}{bulges}Z"/>'
+        + _label(panel - 4, 20, "panel and lens array", "start")
+    )
 
 
 def _eye_marks(frame: _Frame, eyes: Mapping[tuple[float, float], str]) -> Iterable[str]:
@@ -180,8 +162,8 @@ def _eye_marks(frame: _Frame, eyes: Mapping[tuple[float, float], str]) -> Iterab
         yield f'<circle class="eye" cx="{right:.1f}" cy="{down:.1f}" r="4.5"/>'
         if all(abs(right - r) > _LABEL_PX[0] or abs(down - d) > _LABEL_PX[1] for r, d in labelled):
             labelled.append((right, down))
-            short = names if len(names) <= 22 else names[:21] + "…"
-            yield _label(right + 11, down + 4, short, "start")
+            words = names if len(names) <= 22 else names[:21] + "…"
+            yield _label(right + 11, down + 4, words, "start")
 
 
 def _scale_bar(frame: _Frame) -> str:
@@ -193,16 +175,16 @@ def _scale_bar(frame: _Frame) -> str:
     start, y = end - length * frame.px_per_mm, _HEIGHT - 30
     across = "to scale" if frame.stretch == 1 else f"widths drawn × {frame.stretch}"
     return f'<path class="scale" d="M{start:.1f},{y - 4}v8m0,-4H{end:.1f}m0,-4v8"/>' + _label(
-        end, _HEIGHT - 10, f"{_mm(length)} mm, {across}", "end"
+        end, _HEIGHT - 10, f"{short(length)} mm, {across}", "end"
     )
 
 
 def _description(
     given: Display, derived: DerivedDisplay, eyes: Mapping[tuple[float, float], str]
 ) -> str:
-    seen = "; ".join(f"{name} at {_mm(z)} mm" for (_, z), name in eyes.items())
-    low, high = _mm(derived.depth_min_mm), _mm(derived.depth_max_mm)
-    gap, width = _mm(given.gap_mm), _mm(derived.width_mm)
+    seen = "; ".join(f"{name} at {short(z)} mm" for (_, z), name in eyes.items())
+    low, high = short(derived.depth_min_mm), short(derived.depth_max_mm)
+    gap, width = short(given.gap_mm), short(derived.width_mm)
     return (
         f"Plan view: panel {gap} mm behind a lens array {width} mm wide; "
         f"depth range from {low} to {high} mm; eyes: {seen or 'none'}."
@@ -215,10 +197,6 @@ def _line(frame: _Frame, start: tuple[float, float], end: tuple[float, float], k
         f'<line class="{kind}" x1="{frame.z(z1):.1f}" y1="{frame.x(x1):.1f}" '
         f'x2="{frame.z(z2):.1f}" y2="{frame.x(x2):.1f}"/>'
     )
-
-
-def _mm(length: float) -> str:
-    return f"{length:.4g}".replace("-", "−")
 
 
 def depth_profile(folder: Path, display: Display) -> str:
@@ -268,7 +246,9 @@ def _profile(rgbd: RGBD, display: Display) -> str:
     depths = rgbd.depth_mm[rgbd.covered]
     ends = min(0.0, low, float(depths.min())), max(0.0, high, float(depths.max()))
     frame = _Profile(max(rgbd.shape[1] * rgbd.pixel_mm, 2 * half), *ends)
-    drawn = [_range(frame, half, low, high), _surface(frame, rgbd)]
+    left, width = frame.x(-half), frame.x(half) - frame.x(-half)
+    height = max(1.5, frame.y(low) - frame.y(high))
+    drawn = [_band(left, frame.y(high), width, height), _surface(frame, rgbd)]
     drawn.append(_level(frame, half, 0.0, "panel"))
     centre = display.central_depth_mm
     if ends[0] <= centre <= ends[1]:
@@ -276,12 +256,6 @@ def _profile(rgbd: RGBD, display: Display) -> str:
     drawn += _profile_labels(frame, low, high)
     words = f"Captured surface from {mm(ends[0])} to {mm(ends[1])}, from above"
     return _svg(words, "plan profile", (_PROFILE_SIDE, _PROFILE_SIDE), drawn)
-
-
-def _range(frame: _Profile, half: float, low: float, high: float) -> str:
-    top, height = frame.y(high), max(1.5, frame.y(low) - frame.y(high))
-    left, width = frame.x(-half), frame.x(half) - frame.x(-half)
-    return _band(left, top, width, height)
 
 
 def _surface(frame: _Profile, rgbd: RGBD) -> str:

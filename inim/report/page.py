@@ -121,10 +121,19 @@ def render_page(
     styles = [package_text("report.css"), *(w.style for w in widgets), style]
     head = _head(window_title, "".join(styles), scripts)
     main = "\n".join(map(_section, shown))
+    title = element(
+        "div", element("h1", text(heading)), element("p", " · ".join(facts), class_="facts")
+    )
+    skip, contents = [], []
+    if len(shown) > 1:
+        first = f"#{shown[0].anchor}"
+        links = [element("a", text(section.title), href=f"#{section.anchor}") for section in shown]
+        skip = [element("a", "Skip to the content", class_="skip", href=first)]
+        contents = [element("nav", *links, aria_label="Sections")]
     parts = [
-        *([_skip_link(shown[0])] if len(shown) > 1 else []),
-        _header(heading, facts, verdict_badge),
-        *([_contents(shown)] if len(shown) > 1 else []),
+        *skip,
+        element("header", title, verdict_badge),
+        *contents,
         f"<main>\n{main}\n</main>",
         element("footer", element("p", text(footer))),
         *(f"<script>{script}</script>" for script in scripts),
@@ -134,7 +143,9 @@ def render_page(
 
 
 def _head(title: str, style: str, scripts: Sequence[str]) -> str:
-    policy = _POLICY.format(scripts=_script_policy(scripts))
+    digests = (hashlib.sha256(script.encode()).digest() for script in scripts)
+    allowed = " ".join(f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests)
+    policy = _POLICY.format(scripts=f"script-src {allowed}")
     return (
         '<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{text(policy)}">\n'
@@ -142,28 +153,6 @@ def _head(title: str, style: str, scripts: Sequence[str]) -> str:
         '<meta name="color-scheme" content="light dark">\n'
         f"<title>{text(title)}</title>\n<style>\n{style}</style>\n</head>"
     )
-
-
-def _script_policy(scripts: Sequence[str]) -> str:
-    """The directive that lets these very scripts run, and no other."""
-    digests = (hashlib.sha256(script.encode()).digest() for script in scripts)
-    allowed = " ".join(f"'sha256-{base64.b64encode(one).decode('ascii')}'" for one in digests)
-    return "script-src " + (allowed or "'none'")
-
-
-def _skip_link(first: Section) -> str:
-    return element("a", "Skip to the content", class_="skip", href=f"#{first.anchor}")
-
-
-def _header(heading: object, facts: Iterable[str], verdict_badge: str) -> str:
-    line = element("p", " · ".join(facts), class_="facts")
-    title = element("div", element("h1", text(heading)), line)
-    return element("header", title, verdict_badge)
-
-
-def _contents(sections: Sequence[Section]) -> str:
-    links = [element("a", text(one.title), href=f"#{one.anchor}") for one in sections]
-    return element("nav", *links, aria_label="Sections")
 
 
 def _section(section: Section) -> str:
@@ -295,6 +284,22 @@ def element(name: str, *content: str, **attributes: object) -> str:
     given = {key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()}
     written = "".join(f' {k}="{text(v)}"' for k, v in given.items() if v is not None)
     return f"<{name}{written}>{''.join(content)}</{name}>"
+
+
+def radio(name: str, value: str, label: str, is_checked: bool) -> str:
+    """A labelled radio button."""
+    checked = "checked" if is_checked else None
+    button = void("input", type="radio", name_=name, value=value, checked=checked)
+    return element("label", button, text(label))
+
+
+def select(options: Sequence[tuple[object, str]], chosen: object, **attributes: object) -> str:
+    """A drop-down list of values and their labels."""
+    listed = [
+        element("option", text(label), value=v, selected="selected" if v == chosen else None)
+        for v, label in options
+    ]
+    return element("select", *listed, **attributes)
 
 
 def void(name: str, **attributes: object) -> str:

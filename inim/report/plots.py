@@ -111,17 +111,7 @@ def _short(value: float) -> str:
 def new_figure(
     columns: int, height: float, rows: int = 1, **options: Any
 ) -> tuple[Any, Sequence[Any]]:
-    """A figure and its axes, row by row: no global state, no display.
-
-    Parameters
-    ----------
-    columns : int
-    height : float
-        Of all rows, in inches.
-    rows : int
-    **options
-        Of `matplotlib.figure.Figure.subplots`.
-    """
+    """A figure of a `height` in inches and its axes, row by row, without global state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

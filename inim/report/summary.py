@@ -37,19 +37,24 @@ _MOST_FAILURES = 20
 
 def render_summary(data: ReportDocument) -> str:
     """The report in a few lines of Markdown: verdict and scores with their references."""
+    wanted = suggested_criteria(data) if data.verdict.word == "ran clean" else ""
+    criteria = [f"To set criteria: `-D 'inim.min_ssim_to_ceiling={wanted}'`."] if wanted else []
+    command = full_command(data)
+    preview = [f"**{PREVIEW_WORDS}** {markdown_command(command)}"] if command else []
     blocks = [
         f"## {markdown_text(data.title)}: {verdict_words(data)}",
         _verdict_line(data),
-        *_preview(data),
+        *preview,
         _scores_table(data),
         "SSIM on the relic to the ceiling, in brackets to the scene; then both of the whole "
         "picture, all free of noise but the EIA's and the noise floor. The ceiling is what perfect "
         "elemental images would show.",
-        *_criteria(data),
+        *criteria,
         *_regression(data),
         *_failures(data),
-        *_warnings(data),
     ]
+    if count := len(data.warnings):
+        blocks.append(f"{count} warning{'s' * (count > 1)}: see the report.")
     return "\n\n".join(blocks) + "\n"
 
 
@@ -80,12 +85,6 @@ def render_checks(data: CompareDocument) -> str:
     head = f"## {markdown_text(data.title)}: {verdict.word}"
     line = f"{_sign(verdict)} {verdict.passed_count} of {len(verdict.checks)} comparisons passed."
     return "\n\n".join([head, line, *_regression(data), *_failures(data)]) + "\n"
-
-
-def _criteria(data: ReportDocument) -> list[str]:
-    """What to ask of later runs, where nothing was asked of this one."""
-    wanted = suggested_criteria(data) if data.verdict.word == "ran clean" else ""
-    return [f"To set criteria: `-D 'inim.min_ssim_to_ceiling={wanted}'`."] if wanted else []
 
 
 _KINDS = {
@@ -186,20 +185,13 @@ def _reference_row(
 
 def _failures(data: ReportDocument | CompareDocument) -> list[str]:
     failed = [check for check in data.verdict.checks if not check.passed]
-    lines = [_failure_line(check) for check in failed[:_MOST_FAILURES]]
+    lines = [
+        f"* {markdown_text(check.name)}: {markdown_text(check_sentence(check), _LONGEST_SENTENCE)}"
+        for check in failed[:_MOST_FAILURES]
+    ]
     if len(failed) > _MOST_FAILURES:
         lines.append(f"* and {len(failed) - _MOST_FAILURES} more, in report.json")
     return ["**Failed checks**\n\n" + "\n".join(lines)] if lines else []
-
-
-def _failure_line(check: Check) -> str:
-    sentence = markdown_text(check_sentence(check), _LONGEST_SENTENCE)
-    return f"* {markdown_text(check.name)}: {sentence}"
-
-
-def _warnings(data: ReportDocument) -> list[str]:
-    count = len(data.warnings)
-    return [f"{count} warning{'s' if count > 1 else ''}: see the report."] if count else []
 
 
 def markdown_table(
@@ -233,17 +225,7 @@ def markdown_line(value: object) -> str:
 
 def markdown_command(command: str) -> str:
     """The command of a report, as code."""
-    return _code(plain(command))
-
-
-def _code(command: str) -> str:
-    return f"`{command.replace('`', '')}`"
-
-
-def _preview(data: ReportDocument) -> list[str]:
-    """That this is a first look, and how to make the full report."""
-    command = full_command(data)
-    return [f"**{PREVIEW_WORDS}** {_code(command)}"] if command else []
+    return f"`{plain(command).replace('`', '')}`"
 
 
 def render_junit(data: ReportDocument | CompareDocument) -> str:
@@ -255,7 +237,11 @@ def render_junit(data: ReportDocument | CompareDocument) -> str:
         A well-formed XML document, whatever the names of the checks.
     """
     suite = ET.Element("testsuite")
-    failures = sum(_add_case(suite, check) for check in data.verdict.checks)
+    for check in data.verdict.checks:
+        case = _case(suite, check.name)
+        if not check.passed:
+            _add_failure(case, check_sentence(check))
+    failures = sum(not check.passed for check in data.verdict.checks)
     if data.verdict.word == "failed" and not failures:
         # A run that failed must not show as green because no single check says why.
         _add_failure(_case(suite, "verdict"), "the run did not pass, and no check says why")
@@ -280,15 +266,6 @@ def _describe(suite: ET.Element, data: ReportDocument | CompareDocument, failure
 def _case(suite: ET.Element, name: str) -> ET.Element:
     attributes = {"classname": _SUITE, "name": plain(name), "time": "0"}
     return ET.SubElement(suite, "testcase", attributes)
-
-
-def _add_case(suite: ET.Element, check: Check) -> bool:
-    """Add one check; whether it failed."""
-    case = _case(suite, check.name)
-    if check.passed:
-        return False
-    _add_failure(case, check_sentence(check))
-    return True
 
 
 def _add_failure(case: ET.Element, sentence: str) -> None:

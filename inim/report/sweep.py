@@ -87,15 +87,11 @@ def write_page(path: Path, rows: Sequence[Mapping[str, Any]], about: SweepTable)
 
 
 def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
-    """The whole page.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Of the table; see docs/how-to/sweep.md.
-    about : SweepTable
-    """
+    """The whole page."""
     results = results_of(rows)
+    passed = all(row["status"] == "ok" and row.get("passed") for row in rows)
+    done = sum(not result.failed for result in results)
+    words = f"{done} of {len(results)} results, {len(rows)} rows"
     query = element("p", "All rows are in sweep.parquet, in this page's folder; for example:")
     query += element("pre", element("code", text(_QUERY)), tabindex=0)
     return document_page(
@@ -111,7 +107,7 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
             how_to_reproduce(about, query),
         ],
         purpose="inim sweep",
-        verdict_badge=_badge(rows, results),
+        verdict_badge=badge("passed" if passed else "failed", text(words)),
         style=_STYLE,
     )
 
@@ -122,13 +118,6 @@ def _facts(results: Sequence[Result], about: SweepTable) -> list[str]:
         for field in ("scene", "display", "algorithm")
     ]
     return [*map(text, [" × ".join(counts), f"inim {about.inim_version}"])]
-
-
-def _badge(rows: Sequence[Mapping[str, Any]], results: Sequence[Result]) -> str:
-    good = all(row["status"] == "ok" and row.get("passed") for row in rows)
-    done = sum(not result.failed for result in results)
-    words = f"{done} of {len(results)} results, {len(rows)} rows"
-    return badge("passed" if good else "failed", text(words))
 
 
 def _matrices(results: Sequence[Result]) -> str:

@@ -51,14 +51,7 @@ _TOGETHER = (
 
 
 def write_tolerance(data: ToleranceDocument, folder: Path) -> None:
-    """Write data and page, the data last.
-
-    Parameters
-    ----------
-    data : ToleranceDocument
-    folder : Path
-        Of the sweep.
-    """
+    """Write data and page, the data last."""
     write_forms(data, folder, "tolerate.json", {PAGE: _page})
 
 

@@ -52,14 +52,7 @@ _LEAD = (
 
 
 def write_picture_report(data: PictureDocument, folder: Path) -> None:
-    """Write all forms into a folder that holds the images, `report.json` last.
-
-    Parameters
-    ----------
-    data : PictureDocument
-        Its `files` are listed here.
-    folder : Path
-    """
+    """Write all forms into a folder that holds the images, `report.json` last."""
     forms = {
         "summary.md": _markdown,
         "report.html": lambda data: small_enough(lambda encoding: _page(data, folder, encoding)),

@@ -86,7 +86,19 @@ def display(data: ReportDocument | PictureDocument, _images: Images) -> str:
         _quantities("Derived", msgspec.structs.asdict(derived), _DERIVED, focus),
     ]
     misalign = "" if isinstance(data, PictureDocument) else data.misalign
-    words = _display_words(data) + _display_warnings(derived) + _off(misalign)
+    words = _display_words(data)
+    if derived.depth_range_is_cut:
+        words += _caution(
+            "Depth range cut.",
+            "The depth formula crosses the lens array, so the depth range was cut just off it. "
+            "More pixels under each lens would give this display a proper range.",
+        )
+    if misalign.strip():
+        words += _caution(
+            "Misaligned.",
+            f"The array lies off this design by {misalign}. The true EIA and views are those of "
+            "the display as it lies; the algorithms know only the design.",
+        )
     every = folded(element("h3", "Every parameter"), element("div", *tables, class_="columns"))
     return words + _plan(data) + every
 
@@ -123,25 +135,8 @@ def _focus_words(derived: DerivedDisplay) -> str:
     return f"It is sharpest {mm(abs(centre))} {side} the lens array; {relic}"
 
 
-def _display_warnings(derived: DerivedDisplay) -> str:
-    if not derived.depth_range_is_cut:
-        return ""
-    words = (
-        "The depth formula crosses the lens array, so the depth range was cut just off it. "
-        "More pixels under each lens would give this display a proper range."
-    )
-    return element("p", element("b", "Depth range cut."), " ", text(words), class_="caution")
-
-
-def _off(misalign: str) -> str:
-    """A note on the misalignment that generators do not know."""
-    if not misalign.strip():
-        return ""
-    words = (
-        f"The array lies off this design by {misalign}. The true EIA and views are those of the "
-        "display as it lies; the algorithms know only the design."
-    )
-    return element("p", element("b", "Misaligned."), " ", text(words), class_="caution")
+def _caution(title: str, words: str) -> str:
+    return element("p", element("b", title), " ", text(words), class_="caution")
 
 
 def _quantities(
@@ -157,34 +152,24 @@ def _quantities(
     return text_table(caption, ["Quantity", "Value", "Meaning"], rows, "quantities")
 
 
-def rgbd(data: ReportDocument, images: Images) -> str:
+def rgbd_input(data: ReportDocument, images: Images) -> str:
     """The section on the RGB-D input."""
     colour, depth = (images.read(f"rgbd_{kind}.png") for kind in ("color", "depth"))
-    shots = [
-        figure(images.embed(colour, "RGB-D input, colour"), "Colour"),
-        figure(images.embed(depth, "RGB-D input, depth"), "Depth", _depth_words(data)),
-        _profile(data, images),
-    ]
-    return lead(_input_words(data)) + element("div", *shots, class_="three")
-
-
-def _input_words(data: ReportDocument) -> str:
-    rgbd = data.rgbd
-    return (
+    rgbd, (far, near) = data.rgbd, map(mm, data.display.given.depth_range_mm)
+    words = (
         f"What the algorithms were given: {rgbd.columns} × {rgbd.rows} pixels of "
         f"{mm(rgbd.pixel_mm)}, {per_cent(rgbd.covered_fraction, 1)} of them covered by the relic, "
         f"depths from {mm(rgbd.depth_min_mm)} to {mm(rgbd.depth_max_mm)} towards the viewer."
     )
-
-
-def _depth_words(data: ReportDocument) -> str:
-    far, near = map(mm, data.display.given.depth_range_mm)
-    return f"lighter is nearer to the viewer, from {far} to {near}; black is background"
-
-
-def _profile(data: ReportDocument, images: Images) -> str:
+    remark = f"lighter is nearer to the viewer, from {far} to {near}; black is background"
+    shots = [
+        figure(images.embed(colour, "RGB-D input, colour"), "Colour"),
+        figure(images.embed(depth, "RGB-D input, depth"), "Depth", remark),
+    ]
     drawing = depth_profile(images.folder, data.display.given)
-    return figure(drawing, "Depth along the array", _profile_words(data)) if drawing else ""
+    if drawing:
+        shots.append(figure(drawing, "Depth along the array", _profile_words(data)))
+    return lead(words) + element("div", *shots, class_="three")
 
 
 def _profile_words(data: ReportDocument) -> str:
@@ -201,7 +186,7 @@ def _profile_words(data: ReportDocument) -> str:
 
 SECTIONS = (
     ReportSection(40, "display", "Display", display, is_folded=True),
-    ReportSection(90, "rgbd", "RGB-D input", rgbd, is_folded=True),
+    ReportSection(90, "rgbd", "RGB-D input", rgbd_input, is_folded=True),
 )
 
 

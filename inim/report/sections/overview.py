@@ -36,16 +36,11 @@ def overview(data: ReportDocument, images: Images) -> str:
     link = element("a", "What the numbers mean", href="#meaning")
     note = element("p", text(_NOTE), link, class_="note")
     others = [lead(line, "note") for line in disagreements(data)]
-    parts = [_preview(data), failures(data), _scores(data), note, *others, _hero(data, images)]
+    parts = [failures(data), _scores(data), note, *others, _hero(data, images)]
+    if command := full_command(data):
+        words = text(PREVIEW_WORDS), " ", element("code", text(command))
+        parts.insert(0, element("p", *words, class_="preview"))
     return "".join(parts)
-
-
-def _preview(data: ReportDocument) -> str:
-    """That this is a first look, and how to make the full report."""
-    command = full_command(data)
-    if not command:
-        return ""
-    return element("p", text(PREVIEW_WORDS), " ", element("code", text(command)), class_="preview")
 
 
 def failures(data: ReportDocument | PictureDocument) -> str:
@@ -135,15 +130,11 @@ def _hero(data: ReportDocument, images: Images) -> str:
     shots.append(_shot(images, shown, view, CEILING, ceiling))
     if best is not None:
         made = images.read("views", best, f"{view}.png")
-        shots.append(_shot(images, made, view, best, _best_words(data, best, view)))
+        scores = data.algorithms[best].views.get(view, {})
+        words = f"{MAIN.label} {score(scores, HEADLINE)} on the relic to the ceiling"
+        words += ", best on average" * (len(data.algorithms) > 1)
+        shots.append(_shot(images, made, view, best, words))
     return element("div", *shots, class_="hero wide" if is_wide(truth) else "hero")
-
-
-def _best_words(data: ReportDocument, best: str, view: str) -> str:
-    scores = data.algorithms[best].views.get(view, {})
-    several = len(data.algorithms) > 1
-    words = f"{MAIN.label} {score(scores, HEADLINE)} on the relic to the ceiling"
-    return f"{words}, best on average" if several else words
 
 
 def _shot(images: Images, pixels: Any, view: str, name: str, remark: str) -> str:

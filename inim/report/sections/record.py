@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from inim.documents.parts import Check, Checks
 from inim.documents.report import ReportDocument
 from inim.metrics import RELIC_MARGIN_PX, all_metrics
-from inim.report.images import Images
 from inim.report.page import bullets, element, how_to_reproduce, lead, mark, table, text, text_table
 from inim.report.sections import ReportSection
 from inim.report.wording import (
@@ -132,16 +129,12 @@ def _timings(data: ReportDocument) -> str:
     total = taken[_TOTAL]
     rows = [_stage_row(name, seconds, total) for name, seconds in stages.items()]
     listed = table("Wall-clock time", ["Stage", "Seconds", "Share of the total"], rows, "timings")
-    return _time_words(taken, total) + listed
-
-
-def _time_words(taken: Mapping[str, float], total: float) -> str:
     words = f"{number(total, 2)}{NBSP}s in all"
     render = taken[_RENDER]
     if total > 0:
         share = per_cent(render / total, 0)
         words += f", of which the renderer took {number(render, 2)}{NBSP}s ({share})"
-    return lead(f"{words}.")
+    return lead(f"{words}.") + listed
 
 
 def _stage_row(name: str, seconds: float, total: float) -> list[str]:
@@ -176,12 +169,14 @@ def _meanings() -> str:
     return element("dl", *entries, class_="meanings")
 
 
-def _all_checks(data: ReportDocument, _: Images) -> str:
-    return _no_criteria(data) + check_list(data.verdict)
-
-
 SECTIONS = (
-    ReportSection(100, "checks", "Checks", _all_checks, is_folded=True),
+    ReportSection(
+        100,
+        "checks",
+        "Checks",
+        lambda data, _: _no_criteria(data) + check_list(data.verdict),
+        is_folded=True,
+    ),
     ReportSection(110, "timings", "Timings", lambda data, _: _timings(data), is_folded=True),
     ReportSection(
         120, "skipped", "What was skipped", lambda data, _: _skipped(data), is_folded=True

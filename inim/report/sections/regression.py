@@ -128,15 +128,7 @@ _SHOWN = ("title", "created", "inim", "mitsuba", "libLLVM", "device", "threads",
 
 
 def write_comparison(data: CompareDocument, folder: Path) -> None:
-    """Write all forms of a comparison into a folder, `compare.json` last: it marks a whole one.
-
-    Parameters
-    ----------
-    data : CompareDocument
-        Its `files` are listed here.
-    folder : Path
-        Its images lie there already.
-    """
+    """Write all forms of a comparison into a folder, `compare.json` last: it marks a whole one."""
     forms = {
         "compare.html": lambda data: _page(data, folder),
         "junit.xml": render_junit,

@@ -21,7 +21,18 @@ from inim.report.images import (
     difference,
     is_wide,
 )
-from inim.report.page import Widget, captioned, element, folded, lead, package_text, text, void
+from inim.report.page import (
+    Widget,
+    captioned,
+    element,
+    folded,
+    lead,
+    package_text,
+    radio,
+    select,
+    text,
+    void,
+)
 from inim.report.sections import ReportSection
 from inim.report.wording import (
     CEILING,
@@ -83,13 +94,12 @@ def _wipe(data: ReportDocument, images: Images) -> str:
         return ""
     names = [TRUTH, CEILING, *data.algorithms]
     start = "centre" if "centre" in viewpoints else viewpoints[0]
+    ways = [radio("compare-by", *way) for way in _WIPE_WAYS]
     choices = [
         _choice("From", "viewpoint", viewpoints, start),
         _choice("First", "first", names, names[0]),
         _choice("Second", "second", names, best or CEILING),
-        element(
-            "fieldset", element("legend", "Compare by"), element("div", *map(_way, _WIPE_WAYS))
-        ),
+        element("fieldset", element("legend", "Compare by"), element("div", *ways)),
     ]
     rows, columns = truth.shape[:2]
     stage = element(
@@ -117,23 +127,8 @@ def _wipe(data: ReportDocument, images: Images) -> str:
 
 
 def _choice(label: str, name: str, options: Sequence[str], chosen: str) -> str:
-    listed = [
-        element("option", text(one), value=one, selected="selected" if one == chosen else None)
-        for one in options
-    ]
-    return element("label", text(label), element("select", *listed, name_=name))
-
-
-def _way(way: tuple[str, str, bool]) -> str:
-    value, label, checked = way
-    radio = void(
-        "input",
-        type="radio",
-        name_="compare-by",
-        value=value,
-        checked="checked" if checked else None,
-    )
-    return element("label", radio, text(label))
+    pairs = [(option, option) for option in options]
+    return element("label", text(label), select(pairs, chosen, name_=name))
 
 
 def _scale(images: Images) -> str:

@@ -39,15 +39,7 @@ class Shown:
 def report_display(
     data: ReportDocument, images: Images, *, most_bytes: int = REPORT_PANEL_BYTES
 ) -> str:
-    """The section of a report.
-
-    Parameters
-    ----------
-    data : ReportDocument
-    images : Images
-    most_bytes : int
-        Room for the panels.
-    """
+    """The section of a report."""
     best = data.best_algorithm
     names = sorted(data.algorithms, key=lambda name: name != best)
     shown = [Shown(CEILING, ("truth", "eia.png"), "ceiling"), *map(of_algorithm, names)]

@@ -29,7 +29,7 @@ from inim.lens import (
     white_exposure,
 )
 from inim.report.images import Images, is_wide
-from inim.report.page import Widget, element, figure, lead, package_text, text, void
+from inim.report.page import Widget, element, figure, lead, package_text, radio, select, text, void
 
 ANCHOR, TITLE = "virtual-display", "Virtual display"
 #: The lens models that the shader draws of any display.
@@ -202,7 +202,7 @@ def _controls(eyes: Sequence[EyePosition], several: bool, models: Sequence[str],
         element("button", text(eye.name), type="button", data_viewpoint=i, aria_pressed="false")
         for i, eye in enumerate(eyes)
     ]
-    radios = [_radio(model, model == first) for model in models]
+    radios = [radio("lens-model", model, model, model == first) for model in models]
     parts = [_choices("Look from", buttons), _choices("Lens model", radios)]
     if several:
         box = void("input", type="checkbox", name_="together", checked="checked")
@@ -220,25 +220,15 @@ def _choices(legend: str, choices: Sequence[str]) -> str:
     return element("fieldset", element("legend", text(legend)), inside)
 
 
-def _radio(model: str, checked: bool) -> str:
-    chosen = "checked" if checked else None
-    button = void("input", type="radio", name_="lens-model", value=model, checked=chosen)
-    return element("label", button, text(model))
-
-
 def _screen(display: Display, names: Sequence[str], side: int, index: int) -> str:
     word = ("Left", "Right")[side]
     if len(names) > 1:
-        options = [
-            element("option", text(name), value=i, selected="selected" if i == index else None)
-            for i, name in enumerate(names)
-        ]
-        head = element("label", element("span", word, class_="side"), element("select", *options))
+        menu = select(list(enumerate(names)), index)
+        head = element("label", element("span", word, class_="side"), menu)
     else:
         # One panel: nothing to choose, but the script reads what is shown here.
-        only = element("option", text(names[0]), value=0, selected="selected")
         words = element("b", text(names[0])), element("span", word, class_="side")
-        head = element("p", *words) + element("select", only, hidden="hidden")
+        head = element("p", *words) + select([(0, names[0])], 0, hidden="hidden")
     canvas = element(
         "canvas",
         tabindex=0,
