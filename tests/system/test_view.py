@@ -426,13 +426,6 @@ def test_two_canvases_show_their_own_panels_from_one_eye(tab, page):
         assert abs(seen - expected[1 - side]).mean() > 5
 
 
-def test_limit_of_the_viewing_zone_is_the_display_s(tab, tmp_path):
-    """Of few rows; those of other arrays are checked above, where their pages are open."""
-    display = DISPLAY.replace(lens_rows=5)
-    show_eia(tab, tmp_path, tilted_plane(display), lens_rows=5)
-    assert_flip_limits(tab, display)
-
-
 def assert_flip_limits(tab: Tab, display: Display) -> None:
     for z in (60.0, 150.0, 400.0):
         assert tab.evaluate(f"inimDisplay.flipLimit({z})") == pytest.approx(

@@ -156,35 +156,17 @@ ALGORITHMS = {"template": 0.9731, "wang2024": 0.9211}
 COMPARED = ["Difference of template and ceiling", "SSIM map of template and ceiling"]
 
 
-def test_page_is_well_formed_html_with_every_section(folder):
+def test_sections_stand_in_the_order_of_their_places_and_every_link_leads_to_a_place(folder):
+    listed = all_sections()
+    assert len({s.place for s in listed}) == len({s.anchor for s in listed}) == len(listed)
     page = Page(render_html(report(ALGORITHMS), folder))
     assert page.open == []
-    titles = {s["id"] for s in page.all("section")}
-    assert {"overview", "display", "views", "eia", "rgbd", "checks", "timings", "warnings"} < titles
-    assert {"reproduce", "meaning"} < titles
     assert page.all("html") == [{"lang": "en"}]
     places = {attributes.get("id") for _, attributes in page.elements}
     assert {link["href"][1:] for link in page.all("a")} <= places
-
-
-def test_sections_stand_in_the_order_of_their_places_whatever_file_registers_them(folder):
-    found = all_sections()
-    assert len({one.place for one in found}) == len({one.anchor for one in found}) == len(found)
-    page = Page(render_html(report(ALGORITHMS), folder))
     anchors = [section["id"] for section in page.all("section")]
-    assert anchors == [one.anchor for one in found if one.anchor in anchors]
+    assert anchors == [s.anchor for s in listed if s.anchor in anchors]
     assert (anchors[0], anchors[-1]) == ("overview", "meaning")
-
-
-def test_every_picture_is_embedded_and_described(folder):
-    page = Page(render_html(report(ALGORITHMS), folder))
-    images = page.all("img")
-    assert len(images) > 30
-    kinds = [image["src"].partition(";")[0] for image in images]
-    assert kinds.count("data:image/svg+xml") == 1
-    assert kinds.count("data:image/png") == len(kinds) - 1
-    assert all(image["alt"] and image["width"] and image["height"] for image in images)
-    assert "missing" not in page.text
 
 
 def test_page_needs_nothing_from_outside_and_forbids_it(folder):
