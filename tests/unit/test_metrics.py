@@ -1,7 +1,7 @@
 """Metrics of other packages: announced like generators, scored like the project's own."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,21 +13,6 @@ from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric
 from inim.regression import ScoreEstimate, view_scores
 from inim.regression.scores import compare_scores
-
-Announce = Callable[..., None]
-
-
-@pytest.fixture
-def announce(monkeypatch: pytest.MonkeyPatch) -> Iterator[Announce]:
-    """Announce things as metrics of other packages, by the names of the keywords."""
-
-    def announced(**found: object) -> None:
-        monkeypatch.setattr("inim.metrics.announced", lambda group: sorted(found))
-        monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: found[name])
-        metrics._all_metrics.cache_clear()
-
-    yield announced
-    metrics._all_metrics.cache_clear()
 
 
 def absolute(reference: np.ndarray, test: np.ndarray) -> float:

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -24,20 +23,6 @@ SEEN = Viewing(30.0, 400.0)
 installed = pytest.mark.skipif(
     not cvvdp.is_installed(), reason="needs pip install 'inim[perception]': make test-perception"
 )
-
-
-@pytest.fixture
-def announce(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
-    """Announce metrics of other packages, by the names of the keywords; ColorVideoVDP is not."""
-
-    def announced(**found: Metric) -> None:
-        monkeypatch.setattr("inim.metrics.cvvdp.is_installed", lambda: False)
-        monkeypatch.setattr("inim.metrics.announced", lambda group: sorted(found))
-        monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: found[name])
-        metrics._all_metrics.cache_clear()
-
-    yield announced
-    metrics._all_metrics.cache_clear()
 
 
 def pictures(seed: int, rows: int = 40, columns: int = 48) -> tuple[np.ndarray, ...]:

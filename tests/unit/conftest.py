@@ -1,0 +1,19 @@
+"""Fixtures of several unit tests."""
+
+import pytest
+
+from inim import metrics
+
+
+@pytest.fixture
+def announce(monkeypatch):
+    """Announce metrics of other packages, by the names of the keywords; ColorVideoVDP is not."""
+
+    def announced(**found):
+        monkeypatch.setattr("inim.metrics.cvvdp.is_installed", lambda: False)
+        monkeypatch.setattr("inim.metrics.announced", lambda group: sorted(found))
+        monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: found[name])
+        metrics._all_metrics.cache_clear()
+
+    yield announced
+    metrics._all_metrics.cache_clear()
