@@ -2,7 +2,7 @@
 
 All methods and a reference kernel take turns in one loop (`inim.timing`), on display-ready
 pictures. A time is given in milliseconds and in yardsticks: as a multiple of the reference kernel,
-one 4-byte gather per display pixel. `python -m inim.bench SCENE` does all of it. For a study of
+one 4-byte gather per display pixel. `inim bench SCENE` does all of it. For a study of
 one's own, these functions are public:
 
 * `bench_scene`: render a scene, time methods on it, evaluate their EIAs;
@@ -12,18 +12,29 @@ one's own, these functions are public:
 * `record`, and `inim.report.bench.write_bench`: what else a bench.json says, and its forms.
 """
 
-from inim.bench.evaluate import evaluate, make_reference, mark_fronts, noise_floor
-from inim.bench.record import load_average, record
-from inim.bench.scene import available, bench_scene, method_data
-from inim.timing.methods import (
+from inim.bench.evaluate import (
+    available,
+    bench_scene,
+    evaluate,
+    make_reference,
+    mark_fronts,
+    method_data,
+    noise_floor,
+)
+from inim.bench.job import load_average, record
+from inim.timing import (
     YARDSTICK,
+    Rounds,
     TimedMethod,
+    Timing,
     display_ready,
+    in_turn,
     linear_picture,
     prepare_method,
+    ratios,
+    threads,
     time_methods,
 )
-from inim.timing.turns import Rounds, Timing, in_turn, ratios, threads
 
 __all__ = [
     "YARDSTICK",

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
 from pathlib import Path
+from typing import Any
 
 from msgspec.structs import replace as replaced
 
-from inim.bench.record import load_average, record
-from inim.bench.scene import bench_scene, choose_algorithms
-from inim.documents.bench import BenchAlgorithm
+from inim.backend.choice import backend_data, versions
+from inim.bench.evaluate import bench_scene, choose_algorithms
+from inim.documents.bench import BenchAlgorithm, BenchDocument, BenchRounds, Load
+from inim.documents.parts import Backend
 from inim.errors import UsageError
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request, option_words
 from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
 from inim.report.bench import write_bench
-from inim.timing.turns import Rounds, most_threads
+from inim.timing import Rounds, most_threads
+from inim.version import __version__
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 
@@ -57,7 +63,7 @@ class BenchRequest:
         names = ("runs", "warmups", "threads")
         values = {name: getattr(self.rounds, name) for name in names}
         return [
-            *("python", "-m", "inim.bench"),
+            *("inim", "bench"),
             *self.validation.command(plan.settings, plan.file.settings),
             *option_words({f"--{k}": v for k, v in values.items() if v != getattr(Rounds(), k)}),
         ]
@@ -120,3 +126,62 @@ def _print_algorithms(observer: Observer, algorithms: Sequence[BenchAlgorithm]) 
             f"source {wrong}  EIA PSNR {a.scores['eia_psnr_db']:.2f} dB  view SSIM to ceiling "
             f"{a.scores['view_ssim_to_ceiling']:.4f}{'  *' if a.pareto else ''}"
         )
+
+
+_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
+# Share of the cores that others may keep busy before times are in doubt.
+_BUSY = 0.25
+
+
+def record(
+    title: str, command: Sequence[str], backend: Any, rounds: Rounds, load: float | None
+) -> BenchDocument:
+    """A document without results, load at the end and list of files.
+
+    Parameters
+    ----------
+    title : str
+    command : sequence of str
+        The words that repeat it.
+    backend : inim.backend.Backend
+    rounds : Rounds
+    load : float or None
+        `load_average` before anything was loaded.
+    """
+    return BenchDocument(
+        title=title,
+        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        inim_version=__version__,
+        versions=versions(_VERSIONS),
+        command=shlex.join(command),
+        backend=Backend(**backend_data(backend)),
+        threads=rounds.threads or most_threads(),
+        threading_layer=os.environ.get("NUMBA_THREADING_LAYER", "default"),
+        rounds=BenchRounds(runs=rounds.runs, warmups=rounds.warmups),
+        warnings=warn_of_load(load),
+        load=Load(start=load, cores=os.cpu_count(), end=None),
+        notes=[],
+        scene=None,
+        files=[],
+    )
+
+
+def load_average() -> float | None:
+    """Programs at work or waiting for a core, mean of the last minute; None if not known."""
+    try:
+        return os.getloadavg()[0]
+    except OSError:
+        return None
+
+
+def warn_of_load(before: float | None) -> list[str]:
+    """A warning where others were at work when the measurement began."""
+    cores = os.cpu_count() or 1
+    if before is None:
+        return ["the load of this machine is not known: times may be those of a busy one"]
+    if before <= _BUSY * cores:
+        return []
+    return [
+        f"the machine was busy: load average {before:.2f} on {cores} cores at the start; "
+        "trust ratios and fastest runs more than medians, and run it again alone"
+    ]

@@ -17,9 +17,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.calibrate.camera import Camera, Pose, rotation
 from inim.calibrate.lattice import Lenses
-from inim.calibrate.model import PARAMETERS, SHARED, Guess, Seen, first_lens_mm
+from inim.calibrate.model import (
+    PARAMETERS,
+    SHARED,
+    Camera,
+    Guess,
+    Pose,
+    Seen,
+    first_lens_mm,
+    rotation,
+)
 from inim.calibrate.start import check_pitch, count_alike, focal_guess, pose_guess, turned
 from inim.display import Display
 from inim.errors import DisplayError, FileError, UsageError

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
+from inim.documents.calibration import PatternsDocument
 from inim.documents.document import encode
-from inim.documents.patterns import PatternsDocument
 from inim.files.image import encoded
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.version import __version__

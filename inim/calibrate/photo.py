@@ -17,10 +17,10 @@ from scipy.ndimage import binary_erosion, gaussian_filter, shift
 from scipy.optimize import least_squares, minimize_scalar
 
 from inim.backend.choice import versions
-from inim.calibrate.camera import Camera, Pose, rays
+from inim.calibrate.model import Camera, Pose, rays
 from inim.display import Display
+from inim.documents.calibration import MatchedStage, PhotoDocument, Shift, ToneCurve
 from inim.documents.parts import DisplayRecord
-from inim.documents.photo import MatchedStage, PhotoDocument, Shift, ToneCurve
 from inim.errors import FileError
 from inim.lens import trace_to_pixels
 from inim.metrics import score

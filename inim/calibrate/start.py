@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.calibrate.camera import Camera, Pose, rotation
 from inim.calibrate.lattice import Lenses
-from inim.calibrate.model import panel_mm
+from inim.calibrate.model import Camera, Pose, panel_mm, rotation
 from inim.display import Display
 from inim.errors import FileError
 

@@ -37,7 +37,7 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
 def _bench(args: argparse.Namespace) -> int:
     from inim.bench.job import BenchRequest, run_bench
     from inim.pipeline.request import Request
-    from inim.timing.turns import Rounds
+    from inim.timing import Rounds
     from inim.worker.output import default_out
 
     validation = Request(

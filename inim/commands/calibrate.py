@@ -18,9 +18,9 @@ from inim.commands.options import (
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 
 if TYPE_CHECKING:
-    from inim.calibrate.camera import Camera
     from inim.calibrate.fit import Calibration
     from inim.calibrate.lattice import Lenses
+    from inim.calibrate.model import Camera
     from inim.display import Display
     from inim.documents.calibration import CalibrationDocument
 
@@ -107,7 +107,7 @@ def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
 
 def _camera(text: str | None) -> Camera | None:
     """What `--intrinsics` says."""
-    from inim.calibrate.camera import Camera
+    from inim.calibrate.model import Camera
 
     if text is None:
         return None

@@ -17,10 +17,9 @@ from inim.commands.options import (
 from inim.errors import EXIT_PASSED, UsageError, known_words
 
 if TYPE_CHECKING:
-    from inim.calibrate.camera import Camera, Pose
+    from inim.calibrate.model import Camera, Pose
     from inim.display import Display
-    from inim.documents.calibration import CalibrationDocument, CameraPosition
-    from inim.documents.photo import PhotoDocument
+    from inim.documents.calibration import CalibrationDocument, CameraPosition, PhotoDocument
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +47,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from inim.calibrate.camera import Camera
+    from inim.calibrate.model import Camera
     from inim.calibrate.photo import compare, photo_document, simulate
     from inim.calibrate.photographs import read_colors
     from inim.files.eia_file import read_eia
@@ -116,7 +115,7 @@ def _calibrated_pose(positions: list[CameraPosition], name: str | None) -> tuple
     """Pose and name of a position of a calibration."""
     import numpy as np
 
-    from inim.calibrate.camera import Pose
+    from inim.calibrate.model import Pose
 
     places = {position.name: position for position in positions}
     if name is None and len(places) > 1:

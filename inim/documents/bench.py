@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from inim.documents.document import Part, doc
-from inim.documents.parts import Backend, DisplayRecord, Files, Versions
-from inim.documents.record import Record, SceneFile
+from inim.documents.parts import Backend, DisplayRecord, Files, Record, SceneFile, Versions
 
 Scores = dict[str, float | None]
 

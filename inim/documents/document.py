@@ -1,4 +1,4 @@
-"""Base classes of all documents, and their form as strict JSON.
+"""Base classes of all documents, their form as strict JSON, and their JSON Schemas (draft 2020-12).
 
 JSON has no number that is not finite. A document's text has null in its place. The paths of NaN and
 minus infinity are listed under `not_finite`, and a reader puts NaN there. Any other null is a value
@@ -7,12 +7,18 @@ that does not exist, or plus infinity: the PSNR of identical images.
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, Union
 
 import msgspec
+
+from inim.display import Display
+from inim.settings import Settings
 
 if TYPE_CHECKING:
     from typing_extensions import dataclass_transform
@@ -158,3 +164,64 @@ def _short_int(text: str) -> int:
 def _shown(value: object) -> str:
     text = ascii(value) if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= _SHOWN_CHARACTERS else text[:_SHOWN_CHARACTERS] + "..."
+
+
+_DRAFT = "https://json-schema.org/draft/2020-12/schema"
+# Module and class of each document; the module loads on demand.
+_CLASSES = {
+    "report": "report:ReportDocument",
+    "picture": "picture:PictureDocument",
+    "compare": "compare:CompareDocument",
+    "baseline": "compare:BaselineDocument",
+    "bench": "bench:BenchDocument",
+    "calibration": "calibration:CalibrationDocument",
+    "inspect": "inspect:InspectDocument",
+    "patterns": "calibration:PatternsDocument",
+    "photo": "calibration:PhotoDocument",
+    "stress": "stress:StressDocument",
+    "tolerate": "tolerate:ToleranceDocument",
+    "unit": "unit:UnitDocument",
+}
+#: Names of the documents.
+NAMES = tuple(_CLASSES)
+
+
+def schema(name: str) -> dict[str, Any]:
+    """The JSON Schema of a document, complete in itself.
+
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`.
+
+    Raises
+    ------
+    ValueError
+        Another name.
+    """
+    if name not in _CLASSES:
+        raise ValueError(f"schema {name!r}: use {' or '.join(NAMES)}")
+    module, _, class_name = _CLASSES[name].partition(":")
+    declaration = getattr(import_module(f"inim.documents.{module}"), class_name)
+    _, parts = msgspec.json.schema_components([declaration], ref_template="#/$defs/{name}")
+    own = parts.pop(declaration.__name__)
+    for dataclass in (Display, Settings):
+        if dataclass.__name__ in parts:
+            _describe(parts[dataclass.__name__], dataclass)
+    title, _, description = str(inspect.getdoc(declaration)).partition("\n\n")
+    tag = declaration.__struct_config__.tag
+    head = {
+        "$schema": _DRAFT,
+        "$id": f"urn:{(tag or f'inim.{name}/1').replace('.', ':').replace('/', ':')}",
+        "title": title.removesuffix("."),
+        "description": " ".join(description.split()),
+    }
+    return head | {k: v for k, v in own.items() if k not in head} | {"$defs": parts}
+
+
+def _describe(part: dict[str, Any], dataclass: type) -> None:
+    """Describe the fields of a display or of settings as the table of settings does."""
+    part["description"] = str(inspect.getdoc(dataclass)).partition("\n")[0]
+    meanings = {f.name: f.metadata["meaning"] for f in fields(Settings)} | {"name": "its name"}
+    for name, value in part["properties"].items():
+        value["description"] = f"{meanings[name][:1].upper()}{meanings[name][1:]}."

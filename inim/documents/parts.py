@@ -1,4 +1,4 @@
-"""Parts that several documents share."""
+"""Parts and a base class that several documents share."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from inim.display import Display
-from inim.documents.document import Part, doc
+from inim.documents.document import Document, Part, doc
 
 Created = Annotated[
     str,
@@ -395,3 +395,19 @@ def check_names(names: Iterable[str]) -> None:
     for name in names:
         if not name or name.startswith(".") or any(c in "/\\" or not c.isprintable() for c in name):
             raise ValueError(f"{name[:40]!a} names no file of the report")
+
+
+class Record(Document):
+    """A document with a title and the command that repeats it."""
+
+    title: Annotated[str, doc("Title of its page.")]
+    created: Created
+    inim_version: InimVersion
+    command: Command
+
+
+class SceneFile(Part):
+    """A scene's file."""
+
+    path: Annotated[str, doc("Path of the scene's XML, as given.")]
+    sha256: Annotated[Sha256, doc("SHA-256 over the XML and all files it names.")]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from inim.documents.document import Part, doc
-from inim.documents.parts import Backend, Files, Versions
-from inim.documents.record import Record
+from inim.documents.parts import Backend, Files, Record, Versions
 
 _ALGORITHM = "The algorithm with its options."
 _MESSAGE = "Message of the refusal or crash; empty otherwise."

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from inim.documents.document import Part, doc
-from inim.documents.parts import DisplayRecord
-from inim.documents.record import Record, SceneFile
+from inim.documents.parts import DisplayRecord, Record, SceneFile
 
 _SCORE = "SSIM on the relic to the ceiling, the mean over the viewpoints."
 

@@ -1,11 +1,11 @@
-"""Result of one algorithm in a sweep: `units/HASH/ALGORITHM.json`."""
+"""Result of one algorithm in a sweep, and the table of a sweep."""
 
 from __future__ import annotations
 
 from typing import Annotated, Any
 
 from inim.documents.document import Document, Part, doc
-from inim.documents.parts import Backend, Created, InimVersion, Versions
+from inim.documents.parts import Backend, Created, InimVersion, Record, Versions
 
 Scores = dict[str, float | None]
 
@@ -90,3 +90,10 @@ class UnitDocument(Document, tag="inim.unit/2"):
     def __post_init__(self) -> None:
         if not self.views:
             raise ValueError("views: there is none")
+
+
+class SweepTable(Record, tag="inim.sweep/1"):
+    """Table of a sweep.
+
+    Metadata of `sweep.parquet` in the folder of `inim sweep`, under these names after `inim:`.
+    """

@@ -21,7 +21,10 @@ from inim.regression.comparison import (
     check_times,
     compare,
     drift,
+    is_steady,
+    log_ratios,
     tile_pictures,
+    yardsticks,
 )
 from inim.regression.fingerprints import Fingerprint, fingerprint, reference_input
 from inim.regression.run_statistics import (
@@ -33,7 +36,6 @@ from inim.regression.run_statistics import (
 )
 from inim.regression.scores import ScoreEstimate, is_above, score_interval, view_scores
 from inim.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
-from inim.regression.times import is_steady, log_ratios, yardsticks
 from inim.regression.verdict import Verdict, all_passed
 
 __all__ = [

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inim.display import Display
-from inim.documents.baseline import FingerprintRecord
+from inim.documents.compare import FingerprintRecord
 from inim.image.noisy_image import row_bands
 from inim.image.rgbd import RGBD
 from inim.regression.verdict import FALSE_ALARM_RATE, Verdict, binomial_interval

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from inim.documents import read_document, write_document
-from inim.documents.baseline import BaselineDocument, PictureSize
+from inim.documents.compare import BaselineDocument, PictureSize
 from inim.documents.parts import Circumstances, Conditions
 from inim.errors import BaselineError, FileError
 from inim.files.image import write_atomically

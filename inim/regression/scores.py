@@ -48,7 +48,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from inim.documents.baseline import Estimate
+from inim.documents.compare import Estimate
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric, Viewing, all_metrics, find, score_maps
 from inim.regression.verdict import (

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from inim.documents.calibration import CalibrationDocument
+from inim.documents.calibration import CalibrationDocument, PhotoDocument
 from inim.documents.files import write_listed
-from inim.documents.photo import PhotoDocument
 from inim.files.image import write_png
 from inim.report.images import DIFFERENCE_GAIN, ENCODINGS, Images, difference
 from inim.report.page import (

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.documents.files import write_text
-from inim.documents.sweep import SweepTable
+from inim.documents.unit import SweepTable
 from inim.metrics import all_metrics
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
 from inim.report.page import (

@@ -66,7 +66,7 @@ class StressRequest:
     validation: Request | None = None
 
     def command(self, plan: Plan | None) -> list[str]:
-        """The command line that repeats this request, after `python -m inim.stress`."""
+        """The command line that repeats this request, after `inim stress`."""
         algorithms = None if self.algorithms is None else ",".join(self.algorithms)
         words = option_words({"--algorithms": algorithms, "--quick": self.quick})
         if self.validation is None or plan is None:
@@ -149,7 +149,7 @@ def _measured(request: StressRequest, plan: Plan | None, observer: Observer) -> 
     started, renderer = time.perf_counter(), Renderer("llvm", observer)
     observer.stage("start")
     names = request.chosen()
-    words = shlex.join(["python", "-m", "inim.stress", *request.command(plan)])
+    words = shlex.join(["inim", "stress", *request.command(plan)])
     each = [f"{name}: {part}" for name in names for part in ("first hits", "relations")]
     observer.begin([*each, "jitter", "write"])
     first_hits: list[FirstHits] = []

@@ -10,17 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
-from inim.documents.sweep import SweepTable
+from inim.documents.unit import SweepTable
 from inim.errors import FileError
 from inim.pipeline.request import option_words
 from inim.process.machine import cpu_count
 from inim.report.sweep import PAGE, write_page
-from inim.sweep.progress import Progress
 from inim.sweep.study import Study, read_study
 from inim.sweep.table import TABLE, check_pyarrow, failed_rows, finished_rows, write_table
 from inim.sweep.task import FOLDER, Results, Task, make_task, report_folder
 from inim.sweep.unit import Unit, expand, making_of
-from inim.sweep.workers import check_answers, check_dask, choose_slots, run_tasks
+from inim.sweep.workers import Progress, check_answers, check_dask, choose_slots, run_tasks
 from inim.version import __version__
 
 

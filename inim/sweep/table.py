@@ -12,8 +12,7 @@ from typing import Any
 from msgspec import to_builtins
 
 from inim.documents.report import ReportDocument
-from inim.documents.sweep import SweepTable
-from inim.documents.unit import UnitDocument, UnitView
+from inim.documents.unit import SweepTable, UnitDocument, UnitView
 from inim.errors import UsageError
 from inim.files.image import write_atomically
 from inim.files.regular_file import check_file

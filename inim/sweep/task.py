@@ -30,7 +30,7 @@ from inim.report import Report
 from inim.sweep.table import unit_document
 from inim.sweep.unit import Unit, key_of, making_of
 from inim.worker.output import publish, staging_folder
-from inim.worker.supervisor import OnStage, OnStart, run_in_worker
+from inim.worker.supervisor import OnStart, run_in_worker
 
 FOLDER = "units"
 
@@ -147,21 +147,19 @@ def make_task(
     )
 
 
-def attempt(
-    task: Task, on_start: OnStart | None = None, on_stage: OnStage | None = None
-) -> InimError | None:
+def attempt(task: Task, on_start: OnStart | None = None) -> InimError | None:
     """Carry out a task; the error that ended it, or None once its results are there.
 
     Parameters
     ----------
     task : Task
-    on_start, on_stage : callable, optional
+    on_start : callable, optional
         See `inim.worker.supervisor.run_in_worker`.
     """
     error: InimError | None = None
     for _ in range(_ATTEMPTS):
         try:
-            _carry_out(task, on_start, on_stage)
+            _carry_out(task, on_start)
         except (WorkerError, OutOfMemoryError) as death:
             error = death
         except InimError as its_own:
@@ -171,7 +169,7 @@ def attempt(
     return error
 
 
-def _carry_out(task: Task, on_start: OnStart | None, on_stage: OnStage | None) -> None:
+def _carry_out(task: Task, on_start: OnStart | None) -> None:
     if not (task.request.out / FOLDER).is_dir():
         raise FileError(
             f"{task.request.out}: is not there on {socket.gethostname()}; choose a folder with -o "
@@ -186,7 +184,6 @@ def _carry_out(task: Task, on_start: OnStart | None, on_stage: OnStage | None) -
         variables=_threads(task.threads),
         debug=task.debug,
         on_start=on_start,
-        on_stage=on_stage,
     )
 
 

@@ -22,6 +22,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -30,10 +31,9 @@ from typing import Any
 from inim import backend as backends
 from inim.errors import UsageError
 from inim.process.python_process import end_process
-from inim.sweep.progress import Progress
 from inim.sweep.task import Task, attempt
 
-# How often the progress's clocks move on.
+# How often the connection to the scheduler is checked.
 _TICK_S = 0.5
 
 
@@ -56,7 +56,6 @@ def choose_slots(workers: int | None, threads: int | None, cores: int) -> tuple[
     return workers, threads or max(1, cores // workers)
 
 
-_TOPIC = "inim-sweep"
 _ANSWERS_WITHIN_S = 10
 # A dask worker with several threads takes as many tasks; on a cluster a validation wants its cores
 # to itself.
@@ -66,6 +65,53 @@ _MEMORY = "memory"
 # Processes of the tasks on this machine; no more of them start once the sweep has ended.
 _CHILDREN: list[subprocess.Popen[bytes]] = []
 _ENDED = threading.Event()
+
+
+class Progress:
+    """A line for each task that ends, and on a terminal a bar with the remaining time.
+
+    Parameters
+    ----------
+    total : int
+        Number of tasks.
+    quiet : bool
+        Neither lines nor a bar.
+    """
+
+    def __init__(self, total: int, *, quiet: bool = False) -> None:
+        from tqdm import tqdm
+
+        self._quiet = quiet
+        self._bar = tqdm(
+            total=total,
+            disable=quiet or not total or not sys.stderr.isatty(),
+            leave=False,
+            dynamic_ncols=True,
+            smoothing=0,
+            file=sys.stderr,
+        )
+        self._counts = (f"[{n:{len(str(total))}}/{total}]" for n in range(1, total + 1))
+
+    def ended(self, label: str, seconds: float, error: str) -> None:
+        """A task is done, or has failed with a sentence."""
+        self._bar.update()
+        failure = f"  FAILED: {error}" if error else ""
+        self.say(f"{next(self._counts)} {seconds:7.1f} s  {label}{failure}")
+
+    def say(self, line: str) -> None:
+        """Print a line above the bar."""
+        if self._quiet:
+            return
+        self._bar.clear()
+        try:
+            print(line, flush=True)
+        except OSError:  # the reader left, or its disk is full; the results are what counts
+            self._quiet = True
+        self._bar.refresh()
+
+    def close(self) -> None:
+        """Take the bar away; lines stay."""
+        self._bar.close()
 
 
 def check_dask() -> None:
@@ -78,7 +124,7 @@ def check_dask() -> None:
         ) from None
 
 
-def on_worker(task: Task, alone: bool = True) -> str:
+def on_worker(task: Task, alone: bool = True) -> tuple[float, str]:
     """Carry out one task on a dask worker, in a process of its own.
 
     Parameters
@@ -89,23 +135,16 @@ def on_worker(task: Task, alone: bool = True) -> str:
 
     Returns
     -------
-    str
+    seconds : float
+    error : str
         The error that ended the task, or "".
     """
-    from distributed import get_worker
-
-    worker = get_worker()
-
-    def on_stage(name: str) -> None:
-        event = {"unit": task.unit, "stage": name, "where": str(worker.address) if alone else ""}
-        worker.log_event(_TOPIC, event)
-
     with _ONE_AT_A_TIME if alone else nullcontext():
         if _ENDED.is_set():
-            return "the sweep has ended"
-        on_stage("start")
-        error = attempt(task, None if alone else _CHILDREN.append, on_stage)
-    return "" if error is None else str(error)
+            return 0.0, "the sweep has ended"
+        started = time.monotonic()
+        error = attempt(task, None if alone else _CHILDREN.append)
+    return time.monotonic() - started, "" if error is None else str(error)
 
 
 def run_tasks(
@@ -134,7 +173,6 @@ def run_tasks(
     UsageError
         No scheduler answers there.
     """
-    by_unit = {task.unit: task for task in tasks}
     limit = backends.memory_limit_bytes() or sys.maxsize
     connection = _local(workers, limit) if scheduler is None else _client(scheduler)
     _ENDED.clear()
@@ -142,14 +180,6 @@ def run_tasks(
         if not client.nthreads():
             progress.say(f"no worker yet; start some: dask worker {scheduler} --nthreads 1")
 
-        def show_stage(event: Any) -> None:
-            stage = event[1]
-            task = by_unit.get(stage["unit"])
-            if task is not None:
-                progress.began(task.unit, task.label, stage["where"])
-                progress.stage(task.unit, stage["stage"])
-
-        client.subscribe_topic(_TOPIC, show_stage)
         ended: queue.Queue[Any] = queue.Queue()
         futures = {}
         for task in tasks:
@@ -176,7 +206,6 @@ def _collect(
     errors: dict[str, str] = {}
     left = dict(futures)
     while left:
-        progress.draw()
         try:
             future = ended.get(timeout=_TICK_S)
         except queue.Empty:
@@ -186,21 +215,22 @@ def _collect(
                 return errors
             continue
         task = left.pop(future.key)
-        error = _error_of(future)
+        seconds, error = _result_of(future)
         if error:
             errors[task.unit] = error
-        progress.ended(task.unit, task.label, error)
+        progress.ended(task.label, seconds, error)
     return errors
 
 
-def _error_of(future: Any) -> str:
-    """The sentence a task left, or one on how dask lost it; empty where it is done."""
+def _result_of(future: Any) -> tuple[float, str]:
+    """Result of `on_worker`, or a sentence on how dask lost the task."""
     if future.status == "finished":
-        return str(future.result())
+        result: tuple[float, str] = future.result()
+        return result
     if future.status == "error":
         exception = future.exception()
-        return " ".join(f"{type(exception).__name__}: {exception}".split())[:400]
-    return f"{future.status} by the scheduler; run the sweep again"
+        return 0.0, " ".join(f"{type(exception).__name__}: {exception}".split())[:400]
+    return 0.0, f"{future.status} by the scheduler; run the sweep again"
 
 
 def _key(task: Task) -> str:

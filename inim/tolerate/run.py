@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.display.misalignment import misalignment_text
-from inim.documents.parts import DisplayRecord
-from inim.documents.record import SceneFile
+from inim.documents.parts import DisplayRecord, SceneFile
 from inim.documents.tolerate import FailedDisplay, ToleranceDocument
 from inim.errors import SceneError, UsageError
 from inim.generators import PICKUP
@@ -23,9 +22,8 @@ from inim.report.tolerate import write_tolerance
 from inim.settings import PREFIX, Settings
 from inim.sweep.run import Place, SweepPlan, carry_out, plan_study
 from inim.sweep.study import AS_SCENE, NamedDisplay, Study
-from inim.tolerate.calibration import read_standard_errors
 from inim.tolerate.findings import aligned_score, parameter_tolerances
-from inim.tolerate.study import ToleranceStudy, read_tolerance_study
+from inim.tolerate.study import ToleranceStudy, read_standard_errors, read_tolerance_study
 from inim.version import __version__
 
 # What this command itself gives: the error that is drawn, and a criterion of its own.

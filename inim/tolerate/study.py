@@ -19,8 +19,10 @@ from typing import Any
 
 from inim.display import Display
 from inim.display.misalignment import MISALIGNMENTS
-from inim.sweep.study import MOST_UNITS
-from inim.sweep.tables import Tables, shown
+from inim.documents import read_document
+from inim.documents.calibration import CalibrationDocument
+from inim.errors import FileError
+from inim.sweep.study import MOST_UNITS, Tables, shown
 
 #: Fewer draws say nothing of a curve of three numbers.
 LEAST_ALONE = 5
@@ -187,3 +189,29 @@ class _Reader(Tables):
             ((distribution, size),) = given.items()
             found[name] = Spread(distribution, self.size(f"{key}.{distribution}", size))
         return found
+
+
+_REMEDY = "name the calibration.json that a calibration wrote"
+
+
+def read_standard_errors(path: Path) -> dict[str, float]:
+    """Standard errors of the misalignments that the calibration determined, by parameter.
+
+    Raises
+    ------
+    FileError
+        As `inim.documents.read_document`, or a standard error that is not positive.
+    """
+    parameters = read_document(path, _REMEDY, CalibrationDocument).parameters
+    errors = {
+        name: estimate.standard_error
+        for name, estimate in parameters.items()
+        if name in MISALIGNMENTS and estimate.is_determined
+    }
+    for name, error in errors.items():
+        if not error > 0:
+            raise FileError(
+                f"{path}: parameters.{name}.standard_error is {error:g}, not a positive number; "
+                f"{_REMEDY}"
+            )
+    return errors

@@ -29,7 +29,6 @@ from inim.process.python_process import child_environment, end_process, python_m
 from inim.worker.serve import Job
 
 OnStart = Callable[["subprocess.Popen[bytes]"], object]
-OnStage = Callable[[str], object]
 
 # A worker that died while holding this share of the memory died of it.
 _MEMORY_SHARE = 0.8
@@ -52,7 +51,6 @@ def run_in_worker(
     quiet: bool = True,
     debug: bool = False,
     on_start: OnStart | None = None,
-    on_stage: OnStage | None = None,
 ) -> bool:
     """Carry out a request in a worker process.
 
@@ -78,8 +76,6 @@ def run_in_worker(
         Let the worker print the traceback of an internal error.
     on_start : callable, optional
         Is given the process, which it may end.
-    on_stage : callable, optional
-        Is given the name of each stage that the job comes to.
 
     Returns
     -------
@@ -103,7 +99,7 @@ def run_in_worker(
                 if on_start is not None:
                     on_start(process)
                 job = Job(request, folder, chosen, quiet, debug)
-                return outcome_of(_carry_out(process, messages, job, on_stage))
+                return outcome_of(_carry_out(process, messages, job))
             finally:
                 end_process(process)  # before the folder it writes to is removed
     finally:
@@ -146,9 +142,7 @@ def _stdin(process: subprocess.Popen[bytes]) -> IO[bytes]:
     return process.stdin
 
 
-def _carry_out(
-    process: subprocess.Popen[bytes], messages: IO[str], job: Job, on_stage: OnStage | None
-) -> dict[str, Any]:
+def _carry_out(process: subprocess.Popen[bytes], messages: IO[str], job: Job) -> dict[str, Any]:
     """Give a worker its job and wait for its end; its last message.
 
     Raises
@@ -163,8 +157,6 @@ def _carry_out(
     for line in messages:
         if line.endswith("\n"):
             message = json.loads(line)
-            if on_stage is not None and "stage" in message:
-                on_stage(message["stage"])
     code = process.wait()
     if "stage" in message:
         raise _death(code, message["stage"], backends.memory_limit_bytes())

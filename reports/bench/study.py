@@ -2,7 +2,7 @@
 
 A study is a script that times something which only this project asks, with the public functions of
 `inim.bench`. It is run from the repository's root, as ``python -m reports.bench.NAME.run``, and
-writes the same forms as ``python -m inim.bench``.
+writes the same forms as ``inim bench``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from inim import reconstruct
-from inim.bench import Rounds, load_average, record
+from inim.bench import Rounds, load_average
+from inim.bench.job import record
 from inim.display import Display, Viewpoint
 from inim.errors import InimError
 from inim.image.rgbd import RGBD

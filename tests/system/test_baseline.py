@@ -24,12 +24,12 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from inim import timing as turns
 from inim.cli import main
 from inim.errors import EXIT_BASELINE, EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
 from inim.pipeline import validation
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.timing import turns
 from tests.conftest import sphere
 from tests.schemas import read_document
 from tests.system.conftest import (

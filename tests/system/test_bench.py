@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from inim.bench.scene import choose_algorithms
+from inim import timing as turns
+from inim.bench.evaluate import choose_algorithms
 from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.timing import turns
 from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,

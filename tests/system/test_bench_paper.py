@@ -6,7 +6,7 @@ import pytest
 
 from inim.process.observer import Observer
 from inim.report.bench import write_bench
-from inim.timing.turns import Rounds
+from inim.timing import Rounds
 from reports.bench.paper.experiments import Sizes, bench_paper
 from reports.bench.paper.report import parts_of
 from reports.bench.paper.scaling import bench_scaling

@@ -7,7 +7,7 @@ import pytest
 
 from inim.process.observer import Observer
 from inim.report.bench import write_bench
-from inim.timing.turns import Rounds
+from inim.timing import Rounds
 from reports.bench.views.run import RECTANGLE, bench_views, parts_of
 from tests.conftest import small_display
 from tests.unit.test_bench_report import bench

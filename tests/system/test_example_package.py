@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
+from inim import timing as turns
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.sweep.table import TABLE, read_table
-from inim.timing import turns
 from tests.schemas import read_document
 from tests.system.conftest import TINY, assert_one_line, definitions, run_here, write_scene
 

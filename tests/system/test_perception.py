@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from inim import metrics
+from inim import timing as turns
 from inim.files.picture import open_picture
 from inim.metrics import Viewing, cvvdp
 from inim.sweep.table import columns
-from inim.timing import turns
 from tests.schemas import read_document
 from tests.system.conftest import TINY, assert_one_line, definitions, run_here, write_scene
 

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter, shift
 
-from inim.calibrate.camera import Camera, Pose
+from inim.calibrate.model import Camera, Pose
 from inim.calibrate.photo import simulate
 from inim.documents import schema
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from inim.bench.record import load_average, warn_of_load
+from inim.bench.job import load_average, warn_of_load
 
 
 @pytest.mark.parametrize(("load", "warned"), [(0.0, 0), (0.5, 0), (0.6, 1), (8.0, 1), (None, 1)])

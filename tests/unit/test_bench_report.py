@@ -49,7 +49,7 @@ def algorithm(name, ms, wrong, scores, fronts=("wrong_source",)):
 def bench(scene=None, **study):
     return BenchDocument(
         title="Bench: <b>|", created="2024-01-01T00:00:00+00:00", inim_version="0",
-        versions={"python": "3"}, command="python -m inim.bench x",
+        versions={"python": "3"}, command="inim bench x",
         backend=Backend(variant="llvm", libllvm="22", device="cpu"), threads=2,
         threading_layer="default", rounds=BenchRounds(runs=9, warmups=2),
         load=Load(start=0.1, end=0.2, cores=2), warnings=[], notes=[], scene=scene, study=study,

@@ -4,7 +4,7 @@ import pytest
 
 from inim.bench.evaluate import mark_fronts, pareto
 from inim.errors import UsageError
-from inim.timing.turns import Rounds, Timing, in_turn, ratios
+from inim.timing import Rounds, Timing, in_turn, ratios
 from tests.unit.test_bench_report import algorithm
 
 

@@ -13,7 +13,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from inim.calibrate import decode, photographs
-from inim.calibrate.camera import Camera, Pose
+from inim.calibrate.model import Camera, Pose
 from inim.calibrate.photo import simulate
 from inim.cli import main
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8

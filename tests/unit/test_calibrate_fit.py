@@ -12,12 +12,22 @@ from functools import cache
 import numpy as np
 import pytest
 
-from inim.calibrate.advice import next_positions
-from inim.calibrate.camera import Camera, Pose, directions, project, rays, rotation
 from inim.calibrate.fit import Calibration, calibrate, recounted, stand
 from inim.calibrate.lattice import Lenses, find_lenses
-from inim.calibrate.model import PARAMETERS, Guess, Seen, centres, panel_points
-from inim.calibrate.output import calibration_document, display_file, residual_maps
+from inim.calibrate.model import (
+    PARAMETERS,
+    Camera,
+    Guess,
+    Pose,
+    Seen,
+    centres,
+    directions,
+    panel_points,
+    project,
+    rays,
+    rotation,
+)
+from inim.calibrate.output import calibration_document, display_file, next_positions, residual_maps
 from inim.display import DISPLAYS
 from inim.documents import read_document
 from inim.documents.calibration import CalibrationDocument

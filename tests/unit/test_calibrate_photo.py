@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift
 
-from inim.calibrate.camera import Camera, Pose, rotation
+from inim.calibrate.model import Camera, Pose, rotation
 from inim.calibrate.photo import BLOCK_PX, compare, simulate
 from inim.errors import FileError
 from inim.lens import trace_to_panel

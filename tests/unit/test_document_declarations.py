@@ -14,8 +14,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from inim.documents import Document, Part, doc, read_document, schema, write_document
-from inim.documents.baseline import BaselineDocument
-from inim.documents.compare import CompareDocument
+from inim.documents.compare import BaselineDocument, CompareDocument
 from inim.documents.document import decode, encode
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument

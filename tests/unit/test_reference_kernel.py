@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from inim.image.rgbd import RGBD
-from inim.timing.turns import threads
+from inim.timing import threads
 from tests.conftest import small_display
 
 DISPLAYS = {

@@ -17,7 +17,15 @@ from inim.regression import (
     view_scores,
     view_tile,
 )
-from inim.regression.comparison import codes_from_linear, compare_noise, compare_pictures
+from inim.regression.comparison import (
+    MOST_SLOWDOWN,
+    codes_from_linear,
+    compare_noise,
+    compare_pictures,
+    compare_times,
+    is_steady,
+    yardsticks,
+)
 from inim.regression.fingerprints import (
     compare_fingerprints,
     fingerprint,
@@ -27,7 +35,6 @@ from inim.regression.fingerprints import (
 )
 from inim.regression.scores import ScoreEstimate, compare_scores
 from inim.regression.tiles import eia_tile
-from inim.regression.times import MOST_SLOWDOWN, compare_times, is_steady, yardsticks
 from inim.regression.verdict import (
     FALSE_ALARM_RATE,
     Verdict,

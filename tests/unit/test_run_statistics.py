@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
-from inim.documents.baseline import BaselineDocument
+from inim.documents.compare import BaselineDocument
 from inim.documents.parts import Conditions
 from inim.errors import EXIT_BASELINE, BaselineError
 from inim.image.noisy_image import NoisyImage

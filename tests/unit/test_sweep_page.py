@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from inim.documents.sweep import SweepTable
+from inim.documents.unit import SweepTable
 from inim.report.plots import on_front
 from inim.report.sweep import best_displays, mean, render_sweep, results_of, time_column, write_page
 

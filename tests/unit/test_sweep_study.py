@@ -10,9 +10,8 @@ import pytest
 from inim.errors import EXIT_USAGE, FileError, InimError
 from inim.report.sweep import SETTING_COLUMNS
 from inim.settings import Settings
-from inim.sweep.study import AS_SCENE, read_study
+from inim.sweep.study import AS_SCENE, _check_keys, read_study, tomllib
 from inim.sweep.table import DISPLAY_COLUMNS, columns, failed_rows
-from inim.sweep.tables import _check_keys, tomllib
 from inim.sweep.unit import expand, key_of, making_of, unit_hash
 from tests.conftest import scene_text, sphere
 
@@ -237,7 +236,7 @@ def test_a_key_of_many_parts_is_refused_before_it_is_read(tmp_path, text, monkey
     """Expected: half a million parts, of a kilobyte each in memory, never come to the reader."""
     path = tmp_path / "study.toml"
     path.write_text(text)
-    monkeypatch.setattr("inim.sweep.tables.tomllib.loads", lambda _: pytest.fail("was read"))
+    monkeypatch.setattr("inim.sweep.study.tomllib.loads", lambda _: pytest.fail("was read"))
     with pytest.raises(FileError, match=r"study\.toml: no TOML \(line \d: a key of more than 4"):
         read_study(path)
 

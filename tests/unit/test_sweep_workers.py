@@ -14,9 +14,8 @@ from inim.errors import UsageError, WorkerError
 from inim.pipeline.request import Request
 from inim.sweep import task
 from inim.sweep import workers as sweep_workers
-from inim.sweep.progress import Progress, clock_words
 from inim.sweep.task import Task, attempt
-from inim.sweep.workers import choose_slots, run_tasks
+from inim.sweep.workers import Progress, choose_slots, run_tasks
 
 GIB = 2**30
 
@@ -58,7 +57,7 @@ class Crowd:
         self.lock, self.now, self.most, self.bytes, self.most_bytes = threading.Lock(), 0, 0, 0, 0
         self.done: list[str] = []
 
-    def __call__(self, task, on_start, on_stage):
+    def __call__(self, task, on_start):
         with self.lock:
             self.now, self.bytes = self.now + 1, self.bytes + task.memory_bytes
             self.most, self.most_bytes = max(self.most, self.now), max(self.most_bytes, self.bytes)
@@ -95,7 +94,7 @@ def test_a_unit_too_large_for_a_share_runs_alone(monkeypatch):
 
 
 def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
-    def fails(one, on_start, on_stage):
+    def fails(one, on_start):
         return WorkerError("it broke") if one.unit == "1" else None
 
     monkeypatch.setattr(sweep_workers, "attempt", fails)
@@ -108,7 +107,7 @@ def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
 def test_an_interrupt_ends_what_runs(monkeypatch):
     children = []
 
-    def works(one, on_start, on_stage):
+    def works(one, on_start):
         child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
         on_start(child)
         children.append(child)
@@ -130,7 +129,7 @@ def test_a_worker_s_death_is_tried_once_more_and_its_own_error_is_not(monkeypatc
     for error, times in ((WorkerError("died"), 2), (UsageError("wrong"), 1)):
         tries = []
 
-        def carry_out(one, on_start, on_stage, error=error, tries=tries):
+        def carry_out(one, on_start, error=error, tries=tries):
             tries.append(one)
             raise error
 
@@ -148,34 +147,3 @@ def test_a_folder_that_a_machine_does_not_see_is_named(tmp_path):
     error = attempt(make("1", out=tmp_path / "elsewhere"))
     assert error is not None
     assert "all machines share" in str(error)
-
-
-def test_the_board_tells_who_is_at_work_and_what_is_left():
-    progress = Progress(4, quiet=True)
-    progress.began("a", "jade · wide", "tcp://h:1")
-    progress.began("b", "tripod · wide")
-    progress.stage("a", "ground-truth EIA")
-    progress.ended("b", "tripod · wide", "broke")
-    first, last = progress.lines(time.monotonic())
-    assert re_words(first) == "jade · wide ground-truth EIA 0 s tcp://h:1"
-    assert last.startswith("1 of 4 done, 1 in work, 2 waiting, 1 FAILED; about ")
-
-
-def test_a_unit_told_of_again_keeps_its_clock_unless_it_moved():
-    progress = Progress(1, quiet=True)
-    progress.began("a", "jade", "tcp://h:1")
-    progress.stage("a", "score")
-    first = progress.lines(0.0)[0]
-    progress.began("a", "jade", "tcp://h:1")
-    assert progress.lines(0.0)[0] == first
-    progress.began("a", "jade", "tcp://h:2")
-    assert re_words(progress.lines(time.monotonic())[0]).startswith("jade start 0 s")
-
-
-def re_words(line: str) -> str:
-    return " ".join(line.split())
-
-
-def test_durations_in_the_units_that_say_most():
-    assert clock_words(59.6) == "1 min 00 s"
-    assert clock_words(3 * 3600 + 61) == "3 h 01 min"

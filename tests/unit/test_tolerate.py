@@ -16,18 +16,23 @@ from msgspec.structs import replace
 from inim.display import DISPLAYS
 from inim.display.misalignment import MISALIGNMENTS, misalignment_text, mounted
 from inim.documents import read_document, schema
-from inim.documents.parts import DisplayRecord
-from inim.documents.record import SceneFile
+from inim.documents.parts import DisplayRecord, SceneFile
 from inim.documents.tolerate import FailedDisplay, ToleranceDocument
 from inim.errors import FileError, SceneError, UsageError
 from inim.report.tolerate import sentences, write_tolerance
-from inim.tolerate.calibration import read_standard_errors
-from inim.tolerate.curve import Curve, fit_curve, share_interval, tolerance_interval
-from inim.tolerate.findings import aligned_score, parameter_tolerances
+from inim.tolerate.findings import (
+    Curve,
+    aligned_score,
+    fit_curve,
+    parameter_tolerances,
+    share_interval,
+    tolerance_interval,
+)
 from inim.tolerate.study import (
     Spread,
     ToleranceStudy,
     default_spreads,
+    read_standard_errors,
     read_tolerance_study,
 )
 from tests.schemas import example

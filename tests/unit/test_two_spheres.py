@@ -6,7 +6,7 @@ import pytest
 from inim.display import Viewpoint
 from inim.generators import colour_of, find_sources
 from inim.scene.two_spheres import two_spheres, two_spheres_eia, two_spheres_view
-from inim.timing.methods import linear_picture
+from inim.timing import linear_picture
 from tests.conftest import small_display
 
 

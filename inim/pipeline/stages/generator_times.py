@@ -8,8 +8,7 @@ from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.method import Method
 from inim.pipeline.stages.stage import Run
 from inim.regression import is_steady, log_ratios
-from inim.timing.methods import YARDSTICK, display_ready, prepare_method, time_methods
-from inim.timing.turns import Rounds
+from inim.timing import YARDSTICK, Rounds, display_ready, prepare_method, time_methods
 
 # More than the nine that a verdict needs: at this many, one interrupted round in ten does not
 # widen the interval to where 30 % more time could hide in it.

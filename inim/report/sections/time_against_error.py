@@ -71,7 +71,7 @@ def time_against_error(data: ReportDocument, images: Images) -> str:
     if unit == _YARDSTICKS:
         how = text(_WORDS + _RATIOS)
     else:
-        how = text(_WORDS + _SECONDS) + element("code", "python -m inim.bench") + "."
+        how = text(_WORDS + _SECONDS) + element("code", "inim bench") + "."
     return element("p", how, class_="lead") + plot(drawn, alt, width=760, height=330)
 
 

@@ -1,6 +1,0 @@
-"""`python -m inim.bench`."""
-
-from inim.program import run
-
-if __name__ == "__main__":
-    run("bench")
