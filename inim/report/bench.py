@@ -68,14 +68,7 @@ _STYLE = """
 
 @dataclass(frozen=True)
 class Table:
-    """Text cells under heads; the first cell of a row names it.
-
-    Attributes
-    ----------
-    caption : str
-    heads : sequence of str
-    rows : sequence of sequence of str
-    """
+    """Text cells under heads; the first cell of a row names it."""
 
     caption: str
     heads: Sequence[str]
@@ -182,7 +175,17 @@ def _scene_table(scene: BenchScene) -> Table:
         *(score.label for score in scene.scores), "front",
     ]  # fmt: skip
     rows = [
-        [a.name, *time_cells(asdict(a)), *_error_cells(a, scene.scores)] for a in scene.algorithms
+        [
+            a.name,
+            *time_cells(asdict(a)),
+            number(a.prepare_s, 3),
+            number(a.cold_s, 2),
+            per_cent(a.wrong_source, 3),
+            per_cent(a.hole_fraction, 2),
+            *_score_cells(a.scores, scene.scores),
+            "yes" if a.pareto else "no",
+        ]
+        for a in scene.algorithms
     ]
     unit = {"mpx_per_s": 0.0, "ratio": 1.0, "ratio_min": 1.0}
     yardstick = time_cells(asdict(scene.yardstick) | unit)
@@ -191,17 +194,6 @@ def _scene_table(scene: BenchScene) -> Table:
     floor = _score_cells(scene.noise_floor, scene.scores)
     rows.append(["noise floor", *[MISSING] * (len(heads) - 2 - len(floor)), *floor, MISSING])
     return Table("Time against error, medians", heads, rows)
-
-
-def _error_cells(algorithm: BenchAlgorithm, scores: Sequence[BenchScore]) -> list[str]:
-    return [
-        number(algorithm.prepare_s, 3),
-        number(algorithm.cold_s, 2),
-        per_cent(algorithm.wrong_source, 3),
-        per_cent(algorithm.hole_fraction, 2),
-        *_score_cells(algorithm.scores, scores),
-        "yes" if algorithm.pareto else "no",
-    ]
 
 
 def _score_cells(values: Scores, scores: Sequence[BenchScore]) -> list[str]:

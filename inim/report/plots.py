@@ -218,9 +218,8 @@ def _overlap(box: Any, taken: Sequence[Any], room: Any) -> float:
 
 
 def _common_area(a: Any, b: Any) -> float:
-    wide = min(a.x1, b.x1) - max(a.x0, b.x0)
-    high = min(a.y1, b.y1) - max(a.y0, b.y0)
-    return float(max(0.0, wide) * max(0.0, high))
+    common = a.intersection(a, b)
+    return 0.0 if common is None else float(common.width * common.height)
 
 
 def across(axis: Any, words: str, x: float | None = None, y: float | None = None) -> None:

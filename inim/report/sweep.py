@@ -89,6 +89,10 @@ def write_page(path: Path, rows: Sequence[Mapping[str, Any]], about: SweepTable)
 def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
     """The whole page."""
     results = results_of(rows)
+    counts = [
+        f"{len(names_of(results, field))} {field}{'s' * (len(names_of(results, field)) != 1)}"
+        for field in ("scene", "display", "algorithm")
+    ]
     passed = all(row["status"] == "ok" and row.get("passed") for row in rows)
     done = sum(not result.failed for result in results)
     words = f"{done} of {len(results)} results, {len(rows)} rows"
@@ -97,7 +101,7 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
     return document_page(
         about,
         "sweep.parquet",
-        _facts(results, about),
+        [text(" × ".join(counts)), f"inim {text(about.inim_version)}"],
         [
             Section("failures", "What failed", failures(rows)),
             Section("scores", "Scores", _matrices(results)),
@@ -110,14 +114,6 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
         verdict_badge=badge("passed" if passed else "failed", text(words)),
         style=_STYLE,
     )
-
-
-def _facts(results: Sequence[Result], about: SweepTable) -> list[str]:
-    counts = [
-        f"{len(names_of(results, field))} {field}{'s' * (len(names_of(results, field)) != 1)}"
-        for field in ("scene", "display", "algorithm")
-    ]
-    return [*map(text, [" × ".join(counts), f"inim {about.inim_version}"])]
 
 
 def _matrices(results: Sequence[Result]) -> str:

@@ -118,11 +118,17 @@ def _page(data: ToleranceDocument) -> str:
         "display scores."
     )
     rows = data.parameters
+    together = len(data.together.draws) if data.together is not None else 0
+    facts = [
+        f"{sum(len(row.draws) for row in rows)} displays off in one parameter, {together} in all",
+        f"EIA of {data.algorithm}",
+        ", ".join(data.viewpoints),
+    ]
     failed = [f"{one.display}: {one.error}" for one in data.failed]
     return document_page(
         data,
         "tolerate.json",
-        _facts(data),
+        map(text, facts),
         [
             Section("failures", "What failed", bullets(failed, "failures")),
             Section(
@@ -151,16 +157,6 @@ def _page(data: ToleranceDocument) -> str:
         purpose="inim tolerate",
         style=_STYLE,
     )
-
-
-def _facts(data: ToleranceDocument) -> list[str]:
-    alone = sum(len(row.draws) for row in data.parameters)
-    together = len(data.together.draws) if data.together is not None else 0
-    return [
-        text(f"{alone} displays off in one parameter, {together} in all"),
-        text(f"EIA of {data.algorithm}"),
-        text(", ".join(data.viewpoints)),
-    ]
 
 
 def _is_calibrated(rows: Sequence[ParameterTolerance]) -> bool:

@@ -67,8 +67,7 @@ def _images(found: Regression, images: Images) -> str:
                 ("difference", "Difference", "amplified; black is equal"),
             )
         ]
-        heading = element("h3", text(name))
-        rows.append(heading + element("div", *shots, class_="three"))
+        rows.append(element("h3", text(name)) + element("div", *shots, class_="three"))
     return "".join(rows)
 
 
@@ -97,7 +96,7 @@ def _drift(found: Regression) -> str:
             f"{row.what}: {_words(row.score)}",
             short(row.baseline),
             short(row.candidate),
-            _signed(row.change),
+            "+" * (row.change is not None and row.change >= 0) + short(row.change),
         ]
         for row in moved[:_MOST_DRIFTS]
         if size(row) > 0
@@ -115,10 +114,6 @@ def _words(label: str) -> str:
             label = label.removesuffix(f"_{metric.unit.lower()}")
         label = label.replace(metric.name, metric.label)
     return label.replace("eia", "EIA").replace("_", " ")
-
-
-def _signed(change: float | None) -> str:
-    return f"+{short(change)}" if change is not None and change >= 0 else short(change)
 
 
 SECTIONS = (ReportSection(30, "regression", "Against the baseline", regression),)

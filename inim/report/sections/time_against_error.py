@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -51,7 +51,14 @@ _Point = tuple[str, float, float]
 def time_against_error(data: ReportDocument, images: Images) -> str:
     """The section; empty where no algorithm has a time and a score."""
     times, unit = _times(data)
-    views, eias = _view_points(data, times), _eia_points(data, times)
+    views: list[_Point] = []  # 1 − mean main score to the ceiling, if no viewpoint lacks it
+    eias: list[_Point] = []  # negative PSNR of the EIA to the true one
+    for name, time in times.items():
+        scores, psnr = data.headlines(name), data.algorithms[name].eia[PSNR.key]
+        if scores and len(scores) == len(data.viewpoint_names):
+            views.append((plain(name), time, 1 - math.fsum(scores) / len(scores)))
+        if psnr is not None and math.isfinite(psnr):
+            eias.append((plain(name), time, -psnr))
     if not (views or eias):
         return ""
     floor = data.noise_floor.eia[PSNR.key]
@@ -86,27 +93,6 @@ def _times(data: ReportDocument) -> tuple[dict[str, float], str]:
         for key in ("seconds", _YARDSTICKS)
     )
     return (ratios, _YARDSTICKS) if ratios.keys() >= seconds.keys() else (seconds, "seconds")
-
-
-def _view_points(data: ReportDocument, times: Mapping[str, float]) -> list[_Point]:
-    """1 − mean main score to the ceiling, of those that have all of them."""
-    names = data.viewpoint_names
-    points = []
-    for name, time in times.items():
-        known = data.headlines(name)
-        if names and len(known) == len(names):
-            points.append((plain(name), time, 1 - math.fsum(known) / len(known)))
-    return points
-
-
-def _eia_points(data: ReportDocument, times: Mapping[str, float]) -> list[_Point]:
-    """PSNR of the EIA to the true one, negative."""
-    points = []
-    for name, time in times.items():
-        psnr = data.algorithms[name].eia[PSNR.key]
-        if psnr is not None and math.isfinite(psnr):
-            points.append((plain(name), time, -psnr))
-    return points
 
 
 @lru_cache(maxsize=8)  # a page too large is put together again

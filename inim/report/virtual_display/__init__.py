@@ -184,12 +184,7 @@ def _live(
         ),
         _controls(eyes, several, live_lens_models(display), shown_lens_model(display, lens_model)),
         element("div", *screens, class_="screens"),
-        element(
-            "div",
-            element("div", element("p", class_="readout"), element("p", class_="sign"), _sliders()),
-            _above(),
-            class_="where",
-        ),
+        _where(),
         element("p", class_="spoken", role="status"),
     ]
     kinds = ["virtual", *(["wide"] if display.width_mm > 1.5 * display.height_mm else [])]
@@ -241,16 +236,12 @@ def _screen(display: Display, names: Sequence[str], side: int, index: int) -> st
     return element("figure", head, canvas)
 
 
-def _above() -> str:
-    """Where display and eye are, seen from above; the script draws it."""
+def _where() -> str:
+    """Display and eye in words, by sliders and from above; the script fills them in."""
     eye = element("polyline", class_="sight") + element("circle", r=4, class_="eye")
     parts = [element("polygon", class_="zone"), element("g", eye), element("g", eye)]
     panel = element("polyline", class_="panel")
     drawing = element("svg", *parts, panel, viewBox="-110 -8 220 170", role="img", class_="above")
-    return element("figure", drawing, element("figcaption", text(_ABOVE)))
-
-
-def _sliders() -> str:
     sliders = [
         element("label", text(label), void("input", type="range", name_=name, **limits))
         for name, label, limits in (
@@ -259,7 +250,13 @@ def _sliders() -> str:
             ("z", "Eye, near to far", {"min": 0, "max": 1, "step": "any"}),
         )
     ]
-    return element("div", *sliders, class_="sliders")
+    words = element("p", class_="readout"), element("p", class_="sign")
+    return element(
+        "div",
+        element("div", *words, element("div", *sliders, class_="sliders")),
+        element("figure", drawing, element("figcaption", text(_ABOVE))),
+        class_="where",
+    )
 
 
 def _embedding_words(embedded: Sequence[_Embedded], left_out: Sequence[str]) -> list[str]:
