@@ -92,11 +92,6 @@ def test_every_form_is_written_and_listed(tmp_path):
     assert 'class="claims"' in (tmp_path / "bench.html").read_text("utf-8")
 
 
-def test_markdown_tables_have_as_many_cells_in_every_row():
-    data = paper_bench()
-    assert_tables_are_whole(data, parts_of(data.study))
-
-
 @pytest.mark.parametrize("name", ["paper", "views", "layered", "commands"])
 def test_committed_results_are_still_read(name):
     """What documents quote can be shown again, tables and plots."""
