@@ -12,6 +12,7 @@ import io
 import os
 import sys
 import traceback
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from typing import Any, NoReturn
 
@@ -40,16 +41,16 @@ COMMANDS = {
     "tolerate": "sweep",
     "view": "view",
     "film": "view",
-    "inspect": "inspect",
+    "inspect": "info",
     "calibrate": "calibrate",
-    "photo": "photo",
+    "photo": "calibrate",
     "generate": "generate",
     "export": "export",
     "depth": "depth",
-    "cache": "installation",
-    "sys-info": "installation",
-    "algorithms": "installation",
-    "settings": "installation",
+    "cache": "info",
+    "sys-info": "info",
+    "algorithms": "info",
+    "settings": "info",
 }
 
 
@@ -82,9 +83,7 @@ def main(argv: list[str] | None = None) -> int:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     argv = sys.argv[1:] if argv is None else argv
     if "_ARGCOMPLETE" in os.environ:  # a shell asks how a word goes on
-        from inim.commands.completion import complete
-
-        complete(_parser(None))
+        _complete(_parser(None))
     if not argv:
         argv = ["--help"]
     parser = _parser(argv[0])
@@ -131,3 +130,75 @@ def _parser(named: str | None) -> argparse.ArgumentParser:
         command.add_arguments(own)
         own.set_defaults(run=command.run)
     return parser
+
+
+def _complete(parser: argparse.ArgumentParser) -> None:
+    """Answer a shell's question about the line being typed, and exit."""
+    import argcomplete
+
+    for own in _parsers(parser):
+        for action in own._actions:
+            for option in action.option_strings:
+                if option in _WORDS:
+                    action.completer = _completer(_WORDS[option])  # type: ignore[attr-defined]
+    argcomplete.autocomplete(parser)
+
+
+def _parsers(parser: argparse.ArgumentParser) -> Iterable[argparse.ArgumentParser]:
+    """A parser and those of its commands."""
+    yield parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for own in action.choices.values():
+                yield from _parsers(own)
+
+
+def _completer(words: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
+    """Proposes words; in a list with commas, one more."""
+
+    def propose(prefix: str, **_: object) -> list[str]:
+        before, comma, _last = prefix.rpartition(",")
+        return [f"{before}{comma}{word}" for word in words()]
+
+    return propose
+
+
+def _algorithms() -> Iterable[str]:
+    from inim.generators import algorithm_names
+
+    return algorithm_names()
+
+
+def _displays() -> Iterable[str]:
+    from inim.display import DISPLAYS
+
+    return DISPLAYS
+
+
+def _lens_models() -> Iterable[str]:
+    from inim.lens import lens_models
+
+    return lens_models()
+
+
+def _viewpoints() -> Iterable[str]:
+    from inim.display.viewpoint import DEFAULT_VIEWPOINTS
+
+    return DEFAULT_VIEWPOINTS
+
+
+def _settings() -> Iterable[str]:
+    from dataclasses import fields
+
+    from inim.settings import PREFIX, Settings
+
+    return [f"{PREFIX}{field.name}=" for field in fields(Settings)]
+
+
+_WORDS: dict[str, Callable[[], Iterable[str]]] = {
+    "--algorithms": _algorithms,
+    "--display": _displays,
+    "--lens-model": _lens_models,
+    "--viewpoints": _viewpoints,
+    "-D": _settings,
+}

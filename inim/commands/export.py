@@ -233,8 +233,8 @@ def _write_views(folder: Path, views: np.ndarray) -> None:
 
 def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
     """The quilt asked for, checked."""
+    from inim.views.frames import TracedScene
     from inim.views.quilt import QuiltRequest, check_quilt
-    from inim.views.traced_scene import TracedScene
 
     if args.scene is not None and not chosen.is_truth:
         raise UsageError("--scene: is traced for the truth only; add --algorithm truth")

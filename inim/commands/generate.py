@@ -85,7 +85,7 @@ def _run(args: argparse.Namespace) -> int:
 def _run_folder(args: argparse.Namespace) -> int:
     """Each photograph of a folder; one that fails is said, and the others are made."""
     from inim.files.eia_file import EIA_SUFFIXES
-    from inim.from_camera.depth_photo.read import SUFFIXES
+    from inim.from_camera.depth_photo import SUFFIXES
     from inim.worker.output import default_out
 
     for option in ("pdf", "rgbd", "hci"):
@@ -237,7 +237,7 @@ def _generated(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """A picture's EIA, linear RGB, and where it shows nothing, if the algorithm says."""
     from inim.generators import foreign_errors, prepare
-    from inim.pipeline.stages.run_generator import run_generator
+    from inim.pipeline.stages.generate import run_generator
 
     with foreign_errors(algorithm):
         generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)

@@ -237,7 +237,7 @@ def _film(args: argparse.Namespace) -> int:
     from inim.lens import lens_models
     from inim.report import Report
     from inim.views.film import CEILING, FilmRequest, make_film
-    from inim.views.traced_scene import TracedScene
+    from inim.views.frames import TracedScene
 
     report = Report.load(args.folder)
     best = report.data.best_algorithm

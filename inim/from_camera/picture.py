@@ -322,8 +322,8 @@ class CameraPicture:
 
     def _read_photo(self, path: Path) -> ColorDepth:
         """Read a photograph with depth inside."""
+        from inim.from_camera.depth_photo import read_depth_photo
         from inim.from_camera.depth_photo.codes import distances
-        from inim.from_camera.depth_photo.read import read_depth_photo
 
         photo = read_depth_photo(path)
         rows, columns = photo.values.depth.shape

@@ -11,14 +11,12 @@ looks up its result in the cache, times it and records what was skipped.
 
 from __future__ import annotations
 
-from inim.pipeline.adaptive_sampling import measure_until_known
-from inim.pipeline.measured import Measured
-from inim.pipeline.output.baseline import judge
+from inim.pipeline.adaptive_sampling import Measured, measure_until_known
+from inim.pipeline.output.baseline import judge, run_statistics
 from inim.pipeline.output.images import Images
 from inim.pipeline.output.report_data import report_of
-from inim.pipeline.output.run_statistics import run_statistics
 from inim.pipeline.plan import Plan
-from inim.pipeline.stages.capture import DepthCamera, capture_relic
+from inim.pipeline.stages.capture import DepthCamera, capture_relic, translucency
 from inim.pipeline.stages.evaluate import (
     ceiling_scores,
     evaluate,
@@ -26,13 +24,11 @@ from inim.pipeline.stages.evaluate import (
     noise_floor,
     truth_statistics,
 )
-from inim.pipeline.stages.generator_times import generator_times
 from inim.pipeline.stages.ground_truth import collect_truth, pick_up_truth, render_view
-from inim.pipeline.stages.method import Task, make_eia, prepare_methods
+from inim.pipeline.stages.method import Task, generator_times, make_eia, prepare_methods
 from inim.pipeline.stages.reconstruct import observed_pixels, reconstruct_views
 from inim.pipeline.stages.scene import Renderer, Scene, scene_facts
 from inim.pipeline.stages.stage import Run
-from inim.pipeline.stages.translucency import translucency
 from inim.report import Report
 
 

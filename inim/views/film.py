@@ -25,8 +25,7 @@ from inim.pipeline.stages.reconstruct import Optics
 from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
 from inim.report import Report
-from inim.views.frames import frames
-from inim.views.traced_scene import TracedScene
+from inim.views.frames import TracedScene, frames
 from inim.worker.output import hidden_folder, publish_file
 from inim.worker.supervisor import run_in_worker
 

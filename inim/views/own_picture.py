@@ -13,7 +13,9 @@ import numpy as np
 
 from inim import metrics
 from inim.backend.choice import backend_data, versions
-from inim.display.viewpoint import Viewpoint, parse_viewpoints
+from inim.backend.kernels import compiled, prange
+from inim.display import Display, Viewpoint
+from inim.display.viewpoint import parse_viewpoints
 from inim.documents.parts import Backend, Check, Checks, DisplayRecord, EyePosition
 from inim.documents.picture import (
     FittedPicture,
@@ -33,8 +35,10 @@ from inim.generators import (
     foreign_errors,
     generate,
 )
-from inim.generators.base import MOST_OUTSIDE, outside_depth_range
+from inim.generators.base import HOLE, MOST_OUTSIDE, outside_depth_range
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
+from inim.generators.raycast.columns import SURFACE, columns_of
+from inim.generators.raycast.ray_by_ray import first_hit
 from inim.generators.registry import properties
 from inim.image.noisy_image import NoisyImage, replace_nonfinite
 from inim.image.rgbd import RGBD
@@ -52,16 +56,17 @@ from inim.process.observer import Observer
 from inim.report.without_scene import write_picture_report
 from inim.scene.file import choose_display
 from inim.version import __version__
-from inim.views.warp import warped
 from inim.worker.output import default_out, publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
-    from inim.display import Display
     from inim.settings import Settings
+
 
 #: Its EIA shows just what the picture says: all that can be asked for without a ground truth.
 EXACT = "template:samples=4"
+# Rays along each side of a view pixel.
+_RAYS = 4
 _FILES = ("report.json", "report.html", "summary.md", "eia/", "views/")
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
 _NOT_SCORED = (
@@ -115,6 +120,19 @@ class PictureRequest(Choices):
         )
 
 
+@dataclass(frozen=True)
+class _Plan:
+    """A request, checked: what the worker carries out."""
+
+    request: PictureRequest
+    display: Display
+    settings: Settings
+    algorithms: list[str]
+    viewpoints: tuple[Viewpoint, ...]
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
 def no_warning(_: str) -> None:
     """What takes warnings that nobody wants to hear."""
 
@@ -137,9 +155,13 @@ def run_picture(
     InimError
         Every mistake in the arguments and pictures is found out before a worker is started.
     """
-    display, settings = _chosen(request)
-    _algorithms(settings.algorithms)
-    _viewpoints(display, settings)
+    display, settings = choose_display(request.display, request.definitions, "inim validate")
+    settings = replace(settings, **request.overrides())
+    check_lens_model(settings.lens_model, display)
+    algorithms = [m.name for m in parse_methods(algorithm_items(settings.algorithms), {})]
+    for name in algorithms:
+        check_algorithm(name)
+    viewpoints = parse_viewpoints(settings.viewpoints, display, settings.viewing_distance_mm)
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     if request.rgbd is not None:
@@ -155,7 +177,7 @@ def run_picture(
         warn(warning)
     passed = run_in_worker(
         "inim.views.own_picture:work",
-        lambda: (request, warnings, notes),
+        lambda: _Plan(request, display, settings, algorithms, viewpoints, warnings, notes),
         staging_folder(request.folder, _FILES),
         fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
         backend=request.backend,
@@ -191,26 +213,6 @@ def _made_for_another(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...
     )
 
 
-def _chosen(request: PictureRequest) -> tuple[Display, Settings]:
-    """The display, and the settings with the request's choices."""
-    display, settings = choose_display(request.display, request.definitions, "inim validate")
-    settings = replace(settings, **request.overrides())
-    check_lens_model(settings.lens_model, display)
-    return display, settings
-
-
-def _algorithms(text: str) -> list[str]:
-    names = [method.name for method in parse_methods(algorithm_items(text), {})]
-    for name in names:
-        check_algorithm(name)
-    return names
-
-
-def _viewpoints(display: Display, settings: Settings) -> tuple[Viewpoint, ...]:
-    distance = settings.viewing_distance_mm
-    return parse_viewpoints(settings.viewpoints, display, distance)
-
-
 def _check_picture(rgbd: RGBD, display: Display, named: str) -> None:
     low, high = display.depth_range_mm
     if not rgbd.covered.any():
@@ -225,18 +227,13 @@ def _check_picture(rgbd: RGBD, display: Display, named: str) -> None:
         raise FileError(f"{named}: has colours that are not finite; mend them")
 
 
-def work(
-    requested: tuple[PictureRequest, tuple[str, ...], tuple[str, ...]],
-    staging: Path,
-    observer: Observer,
-) -> bool:
+def work(plan: _Plan, staging: Path, observer: Observer) -> bool:
     """The worker's side: make, look, score, write, publish."""
-    request, warnings, notes = requested
+    request, display, settings = plan.request, plan.display, plan.settings
     observer.stage("start")
     renderer = Renderer(request.backend, observer)
-    display, settings = _chosen(request)
     rgbd = read_rgbd(staging / "rgbd.exr")
-    scored = _scored(staging, rgbd, display, settings, renderer)
+    scored = _scored(plan, rgbd, staging, renderer)
     observer.stage("write")
     write_rgbd_pngs(staging, rgbd, display)
     data = PictureDocument(
@@ -247,8 +244,8 @@ def work(
         command=shlex.join(["inim", "validate", *request.command(settings)]),
         display=DisplayRecord.of(display),
         lens_model=settings.lens_model,
-        picture=_fitted(rgbd, notes),
-        warnings=[*warnings],
+        picture=_fitted(rgbd, plan.notes),
+        warnings=[*plan.warnings],
         backend=Backend(**backend_data(renderer.backend)),
         **scored,
     )
@@ -271,15 +268,10 @@ def _fitted(rgbd: RGBD, notes: Sequence[str]) -> FittedPicture:
     )
 
 
-def _scored(
-    folder: Path,
-    rgbd: RGBD,
-    display: Display,
-    settings: Settings,
-    renderer: Renderer,
-) -> dict[str, Any]:
+def _scored(plan: _Plan, rgbd: RGBD, folder: Path, renderer: Renderer) -> dict[str, Any]:
     """Scores, checks and pictures; `not_scored` says what is missing and why."""
-    s, viewpoints, run = settings, _viewpoints(display, settings), Run(observer=renderer.observer)
+    s, display, viewpoints = plan.settings, plan.display, plan.viewpoints
+    names, run = plan.algorithms, Run(observer=renderer.observer)
     optics = Optics(display, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed)
 
     def views_of(name: str, eia: np.ndarray) -> dict[str, np.ndarray]:
@@ -290,7 +282,6 @@ def _scored(
             write_png(folder / "views" / name / f"{viewpoint}.png", view.image)
         return {viewpoint: view.image for viewpoint, view in seen.items()}
 
-    names = _algorithms(s.algorithms)
     eyes = ["reconstruct views"] * len(viewpoints)
     each = [stage for name in names for stage in (name, *eyes)]
     run.observer.begin(["exact oracle", "views", *eyes, *each, "write"])
@@ -387,3 +378,69 @@ def _line(name: str, result: PictureAlgorithm) -> str:
         f"{name:24}  wrong source {wrong}  SSIM on what the picture covers {ssim[0]:.4f} to it, "
         f"{ssim[1]:.4f} to the exact EIA's view"
     )
+
+
+def warped(
+    rgbd: RGBD, display: Display, eye: Viewpoint, pixels_per_lens: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """What an eye sees of a picture through the window of the array.
+
+    Each ray shows the first of the picture's columns that it meets, as thick as the surface that
+    each pixel shows: what `template` takes the picture for, from another place.
+
+    Parameters
+    ----------
+    rgbd : RGBD
+        Linear float32.
+    display : Display
+    eye : Viewpoint
+        As a point.
+    pixels_per_lens : int
+        Of the view, along each side.
+
+    Returns
+    -------
+    view : (rows, columns, 3) float32, linear RGB
+        Black where nothing is met.
+    met : (rows, columns) float32
+        Share of each pixel's rays that meet something.
+    """
+    rows, columns = (n * pixels_per_lens for n in (display.lens_rows, display.lens_columns))
+    x = _places(columns, display.width_mm)
+    y = -_places(rows, display.height_mm)
+    slope_x, slope_y = (eye.x_mm - x) / eye.z_mm, (eye.y_mm - y) / eye.z_mm
+    columns_met = columns_of(rgbd, SURFACE)
+    met_by_rays = (columns_met.fronts(), columns_met.backs(), columns_met.continue_behind)
+    view = np.zeros((rows, columns, 3), np.float32)
+    met = np.zeros((rows, columns), np.float32)
+    # In cells from the picture's left and upper border; rows count downwards.
+    across = (x / rgbd.pixel_mm + rgbd.shape[1] / 2, slope_x / rgbd.pixel_mm)
+    down = (rgbd.shape[0] / 2 - y / rgbd.pixel_mm, -slope_y / rgbd.pixel_mm)
+    _see(*met_by_rays, rgbd.color, *across, *down, *display.depth_range_mm, view, met)
+    return view, met
+
+
+def _places(pixels: int, size_mm: float) -> np.ndarray:
+    """Centres of a view's rays across the window, mm from its middle."""
+    rays = pixels * _RAYS
+    centres: np.ndarray = ((np.arange(rays) + 0.5) / rays - 0.5) * size_mm
+    return centres
+
+
+@compiled(parallel=True)
+def _see(fronts, backs, continue_behind, color, u0, du, v0, dv, z_min, z_max, view, met):  # type: ignore[no-untyped-def]
+    """Mean colour of what each pixel's rays meet, and how many do."""
+    columns = fronts.shape[2]
+    share = np.float32(1 / (_RAYS * _RAYS))
+    for row in prange(view.shape[0]):
+        for column in range(view.shape[1]):
+            for i in range(row * _RAYS, (row + 1) * _RAYS):
+                for j in range(column * _RAYS, (column + 1) * _RAYS):
+                    hit = first_hit(
+                        fronts, backs, continue_behind,
+                        u0[j], du[j], 1.0, v0[i], dv[i], 1.0, z_min, z_max,
+                    )  # fmt: skip
+                    if hit != HOLE:
+                        met[row, column] += share
+                        for c in range(3):
+                            view[row, column, c] += share * color[hit // columns, hit % columns, c]

@@ -20,8 +20,7 @@ from inim.lens import check_lens_model
 from inim.pipeline.stages.reconstruct import Optics
 from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
-from inim.views.frames import frames
-from inim.views.traced_scene import TracedScene
+from inim.views.frames import TracedScene, frames
 from inim.worker.output import hidden_folder, publish_file
 from inim.worker.supervisor import run_in_worker
 

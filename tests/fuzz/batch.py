@@ -98,7 +98,7 @@ _eia = _reader("files.eia_file", "read_eia", more=(DISPLAY,))
 _rgbd = _reader("files.image", "read_exr", "read_rgbd")
 _depth = _reader("from_camera.picture_files", "read_depth")
 _color = _reader("from_camera.picture_files", "read_color")
-_photo = _reader("from_camera.depth_photo.read", "read_depth_photo")
+_photo = _reader("from_camera.depth_photo", "read_depth_photo")
 _read_study = _reader("sweep.study", "read_study")
 
 

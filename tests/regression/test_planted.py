@@ -19,9 +19,9 @@ import pytest
 from inim.generators import prepare
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
-from inim.pipeline.measured import Measured
+from inim.pipeline.adaptive_sampling import Measured
+from inim.pipeline.output.baseline import run_statistics
 from inim.pipeline.output.images import Images
-from inim.pipeline.output.run_statistics import run_statistics
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.evaluate import ceiling_scores, evaluate, truth_statistics

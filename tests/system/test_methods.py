@@ -31,8 +31,8 @@ from inim.image.color import linear_from_srgb
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.capture import DepthCamera
+from inim.pipeline.stages.generate import run_generator
 from inim.pipeline.stages.method import Task, parse_eias, parse_methods
-from inim.pipeline.stages.run_generator import run_generator
 from inim.pipeline.stages.scene import Scene
 from inim.pipeline.stages.stage import Run as StageRun
 from inim.pipeline.work import setup

@@ -19,8 +19,7 @@ from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.files.image import read_rgbd
 from inim.generators.oracle import exact_hits
 from inim.image.rgbd import RGBD
-from inim.views.own_picture import _fitted_warnings, _made_for_another
-from inim.views.warp import warped
+from inim.views.own_picture import _fitted_warnings, _made_for_another, warped
 from tests import oracle
 from tests.chromium import browser
 from tests.conftest import small_display

@@ -12,7 +12,7 @@ import pytest
 
 from inim import backend
 from inim.backend import Backend, Verdict, choice, trial
-from inim.commands.installation import describe, sys_info
+from inim.commands.info import describe, sys_info
 from inim.errors import BackendError, UsageError
 from inim.process import machine
 

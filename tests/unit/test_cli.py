@@ -56,7 +56,7 @@ def test_help_loads_nothing_heavy(words):
 
 def test_only_the_named_command_is_imported():
     loaded = {m for m in loaded_by("cache", "--help") if m.startswith("inim.commands.")}
-    assert loaded == {"inim.commands.installation", "inim.commands.options"}
+    assert loaded == {"inim.commands.info", "inim.commands.options"}
 
 
 @pytest.mark.parametrize(

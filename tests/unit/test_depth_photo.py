@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 from inim.errors import FileError, UsageError
+from inim.from_camera.depth_photo import read_depth_photo
 from inim.from_camera.depth_photo.codes import upright
-from inim.from_camera.depth_photo.read import read_depth_photo
 from inim.from_camera.fit import Pinhole
 from inim.from_camera.picture_files import read_color
 from tests.depth_photographs import (

@@ -1,7 +1,12 @@
-"""Depth inside a photograph: whole numbers, and what they stand for.
+"""Depth inside a photograph: whole numbers, what they stand for, and the metadata about them.
 
 All formats quantise one of two quantities evenly: the distance, or its inverse (a disparity). With
 ``v`` the number over the largest there is, ``q = first + v (last - first)`` is that quantity.
+
+Apple's ``apdi:FloatMinValue`` and ``FloatMaxValue`` are the quantity at the least and the largest
+number: 1/m for a disparity, m for a depth. Only ``depthData:Accuracy`` "absolute" vouches for the
+metres. XMP (ISO 16684-1) is XML from anybody, read in bounded time: a document type, the only way
+to entities, is refused.
 """
 
 from __future__ import annotations
@@ -10,6 +15,7 @@ import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from xml.parsers import expat
 
 import numpy as np
 
@@ -17,6 +23,22 @@ from inim.errors import FileError
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import Pinhole
 
+WAY_OUT = "take the photograph's original file"
+_KINDS = ("disparity", "depth")
+_NAMESPACES = {
+    "http://ns.google.com/photos/1.0/depthmap/": "GDepth",
+    "http://ns.google.com/photos/dd/1.0/depthmap/": "DepthMap",
+    "http://ns.google.com/photos/dd/1.0/item/": "Item",
+    "http://ns.google.com/photos/1.0/container/item/": "Item",
+    "http://ns.google.com/photos/dd/1.0/imagingmodel/": "ImagingModel",
+    "http://ns.apple.com/pixeldatainfo/1.0/": "apdi",
+    "http://ns.apple.com/depthData/1.0/": "depthData",
+    "http://ns.adobe.com/xmp/note/": "xmpNote",
+}
+_DEEPEST = 64
+_MOST_ELEMENTS = 20_000
+# Texts up to this length count as their parents', too: the numbers of a list are one text so.
+_SHORT = 4096
 # Of distances, in any unit; beyond it a float's own precision is used up.
 _LARGEST = 1e9
 _ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
@@ -83,7 +105,7 @@ def number(text: str | None, path: Path, name: str) -> float:
         value = math.nan
     if not abs(value) <= _LARGEST:
         shown = "is missing" if text is None else f"is {text[:40]!r}, no usable number"
-        raise FileError(f"{path}: {name} of its depth {shown}; take the photograph's original file")
+        raise FileError(f"{path}: {name} of its depth {shown}; {WAY_OUT}")
     return value
 
 
@@ -169,3 +191,109 @@ def turned(camera: Pinhole, size: tuple[int, int], orientation: int) -> Pinhole:
     if orientation in (3, 4, 7, 8):
         camera = replace(camera, cy=rows - 1 - camera.cy)
     return camera
+
+
+def read_xmp(packet: bytes, path: Path) -> list[dict[str, str]]:
+    """Properties by element, in the order of the document.
+
+    Parameters
+    ----------
+    packet : bytes
+    path : Path
+        Of the photograph, for messages.
+
+    Returns
+    -------
+    list of dict of str to str
+        Of each element its properties ("DepthMap:Near"), be they attributes or elements in it.
+
+    Raises
+    ------
+    FileError
+        Broken XML, or a document type, or more than a photograph has.
+    """
+    nodes: list[dict[str, str]] = []
+    stack: list[tuple[dict[str, str], list[str]]] = []
+
+    def start(_: str, attributes: dict[str, str]) -> None:
+        if len(stack) >= _DEEPEST or len(nodes) >= _MOST_ELEMENTS:
+            raise FileError(f"{path}: its XMP metadata nest too deep or never end; {WAY_OUT}")
+        node = {name: text for key, text in attributes.items() if (name := _name(key))}
+        nodes.append(node)
+        stack.append((node, []))
+
+    def end(tag: str) -> None:
+        text = "".join(stack.pop()[1]).strip()
+        if not (text and stack):
+            return
+        if name := _name(tag):
+            stack[-1][0].setdefault(name, text)
+        if len(text) <= _SHORT:
+            stack[-1][1].append(f" {text} ")
+
+    def doctype(*_: object) -> None:
+        raise FileError(f"{path}: its XMP metadata have a DOCTYPE; entities are refused")
+
+    parser = expat.ParserCreate(namespace_separator=" ")
+    parser.buffer_text = True
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.StartDoctypeDeclHandler = doctype
+    parser.CharacterDataHandler = lambda text: stack[-1][1].append(text)
+    try:
+        parser.Parse(packet.strip(b"\0 \n\r\t"), True)
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        raise FileError(f"{path}: its XMP metadata are broken ({error}); {WAY_OUT}") from None
+    return nodes
+
+
+def _name(key: str) -> str:
+    """The usual name of a property; empty where it is none of ours."""
+    namespace, _, local = key.rpartition(" ")
+    prefix = _NAMESPACES.get(namespace)
+    return f"{prefix}:{local}" if prefix else ""
+
+
+def merged(nodes: list[dict[str, str]], prefix: str) -> dict[str, str]:
+    """All properties of a namespace, wherever they stand; the first of each."""
+    found: dict[str, str] = {}
+    for node in nodes:
+        for name, text in node.items():
+            if name.startswith(f"{prefix}:"):
+                found.setdefault(name, text)
+    return found
+
+
+def apple_coding(nodes: list[dict[str, str]], path: Path) -> Coding | None:
+    """Coding of the depth image that the metadata belong to; None where they are of another kind.
+
+    Raises
+    ------
+    FileError
+        A range that is none.
+    """
+    found = merged(nodes, "apdi") | merged(nodes, "depthData")
+    kind = found.get("apdi:AuxiliaryImageType", "")
+    if kind not in _KINDS:
+        return None
+    names = ("FloatMinValue", "FloatMaxValue")
+    least, most = (number(found.get(f"apdi:{name}"), path, name) for name in names)
+    if not 0 <= least <= most or most == 0:
+        raise FileError(f"{path}: its {kind} goes from {least:g} to {most:g}; it is damaged")
+    accuracy = found.get("depthData:Accuracy", "not stated")
+    said = f"Apple {kind}, accuracy {accuracy[:20]}"
+    unit_mm = 1000.0 if accuracy == "absolute" else 0.0
+    return Coding(kind == "disparity", least, most, unit_mm, said)
+
+
+def apple_camera(nodes: list[dict[str, str]]) -> tuple[Pinhole | None, tuple[float, float]]:
+    """The camera by its intrinsic matrix, column by column, and the size it is stated for."""
+    found = merged(nodes, "depthData")
+    names = ("", "ReferenceWidth", "ReferenceHeight")
+    try:
+        texts = [found[f"depthData:IntrinsicMatrix{name}"].split() for name in names]
+        matrix, (columns,), (rows,) = ([float(text) for text in some] for some in texts)
+        fx, _, _, _, fy, _, cx, cy, _ = matrix
+    except (KeyError, ValueError):
+        return None, (0.0, 0.0)
+    return Pinhole(fx, fy, cx - 0.5, cy - 0.5), (columns, rows)

@@ -13,9 +13,15 @@ import numpy as np
 
 from inim.errors import FileError, UsageError
 from inim.files.image import check_unfolding, hushed
-from inim.from_camera.depth_photo.apple import apple_camera, apple_coding
-from inim.from_camera.depth_photo.codes import Coding, Inside, by_exif
-from inim.from_camera.depth_photo.xmp import read_xmp
+from inim.from_camera.depth_photo.codes import (
+    WAY_OUT,
+    Coding,
+    Inside,
+    apple_camera,
+    apple_coding,
+    by_exif,
+    read_xmp,
+)
 
 _BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 _BEGIN, _END = b"<x:xmpmeta", b"</x:xmpmeta>"
@@ -62,7 +68,7 @@ def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], Inside |
         raise
     except Exception as error:
         cause = str(error).partition("\n")[0]
-        raise FileError(f"{path}: not a readable HEIC ({cause}); take the original file") from error
+        raise FileError(f"{path}: not a readable HEIC ({cause}); {WAY_OUT}") from error
     if codes is None:
         return picture, exif, None
     if codes.ndim != 2 or codes.dtype not in (np.uint8, np.uint16):
@@ -109,6 +115,5 @@ def _represented(depth: Any, path: Path) -> Coding:
     if kind in (None, _INVERSE, _DISPARITY):
         return Coding(True, 0.0, 1.0, 0.0, f"{words}: disparity of unknown range")
     raise FileError(
-        f"{path}: its depth is of a kind that is not read (depth representation {kind}); "
-        "take the photograph's original file"
+        f"{path}: its depth is of a kind that is not read (depth representation {kind}); {WAY_OUT}"
     )

@@ -20,9 +20,17 @@ import numpy as np
 
 from inim.errors import FileError
 from inim.files.picture import open_picture
-from inim.from_camera.depth_photo.apple import apple_camera, apple_coding
-from inim.from_camera.depth_photo.codes import Coding, Inside, number, ranged
-from inim.from_camera.depth_photo.xmp import merged, read_xmp
+from inim.from_camera.depth_photo.codes import (
+    WAY_OUT,
+    Coding,
+    Inside,
+    apple_camera,
+    apple_coding,
+    merged,
+    number,
+    ranged,
+    read_xmp,
+)
 from inim.from_camera.fit import Pinhole
 from inim.from_camera.picture_files import depth_numbers
 
@@ -56,16 +64,13 @@ def inside_jpeg(path: Path, data: bytes) -> Inside | None:
         try:
             image = binascii.a2b_base64(google["GDepth:Data"])
         except ValueError as error:
-            raise FileError(f"{path}: GDepth:Data is no base64 ({error}); {_WAY_OUT}") from None
+            raise FileError(f"{path}: GDepth:Data is no base64 ({error}); {WAY_OUT}") from None
         return _google(path, image, google, "GDepth", nodes)
     for node in nodes:
         if "DepthMap:DepthURI" in node and node.get("DepthMap:ItemSemantic") != "Segmentation":
             image = _appended(path, data, parts[-1][1], node["DepthMap:DepthURI"], nodes)
             return _google(path, image, node, "DepthMap", nodes)
     return _apple(path, data, parts)
-
-
-_WAY_OUT = "take the photograph's original file"
 
 
 def _segments(path: Path, data: bytes) -> Iterator[tuple[int, int, bytes]]:
@@ -110,7 +115,7 @@ def _metadata(path: Path, parts: list[tuple[int, int, bytes]]) -> list[dict[str,
     if [place for place, _ in placed] != list(ends[:-1]) or ends[-1] != whole:
         raise FileError(
             f"{path}: {len(extension)} of the {whole} bytes of its extended XMP metadata are there;"
-            f" {_WAY_OUT}"
+            f" {WAY_OUT}"
         )
     return nodes + read_xmp(extension, path)
 
@@ -169,12 +174,12 @@ def _appended(path: Path, data: bytes, end: int, uri: str, nodes: list[dict[str,
             if length == 0 or at + length > len(data):
                 raise FileError(
                     f"{path}: its depth should be {length} bytes at {at}, and the file has "
-                    f"{len(data)}; appended pictures were cut off: {_WAY_OUT}"
+                    f"{len(data)}; appended pictures were cut off: {WAY_OUT}"
                 )
             return data[at : at + length]
         at += length + padding
     raise FileError(
-        f"{path}: names a depth picture {uri[:80]!r} that its directory does not list; {_WAY_OUT}"
+        f"{path}: names a depth picture {uri[:80]!r} that its directory does not list; {WAY_OUT}"
     )
 
 
@@ -212,11 +217,11 @@ def _further(path: Path, data: bytes, base: int) -> list[tuple[int, int]]:
                 entries = picture.mpinfo[_MP_ENTRIES][1:]
         pictures = [(base + entry["DataOffset"], entry["Size"]) for entry in entries]
     except Exception as error:  # whatever Pillow raises
-        raise FileError(f"{path}: its list of pictures (MPF) is damaged; {_WAY_OUT}") from error
+        raise FileError(f"{path}: its list of pictures (MPF) is damaged; {WAY_OUT}") from error
     for begin, length in pictures:
         if begin + length > len(data):
             raise FileError(
                 f"{path}: lists a picture of {length} bytes at {begin}, and the file has "
-                f"{len(data)}; it is cut short: {_WAY_OUT}"
+                f"{len(data)}; it is cut short: {WAY_OUT}"
             )
     return pictures

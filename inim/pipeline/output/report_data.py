@@ -29,7 +29,7 @@ from inim.documents.report import (
 from inim.image.rgbd import RGBD
 from inim.inspect.accuracy_limits import accuracy_warnings, lenses_beside_panel
 from inim.metrics.headline import HEADLINE
-from inim.pipeline.measured import Measured
+from inim.pipeline.adaptive_sampling import Measured
 from inim.pipeline.output.baseline import Comparison
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.evaluate import reported_scores

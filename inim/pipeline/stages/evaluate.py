@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from inim import metrics
+from inim.display import Display
 from inim.documents.parts import Check, ScorePrecision
 from inim.documents.report import AlgorithmResult, NoiseFloor
 from inim.image.noisy_image import NoisyImage
@@ -27,14 +28,39 @@ from inim.pipeline.stages.checks import (
 from inim.pipeline.stages.generate import GeneratedEIA, Reference
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.stage import SCORING, Run, stage
-from inim.pipeline.stages.statistics import Statistics, eia_statistics, view_statistics
 from inim.process.threads import Submit, threads
-from inim.regression import ScoreEstimate, score_interval, view_scores
+from inim.regression import (
+    Fingerprint,
+    ScoreEstimate,
+    TileStatistics,
+    eia_tile,
+    score_interval,
+    tile_statistics,
+    view_scores,
+    view_tile,
+)
 
 # A score takes some 100 bytes a pixel while it is made: 0.4 GB for all of them together.
 _PIXELS_AT_ONCE = 2**22
 # Scores by their names in report.json.
 Scores = dict[str, ScoreEstimate]
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What later runs can be compared with, of one method or of the ground truth.
+
+    Attributes
+    ----------
+    pictures : dict of str to TileStatistics
+    scores : dict of str to dict of str to ScoreEstimate
+        By ``NAME/VIEWPOINT``.
+    fingerprints : dict of str to Fingerprint
+    """
+
+    pictures: dict[str, TileStatistics] = field(default_factory=dict)
+    scores: dict[str, dict[str, ScoreEstimate]] = field(default_factory=dict)
+    fingerprints: dict[str, Fingerprint] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -287,3 +313,41 @@ def _limits(name: str, limit: float | None, found: Mapping[str, Scores]) -> list
         criterion(f"{name}/{view}: {HEADLINE_WORDS}", scores[HEADLINE], limit)
         for view, scores in found.items()
     ]
+
+
+@stage("tile statistics", code=SCORING, makes=(TileStatistics,))
+def _tiles(image: NoisyImage, tile: tuple[int, int], generated: bool) -> TileStatistics:
+    return tile_statistics(image, tile, generated=generated)
+
+
+def eia_statistics(
+    name: str,
+    eia: NoisyImage,
+    display: Display,
+    *,
+    whole: bool,
+    generated: bool,
+    run: Run,
+) -> dict[str, TileStatistics]:
+    """Statistics of an EIA by the two halves of its samples; none of one made in part.
+
+    Parameters
+    ----------
+    name : str
+    eia : NoisyImage
+    display : Display
+    whole : bool
+        Whether all of it was made.
+    generated : bool
+        See `inim.regression.tile_statistics`.
+    run : Run
+    """
+    if not whole:
+        return {}
+    tile = eia_tile(display.eia_shape, (display.lens_rows, display.lens_columns))
+    return {name: _tiles(eia, tile, generated, run=run)}
+
+
+def view_statistics(view: NoisyImage, run: Run) -> TileStatistics:
+    """Statistics of a rendered view."""
+    return _tiles(view, view_tile(view.shape), False, run=run)

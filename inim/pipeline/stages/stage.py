@@ -65,7 +65,7 @@ RENDERING = Code(
         "lens",
         "files",
         "pipeline/stages/scene.py",
-        "pipeline/stages/run_generator.py",
+        "pipeline/stages/generate.py",
         *_VALUES,
     ),
     ("drjit", "mitsuba", "numpy", "OpenEXR", "trimesh"),
