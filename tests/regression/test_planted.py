@@ -94,12 +94,12 @@ def run_of(folder: Path, **settings: Any) -> Finished:
 
 
 @pytest.fixture(scope="module")
-def baseline(tmp_path_factory: pytest.TempPathFactory) -> RunStatistics:
+def baseline(tmp_path_factory):
     return run_of(tmp_path_factory.mktemp("baseline")).statistics()
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Finished:
+def run(tmp_path_factory):
     """With a seed of its own: what is planted must stand out from fresh noise."""
     return run_of(tmp_path_factory.mktemp("run"), seed=1)
 

@@ -14,7 +14,7 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from importlib import import_module, invalidate_caches
@@ -129,6 +129,14 @@ def _carry_out_here(process: Any, _: object, job: Any, *__: object) -> dict[str,
     return dict(json.loads(messages.getvalue().splitlines()[-1]))
 
 
+def install_metadata(folder: Path, name: str, entry_points: str) -> None:
+    """What pip leaves behind for a package's metadata: no network is needed."""
+    info = folder / f"{name}-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(entry_points)
+
+
 @contextmanager
 def worker_here() -> Iterator[None]:
     """Have commands and `inim.validate` do their workers' jobs in this process."""
@@ -185,8 +193,17 @@ def run_here(
     return Ended(code, out.getvalue(), err.getvalue())
 
 
+def assert_refused(*words: str | Path, folder: Path, says: Sequence[str], code: int = 2) -> None:
+    """`inim WORDS` ends in one line and this code; nothing is printed and no file changes."""
+    before = sorted(folder.rglob("*"))
+    ended = run_here(*words, folder=folder)
+    assert (ended.code, ended.stdout) == (code, ""), ended
+    assert_one_line(ended.stderr, says)
+    assert sorted(folder.rglob("*")) == before
+
+
 @pytest.fixture(scope="session")
-def run_inim() -> Callable[..., Ended]:
+def run_inim():
     """Validate in this process; keyword arguments are tiny settings to override."""
 
     def run(
@@ -202,7 +219,7 @@ def run_inim() -> Callable[..., Ended]:
 
 
 @pytest.fixture(scope="session")
-def run_process() -> Callable[..., Ended]:
+def run_process():
     """Validate in processes of its own, as a shell does; else as `run_inim`."""
 
     def run(
@@ -229,7 +246,7 @@ def run_process() -> Callable[..., Ended]:
 
 
 @pytest.fixture
-def tiny_scene(tmp_path: Path) -> Path:
+def tiny_scene(tmp_path):
     """A sphere and two squares in a folder of their own."""
     return write_scene(tmp_path)
 

@@ -32,7 +32,7 @@ ABORTS = Path("/usr/lib/x86_64-linux-gnu/libLLVM-15.so.1")
 
 
 @pytest.fixture(autouse=True)
-def _fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def _fresh(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv(LLVM_VARIABLE, raising=False)
     monkeypatch.delenv(SEARCH_VARIABLE, raising=False)

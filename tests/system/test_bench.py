@@ -14,14 +14,15 @@ import pytest
 
 from inim import timing as turns
 from inim.bench.evaluate import choose_algorithms
-from inim.errors import EXIT_PASSED, EXIT_USAGE
+from inim.errors import EXIT_PASSED
 from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
     Ended,
-    assert_one_line,
+    assert_refused,
     definitions,
     files_in,
+    install_metadata,
     nothing_left,
     run_here,
     write_scene,
@@ -31,14 +32,6 @@ ALGORITHMS = [
     "template", "wang2024:matching=ray", "gu2020", "example", "own_place",
 ]  # fmt: skip
 FILES = {"bench.json", "bench.md", "bench.html", "pareto.svg", "pareto.png"}
-KEYS = {
-    "schema", "scene", "backend", "threads", "load", "versions", "command", "rounds", "warnings",
-    "notes", "files",
-}  # fmt: skip
-METHOD = {
-    "name", "prepare_s", "cold_s", "median_ms", "min_ms", "spread", "runs", "mpx_per_s", "ratio",
-    "ratio_min", "wrong_source", "hole_fraction", "scores", "pareto",
-}  # fmt: skip
 
 
 #: Other packages' algorithms: one that returns a picture of its own, one that cannot be timed.
@@ -78,10 +71,7 @@ def run_bench(*words: object, folder: Path, site: Path | None = None) -> Ended:
 def site(tmp_path_factory):
     """A folder in which the algorithms of other packages are installed."""
     folder = tmp_path_factory.mktemp("site")
-    info = folder / "bench_others-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bench_others\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(POINTS)
+    install_metadata(folder, "bench_others", POINTS)
     (folder / "bench_others.py").write_text(OTHERS)
     shutil.copy(Path(__file__).parents[1] / "example_package" / "inim_example.py", folder)
     return folder
@@ -112,12 +102,9 @@ def test_every_file_is_there_and_the_stranger_s_too(finished):
 def test_data_are_complete(finished):
     data = finished[2]
     assert data["schema"] == "inim.bench/2"
-    assert data.keys() >= KEYS
     assert (data["threads"], data["rounds"]) == (1, {"runs": 3, "warmups": 2})
-    assert data["scene"]["yardstick"].keys() >= {"median_ms", "min_ms"}
     assert [c["name"] for c in data["scene"]["algorithms"]] == ALGORITHMS
     for method in data["scene"]["algorithms"]:
-        assert method.keys() >= METHOD
         values = [*method.values(), *method["scores"].values()]
         numbers = [v for v in values if isinstance(v, float)]
         assert all(map(math.isfinite, numbers)), method
@@ -182,7 +169,4 @@ def test_a_line_for_each_method_and_where_the_page_lies(finished):
 )
 def test_mistakes_cost_one_line_and_no_folder(tmp_path, words, says):
     write_scene(tmp_path)
-    ended = run_bench(*words, folder=tmp_path)
-    assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, says)
-    assert [p.name for p in tmp_path.iterdir()] == ["tiny.xml"]
+    assert_refused("bench", *words, folder=tmp_path, says=says)

@@ -24,7 +24,7 @@ MODULES = ("json", "numpy", "scipy", "mitsuba", "usercustomize", "sitecustomize"
 
 
 @pytest.fixture
-def trapped(tmp_path: Path) -> Path:
+def trapped(tmp_path):
     """A folder with a scene, and modules that leave a mark and end whoever imports them."""
     write_scene(tmp_path)
     for name in MODULES:

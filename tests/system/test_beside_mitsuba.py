@@ -48,7 +48,7 @@ def run(before: str, more: str = "") -> dict:
 
 
 @pytest.fixture(scope="module")
-def inim_first() -> dict:
+def inim_first():
     return run("")
 
 

@@ -12,7 +12,7 @@ from inim.calibrate.decode import decode
 from inim.calibrate.patterns import write_patterns
 from inim.calibrate.photographs import read_positions
 from inim.lens import trace_to_panel
-from reports.calibration.cases import Case, draw_case
+from reports.calibration.cases import draw_case
 from reports.calibration.landing import SAMPLES, Camera, Pose, Sheet, look_at
 from reports.calibration.photographs import photograph_case
 from tests.conftest import small_display
@@ -91,7 +91,7 @@ def test_each_ray_lands_within_the_facets_error_of_the_formula():
 
 
 @pytest.fixture(scope="module")
-def case() -> Case:
+def case():
     """A small display before a small camera."""
     drawn = draw_case(0)
     camera = replace(PINHOLE, pupil_mm=2.5)

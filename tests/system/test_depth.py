@@ -8,7 +8,6 @@ and transformers are installed, and otherwise a stand-in for the pipeline.
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -17,12 +16,13 @@ from PIL import Image
 
 from inim.cli import main
 from inim.commands.depth import relative_distance, says_distance
-from inim.errors import EXIT_PASSED, EXIT_USAGE, UsageError
+from inim.errors import EXIT_PASSED, UsageError
 from inim.from_camera.picture_files import read_depth
+from tests.system.conftest import assert_refused
 
 
 @pytest.fixture
-def photo(tmp_path: Path) -> Path:
+def photo(tmp_path):
     path = tmp_path / "photo.png"
     pixels = np.random.default_rng(0).integers(0, 256, (42, 56, 3)).astype(np.uint8)
     Image.fromarray(pixels).save(path)
@@ -119,31 +119,23 @@ def test_what_a_model_says_follows_from_its_kind_or_is_asked_for():
         (("-o", "d.exr", "--says", "feet"), "--says feet"),
     ],
 )
-def test_a_mistake_is_one_line(photo, capsys, monkeypatch, more, says):
-    monkeypatch.chdir(photo.parent)
-    assert main(["depth", str(photo), *more]) == EXIT_USAGE
-    said = capsys.readouterr().err
-    assert says in said
-    assert said.count("\n") == 1
+def test_a_mistake_is_one_line(photo, more, says):
+    assert_refused("depth", photo.name, *more, folder=photo.parent, says=[says])
 
 
-def test_a_folder_named_as_the_default_model_does_not_replace_it(photo, capsys, monkeypatch):
-    monkeypatch.chdir(photo.parent)
-    Path("depth-anything/Depth-Anything-V2-Small-hf").mkdir(parents=True)
+def test_a_folder_named_as_the_default_model_does_not_replace_it(photo, monkeypatch):
+    (photo.parent / "depth-anything/Depth-Anything-V2-Small-hf").mkdir(parents=True)
     stand_in(monkeypatch, np.ones((4, 4)), model_type="dpt")
-    assert main(["depth", str(photo), "-o", "d.exr"]) == EXIT_USAGE
-    assert "give --model ./depth-anything" in capsys.readouterr().err
+    says = ["give --model ./depth-anything"]
+    assert_refused("depth", photo.name, "-o", "d.exr", folder=photo.parent, says=says)
 
 
 @pytest.mark.parametrize("missing", ["torch", "transformers"])
-def test_without_the_extra_the_line_to_type_is_said(photo, capsys, monkeypatch, missing):
+def test_without_the_extra_the_line_to_type_is_said(photo, monkeypatch, missing):
     stand_in(monkeypatch, np.ones((4, 4)))
     monkeypatch.setitem(sys.modules, missing, None)
-    assert main(["depth", str(photo), "-o", str(photo.with_name("d.exr"))]) == EXIT_USAGE
-    said = capsys.readouterr().err
-    assert f"{missing} is missing" in said
-    assert "pip install 'inim[depth]'" in said
-    assert said.count("\n") == 1
+    says = [f"{missing} is missing", "pip install 'inim[depth]'"]
+    assert_refused("depth", photo.name, "-o", "d.exr", folder=photo.parent, says=says)
 
 
 @pytest.mark.parametrize(
@@ -154,14 +146,10 @@ def test_without_the_extra_the_line_to_type_is_said(photo, capsys, monkeypatch, 
         (np.ones((2, 3, 4, 5)), "shape (2, 3, 4, 5)"),
     ],
 )
-def test_a_model_that_cannot_be_used_is_named(photo, capsys, monkeypatch, said, says):
+def test_a_model_that_cannot_be_used_is_named(photo, monkeypatch, said, says):
     stand_in(monkeypatch, said, model_type="dpt")
-    out = photo.with_name("d.exr")
-    assert main(["depth", str(photo), "-o", str(out), "--model", "mine"]) == EXIT_USAGE
-    text = capsys.readouterr().err
-    assert says in text
-    assert text.count("\n") == 1
-    assert not out.exists()
+    words = (photo.name, "-o", "d.exr", "--model", "mine")
+    assert_refused("depth", *words, folder=photo.parent, says=[says])
 
 
 def test_a_tiny_model_from_a_folder(photo, tmp_path, capsys):

@@ -33,7 +33,7 @@ def build(folder: Path, *options: str) -> Path:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(tmp_path_factory):
     pytest.importorskip("myst_nb")
     return build(tmp_path_factory.mktemp("site"), "-D", "nb_execution_mode=off")
 

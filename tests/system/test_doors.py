@@ -12,7 +12,7 @@ import os
 import signal
 import socket
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -206,7 +206,7 @@ KINDS: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.fixture(autouse=True)
-def at_once() -> Iterator[None]:
+def at_once():
     """Nothing hangs, whatever it waits for."""
 
     def late(*_: object) -> None:

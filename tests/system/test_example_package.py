@@ -9,7 +9,6 @@ import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,7 +16,14 @@ from inim import timing as turns
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.sweep.table import TABLE, read_table
 from tests.schemas import read_document
-from tests.system.conftest import TINY, assert_one_line, definitions, run_here, write_scene
+from tests.system.conftest import (
+    TINY,
+    assert_one_line,
+    definitions,
+    install_metadata,
+    run_here,
+    write_scene,
+)
 
 PACKAGE = Path(__file__).parents[1] / "example_package"
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "own-lens-model.md"
@@ -26,18 +32,15 @@ LENS = {"inim.lens_model": "vignetted"}
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def installed(tmp_path_factory):
     """Variables of commands for which the package is installed, as pip leaves it behind."""
     folder = tmp_path_factory.mktemp("site")
     for file in PACKAGE.glob("*.py"):
         shutil.copy(file, folder)
-    info = folder / "inim_example-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: inim-example\nVersion: 1.0\n")
     points = SECTION.findall((PACKAGE / "pyproject.toml").read_text("utf-8"))
     assert len(points) == len(list(PACKAGE.glob("*.py")))
     said = "".join(f"[{group}]\n{names}" for group, names in points)
-    (info / "entry_points.txt").write_text(said.replace('"', ""))
+    install_metadata(folder, "inim-example", said.replace('"', ""))
     return {"PYTHONPATH": str(folder)}
 
 
@@ -47,21 +50,13 @@ def run(*words: object, folder: Path, variables: Mapping[str, str]) -> None:
 
 
 @pytest.fixture(scope="module")
-def validated(
-    tmp_path_factory: pytest.TempPathFactory, installed: Mapping[str, str]
-) -> tuple[Path, dict[str, Any]]:
+def validated(tmp_path_factory, installed):
     """Its algorithm beside another, through its lenses, scored by its metric."""
     folder = tmp_path_factory.mktemp("example")
     words = ("-o", "out", "--algorithms", "template,example", "--viewpoints", "centre")
     scene = write_scene(folder)
-    run(
-        "validate",
-        scene,
-        *words,
-        *definitions(TINY | LENS),
-        folder=folder,
-        variables=installed,
-    )
+    given = definitions(TINY | LENS)
+    run("validate", scene, *words, *given, folder=folder, variables=installed)
     return folder / "out", read_document(folder / "out" / "report.json")
 
 
@@ -154,10 +149,7 @@ def test_bench_has_errors_by_its_metric(tmp_path, installed):
     ids=["loading", "scoring"],
 )
 def test_metric_with_a_fault_is_one_line_that_names_it(tmp_path, code, words):
-    info = tmp_path / "bad_metric-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bad-metric\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[inim.metrics]\nbad = bad_metric:metric\n")
+    install_metadata(tmp_path, "bad-metric", "[inim.metrics]\nbad = bad_metric:metric\n")
     (tmp_path / "bad_metric.py").write_text(code)
     scene = write_scene(tmp_path).name
     given = ("validate", scene, "-o", "out", "--viewpoints", "centre", *definitions(TINY))

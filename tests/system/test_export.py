@@ -32,7 +32,14 @@ from inim.metrics import ssim
 from inim.report import Report
 from tests.conftest import scene_text, small_display, sphere, square
 from tests.schemas import report_document
-from tests.system.conftest import Ended, assert_one_line, definitions, nothing_left, run_here
+from tests.system.conftest import (
+    Ended,
+    assert_one_line,
+    assert_refused,
+    definitions,
+    nothing_left,
+    run_here,
+)
 from tests.system.test_view import report_data
 from tests.unit.test_light_field import quilt_views
 
@@ -50,7 +57,7 @@ def words(settings: dict[str, object], *names: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory):
     """A folder with a scene, of a colour given by -D, and its report OUT; the worse is first."""
     folder = tmp_path_factory.mktemp("export")
     shapes = (
@@ -67,7 +74,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def folder(made: Path, tmp_path: Path) -> Path:
+def folder(made, tmp_path):
     """The same, to be changed."""
     return Path(shutil.copytree(made, tmp_path / "made"))
 
@@ -121,11 +128,7 @@ def test_without_scores_to_choose_by_it_asks(folder):
     ],
 )
 def test_a_mistake_is_one_line_and_nothing_is_written(folder, more, said):
-    before = sorted(folder.rglob("*"))
-    ended = export(folder, *more)
-    assert (ended.code, ended.stdout) == (EXIT_USAGE, "")
-    assert_one_line(ended.stderr, said)
-    assert sorted(folder.rglob("*")) == before
+    assert_refused("export", "OUT", *more, folder=folder, says=said)
 
 
 def once_a_lens(rgbd: RGBD, display: Display) -> RGBD:
@@ -295,11 +298,6 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
         (("--views", "v", "--display", "phone"), "needs 2400 x 1080"),
     ],
 )
-def test_an_export_that_cannot_be_is_one_line(tmp_path, capsys, monkeypatch, more, says):
-    monkeypatch.chdir(tmp_path)
-    Image.new("RGB", (1088, 1088)).save("eia.png")
-    assert main(["export", "eia.png", *more]) == EXIT_USAGE
-    said = capsys.readouterr().err
-    assert says in said
-    assert said.count("\n") == 1
-    assert [p.name for p in tmp_path.iterdir()] == ["eia.png"]
+def test_an_export_that_cannot_be_is_one_line(tmp_path, more, says):
+    Image.new("RGB", (1088, 1088)).save(tmp_path / "eia.png")
+    assert_refused("export", "eia.png", *more, folder=tmp_path, says=[says])

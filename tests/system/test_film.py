@@ -14,7 +14,7 @@ from inim.image.color import linear_from_srgb
 from inim.metrics import ssim
 from inim.report import Report
 from tests.schemas import report_document
-from tests.system.conftest import Ended, assert_one_line, nothing_left, run_here
+from tests.system.conftest import Ended, assert_refused, nothing_left, run_here
 from tests.system.test_view import DISPLAY, report_data, tilted_plane
 
 PATH = "-12 0 180, 12 0 180"
@@ -22,7 +22,7 @@ LABEL = 28  # rows of the names above the panes
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """A report with two algorithms' panels, each of its own picture."""
     folder = tmp_path / "OUT"
     for seed, place in enumerate(("truth/eia", "eia/template", "eia/wang2024")):
@@ -96,16 +96,10 @@ def test_one_panel_by_name(folder):
     ],
 )
 def test_mistakes_are_one_line_before_anything_is_rendered(folder, words, said):
-    before = sorted(folder.parent.rglob("*"))
-    ended = film("OUT", *words, folder=folder)
-    assert (ended.code, ended.stdout) == (2, "")
-    assert_one_line(ended.stderr, said)
-    assert sorted(folder.parent.rglob("*")) == before
+    assert_refused("film", "OUT", *words, folder=folder.parent, says=said)
 
 
 @pytest.mark.parametrize("name", ["truth/eia.exr", "report.json"])
 def test_report_that_lacks_a_file_is_one_line(folder, name):
     (folder / name).unlink()
-    ended = film("OUT", "--frames", "2", folder=folder)
-    assert ended.code == 2
-    assert_one_line(ended.stderr, [Path(name).name])
+    assert_refused("film", "OUT", "--frames", "2", folder=folder.parent, says=[Path(name).name])

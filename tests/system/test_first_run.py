@@ -19,13 +19,11 @@ from pathlib import Path
 
 import pytest
 
-import inim
-from inim.cli import main
-from inim.errors import EXIT_PASSED, EXIT_USAGE, UsageError
+from inim.errors import EXIT_PASSED, UsageError
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import PREVIEW, Request
 from tests.schemas import read_document
-from tests.system.conftest import TINY, Ended, assert_one_line, command, write_scene
+from tests.system.conftest import TINY, Ended, assert_refused, command, write_scene
 
 Run = Callable[..., Ended]
 # Few enough for every test, over what a preview sets.
@@ -33,7 +31,7 @@ FEW = {key: TINY[f"inim.{key}"] for key in ("lens_columns", "lens_rows")}
 
 
 @pytest.fixture(scope="module")
-def previewed(tmp_path_factory: pytest.TempPathFactory, run_inim: Run) -> tuple[Path, Ended]:
+def previewed(tmp_path_factory, run_inim):
     """A preview's folder, and how its command ended."""
     folder = tmp_path_factory.mktemp("preview")
     scene = write_scene(folder)
@@ -56,17 +54,9 @@ def test_preview_says_so_everywhere_and_names_the_full_command(previewed):
         assert "inim validate" in text
 
 
-def test_a_full_report_is_no_preview(tmp_path, run_inim):
-    ended = run_inim(write_scene(tmp_path), "-o", "out", folder=tmp_path, algorithms="template")
-    data = read_document(tmp_path / "out" / "report.json")
-    assert "preview" not in data
-    assert "preview" not in ended.stdout
-
-
-def test_preview_is_refused_as_a_baseline(previewed, capsys):
-    out = previewed[0] / "out"
-    assert main(["baseline", "accept", str(out), "--reason", "why"]) == EXIT_USAGE
-    assert_one_line(capsys.readouterr().err, ["preview", "inim validate"])
+def test_preview_is_refused_as_a_baseline(previewed):
+    words, says = ("baseline", "accept", "out", "--reason", "why"), ["preview", "inim validate"]
+    assert_refused(*words, folder=previewed[0], says=says)
 
 
 def test_preview_with_a_baseline_is_refused_before_anything_is_rendered(tmp_path):
@@ -94,20 +84,9 @@ def test_preview_drops_criteria_for_algorithms_that_it_leaves_out(tmp_path):
     assert make_plan(Request(scene, tmp_path, preview=True)).ssim_limits == {}
 
 
-def test_preview_from_python(tmp_path):
-    report = inim.validate(
-        write_scene(tmp_path),
-        tmp_path / "out",
-        preview=True,
-        definitions={f"inim.{key}": value for key, value in FEW.items()},
-    )
-    assert list(report.data.algorithms) == ["template"]
-    assert report.data.preview is not None
-
-
-def test_pictures_have_no_preview(tmp_path, capsys):
-    assert main(["validate", "--rgbd", str(tmp_path / "a.exr"), "--preview"]) == EXIT_USAGE
-    assert_one_line(capsys.readouterr().err, ["--preview", "scene"])
+def test_pictures_have_no_preview(tmp_path):
+    says = ["--preview", "scene"]
+    assert_refused("validate", "--rgbd", "a.exr", "--preview", folder=tmp_path, says=says)
 
 
 def on_a_terminal(words: list[str], folder: Path) -> str:

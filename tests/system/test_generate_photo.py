@@ -15,6 +15,7 @@ from inim.files.eia_file import read_eia
 from inim.files.image import read_rgbd
 from tests.conftest import small_display
 from tests.depth_photographs import apple_jpeg, apple_xml, gdepth, heic, picture
+from tests.system.conftest import assert_refused
 
 SIZES = {"lens_columns": 24, "lens_rows": 12, "pixel_pitch_mm": 0.125}
 DISPLAY = [word for k, v in SIZES.items() for word in ("-D", f"inim.{k}={v}")]
@@ -171,16 +172,10 @@ def test_a_whole_folder_passes(tmp_path):
         (["--color", "a.png", "--depth", "b.png", "--intrinsics", "photo"], "--intrinsics photo"),
     ],
 )
-def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, capsys, monkeypatch, words, says):
+def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, words, says):
     folder_of(tmp_path)
     (tmp_path / "empty").mkdir()
-    monkeypatch.chdir(tmp_path)
-    assert generate(*words) == EXIT_USAGE
-    said = capsys.readouterr()
-    assert says in said.err
-    assert said.err.count("\n") == 1
-    assert not list(tmp_path.glob("*.png"))
-    assert not (tmp_path / "o").exists()
+    assert_refused("generate", *words, *DISPLAY, folder=tmp_path, says=[says])
 
 
 def test_a_photograph_is_validated(tmp_path, capsys, renderer):

@@ -13,7 +13,7 @@ import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -43,6 +43,7 @@ from tests.system.conftest import (
     TINY,
     Ended,
     assert_one_line,
+    install_metadata,
     nothing_left,
     run_here,
     worker_here,
@@ -84,24 +85,16 @@ def prepare(display, shape, pixel_mm, how="well"):
 '''
 
 
-def install(folder: Path, name: str, points: str) -> None:
-    """What pip leaves behind for a package's metadata, made by hand: no network is needed."""
-    info = folder / f"{name}-1.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[inim.generators]\n{points}\n")
-
-
 @pytest.fixture(scope="session")
-def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def others(tmp_path_factory):
     """Variables of a process in which the example and three bad packages are installed."""
     folder = tmp_path_factory.mktemp("site")
     project = (EXAMPLE / "pyproject.toml").read_text()
     written = re.search(r'\[project\.entry-points\."inim\.generators"\]\n(.*)', project)
     assert written
-    install(folder, "inim_example", written[1].replace('"', ""))
-    install(folder, "inim_faulty", "faulty = faulty:prepare")
-    install(folder, "inim_gone", "gone = no_such_module:prepare")
+    install_metadata(folder, "inim_example", "[inim.generators]\n" + written[1].replace('"', ""))
+    install_metadata(folder, "inim_faulty", "[inim.generators]\nfaulty = faulty:prepare\n")
+    install_metadata(folder, "inim_gone", "[inim.generators]\ngone = no_such_module:prepare\n")
     shutil.copy(EXAMPLE / "inim_example.py", folder)
     (folder / "faulty.py").write_text(FAULTY)
     paths = [str(folder), os.environ.get("PYTHONPATH", "")]
@@ -118,9 +111,7 @@ class Finished:
 
 
 @pytest.fixture(scope="session")
-def evaluated(
-    tmp_path_factory: pytest.TempPathFactory, run_inim: Run, others: Mapping[str, str]
-) -> Finished:
+def evaluated(tmp_path_factory, run_inim, others):
     """A generator of the project, the pickup, and another's generator twice."""
     folder = tmp_path_factory.mktemp("methods")
     scene = write_scene(folder)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from tests.system.test_view import report_data, report_folder
 
 
 @pytest.fixture(scope="module")
-def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
+def tab(tmp_path_factory):
     # In a process of its own the frame would be out of this pipe's reach, too.
     flags = (*WEBGL, "--disable-features=IsolateSandboxedIframes")
     with browser(flags) as tab:
@@ -25,7 +24,7 @@ def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Report:
+def report(tmp_path_factory):
     made = Report(report_folder(tmp_path_factory.mktemp("report")), report_document(report_data()))
     made.write()
     return made

@@ -5,7 +5,6 @@ Expected: the same keys, tables and pages with the package, and with what stands
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ SEEN: list[Viewing] = []
 
 
 @pytest.fixture(scope="module", autouse=True)
-def package() -> Iterator[None]:
+def package():
     """Something that scores as ColorVideoVDP does, where that is not installed."""
 
     class Found:
@@ -69,7 +68,7 @@ def run(*words: object, folder: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def validated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def validated(tmp_path_factory):
     folder = tmp_path_factory.mktemp("seen")
     words = ("-o", "out", "--algorithms", "template,li2012", "--viewpoints", "centre")
     given = definitions(TINY | {"inim.luminance_cd_m2": "123"})

@@ -28,7 +28,7 @@ MOVED, BLUR, GAMMA = (0.5, -0.25), 0.9, 1.2
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bench(tmp_path_factory):
     """A folder with a display file, its calibration, an EIA and a photograph of it."""
     folder = tmp_path_factory.mktemp("photo")
     keys = ("rotation_deg", "gap_mm", "lens_columns", "lens_rows", "pixel_pitch_mm")

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,7 +35,7 @@ run()
 
 
 @pytest.fixture
-def inim(tmp_path: Path) -> Callable[..., Ended]:
+def inim(tmp_path):
     """Run a command in a folder with a scene, an RGB-D picture and a photograph."""
     write_scene(tmp_path)
     display = DISPLAYS["nominal"]

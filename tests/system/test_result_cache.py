@@ -41,12 +41,12 @@ class Bench:
 
 
 @pytest.fixture
-def bench(run_inim: Callable[..., Ended], tmp_path: Path) -> Bench:
+def bench(run_inim, tmp_path):
     return Bench(run_inim, tmp_path)
 
 
 @pytest.fixture(scope="module")
-def first_run(run_inim: Callable[..., Ended], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def first_run(run_inim, tmp_path_factory):
     """A folder whose cache holds the results of a run."""
     made = Bench(run_inim, tmp_path_factory.mktemp("first"))
     assert len(rendered(made.report())) == 4
@@ -54,7 +54,7 @@ def first_run(run_inim: Callable[..., Ended], tmp_path_factory: pytest.TempPathF
 
 
 @pytest.fixture
-def after_a_run(bench: Bench, first_run: Path) -> Bench:
+def cached_bench(bench, first_run):
     """A scene whose run is in the cache."""
     shutil.copytree(first_run / "cache", bench.folder / "cache")
     return bench
@@ -96,9 +96,9 @@ def test_a_rerun_renders_nothing_and_says_the_same(bench):
     assert warm["timings"]["mitsuba_render"] == 0
 
 
-def test_everything_done_scores_the_same(bench):
-    skipping = bench.report()
-    everything = bench.report("--no-skip")
+def test_everything_done_scores_the_same(cached_bench):
+    skipping = cached_bench.report()
+    everything = cached_bench.report("--no-skip")
     assert lasting(everything) == lasting(skipping)
     assert "0 samples" in next(
         row["skipped"] for row in everything["skipped"] if row["what"] == "ground-truth EIA"
@@ -136,41 +136,38 @@ def test_scores_that_stay_unknown_take_all_samples_and_are_warned_of(bench):
     assert every["algorithms"]["template"]["views"] == whole["algorithms"]["template"]["views"]
 
 
-def test_names_comments_and_settings_of_a_scene_decide_nothing(after_a_run):
-    bench = after_a_run
-    text = bench.scene.read_text("utf-8")
-    bench.scene = bench.scene.rename(bench.folder / "renamed.xml")
-    bench.scene.write_text(text.replace("</scene>", "<!-- a remark -->\n\n</scene>"), "utf-8")
-    assert rendered(bench.report()) == set()
+def test_names_comments_and_settings_of_a_scene_decide_nothing(cached_bench):
+    text = cached_bench.scene.read_text("utf-8")
+    cached_bench.scene = cached_bench.scene.rename(cached_bench.folder / "renamed.xml")
+    cached_bench.scene.write_text(
+        text.replace("</scene>", "<!-- a remark -->\n\n</scene>"), "utf-8"
+    )
+    assert rendered(cached_bench.report()) == set()
 
 
-def test_another_algorithm_renders_nothing(after_a_run):
-    bench = after_a_run
-    other = bench.report("--algorithms", "li2012")
+def test_another_algorithm_renders_nothing(cached_bench):
+    other = cached_bench.report("--algorithms", "li2012")
     assert rendered(other) == set()
     assert "generated" in reason(other, "EIA of li2012")
 
 
-def test_another_viewpoint_renders_one_view(after_a_run):
-    bench = after_a_run
-    moved = bench.report(**{"viewpoints": "centre,right"})
+def test_another_viewpoint_renders_one_view(cached_bench):
+    moved = cached_bench.report(**{"viewpoints": "centre,right"})
     assert rendered(moved) == {"true view: right"}
 
 
-def test_another_light_renders_all_and_says_why(bench):
-    bench.report()
-    text = bench.scene.read_text("utf-8")
+def test_another_light_renders_all_and_says_why(cached_bench):
+    text = cached_bench.scene.read_text("utf-8")
     brighter = text.replace('name="irradiance" value="2.5"', 'name="irradiance" value="2.4"')
     assert brighter != text
-    bench.scene.write_text(brighter, "utf-8")
-    report = bench.report()
+    cached_bench.scene.write_text(brighter, "utf-8")
+    report = cached_bench.report()
     assert len(rendered(report)) == 4
     assert "changed: scene)" in reason(report, "ground-truth EIA")
 
 
-def test_a_lens_alone_renders_no_scene(after_a_run):
-    bench = after_a_run
-    report = bench.report(**{"refractive_index": "1.6"})
+def test_a_lens_alone_renders_no_scene(cached_bench):
+    report = cached_bench.report(**{"refractive_index": "1.6"})
     assert rendered(report) == set()
     assert "reconstructed" in reason(report, "view of template")
 
@@ -184,9 +181,8 @@ def test_a_lens_alone_renders_no_scene(after_a_run):
         ("fit_share", "0.7", "fit_share"),
     ],
 )
-def test_what_decides_the_eia_makes_it_anew(bench, key, value, says):
-    bench.report()
-    assert says in reason(bench.report(**{key: value}), "ground-truth EIA")
+def test_what_decides_the_eia_makes_it_anew(cached_bench, key, value, says):
+    assert says in reason(cached_bench.report(**{key: value}), "ground-truth EIA")
 
 
 def test_lazy_makes_what_is_observed_and_scores_views_the_same(bench):
@@ -215,9 +211,9 @@ def test_lazy_with_lenses_that_scatter_makes_all(bench):
     assert report["algorithms"]["template"]["eia"]["ssim"] is not None
 
 
-def test_a_cache_of_damaged_records_changes_nothing(bench):
-    whole = bench.report()
-    records = sorted((bench.folder / "cache").glob("*.npz"))
+def test_a_cache_of_damaged_records_changes_nothing(cached_bench):
+    whole = cached_bench.report()
+    records = sorted((cached_bench.folder / "cache").glob("*.npz"))
     assert len(records) > 10
     for number, record in enumerate(records):
         data = bytearray(record.read_bytes())
@@ -226,7 +222,7 @@ def test_a_cache_of_damaged_records_changes_nothing(bench):
         else:
             data[len(data) // 2] ^= 0xFF
             record.write_bytes(data)
-    assert lasting(bench.report()) == lasting(whole)
+    assert lasting(cached_bench.report()) == lasting(whole)
 
 
 def test_the_cache_command(bench):

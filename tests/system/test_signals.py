@@ -21,8 +21,15 @@ from pathlib import Path
 
 import pytest
 
-from inim.errors import EXIT_PASSED
-from tests.system.conftest import SMALLEST, assert_whole, command, files_in, write_scene
+from inim.errors import EXIT_BACKEND, EXIT_INTERNAL, EXIT_PASSED
+from tests.system.conftest import (
+    SMALLEST,
+    assert_one_line,
+    assert_whole,
+    command,
+    files_in,
+    write_scene,
+)
 from tests.unit.test_interrupts import LINE, hear
 
 on_linux = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds it in /proc")
@@ -144,6 +151,37 @@ def members(group: int) -> list[str]:
             if int(process_group) == group and state != "Z":
                 running.append(name)
     return running
+
+
+@on_linux
+@pytest.mark.parametrize(
+    ("number", "whom", "code", "says"),
+    [
+        (signal.SIGKILL, "worker", EXIT_BACKEND, "killed"),
+        (signal.SIGSEGV, "worker", EXIT_INTERNAL, "SIGSEGV"),
+        (signal.SIGINT, "all", 130, LINE),
+        (signal.SIGTERM, "parent", 143, ""),
+        (signal.SIGKILL, "parent", -9, ""),
+        (signal.SIGHUP, "parent", 129, ""),
+    ],
+)
+def test_end_of_either_process_ends_the_other_and_leaves_nothing(
+    tiny_scene, number, whom, code, says
+):
+    """Of a run that would take minutes."""
+    run = Run(command(tiny_scene, "-o", "out", view_spp="1000000"), tiny_scene.parent)
+    while not run.children():
+        time.sleep(0.02)
+    run.end(number, whom)
+    assert run.code == code
+    if whom == "worker":
+        assert_one_line(run.said, [says])
+    else:
+        assert run.said == says
+    left = {p for p in tiny_scene.parent.iterdir() if p != tiny_scene}
+    # After SIGKILL of the parent, the next run removes the staging folder.
+    killed = (number, whom) == (signal.SIGKILL, "parent")
+    assert {p.suffix for p in left} <= ({".partial"} if killed else set())
 
 
 @dataclass

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +36,7 @@ def signpost(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def mi() -> Any:
+def mi():
     from inim.render import variant
 
     variant.use()

@@ -23,6 +23,7 @@ from tests.system.conftest import (
     assert_one_line,
     definitions,
     files_in,
+    install_metadata,
     nothing_left,
     sphere,
     write_scene,
@@ -30,14 +31,6 @@ from tests.system.conftest import (
 
 ROOT = Path(__file__).parents[2]
 FILES = {"stress.html", "stress.json", "stress.md"}
-KEYS = {
-    "schema", "mode", "command", "versions", "backend", "algorithms", "first_hits", "relations",
-    "jitter", "picture", "checks", "passed", "files", "seconds",
-}  # fmt: skip
-STUDY_KEYS = {
-    "schema", "mode", "command", "versions", "backend", "generators", "lens_models", "relations",
-    "jitter", "regions", "trust", "checks", "passed", "files", "seconds",
-}  # fmt: skip
 
 
 def run(module: str, *words: object, folder: Path):
@@ -69,7 +62,6 @@ def test_every_file_is_there_and_nothing_half_written(finished):
 @pytest.mark.slow
 def test_data_are_complete_and_every_check_holds(finished):
     data = finished[2]
-    assert data.keys() >= KEYS
     assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress/3", "quick", True)
     assert all(c["passed"] and c["cases"] > 0 for c in data["checks"])
     names = set(data["algorithms"])
@@ -100,7 +92,6 @@ def test_the_study_runs_from_the_repository_and_all_it_claims_holds(tmp_path):
     data = json.loads(path.read_text("utf-8"))
     figures = {"stress.svg", "stress.png"}
     assert files_in(tmp_path / "out") == FILES | figures == set(data["files"])
-    assert data.keys() >= STUDY_KEYS
     assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress-study/1", "quick", True)
     assert all(c["passed"] and c["cases"] > 0 for c in data["checks"])
     ran = {r["algorithm"] for r in data["generators"] if r["outcome"] == "ran"}
@@ -137,10 +128,7 @@ class Fickle:
         return np.full((*self.shape, 3), Fickle.calls % 7, np.float32)
 """
     )
-    info = tmp_path / "planted-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: planted\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[inim.generators]\nplanted = planted_eia:prepare\n")
+    install_metadata(tmp_path, "planted", "[inim.generators]\nplanted = planted_eia:prepare\n")
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
     words = ("--quick", "--algorithms", "planted,template", "-o", tmp_path / "out")
     ended = run_stress(*words, folder=tmp_path)

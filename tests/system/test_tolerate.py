@@ -11,11 +11,11 @@ import json
 import pytest
 
 import inim
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from tests.schemas import completed, read_document
 from tests.system.conftest import (
     TINY,
-    assert_one_line,
+    assert_refused,
     definitions,
     nothing_left,
     run_here,
@@ -136,7 +136,4 @@ def test_a_display_that_cannot_be_mounted_is_named_and_the_others_count(tmp_path
 def test_a_mistake_is_one_line_and_leaves_nothing(tmp_path, words, says):
     write_scene(tmp_path)
     (tmp_path / "errors.toml").write_text(STUDY)
-    ended = run_here(*COMMAND, *words, folder=tmp_path)
-    assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, says)
-    assert not (tmp_path / "out").exists()
+    assert_refused(*COMMAND, *words, folder=tmp_path, says=says)

@@ -49,7 +49,7 @@ NOWHERE = Path("/dev/null/nowhere")  # not even root can make it
 
 
 @pytest.fixture
-def nothing_to_write(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+def nothing_to_write(monkeypatch, tmp_path):
     """Neither the home nor the package can be written, only the folder for temporary files."""
     for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
         monkeypatch.setenv(name, "")  # so that whatever the test sets is undone
@@ -220,22 +220,8 @@ def test_clock_set_back_is_no_obstacle(tmp_path, run_inim):
     assert not (tmp_path / "out" / "old.png").exists()
 
 
-@pytest.mark.slow
-def test_home_that_cannot_be_written_and_a_clock_set_back(tmp_path, run_process):
-    """No home, no terminal, closed descriptors; scene and report are from the next century."""
-    scene = from_the_next_century(tmp_path)
-    bare = {"HOME": str(NOWHERE), "XDG_CACHE_HOME": None, "XDG_DATA_HOME": None, "TERM": None}
-    closed = ("sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh")
-    ended = run_process(
-        scene, "-o", "out", folder=tmp_path, variables=bare, prefix=closed, **SMALLEST
-    )
-    assert ended.code == EXIT_PASSED
-    assert_whole(tmp_path / "out")
-    assert not (tmp_path / "out" / "old.png").exists()
-
-
 @pytest.fixture(scope="module")
-def earlier(tmp_path_factory: pytest.TempPathFactory, run_inim: Run) -> Path:
+def earlier(tmp_path_factory, run_inim):
     """A report as small as can be."""
     folder = tmp_path_factory.mktemp("earlier")
     first = run_inim(write_scene(folder), "-o", "out", folder=folder, **SMALLEST)

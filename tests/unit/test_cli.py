@@ -13,7 +13,7 @@ import inim.commands
 from inim.cli import COMMANDS, main
 from inim.errors import EXIT_USAGE
 
-HEAVY = ("numpy", "numba", "mitsuba", "drjit", "matplotlib", "PIL", "scipy")
+HEAVY = ("numpy", "numba", "mitsuba", "drjit", "matplotlib", "PIL", "scipy", "trimesh")
 
 
 def loaded_by(*words: str) -> set[str]:
@@ -49,7 +49,9 @@ def test_help_lists_every_command_with_a_line(capsys):
     assert [name for name in COMMANDS if name not in words] == []
 
 
-@pytest.mark.parametrize("words", [("--help",), ("validate", "--help"), ("generate", "--help")])
+@pytest.mark.parametrize(
+    "words", [("--help",), ("validate", "--help"), ("generate", "--help"), ("new-scene", "--help")]
+)
 def test_help_loads_nothing_heavy(words):
     assert loaded_by(*words).isdisjoint(HEAVY)
 

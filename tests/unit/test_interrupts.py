@@ -24,7 +24,8 @@ def program(main): inim.cli.main = lambda words: main(); run()
 
 def hear() -> None:
     """Undo what shells do to jobs in the background: ignored stays ignored."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def ended(code: str, *, deaf: bool = False) -> tuple[int, str, str]:
