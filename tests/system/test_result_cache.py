@@ -157,6 +157,7 @@ def test_another_viewpoint_renders_one_view(cached_bench):
 
 
 def test_another_light_renders_all_and_says_why(cached_bench):
+    cached_bench.report()
     text = cached_bench.scene.read_text("utf-8")
     brighter = text.replace('name="irradiance" value="2.5"', 'name="irradiance" value="2.4"')
     assert brighter != text
@@ -182,6 +183,7 @@ def test_a_lens_alone_renders_no_scene(cached_bench):
     ],
 )
 def test_what_decides_the_eia_makes_it_anew(cached_bench, key, value, says):
+    cached_bench.report()
     assert says in reason(cached_bench.report(**{key: value}), "ground-truth EIA")
 
 
