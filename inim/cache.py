@@ -29,6 +29,7 @@ import numpy as np
 
 from inim.errors import UsageError
 from inim.process.atomic_file import atomic_file
+from inim.process.machine import user_cache_folder
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -120,10 +121,7 @@ def store_folder() -> Path | None:
     named = os.environ.get(FOLDER_VARIABLE, "")
     if named:
         return None if named.lower() == _OFF else Path(named)
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    if not Path(base).is_absolute():
-        base = os.path.expanduser("~/.cache")  # noqa: PTH111 (stays as it is where there is none)
-    return Path(base) / "inim" if Path(base).is_absolute() else None
+    return user_cache_folder()
 
 
 def open_store() -> Store | None:

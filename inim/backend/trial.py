@@ -177,7 +177,7 @@ def verdict_on(
 
 def cache_file() -> Path | None:
     """Where verdicts are remembered, or None where the user has no home."""
-    folder = machine.user_folder("XDG_CACHE_HOME", ".cache")
+    folder = machine.user_cache_folder()
     return folder / "backends.json" if folder else None
 
 

@@ -293,17 +293,6 @@ class Display:
         )
 
     @property
-    def is_aligned(self) -> bool:
-        """Whether the array lies over the panel as designed: neither moved, turned nor tilted."""
-        return not (
-            self.shift_x_mm
-            or self.shift_y_mm
-            or self.rotation_deg
-            or self.tilt_x_deg
-            or self.tilt_y_deg
-        )
-
-    @property
     def elemental_image_pitch_mm(self) -> float:
         """Pitch of the elemental images on the panel; the lens pitch unless given."""
         return self.pitch_mm if self.elemental_pitch_mm is None else self.elemental_pitch_mm

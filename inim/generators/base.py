@@ -76,6 +76,9 @@ def hole_fraction(sources: Sources) -> float:
 
 #: Rows, columns of a picture.
 PictureShape = tuple[int, int]
+#: Down and right from a pixel's centre, in pixels.
+Aside = tuple[Fraction, Fraction]
+CENTRE: Aside = (Fraction(0), Fraction(0))
 
 
 @runtime_checkable
@@ -136,7 +139,7 @@ class Ray(NamedTuple):
         Whose sources are what it meets.
     """
 
-    aside: tuple[Fraction, Fraction]
+    aside: Aside
     channels: tuple[int, ...]
     generator: SourceGenerator
 
@@ -157,12 +160,13 @@ class SourceGenerator(ABC):
         Their pixel.
     pixels : PixelList, optional
         Yield one row of these, (1, n), in place of the panel; see `OnPanel`.
+    aside : Aside
+        Where in its pixel each ray starts.
     """
 
     #: For those by others that do without this class's `__init__`.
     pixels: PixelList | None = None
-    #: Where in its pixel each ray starts, down and right of the centre.
-    aside: tuple[Fraction, Fraction] = (Fraction(0), Fraction(0))
+    aside: Aside = CENTRE
 
     def __init__(
         self,
@@ -170,11 +174,13 @@ class SourceGenerator(ABC):
         shape: PictureShape,
         pixel_mm: float,
         pixels: PixelList | None = None,
+        aside: Aside = CENTRE,
     ) -> None:
         self.display = display
         self.shape = shape
         self.pixel_mm = pixel_mm
         self.pixels = pixels
+        self.aside = aside
 
     @property
     def made_shape(self) -> tuple[int, int]:
@@ -276,16 +282,6 @@ def check_out(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype) -
 _MOST_ALONE = 0.1
 
 
-def is_sparse(mask: np.ndarray) -> bool:
-    """Whether the pixels of a mask, (rows, columns) bool, are better walked one by one."""
-    return bool(np.count_nonzero(mask) <= _MOST_ALONE * mask.size)
-
-
-def masked_pixels(mask: np.ndarray | None, display: Display) -> PixelList | None:
-    """The pixels of a mask, (rows, columns) bool, that lie under a lens; None without a mask."""
-    return None if mask is None else PixelList.of(mask & display.lensed)
-
-
 class OnPanel(SourceGenerator):
     """The pixels of a list on their panel, the others black, with alpha 0.
 
@@ -333,11 +329,11 @@ def for_mask(
     dense_in_full : bool
         Run the panel's, and blacken, where a mask is not sparse.
     """
-    if mask is not None and dense_in_full and not is_sparse(mask):
+    if mask is None:
+        return make(None)
+    if dense_in_full and np.count_nonzero(mask) > _MOST_ALONE * mask.size:
         return masked(make(None), mask)
-    pixels = masked_pixels(mask, display)
-    made = make(pixels)
-    return made if pixels is None else OnPanel(made)
+    return OnPanel(make(PixelList.of(mask & display.lensed)))
 
 
 class Masked:

@@ -35,6 +35,7 @@ from inim.display.pixels import stated
 from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
+    Aside,
     PictureShape,
     PixelList,
     SourceGenerator,
@@ -43,7 +44,7 @@ from inim.generators.base import (
     prange,
     run_kernel,
 )
-from inim.generators.raycast.cells import Aside, cell_rays
+from inim.generators.raycast.cells import cell_rays
 from inim.generators.registry import algorithm, positive_mm
 from inim.image.rgbd import RGBD
 
@@ -101,8 +102,7 @@ class _Gu2020(SourceGenerator):
         aside: Aside,
         pixels: PixelList | None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, pixels)
-        self._aside = aside
+        super().__init__(display, shape, pixel_mm, pixels, aside)
         self._depths = depths
 
     def find(self, rgbd: RGBD) -> Sources:
@@ -110,7 +110,7 @@ class _Gu2020(SourceGenerator):
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), -np.inf)
         if not self.display.is_separable:
             return self._find_each(depth)
-        column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display, self._aside)
+        column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display, self.aside)
         rays = [
             column_rays.start / column_rays.scale,
             column_rays.slope / column_rays.scale,
@@ -135,7 +135,7 @@ class _Gu2020(SourceGenerator):
         from inim.generators.raycast.ray_by_ray import ray_blocks
 
         found = np.empty(self.made_shape, np.int32)
-        for lensed, cells, at in ray_blocks(self, (float(self._aside[0]), float(self._aside[1]))):
+        for lensed, cells, at in ray_blocks(self):
             found[at] = run_kernel(
                 _search_each,
                 lensed.shape,

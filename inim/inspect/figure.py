@@ -98,14 +98,18 @@ def _plan_view(axis: Any, findings: Findings) -> None:
     axis.plot([0, 0], [-half, half], color=_INK, linewidth=2.2, label="lens array")
     wide = display.eia_shape[1] * display.pixel_pitch_mm / 2
     axis.plot([-display.gap_mm] * 2, [-wide, wide], color=_GREEN, linewidth=1.6, label="panel")
-    if zone.nearest_mm is not None and zone.nearest_mm <= far:
+    if zone.nearest_distance_mm is not None and zone.nearest_distance_mm <= far:
         axis.axvline(
-            zone.nearest_mm, color=_SOFT, linewidth=0.9, linestyle=":", label="nearest, no flips"
+            zone.nearest_distance_mm,
+            color=_SOFT,
+            linewidth=0.9,
+            linestyle=":",
+            label="nearest, no flips",
         )
-    if not zone.is_empty:
-        at, aside = [zone.distance_mm] * 2, zone.limit_x_mm
+    if not zone.zone_is_empty:
+        at, aside = [zone.distance_mm] * 2, zone.flip_limit_x_mm
         axis.plot(at, [-aside, aside], "_-", color=_BLUE, linewidth=1, label="flip limit")
-    eyes = [v.z_mm for v in zone.viewpoints], [v.x_mm for v in zone.viewpoints]
+    eyes = [[v.position_mm[n] for v in zone.viewpoints] for n in (2, 0)]
     ring = {"color": _BLUE, "markersize": 6, "markerfacecolor": "white", "linestyle": "none"}
     axis.plot(*eyes, "o", **ring, label="default eyes")
     axis.set_xlim(min(-display.gap_mm, low, -0.03 * far) * 1.2, far)
@@ -198,14 +202,14 @@ def _crosstalk(figure: Any, axis: Any, findings: Findings) -> None:
     bar.set_label("crosstalk, %", fontsize=9, color=_SOFT)
     bar.ax.tick_params(labelsize=8, colors=_SOFT, length=2.5)
     bar.outline.set_visible(False)
-    if not zone.is_empty:
-        limit_x, limit_y = zone.limit_x_mm, zone.limit_y_mm
+    if not zone.zone_is_empty:
+        limit_x, limit_y = zone.flip_limit_x_mm, zone.flip_limit_y_mm
         axis.add_patch(
             Rectangle((-limit_x, -limit_y), 2 * limit_x, 2 * limit_y, fill=False, edgecolor="white")
         )
-    x, y = [v.x_mm for v in zone.viewpoints], [v.y_mm for v in zone.viewpoints]
+    x, y = ([v.position_mm[n] for v in zone.viewpoints] for n in (0, 1))
     axis.plot(x, y, "o", color="white", markersize=4, markerfacecolor="none", linestyle="none")
-    frame = "no eye is free of flips" if zone.is_empty else "frame: flip limit"
+    frame = "no eye is free of flips" if zone.zone_is_empty else "frame: flip limit"
     _style(
         axis,
         f"Crosstalk, eyes at {zone.distance_mm:.4g} mm\n{frame}, rings: default eyes",

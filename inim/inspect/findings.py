@@ -7,21 +7,19 @@ from dataclasses import dataclass
 
 from inim.display import Display
 from inim.display.pixels import least_gap_mm
-from inim.documents.inspect import PixelChoice
+from inim.documents.inspect import PixelChoice, ViewingLimits, VoxelWidths
 from inim.errors import DisplayError
 from inim.inspect.accuracy_limits import lenses_beside_panel
 from inim.inspect.geometry import (
     CrosstalkMap,
     LightShares,
-    ViewingZone,
-    VoxelCurve,
     array_samples,
     crosstalk_map,
     has_whole_pixels,
     light_shares,
     pixel_choice,
-    viewing_zone,
-    voxel_curve,
+    viewing_limits,
+    voxel_widths,
 )
 from inim.inspect.spots import Spot, spots
 from inim.lens import check_lens_model
@@ -59,8 +57,8 @@ class Findings:
         Why this model and not `DEFAULT_LENS_MODEL`.
     choices : tuple of PixelChoice
         For `PIXEL_STEPS`.
-    zone : ViewingZone
-    voxels : VoxelCurve
+    zone : ViewingLimits
+    voxels : VoxelWidths
     spots : tuple of Spot
         Field angle by field angle, colour by colour.
     light : dict of str to LightShares
@@ -74,8 +72,8 @@ class Findings:
     lens_model: str
     model_reason: str | None
     choices: tuple[PixelChoice, ...]
-    zone: ViewingZone
-    voxels: VoxelCurve
+    zone: ViewingLimits
+    voxels: VoxelWidths
     spots: tuple[Spot, ...]
     light: dict[str, LightShares]
     crosstalk: CrosstalkMap
@@ -129,7 +127,7 @@ def inspect_display(
     real = design if mounted is None else mounted
     least_gap_mm(real)
     model, reason = usable_model(lens_model, real)
-    zone = viewing_zone(design, distance_mm)
+    zone = viewing_limits(design, distance_mm)
     samples = array_samples(real)
     return Findings(
         source=source,
@@ -139,7 +137,7 @@ def inspect_display(
         model_reason=reason,
         choices=tuple(pixel_choice(design, times) for times in PIXEL_STEPS),
         zone=zone,
-        voxels=voxel_curve(design),
+        voxels=voxel_widths(design),
         spots=spots(real, model, design.central_depth_mm),
         light={
             eye.name: light_shares(design, real, model, eye.position_mm, samples)
@@ -195,7 +193,7 @@ def _on_depth(display: Display) -> Iterator[str]:
 def _on_viewing(findings: Findings) -> Iterator[str]:
     zone = findings.zone
     at = f"at {zone.distance_mm:.4g} mm"
-    if zone.is_empty:
+    if zone.zone_is_empty:
         yield f"Viewing zone empty {at}: every eye sees flipped views; {_way_out(findings)}."
     nearest_point = findings.design.depth_range_mm[1]
     if zone.distance_mm <= nearest_point:
@@ -205,10 +203,10 @@ def _on_viewing(findings: Findings) -> Iterator[str]:
 def _way_out(findings: Findings) -> str:
     """Where the viewing zone is, if not here."""
     zone, display = findings.zone, findings.design
-    if zone.nearest_mm is None:
+    if zone.nearest_distance_mm is None:
         return "no distance is free of them: elemental_pitch_mm and pitch_mm are too far apart"
-    if zone.nearest_mm > zone.distance_mm:
-        return f"move back to {zone.nearest_mm:.4g} mm at least"
+    if zone.nearest_distance_mm > zone.distance_mm:
+        return f"move back to {zone.nearest_distance_mm:.4g} mm at least"
     # All lenses show an eye their middles at V = g / (Q / P - 1).
     aim = display.gap_mm / (display.elemental_image_pitch_mm / display.pitch_mm - 1)
     return f"the elemental images aim at an eye at {aim:.4g} mm: come nearer"

@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.display.viewpoint import DEFAULT_VIEWPOINTS, Viewpoint, named_viewpoint
-from inim.documents.inspect import PixelChoice
+from inim.display.viewpoint import DEFAULT_VIEWPOINTS, named_viewpoint
+from inim.documents.inspect import PixelChoice, ViewingLimits, VoxelWidths
+from inim.documents.parts import EyePosition
 from inim.errors import DisplayError
 from inim.inspect.spots import array_to_display, cell_of, land, lens_at
 
@@ -24,39 +25,6 @@ _OUTLINE_POINTS = 201
 _CURVE_POINTS = 241
 # Of a quotient of two lengths that are themselves rounded.
 _ROUNDING = 1e-12
-
-
-@dataclass(frozen=True)
-class ViewingZone:
-    """Where an eye sees no flipped view.
-
-    Attributes
-    ----------
-    half_angle_deg : float
-        Of one lens, atan(Q / 2g).
-    nearest_mm : float or None
-        Distance from which the axis sees no flips; None if there is none.
-    distance_mm : float
-        The viewing distance.
-    limit_x_mm, limit_y_mm, limit_x_deg, limit_y_deg : float
-        How far aside an eye may be there; negative: nowhere.
-    viewpoints : tuple of Viewpoint
-        The default eye positions.
-    """
-
-    half_angle_deg: float
-    nearest_mm: float | None
-    distance_mm: float
-    limit_x_mm: float
-    limit_y_mm: float
-    limit_x_deg: float
-    limit_y_deg: float
-    viewpoints: tuple[Viewpoint, ...]
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether even an eye on the axis sees flips."""
-        return min(self.limit_x_mm, self.limit_y_mm) < 0
 
 
 def mode(display: Display) -> str:
@@ -96,22 +64,25 @@ def pixel_choice(display: Display, times: float) -> PixelChoice:
     )
 
 
-def viewing_zone(display: Display, distance_mm: float) -> ViewingZone:
+def viewing_limits(display: Display, distance_mm: float) -> ViewingLimits:
     """The viewing zone and the default eyes at a distance; see `Display.flip_limit_mm`."""
     try:
         nearest: float | None = display.nearest_viewing_distance_mm
     except DisplayError:
         nearest = None
     limit_x, limit_y = display.flip_limit_mm(distance_mm)
-    return ViewingZone(
+    eyes = [named_viewpoint(name, display, distance_mm) for name in DEFAULT_VIEWPOINTS]
+    return ViewingLimits(
         half_angle_deg=display.viewing_half_angle_deg,
-        nearest_mm=nearest,
+        nearest_distance_mm=nearest,
         distance_mm=distance_mm,
-        limit_x_mm=limit_x,
-        limit_y_mm=limit_y,
-        limit_x_deg=math.degrees(math.atan2(limit_x, distance_mm)),
-        limit_y_deg=math.degrees(math.atan2(limit_y, distance_mm)),
-        viewpoints=tuple(named_viewpoint(n, display, distance_mm) for n in DEFAULT_VIEWPOINTS),
+        flip_limit_x_mm=limit_x,
+        flip_limit_y_mm=limit_y,
+        flip_limit_x_deg=math.degrees(math.atan2(limit_x, distance_mm)),
+        flip_limit_y_deg=math.degrees(math.atan2(limit_y, distance_mm)),
+        zone_is_empty=min(limit_x, limit_y) < 0,
+        zone_distance_and_limit_x_mm=zone_outline_mm(display, 1.5 * distance_mm),
+        viewpoints=[EyePosition(name=eye.name, position_mm=eye.position_mm) for eye in eyes],
     )
 
 
@@ -124,24 +95,6 @@ def zone_outline_mm(display: Display, farthest_mm: float) -> list[tuple[float, f
     steps = [farthest_mm * (n + 1) / _OUTLINE_POINTS for n in range(_OUTLINE_POINTS)]
     limits = [(z, display.flip_limit_mm(z)[0]) for z in steps]
     return [(z, limit) for z, limit in limits if limit >= 0]
-
-
-@dataclass(frozen=True)
-class VoxelCurve:
-    """Voxel size against depth; (n,) float64 each, millimetres.
-
-    Attributes
-    ----------
-    depth_mm : ndarray
-        Along z, wider than the depth range by half of it on either side.
-    footprint_mm, blur_mm, width_mm : ndarray
-        A pixel's footprint, the aperture's blur, and both together.
-    """
-
-    depth_mm: np.ndarray
-    footprint_mm: np.ndarray
-    blur_mm: np.ndarray
-    width_mm: np.ndarray
 
 
 def pixel_footprint_mm(display: Display, depth_mm: np.ndarray | float) -> np.ndarray:
@@ -173,16 +126,16 @@ def voxel_mm(display: Display, depth_mm: np.ndarray | float) -> np.ndarray:
     return np.asarray(pixel_footprint_mm(display, depth_mm) + aperture_blur_mm(display, depth_mm))
 
 
-def voxel_curve(display: Display) -> VoxelCurve:
+def voxel_widths(display: Display) -> VoxelWidths:
     """Voxel size over twice the depth range, its middle in the middle."""
     low, high = display.depth_range_mm
     margin = (high - low) / 2
     depth = np.linspace(low - margin, high + margin, _CURVE_POINTS)
-    return VoxelCurve(
-        depth,
-        pixel_footprint_mm(display, depth),
-        aperture_blur_mm(display, depth),
-        voxel_mm(display, depth),
+    return VoxelWidths(
+        depth_mm=depth.tolist(),
+        footprint_mm=pixel_footprint_mm(display, depth).tolist(),
+        blur_mm=aperture_blur_mm(display, depth).tolist(),
+        width_mm=voxel_mm(display, depth).tolist(),
     )
 
 

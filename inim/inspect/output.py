@@ -16,10 +16,7 @@ from inim.documents.inspect import (
     Size,
     SpotFigures,
     TracedModel,
-    ViewingLimits,
-    VoxelWidths,
 )
-from inim.documents.parts import EyePosition
 from inim.inspect.findings import PIXEL_STEPS, Findings, cautions, misalignments
 from inim.inspect.geometry import (
     LightShares,
@@ -28,7 +25,6 @@ from inim.inspect.geometry import (
     mode,
     pixel_footprint_mm,
     voxel_mm,
-    zone_outline_mm,
 )
 from inim.inspect.spots import Spot
 from inim.lens import lens_model as find_lens_model
@@ -170,18 +166,18 @@ def _choices(findings: Findings) -> list[str]:
 
 def _viewing_lines(findings: Findings) -> list[str]:
     zone = findings.zone
-    nearest = "none" if zone.nearest_mm is None else f"{_n(zone.nearest_mm)} mm"
+    nearest = "none" if zone.nearest_distance_mm is None else f"{_n(zone.nearest_distance_mm)} mm"
     lines = [
         "Viewing",
         _line("viewing half angle of a lens", f"{_n(zone.half_angle_deg)}°"),
         _line("nearest distance, no flips", nearest),
         _line("viewing distance", f"{_n(zone.distance_mm)} mm"),
     ]
-    if zone.is_empty:
+    if zone.zone_is_empty:
         return [*lines, _line("eye may move aside", "nowhere: every eye here sees flipped views")]
     aside = (
-        f"±{_n(zone.limit_x_mm)} mm (±{_n(zone.limit_x_deg)}°) across, "
-        f"±{_n(zone.limit_y_mm)} mm (±{_n(zone.limit_y_deg)}°) up and down"
+        f"±{_n(zone.flip_limit_x_mm)} mm (±{_n(zone.flip_limit_x_deg)}°) across, "
+        f"±{_n(zone.flip_limit_y_mm)} mm (±{_n(zone.flip_limit_y_deg)}°) up and down"
     )
     return [*lines, _line("eye may move aside", aside)]
 
@@ -238,8 +234,8 @@ def inspect_document(findings: Findings) -> InspectDocument:
         size=_size(findings.design),
         depth=_depth(findings.design),
         pixels_per_lens=list(findings.choices),
-        viewing=_viewing(findings),
-        voxel=VoxelWidths(**{k: v.tolist() for k, v in vars(findings.voxels).items()}),
+        viewing=findings.zone,
+        voxel=findings.voxels,
         spots=[_spot(spot) for spot in findings.spots],
         light=light,
         crosstalk=CrosstalkGrid(
@@ -281,24 +277,6 @@ def _depth(display: Display) -> DepthFigures:
         depth_range_is_stated=display.depth_min_mm is not None,
         voxel_at_depth_min_mm=float(voxel_mm(display, low)),
         voxel_at_depth_max_mm=float(voxel_mm(display, high)),
-    )
-
-
-def _viewing(findings: Findings) -> ViewingLimits:
-    zone = findings.zone
-    return ViewingLimits(
-        half_angle_deg=zone.half_angle_deg,
-        nearest_distance_mm=zone.nearest_mm,
-        distance_mm=zone.distance_mm,
-        flip_limit_x_mm=zone.limit_x_mm,
-        flip_limit_y_mm=zone.limit_y_mm,
-        flip_limit_x_deg=zone.limit_x_deg,
-        flip_limit_y_deg=zone.limit_y_deg,
-        zone_is_empty=zone.is_empty,
-        zone_distance_and_limit_x_mm=zone_outline_mm(findings.design, 1.5 * zone.distance_mm),
-        viewpoints=[
-            EyePosition(name=eye.name, position_mm=eye.position_mm) for eye in zone.viewpoints
-        ],
     )
 
 

@@ -102,13 +102,13 @@ def linker_cache(name: bytes) -> list[str]:
     return [os.fsdecode(path) for path in dict.fromkeys(found)]
 
 
-def user_folder(variable: str, below_home: str) -> Path | None:
-    """A folder of the user's for inim, by an XDG variable; None where the user has no home."""
-    named = Path(os.environ.get(variable, ""))
+def user_cache_folder() -> Path | None:
+    """The user's cache folder for inim; None where the user has no home."""
+    named = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if named.is_absolute():
         return named / "inim"
     try:
         home = Path.home()
     except RuntimeError:
         return None
-    return home / below_home / "inim" if home.is_absolute() else None
+    return home / ".cache" / "inim" if home.is_absolute() else None

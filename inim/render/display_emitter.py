@@ -53,18 +53,14 @@ class LensedPanel:
 
     Parameters
     ----------
-    eia : (rows, columns, 3) tensor
     display : Display
     lens_model : str
+    picture : flat Float, optional
+        The EIA, row 0 on top. Without it, only `landings` work: where light would come from.
     """
 
-    def __init__(self, eia: Any, display: Display, lens_model: str) -> None:
-        self._set_up(display, lens_model)
-        self.picture = mi.Float(eia.array)
-
-    def _set_up(self, display: Display, lens_model: str) -> None:
-        """Run-time values all: a literal would compile the kernel anew for every display."""
-
+    def __init__(self, display: Display, lens_model: str, picture: Any = None) -> None:
+        # Run-time values all: a literal would compile the kernel anew for every display.
         def value(number: float) -> Any:
             return dr.opaque(mi.Float, number)
 
@@ -80,19 +76,7 @@ class LensedPanel:
         self.indices = [value(index) for index in (indices if colored else indices[:1])]
         self.array = LensArray(*map(value, lens_array(display)))
         self.traits = lens_traits(display)
-
-    @classmethod
-    def of(cls, eia: np.ndarray, display: Display, lens_model: str) -> LensedPanel:
-        """Of a picture (rows, columns, 3) float32, row 0 on top."""
-        tensor = mi.TensorXf(np.ascontiguousarray(eia, np.float32))
-        return cls(tensor, display, lens_model)
-
-    @classmethod
-    def dark(cls, display: Display, lens_model: str) -> LensedPanel:
-        """A panel without a picture: where light would come from."""
-        panel = object.__new__(cls)
-        panel._set_up(display, lens_model)
-        return panel
+        self.picture = picture
 
     def leaving(self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True) -> Any:
         """Radiance along display-frame rays that cross z = 0 at (x, y) with slopes (sx, sy)."""
@@ -188,7 +172,7 @@ def register() -> None:
             find_lens_model(lens_model).check(display)
             brightness = _brightness(values)
             eia = mi.TensorXf(_picture(values, display))
-            panel = LensedPanel(eia, display, lens_model)
+            panel = LensedPanel(display, lens_model, eia.array)
             panel.leaving(*(mi.Float(0.0),) * 4)  # another package's model may fail
             # From here on kernels are recorded of it, whatever scene is rendered: nothing may fail.
             super().__init__(props)

@@ -278,7 +278,7 @@ def observed_pixels(
     model.check(display)
     if model.trace is None:
         return None
-    panel = LensedPanel.dark(display, lens_model)
+    panel = LensedPanel(display, lens_model)
     rows, columns = display.eia_shape
     marks = dr.zeros(mi.UInt32, rows * columns)
 
@@ -350,7 +350,8 @@ class AnalyticLens:
     start_mm = 0.0
 
     def __init__(self, eia: np.ndarray, display: Display, lens_model: str) -> None:
-        self._panel = LensedPanel.of(eia, display, lens_model)
+        picture = mi.Float(np.asarray(eia, np.float32).ravel())
+        self._panel = LensedPanel(display, lens_model, picture)
 
     def light(self, sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:
         """See `inim.render.trace.Light`."""

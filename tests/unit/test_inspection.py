@@ -22,9 +22,9 @@ from inim.inspect.geometry import (
     crosstalk_map,
     light_shares,
     pixel_choice,
-    viewing_zone,
-    voxel_curve,
+    viewing_limits,
     voxel_mm,
+    voxel_widths,
     zone_outline_mm,
 )
 from inim.inspect.output import inspect_document
@@ -89,7 +89,7 @@ def test_viewing_zone_begins_at_the_nearest_distance_and_widens_by_the_half_angl
 
 def test_zone_of_lenses_aimed_at_an_eye_closes_again_behind_it():
     aimed = NOMINAL.replace(elemental_pitch_mm=(150 + 3.3) / 150)
-    assert viewing_zone(aimed, 150.0).limit_x_mm == pytest.approx(153.3 / 6.6, rel=1e-12)
+    assert viewing_limits(aimed, 150.0).flip_limit_x_mm == pytest.approx(153.3 / 6.6, rel=1e-12)
     z, half = np.array(zone_outline_mm(aimed, 2000.0)).T
     # Farther off the outermost lens, 31.5 mm aside, looks too far inwards: by 0.022 - g / z.
     far = 31.5 * 3.3 / (31.5 * 0.022 - 1.022 / 2)
@@ -114,7 +114,7 @@ def test_smaller_apertures_blur_less_in_proportion():
 
 
 def test_voxel_curve_is_wider_than_the_depth_range():
-    depth = voxel_curve(NOMINAL).depth_mm
+    depth = voxel_widths(NOMINAL).depth_mm
     low, high = NOMINAL.depth_range_mm
     assert depth[0] == pytest.approx(low - (high - low) / 2)
     assert depth[-1] == pytest.approx(high + (high - low) / 2)

@@ -11,6 +11,7 @@ import numpy as np
 from inim.display import Display
 from inim.display.pixels import PixelAxis, PixelRays, stated
 from inim.errors import UsageError
+from inim.generators.base import CENTRE, Aside
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53
@@ -47,11 +48,6 @@ class CellRays:
         """More cells than any of the rays can visit along this axis."""
         z_min, z_max = depth_range_mm
         return math.ceil(float(np.abs(self.slope).max()) / self.scale * (z_max - z_min)) + 3
-
-
-#: Down and right from a pixel's centre, in pixels.
-Aside = tuple[Fraction, Fraction]
-CENTRE: Aside = (Fraction(0), Fraction(0))
 
 
 def cell_rays(

@@ -29,8 +29,8 @@ import numpy as np
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import stated
-from inim.generators.base import PictureShape
-from inim.generators.raycast.cells import CENTRE, Aside, CellRays, cell_rays
+from inim.generators.base import CENTRE, Aside, PictureShape
+from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.ray_by_ray import rounded_up, walk
 from inim.generators.raycast.simd import BLOCK, LANES, transpose
 from inim.image.rgbd import Layer

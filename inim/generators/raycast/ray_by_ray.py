@@ -16,8 +16,16 @@ import numpy as np
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import pixel_rays, row_blocks
-from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources
-from inim.generators.raycast.cells import CENTRE, Aside, CellRays, cell_rays, free_cell_rays
+from inim.generators.base import (
+    CENTRE,
+    HOLE,
+    Aside,
+    PictureShape,
+    PixelList,
+    SourceGenerator,
+    Sources,
+)
+from inim.generators.raycast.cells import CellRays, cell_rays, free_cell_rays
 from inim.generators.raycast.columns import Columns, columns_of
 from inim.image.rgbd import RGBD
 
@@ -182,23 +190,15 @@ def _walk_axis(start, slope, scale, z_min, z_max, cells, exits, counts):  # type
         counts[i] = n
 
 
-class RayByRay(SourceGenerator):
-    """Every ray by itself, over the runs of its row and its column.
-
-    Hits are those of `first_hit`: the depths of its borders, in float64, are those of the runs,
-    each computed once for its row or column and not for every ray. Runs left above the nearest
-    surface of all cannot hit, and are passed over; nothing of the kind holds below the farthest
-    one, as a ray under all surfaces hits the next column that has no end. A ray that stays in a
-    rectangle of the picture that covers nothing meets nothing.
+class FirstHits(SourceGenerator):
+    """First hits in the columns of pictures.
 
     Parameters
     ----------
-    display, shape, pixel_mm, pixels :
-        As for `SourceGenerator`; of a display that is separable.
+    display, shape, pixel_mm, aside, pixels :
+        As for `SourceGenerator`.
     rule : str
         See `raycast.columns`.
-    aside : Aside
-        Where in its pixel each ray starts.
     """
 
     def __init__(
@@ -210,11 +210,29 @@ class RayByRay(SourceGenerator):
         aside: Aside = CENTRE,
         pixels: PixelList | None = None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, pixels)
+        super().__init__(display, shape, pixel_mm, pixels, aside)
         self._rule = rule
-        columns, rows = cell_rays(shape, pixel_mm, display, aside)
-        self._columns = axis_runs(columns, display.depth_range_mm)
-        self._rows = axis_runs(rows, display.depth_range_mm)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Make what all pictures share."""
+
+
+class RayByRay(FirstHits):
+    """Every ray by itself, over the runs of its row and its column, on separable displays.
+
+    Hits are those of `first_hit`: the depths of its borders, in float64, are those of the runs,
+    each computed once for its row or column and not for every ray. Runs left above the nearest
+    surface of all cannot hit, and are passed over; nothing of the kind holds below the farthest
+    one, as a ray under all surfaces hits the next column that has no end. A ray that stays in a
+    rectangle of the picture that covers nothing meets nothing.
+    """
+
+    def _prepare(self) -> None:
+        self._columns, self._rows = (
+            axis_runs(rays, self.display.depth_range_mm)
+            for rays in cell_rays(self.shape, self.pixel_mm, self.display, self.aside)
+        )
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
@@ -317,37 +335,13 @@ def _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min):  # t
         c += column_left >= left
 
 
-class NonSeparable(SourceGenerator):
+class NonSeparable(FirstHits):
     """First hits of rays that share nothing: hexagonal lattices, arrays turned or tilted.
 
     Every ray, or those of a list, by itself; in blocks of panel rows, so that memory is small.
     Coordinates are float64 from the pixel's position, no longer whole numbers: a ray that meets a
     corner of cells, or the exact height of a column, may fall to either side by rounding.
-
-    Parameters
-    ----------
-    display, shape, pixel_mm :
-        See `inim.generators.prepare`.
-    rule : str
-        See `raycast.columns`.
-    aside : (down, right)
-        Where in its pixel each ray starts, in pixels from the centre.
-    pixels : PixelList, optional
-        As for `SourceGenerator`.
     """
-
-    def __init__(
-        self,
-        display: Display,
-        shape: PictureShape,
-        pixel_mm: float,
-        rule: str,
-        aside: Aside = CENTRE,
-        pixels: PixelList | None = None,
-    ) -> None:
-        super().__init__(display, shape, pixel_mm, pixels)
-        self._rule = rule
-        self._aside = float(aside[0]), float(aside[1])
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
@@ -360,13 +354,13 @@ class NonSeparable(SourceGenerator):
         if z_max <= z_min:
             return found
         met = (fronts, backs, columns.continue_behind)
-        for lensed, cells, at in ray_blocks(self, self._aside):
+        for lensed, cells, at in ray_blocks(self):
             _free_first_hits(lensed, *met, cells, z_min, z_max, found[at])
         return found
 
 
 def ray_blocks(
-    made: SourceGenerator, aside: tuple[float, float]
+    made: SourceGenerator,
 ) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, ...], tuple[slice, slice]]]:
     """Rays of all that a generator makes, a block of panel rows at a time.
 
@@ -379,6 +373,7 @@ def ray_blocks(
     at : (rows, columns) slices
         Where in what is made they lie; of a list of pixels, a block is one row of those it has.
     """
+    aside = float(made.aside[0]), float(made.aside[1])
     for rows in row_blocks(made.display):
         at = (rows, slice(None))
         if made.pixels is None:

@@ -20,8 +20,16 @@ import numpy as np
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import HOLE, PictureShape, PixelList, SourceGenerator, Sources, for_mask
-from inim.generators.raycast.cells import CENTRE, Aside, check_ray_length
+from inim.generators.base import (
+    HOLE,
+    Aside,
+    PictureShape,
+    PixelList,
+    SourceGenerator,
+    Sources,
+    for_mask,
+)
+from inim.generators.raycast.cells import check_ray_length
 from inim.generators.raycast.columns import LAYERS, SOLID, Columns, columns_of
 from inim.generators.raycast.polyphase import (
     Phases,
@@ -32,7 +40,7 @@ from inim.generators.raycast.polyphase import (
     shares_directions,
     write_strip,
 )
-from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
+from inim.generators.raycast.ray_by_ray import FirstHits, NonSeparable, RayByRay
 from inim.generators.raycast.simd import (
     LANES,
     all_lanes,
@@ -55,33 +63,15 @@ from inim.image.rgbd import RGBD, Layer
 _LANES = np.uintp(LANES)
 
 
-class SharedDirections(SourceGenerator):
-    """One list of cells per direction for all lenses.
+class SharedDirections(FirstHits):
+    """One list of cells per direction for all lenses."""
 
-    Parameters
-    ----------
-    display, shape, pixel_mm :
-        See `inim.generators.prepare`.
-    rule : str
-        See `raycast.columns`.
-    aside : Aside
-        Where in its pixel each ray starts.
-    """
-
-    def __init__(
-        self,
-        display: Display,
-        shape: PictureShape,
-        pixel_mm: float,
-        rule: str,
-        aside: Aside = CENTRE,
-    ) -> None:
-        super().__init__(display, shape, pixel_mm)
-        self._rule = rule
+    def _prepare(self) -> None:
+        shape, display, rule = self.shape, self.display, self._rule
         # Flat cell numbers as a payload, so that a run yields sources.
         self._index = np.arange(shape[0] * shape[1], dtype=np.uint32).reshape(shape)
         self._holds_index = False
-        lists = self._lists = build_lists(display, shape, pixel_mm, aside)
+        lists = self._lists = build_lists(display, shape, self.pixel_mm, self.aside)
         lenses = (display.lens_rows, display.lens_columns)
         phases = self._phases = Phases.make(
             lists.per_pitch, lists.row, lists.column, lenses, end=rule != SOLID

@@ -21,8 +21,7 @@ import numpy as np
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS, SubPixel, stated
-from inim.generators.base import Ray, SourceGenerator, Sources
-from inim.generators.raycast.cells import CENTRE, Aside
+from inim.generators.base import CENTRE, Aside, Ray, SourceGenerator, Sources
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 
@@ -53,15 +52,10 @@ def averaged(
         Makes the generator of the rays through one place of every pixel.
     """
 
-    def through(place: Aside) -> SourceGenerator:
-        made = make(place)
-        made.aside = place
-        return made
-
     def of_subpixel(subpixel: SubPixel) -> SourceGenerator:
         if samples == 1:
-            return through((Fraction(0), subpixel.right))
-        return Supersampled(through, _sampled_places(samples, subpixel, display.pixel_fill))
+            return make((Fraction(0), subpixel.right))
+        return Supersampled(make, _sampled_places(samples, subpixel, display.pixel_fill))
 
     if display.subpixels == "none":
         return of_subpixel(_WHOLE)
