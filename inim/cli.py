@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable
 from importlib import import_module
 from typing import Any, NoReturn
 
-from inim.commands.options import add_exit_codes
+from inim.commands.options import add_exit_codes, print_warning
 from inim.errors import (
     EXIT_INTERNAL,
     EXIT_PASSED,
@@ -96,7 +96,7 @@ def main(argv: list[str] | None = None) -> int:
     except InimError as error:
         if getattr(args, "debug", False) and error.__cause__:
             traceback.print_exception(error.__cause__)
-        print(f"inim: error: {_one_line(str(error))}", file=sys.stderr)
+        print_warning(str(error), "error")
         return error.exit_code
     except BrokenPipeError:  # the reader of our output left; that is its right
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -106,13 +106,8 @@ def main(argv: list[str] | None = None) -> int:
             raise
         missing = missing_package(error)
         text = missing or f"internal error: {type(error).__name__}: {error}; run again with --debug"
-        print(f"inim: error: {_one_line(str(text))}", file=sys.stderr)
+        print_warning(str(text), "error")
         return missing.exit_code if missing else EXIT_INTERNAL
-
-
-def _one_line(text: str) -> str:
-    """Control characters in file names must not break the one-line promise."""
-    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def _parser(named: str | None) -> argparse.ArgumentParser:

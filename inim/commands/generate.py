@@ -15,7 +15,6 @@ from inim.commands.options import (
     add_picture,
     choices_of,
     picture_of,
-    print_failed,
     print_outcome,
     print_warning,
 )
@@ -108,7 +107,7 @@ def _run_folder(args: argparse.Namespace) -> int:
             _run_one(one)
         except (FileError, UsageError, OutOfMemoryError) as error:
             failed += 1
-            print_failed(str(error))
+            print_warning(str(error), "failed")
     print_outcome(f"{len(photos) - failed} of {len(photos)} photographs made; EIAs: {out}")
     return EXIT_CHECK_FAILED if failed else EXIT_PASSED
 

@@ -151,16 +151,13 @@ def picture_of(args: argparse.Namespace) -> CameraPicture:
     return CameraPicture(**{f.name: getattr(args, f.name) for f in fields(CameraPicture)})
 
 
-def print_warning(text: str) -> None:
-    """Print a warning as one line, beside what the command prints."""
-    line = "".join(c if c.isprintable() else " " for c in text)
-    print(f"inim: warning: {line}", file=sys.stderr)
+def print_warning(text: str, kind: str = "warning") -> None:
+    """Print a warning, an error, or what failed of several, as one line of stderr.
 
-
-def print_failed(text: str) -> None:
-    """Print what failed of several as one line, beside what the command prints."""
+    Control characters in file names must not break the promise of one line.
+    """
     line = "".join(c if c.isprintable() else " " for c in text)
-    print(f"inim: failed: {line}", file=sys.stderr)
+    print(f"inim: {kind}: {line}", file=sys.stderr)
 
 
 def print_outcome(text: str) -> None:

@@ -15,8 +15,8 @@ from inim.commands.options import (
     add_exit_codes,
     add_quiet,
     choices_of,
-    print_failed,
     print_outcome,
+    print_warning,
 )
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
@@ -102,7 +102,7 @@ def _results_kept() -> Iterator[None]:
 
 def _print_failed(failed: Mapping[str, str]) -> None:
     for label, error in failed.items():
-        print_failed(f"{label}: {error}")
+        print_warning(f"{label}: {error}", "failed")
 
 
 def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:

@@ -318,12 +318,8 @@ def _begin_silence() -> None:
 
 def _check_size(path: Path, header: Mapping[str, Any]) -> int:
     """Bytes that a part's pixels take; a FileError where its size is absurd."""
-    columns, rows = _size(header)
+    low, high = header["dataWindow"]
+    columns, rows = int(high[0]) - int(low[0]) + 1, int(high[1]) - int(low[1]) + 1
     if columns < 1 or rows < 1 or columns * rows > _MOST_PIXELS:
         raise FileError(f"{path}: declares {columns} x {rows} pixels; refused as damaged")
     return columns * rows * 4 * len(header["channels"])
-
-
-def _size(header: Mapping[str, Any]) -> tuple[int, int]:
-    low, high = header["dataWindow"]
-    return int(high[0]) - int(low[0]) + 1, int(high[1]) - int(low[1]) + 1

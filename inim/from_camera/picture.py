@@ -72,23 +72,6 @@ _OF_PHOTO = "photo"
 _BEYOND_CHANCE = 5.0
 
 
-@dataclass(frozen=True)
-class Shift:
-    """Where the depth picture's edges would match the colour picture's best.
-
-    Attributes
-    ----------
-    right, down : float
-        Pixels of the colour picture by which depth would have to be moved.
-    found : bool
-        Whether the match is so much better there that the two are likely misaligned.
-    """
-
-    right: float
-    down: float
-    found: bool
-
-
 def check_same_view(color: tuple[int, int], depth: tuple[int, int], name: str) -> None:
     """Raise `FileError` where two pictures, (rows, columns), cannot show the same view."""
     aspects = [columns / rows for rows, columns in (color, depth)]
@@ -114,8 +97,10 @@ def resampled(depth: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.
     return nearest
 
 
-def edge_shift(color: np.ndarray, depth: NDArray[np.float32]) -> Shift:
-    """Compare the edges of depth with those of colour at all small shifts.
+def edge_shift(color: np.ndarray, depth: NDArray[np.float32]) -> tuple[int, int] | None:
+    """Pixels to the right and down by which depth has to be moved to match the colour's edges.
+
+    None unless the edges match so much better there that the two are likely misaligned.
 
     Parameters
     ----------
@@ -129,7 +114,7 @@ def edge_shift(color: np.ndarray, depth: NDArray[np.float32]) -> Shift:
     edges, contrast = _depth_edges(small), _contrast(grey)
     farthest = max(1, round(_FARTHEST * max(small.shape)))
     if edges.sum() < _LEAST_EDGES or min(small.shape) <= 2 * farthest:
-        return Shift(0.0, 0.0, found=False)
+        return None
     padded = tuple(n + farthest for n in small.shape)
     spectrum = np.fft.rfft2(contrast - contrast.mean(), padded) * np.conj(
         np.fft.rfft2(edges, padded)
@@ -140,12 +125,12 @@ def edge_shift(color: np.ndarray, depth: NDArray[np.float32]) -> Shift:
     here, best = float(match[farthest, farthest]), float(match.max())
     base = float(np.median(match))
     deviation = 1.4826 * float(np.median(np.abs(match - base)))  # of a normal distribution
-    found = (
+    misaligned = (
         math.hypot(down, right) * step > _TOLERATED
         and best - base > _BETTER * (here - base)
         and best - base > _BEYOND_CHANCE * deviation
     )
-    return Shift(float(right * step), float(down * step), found)
+    return (right * step, down * step) if misaligned else None
 
 
 def _depth_edges(depth: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -354,11 +339,11 @@ class CameraPicture:
         values = replace(values, depth=resampled(filled, (rows, columns)))
         warnings = values.warnings
         shift = edge_shift(color, values.depth)
-        if shift.found:
+        if shift is not None:
             warnings = (
                 *warnings,
                 f"{name}: its edges match those of {self.shown} better "
-                f"{shift.right:+.0f} pixels to the right and {shift.down:+.0f} down: the two may "
+                f"{shift[0]:+} pixels to the right and {shift[1]:+} down: the two may "
                 "be misaligned; register depth to colour first",
             )
         coarseness = max(1.0, columns / size[1])

@@ -15,12 +15,16 @@ not alias; the tile's own where none falls into it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inim.backend.kernels import compiled
 from inim.image.color import linear_from_srgb
+
+if TYPE_CHECKING:
+    from inim.from_camera.fit import DepthMap
 
 # Colours become floats in blocks of about this many samples.
 _BLOCK = 2**20
@@ -33,8 +37,8 @@ class CameraTiles:
     """Where samples lie in the display frame.
 
     Sample (i, j) of number q lies at ``x = ax (j - cx) w + ox``, ``y = -ay (i - cy) w + oy`` with
-    w = 1 / q where `perspective`, else 1, and at ``z = offset + slope q``, or ``+ slope / q`` where
-    `over_q`, kept between `low_mm` and `high_mm`.
+    w = 1 / q where `perspective`, else 1, and at the z of `depth_map`,
+    with q for d, or 1 / q where `over_q`.
 
     Attributes
     ----------
@@ -57,10 +61,7 @@ class CameraTiles:
     cy: float
     ox: float
     oy: float
-    offset_mm: float
-    slope: float
-    low_mm: float
-    high_mm: float
+    depth_map: DepthMap
     apart: float
     apart_share: float
     drop: bool
@@ -100,9 +101,12 @@ def draw_tiles(
     same_mm : float
         Samples in a cell this close in depth to what it shows are of the same surface.
     """
-    t = tiles
+    t, to = tiles, tiles.depth_map
     frame = np.array(
-        [t.ax, t.ay, t.cx, t.cy, t.ox, t.oy, t.offset_mm, t.slope, t.low_mm, t.high_mm, cell_mm]
+        [
+            *(t.ax, t.ay, t.cx, t.cy, t.ox, t.oy),
+            *(to.offset_mm, to.slope, to.low_mm, to.high_mm, cell_mm),
+        ]
     )
     limits = np.array([t.q_low, t.q_high, t.apart, t.apart_share])
     flags = (t.perspective, t.over_q, t.drop)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from inim.display import Display
 from inim.display.misalignment import mounted
@@ -116,11 +115,6 @@ class Plan:
         """Whether a method is given what lies behind the front surface, too."""
         return any(method.reads_layers for method in self.methods)
 
-    @property
-    def capture_pixel_mm(self) -> float:
-        """Side of its pixels [mm]."""
-        return self.display.capture_pixel_mm(self.settings.capture_pixels_per_pitch)
-
 
 def make_plan(request: Request) -> Plan:
     """Read the scene's settings and check them against each other.
@@ -154,13 +148,9 @@ def make_plan(request: Request) -> Plan:
     for method in methods:
         method.check()
     plan = Plan(request, file, settings, display, real, viewpoints, methods, limits, *memory)
-    return plan if request.baseline is None else _with_baseline(plan, request.baseline)
-
-
-def _with_baseline(plan: Plan, folder: Path) -> Plan:
-    """The plan with its baseline, once it is sure that they can be compared."""
-    plan = replace(plan, baseline=read_statistics(folder, BASELINE))
-    check_baseline(plan)
+    if request.baseline is not None:
+        plan = replace(plan, baseline=read_statistics(request.baseline, BASELINE))
+        check_baseline(plan)
     return plan
 
 
@@ -187,7 +177,10 @@ def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
     perceptual = any(metric.viewed for metric in all_metrics())
     return Conditions(
         scene_sha256=plan.file.sha256,
-        scene_parameters=_scene_parameters(request.definitions),
+        # `-D` of the scene's own; those of `inim` are compared by what they lead to.
+        scene_parameters=sorted(
+            text for text in definition_words(request.definitions) if not text.startswith(PREFIX)
+        ),
         display=plan.display,
         derived=DisplayRecord.of(plan.display).derived,
         misalign=s.misalign,
@@ -201,12 +194,6 @@ def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
         luminance_cd_m2=s.luminance_cd_m2 if perceptual else None,
         variant=variant,
     )
-
-
-def _scene_parameters(definitions: Mapping[str, str]) -> list[str]:
-    """`-D` of the scene's own parameters; those of `inim` are compared by what they lead to."""
-    own = {key: text for key, text in definitions.items() if not key.startswith(PREFIX)}
-    return sorted(definition_words(own))
 
 
 def _check_sizes(display: Display, settings: Settings, source: str) -> None:

@@ -245,12 +245,10 @@ def test_a_shift_between_colour_and_depth_is_found_and_its_absence_too():
         top, left = rng.integers(10, 190), rng.integers(10, 270)
         place = slice(top, top + 40), slice(left, left + 40)
         depth[place], color[place] = rng.integers(1000, 2500), rng.integers(0, 255, 3)
-    assert not edge_shift(color, depth).found
-    moved = edge_shift(np.roll(color, (9, -6), (0, 1)), depth)
-    assert moved.found
-    assert (moved.right, moved.down) == (-6, 9)
+    assert edge_shift(color, depth) is None
+    assert edge_shift(np.roll(color, (9, -6), (0, 1)), depth) == (-6, 9)
     unrelated = rng.integers(0, 255, color.shape).astype(np.uint8)
-    assert not edge_shift(unrelated, depth).found
+    assert edge_shift(unrelated, depth) is None
 
 
 def test_intrinsics_are_four_numbers_of_this_picture():

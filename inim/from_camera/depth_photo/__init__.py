@@ -76,29 +76,24 @@ def read_depth_photo(path: Path) -> DepthPhoto:
     """
     data = read_file(path, _MOST_BYTES)
     if is_heif(data):
-        picture, exif, inside = read_heif(path, data)
-        return _made(path, picture, exif, _known(path, inside), is_upright=True)
+        return _made(path, *read_heif(path, data), is_upright=True)
     if not data.startswith(MAGIC):
         raise FileError(
             f"{path}: neither HEIC nor JPEG; give other pictures as --color and --depth"
         )
-    inside = _known(path, inside_jpeg(path, data))
+    inside = inside_jpeg(path, data)
     with open_picture(path, ("JPEG",), 1, data=data) as picture:
         return _made(path, picture, by_exif(picture), inside, is_upright=False)
 
 
-def _known(path: Path, inside: Inside | None) -> Inside:
+def _made(
+    path: Path, picture: Any, exif: tuple[int, float], inside: Inside | None, *, is_upright: bool
+) -> DepthPhoto:
     if inside is None:
         raise FileError(
             f"{path}: has no depth inside that inim knows (HEIC, dynamic depth, GDepth, Apple's "
             "disparity); take the original file of a portrait photograph, or `inim depth`"
         )
-    return inside
-
-
-def _made(
-    path: Path, picture: Any, exif: tuple[int, float], inside: Inside, *, is_upright: bool
-) -> DepthPhoto:
     orientation, focal_35mm = exif
     color = np.asarray(in_srgb(picture, path).convert("RGB"))
     values = decoded(inside)

@@ -121,7 +121,7 @@ def _outside_limits(plan: Plan) -> list[str]:
         plan.display,
         plan.settings.lens_model,
         viewpoints=plan.viewpoints,
-        pixel_mm=plan.capture_pixel_mm,
+        pixel_mm=plan.display.capture_pixel_mm(plan.settings.capture_pixels_per_pitch),
     )
 
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from inim.documents.parts import Check, Relation
 from inim.image.noisy_image import row_bands
-from inim.regression import ScoreEstimate, score_interval
 
 #: An image whose brightest value is below this shows nothing.
 BLACK = 1e-4
@@ -52,11 +51,6 @@ def check(
         interval=interval,
         criterion=criterion,
     )
-
-
-def criterion(name: str, score: ScoreEstimate, limit: float) -> Check:
-    """A row on quality: a score without noise against the limit that the user set."""
-    return check(name, score.value, ">=", limit, interval=score_interval(score), criterion=True)
 
 
 def nonfinite_checks(name: str, count: int) -> list[Check]:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from inim import metrics
-from inim.display import Display
 from inim.documents.parts import Check, ScorePrecision
 from inim.documents.report import AlgorithmResult, NoiseFloor
 from inim.image.noisy_image import NoisyImage
@@ -20,7 +19,6 @@ from inim.pipeline.stages.checks import (
     BLACK,
     CLIPPED_SHARE,
     check,
-    criterion,
     missing_viewpoints,
     nonfinite_checks,
     share_outside,
@@ -142,8 +140,7 @@ def evaluate(
     eia = made.eia
     with _scoring_threads(truth, run) as submit:
         # The longest first.
-        how = {"whole": truth.whole, "generated": True, "run": run}
-        statistics = submit(eia_statistics, f"eia/{name}", eia, truth.display, **how)
+        statistics = submit(_eia_tiles, f"eia/{name}", eia, truth, True, run)
         whole = submit(_eia_scores, truth, run, eia.image)
         pending = {view: submit(_against, truth, view, one, run) for view, one in views.items()}
         # In this thread: a generator of another package may count on its own.
@@ -268,9 +265,11 @@ def noise_floor(truth: GroundTruth, *, run: Run) -> NoiseFloor:
 def truth_statistics(truth: GroundTruth, ceiling: Mapping[str, Scores], *, run: Run) -> Statistics:
     """Statistics of the ground truth, and scores of the ceiling, by viewpoint."""
     with _scoring_threads(truth, run) as submit:
-        how = {"whole": truth.whole, "generated": False, "run": run}
-        whole = submit(eia_statistics, "truth/eia", truth.eia, truth.display, **how)
-        pending = {n: submit(view_statistics, view, run) for n, view in truth.views.items()}
+        whole = submit(_eia_tiles, "truth/eia", truth.eia, truth, False, run)
+        pending = {
+            name: submit(_tiles, view, view_tile(view.shape), False, run=run)
+            for name, view in truth.views.items()
+        }
         views = {f"truth/{name}": one.result() for name, one in pending.items()}
         pictures = whole.result() | views
     return Statistics(pictures, {f"ceiling/{name}": found for name, found in ceiling.items()})
@@ -310,7 +309,14 @@ def _limits(name: str, limit: float | None, found: Mapping[str, Scores]) -> list
     if limit is None:
         return []
     return [
-        criterion(f"{name}/{view}: {HEADLINE_WORDS}", scores[HEADLINE], limit)
+        check(
+            f"{name}/{view}: {HEADLINE_WORDS}",
+            scores[HEADLINE].value,
+            ">=",
+            limit,
+            interval=score_interval(scores[HEADLINE]),
+            criterion=True,
+        )
         for view, scores in found.items()
     ]
 
@@ -320,34 +326,10 @@ def _tiles(image: NoisyImage, tile: tuple[int, int], generated: bool) -> TileSta
     return tile_statistics(image, tile, generated=generated)
 
 
-def eia_statistics(
-    name: str,
-    eia: NoisyImage,
-    display: Display,
-    *,
-    whole: bool,
-    generated: bool,
-    run: Run,
+def _eia_tiles(
+    name: str, eia: NoisyImage, truth: GroundTruth, generated: bool, run: Run
 ) -> dict[str, TileStatistics]:
-    """Statistics of an EIA by the two halves of its samples; none of one made in part.
-
-    Parameters
-    ----------
-    name : str
-    eia : NoisyImage
-    display : Display
-    whole : bool
-        Whether all of it was made.
-    generated : bool
-        See `inim.regression.tile_statistics`.
-    run : Run
-    """
-    if not whole:
-        return {}
+    """Statistics of an EIA by the two halves of its samples; none where the run makes a part."""
+    display = truth.display
     tile = eia_tile(display.eia_shape, (display.lens_rows, display.lens_columns))
-    return {name: _tiles(eia, tile, generated, run=run)}
-
-
-def view_statistics(view: NoisyImage, run: Run) -> TileStatistics:
-    """Statistics of a rendered view."""
-    return _tiles(view, view_tile(view.shape), False, run=run)
+    return {name: _tiles(eia, tile, generated, run=run)} if truth.whole else {}
