@@ -21,13 +21,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from inim.backend import Backend
 from inim.documents.parts import Check
 from inim.documents.report import AlgorithmResult
 from inim.metrics.headline import HEADLINE_TO_SCENE, MAIN
-from inim.pipeline.output.images import Images
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.evaluate import MethodResult, Scores
@@ -37,6 +36,9 @@ from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.regression import ScoreEstimate, is_above, score_interval
 from inim.settings import Settings
+
+if TYPE_CHECKING:
+    from inim.pipeline.output.images import Images
 
 #: Of all samples, in the first round.
 FIRST_SHARE = 1 / 16
