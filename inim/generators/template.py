@@ -13,15 +13,17 @@ With `columns=surface` a column ends where the surface that its pixel shows does
 A ray that runs exactly along a border between cells belongs to the cell of the larger row or
 column; one that crosses exactly at a corner passes to the diagonal neighbour.
 
-Two ways lead to the same sources, bit for bit, on displays that are separable:
+Three ways lead to the same sources, bit for bit, on displays that are separable:
 
 * where co-located pixels of all lenses are parallel and the picture has a whole number of pixels
   per pitch, one list of cells per direction serves all lenses (`raycast.polyphase`), and runs
   over the picture's phases without a gather (`raycast.shared_directions`);
+* where only the picture is so (15.7 pixels per lens, an elemental-image pitch of its own), strips
+  of lenses share cells but not exit depths (`raycast.non_integer_pitch`);
 * anywhere else, and for the few pixels of a sparse mask, each ray is walked by itself
   (`raycast.ray_by_ray.RayByRay`).
 
-A third serves the others, hexagonal lattices and arrays that are turned or tilted: each ray by
+A fourth serves the others, hexagonal lattices and arrays that are turned or tilted: each ray by
 itself, in float64, exact but for ties (`raycast.ray_by_ray.NonSeparable`).
 
 Where a pixel's colours shine from places of their own (`Display.subpixels`), each colour's rays

@@ -29,6 +29,7 @@ from inim.generators import (
     prepare,
 )
 from inim.generators.oracle import exact_hits
+from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
 from inim.generators.raycast.polyphase import shares_directions
 from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
 from inim.generators.raycast.shared_directions import SharedDirections
@@ -125,8 +126,10 @@ def test_lists_rays_with_shared_runs_and_free_rays_find_the_same(display, column
         size = (shown, rgbd.shape, rgbd.pixel_mm, columns)
         alone = RayByRay(*size).sources(rgbd)
         whole = stated(shown.pitch_mm) / stated(rgbd.pixel_mm)
-        if shares_directions(shown) and whole.denominator == 1:
-            lists = SharedDirections(*size)
+        shared = shares_directions(shown)
+        tables = whole.denominator == 1 and shown.row_pitch_mm == shown.pitch_mm
+        if tables and (shared or columns != "layers"):
+            lists = (SharedDirections if shared else NonIntegerPitch)(*size)
             for before in (rgbd, RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)):
                 lists.sources(before)
                 assert np.array_equal(lists.sources(rgbd), alone)

@@ -22,6 +22,8 @@ strip, yet hardly a search would end sooner, for the rays of others beside the o
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,11 +31,12 @@ import numpy as np
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import stated
-from inim.generators.base import CENTRE, Aside, PictureShape
+from inim.generators.base import CENTRE, HOLE, Aside, PictureShape, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
-from inim.generators.raycast.ray_by_ray import rounded_up, walk
+from inim.generators.raycast.columns import Columns, columns_of
+from inim.generators.raycast.ray_by_ray import FirstHits, rounded_up, walk
 from inim.generators.raycast.simd import BLOCK, LANES, transpose
-from inim.image.rgbd import Layer
+from inim.image.rgbd import RGBD, Layer
 
 _NO_PAYLOAD, _NO_BACKS = np.empty((0, 0), np.uint32), np.empty((0, 0), np.float32)
 
@@ -171,6 +174,57 @@ class Phases:
             payload if payload is not None else _NO_PAYLOAD, anew, *self.origin,
             self.depth, self.back, self.payload, self.window[1], self.nearest, self.farthest,
         )  # fmt: skip
+
+
+class PhaseGenerator(FirstHits):
+    """First hits in a picture laid out by phases: whole cells per lens pitch."""
+
+    _phases: Phases
+
+    def _prepare(self) -> None:
+        # Flat cell numbers as a payload, so that a run yields sources.
+        self._index = np.arange(self.shape[0] * self.shape[1], dtype=np.uint32).reshape(self.shape)
+        self._holds_index = False
+
+    @abstractmethod
+    def _run(
+        self, columns: Columns, payloads: Sequence[np.ndarray], empty: int, out: np.ndarray
+    ) -> None:
+        """Show each panel pixel the payload of its first hit, all uint32; one for each layer."""
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        return self.find_into(rgbd, np.empty(self.made_shape, np.int32))
+
+    def find_into(self, rgbd: RGBD, found: Sources) -> Sources:
+        """See `SourceGenerator.find_into`."""
+        columns = columns_of(rgbd, self._rule)
+        deeper = range(1, len(columns.layers))
+        payloads = [self._index, *(self._index + np.uint32(n * self._index.size) for n in deeper)]
+        self._run(columns, payloads, HOLE % 2**32, found.view(np.uint32))
+        return found
+
+    def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
+        """See `SourceGenerator.shows_sources`."""
+        return True
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`; RGBA goes to the panel without a source map between."""
+        if rgbd.color.dtype != np.uint8:
+            return super().generate(rgbd, out)
+        self.check(rgbd)
+        out = self.place(rgbd, out)
+        columns = columns_of(rgbd, self._rule)
+        words = [np.ascontiguousarray(one.color).view(np.uint32)[..., 0] for one in columns.layers]
+        self._run(columns, words, 0, out.view(np.uint32)[..., 0])
+        return out
+
+    def _fill(self, columns: Columns, payload: np.ndarray) -> None:
+        """Take in a picture; the index, which is that of every picture, only once."""
+        of_index = payload is self._index
+        known, self._holds_index = of_index and self._holds_index, False
+        self._phases.fill(columns.layers[0], None if known else payload)
+        self._holds_index = of_index
 
 
 @compiled(parallel=True)

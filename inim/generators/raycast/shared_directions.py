@@ -20,18 +20,12 @@ import numpy as np
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import (
-    HOLE,
-    Aside,
-    PictureShape,
-    PixelList,
-    SourceGenerator,
-    Sources,
-    for_mask,
-)
+from inim.generators.base import Aside, PictureShape, PixelList, SourceGenerator, for_mask
 from inim.generators.raycast.cells import check_ray_length
-from inim.generators.raycast.columns import LAYERS, SOLID, Columns, columns_of
+from inim.generators.raycast.columns import LAYERS, SOLID, Columns
+from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
 from inim.generators.raycast.polyphase import (
+    PhaseGenerator,
     Phases,
     build_lists,
     farthest_end,
@@ -40,7 +34,7 @@ from inim.generators.raycast.polyphase import (
     shares_directions,
     write_strip,
 )
-from inim.generators.raycast.ray_by_ray import FirstHits, NonSeparable, RayByRay
+from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
 from inim.generators.raycast.simd import (
     LANES,
     all_lanes,
@@ -57,20 +51,18 @@ from inim.generators.raycast.simd import (
     store,
 )
 from inim.generators.raycast.supersampling import averaged
-from inim.image.rgbd import RGBD, Layer
+from inim.image.rgbd import Layer
 
 # Of the compiler's own type: a Python integer would make addresses signed, and checked.
 _LANES = np.uintp(LANES)
 
 
-class SharedDirections(FirstHits):
+class SharedDirections(PhaseGenerator):
     """One list of cells per direction for all lenses."""
 
     def _prepare(self) -> None:
+        super()._prepare()
         shape, display, rule = self.shape, self.display, self._rule
-        # Flat cell numbers as a payload, so that a run yields sources.
-        self._index = np.arange(shape[0] * shape[1], dtype=np.uint32).reshape(shape)
-        self._holds_index = False
         lists = self._lists = build_lists(display, shape, self.pixel_mm, self.aside)
         lenses = (display.lens_rows, display.lens_columns)
         phases = self._phases = Phases.make(
@@ -83,44 +75,10 @@ class SharedDirections(FirstHits):
         self._deeper = _Deeper.none(phases)
         self._slots = phases.slots(shape) if rule == LAYERS else np.empty(0, np.int32)
 
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`."""
-        return self.find_into(rgbd, np.empty(self.made_shape, np.int32))
-
-    def find_into(self, rgbd: RGBD, found: Sources) -> Sources:
-        """See `SourceGenerator.find_into`."""
-        columns = columns_of(rgbd, self._rule)
-        deeper = range(1, len(columns.layers))
-        payloads = [self._index, *(self._index + np.uint32(n * self._index.size) for n in deeper)]
-        self._run(columns, payloads, HOLE % 2**32, found.view(np.uint32))
-        return found
-
-    def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
-        """See `SourceGenerator.shows_sources`."""
-        return True
-
-    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """See `Generator.generate`; RGBA goes to the panel without a source map between."""
-        if rgbd.color.dtype != np.uint8:
-            return super().generate(rgbd, out)
-        self.check(rgbd)
-        out = self.place(rgbd, out)
-        columns = columns_of(rgbd, self._rule)
-        words = [np.ascontiguousarray(one.color).view(np.uint32)[..., 0] for one in columns.layers]
-        self._run(columns, words, 0, out.view(np.uint32)[..., 0])
-        return out
-
-    def _fill(self, columns: Columns, payload: np.ndarray) -> None:
-        """Take in a picture; the index, which is that of every picture, only once."""
-        of_index = payload is self._index
-        known, self._holds_index = of_index and self._holds_index, False
-        self._phases.fill(columns.layers[0], None if known else payload)
-        self._holds_index = of_index
-
     def _run(
         self, columns: Columns, payloads: Sequence[np.ndarray], empty: int, out: np.ndarray
     ) -> None:
-        """Show each panel pixel the payload of its first hit, all uint32; one for each layer."""
+        """See `PhaseGenerator._run`."""
         self._fill(columns, payloads[0])
         phases, lists, lenses = self._phases, self._lists, self.display.lens_columns
         row_stride = phases.depth[0].size
@@ -374,7 +332,9 @@ def first_hits(
         raise UsageError(f"{name}: samples = {samples!r}; use 1, 2 or 4")
     check_ray_length(name, display, shape, pixel_mm)
     layers = _LAYERS if rule == LAYERS else 1
-    tables = shares_directions(display) and fits_tables(display, shape, pixel_mm, layers)
+    shared = shares_directions(display)
+    # Deeper layers are laid out for shared directions alone.
+    tables = (shared or rule != LAYERS) and fits_tables(display, shape, pixel_mm, layers)
 
     def made(pixels: PixelList | None) -> SourceGenerator:
         def through(aside: Aside) -> SourceGenerator:
@@ -382,7 +342,8 @@ def first_hits(
                 return NonSeparable(display, shape, pixel_mm, rule, aside, pixels)
             if pixels is not None or not tables:
                 return RayByRay(display, shape, pixel_mm, rule, aside, pixels)
-            return SharedDirections(display, shape, pixel_mm, rule, aside)
+            tabled = SharedDirections if shared else NonIntegerPitch
+            return tabled(display, shape, pixel_mm, rule, aside)
 
         return averaged(display, int(samples), through)
 

@@ -120,6 +120,13 @@ def no_lanes(typing):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def lanes_of(typing, bits):  # type: ignore[no-untyped-def]
+    """Flags from the bits of an unsigned integer, as many as it has; the lowest comes first."""
+    flags = Lanes("flag", bits.bitwidth)
+    return flags(bits), _simple(lambda builder, bits: builder.bitcast(bits, flags.vector))
+
+
+@intrinsic
 def at_least(typing, a, b):  # type: ignore[no-untyped-def]
     """Where a >= b."""
     return a.flags(a, a), _simple(lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
