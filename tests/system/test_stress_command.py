@@ -41,7 +41,7 @@ def run(module: str, *words: object, folder: Path):
 
 
 def run_stress(*words: object, folder: Path):
-    return run("inim.stress", *words, folder=folder)
+    return run("inim", "stress", *words, folder=folder)
 
 
 @pytest.fixture(scope="module")
