@@ -184,12 +184,6 @@ def _profile_words(data: ReportDocument) -> str:
     return f"seen from above, all rows together: the relic {place} the display's depth range"
 
 
-SECTIONS = (
-    ReportSection(40, "display", "Display", display, is_folded=True),
-    ReportSection(90, "rgbd", "RGB-D input", rgbd_input, is_folded=True),
-)
-
-
 def splats(data: ReportDocument, _images: Images) -> str:
     """The section on splats; empty for other scenes."""
     found = data.scene.splats
@@ -227,4 +221,8 @@ def _words(data: ReportDocument, found: Splats) -> str:
     return words
 
 
-SECTIONS_SPLATS = (ReportSection(45, "splats", "Translucency", splats),)
+SECTIONS = (
+    ReportSection(40, "display", "Display", display, is_folded=True),
+    ReportSection(90, "rgbd", "RGB-D input", rgbd_input, is_folded=True),
+    ReportSection(45, "splats", "Translucency", splats),
+)
