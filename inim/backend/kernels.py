@@ -22,6 +22,7 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, NoReturn
 
+from inim.cache import code_digest
 from inim.errors import BackendError, FileError
 from inim.process.python_process import configuration_hidden
 
@@ -78,6 +79,10 @@ def compiled(
         )(function)
     finally:
         config.CACHE_DIR = before
+    if not config.DISABLE_JIT:
+        # numba compares the kernel's own file only; the functions that it calls are in others.
+        stored = kernel._cache._cache_file
+        stored._source_stamp = (stored._source_stamp, code_digest("generators"))
     if parallel:
         _parallel_kernels.append(kernel)
     if _is_forked:
