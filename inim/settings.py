@@ -138,9 +138,9 @@ class Settings:
         high=1,
     )
     seed: int = _setting(0, "random seed of the ground truth", low=0)
-    min_ssim_to_ceiling: str = _setting(
+    min_ssim_to_reference: str = _setting(
         "",
-        "criterion: least SSIM on the relic to the ceiling, '0.9' for all or "
+        "criterion: least SSIM on the relic to the reference, '0.9' for all or "
         "'template:0.9, wang2024:0.5'",
     )
 
@@ -243,7 +243,7 @@ class Settings:
         raise AssertionError("all parameters of a display state it")
 
     def ssim_limits(self, algorithms: tuple[str, ...], source: str) -> dict[str, float]:
-        """The least SSIM to the ceiling asked of each algorithm; those without a limit left out.
+        """The least SSIM to the reference asked of each algorithm; those without a limit left out.
 
         Raises
         ------
@@ -251,10 +251,10 @@ class Settings:
             A limit that is not a number in 0..1, or for an algorithm that is not run.
         """
         limits: dict[str, float] = {}
-        for item in filter(None, (part.strip() for part in self.min_ssim_to_ceiling.split(","))):
+        for item in filter(None, (part.strip() for part in self.min_ssim_to_reference.split(","))):
             name, colon, text = item.rpartition(":")
             names = (name.strip(),) if colon else algorithms
-            key = f"{PREFIX}min_ssim_to_ceiling"
+            key = f"{PREFIX}min_ssim_to_reference"
             limit = _read(key, text.strip(), "float", source)
             if not 0 <= limit <= 1:
                 raise SceneError(f"{source}: {key} = {item!r}: a limit lies in 0..1")

@@ -114,7 +114,7 @@ def members(part: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
         if allows(key) and (key != "not_finite" or key in required)
     ]
     if part.get("additionalProperties"):
-        key = next(filter(allows, ("a", "a_to_ceiling")))
+        key = next(filter(allows, ("a", "a_to_reference")))
         found.append((key, part["additionalProperties"]))
     return found
 
@@ -142,14 +142,14 @@ def _completed(part: dict[str, Any], name: str, value: Any) -> Any:
 def report_document(data: Mapping[str, Any]) -> ReportDocument:
     """A typed report of the given keys, with no other score, and examples of all other keys."""
     names = [eye["name"] for eye in data.get("viewpoints", ())]
-    floor, ceiling = data.get("noise_floor", {}), data.get("ceiling", {})
+    floor, reference = data.get("noise_floor", {}), data.get("reference", {})
     none: dict[str, Any] = {name: {} for name in names}
     scored = {
         "noise_floor": {
             "eia": dict.fromkeys(EIA_SCORES) | floor.get("eia", {}),
             "views": _scored(none | floor.get("views", {}), VIEW_SCORES),
         },
-        "ceiling": ceiling | {"views": _scored(none | ceiling.get("views", {}), VIEW_SCORES)},
+        "reference": reference | {"views": _scored(none | reference.get("views", {}), VIEW_SCORES)},
         "algorithms": {
             name: {"precision": {}, "seconds": None}
             | result

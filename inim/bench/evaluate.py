@@ -56,12 +56,12 @@ from inim.timing import (
 )
 
 # Scores with a panel of their own; those of other packages' metrics have one, too.
-_PLOTTED = ("eia_psnr_db", "view_ssim_to_ceiling")
+_PLOTTED = ("eia_psnr_db", "view_ssim_to_reference")
 
 
 @dataclass(frozen=True)
 class Score:
-    """A metric of the EIA, against the true one, or of its views: their mean to the ceiling."""
+    """A metric of the EIA, against the true one, or of its views: their mean to the reference."""
 
     metric: metrics.Metric
     of_views: bool
@@ -69,13 +69,13 @@ class Score:
     @property
     def key(self) -> str:
         """Its name in bench.json."""
-        return f"view_{self.metric.to_ceiling_key}" if self.of_views else f"eia_{self.metric.key}"
+        return f"view_{self.metric.to_reference_key}" if self.of_views else f"eia_{self.metric.key}"
 
     def described(self) -> BenchScore:
         """The score's description; `best` is None where that is infinite."""
         metric = self.metric
         best = metric.range[1 if metric.better == "higher" else 0]
-        words = f"view {metric.label} to ceiling" if self.of_views else f"EIA {metric.label}"
+        words = f"view {metric.label} to reference" if self.of_views else f"EIA {metric.label}"
         return BenchScore(
             key=self.key,
             label=f"{words} {metric.unit}".rstrip(),
@@ -109,7 +109,7 @@ class Reference:
         Ground truth, linear RGB.
     views_of : callable
         The views of an EIA.
-    ceiling : sequence of array
+    reference_views : sequence of array
         Views of the ground-truth EIA.
     viewing : sequence of Viewing, optional
         How each view is seen, for metrics of perception; they are left out without.
@@ -118,7 +118,7 @@ class Reference:
     exact: Sources
     eia: np.ndarray
     views_of: ViewsOf
-    ceiling: Sequence[np.ndarray]
+    reference_views: Sequence[np.ndarray]
     viewing: Sequence[Viewing] = ()
 
 
@@ -158,7 +158,11 @@ def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
         "hole_fraction": _lensed_share(empty, reference.exact),
         "averaged_share": _averaged_share(method),
         "scores": _scores(
-            reference.eia, made, reference.ceiling, reference.views_of(made), reference.viewing
+            reference.eia,
+            made,
+            reference.reference_views,
+            reference.views_of(made),
+            reference.viewing,
         ),
     }
 

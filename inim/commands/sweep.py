@@ -132,7 +132,7 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.01,
         metavar="LOSS",
-        help="SSIM on the relic to the ceiling that may be lost (0.01)",
+        help="SSIM on the relic to the reference that may be lost (0.01)",
     )
     parser.add_argument(
         "--calibration",

@@ -210,7 +210,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         "--show",
         action="append",
         metavar="NAME",
-        help="algorithm, or ceiling; repeated: side by side (ceiling and the best algorithm)",
+        help="algorithm, or reference; repeated: side by side (reference and the best algorithm)",
     )
     add(
         "--path",
@@ -236,7 +236,7 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
 def _film(args: argparse.Namespace) -> int:
     from inim.lens import lens_models
     from inim.report import Report
-    from inim.views.film import CEILING, FilmRequest, make_film
+    from inim.views.film import REFERENCE, FilmRequest, make_film
     from inim.views.frames import TracedScene
 
     report = Report.load(args.folder)
@@ -250,7 +250,7 @@ def _film(args: argparse.Namespace) -> int:
     request = FilmRequest(
         folder=str(args.folder),
         out=str(args.out or args.folder / _FILM),
-        show=tuple(args.show or [CEILING, *([best] if best else [])]),
+        show=tuple(args.show or [REFERENCE, *([best] if best else [])]),
         path=args.path,
         lens_model=model,
         frames=args.frames,

@@ -54,7 +54,7 @@ class BenchAlgorithm(TimingRecord):
         Scores,
         doc(
             "Scores by the keys of `scene.scores`: eia_METRIC_UNIT of the EIA against the ground "
-            "truth, view_METRIC_to_ceiling_UNIT of a view against the ceiling's, mean over the "
+            "truth, view_METRIC_to_reference_UNIT of a view against the reference's, mean over the "
             "viewpoints; null: infinite."
         ),
     ]

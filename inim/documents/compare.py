@@ -83,7 +83,7 @@ class BaselineDocument(Document, tag="inim.baseline/2"):
     scores: Annotated[
         dict[str, dict[str, Estimate]],
         doc(
-            "Scores with their noise, by scored object (`ceiling/VIEWPOINT`, "
+            "Scores with their noise, by scored object (`reference/VIEWPOINT`, "
             "`ALGORITHM/VIEWPOINT`) and name."
         ),
     ]

@@ -39,19 +39,19 @@ _Row = tuple[float, float, float, float]
 
 #: Names and descriptions of the scores of an algorithm's view that every run has.
 ALGORITHM_VIEW_SCORES = VIEW_SCORES | {
-    "ssim_to_ceiling": "SSIM against the ceiling's view: the loss of the algorithm.",
-    "psnr_to_ceiling_db": "PSNR against the ceiling's view, dB; null: infinite.",
-    "flip_to_ceiling": "FLIP against the ceiling's view.",
-    "ssim_on_relic_to_ceiling": (
-        "SSIM against the ceiling's view on the relic alone: the headline; null: no pixel shows "
+    "ssim_to_reference": "SSIM against the reference view: the loss of the algorithm.",
+    "psnr_to_reference_db": "PSNR against the reference view, dB; null: infinite.",
+    "flip_to_reference": "FLIP against the reference view.",
+    "ssim_on_relic_to_reference": (
+        "SSIM against the reference view on the relic alone: the headline; null: no pixel shows "
         "the relic."
     ),
-    "psnr_on_relic_to_ceiling_db": (
-        "PSNR against the ceiling's view on the relic alone, dB; null: infinite, or no pixel shows "
+    "psnr_on_relic_to_reference_db": (
+        "PSNR against the reference view on the relic alone, dB; null: infinite, or no pixel shows "
         "the relic."
     ),
-    "flip_on_relic_to_ceiling": (
-        "FLIP against the ceiling's view on the relic alone; null: no pixel shows the relic."
+    "flip_on_relic_to_reference": (
+        "FLIP against the reference view on the relic alone; null: no pixel shows the relic."
     ),
 }
 # Times that every run has.
@@ -187,7 +187,7 @@ class Scoring(Part):
     metrics: Annotated[dict[str, MetricSettings], doc("Settings of each metric, by its name.")]
 
 
-class Ceiling(Part):
+class ReferenceViews(Part):
     """Views of the ground-truth EIA through the same lenses.
 
     No algorithm scores higher on the display by more than noise, unless a warning says so.
@@ -217,8 +217,8 @@ class AlgorithmResult(Part):
                         float | None,
                         doc(
                             "The same of another package's metric: NAME_UNIT against the scene, "
-                            "NAME_to_ceiling_UNIT against the ceiling's view, NAME_on_relic_UNIT "
-                            "and NAME_on_relic_to_ceiling_UNIT on the relic; null: infinite."
+                            "NAME_to_reference_UNIT against the reference view, NAME_on_relic_UNIT "
+                            "and NAME_on_relic_to_reference_UNIT on the relic; null: infinite."
                         ),
                     ],
                 ],
@@ -276,7 +276,7 @@ class ReportDocument(Document, tag="inim.report/2"):
     rgbd: CapturedPicture
     noise_floor: NoiseFloor
     scoring: Scoring
-    ceiling: Ceiling
+    reference: ReferenceViews
     algorithms: Annotated[
         dict[str, AlgorithmResult],
         doc(
@@ -311,7 +311,7 @@ class ReportDocument(Document, tag="inim.report/2"):
                 raise ValueError(f"timings: {name} is missing")
         check_scores("noise_floor.eia", self.noise_floor.eia, EIA_SCORES)
         for name in self.viewpoint_names:
-            for place in ("noise_floor", "ceiling"):
+            for place in ("noise_floor", "reference"):
                 views = getattr(self, place).views
                 if name not in views:
                     raise ValueError(f"{place}: has no scores of {name[:40]!a}")
@@ -322,7 +322,7 @@ class ReportDocument(Document, tag="inim.report/2"):
                 check_scores(f"algorithms.{name}.{view[:40]!a}", found, ALGORITHM_VIEW_SCORES)
         for place, views in {
             **{f"algorithms.{name}": one.views for name, one in self.algorithms.items()},
-            "ceiling": self.ceiling.views,
+            "reference": self.reference.views,
         }.items():
             for view in views:
                 if view not in self.viewpoint_names:

@@ -7,7 +7,7 @@ from typing import Annotated
 from inim.documents.document import Part, doc
 from inim.documents.parts import DisplayRecord, Record, SceneFile
 
-_SCORE = "SSIM on the relic to the ceiling, the mean over the viewpoints."
+_SCORE = "SSIM on the relic to the reference, the mean over the viewpoints."
 
 
 class LossCurve(Part):
@@ -130,7 +130,7 @@ class ToleranceDocument(Record, tag="inim.tolerate/2"):
     algorithm: Annotated[
         str, doc("Algorithm, with options, of the EIA that is made for the display as designed.")
     ]
-    criterion: Annotated[float, doc("Tolerable loss of SSIM on the relic to the ceiling.")]
+    criterion: Annotated[float, doc("Tolerable loss of SSIM on the relic to the reference.")]
     reach: Annotated[
         float, doc("Largest error drawn alone, as a multiple of the parameter's spread.")
     ]

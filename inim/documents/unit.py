@@ -21,7 +21,7 @@ class UnitView(Part):
         Scores,
         doc(
             "Scores by column of the sweep's table: of the view against the scene and the "
-            "ceiling's view, of the ceiling, and of the noise floor; null: infinite, or no pixel "
+            "reference view, of the reference, and of the noise floor; null: infinite, or no pixel "
             "shows the relic."
         ),
     ]
@@ -46,7 +46,7 @@ class UnitDocument(Document, tag="inim.unit/2"):
     making: Annotated[
         dict[str, str | float | None],
         doc(
-            "What decides the result of this algorithm in addition: `min_ssim_to_ceiling`, its "
+            "What decides the result of this algorithm in addition: `min_ssim_to_reference`, its "
             "criterion (null: none); the code of another package's algorithm as `entry_point`, "
             "`version` and `sha256`, where they exist."
         ),

@@ -8,7 +8,7 @@ entry-point group ``inim.metrics``, under the metric's name::
 
 Every metric that is installed is computed in every run; ColorVideoVDP where its package is. All
 parameters are pinned: window, data range, viewing conditions. Scores are compared with the same
-scene's ceiling only, never across scenes.
+scene's reference only, never across scenes.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def perception_packages() -> tuple[str, ...]:
 
 
 def find(score_name: str) -> Metric | None:
-    """The metric of a score, by its own name or any score's: ``psnr``, ``psnr_to_ceiling_db``."""
+    """The metric of a score, by its own name or any score's: ``psnr``, ``psnr_to_reference_db``."""
     name = score_name.partition("_")[0]
     return next((metric for metric in all_metrics() if metric.name == name), None)
 

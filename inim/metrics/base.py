@@ -152,9 +152,9 @@ class Metric:
         return self._named()
 
     @property
-    def to_ceiling_key(self) -> str:
-        """The same of a score against the ceiling: ``psnr_to_ceiling_db``."""
-        return self._named("to_ceiling")
+    def to_reference_key(self) -> str:
+        """The same of a score against the reference: ``psnr_to_reference_db``."""
+        return self._named("to_reference")
 
     @property
     def on_relic_key(self) -> str:
@@ -162,9 +162,9 @@ class Metric:
         return self._named("on_relic")
 
     @property
-    def on_relic_to_ceiling_key(self) -> str:
-        """The same against the ceiling: ``psnr_on_relic_to_ceiling_db``."""
-        return self._named("on_relic", "to_ceiling")
+    def on_relic_to_reference_key(self) -> str:
+        """The same against the reference: ``psnr_on_relic_to_reference_db``."""
+        return self._named("on_relic", "to_reference")
 
     def _named(self, *of: str) -> str:
         return "_".join(filter(None, (self.name, *of, self.unit.lower())))

@@ -1,6 +1,6 @@
 """The headline score: the one by which algorithms are ranked, everywhere.
 
-It is `MAIN` on the relic, to the ceiling.
+It is `MAIN` on the relic, to the reference.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from inim.metrics.ssim import metric
 
 MAIN = metric
 #: Keys of the headline score and of the same score to the scene.
-HEADLINE, HEADLINE_TO_SCENE = MAIN.on_relic_to_ceiling_key, MAIN.on_relic_key
-HEADLINE_WORDS = f"{MAIN.label} on the relic, to the ceiling"
+HEADLINE, HEADLINE_TO_SCENE = MAIN.on_relic_to_reference_key, MAIN.on_relic_key
+HEADLINE_WORDS = f"{MAIN.label} on the relic, to the reference"
 
 
 def best_algorithm(headlines: Mapping[str, Sequence[float]]) -> str | None:
@@ -50,7 +50,7 @@ def preferred(metric: Metric, means: Mapping[str, float], best: str) -> str:
     ----------
     metric : Metric
     means : mapping of str to float
-        Mean score to the ceiling, by algorithm.
+        Mean score to the reference, by algorithm.
     best : str
         By the headline score.
     """

@@ -214,7 +214,7 @@ class Measured:
         What the report says of the scene: number of shapes, fit.
     capture : Capture
     truth : GroundTruth
-    ceiling : dict of str to dict of str to ScoreEstimate
+    reference_scores : dict of str to dict of str to ScoreEstimate
         By viewpoint, by name.
     results : dict of str to MethodResult
         By method.
@@ -228,7 +228,7 @@ class Measured:
     scene: dict[str, Any]
     capture: Capture
     truth: GroundTruth
-    ceiling: dict[str, Scores]
+    reference_scores: dict[str, Scores]
     results: dict[str, MethodResult]
     more_warnings: tuple[str, ...] = ()
 
@@ -246,7 +246,7 @@ class Measured:
     @property
     def similarities(self) -> dict[str, ScoreEstimate]:
         """Every SSIM, by what it is of."""
-        views = {f"ceiling/{name}": found for name, found in self.ceiling.items()}
+        views = {f"reference/{name}": found for name, found in self.reference_scores.items()}
         for result in self.results.values():
             views |= result.statistics.scores
         return {
@@ -267,7 +267,7 @@ class Measured:
         """Of capture, ground truth, methods and sampling, in this order."""
         own = [text for result in self.results.values() for text in result.warnings]
         before = [*self.capture.warnings, *self.truth.warnings, *own]
-        above = self._above_the_ceiling()
+        above = self._above_the_reference()
         return [*before, *self._counted_twice(), *above, *self.more_warnings]
 
     def _counted_twice(self) -> list[str]:
@@ -280,20 +280,20 @@ class Measured:
             "rounds; make the shape 'ellipsoidsmesh', and the scene some 100 units large"
         ]
 
-    def _above_the_ceiling(self) -> list[str]:
-        """Where a view is more like the scene than the ceiling's, and noise does not explain it."""
+    def _above_the_reference(self) -> list[str]:
+        """Views that score above the reference view by more than noise explains."""
         keys = (HEADLINE_TO_SCENE, MAIN.key)
         pairs = [
             (name, view, key, result.statistics.scores[f"{name}/{view}"][key], scores[key])
             for name, result in self.results.items()
-            for view, scores in self.ceiling.items()
+            for view, scores in self.reference_scores.items()
             if f"{name}/{view}" in result.statistics.scores
             for key in keys
         ]
         return [
             f"{name}/{view}: {MAIN.label} to the scene{' on the relic' * (key != MAIN.key)}, "
-            f"{own.value:.4f}, is above the ceiling's, {best.value:.4f}, by more than noise: the "
-            "ceiling is no bound here"
+            f"{own.value:.4f}, is above the reference's, {best.value:.4f}, by more than noise: the "
+            "reference is no bound here"
             for name, view, key, own, best in pairs
             if is_above(own, best, len(pairs))
         ]

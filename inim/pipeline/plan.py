@@ -67,7 +67,7 @@ class Plan:
     methods : tuple of Method
         Whose EIAs are scored, in the report's order.
     ssim_limits : dict of str to float
-        Least SSIM to the ceiling, by method.
+        Least SSIM to the reference, by method.
     pictures_bytes : int
         What the run's pictures take at their fullest moment.
     rays_in_flight : int

@@ -23,7 +23,7 @@ PREVIEW = {
     "inim.view_spp": "16",
     "inim.reconstruction_spp": "16",
     "inim.score_error": "0",
-    "inim.min_ssim_to_ceiling": "",
+    "inim.min_ssim_to_reference": "",
 }
 
 

@@ -2,7 +2,7 @@
 
     scene ──► RGB-D ──► each method's EIA ──► its views ──┐
       │                                                   ├──► scores ──► report
-      ├────► true EIA ──► its views: the ceiling ─────────┤
+      ├────► true EIA ──► its views: the reference ─────────┤
       └────► true views ──────────────────────────────────┘
 
 Each line below calls a stage, a plain function in a file of its own. `inim.pipeline.stages.stage`
@@ -18,10 +18,10 @@ from inim.pipeline.output.report_data import report_of
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import DepthCamera, capture_relic, translucency
 from inim.pipeline.stages.evaluate import (
-    ceiling_scores,
     evaluate,
     heat_maps,
     noise_floor,
+    reference_scores,
     truth_statistics,
 )
 from inim.pipeline.stages.ground_truth import collect_truth, pick_up_truth, render_view
@@ -37,7 +37,7 @@ def validate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Report
     found = measure_until_known(measure, plan, renderer, images, run)
     times = generator_times(plan.methods, found.capture, run=run) if plan.request.time else {}
     floor = noise_floor(found.truth, run=run)
-    truth = truth_statistics(found.truth, found.ceiling, run=run)
+    truth = truth_statistics(found.truth, found.reference_scores, run=run)
     statistics = run_statistics(found, truth, times)
     comparison = judge(found.plan, images.folder, statistics, found.references)
     return report_of(found, floor, times, comparison, images.folder)
@@ -58,12 +58,14 @@ def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measure
     eia = pick_up_truth(scene, plan.mounted, s.eia_spp, s.seed, mask, run=run)
     sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
     views = {eye.name: render_view(scene, eye, *sampling, run=run) for eye in eyes}
-    ceiling = reconstruct_views("ceiling", eia, eyes, optics, renderer, run=run)
+    reference_views = reconstruct_views("reference", eia, eyes, optics, renderer, run=run)
     viewing = {eye.name: plan.viewing(eye) for eye in eyes}
-    truth = collect_truth(capture, eia, views, ceiling, viewing, whole=mask is None)
+    truth = collect_truth(capture, eia, views, reference_views, viewing, whole=mask is None)
     images.save_capture(capture, plan.display)
     images.save_truth(truth)
-    images.save_heat_maps("ceiling", heat_maps(truth, truth.views, truth.ceiling, run=run))
+    images.save_heat_maps(
+        "reference", heat_maps(truth, truth.views, truth.reference_views, run=run)
+    )
 
     results = {}
     for method, maker in zip(plan.methods, makers, strict=True):
@@ -71,10 +73,10 @@ def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measure
         images.save(f"eia/{method.name}", made.eia.image)
         seen = reconstruct_views(method.name, made.eia, eyes, optics, renderer, run=run)
         images.save_views(method.name, seen)
-        images.save_heat_maps(method.name, heat_maps(truth, truth.ceiling, seen, run=run))
+        images.save_heat_maps(method.name, heat_maps(truth, truth.reference_views, seen, run=run))
         limit = plan.ssim_limits.get(method.name)
         results[method.name] = evaluate(method.name, made, seen, truth, limit, run=run)
 
-    best = ceiling_scores(truth, run=run)
+    best = reference_scores(truth, run=run)
     images.finish()
     return Measured(plan, renderer.backend, run, facts, capture, truth, best, results)

@@ -68,14 +68,14 @@ def _print_scores(observer: Observer, data: ReportDocument) -> None:
     width, best = max(len(name) for name in data.algorithms), data.best_algorithm
     for name, result in data.algorithms.items():
         for view, score in result.views.items():
-            ceiling = data.ceiling.views[view]
+            reference = data.reference.views[view]
             observer.line(
-                f"{name:{width}}  {view:8}  SSIM on the relic to ceiling {score[HEADLINE]:.4f}, "
-                f"to scene {score[HEADLINE_TO_SCENE]:.4f} (ceiling "
-                f"{ceiling[HEADLINE_TO_SCENE]:.4f})  whole {score['ssim_to_ceiling']:.4f}, "
-                f"{score['ssim']:.4f} ({ceiling['ssim']:.4f})"
+                f"{name:{width}}  {view:8}  SSIM on the relic to reference {score[HEADLINE]:.4f}, "
+                f"to scene {score[HEADLINE_TO_SCENE]:.4f} (reference "
+                f"{reference[HEADLINE_TO_SCENE]:.4f})  whole {score['ssim_to_reference']:.4f}, "
+                f"{score['ssim']:.4f} ({reference['ssim']:.4f})"
             )
     if best is not None and len(data.algorithms) > 1:
         observer.line(f"best: {best}, by its mean {HEADLINE_WORDS}")
     if data.verdict.word == "ran clean" and (wanted := suggested_criteria(data)):
-        observer.line(f"no criteria set; for later runs: -D 'inim.min_ssim_to_ceiling={wanted}'")
+        observer.line(f"no criteria set; for later runs: -D 'inim.min_ssim_to_reference={wanted}'")

@@ -312,7 +312,7 @@ def compare_scores(
     Parameters
     ----------
     baseline, candidate : mapping of str to mapping of str to ScoreEstimate
-        By what was scored ("template/left"), then by the score's name ("ssim_to_ceiling"). One
+        By what was scored ("template/left"), then by the score's name ("ssim_to_reference"). One
         that the candidate lacks fails.
     noise_ratio : float
         How many times the baseline's the candidate's standard errors are.
@@ -359,9 +359,9 @@ def _verdict(
 
 
 def _words(name: str) -> str:
-    """Words for a score's name: ``psnr_on_relic_to_ceiling_db`` is "PSNR on relic to ceiling"."""
+    """Label of a score: ``psnr_on_relic_to_reference_db`` is "PSNR on relic to reference"."""
     metric = find(name)
     first, _, rest = name.partition("_")
     words = rest.removesuffix(metric.unit.lower() if metric else "").replace("_", " ").strip()
-    against = [] if words.endswith("to ceiling") else ["to scene"]
+    against = [] if words.endswith("to reference") else ["to scene"]
     return " ".join(filter(None, [metric.label if metric else first.upper(), words, *against]))

@@ -38,7 +38,7 @@ _MOST_FAILURES = 20
 def render_summary(data: ReportDocument) -> str:
     """The report in a few lines of Markdown: verdict and scores with their references."""
     wanted = suggested_criteria(data) if data.verdict.word == "ran clean" else ""
-    criteria = [f"To set criteria: `-D 'inim.min_ssim_to_ceiling={wanted}'`."] if wanted else []
+    criteria = [f"To set criteria: `-D 'inim.min_ssim_to_reference={wanted}'`."] if wanted else []
     command = full_command(data)
     preview = [f"**{PREVIEW_WORDS}** {markdown_command(command)}"] if command else []
     blocks = [
@@ -46,9 +46,9 @@ def render_summary(data: ReportDocument) -> str:
         _verdict_line(data),
         *preview,
         _scores_table(data),
-        "SSIM on the relic to the ceiling, in brackets to the scene; then both of the whole "
-        "picture, all free of noise but the EIA's and the noise floor. The ceiling is what perfect "
-        "elemental images would show.",
+        "SSIM on the relic to the reference, in brackets to the scene; then both of the whole "
+        "picture. Scores are corrected for noise, except those of the EIA and the noise floor. The "
+        "reference is the view that the ground-truth EIA shows.",
         *criteria,
         *_regression(data),
         *_failures(data),
@@ -67,15 +67,15 @@ def render_text(data: ReportDocument) -> str:
         rows.append(
             [name, *(f"{score(v, HEADLINE)} ({score(v, HEADLINE_TO_SCENE)})" for v in views)]
         )
-    views = [data.ceiling.views[view] for view in names]
-    rows.append(["ceiling", *(f"({score(v, HEADLINE_TO_SCENE)})" for v in views)])
+    views = [data.reference.views[view] for view in names]
+    rows.append(["reference", *(f"({score(v, HEADLINE_TO_SCENE)})" for v in views)])
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
         "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(cells))
         for cells in (zip(row, widths, strict=True) for row in rows)
     ]
     head = f"{data.title}: {verdict_words(data)}"
-    of = f"{MAIN.label} on the relic to the ceiling, in brackets to the scene"
+    of = f"{MAIN.label} on the relic to the reference, in brackets to the scene"
     return plain("\n".join([head, of, *(line.rstrip() for line in lines)]))
 
 
@@ -155,7 +155,7 @@ def _scores_table(data: ReportDocument) -> str:
     heads = ["algorithm", *map(markdown_text, names), f"EIA {MAIN.label}", "holes", "seconds"]
     rows = [_algorithm_row(data, name, names) for name in data.algorithms]
     floor = data.noise_floor
-    rows.append(_reference_row("*ceiling*", [data.ceiling.views[n] for n in names], {}))
+    rows.append(_reference_row("*reference*", [data.reference.views[n] for n in names], {}))
     rows.append(_reference_row("*noise floor*", [floor.views[n] for n in names], floor.eia))
     return markdown_table(heads, rows)
 
@@ -165,7 +165,7 @@ def _algorithm_row(data: ReportDocument, name: str, names: list[str]) -> list[st
     views = [result.views.get(view, {}) for view in names]
     cells = [
         f"{score(v, HEADLINE)} ({score(v, HEADLINE_TO_SCENE)}); "
-        f"{score(v, MAIN.to_ceiling_key)} ({score(v, MAIN.key)})"
+        f"{score(v, MAIN.to_reference_key)} ({score(v, MAIN.key)})"
         for v in views
     ]
     label = markdown_text(name)

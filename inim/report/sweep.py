@@ -1,7 +1,7 @@
 """The page of a sweep: scores by scene and algorithm, displays by relic, failures, costs.
 
 Scores of different scenes are never averaged into one rank: a scene's row is compared with itself
-only, and a figure for several scenes is the mean of each one's loss against its own ceiling.
+only, and a figure for several scenes is the mean of each one's loss against its own reference.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ _STYLE = """
 .lead { max-width: 90ch; }
 """
 _SCORES = (
-    "Each number is a mean over the viewpoints. Large: SSIM on the relic to the ceiling, what the "
-    "algorithm keeps of what this display can show. Small: the same to the scene, what the viewer "
-    "gets; and to the ceiling of the whole picture. Rows are not to be compared with one "
-    "another: scores depend on what a scene shows."
+    "Each number is a mean over the viewpoints. Large: SSIM on the relic to the reference view. It "
+    "measures the algorithm alone. Small: SSIM on the relic to the scene, which includes the "
+    "display, and SSIM of the whole picture to the reference view. Do not compare rows with one "
+    "another: scores depend on the scene."
 )
 _PARETO = (
     "Down and left is better; a point is the mean over the scenes. Coloured: no other is as fast "
@@ -72,11 +72,11 @@ _TIMES = {
 }
 _BEST = (
     "What a viewer gets of a relic from the best algorithm on each display: the mean SSIM on the "
-    "relic to the scene, next to the ceiling. Each display's views "
+    "relic to the scene, next to the reference. Each display's views "
     "have as many pixels as it has lenses to fill them, so a display is judged at its own "
     "resolution; FLIP weighs differences as an eye does."
 )
-_QUERY = """SELECT scene, display, algorithm, avg(ssim_on_relic_to_ceiling) AS kept
+_QUERY = """SELECT scene, display, algorithm, avg(ssim_on_relic_to_reference) AS kept
 FROM 'sweep.parquet' WHERE status = 'ok'
 GROUP BY ALL ORDER BY scene, display, kept DESC;"""
 
@@ -147,7 +147,7 @@ def time_column(results: Sequence[Result]) -> str:
 
 
 def _points(results: Sequence[Result], display: str, column: str) -> dict[str, tuple[float, float]]:
-    """By algorithm, mean time and mean of 1 − SSIM to the ceiling."""
+    """By algorithm, mean time and mean of 1 − SSIM to the reference."""
     own = [c for c in results if c.display == display]
     points = {}
     for name in names_of(own, "algorithm"):
@@ -185,9 +185,9 @@ def _drawing(panels: Mapping[str, Mapping[str, tuple[float, float]]], unit: str)
 
 
 def matrix(display: str, settings: str, results: Sequence[Result]) -> str:
-    """Scene by algorithm on one display: main score to the ceiling, and to the scene below it."""
+    """Scene by algorithm on one display: main score to the reference, and to the scene below it."""
     algorithms = names_of(results, "algorithm")
-    heads = ["Scene", *algorithms, "Ceiling", "Noise floor"]
+    heads = ["Scene", *algorithms, "Reference", "Noise floor"]
     rows = []
     for scene in names_of(results, "scene"):
         own = {c.algorithm: c for c in results if c.scene == scene}
@@ -207,13 +207,13 @@ def _cell(result: Result | None, best: float | None) -> str:
     value = result.scores[HEADLINE]
     is_best = value is not None and value == best
     small = f"{'best · ' if is_best else ''}{number(result.scores[HEADLINE_TO_SCENE], 4)} scene"
-    whole = f"{number(result.scores[MAIN.to_ceiling_key], 4)} whole"
+    whole = f"{number(result.scores[MAIN.to_reference_key], 4)} whole"
     shown = element("span", text(number(value, 4)), class_="best" if is_best else None)
     return shown + element("small", text(small)) + element("small", text(whole))
 
 
 def _reference(results: Sequence[Result]) -> list[str]:
-    """The ceiling against the scene, and the truth against itself; alike for all algorithms."""
+    """The reference against the scene, and the truth against itself; alike for all algorithms."""
     done = [c for c in results if not c.failed]
     if not done:
         return [MISSING, MISSING]
@@ -246,7 +246,7 @@ def best_displays(results: Sequence[Result]) -> str:
         "Display",
         "Best algorithm on it",
         f"{MAIN.label} on the relic to scene",
-        "Its ceiling",
+        "Its reference",
     ]
     heads += [metric.label for metric in others]
     listed = table("Displays by relic, the best first", [text(h) for h in heads], rows, "sweep")
@@ -298,8 +298,8 @@ def failures(rows: Sequence[Mapping[str, Any]]) -> str:
 
 Row = Mapping[str, Any]
 
-#: Columns of the main score on the relic of the ceiling, and of the truth against itself.
-REFERENCES = (f"ceiling_{HEADLINE_TO_SCENE}", f"noise_floor_{HEADLINE_TO_SCENE}")
+#: Columns of the main score on the relic of the reference, and of the truth against itself.
+REFERENCES = (f"reference_{HEADLINE_TO_SCENE}", f"noise_floor_{HEADLINE_TO_SCENE}")
 _COSTS = ("seconds", "yardsticks", "unit_seconds")
 
 #: Settings that tell rows of one scene, display, algorithm and viewpoint apart.
@@ -346,7 +346,7 @@ def results_of(rows: Sequence[Row]) -> list[Result]:
     """The rows by result, in the table's order."""
     varied = varied_settings(rows)
     own = [key for m in all_metrics() for key in (m.key, m.on_relic_key)]
-    columns = [*own, MAIN.to_ceiling_key, HEADLINE, *REFERENCES, *_COSTS]
+    columns = [*own, MAIN.to_reference_key, HEADLINE, *REFERENCES, *_COSTS]
     groups: dict[tuple[str, str, str, str], list[Row]] = {}
     for row in rows:
         settings = settings_of(row, varied)

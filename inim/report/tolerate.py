@@ -113,7 +113,7 @@ def _page(data: ToleranceDocument) -> str:
     criterion = number(data.criterion, 4).rstrip("0")
     introduction = (
         f"An elemental image array made for the display as designed, shown on one that is off. Its "
-        f"score is {HEADLINE_WORDS}, the mean over the viewpoints; the ceiling knows the error. "
+        f"score is {HEADLINE_WORDS}, the mean over the viewpoints; the reference knows the error. "
         f"What may be lost: {criterion} of the {number(data.aligned, 4)} that the aligned "
         "display scores."
     )
@@ -192,7 +192,7 @@ def _panel(data: ToleranceDocument, row: ParameterTolerance) -> str:
     """A parameter's draws and its curve; all panels have one scale of scores."""
     figure, (axis,) = new_figure(1, _PANEL_HEIGHT)
     name, aligned = _words(row.name), data.aligned
-    style(axis, name, row.name.rpartition("_")[2], "SSIM to the ceiling")
+    style(axis, name, row.name.rpartition("_")[2], "SSIM to the reference")
     axis.axhline(aligned - data.criterion, **LINES["floor"])
     axis.set_xlim(-1.04 * row.farthest, 1.04 * row.farthest)
     scores = [draw.score for one in data.parameters for draw in one.draws]

@@ -18,10 +18,10 @@ from inim.documents.report import ReportDocument
 from inim.metrics import Metric, all_metrics, find
 from inim.metrics.headline import HEADLINE, preferred
 
-ScoreKind = Literal["scene", "ceiling", "relic", "relic to ceiling", "eia"]
+ScoreKind = Literal["scene", "reference", "relic", "relic to reference", "eia"]
 
 #: The scene itself; the true EIA through the lenses; and that EIA, on the panel.
-TRUTH, CEILING, TRUE_EIA = "Ground truth", "Ceiling", "True EIA"
+TRUTH, REFERENCE, TRUE_EIA = "Ground truth", "Reference", "True EIA"
 
 MISSING = "–"
 INFINITE = "∞"
@@ -95,8 +95,8 @@ def metric_scores(scores: Mapping[str, Any], kind: ScoreKind = "scene") -> list[
     ----------
     scores : mapping
         By key.
-    kind : {"scene", "ceiling", "relic", "relic to ceiling", "eia"}
-        A view's to the scene or to the ceiling, of the whole or on the relic; an EIA's to the
+    kind : {"scene", "reference", "relic", "relic to reference", "eia"}
+        A view's to the scene or to the reference, of the whole or on the relic; an EIA's to the
         true one.
     """
     found = []
@@ -106,9 +106,9 @@ def metric_scores(scores: Mapping[str, Any], kind: ScoreKind = "scene") -> list[
         ):
             continue
         keys = {
-            "ceiling": metric.to_ceiling_key,
+            "reference": metric.to_reference_key,
             "relic": metric.on_relic_key,
-            "relic to ceiling": metric.on_relic_to_ceiling_key,
+            "relic to reference": metric.on_relic_to_reference_key,
         }
         shown = score(scores, keys.get(kind, metric.key))
         unit = f"{NBSP}{metric.unit}" if metric.unit and shown != MISSING else ""
@@ -216,7 +216,7 @@ def disagreements(report: ReportDocument) -> list[str]:
     """Sentences on metrics that prefer another algorithm than the headline score does."""
     best, sentences = report.best_algorithm, []
     for metric in all_metrics():
-        key = metric.on_relic_to_ceiling_key if metric.on_relic else metric.to_ceiling_key
+        key = metric.on_relic_to_reference_key if metric.on_relic else metric.to_reference_key
         if best is None or key == HEADLINE:
             continue
         means = {
@@ -231,13 +231,13 @@ def disagreements(report: ReportDocument) -> list[str]:
         )
         sentences.append(
             f"{metric.label} disagrees: it finds {other} better than {best}, {better} against "
-            f"{worse} to the ceiling."
+            f"{worse} to the reference."
         )
     return sentences
 
 
 def suggested_criteria(report: ReportDocument) -> str:
-    """A value of `inim.min_ssim_to_ceiling` that this run would just pass; empty without scores.
+    """A value of `inim.min_ssim_to_reference` that this run would just pass; empty without scores.
 
     A preview's scores suggest none.
     """

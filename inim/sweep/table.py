@@ -32,7 +32,7 @@ DISPLAY_COLUMNS = (
     "lens_rows",
 )
 #: Of which a row has the reference's scores, too, under these prefixes.
-REFERENCES = ("ceiling", "noise_floor")
+REFERENCES = ("reference", "noise_floor")
 
 
 def view_columns() -> dict[str, Metric]:
@@ -42,16 +42,16 @@ def view_columns() -> dict[str, Metric]:
     return {metric.key: metric for metric in metrics} | on_relic
 
 
-def ceiling_columns() -> dict[str, Metric]:
-    """Columns of a view's scores against the ceiling's view, likewise."""
+def to_reference_columns() -> dict[str, Metric]:
+    """Columns of a view's scores against the reference view, likewise."""
     metrics = all_metrics()
-    on_relic = {metric.on_relic_to_ceiling_key: metric for metric in metrics if metric.on_relic}
-    return {metric.to_ceiling_key: metric for metric in metrics} | on_relic
+    on_relic = {metric.on_relic_to_reference_key: metric for metric in metrics if metric.on_relic}
+    return {metric.to_reference_key: metric for metric in metrics} | on_relic
 
 
-def reference_columns(reference: str) -> dict[str, Metric]:
+def prefixed_view_columns(prefix: str) -> dict[str, Metric]:
     """Columns of the scores of one of `REFERENCES`, likewise."""
-    return {f"{reference}_{key}": metric for key, metric in view_columns().items()}
+    return {f"{prefix}_{key}": metric for key, metric in view_columns().items()}
 
 
 def eia_columns(start: str = "eia") -> dict[str, Metric]:
@@ -87,7 +87,7 @@ def unit_document(
     views = []
     for eye in data.viewpoints:
         own = result.views[eye.name]
-        scores = {column: own.get(column) for column in (*view_columns(), *ceiling_columns())}
+        scores = {column: own.get(column) for column in (*view_columns(), *to_reference_columns())}
         for reference in REFERENCES:
             of_reference = getattr(data, reference).views[eye.name]
             scores |= {f"{reference}_{name}": of_reference.get(name) for name in view_columns()}
@@ -186,9 +186,10 @@ def _given(unit: Unit) -> dict[str, Any]:
 
 def _infinite(columns: Mapping[str, float | None]) -> dict[str, float | None]:
     """Scores with the infinite PSNR of identical pictures, which is null in JSON."""
-    scores = view_columns() | ceiling_columns() | eia_columns() | eia_columns("noise_floor_eia")
+    scores = view_columns() | to_reference_columns()
+    scores |= eia_columns() | eia_columns("noise_floor_eia")
     for reference in REFERENCES:
-        scores |= reference_columns(reference)
+        scores |= prefixed_view_columns(reference)
     ends = {name: max(metric.range) for name, metric in scores.items()}
     return {
         key: math.inf if value is None and ends.get(key) == math.inf else value
@@ -226,9 +227,9 @@ def column_groups() -> dict[str, dict[str, str]]:
     floor = eia_columns("noise_floor_eia")
     scores = {
         "the view against the scene": view_columns(),
-        "against the ceiling's view": ceiling_columns(),
-        "the ceiling against the scene": reference_columns("ceiling"),
-        "the truth against itself": reference_columns("noise_floor"),
+        "against the reference view": to_reference_columns(),
+        "the reference against the scene": prefixed_view_columns("reference"),
+        "the truth against itself": prefixed_view_columns("noise_floor"),
     }
     groups = {
         "names": _of("string", "scene", "display", "algorithm", "viewpoint"),
@@ -250,7 +251,7 @@ def column_groups() -> dict[str, dict[str, str]]:
     }
     names = [name for group in groups.values() for name in group]
     for metric in all_metrics():
-        for name in (metric.key, metric.to_ceiling_key):
+        for name in (metric.key, metric.to_reference_key):
             if names.count(name) > 1:
                 raise UsageError(
                     f"metric {metric.name!r}: a sweep's table has a column {name!r} already; "

@@ -29,7 +29,7 @@ from inim.version import __version__
 
 _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "scikit-image")
 # Of the settings: what is no part of a result, or is in the key under another name.
-_NOT_DECIDING = ("title", "algorithms", "viewpoints", "min_ssim_to_ceiling")
+_NOT_DECIDING = ("title", "algorithms", "viewpoints", "min_ssim_to_reference")
 # Code of ours that no score passes through.
 _NOT_SCORING = (
     "cli.py",
@@ -82,7 +82,7 @@ class Unit:
         """The request for some of its algorithms; criteria for the others would be refused."""
         assert self.plan is not None
         limits = [f"{n}:{v!r}" for n, v in self.plan.ssim_limits.items() if n in algorithms]
-        key = f"{PREFIX}min_ssim_to_ceiling"
+        key = f"{PREFIX}min_ssim_to_reference"
         return replace(
             self.request,
             algorithms=tuple(algorithms),
@@ -181,7 +181,7 @@ def making_of(plan: Plan, algorithm: str) -> dict[str, Any]:
 
     Our own code is in every key.
     """
-    found: dict[str, Any] = {"min_ssim_to_ceiling": plan.ssim_limits.get(algorithm)}
+    found: dict[str, Any] = {"min_ssim_to_reference": plan.ssim_limits.get(algorithm)}
     name = parse_algorithm(algorithm)[0]
     if is_own(name) or name == PICKUP:
         return found

@@ -27,7 +27,7 @@ from inim.tolerate.study import ToleranceStudy, read_standard_errors, read_toler
 from inim.version import __version__
 
 # What this command itself gives: the error that is drawn, and a criterion of its own.
-_OWN = ("misalign", "min_ssim_to_ceiling")
+_OWN = ("misalign", "min_ssim_to_reference")
 # On a screen, the display that is off by nothing.
 _ALIGNED = "aligned"
 
@@ -151,7 +151,7 @@ def _definitions(validation: Request) -> dict[str, str]:
     for key in _OWN:
         if f"{PREFIX}{key}" in validation.definitions:
             raise UsageError(f"-D {PREFIX}{key}: `inim tolerate` gives {key} itself; leave it out")
-    return {**validation.definitions, f"{PREFIX}min_ssim_to_ceiling": ""}
+    return {**validation.definitions, f"{PREFIX}min_ssim_to_reference": ""}
 
 
 def _displays(study: ToleranceStudy) -> list[str]:

@@ -33,7 +33,7 @@ _KINDS = (".gif", ".webp", ".mp4")
 _ENCODER = "imageio_ffmpeg"
 _WEBP_QUALITY = 90
 #: What `show` calls the true EIA, seen through the lenses.
-CEILING = "ceiling"
+REFERENCE = "reference"
 _SCENE = "scene"
 # Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
 _LEAST_ROWS_PX = 384
@@ -53,7 +53,7 @@ class FilmRequest:
     out : str
         The film.
     show : tuple of str
-        Panels side by side: "ceiling" or names of the report's algorithms.
+        Panels side by side: "reference" or names of the report's algorithms.
     path : str
         See `inim.display.viewpoint.eye_path`.
     lens_model : str
@@ -136,7 +136,7 @@ def _panels(request: FilmRequest, report: Report, display: Display) -> list[np.n
     """The EIAs to be shown, (rows, columns, 3) float32 linear."""
     from inim.files.eia_file import read_eia
 
-    places = [report.eia_path(name, "--show", true=CEILING) for name in request.show]
+    places = [report.eia_path(name, "--show", true=REFERENCE) for name in request.show]
     return [read_eia(place, display)[0] for place in places]
 
 

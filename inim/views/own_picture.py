@@ -70,7 +70,7 @@ _RAYS = 4
 _FILES = ("report.json", "report.html", "summary.md", "eia/", "views/")
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
 _NOT_SCORED = (
-    "Views against the scene, and to the ceiling: there is no scene, only its picture.",
+    "Views against the scene, and to the reference: there is no scene, only its picture.",
     "The EIA against the true one, and its noise floor: nobody knows what the camera did not see.",
 )
 

@@ -4,7 +4,7 @@
 
 For cases of `reports.calibration.run`, whose `calibration.json` lies in the folder, a scene is
 shown three times on the hidden display: its EIA made with the truth known, for the calibrated
-display, and for the design. All are compared with the same ceiling, by SSIM on the relic.
+display, and for the design. All are compared with the same reference, by SSIM on the relic.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def shown(scene: Path, case: Case, found: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _score(scene: Path, hidden: Display, known: Display) -> float:
-    """SSIM on the relic to the ceiling, of an EIA made for one display and shown on another.
+    """SSIM on the relic to the reference, of an EIA made for one display and shown on another.
 
     The displays have one focal length: no EIA depends on it.
     """
@@ -59,7 +59,7 @@ def _score(scene: Path, hidden: Display, known: Display) -> float:
             viewpoints=_VIEWPOINTS,
         )
     views = report.data.algorithms[_ALGORITHM].views.values()
-    return fmean(view["ssim_on_relic_to_ceiling"] or 0.0 for view in views)
+    return fmean(view["ssim_on_relic_to_reference"] or 0.0 for view in views)
 
 
 def table(scene: Path, rows: Sequence[Mapping[str, Any]], command: str) -> str:
@@ -69,7 +69,7 @@ def table(scene: Path, rows: Sequence[Mapping[str, Any]], command: str) -> str:
         "# EIAs for calibrated displays, shown on the hidden ones",
         "",
         f"Made by `{command}`: `{_ALGORITHM}` on {scene.stem}, mean SSIM on the relic to the "
-        f"ceiling. {reached} of {len(rows)} reach {TARGET:.0%} of what knowing the truth gives.",
+        f"reference. {reached} of {len(rows)} reach {TARGET:.0%} of what knowing the truth gives.",
         "",
         "| case | display | truth known | calibrated | of it | as designed | of it |",
         "| --: | --- | --: | --: | --: | --: | --: |",

@@ -103,12 +103,12 @@ ENTRIES = {
     ),
     "lens_models": Entry(
         "Lens models",
-        "The ceiling through four models of the lens array. Through `pinhole` each lens shows an "
+        "The reference through four models of the lens array. Through `pinhole` each lens shows an "
         "eye one point of the panel; `thin` is a paraxial lens with its aperture; `thick` is "
         "refracted exactly at both faces; `full` traces a mesh of the array, to check `thick`.",
         "scenes/amphora.xml",
         {m: ("--lens-model", m, *_CENTRE) for m in ("pinhole", "thin", "thick", "full")},
-        view="ceiling",
+        view="reference",
     ),
     "rotation": Entry(
         "Array turned on its panel",
@@ -132,7 +132,7 @@ ENTRIES = {
     "gap": Entry(
         "Panel too far from the lenses",
         "The gap is 0.1 or 0.3 mm wider than the 3.3 mm of the design, and the algorithm does not "
-        "know. Lenses focus elsewhere, so that even the ceiling, which is made for the gap as it "
+        "know. Lenses focus elsewhere, so that even the reference, which is made for the gap as it "
         "is, loses.",
         "scenes/amphora.xml",
         {

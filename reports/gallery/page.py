@@ -18,8 +18,8 @@ What the bench shows of each relic, of the display's modes, and of arrays that l
 has the command that made it. All was made by `python -m reports.gallery.run`; reports and pictures
 are in `reports/gallery`.
 
-SSIM to the scene is what the viewer gets. SSIM to the ceiling is what the algorithm keeps of what
-the display can show; the ceiling is the ground-truth EIA through the same lenses. Both are on
+SSIM to the scene is what the viewer gets. SSIM to the reference is what the algorithm keeps of what
+the display can show; the reference is the ground-truth EIA through the same lenses. Both are on
 the relic, from the centre.
 """
 
@@ -79,13 +79,13 @@ def _folded(commands: str) -> str:
 
 
 def _scores_by_algorithm(report: Mapping[str, Any]) -> str:
-    """The worst first; the ceiling last."""
+    """The worst first; the reference last."""
     views = [(name, found["views"]["centre"]) for name, found in report["algorithms"].items()]
     views.sort(key=lambda each: each[1][HEADLINE])
     rows = [(f"`{n}`", _ssim(v[HEADLINE_TO_SCENE]), _ssim(v[HEADLINE])) for n, v in views]
-    own = report["ceiling"]["views"]["centre"][HEADLINE_TO_SCENE]
-    rows.append(("ceiling", _ssim(own), ""))
-    return _table(("SSIM on the relic", "to the scene", "to the ceiling"), rows)
+    own = report["reference"]["views"]["centre"][HEADLINE_TO_SCENE]
+    rows.append(("reference", _ssim(own), ""))
+    return _table(("SSIM on the relic", "to the scene", "to the reference"), rows)
 
 
 def _scores_by_run(reports: Mapping[str, Mapping[str, Any]]) -> str:
@@ -93,13 +93,13 @@ def _scores_by_run(reports: Mapping[str, Mapping[str, Any]]) -> str:
     rows = []
     for label, report in reports.items():
         view = report["algorithms"]["template"]["views"]["centre"]
-        ceiling = report["ceiling"]["views"]["centre"][HEADLINE_TO_SCENE]
-        rows.append((label, *map(_ssim, (view[HEADLINE_TO_SCENE], view[HEADLINE], ceiling))))
+        reference = report["reference"]["views"]["centre"][HEADLINE_TO_SCENE]
+        rows.append((label, *map(_ssim, (view[HEADLINE_TO_SCENE], view[HEADLINE], reference))))
     heads = (
         "SSIM on the relic",
         "`template` to the scene",
-        "to the ceiling",
-        "ceiling to the scene",
+        "to the reference",
+        "reference to the scene",
     )
     return _table(heads, rows)
 

@@ -97,14 +97,14 @@ def file_name(*words: str) -> str:
 
 
 def pictures_of_run(run: Path, folder: Path, entry: Entry) -> list[Picture]:
-    """The scene, the ceiling, elemental images, and each algorithm, the worst first."""
+    """The scene, the reference, elemental images, and each algorithm, the worst first."""
     data = json.loads((run / "report.json").read_text("utf-8"))
     score = {name: found["views"]["centre"][HEADLINE] for name, found in data["algorithms"].items()}
     order = sorted(score, key=score.__getitem__)
-    ceiling = middle(run / "views/ceiling/centre.png")
+    reference = middle(run / "views/reference/centre.png")
     shown = {
         "scene": (middle(run / "truth/centre.png"), "the scene from the eye"),
-        "ceiling": (ceiling, "the ceiling: the true EIA through the lenses"),
+        "reference": (reference, "the reference: the true EIA through the lenses"),
         "lenses": (
             magnified(run / "truth/eia.png", data["display"]["derived"], entry.lens),
             f"{LENSES_MAGNIFIED} × {LENSES_MAGNIFIED} elemental images of the panel",
@@ -112,11 +112,11 @@ def pictures_of_run(run: Path, folder: Path, entry: Entry) -> list[Picture]:
     }
     for name in order:
         view = middle(run / "views" / name / "centre.png")
-        shown[name] = view, f"{name}: SSIM {score[name]:.3f} to the ceiling"
-    away = np.abs(np.asarray(ceiling, float) - np.asarray(shown[order[0]][0], float))
+        shown[name] = view, f"{name}: SSIM {score[name]:.3f} to the reference"
+    away = np.abs(np.asarray(reference, float) - np.asarray(shown[order[0]][0], float))
     shown["difference"] = (
         Image.fromarray((away * _DIFFERENCE_TIMES).clip(0, 255).astype(np.uint8)),
-        f"difference of {order[0]} and ceiling, {_DIFFERENCE_TIMES} times",
+        f"difference of {order[0]} and reference, {_DIFFERENCE_TIMES} times",
     )
     for name, (image, _) in shown.items():
         keep(image, folder / f"{name}.webp")

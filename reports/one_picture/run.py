@@ -25,7 +25,7 @@ _RIVALS = ("wang2024", "wang2024:matching=ray", "gu2020", "li2012")
 _LAYERED = "layered"
 _EYES = "centre,right,up"
 _ALGORITHMS = (_FOUR, _ONE, _SOLID_FOUR, _SOLID, *_RIVALS, _LAYERED)
-_SCORES = {"eia_psnr_db": "EIA PSNR, dB", "relic_ssim": "SSIM on the relic, to the ceiling"}
+_SCORES = {"eia_psnr_db": "EIA PSNR, dB", "relic_ssim": "SSIM on the relic, to the reference"}
 # How far `layered` may be from the noise floor.
 _CLOSE_DB = 2.0
 
@@ -50,7 +50,7 @@ def scored(name: str, report: Mapping[str, Any]) -> dict[str, Any]:
         "noise_floor_db": report["noise_floor"]["eia"]["psnr_db"],
         "eia_psnr_db": {a: algorithms[a]["eia"]["psnr_db"] for a in _ALGORITHMS},
         "relic_ssim": {
-            a: fmean(v["ssim_on_relic_to_ceiling"] for v in algorithms[a]["views"].values())
+            a: fmean(v["ssim_on_relic_to_reference"] for v in algorithms[a]["views"].values())
             for a in _ALGORITHMS
         },
     }

@@ -24,7 +24,7 @@ from inim.pipeline.output.baseline import run_statistics
 from inim.pipeline.output.images import Images
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.pipeline.stages.evaluate import ceiling_scores, evaluate, truth_statistics
+from inim.pipeline.stages.evaluate import evaluate, reference_scores, truth_statistics
 from inim.pipeline.stages.generate import GeneratedEIA, Reference
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.reconstruct import reconstruct_views
@@ -71,9 +71,9 @@ class Finished:
         how = (plan.viewpoints, plan.optics, self.renderer)
         views = seen(reconstruct_views("template", eia, *how, run=run))
         results = {"template": evaluate("template", made, views, truth, run=run)}
-        ceiling = ceiling_scores(truth, run=run)
-        found = dataclasses.replace(self.found, truth=truth, ceiling=ceiling, results=results)
-        return run_statistics(found, truth_statistics(truth, ceiling, run=run), times or {})
+        reference = reference_scores(truth, run=run)
+        found = dataclasses.replace(self.found, truth=truth, reference=reference, results=results)
+        return run_statistics(found, truth_statistics(truth, reference, run=run), times or {})
 
     def _reference(self, generate: Callable[[RGBD], np.ndarray]) -> Reference:
         camera, display = self.found.capture.camera, self.found.plan.display
@@ -112,7 +112,7 @@ EIA = "eia/template: tiles against the baseline"
 PIXELS = "template: changed pixels of the reference input"
 
 
-def score(view: str, name: str = "SSIM to ceiling") -> str:
+def score(view: str, name: str = "SSIM to reference") -> str:
     return f"template/{view}: {name} against the baseline"
 
 
@@ -182,7 +182,7 @@ def one_noisy_lens(eia: np.ndarray) -> np.ndarray:
         (lambda run: edited(run, half_a_pixel), {PIXELS}),
         (
             lambda run: edited(run, gamma_twice),
-            {EIA, PIXELS, score("centre", "PSNR to ceiling")},
+            {EIA, PIXELS, score("centre", "PSNR to reference")},
         ),
         (lambda run: edited(run, one_noisy_lens), {EIA, PIXELS}),
     ],
@@ -192,7 +192,7 @@ def test_generator_that_went_wrong_is_found(baseline, run, plant, rows):
     found = failed(baseline, run.statistics(generate=plant(run)))
     assert rows <= found.keys()
     # The scene itself is as it was.
-    assert not [name for name in found if name.startswith(("truth/", "ceiling/", "ground"))]
+    assert not [name for name in found if name.startswith(("truth/", "reference/", "ground"))]
 
 
 def test_noisy_lens_is_named_by_its_place(baseline, run):

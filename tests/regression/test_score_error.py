@@ -18,11 +18,13 @@ MANY["inim.view_spp"] = 2048
 
 
 def similarities(data: dict[str, Any]) -> dict[str, float]:
-    found = {f"ceiling/{view}": score["ssim"] for view, score in data["ceiling"]["views"].items()}
+    found = {
+        f"reference/{view}": score["ssim"] for view, score in data["reference"]["views"].items()
+    }
     for name, result in data["algorithms"].items():
         for view, score in result["views"].items():
             found[f"{name}/{view}"] = score["ssim"]
-            found[f"{name}/{view} to ceiling"] = score["ssim_to_ceiling"]
+            found[f"{name}/{view} to reference"] = score["ssim_to_reference"]
     return found
 
 

@@ -109,7 +109,7 @@ def test_page_plot_and_command(finished):
 REPORT = {
     "created": "today",
     "title": "t",
-    "ceiling": {"views": {"centre": {"ssim": 0.5}}},
+    "reference": {"views": {"centre": {"ssim": 0.5}}},
     "algorithms": {
         "a": {"seconds": 1.0, "eia": {"ssim": 0.25}, "views": {"centre": {"ssim": 0.75}}}
     },
@@ -124,7 +124,7 @@ REPORT = {
         (("title",), (EVERYTHING,)),
         (("algorithms", "a", "eia", "ssim"), (EVERYTHING, SCORES)),
         (("algorithms", "a", "views", "centre", "ssim"), (EVERYTHING, SCORES, VIEWS)),
-        (("ceiling", "views", "centre", "ssim"), (EVERYTHING, SCORES, VIEWS)),
+        (("reference", "views", "centre", "ssim"), (EVERYTHING, SCORES, VIEWS)),
     ],
 )
 def test_a_difference_is_found_where_it_counts(path, found_in):

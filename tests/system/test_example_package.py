@@ -67,19 +67,19 @@ def test_report_has_its_algorithm_s_scores_by_its_metric(validated):
     for result in data["algorithms"].values():
         scores = result["views"]["centre"]
         assert 0 < scores["mad"] < 1
-        assert 0 < scores["mad_to_ceiling"] < 1
+        assert 0 < scores["mad_to_reference"] < 1
         assert {"ssim", "psnr_db", "flip"} < scores.keys()
-    for reference in ("ceiling", "noise_floor"):
+    for reference in ("reference", "noise_floor"):
         assert 0 < data[reference]["views"]["centre"]["mad"] < 1
     views = {name: result["views"]["centre"] for name, result in data["algorithms"].items()}
-    assert views["template"]["mad_to_ceiling"] < views["example"]["mad_to_ceiling"]
+    assert views["template"]["mad_to_reference"] < views["example"]["mad_to_reference"]
 
 
 def test_page_shows_them(validated):
     out, data = validated
     page = (out / "report.html").read_text("utf-8")
     assert "vignetted" in page
-    for name in ("mad", "mad_to_ceiling"):
+    for name in ("mad", "mad_to_reference"):
         shown = f"{data['algorithms']['example']['views']['centre'][name]:.4f}"
         assert f"<dd>MAD <b>{shown}</b></dd>" in page
 
@@ -88,7 +88,7 @@ def test_baseline_judges_its_metric_by_its_own_tolerance(validated, installed, t
     out, _ = validated
     run("compare", out, out, "-o", "same", folder=tmp_path, variables=installed)
     data = read_document(tmp_path / "same" / "compare.json")
-    label = "example/centre: MAD to ceiling"
+    label = "example/centre: MAD to reference"
     (found,) = [c for c in data["verdict"]["checks"] if c["name"].startswith(label)]
     assert found["passed"]
     assert found["value"] == 0
@@ -113,7 +113,7 @@ def test_sweep_has_columns_of_its_metric(tmp_path, installed):
     (row,) = rows
     wanted = ("example", "vignetted", "ok")
     assert (row["algorithm"], row["lens_model"], row["status"]) == wanted
-    for name in ("mad", "mad_to_ceiling", "ceiling_mad", "noise_floor_mad"):
+    for name in ("mad", "mad_to_reference", "reference_mad", "noise_floor_mad"):
         assert 0 < row[name] < 1, name
 
 
@@ -129,10 +129,10 @@ def test_bench_has_errors_by_its_metric(tmp_path, installed):
     (found,) = data["scene"]["algorithms"]
     assert found["name"] == "example"
     assert "inim.lens_model=vignetted" in data["command"]
-    error = found["scores"]["view_mad_to_ceiling"]
+    error = found["scores"]["view_mad_to_reference"]
     assert 0 < error < 1
     page = (tmp_path / "out" / "bench.html").read_text("utf-8")
-    assert "view MAD to ceiling" in page
+    assert "view MAD to reference" in page
     assert f"{error:.4f}" in page
 
 

@@ -86,7 +86,7 @@ def export(folder: Path, *more: str) -> Ended:
 def test_the_best_algorithm_is_exported_unless_another_is_named(folder):
     pictures = {n: Image.open(folder / f"OUT/eia/{n}.png") for n in ("template", "wang2024")}
     pictures["truth"] = Image.open(folder / "OUT/truth/eia.png")
-    why = ", the best of 2 by SSIM on the relic, to the ceiling"
+    why = ", the best of 2 by SSIM on the relic, to the reference"
     for given, name, said in (
         ([], "template", why),
         (["--algorithm", "wang2024"], "wang2024", ""),

@@ -42,7 +42,7 @@ def test_preview_says_so_everywhere_and_names_the_full_command(previewed):
     folder, ended = previewed
     assert ended.code == EXIT_PASSED
     assert "preview" in ended.stdout.splitlines()[-1]
-    assert "min_ssim_to_ceiling" not in ended.stdout, "scores this rough suggest no criteria"
+    assert "min_ssim_to_reference" not in ended.stdout, "scores this rough suggest no criteria"
     data = read_document(folder / "out" / "report.json")
     full = data["preview"]["full_command"]
     assert full.startswith("inim validate ")
@@ -77,7 +77,7 @@ def test_definitions_and_options_override_a_preview(tmp_path):
 
 
 def test_preview_drops_criteria_for_algorithms_that_it_leaves_out(tmp_path):
-    limits = '<default name="inim.min_ssim_to_ceiling" value="wang2024:0.5"/>'
+    limits = '<default name="inim.min_ssim_to_reference" value="wang2024:0.5"/>'
     scene = write_scene(tmp_path)
     text = scene.read_text("utf-8")
     scene.write_text(re.sub(r"(<scene[^>]*>)", rf"\1{limits}", text, count=1), encoding="utf-8")

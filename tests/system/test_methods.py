@@ -116,7 +116,7 @@ def evaluated(tmp_path_factory, run_inim, others):
     folder = tmp_path_factory.mktemp("methods")
     scene = write_scene(folder)
     words = ("--algorithms", ",".join(NAMES), "--viewpoints", "centre")
-    limit = {"min_ssim_to_ceiling": f"{HALF}:0"}
+    limit = {"min_ssim_to_reference": f"{HALF}:0"}
     ended = run_inim(scene, "-o", "out", *words, folder=folder, variables=others, **limit)
     assert ended.code == EXIT_PASSED, ended.stderr
     return Finished(ended, folder / "out")
@@ -307,7 +307,7 @@ def test_grey_of_16_bits_keeps_them(tmp_path):
         ("template", ("=a.png",), "write --eia NAME=FILE"),
         ("template", ("a/b=a.png",), "--eia name 'a/b': use 1 to 64"),
         ("template", ("..=a.png",), "--eia name '..'"),
-        ("template", ("ceiling=a.png",), "'ceiling' is taken"),
+        ("template", ("reference=a.png",), "'reference' is taken"),
         ("wang2024", ("Template=a.png",), "'Template' is taken"),
         ("wang2024", ("pickup=a.png",), "'pickup' is taken"),
         ("template", ("mine=a.png", "Mine=b.png"), "EIA 'Mine' is given twice"),
@@ -382,7 +382,7 @@ def test_name_with_options_works_in_every_form_of_the_report(evaluated):
     assert 'class="missing"' not in page
     assert HALF in (evaluated.out / "summary.md").read_text(encoding="utf-8")
     cases = ElementTree.parse(evaluated.out / "junit.xml").getroot().findall(".//testcase")
-    assert f"{HALF}/centre: SSIM on the relic, to the ceiling" in {
+    assert f"{HALF}/centre: SSIM on the relic, to the reference" in {
         case.get("name") for case in cases
     }
     assert [line.split()[0] for line in evaluated.ended.stdout.splitlines()[:-2]] == NAMES

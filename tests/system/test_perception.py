@@ -76,15 +76,15 @@ def validated(tmp_path_factory):
     return folder / "out", read_document(folder / "out" / "report.json")
 
 
-def test_report_has_jod_to_scene_and_ceiling_with_intervals(validated):
+def test_report_has_jod_to_scene_and_reference_with_intervals(validated):
     _, data = validated
     for result in data["algorithms"].values():
         view, precision = result["views"]["centre"], result["precision"]["centre"]
-        for key in ("cvvdp_jod", "cvvdp_to_ceiling_jod"):
+        for key in ("cvvdp_jod", "cvvdp_to_reference_jod"):
             low, high = precision[key]["interval"]
             assert low <= view[key] <= high
             assert view[key] < 10
-    assert data["ceiling"]["views"]["centre"]["cvvdp_jod"] < 10
+    assert data["reference"]["views"]["centre"]["cvvdp_jod"] < 10
     assert data["noise_floor"]["views"]["centre"]["cvvdp_jod"] <= 10
     assert data["scoring"]["metrics"]["cvvdp"]["arguments"]["ambient_lux"] == 0
 
@@ -103,7 +103,7 @@ def test_page_and_files_show_it(validated):
     page = (out / "report.html").read_text("utf-8")
     assert "CVVDP&#x27;s map shows what is lost where" in page
     for name, run in data["algorithms"].items():
-        jod = run["views"]["centre"]["cvvdp_to_ceiling_jod"]
+        jod = run["views"]["centre"]["cvvdp_to_reference_jod"]
         assert f"<dd>CVVDP <b>{jod:.2f}\N{NO-BREAK SPACE}JOD</b></dd>" in page
         file = f"maps/cvvdp/{name}/centre.png"
         assert file in data["files"]
@@ -115,10 +115,10 @@ def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path):
     out, _ = validated
     run("compare", out, out, "-o", "same", folder=tmp_path)
     checks = read_document(tmp_path / "same" / "compare.json")["verdict"]["checks"]
-    assert any(check["name"].startswith("template/centre: CVVDP to ceiling") for check in checks)
+    assert any(check["name"].startswith("template/centre: CVVDP to reference") for check in checks)
     assert "CVVDP" in (tmp_path / "same" / "junit.xml").read_text("utf-8")
 
-    assert {"cvvdp_jod", "cvvdp_to_ceiling_jod", "luminance_cd_m2"} <= columns().keys()
+    assert {"cvvdp_jod", "cvvdp_to_reference_jod", "luminance_cd_m2"} <= columns().keys()
 
     scene = write_scene(tmp_path).name
     words = ("-o", "timed", "--algorithms", "template", "--runs", "3", "--threads", "1")
@@ -127,8 +127,8 @@ def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path):
             patch.setattr(turns, name, 0.0)
         run("bench", scene, *words, *definitions(TINY), folder=tmp_path)
     (found,) = read_document(tmp_path / "timed" / "bench.json")["scene"]["algorithms"]
-    assert found["scores"]["view_cvvdp_to_ceiling_jod"] < 10
-    assert "view CVVDP to ceiling" in (tmp_path / "timed" / "bench.html").read_text("utf-8")
+    assert found["scores"]["view_cvvdp_to_reference_jod"] < 10
+    assert "view CVVDP to reference" in (tmp_path / "timed" / "bench.html").read_text("utf-8")
 
 
 def test_film_is_scored_against_the_scene_that_it_names(validated, tmp_path):

@@ -119,7 +119,7 @@ def test_nothing_sticks_out_of_the_screen(tab, theme, width):
 def test_no_word_of_a_table_is_broken_into_letters_on_a_phone(tmp_path):
     """Of two checks of a comparison, whose five other columns never break."""
     named = {
-        "name": "wang2024/right: SSIM on relic to ceiling against the baseline",
+        "name": "wang2024/right: SSIM on relic to reference against the baseline",
         "kind": "score",
         "value": 0.1234,
         "relation": "within",
@@ -228,7 +228,7 @@ HEAD = "#overview thead th:nth-child(2)"
 
 
 def test_tables_are_sorted_from_their_heads_by_mouse_and_keyboard(tab):
-    references = ["Ceiling", "Noise floor"]
+    references = ["Reference", "Noise floor"]
     assert tab.evaluate(FIRST_CELLS) == ["template", "wang2024", *references]
     tab.click(f"{HEAD} button")
     assert tab.evaluate(f"document.querySelector('{HEAD}').ariaSort") == "ascending"
@@ -260,7 +260,7 @@ def test_a_table_wider_than_the_screen_says_so_and_scrolls_in_its_box(tab):
 NAME = "<img src=x onerror=document.title='ran'>"
 ALGORITHMS = {"template": 0.97, NAME: 0.92}
 SIZE = 160
-PLACES = {"Ground truth": "truth", "Ceiling": "views/ceiling", "template": "views/template"}
+PLACES = {"Ground truth": "truth", "Reference": "views/reference", "template": "views/template"}
 
 
 def codes(seed: int) -> np.ndarray:
@@ -275,11 +275,11 @@ def seed_of(name: str, view: str) -> int:
 
 @pytest.fixture(scope="module")
 def wipe_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A report whose ceiling was lost from the left, and one algorithm has no pictures at all."""
+    """A report whose reference was lost from the left, and one algorithm has no pictures at all."""
     folder = tmp_path_factory.mktemp("wipe")
     for name, place in PLACES.items():
         for view in ("centre", "left"):
-            if (name, view) != ("Ceiling", "left"):
+            if (name, view) != ("Reference", "left"):
                 path = folder / place / f"{view}.png"
                 path.parent.mkdir(parents=True, exist_ok=True)
                 Image.fromarray(codes(seed_of(name, view))).save(path)
@@ -394,10 +394,10 @@ def test_difference_is_the_one_the_page_prints(wipe):
 
 
 def test_any_two_pictures_from_any_viewpoint(wipe):
-    choose(wipe, "first", "Ceiling")
-    assert_alike(stage(wipe), wiped("Ceiling", "template", 0.5))
+    choose(wipe, "first", "Reference")
+    assert_alike(stage(wipe), wiped("Reference", "template", 0.5))
     choose(wipe, "viewpoint", "left")
-    # The ceiling is lost there: the first picture that is not takes its place.
+    # The reference is lost there: the first picture that is not takes its place.
     assert_alike(stage(wipe), wiped("Ground truth", "template", 0.5, "left"))
     offered = "[...document.querySelector('#wipe [name=first]').options].map((o) => !o.disabled)"
     assert wipe.evaluate(offered) == [True, False, True, False]

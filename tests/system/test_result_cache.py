@@ -121,7 +121,7 @@ def test_sampling_ends_when_scores_are_known(bench):
     for name, result in whole["algorithms"].items():
         for view, scores in result["views"].items():
             other = report["algorithms"][name]["views"][view]
-            assert abs(other["ssim_to_ceiling"] - scores["ssim_to_ceiling"]) < 0.9
+            assert abs(other["ssim_to_reference"] - scores["ssim_to_reference"]) < 0.9
     assert set(report["files"]) == set(whole["files"])
 
 
@@ -192,7 +192,7 @@ def test_lazy_makes_what_is_observed_and_scores_views_the_same(bench):
     eia = read_exr(bench.out / "eia" / "template.exr")
     truth = read_exr(bench.out / "truth" / "eia.exr")
     lazy = bench.report("--lens-model", "thin", "--lazy", cached=False)
-    assert lazy["ceiling"] == whole["ceiling"]
+    assert lazy["reference"] == whole["reference"]
     for name, result in lazy["algorithms"].items():
         assert result["views"] == whole["algorithms"][name]["views"]
         assert result["eia"]["ssim"] is None

@@ -75,7 +75,7 @@ def test_scores_are_those_of_a_validation_of_its_own(swept, tmp_path):
         assert row[key] == value, key
     for key in ("ssim", "psnr_db"):
         assert row[f"eia_{key}"] == data["algorithms"]["gu2020"]["eia"][key]
-        assert row[f"ceiling_{key}"] == data["ceiling"]["views"]["centre"][key]
+        assert row[f"reference_{key}"] == data["reference"]["views"]["centre"][key]
         assert row[f"noise_floor_{key}"] == data["noise_floor"]["views"]["centre"][key]
         assert row[f"noise_floor_eia_{key}"] == data["noise_floor"]["eia"][key]
     assert row["scene_sha256"] == data["scene"]["sha256"]

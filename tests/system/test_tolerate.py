@@ -78,7 +78,7 @@ def test_scores_are_those_of_validations_of_misaligned_displays(drawn, tmp_path)
             folder / "tiny.xml", tmp_path / "alone", algorithms="pickup", viewpoints="centre",
             misalign=draw["errors"], definitions=TINY,
         )  # fmt: skip
-    score = report.data.algorithms["pickup"].views["centre"]["ssim_on_relic_to_ceiling"]
+    score = report.data.algorithms["pickup"].views["centre"]["ssim_on_relic_to_reference"]
     assert draw["score"] == score
 
 

@@ -80,8 +80,8 @@ SETTINGS = [
     ("inim.viewpoints=a=500 0", "outside the viewing zone"),
     ("inim.viewpoints=a/b=0 0", "viewpoint name 'a/b'"),
     ("inim.viewpoints=a\nb=0 0", "viewpoint name 'a\\nb'"),
-    ("inim.min_ssim_to_ceiling=nan", "must be finite"),
-    ("inim.min_ssim_to_ceiling=template:0.5,template:0.6", "limits 'template' twice"),
+    ("inim.min_ssim_to_reference=nan", "must be finite"),
+    ("inim.min_ssim_to_reference=template:0.5,template:0.6", "limits 'template' twice"),
 ]
 
 

@@ -49,14 +49,14 @@ FILES = {
     *(f"{name}.{kind}" for kind in ("png", "exr") for name in (
         "truth/eia", *(f"truth/{view}" for view in VIEWS),
         *(f"eia/{algorithm}" for algorithm in ALGORITHMS),
-        *(f"views/{eia}/{view}" for eia in ("ceiling", *ALGORITHMS) for view in VIEWS),
+        *(f"views/{eia}/{view}" for eia in ("reference", *ALGORITHMS) for view in VIEWS),
     )),
 }  # fmt: skip
 SCORES = {
     f"{name}{on}{to}{unit}"
     for name, unit in (("ssim", ""), ("psnr", "_db"), ("flip", ""))
     for on in ("", "_on_relic")
-    for to in ("", "_to_ceiling")
+    for to in ("", "_to_reference")
 }
 
 
@@ -106,7 +106,7 @@ def replaced(tmp_path_factory, run_inim):
     assert first.code == EXIT_PASSED, first.stderr
     assert {"eia/wang2024.png", "views/wang2024/centre.png"} <= files_in(folder / "out")
     options = ("--viewpoints", "centre", "--algorithms", "template", "--quiet")
-    limit = {"min_ssim_to_ceiling": "0.9999"}
+    limit = {"min_ssim_to_reference": "0.9999"}
     second = run_inim(scene.name, "-o", "out", *options, folder=folder, **limit)
     data = read_document(folder / "out" / "report.json")
     return Finished(second, folder / "out", data), folder
@@ -128,7 +128,7 @@ def test_report_has_the_results_of_its_algorithms_and_viewpoints(finished):
     assert list(data["algorithms"]) == ALGORITHMS
     assert [view["name"] for view in data["viewpoints"]] == VIEWS
     assert data["viewpoints"][1]["position_mm"][:2] == [3, -2]
-    assert set(data["ceiling"]["views"]) == set(data["noise_floor"]["views"]) == set(VIEWS)
+    assert set(data["reference"]["views"]) == set(data["noise_floor"]["views"]) == set(VIEWS)
     for result in data["algorithms"].values():
         assert [result["views"][view].keys() for view in VIEWS] == [SCORES, SCORES]
         for view in VIEWS:
@@ -142,7 +142,7 @@ def test_report_has_the_results_of_its_algorithms_and_viewpoints(finished):
     assert {check["passed"] for check in data["verdict"]["checks"]} == {True}
 
 
-@pytest.mark.parametrize("part", ["algorithms", "ceiling", "noise_floor", "timings", "rgbd"])
+@pytest.mark.parametrize("part", ["algorithms", "reference", "noise_floor", "timings", "rgbd"])
 def test_all_numbers_are_finite(finished, part):
     numbers = dict(numbers_in(finished.data[part], part))
     assert numbers
@@ -160,7 +160,7 @@ def test_ssim_computed_again_from_the_report_s_pictures_is_the_plain_one(finishe
         region[:border] = region[-border:] = False
         region[:, :border] = region[:, -border:] = False
         for place, scores in (
-            ("ceiling", finished.data["ceiling"]),
+            ("reference", finished.data["reference"]),
             ("template", finished.data["algorithms"]["template"]),
         ):
             pair = (
@@ -196,7 +196,7 @@ def test_report_says_how_to_repeat_it(finished):
 def test_one_line_for_each_algorithm_and_viewpoint_in_order(finished):
     *scores, best, criteria, verdict = finished.ended.stdout.splitlines()
     assert best.startswith("best: ")
-    assert criteria.startswith("no criteria set; for later runs: -D 'inim.min_ssim_to_ceiling=")
+    assert criteria.startswith("no criteria set; for later runs: -D 'inim.min_ssim_to_reference=")
     wanted = [[algorithm, view] for algorithm in ALGORITHMS for view in VIEWS]
     assert [line.split()[:2] for line in scores] == wanted
     assert verdict == "ran clean; no criteria set; report: deep/o u't/report.html"
@@ -211,7 +211,7 @@ def test_second_run_replaces_its_own_files_and_keeps_others(replaced):
     second, folder = replaced
     assert (second.ended.code, second.ended.stdout, second.ended.stderr) == (1, "", "")
     failed = [check["name"] for check in second.data["verdict"]["checks"] if not check["passed"]]
-    assert failed == ["template/centre: SSIM on the relic, to the ceiling"]
+    assert failed == ["template/centre: SSIM on the relic, to the reference"]
     others = {"notes.txt", "views/wang2024/mine.png"}
     assert files_in(second.out) == set(second.data["files"]) | others
     assert not any("wang2024" in name for name in second.data["files"])

@@ -36,7 +36,9 @@ def plan(tmp_path):
     """Two viewpoints and a limit that the sound run meets; the scene has no symmetry."""
     shapes = square((-2, 1, 4), 1.2, "0.9,0.1,0.1"), square((2, -1, -4), 1.5, "0.1,0.9,0.1")
     scene = write_scene(tmp_path, text=scene_text(*shapes))
-    settings = TINY | MORE | {"inim.min_ssim_to_ceiling": str(LIMIT), "inim.algorithms": "template"}
+    settings = (
+        TINY | MORE | {"inim.min_ssim_to_reference": str(LIMIT), "inim.algorithms": "template"}
+    )
     return make_plan(Request(scene, tmp_path / "out", definitions=settings, viewpoints=VIEWS))
 
 
@@ -58,12 +60,12 @@ def failed(report: Report) -> set[str]:
 def with_views(
     monkeypatch: pytest.MonkeyPatch, change: Callable[[dict[str, Any]], dict[str, Any]]
 ) -> None:
-    """Let something happen to a method's views, not to the ceiling."""
+    """Let something happen to a method's views, not to the reference."""
     real = validating.reconstruct_views
 
     def changed(name: str, *words: Any, **named: Any) -> dict[str, Any]:
         views = real(name, *words, **named)
-        return views if name == "ceiling" else change(views)
+        return views if name == "reference" else change(views)
 
     monkeypatch.setattr(validating, "reconstruct_views", changed)
 
@@ -90,7 +92,7 @@ def test_missing_views_are_a_failed_check():
 
 def test_swapped_views_fail_their_limit(run, monkeypatch):
     with_views(monkeypatch, lambda seen: {"down": seen["right"], "right": seen["down"]})
-    wanted = {f"template/{view}: SSIM on the relic, to the ceiling" for view in ("down", "right")}
+    wanted = {f"template/{view}: SSIM on the relic, to the reference" for view in ("down", "right")}
     assert wanted <= failed(run())
 
 

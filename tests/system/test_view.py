@@ -97,7 +97,7 @@ def report_folder(folder: Path, display: Display = DISPLAY) -> Path:
     for seed, place in enumerate(("truth/eia", "eia/template", "eia/wang2024")):
         save(folder / f"{place}.png", tilted_plane(display, seed))
     for viewpoint in report_data()["viewpoints"]:
-        for place in ("truth", "views/ceiling", "views/template", "views/wang2024"):
+        for place in ("truth", "views/reference", "views/template", "views/wang2024"):
             codes = still_view(
                 tilted_plane(display), display, tuple(viewpoint["position_mm"]), grid=1
             )
@@ -621,7 +621,7 @@ def test_view_of_a_report_has_all_its_panels(tab, page, tmp_path):
     assert (ended.code, ended.stdout) == (0, "OUT/virtual-display.html\n"), ended.stderr
     show(tab, folder / "virtual-display.html")
     names = "[...document.querySelector('select').options].map((o) => o.text)"
-    assert tab.evaluate(names) == ["Ceiling", "template", "wang2024"]
+    assert tab.evaluate(names) == ["Reference", "template", "wang2024"]
     assert tab.complaints == []
 
 

@@ -40,7 +40,7 @@ def paper_bench():
     last = [{**c, "middle_view_ssim": 0.5, "published_ssim": None} for c in point(1)["algorithms"]]
     last[1] |= {"wrong_source": 0.4, "eia_psnr_db": 20.0}
     same = {
-        "lenses": 4, "display_pixels": 100, "scene_pixels": 50, "ceiling_ssim": 0.9,
+        "lenses": 4, "display_pixels": 100, "scene_pixels": 50, "reference_ssim": 0.9,
         "yardstick": timing(1.0), "algorithms": last,
     }  # fmt: skip
     paper = {"experiments": experiments, "same_input": same, "notes": [], "steps": depth_steps()}

@@ -19,7 +19,7 @@ from inim.documents.bench import (
 from inim.documents.parts import Backend, DisplayRecord
 from inim.report.bench import render_markdown, scene_parts, write_bench
 
-SCORED = ("eia_ssim", "eia_psnr_db", "view_ssim_to_ceiling")
+SCORED = ("eia_ssim", "eia_psnr_db", "view_ssim_to_reference")
 
 
 def timing(ms, **more):
@@ -34,7 +34,7 @@ def method(name, ms, wrong=0.0, psnr=30.0, view=0.9, **more):
     return {
         "name": name, "prepare_s": 0.1, **timing(ms), "mpx_per_s": 1 / ms, "ratio": ms / 2,
         "ratio_min": ms / 2, "wrong_source": wrong, "hole_fraction": 0.5, "eia_ssim": 0.8,
-        "eia_psnr_db": psnr, "view_ssim_to_ceiling": view, **more,
+        "eia_psnr_db": psnr, "view_ssim_to_reference": view, **more,
     }  # fmt: skip
 
 
@@ -59,7 +59,7 @@ def bench(scene=None, **study):
 
 def scene_bench(scores=(), **values):
     """A scene with two algorithms; `scores` and their `values` are added to the usual ones."""
-    usual = {"eia_ssim": 0.8, "eia_psnr_db": 30.0, "view_ssim_to_ceiling": 0.9}
+    usual = {"eia_ssim": 0.8, "eia_psnr_db": 30.0, "view_ssim_to_reference": 0.9}
     scene = BenchScene(
         path="x.xml",
         sha256="0" * 64,
@@ -71,7 +71,7 @@ def scene_bench(scores=(), **values):
             algorithm("template", 3.0, 0.0, usual | values),
             algorithm("mix|er:a=b", 40.0, None, usual | {"eia_psnr_db": None} | values, ()),
         ],
-        noise_floor={"eia_ssim": 0.99, "eia_psnr_db": 50.0, "view_ssim_to_ceiling": 0.999},
+        noise_floor={"eia_ssim": 0.99, "eia_psnr_db": 50.0, "view_ssim_to_reference": 0.999},
         scores=[*(score.described() for score in all_scores() if score.key in SCORED), *scores],
         captured_layers=None,
     )

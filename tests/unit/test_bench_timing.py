@@ -95,7 +95,7 @@ def test_equal_points_are_both_on_the_front():
 
 def test_a_method_without_sources_can_still_be_on_another_front():
     def one(name, ms, wrong, psnr):
-        scores = {"eia_psnr_db": psnr, "eia_ssim": 0.5, "view_ssim_to_ceiling": 0.5}
+        scores = {"eia_psnr_db": psnr, "eia_ssim": 0.5, "view_ssim_to_reference": 0.5}
         return algorithm(name, ms, wrong, scores)
 
     methods = [one("a", 1.0, 0.1, 20), one("b", 2.0, None, 30), one("c", 3.0, 0.1, 20)]

@@ -108,7 +108,7 @@ NAMED = {"viewpoints": [{"name": "centre", "position_mm": [0.0, 0.0, 400.0]}]}
 VIEWS = {"views": {"centre": {}}}
 SOUND: dict[str, dict[str, Any]] = {
     "report": NAMED
-    | {"noise_floor": VIEWS, "ceiling": VIEWS, "algorithms": {"template": VIEWS}, "misalign": ""},
+    | {"noise_floor": VIEWS, "reference": VIEWS, "algorithms": {"template": VIEWS}, "misalign": ""},
     "picture": NAMED
     | {"exact": {"centre": {}}, "met_fraction": {"centre": 1.0}, "algorithms": {"template": VIEWS}},
     "compare": {},

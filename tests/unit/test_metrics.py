@@ -153,19 +153,19 @@ def test_eia_has_scores_of_those_metrics_that_say_something_of_it(announce):
 
 def test_keys_carry_the_unit():
     angle = lower("hue", absolute, unit="deg", range=(0, 180))
-    names = angle.key, angle.to_ceiling_key, angle.on_relic_key, angle.on_relic_to_ceiling_key
+    names = angle.key, angle.to_reference_key, angle.on_relic_key, angle.on_relic_to_reference_key
     assert names == (
-        "hue_deg", "hue_to_ceiling_deg", "hue_on_relic_deg", "hue_on_relic_to_ceiling_deg"
+        "hue_deg", "hue_to_reference_deg", "hue_on_relic_deg", "hue_on_relic_to_reference_deg"
     )  # fmt: skip
     assert angle.label == "HUE"
-    own = [(m.key, m.to_ceiling_key) for m in metrics.all_metrics()]
+    own = [(m.key, m.to_reference_key) for m in metrics.all_metrics()]
     assert own == [
-        ("ssim", "ssim_to_ceiling"),
-        ("psnr_db", "psnr_to_ceiling_db"),
-        ("flip", "flip_to_ceiling"),
+        ("ssim", "ssim_to_reference"),
+        ("psnr_db", "psnr_to_reference_db"),
+        ("flip", "flip_to_reference"),
     ]
-    assert metrics.find("psnr_to_ceiling_db") is metrics.find("psnr")
-    assert metrics.find("lpips_to_ceiling") is None
+    assert metrics.find("psnr_to_reference_db") is metrics.find("psnr")
+    assert metrics.find("lpips_to_reference") is None
 
 
 def halves(rng: np.random.Generator, image: np.ndarray, noise: float) -> NoisyImage:
@@ -199,11 +199,11 @@ def test_score_without_a_map_is_as_sure_as_the_same_with_one(announce):
 def test_tolerance_is_the_metrics_own(announce):
     def verdict(change: float) -> bool:
         old, new = (ScoreEstimate(v, 0.0, 8.0, 0.0) for v in (0.5, 0.5 + change))
-        name = "hue_to_ceiling_deg"
+        name = "hue_to_reference_deg"
         (found,) = compare_scores({"a/left": {name: old}}, {"a/left": {name: new}})
         assert (found.unit, found.name) == (
             "deg",
-            "a/left: Hue angle to ceiling against the baseline",
+            "a/left: Hue angle to reference against the baseline",
         )
         return found.passed
 
@@ -214,7 +214,7 @@ def test_tolerance_is_the_metrics_own(announce):
 
 
 def test_score_whose_metric_is_gone_fails():
-    known = {"a/left": {"lpips_to_ceiling": ScoreEstimate(0.5, 0.0, 8.0, 0.0)}}
+    known = {"a/left": {"lpips_to_reference": ScoreEstimate(0.5, 0.0, 8.0, 0.0)}}
     (found,) = compare_scores(known, known)
     assert not found.passed
     assert found.detail == "its metric is not installed"

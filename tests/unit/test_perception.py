@@ -120,9 +120,9 @@ def results(**psnr_db: float) -> ReportDocument:
     """A report in which SSIM falls from one algorithm to the next."""
     views = {
         name: {
-            "ssim_on_relic_to_ceiling": 0.9 - 0.1 * n,
-            "psnr_on_relic_to_ceiling_db": value,
-            "flip_on_relic_to_ceiling": 0.1 + 0.1 * n,
+            "ssim_on_relic_to_reference": 0.9 - 0.1 * n,
+            "psnr_on_relic_to_reference_db": value,
+            "flip_on_relic_to_reference": 0.1 + 0.1 * n,
         }
         for n, (name, value) in enumerate(psnr_db.items())
     }

@@ -14,11 +14,11 @@ from inim.report import Report
 from inim.report.summary import render_summary
 from tests.schemas import report_document
 
-PSNR = ("algorithms", "template", "views", "centre", "psnr_to_ceiling_db")
+PSNR = ("algorithms", "template", "views", "centre", "psnr_to_reference_db")
 
 
 def data(psnr: float, **changes: Any) -> ReportDocument:
-    scores = {"ssim_to_ceiling": 0.97, "psnr_to_ceiling_db": psnr}
+    scores = {"ssim_to_reference": 0.97, "psnr_to_reference_db": psnr}
     return report_document(
         {
             "title": "Coin",
@@ -30,7 +30,7 @@ def data(psnr: float, **changes: Any) -> ReportDocument:
 
 
 def psnr_of(report: Report) -> float | None:
-    return report.data.algorithms["template"].views["centre"]["psnr_to_ceiling_db"]
+    return report.data.algorithms["template"].views["centre"]["psnr_to_reference_db"]
 
 
 def at(found: Any, path: tuple[str, ...]) -> Any:
@@ -48,7 +48,7 @@ def write(folder: Path, content: ReportDocument) -> dict[str, Any]:
 
 def shown_psnr(folder: Path) -> str | None:
     page = html.unescape((folder / "report.html").read_text(encoding="utf-8"))
-    found = re.search(r"<dt>Whole to ceiling</dt>.*?PSNR <b>(.*?)</b>", page)
+    found = re.search(r"<dt>Whole to reference</dt>.*?PSNR <b>(.*?)</b>", page)
     return found and found[1].replace("\u00a0", " ")
 
 
@@ -78,7 +78,7 @@ def test_nan_survives_loading_and_writing_again(tmp_path):
 
 
 def test_page_shows_what_report_json_says_and_not_what_it_lost(tmp_path):
-    infinite = {"ssim_to_ceiling": math.inf, "psnr_to_ceiling_db": 30.0}
+    infinite = {"ssim_to_reference": math.inf, "psnr_to_reference_db": 30.0}
     write(tmp_path, data(30.0, algorithms={"template": {"views": {"centre": infinite}}}))
     assert "∞" not in (tmp_path / "summary.md").read_text(encoding="utf-8")
     loaded = Report.load(tmp_path)

@@ -83,8 +83,8 @@ def scores(ssim: float | None) -> dict[str, Any]:
 
 
 def view_scores(ssim: float) -> dict[str, Any]:
-    own = {"ssim_to_ceiling": 0.98, "psnr_to_ceiling_db": 31.0, "flip_to_ceiling": 0.02}
-    return {**scores(0.8), **own, "ssim_on_relic": 0.75, "ssim_on_relic_to_ceiling": ssim}
+    own = {"ssim_to_reference": 0.98, "psnr_to_reference_db": 31.0, "flip_to_reference": 0.02}
+    return {**scores(0.8), **own, "ssim_on_relic": 0.75, "ssim_on_relic_to_reference": ssim}
 
 
 def displayed(**changes: Any) -> dict[str, Any]:
@@ -110,7 +110,7 @@ def report(algorithms: dict[str, float], views: tuple[str, ...] = VIEWS) -> dict
         ],
         "rgbd": {"rows": 64, "columns": 64, "pixel_mm": 0.25, "covered_fraction": 0.25},
         "noise_floor": {"eia": scores(0.9931), "views": {v: scores(0.9962) for v in views}},
-        "ceiling": {"views": {v: scores(0.881) for v in views}},
+        "reference": {"views": {v: scores(0.881) for v in views}},
         "algorithms": {
             name: {
                 "seconds": 0.5,
@@ -121,7 +121,7 @@ def report(algorithms: dict[str, float], views: tuple[str, ...] = VIEWS) -> dict
         },
         "timings": {"pickup": 6.0, "total": 8.0},
         "warnings": ["the capture was widened"],
-        "verdict": {"passed": True, "checks": [check("template/centre: SSIM to ceiling", 0.97)]},
+        "verdict": {"passed": True, "checks": [check("template/centre: SSIM to reference", 0.97)]},
         "files": [],
     }
 
@@ -146,14 +146,14 @@ def folder(tmp_path: Path) -> Path:
     for name in ("truth/eia", "eia/template", "eia/wang2024", "rgbd_color"):
         save(folder / f"{name}.png", noise(1, 272))
     save(folder / "rgbd_depth.png", noise(2)[..., 0])
-    for seed, place in enumerate(("truth", "views/ceiling", "views/template", "views/wang2024")):
+    for seed, place in enumerate(("truth", "views/reference", "views/template", "views/wang2024")):
         for view in VIEWS:
             save(folder / place / f"{view}.png", noise(seed))
     return folder
 
 
 ALGORITHMS = {"template": 0.9731, "wang2024": 0.9211}
-COMPARED = ["Difference of template and ceiling", "SSIM map of template and ceiling"]
+COMPARED = ["Difference of template and reference", "SSIM map of template and reference"]
 
 
 def test_sections_stand_in_the_order_of_their_places_and_every_link_leads_to_a_place(folder):
@@ -218,7 +218,7 @@ def png(size):
         (None, ["template", *COMPARED]),
         (b"not a picture", ["template", *COMPARED]),
         (b"\x89PNG\r\n\x1a\n cut", ["template", *COMPARED]),
-        (png(32), COMPARED),  # of another size than the ceiling's
+        (png(32), COMPARED),  # of another size than the reference's
     ],
 )
 def test_what_a_picture_lacks_has_a_box(folder, content, missing):
@@ -230,20 +230,20 @@ def test_what_a_picture_lacks_has_a_box(folder, content, missing):
 
 
 def test_picture_smaller_than_ssim_s_window_has_no_map(folder):
-    for place in ("views/ceiling", "views/template"):
+    for place in ("views/reference", "views/template"):
         save(folder / place / "centre.png", noise(1, 10))
     text = Page(render_html(report(ALGORITHMS), folder)).text
     assert [f"missing {shown} from centre" in text for shown in COMPARED] == [False, True]
 
 
 def test_difference_is_the_absolute_srgb_difference_times_four_and_says_so(folder):
-    ceiling = np.full((8, 8, 3), 100, np.uint8)
-    made = ceiling.copy()
+    reference = np.full((8, 8, 3), 100, np.uint8)
+    made = reference.copy()
     made[0, 0] = (90, 103, 250)
-    save(folder / "views/ceiling/centre.png", ceiling)
+    save(folder / "views/reference/centre.png", reference)
     save(folder / "views/template/centre.png", made)
     page = Page(render_html(report(ALGORITHMS), folder))
-    difference = page.picture("Difference of template and ceiling from centre")
+    difference = page.picture("Difference of template and reference from centre")
     assert difference[0, 0].tolist() == [40, 12, 255]
     assert difference[1:].max() == 0
     assert "amplified × 4" in page.text
@@ -251,20 +251,20 @@ def test_difference_is_the_absolute_srgb_difference_times_four_and_says_so(folde
 
 def test_ssim_map_is_black_where_equal_and_its_mean_is_the_score(folder):
     """The colours, read backwards on their own scale, hold what scikit-image says."""
-    ceiling = np.full((64, 64, 3), 100, np.uint8)
-    made = ceiling.copy()
+    reference = np.full((64, 64, 3), 100, np.uint8)
+    made = reference.copy()
     made[20:40, 20:40] += np.random.default_rng(1).integers(0, 60, (20, 20, 3), np.uint8)
-    save(folder / "views/ceiling/centre.png", ceiling)
+    save(folder / "views/reference/centre.png", reference)
     save(folder / "views/template/centre.png", made)
     page = Page(render_html(report(ALGORITHMS), folder))
-    shown = page.picture("SSIM map of template and ceiling from centre").astype(int)
+    shown = page.picture("SSIM map of template and reference from centre").astype(int)
     scale = page.picture("Colours of the SSIM maps, from black for 1 to pale yellow for 0")
     places = abs(shown[:, :, None] - scale[0].astype(int)).sum(axis=-1).argmin(axis=-1)
     assert scale[0, 0].max() < 10
     assert places[:10].max() == 0
     assert places[30, 30] > 100
     score = structural_similarity(
-        ceiling, made, data_range=255, channel_axis=-1, gaussian_weights=True,
+        reference, made, data_range=255, channel_axis=-1, gaussian_weights=True,
         sigma=1.5, use_sample_covariance=False,
     )  # fmt: skip
     # Edges apart, which scikit-image leaves out of its mean; 256 colours, and none below 0.
@@ -290,7 +290,7 @@ def test_verdict_is_a_word_and_not_only_a_colour(folder):
     data = report(ALGORITHMS)
     text = Page(render_html(data, folder)).text
     assert "– Ran clean 1 of 1 checks passed; no criteria set" in text
-    assert "-D 'inim.min_ssim_to_ceiling=" in text
+    assert "-D 'inim.min_ssim_to_reference=" in text
     data["verdict"]["checks"][0]["criterion"] = True
     assert "✓ Passed 1 of 1 checks passed" in Page(render_html(data, folder)).text
     data["verdict"] = {"passed": False, "checks": [check("template: SSIM", 0.85, passed=False)]}
@@ -299,11 +299,11 @@ def test_verdict_is_a_word_and_not_only_a_colour(folder):
     assert "template: SSIM 0.8500, required ≥ 0.9000" in text
 
 
-def test_first_pictures_are_ground_truth_ceiling_and_best_algorithm(folder):
+def test_first_pictures_are_ground_truth_reference_and_best_algorithm(folder):
     page = Page(render_html(report({"wang2024": 0.91, "template": 0.97}), folder))
     assert [image["alt"] for image in page.all("img")][:3] == [
         "Ground truth, viewpoint centre",
-        "Ceiling, viewpoint centre",
+        "Reference, viewpoint centre",
         "template, viewpoint centre",
     ]
 
@@ -320,7 +320,7 @@ def test_parallax_strips_go_by_position_not_by_order(folder):
 
 @pytest.mark.parametrize("share", [0.8, 0.3])
 def test_page_too_large_is_built_again_with_smaller_pictures(folder, monkeypatch, share):
-    for place in ("truth", "views/ceiling", "views/template"):
+    for place in ("truth", "views/reference", "views/template"):
         save(folder / place / "centre.png", noise(3, 256))
     data = report({"template": 0.97}, views=("centre",))
     limit = round(share * len(render_html(data, folder)))
@@ -449,8 +449,8 @@ def test_time_against_error_names_every_algorithm_and_says_its_numbers(folder):
     data["algorithms"]["wang2024"]["seconds"] = 12.0
     page = Page(render_html(data, folder))
     alt = next(i["alt"] for i in page.all("img") if i["alt"].startswith("Time against error"))
-    assert "template 0.5 seconds, 1 − SSIM on the relic, to the ceiling 0.027" in alt
-    assert "wang2024 12 seconds, 1 − SSIM on the relic, to the ceiling 0.079" in alt
+    assert "template 0.5 seconds, 1 − SSIM on the relic, to the reference 0.027" in alt
+    assert "wang2024 12 seconds, 1 − SSIM on the relic, to the reference 0.079" in alt
     words = plot_words(page)
     assert words.count("template") == words.count("wang2024") == 2
     assert "noise floor" in words

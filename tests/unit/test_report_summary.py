@@ -35,8 +35,8 @@ def report(**changes: Any) -> ReportDocument:
 def report_data(**changes: Any) -> dict[str, Any]:
     views = {
         name: {
-            "ssim": whole, "ssim_to_ceiling": whole + 0.1,
-            "ssim_on_relic": whole - 0.1, "ssim_on_relic_to_ceiling": kept,
+            "ssim": whole, "ssim_to_reference": whole + 0.1,
+            "ssim_on_relic": whole - 0.1, "ssim_on_relic_to_reference": kept,
         }
         for name, whole, kept in (("centre", 0.86, 0.9731), ("left", 0.84, 0.9612))
     }  # fmt: skip
@@ -46,7 +46,7 @@ def report_data(**changes: Any) -> dict[str, Any]:
         "inim_version": "0.1.0",
         "viewpoints": [{"name": "centre"}, {"name": "left"}],
         "noise_floor": {"eia": {"ssim": 0.9931}, "views": {"centre": {"ssim": 0.9962}}},
-        "ceiling": {"views": {"centre": {"ssim": 0.881}, "left": {"ssim": 0.875}}},
+        "reference": {"views": {"centre": {"ssim": 0.881}, "left": {"ssim": 0.875}}},
         "algorithms": {"template": {"seconds": 0.42, "eia": eia, "views": views}},
         "verdict": {"passed": True, "checks": [check()]},
         "warnings": [],
@@ -81,7 +81,7 @@ def test_summary_has_the_verdict_and_a_row_for_each_reference():
         "1.42\u00a0%",
         "0.42",
     ]
-    assert table["*ceiling*"][:2] == ["(–); (0.8810)", "(–); (0.8750)"]
+    assert table["*reference*"][:2] == ["(–); (0.8810)", "(–); (0.8750)"]
     assert table["*noise floor*"] == ["(–); (0.9962)", "(–); (–)", "0.9931", "–", "–"]
 
 
@@ -95,7 +95,7 @@ def test_failed_checks_are_listed_with_what_was_asked():
 def test_hostile_names_neither_format_nor_break_the_table():
     name = "".join(c for c in HOSTILE if c.isprintable() and c != "/")  # names files
     data = report_data(title=HOSTILE, viewpoints=[{"name": name}], algorithms={name: {}})
-    del data["ceiling"], data["noise_floor"]
+    del data["reference"], data["noise_floor"]
     checks = [check(name=HOSTILE, value=None, passed=False)]
     data["verdict"] = {"passed": False, "checks": checks}
     summary = render_summary(report_document(data))
@@ -129,7 +129,7 @@ def test_numbers_have_fixed_digits_and_gaps_are_dashes(value, shown):
 
 def test_null_psnr_is_infinite_but_an_absent_one_and_a_null_ssim_are_not():
     assert score({"psnr_db": None}, "psnr_db") == "∞"
-    assert score({"psnr_to_ceiling_db": None}, "psnr_to_ceiling_db") == "∞"
+    assert score({"psnr_to_reference_db": None}, "psnr_to_reference_db") == "∞"
     assert score({}, "psnr_db") == "–"
     assert score({"psnr_db": math.nan}, "psnr_db") == "–"
     assert score({"ssim": None}, "ssim") == "–"
@@ -158,9 +158,9 @@ def test_run_without_criteria_ran_clean_and_suggests_some():
     assert verdict_words(data) == "ran clean; no criteria set"
     assert Report(Path(), data).passed
     assert suggested_criteria(data) == "template:0.95"  # 0.9612 less 0.005, rounded down
-    assert "min_ssim_to_ceiling=template:0.95" in render_summary(data)
-    assert "min_ssim_to_ceiling" not in render_summary(report())
-    noisy = {"centre": {"ssim_on_relic_to_ceiling": {"plain": 0.9, "interval": [0.9, 1.0]}}}
+    assert "min_ssim_to_reference=template:0.95" in render_summary(data)
+    assert "min_ssim_to_reference" not in render_summary(report())
+    noisy = {"centre": {"ssim_on_relic_to_reference": {"plain": 0.9, "interval": [0.9, 1.0]}}}
     made = report_data(verdict=clean)
     made["algorithms"]["template"]["precision"] = noisy
     assert suggested_criteria(report_document(made)) == "template:0.90"
@@ -175,7 +175,7 @@ def test_comparison_with_a_baseline_is_a_criterion():
 def test_best_algorithm_has_the_highest_mean_over_all_viewpoints():
     def run(*values: float | None) -> dict[str, Any]:
         names = ("centre", "left")
-        views = {n: {"ssim_on_relic_to_ceiling": v} for n, v in zip(names, values, strict=True)}
+        views = {n: {"ssim_on_relic_to_reference": v} for n, v in zip(names, values, strict=True)}
         return {"views": views}
 
     algorithms = {"a": run(0.9, 0.8), "b": run(0.89, 0.9), "c": run(0.99, None), "d": {}}
@@ -185,14 +185,14 @@ def test_best_algorithm_has_the_highest_mean_over_all_viewpoints():
 
 
 def test_a_report_prints_as_a_small_table():
-    data = report(ceiling={"views": {"centre": {"ssim_on_relic": 0.891}, "left": {}}})
+    data = report(reference={"views": {"centre": {"ssim_on_relic": 0.891}, "left": {}}})
     printed = str(Report(Path("out/amphora"), data))
     assert printed.splitlines() == [
         "Painted amphora: passed",
-        "SSIM on the relic to the ceiling, in brackets to the scene",
+        "SSIM on the relic to the reference, in brackets to the scene",
         "                   centre             left",
         "template  0.9731 (0.7600)  0.9612 (0.7400)",
-        "ceiling          (0.8910)              (–)",
+        "reference          (0.8910)              (–)",
     ]
     assert repr(Report(Path("out/amphora"), data)) == "Report('out/amphora': passed)"
 

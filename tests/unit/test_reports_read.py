@@ -24,7 +24,7 @@ SOUND = completed(
     {
         "viewpoints": [{"name": "centre", "position_mm": [0.0, 0.0, 400.0]}],
         "algorithms": {"template": {"views": {"centre": {}}, "precision": {"centre": {}}}},
-        "ceiling": {"views": {"centre": {}}, "precision": {"centre": {}}},
+        "reference": {"views": {"centre": {}}, "precision": {"centre": {}}},
         "noise_floor": {"views": {"centre": {}}},
         "misalign": "",
     },
@@ -84,7 +84,7 @@ def test_scores_of_a_viewpoint_that_is_not_there_are_refused(tmp_path):
         (lambda d: d.update(misalign="text"), "misalign 'text': write KEY=NUMBER"),
         (lambda d: d.update(misalign="gap_mm=-99"), "misalign: "),
         (lambda d: d["timings"].pop("total"), "timings: total is missing"),
-        (lambda d: d["ceiling"]["views"]["centre"].pop("ssim"), "ssim is missing"),
+        (lambda d: d["reference"]["views"]["centre"].pop("ssim"), "ssim is missing"),
         (lambda d: d["verdict"].update(checks=[CHECK | {"value": None}]), "not a number"),
         (lambda d: d["verdict"].update(checks=[CHECK | {"passed": False}]), "checks failed"),
         (lambda d: d.update(schema="inim.report/1"), "is 'inim.report/1', not inim.report/2"),

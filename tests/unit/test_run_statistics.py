@@ -63,7 +63,7 @@ def statistics():
         conditions=CONDITIONS,
         circumstances=MADE.circumstances,
         pictures={"truth/left": tile_statistics(NoisyImage.from_halves(*halves), (8, 8))},
-        scores={"template/left": {"ssim_to_ceiling": ScoreEstimate(0.9, 0.001, 12.0, -0.01)}},
+        scores={"template/left": {"ssim_to_reference": ScoreEstimate(0.9, 0.001, 12.0, -0.01)}},
         fingerprints={"template": fingerprint(rgbd, eia, DISPLAY, exact=True)},
         times={"template": tuple(0.01 * n for n in range(31))},
         reported={"template": {"eia ssim": 0.7, "eia psnr_db": None}},
@@ -125,10 +125,10 @@ def test_a_baseline_that_is_replaced_meanwhile_is_one_of_the_two(statistics, tmp
 
 
 def test_score_that_is_no_number_stays_none(statistics, tmp_path):
-    wrong = {"template/left": {"ssim_to_ceiling": ScoreEstimate(math.nan, 0.1, 1.0, 0.0)}}
+    wrong = {"template/left": {"ssim_to_reference": ScoreEstimate(math.nan, 0.1, 1.0, 0.0)}}
     write_statistics(tmp_path, BASELINE, replace(statistics, scores=wrong))
     found = read_statistics(tmp_path, BASELINE)
-    assert math.isnan(found.scores["template/left"]["ssim_to_ceiling"].plain)
+    assert math.isnan(found.scores["template/left"]["ssim_to_reference"].plain)
     assert not all(v.passed for v in compare(statistics, found, "here"))
 
 

@@ -44,7 +44,7 @@ def test_a_changed_array_gets_a_panel_of_its_own_size():
 
 def test_limits_go_to_the_algorithms_they_name():
     both = ("template", "wang2024")
-    parse = lambda text: Settings.parse({"inim.min_ssim_to_ceiling": text}, "s")  # noqa: E731
+    parse = lambda text: Settings.parse({"inim.min_ssim_to_reference": text}, "s")  # noqa: E731
     assert parse("0.9").ssim_limits(both, "s") == {"template": 0.9, "wang2024": 0.9}
     assert parse("template:0.9, wang2024:0.5").ssim_limits(both, "s") == {
         "template": 0.9,

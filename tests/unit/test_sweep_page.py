@@ -14,8 +14,8 @@ ABOUT = SweepTable(title="T <b>&", command="inim sweep s.toml", created="2026", 
 
 def row(scene="jade", display="wide", algorithm="template", viewpoint="centre", **values):
     given = {
-        "status": "ok", "error": None, "ssim": 0.5, "ssim_to_ceiling": 0.8,
-        "ssim_on_relic": 0.5, "ssim_on_relic_to_ceiling": 0.75, "ceiling_ssim_on_relic": 0.7,
+        "status": "ok", "error": None, "ssim": 0.5, "ssim_to_reference": 0.8,
+        "ssim_on_relic": 0.5, "ssim_on_relic_to_reference": 0.75, "reference_ssim_on_relic": 0.7,
         "noise_floor_ssim_on_relic": 0.99, "psnr_db": 30.0, "flip": 0.1, "seconds": 1.0,
         "yardsticks": None, "unit_seconds": 9.0, "passed": True, "failed_checks": None,
         "lens_model": "thick",
@@ -56,18 +56,18 @@ def test_the_front_is_what_nothing_beats():
 def test_displays_are_ranked_for_each_relic_by_their_best_algorithm():
     rows = [
         row(display="wide", ssim_on_relic=0.7), row(display="fine", ssim_on_relic=0.7),
-        # The best is the best to the ceiling, whatever else.
+        # The best is the best to the reference, whatever else.
         row(
-            display="wide", algorithm="gu2020", ssim_on_relic=0.6, ssim_on_relic_to_ceiling=0.8
+            display="wide", algorithm="gu2020", ssim_on_relic=0.6, ssim_on_relic_to_reference=0.8
         ),
-        row(display="fine", algorithm="gu2020", ssim_on_relic=0.9, ssim_on_relic_to_ceiling=0.6),
+        row(display="fine", algorithm="gu2020", ssim_on_relic=0.9, ssim_on_relic_to_reference=0.6),
         row("tripod", "wide", ssim_on_relic=0.9), row("tripod", "fine", ssim_on_relic=0.8),
         row("tripod", "bad", status="failed", error="why", ssim_on_relic=None),
     ]  # fmt: skip
     cells = re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", best_displays(results_of(rows)))
     texts = [re.sub("<[^>]*>", "", cell) for cell in cells]
     assert texts[:7] == [
-        "Relic", "Display", "Best algorithm on it", "SSIM on the relic to scene", "Its ceiling",
+        "Relic", "Display", "Best algorithm on it", "SSIM on the relic to scene", "Its reference",
         "PSNR", "FLIP",
     ]  # fmt: skip
     found = [tuple(texts[i : i + 4]) for i in range(7, len(texts), 7)]
@@ -87,7 +87,7 @@ def test_times_are_yardsticks_only_where_all_have_them():
 
 
 def test_the_page_needs_nothing_else_and_shows_what_is_in_the_table(tmp_path):
-    rows = [row(scene="<i>jade", ssim_on_relic_to_ceiling=0.4321), row("tripod")]
+    rows = [row(scene="<i>jade", ssim_on_relic_to_reference=0.4321), row("tripod")]
     write_page(tmp_path / "page.html", rows, ABOUT)
     page = (tmp_path / "page.html").read_text("utf-8")
     assert not re.search(r"(src|href)=\"(?!#|data:)", page)
@@ -111,6 +111,8 @@ def test_failures_stand_first_with_their_reasons():
 
 
 def test_a_page_of_nothing_but_failures_is_a_page():
-    page = render_sweep([row(status="failed", error="why", ssim=None, ssim_to_ceiling=None)], ABOUT)
+    page = render_sweep(
+        [row(status="failed", error="why", ssim=None, ssim_to_reference=None)], ABOUT
+    )
     assert "why" in page
     assert "Best display" not in page

@@ -172,17 +172,17 @@ def test_a_key_follows_versions_and_code(written, monkeypatch):
 
 
 def test_a_criterion_belongs_to_its_algorithm(written):
-    text = STUDY.replace("view_spp = 2", 'min_ssim_to_ceiling = "template:0.5"')
+    text = STUDY.replace("view_spp = 2", 'min_ssim_to_reference = "template:0.5"')
     unit = units_of(written(text))[0]
     assert unit.hash == units_of(written(STUDY.replace("view_spp = 2", "")))[0].hash
-    assert making_of(unit.plan, "template") == {"min_ssim_to_ceiling": 0.5}
-    assert making_of(unit.plan, "gu2020") == {"min_ssim_to_ceiling": None}
+    assert making_of(unit.plan, "template") == {"min_ssim_to_reference": 0.5}
+    assert making_of(unit.plan, "gu2020") == {"min_ssim_to_reference": None}
     # A run of the other algorithm alone must not be refused for it.
     request = unit.only(["gu2020"])
     assert request.algorithms == ("gu2020",)
-    assert request.definitions["inim.min_ssim_to_ceiling"] == ""
+    assert request.definitions["inim.min_ssim_to_reference"] == ""
     other = unit.only(["template"]).definitions
-    assert other["inim.min_ssim_to_ceiling"] == "template:0.5"
+    assert other["inim.min_ssim_to_reference"] == "template:0.5"
 
 
 def test_rows_of_what_failed_have_all_that_is_known(written):

@@ -49,7 +49,7 @@ def picture(source: str) -> np.ndarray:
 def test_every_panel_is_embedded_once_and_exactly(tmp_path):
     page = render_html(shown_report(tmp_path, ("template", "wang2024")), tmp_path)
     data = block(page)
-    assert [one["name"] for one in data["panels"]] == ["Ceiling", "template", "wang2024"]
+    assert [one["name"] for one in data["panels"]] == ["Reference", "template", "wang2024"]
     for seed, one in enumerate(data["panels"]):
         np.testing.assert_array_equal(picture(one["source"]), noise(seed, 96)[:80, :96])
         assert page.count(one["source"]) == 1
@@ -136,7 +136,7 @@ def test_missing_panel_is_named_and_the_rest_is_shown(tmp_path):
     data = shown_report(tmp_path, ("template", "wang2024"))
     (tmp_path / "eia/wang2024.png").unlink()
     page = render_html(data, tmp_path)
-    assert [one["name"] for one in block(page)["panels"]] == ["Ceiling", "template"]
+    assert [one["name"] for one in block(page)["panels"]] == ["Reference", "template"]
     assert "Not there, or not of the panel's size: wang2024." in Page(page).text
 
 

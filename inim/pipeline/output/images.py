@@ -76,7 +76,7 @@ class Images:
         self._submit(write, rgbd.color.nbytes)
 
     def save_truth(self, truth: GroundTruth) -> None:
-        """Write the true EIA, the true views, the relic's regions in them, the ceiling's views."""
+        """Write the true EIA, the true views, the relic's regions in them, the reference views."""
         self.save("truth/eia", truth.eia.image)
         for name, view in truth.views.items():
             self.save(f"truth/{name}", view.image)
@@ -84,7 +84,7 @@ class Images:
             white = np.repeat(region[..., None], 3, axis=-1).astype(np.float32)
             path = self.folder / "truth" / "relic" / f"{name}.png"
             self._submit(partial(write_png, path, white, self.cache), white.nbytes)
-        self.save_views("ceiling", truth.ceiling)
+        self.save_views("reference", truth.reference_views)
 
     def save_views(self, name: str, views: Mapping[str, Any]) -> None:
         """Write views of an EIA, by viewpoint."""

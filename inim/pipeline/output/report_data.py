@@ -17,10 +17,10 @@ from inim.documents.files import folder_files
 from inim.documents.parts import Backend, Checks, DisplayRecord, EyePosition
 from inim.documents.report import (
     CapturedPicture,
-    Ceiling,
     MetricSettings,
     NoiseFloor,
     Preview,
+    ReferenceViews,
     ReportDocument,
     SceneRecord,
     Scoring,
@@ -65,7 +65,7 @@ def report_of(
     algorithms, observer = found.algorithms, found.run.observer
     for name, ratios in times.items():
         algorithms[name] = msgspec.structs.replace(algorithms[name], yardsticks=yardsticks(ratios))
-    ceiling_views, ceiling_precision = reported_scores(found.ceiling)
+    reference_views, reference_precision = reported_scores(found.reference_scores)
     data = ReportDocument(
         title=plan.settings.title or plan.request.scene.stem,
         created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
@@ -92,7 +92,7 @@ def report_of(
         rgbd=_captured(found.capture.rgbd),
         noise_floor=noise_floor,
         scoring=_scoring(),
-        ceiling=Ceiling(views=ceiling_views, precision=ceiling_precision),
+        reference=ReferenceViews(views=reference_views, precision=reference_precision),
         algorithms=algorithms,
         timings=observer.timings
         | {

@@ -1,4 +1,4 @@
-"""Scores: of a method's EIA and views, of the ceiling, and of the ground truth against itself."""
+"""Scores: of a method's EIA and views, of the reference, and of the ground truth against itself."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def evaluate(
     *,
     run: Run,
 ) -> MethodResult:
-    """Score a method: its EIA against the true one, its views against the scene and the ceiling.
+    """Score a method: its EIA against the true one, its views against the scene and the reference.
 
     Parameters
     ----------
@@ -182,13 +182,13 @@ def reported_scores(
 
 
 def _against(truth: GroundTruth, name: str, view: NoisyImage, run: Run) -> Scores:
-    """Scores of a view against the rendered view, and against the ceiling's."""
+    """Scores of a view against the rendered view, and against the reference's."""
     conditions = truth.conditions(name)
     to_scene = score_view(truth.views[name], view, *conditions, run=run)
-    to_ceiling = score_view(truth.ceiling[name], view, *conditions, run=run)
-    names = {metric.key: metric.to_ceiling_key for metric in metrics.all_metrics()}
-    names |= {m.on_relic_key: m.on_relic_to_ceiling_key for m in metrics.all_metrics()}
-    return to_scene | {names[key]: one for key, one in to_ceiling.items()}
+    to_reference = score_view(truth.reference_views[name], view, *conditions, run=run)
+    names = {metric.key: metric.to_reference_key for metric in metrics.all_metrics()}
+    names |= {m.on_relic_key: m.on_relic_to_reference_key for m in metrics.all_metrics()}
+    return to_scene | {names[key]: one for key, one in to_reference.items()}
 
 
 def _eia_scores(
@@ -238,11 +238,13 @@ def heat_maps(
         return {name: one.result() for name, one in pending.items()}
 
 
-def ceiling_scores(truth: GroundTruth, *, run: Run) -> dict[str, Scores]:
+def reference_scores(truth: GroundTruth, *, run: Run) -> dict[str, Scores]:
     """What perfect elemental images show, against the rendered view, by viewpoint."""
     with _scoring_threads(truth, run) as submit:
         pending = {
-            name: submit(score_view, view, truth.ceiling[name], *truth.conditions(name), run=run)
+            name: submit(
+                score_view, view, truth.reference_views[name], *truth.conditions(name), run=run
+            )
             for name, view in truth.views.items()
         }
         return {name: one.result() for name, one in pending.items()}
@@ -262,8 +264,10 @@ def noise_floor(truth: GroundTruth, *, run: Run) -> NoiseFloor:
         return NoiseFloor(eia=whole.result(), views=views)
 
 
-def truth_statistics(truth: GroundTruth, ceiling: Mapping[str, Scores], *, run: Run) -> Statistics:
-    """Statistics of the ground truth, and scores of the ceiling, by viewpoint."""
+def truth_statistics(
+    truth: GroundTruth, reference: Mapping[str, Scores], *, run: Run
+) -> Statistics:
+    """Statistics of the ground truth, and scores of the reference, by viewpoint."""
     with _scoring_threads(truth, run) as submit:
         whole = submit(_eia_tiles, "truth/eia", truth.eia, truth, False, run)
         pending = {
@@ -272,7 +276,7 @@ def truth_statistics(truth: GroundTruth, ceiling: Mapping[str, Scores], *, run: 
         }
         views = {f"truth/{name}": one.result() for name, one in pending.items()}
         pictures = whole.result() | views
-    return Statistics(pictures, {f"ceiling/{name}": found for name, found in ceiling.items()})
+    return Statistics(pictures, {f"reference/{name}": found for name, found in reference.items()})
 
 
 @contextmanager

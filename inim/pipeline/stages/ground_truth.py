@@ -173,7 +173,7 @@ class GroundTruth:
         The scene itself, by viewpoint; finite.
     regions : dict of str to (rows, columns) bool
         The relic's in each view: the same for all methods, as it is known without them.
-    ceiling : dict of str to NoisyImage
+    reference_views : dict of str to NoisyImage
         Views of the ground-truth EIA.
     viewing : dict of str to Viewing or None
         Viewing conditions of each view; None if no metric depends on them.
@@ -187,7 +187,7 @@ class GroundTruth:
     clipped: float
     views: dict[str, NoisyImage]
     regions: dict[str, np.ndarray]
-    ceiling: dict[str, NoisyImage]
+    reference_views: dict[str, NoisyImage]
     viewing: dict[str, Viewing | None]
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -201,7 +201,7 @@ def collect_truth(
     capture: Capture,
     eia: NoisyImage,
     views: dict[str, tuple[NoisyImage, np.ndarray]],
-    ceiling: dict[str, NoisyImage],
+    reference_views: dict[str, NoisyImage],
     viewing: dict[str, Viewing],
     *,
     whole: bool,
@@ -235,7 +235,7 @@ def collect_truth(
         share_outside(images["truth/eia"]),
         finite_views,
         {name: relic_region(relic) for name, (_, relic) in views.items()},
-        ceiling,
+        reference_views,
         {name: how if is_viewed else None for name, how in viewing.items()},
         tuple(checks),
         tuple(warnings),

@@ -39,8 +39,8 @@ from inim.timing import YARDSTICK, Rounds, display_ready, prepare_method, time_m
 
 #: In place of algorithms, where only finished EIAs are to be scored.
 _NONE = "none"
-# The ceiling's views lie beside the methods'.
-_TAKEN = ("ceiling", _NONE)
+# The reference views lie beside the methods'.
+_TAKEN = ("reference", _NONE)
 # A method's name, with its options, also names files.
 _LABEL = re.compile(r"[\w+-][\w.+:=-]{0,99}")
 # More samples than this per pixel is a slip of the keyboard.

@@ -1,4 +1,4 @@
-"""The first screen: every score, what failed, and one viewpoint: truth, ceiling and best view."""
+"""The first screen: every score, what failed, and one viewpoint: truth, reference and best view."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from inim.report.images import Images, is_wide
 from inim.report.page import element, figure, lead, table, text
 from inim.report.sections import ReportSection
 from inim.report.wording import (
-    CEILING,
     PREVIEW_WORDS,
+    REFERENCE,
     TRUTH,
     check_finding,
     disagreements,
@@ -25,7 +25,7 @@ from inim.report.wording import (
 
 _FAILURES_ON_TOP = 3
 _NOTE = (
-    "Large: SSIM on the relic to the ceiling, what the algorithm keeps of what this display can "
+    "Large: SSIM on the relic to the reference, what the algorithm keeps of what this display can "
     "show; ± is noise. Small: the same to the scene, what the viewer gets; and both of the whole "
     "picture, most of which may be ground. "
 )
@@ -66,9 +66,9 @@ def _scores(data: ReportDocument) -> str:
         _algorithm_row(name, result, names, several and name == best)
         for name, result in data.algorithms.items()
     ]
-    ceiling, floor = data.ceiling, data.noise_floor
-    own = {name: ceiling.views[name] for name in names}
-    rows.append(_reference_row(CEILING, "to scene", own, ceiling.precision))
+    reference, floor = data.reference, data.noise_floor
+    own = {name: reference.views[name] for name in names}
+    rows.append(_reference_row(REFERENCE, "to scene", own, reference.precision))
     noise = {name: floor.views[name] for name in names}
     rows.append(_reference_row("Noise floor", "to itself", noise, {}, floor.eia))
     return table(f"{HEADLINE_WORDS}, per viewpoint", [text(h) for h in heads], rows, "scores")
@@ -83,7 +83,7 @@ def _algorithm_row(
         element("span", text(score(scores, HEADLINE)))
         + _noise(result.precision, view, HEADLINE)
         + element("small", text(f"{score(scores, HEADLINE_TO_SCENE)} scene"))
-        + element("small", text(f"{score(scores, MAIN.to_ceiling_key)} whole"))
+        + element("small", text(f"{score(scores, MAIN.to_reference_key)} whole"))
         + element("small", text(f"{score(scores, MAIN.key)} whole, scene"))
         for view, scores in zip(names, views, strict=True)
     ]
@@ -124,14 +124,14 @@ def _hero(data: ReportDocument, images: Images) -> str:
     view = "centre" if "centre" in names else names[0]
     truth = images.read("truth", f"{view}.png")
     shots = [_shot(images, truth, view, TRUTH, f"from {view}: the scene itself")]
-    own = score(data.ceiling.views[view], HEADLINE_TO_SCENE)
-    ceiling = f"{MAIN.label} {own} on the relic to the scene"
-    shown = images.read("views", "ceiling", f"{view}.png")
-    shots.append(_shot(images, shown, view, CEILING, ceiling))
+    own = score(data.reference.views[view], HEADLINE_TO_SCENE)
+    reference = f"{MAIN.label} {own} on the relic to the scene"
+    shown = images.read("views", "reference", f"{view}.png")
+    shots.append(_shot(images, shown, view, REFERENCE, reference))
     if best is not None:
         made = images.read("views", best, f"{view}.png")
         scores = data.algorithms[best].views.get(view, {})
-        words = f"{MAIN.label} {score(scores, HEADLINE)} on the relic to the ceiling"
+        words = f"{MAIN.label} {score(scores, HEADLINE)} on the relic to the reference"
         words += ", best on average" * (len(data.algorithms) > 1)
         shots.append(_shot(images, made, view, best, words))
     return element("div", *shots, class_="hero wide" if is_wide(truth) else "hero")

@@ -8,8 +8,8 @@ from inim.metrics import RELIC_MARGIN_PX, all_metrics
 from inim.report.page import bullets, element, how_to_reproduce, lead, mark, table, text, text_table
 from inim.report.sections import ReportSection
 from inim.report.wording import (
-    CEILING,
     NBSP,
+    REFERENCE,
     TRUE_EIA,
     TRUTH,
     check_interval,
@@ -24,9 +24,9 @@ from inim.report.wording import (
 _TOTAL, _RENDER = "total", "mitsuba_render"
 _EXACT = "Every score on this page is what it would be, had nothing been skipped."
 _NO_CRITERIA = (
-    "These checks are of the run: pictures there, finite and not black. As no criteria are set, "
-    "they say nothing of quality. inim.min_ssim_to_ceiling sets the least SSIM on the relic to the "
-    "ceiling, --baseline compares with an accepted run. What this run would just pass:"
+    "These checks cover the run only: all pictures exist, are finite and are not black. No quality "
+    "criteria are set. inim.min_ssim_to_reference sets the minimum SSIM on the relic to the "
+    "reference. --baseline compares with an accepted run. Criteria that this run would just pass:"
 )
 _SAMPLES = (
     "Samples ended when every SSIM had the precision that inim.score_error requires: with all "
@@ -44,14 +44,14 @@ _MEANINGS = (
         "The elemental images path traced through the centre of every lens.",
     ),
     (
-        CEILING,
+        REFERENCE,
         "The view of the true EIA through this display's lenses: what a perfect algorithm would "
-        "show on it. What lies between ceiling and scene is lost by the display, not by an "
+        "show on it. What lies between reference and scene is lost by the display, not by an "
         "algorithm. No algorithm is above it by more than noise, unless a warning says so.",
     ),
     (
-        "SSIM to ceiling",
-        "Likeness of a reconstructed view and the ceiling, from structure: 1 is "
+        "SSIM to reference",
+        "Likeness of a reconstructed view and the reference, from structure: 1 is "
         "identical. It isolates what the algorithm lost. On the relic it is the headline: the "
         "best algorithm is the one with the highest mean over the viewpoints.",
     ),
@@ -107,7 +107,7 @@ def _no_criteria(data: ReportDocument) -> str:
     wanted = suggested_criteria(data)
     if not wanted:
         return words
-    line = f"-D 'inim.min_ssim_to_ceiling={wanted}'"
+    line = f"-D 'inim.min_ssim_to_reference={wanted}'"
     return words + element("pre", element("code", text(line)), tabindex=0)
 
 

@@ -108,7 +108,7 @@ def _drift(found: Regression) -> str:
 
 
 def _words(label: str) -> str:
-    """A score's name with its metric's label and without its unit: "PSNR to ceiling"."""
+    """A score's name with its metric's label and without its unit: "PSNR to reference"."""
     for metric in all_metrics():
         if metric.unit:
             label = label.removesuffix(f"_{metric.unit.lower()}")

@@ -51,7 +51,7 @@ _Point = tuple[str, float, float]
 def time_against_error(data: ReportDocument, images: Images) -> str:
     """The section; empty where no algorithm has a time and a score."""
     times, unit = _times(data)
-    views: list[_Point] = []  # 1 − mean main score to the ceiling, if no viewpoint lacks it
+    views: list[_Point] = []  # 1 − mean main score to the reference, if no viewpoint lacks it
     eias: list[_Point] = []  # negative PSNR of the EIA to the true one
     for name, time in times.items():
         scores, psnr = data.headlines(name), data.algorithms[name].eia[PSNR.key]

@@ -35,8 +35,8 @@ from inim.report.page import (
 )
 from inim.report.sections import ReportSection
 from inim.report.wording import (
-    CEILING,
     NBSP,
+    REFERENCE,
     TRUTH,
     metric_scores,
     short,
@@ -44,9 +44,9 @@ from inim.report.wording import (
 
 _INTRO = (
     "Below each picture are its difference and its SSIM map. Differences are absolute differences "
-    f"of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: black is equal. The ceiling is "
+    f"of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: black is equal. The reference is "
     "compared with the ground truth, which shows what the display loses; an algorithm is compared "
-    "with the ceiling, which shows what the algorithm loses."
+    "with the reference, which shows what the algorithm loses."
 )
 _WIPE_ID = "wipe"
 WIPE = Widget(package_text("wipe.css"), package_text("wipe.js"), f'id="{_WIPE_ID}"')
@@ -74,7 +74,7 @@ def views(data: ReportDocument, images: Images) -> str:
         f" {metric.label}'s map shows what is lost where, from black for nothing to pale yellow "
         f"for {metric.heat_map_to:g} {metric.unit} or more."
         for metric in all_metrics()
-        if names and images.read("maps", metric.name, "ceiling", f"{names[0]}.png") is not None
+        if names and images.read("maps", metric.name, "reference", f"{names[0]}.png") is not None
     ]
     intro = lead(_INTRO + "".join(below)) + _scale(images)
     return _wipe(data, images) + intro + "".join(rows)
@@ -92,13 +92,13 @@ def _wipe(data: ReportDocument, images: Images) -> str:
     truth = images.read("truth", f"{viewpoints[0]}.png")
     if truth is None:
         return ""
-    names = [TRUTH, CEILING, *data.algorithms]
+    names = [TRUTH, REFERENCE, *data.algorithms]
     start = "centre" if "centre" in viewpoints else viewpoints[0]
     ways = [radio("compare-by", *way) for way in _WIPE_WAYS]
     choices = [
         _choice("From", "viewpoint", viewpoints, start),
         _choice("First", "first", names, names[0]),
-        _choice("Second", "second", names, best or CEILING),
+        _choice("Second", "second", names, best or REFERENCE),
         element("fieldset", element("legend", "Compare by"), element("div", *ways)),
     ]
     rows, columns = truth.shape[:2]
@@ -142,7 +142,7 @@ def _scale(images: Images) -> str:
 def _viewpoint(data: ReportDocument, images: Images, eye: EyePosition) -> str:
     view = eye.name
     truth = images.read("truth", f"{view}.png")
-    ceiling = images.read("views", "ceiling", f"{view}.png")
+    reference = images.read("views", "reference", f"{view}.png")
     place = ", ".join(short(v) for v in eye.position_mm)
     heading = element("h3", text(view), element("small", text(f"eye at ({place}) mm")))
 
@@ -151,7 +151,7 @@ def _viewpoint(data: ReportDocument, images: Images, eye: EyePosition) -> str:
 
     def compared(name: str, pixels: np.ndarray | None, to: str, reference: Any) -> list[str]:
         """A view, its difference to a reference, and maps of the two: SSIM's, and heat maps."""
-        folder = "ceiling" if name == CEILING else name
+        folder = "reference" if name == REFERENCE else name
         pair = f"of {name} and {to} from {view}"
         return [
             shown(name, pixels),
@@ -164,8 +164,8 @@ def _viewpoint(data: ReportDocument, images: Images, eye: EyePosition) -> str:
             ),
         ]
 
-    floor, own = data.noise_floor.views[view], data.ceiling.views[view]
-    against_truth = compared(CEILING, ceiling, "ground truth", truth)
+    floor, own = data.noise_floor.views[view], data.reference.views[view]
+    against_truth = compared(REFERENCE, reference, "ground truth", truth)
     figures = [
         captioned(
             TRUTH,
@@ -174,7 +174,7 @@ def _viewpoint(data: ReportDocument, images: Images, eye: EyePosition) -> str:
             [("On the relic to itself", metric_scores(floor, "relic"))],
         ),
         captioned(
-            CEILING,
+            REFERENCE,
             "compared with ground truth",
             against_truth,
             [
@@ -186,13 +186,13 @@ def _viewpoint(data: ReportDocument, images: Images, eye: EyePosition) -> str:
     for name, result in data.algorithms.items():
         scores = result.views.get(view, {})
         facts = [
-            ("On the relic to ceiling", metric_scores(scores, "relic to ceiling")),
+            ("On the relic to reference", metric_scores(scores, "relic to reference")),
             ("On the relic to scene", metric_scores(scores, "relic")),
-            ("Whole to ceiling", metric_scores(scores, "ceiling")),
+            ("Whole to reference", metric_scores(scores, "reference")),
             ("Whole to scene", metric_scores(scores)),
         ]
-        made = compared(name, images.read("views", name, f"{view}.png"), "ceiling", ceiling)
-        figures.append(captioned(name, "compared with ceiling", made, facts))
+        made = compared(name, images.read("views", name, f"{view}.png"), "reference", reference)
+        figures.append(captioned(name, "compared with reference", made, facts))
     kind = "views wide" if is_wide(truth) else "views"
     row = element("div", *figures, class_=kind, style=f"--count:{len(figures)}")
     return folded(heading, row)

@@ -21,7 +21,7 @@ from inim.report.virtual_display import (
     live_display,
     live_lens_models,
 )
-from inim.report.wording import CEILING
+from inim.report.wording import REFERENCE
 
 #: Room for a report's panels; the rest of the page has as much again.
 REPORT_PANEL_BYTES = 6_000_000
@@ -42,7 +42,7 @@ def report_display(
     """The section of a report."""
     best = data.best_algorithm
     names = sorted(data.algorithms, key=lambda name: name != best)
-    shown = [Shown(CEILING, ("truth", "eia.png"), "ceiling"), *map(of_algorithm, names)]
+    shown = [Shown(REFERENCE, ("truth", "eia.png"), "reference"), *map(of_algorithm, names)]
     return shown_display(data, images, shown, most_bytes=most_bytes)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 EVERYTHING, SCORES, VIEWS = "everything", "scores", "views"
 # Of the run itself, not of its result.
 _OF_THE_RUN = frozenset({"created", "command", "skipped", "timings", "seconds"})
-_OF_SCORES = ("noise_floor", "ceiling", "algorithms")
+_OF_SCORES = ("noise_floor", "reference", "algorithms")
 _SAMPLES = re.compile(r"([\d.]+(?:e[+-]?\d+)?)( million)? samples")
 
 Path = tuple[str, ...]

@@ -32,7 +32,7 @@ METHODS = ("template", "layered:samples=1", "template:samples=4", "layered:sampl
 # From a method of the bench of a scene.
 _KEPT = (
     "name", "prepare_s", "cold_s", "median_ms", "min_ms", "spread", "runs", "slow", "mpx_per_s",
-    "ratio", "ratio_min", "hole_fraction", "eia_ssim", "eia_psnr_db", "view_ssim_to_ceiling",
+    "ratio", "ratio_min", "hole_fraction", "eia_ssim", "eia_psnr_db", "view_ssim_to_reference",
     "averaged_share",
 )  # fmt: skip
 
@@ -102,7 +102,7 @@ def _decibels(value: float | None) -> str:
 def _tables(scenes: Sequence[Mapping[str, Any]]) -> list[Table]:
     heads = [
         "scene", "algorithm", *TIME_HEADS, "times template", "by fastest", "EIA SSIM",
-        "EIA PSNR dB", "to noise floor dB", "view SSIM to ceiling", "rays differ",
+        "EIA PSNR dB", "to noise floor dB", "view SSIM to reference", "rays differ",
     ]  # fmt: skip
     rows = [
         [
@@ -114,7 +114,7 @@ def _tables(scenes: Sequence[Mapping[str, Any]]) -> list[Table]:
             number(c["eia_ssim"], 4),
             _decibels(c["eia_psnr_db"]),
             f"{c['to_floor_db']:+.2f}",
-            number(c["view_ssim_to_ceiling"], 4),
+            number(c["view_ssim_to_reference"], 4),
             per_cent(c["averaged_share"], 1),
         ]
         for found in scenes

@@ -198,7 +198,7 @@ def _same_input(
     methods, times = _timed(methods, rgbd, display, sizes.pixels_per_pitch, rounds)
     eye = parse_viewpoints("centre", display)
     reference = make_reference(rgbd, two_spheres_eia(display), display, views_of(display, eye))
-    pixels_per_lens = len(reference.ceiling[0]) // display.lens_rows
+    pixels_per_lens = len(reference.reference_views[0]) // display.lens_rows
     truth = two_spheres_view(display, eye[0], pixels_per_lens)
     found = []
     for method in methods:
@@ -218,6 +218,6 @@ def _same_input(
         "display_pixels": display.eia_shape[0] * display.eia_shape[1],
         "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
         "yardstick": times[YARDSTICK].as_data(),
-        "ceiling_ssim": metrics.ssim(truth, reference.ceiling[0]),
+        "reference_ssim": metrics.ssim(truth, reference.reference_views[0]),
         "algorithms": found,
     }

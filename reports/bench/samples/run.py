@@ -34,9 +34,9 @@ _SEEDS = (1,)
 # Scores of a view, by who is scored.
 SCORES = {
     ALGORITHM: (
-        "ssim_on_relic_to_ceiling", "ssim_on_relic", "flip_on_relic_to_ceiling", "flip_on_relic"
+        "ssim_on_relic_to_reference", "ssim_on_relic", "flip_on_relic_to_reference", "flip_on_relic"
     ),
-    "ceiling": ("ssim_on_relic", "flip_on_relic"),
+    "reference": ("ssim_on_relic", "flip_on_relic"),
 }  # fmt: skip
 
 
@@ -111,7 +111,7 @@ def _scores(report: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     """Of the centre view, by ``NAME SCORE``."""
     found = {}
     for name, keys in SCORES.items():
-        run = report["ceiling"] if name == "ceiling" else report["algorithms"][name]
+        run = report["reference"] if name == "reference" else report["algorithms"][name]
         for key in keys:
             sure = run["precision"]["centre"][key]
             low, high = sure["interval"]
@@ -146,8 +146,8 @@ def parts_of(data: Mapping[str, Any]) -> list[Part]:
     lead = (
         "Whole validations from the centre, by the number of samples a pixel of the true EIA and "
         "of the true view. Errors are root mean squares over seeds and scores on the relic, of "
-        f"{ALGORITHM} to ceiling and scene and of the ceiling to the scene, from the values free "
-        "of noise of a validation with twice the most samples here."
+        f"{ALGORITHM} to reference and scene and of the reference to the scene, against the "
+        "noise-corrected values of a validation with twice the most samples here."
     )
     tables = [_table(name, group) for name, group in groups.items()]
     remark = (
