@@ -71,9 +71,11 @@ class Finished:
         how = (plan.viewpoints, plan.optics, self.renderer)
         views = seen(reconstruct_views("template", eia, *how, run=run))
         results = {"template": evaluate("template", made, views, truth, run=run)}
-        reference = reference_scores(truth, run=run)
-        found = dataclasses.replace(self.found, truth=truth, reference=reference, results=results)
-        return run_statistics(found, truth_statistics(truth, reference, run=run), times or {})
+        scores = reference_scores(truth, run=run)
+        found = dataclasses.replace(
+            self.found, truth=truth, reference_scores=scores, results=results
+        )
+        return run_statistics(found, truth_statistics(truth, scores, run=run), times or {})
 
     def _reference(self, generate: Callable[[RGBD], np.ndarray]) -> Reference:
         camera, display = self.found.capture.camera, self.found.plan.display

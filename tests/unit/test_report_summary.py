@@ -190,9 +190,9 @@ def test_a_report_prints_as_a_small_table():
     assert printed.splitlines() == [
         "Painted amphora: passed",
         "SSIM on the relic to the reference, in brackets to the scene",
-        "                   centre             left",
-        "template  0.9731 (0.7600)  0.9612 (0.7400)",
-        "reference          (0.8910)              (–)",
+        "                    centre             left",
+        "template   0.9731 (0.7600)  0.9612 (0.7400)",
+        "reference         (0.8910)              (–)",
     ]
     assert repr(Report(Path("out/amphora"), data)) == "Report('out/amphora': passed)"
 
