@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from inim.files.image import read_rgbd as read_rgbd
     from inim.generators import generate as generate
     from inim.image.rgbd import RGBD as RGBD
-    from inim.pipeline.validation import validate as validate
+    from inim.pipeline.launch import validate as validate
     from inim.render.reconstruct import reconstruct as reconstruct
     from inim.render.variant import register_plugins as register_plugins
     from inim.report import Report as Report
@@ -34,7 +34,7 @@ _HOME = {
     "read_rgbd": "inim.files.image",
     "reconstruct": "inim.render.reconstruct",
     "register_plugins": "inim.render.variant",
-    "validate": "inim.pipeline.validation",
+    "validate": "inim.pipeline.launch",
 }
 
 __all__ = [*_HOME, "__version__"]

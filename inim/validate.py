@@ -7,7 +7,7 @@ if __name__ == "__main__":
 
     run("validate")
 
-from inim.pipeline.validation import validate
+from inim.pipeline.launch import validate
 
 # `import inim.validate` binds what stands in sys.modules to `inim.validate`: keep the function.
 sys.modules[__name__] = validate  # type: ignore[assignment]

@@ -39,7 +39,7 @@ from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.metrics import Viewing
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import DepthCamera, capture_relic
-from inim.pipeline.stages.ground_truth import pick_up_truth
+from inim.pipeline.stages.ground_truth import render_ground_truth_eia
 from inim.pipeline.stages.reconstruct import reconstruct_views
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
@@ -387,11 +387,11 @@ def _render(plan: Plan, names: Sequence[str], renderer: Renderer) -> _Inputs:
     capture = capture_relic(camera, layers=reads_layers, run=run)
     if not capture.rgbd.covered.any():
         raise SceneError(f"{plan.request.scene}: the depth camera sees nothing to time with")
-    truth = pick_up_truth(scene, plan.display, s.eia_spp, s.seed, None, run=run)
+    truth = render_ground_truth_eia(scene, plan.display, s.eia_spp, s.seed, None, run=run)
 
     def views_of(eia: np.ndarray) -> list[np.ndarray]:
         """As a validation reconstructs them."""
-        optics = replace(plan.optics, mounted=plan.display)
+        optics = replace(plan.optics, display=plan.display)
         seen = reconstruct_views(
             "", NoisyImage.from_image(eia), plan.viewpoints, optics, renderer, run=run
         )

@@ -176,7 +176,7 @@ def _validated(
     args: argparse.Namespace, request_of: Callable[[argparse.Namespace], Request]
 ) -> bool:
     """Validate `args.scene` into `args.out`; whether every check passed."""
-    from inim.pipeline.validation import validate_in_worker
+    from inim.pipeline.launch import validate_in_worker
 
     return validate_in_worker(
         lambda: request_of(args),

@@ -1,19 +1,19 @@
-"""Adaptive sampling: as many samples as a run's scores need.
+"""Adaptive sampling: a run uses only as many samples as its scores need.
 
-Noise does two things to a score: it scatters, and it is biased, as noisy pictures are less alike.
-A run that says how well its scores are to be known (`inim.score_error`) goes by rounds. The
-first, of one viewpoint and with a sixteenth of the samples, estimates how many it takes; later
-ones, twice as many at least, end it once what they report *is* known so well. Each round renders
-afresh.
+Noise scatters a score and biases it, because noisy images are less similar. A run with a target
+error (`inim.score_error`) proceeds in rounds. The first round renders one viewpoint with a
+sixteenth of the samples and forecasts the number of samples. Each later round at least doubles the
+samples; the run ends when the uncertainty of every SSIM is within the target. Each round renders
+all images again.
 
-How well a score is known: the half width of its interval, and a bound of its bias. What as much
-noise again would add to a score (`inim.regression.scores`) is its bias while the score falls evenly
-with the noise's variance. But even parts of a picture soon lose all similarity, so SSIM answers
-less and less as noise grows, and that slope underrates the bias. If the bias is ``c V^p``, the
-slope finds ``p c V^p``, whatever the variance V; so by what the score changes from round to round,
-over what the slope changes by, is 1 / p.
+The uncertainty of a score is the half width of its interval plus a bound of its bias. The bias
+estimate of `inim.regression.scores` is the change of the score when the noise is added once more.
+It is correct while the score falls linearly with the noise's variance V. SSIM falls less and less
+as noise grows, since even parts of an image soon lose all similarity, so that estimate is too
+small. For a bias ``c V^p`` it is ``p c V^p`` at any V; therefore the change of the score between
+rounds, divided by the change of the estimate, is 1 / p.
 
-Scatter falls with the root of the number of samples, bias with the number.
+Scatter falls with the square root of the number of samples, bias with the number.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from inim.documents.report import AlgorithmResult
 from inim.metrics.headline import HEADLINE_TO_SCENE, MAIN
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import Capture
-from inim.pipeline.stages.evaluate import MethodResult, Scores
-from inim.pipeline.stages.generate import Reference
+from inim.pipeline.stages.generate import ReferenceOutput
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.scene import Renderer
+from inim.pipeline.stages.scoring import MethodResult, Scores
 from inim.pipeline.stages.stage import Run
 from inim.regression import ScoreEstimate, is_above, score_interval
 from inim.settings import Settings
@@ -40,69 +40,70 @@ from inim.settings import Settings
 if TYPE_CHECKING:
     from inim.pipeline.output.images import Images
 
-#: Of all samples, in the first round.
+#: Share of all samples that the first round uses.
 FIRST_SHARE = 1 / 16
 _COUNTS = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp")
-# For forecasts: 1 / p was 1.1 to 1.6 where it was measured, and a round in vain costs the most.
+# 1 / p for forecasts: measured values are 1.1 to 1.6; a round that is too short costs the most.
 _USUAL_BEND = 2.0
 
 
-def measure_until_known(
-    measure: Callable[[Plan, Renderer, Images, Run], Measured],
+def sample_until_precise(
+    evaluate: Callable[[Plan, Renderer, Images, Run], Evaluation],
     plan: Plan,
     renderer: Renderer,
     images: Images,
     run: Run,
-) -> Measured:
-    """Measure with as many samples as the scores need; with all of them where no error is given."""
-    wanted, error = plan.settings, plan.settings.score_error if renderer.skip else 0.0
+) -> Evaluation:
+    """Evaluate with as many samples as the target error needs; with all samples without one."""
+    settings, error = plan.settings, plan.settings.score_error if renderer.skip else 0.0
     observer = run.observer
     if not error:
         observer.begin(stage_names(plan))
-        return measure(plan, renderer, images, run)
+        return evaluate(plan, renderer, images, run)
 
-    def measure_with(share: float, eyes: int | None = None) -> Measured:
-        settings = with_share(wanted, share)
-        fewer = replace(plan, settings=settings, viewpoints=plan.viewpoints[:eyes])
-        # Nobody knows how many rounds it takes; the first is as good as always not the last.
-        observer.begin(stage_names(fewer) + (stage_names(plan) if eyes else []))
-        return measure(fewer, renderer, images, run.for_round())
+    def evaluate_share(share: float, eyes: int | None = None) -> Evaluation:
+        round_settings = scale_samples(settings, share)
+        round_plan = replace(plan, settings=round_settings, viewpoints=plan.viewpoints[:eyes])
+        # The number of rounds is not known in advance; the first is almost never the last.
+        observer.begin(stage_names(round_plan) + (stage_names(plan) if eyes else []))
+        return evaluate(round_plan, renderer, images, run.for_round())
 
     share = FIRST_SHARE
-    before = measure_with(share, eyes=1).similarities
+    previous = evaluate_share(share, eyes=1).ssim_scores
     while True:
-        share = next_share(share, before, error)
-        measured = measure_with(share)
-        scores = measured.similarities
-        known = known_within(scores, before)
-        if known <= error or measured.plan.settings == wanted:
-            return _with_words_on_samples(measured, wanted, known)
-        before = scores
+        share = next_share(share, previous, error)
+        evaluation = evaluate_share(share)
+        scores = evaluation.ssim_scores
+        uncertainty = largest_uncertainty(scores, previous)
+        if uncertainty <= error or evaluation.plan.settings == settings:
+            return _record_sampling(evaluation, settings, uncertainty)
+        previous = scores
 
 
-def _with_words_on_samples(measured: Measured, wanted: Settings, known: float) -> Measured:
-    """The measurement, and what the report says of its samples."""
-    taken, error = measured.plan.settings, wanted.score_error
-    warnings = list(measured.more_warnings)
-    if not known <= error:
-        how_well = f"known to within {known:.2g}" if known < math.inf else "hardly known"
+def _record_sampling(evaluation: Evaluation, full: Settings, uncertainty: float) -> Evaluation:
+    """Return the evaluation with its skipped samples, and a warning if it misses the target."""
+    settings, error = evaluation.plan.settings, full.score_error
+    warnings = list(evaluation.sampling_warnings)
+    if not uncertainty <= error:
+        value = f"{uncertainty:.2g}" if uncertainty < math.inf else "unknown"
         warnings.append(
-            f"with all samples, SSIM is {how_well}, {error:g} was asked for; raise inim.eia_spp "
-            "and inim.view_spp, or inim.score_error"
+            f"SSIM uncertainty with all samples is {value}, above the target of {error:g}; raise "
+            "inim.eia_spp and inim.view_spp, or inim.score_error"
         )
-    done = f"{taken.eia_spp} a pixel of the EIA, {taken.view_spp} of a view"
-    rest = (wanted.eia_spp - taken.eia_spp, wanted.view_spp - taken.view_spp)
-    skipped = measured.run.skipped
-    if any(rest):
-        why = f"every SSIM is known to within {known:.2g}; {error:g} was asked for"
-        skipped.add("samples", done, f"{rest[0]} and {rest[1]} more", why)
+    used = f"{settings.eia_spp} per EIA pixel, {settings.view_spp} per view pixel"
+    unused = (full.eia_spp - settings.eia_spp, full.view_spp - settings.view_spp)
+    skipped = evaluation.run.skipped
+    if any(unused):
+        reason = f"the uncertainty of every SSIM is at most {uncertainty:.2g}; target {error:g}"
+        skipped.add("samples", used, f"{unused[0]} and {unused[1]} more", reason)
     else:
-        skipped.add("samples", done, "none", f"fewer do not tell SSIM to within {error:g}")
-    return replace(measured, more_warnings=tuple(warnings))
+        reason = f"SSIM needs all samples for an uncertainty of {error:g}"
+        skipped.add("samples", used, "none", reason)
+    return replace(evaluation, sampling_warnings=tuple(warnings))
 
 
 def stage_names(plan: Plan) -> list[str]:
-    """Stages of one round of samples and of its report, in their order."""
+    """Stages of one round and of its report, in execution order."""
     methods = [f"{method.verb} {method.name}" for method in plan.methods]
     eyes = len(plan.viewpoints)
     views = ["reconstruct views"] * eyes
@@ -114,75 +115,78 @@ def stage_names(plan: Plan) -> list[str]:
     return [*names, "score", *(["time"] if plan.request.time else []), "score", "write report"]
 
 
-def with_share(settings: Settings, share: float) -> Settings:
-    """Settings with a share of the samples: of each kind an even number, as there are two halves.
+def scale_samples(settings: Settings, share: float) -> Settings:
+    """Return settings with a share of the samples, each count even for the two halves.
 
     Parameters
     ----------
     settings : Settings
     share : float
-        1: just as they are.
+        1 keeps the settings unchanged.
     """
     counts = {name: getattr(settings, name) for name in _COUNTS}
-    fewer = {n: min(c, 2 * max(1, math.ceil(share * c / 2))) for n, c in counts.items()}
-    return replace(settings, **fewer)
+    scaled = {n: min(c, 2 * max(1, math.ceil(share * c / 2))) for n, c in counts.items()}
+    return replace(settings, **scaled)
 
 
-def known_within(scores: Mapping[str, ScoreEstimate], before: Mapping[str, ScoreEstimate]) -> float:
-    """How well the least known of a round's scores is known; see the module.
+def largest_uncertainty(
+    scores: Mapping[str, ScoreEstimate], previous: Mapping[str, ScoreEstimate]
+) -> float:
+    """Largest uncertainty of a round's scores; see the module.
 
     Parameters
     ----------
-    scores, before : mapping of str to ScoreEstimate
-        Of this round, and of the one before it, which may lack some.
+    scores, previous : mapping of str to ScoreEstimate
+        Scores of this round and of the one before it, which may lack some.
 
     Returns
     -------
     float
-        Infinite for a first round, and where something is not a number.
+        Infinite for a first round and if a value is not a number.
     """
     bends = {}
-    for name in scores.keys() & before.keys():
-        now, then = scores[name], before[name]
-        flatter = abs(then.bias) - abs(now.bias)
-        if flatter > 0:
-            bends[name] = abs(now.plain - then.plain) / flatter
+    for name in scores.keys() & previous.keys():
+        new, old = scores[name], previous[name]
+        bias_change = abs(old.bias) - abs(new.bias)
+        if bias_change > 0:
+            bends[name] = abs(new.plain - old.plain) / bias_change
     usual = max([1.0, *bends.values()]) if bends else _USUAL_BEND
-    found = []
+    uncertainties = []
     for name, score in scores.items():
         bias = abs(score.bias) * max(1.0, bends.get(name, usual))
-        if name in before and name not in bends:
-            # No noise to speak of, or so much that the score no longer answers to it.
-            bias = max(bias, abs(score.plain - before[name].plain))
-        found.append(bias + _half_width(score))
-    known = bool(before) and bool(found) and not any(map(math.isnan, found))
-    return max(found) if known else math.inf
+        if name in previous and name not in bends:
+            # Negligible noise, or so much that the score no longer depends on it.
+            bias = max(bias, abs(score.plain - previous[name].plain))
+        uncertainties.append(bias + _half_width(score))
+    if not previous or any(map(math.isnan, uncertainties)):
+        return math.inf
+    return max(uncertainties, default=math.inf)
 
 
 def next_share(share: float, scores: Mapping[str, ScoreEstimate], error: float) -> float:
-    """The share of the samples at which all scores should be known to within `error`.
+    """Share of the samples at which the uncertainty of all scores is forecast to be `error`.
 
     Parameters
     ----------
     share : float
-        Of the round that found the scores.
+        Share of the samples behind `scores`.
     scores : mapping of str to ScoreEstimate
     error : float
 
     Returns
     -------
     float
-        At least twice `share`, by doubling, which keeps the samples evenly spread; 1 at most.
+        `share` doubled at least once, which keeps the samples evenly spread; 1 at most.
     """
-    needed = max((_needed(share, score, error) for score in scores.values()), default=1.0)
+    needed = max((_needed_share(share, score, error) for score in scores.values()), default=1.0)
     share *= 2
     while share < min(needed, 1):
         share *= 2
     return min(share, 1.0)
 
 
-def _needed(share: float, score: ScoreEstimate, error: float) -> float:
-    """Where ``bias x^2 + half_width x = error``, x^2 being this share over that."""
+def _needed_share(share: float, score: ScoreEstimate, error: float) -> float:
+    """Solve ``bias x^2 + half_width x = error`` for ``share / x^2``."""
     bias, half = _USUAL_BEND * abs(score.bias), _half_width(score)
     root = half + math.sqrt(half**2 + 4 * bias * error)
     if math.isnan(root):
@@ -195,31 +199,30 @@ def _half_width(score: ScoreEstimate) -> float:
     return (high - low) / 2
 
 
-# Rays through edges of splats' shells; Mitsuba's `ellipsoids` does it to half of the pixels.
-_COUNTED_TWICE = 0.02
+# Rays through the edges of splat shells; Mitsuba's `ellipsoids` counts half of all pixels twice.
+_MAX_COUNTED_TWICE = 0.02
 
 
 @dataclass(frozen=True)
-class Measured:
-    """What a round of samples found.
+class Evaluation:
+    """Results of one round of samples.
 
     Attributes
     ----------
     plan : Plan
-        With the round's numbers of samples.
+        Includes the round's sample counts.
     backend : Backend
     run : Run
-        With what the round skipped.
+        Includes the round's skipped steps.
     scene : dict
-        What the report says of the scene: number of shapes, fit.
+        Scene record of the report: number of shapes, fit.
     capture : Capture
     truth : GroundTruth
     reference_scores : dict of str to dict of str to ScoreEstimate
-        By viewpoint, by name.
+        By viewpoint, then by score name.
     results : dict of str to MethodResult
         By method.
-    more_warnings : tuple of str
-        Of the number of samples.
+    sampling_warnings : tuple of str
     """
 
     plan: Plan
@@ -230,13 +233,13 @@ class Measured:
     truth: GroundTruth
     reference_scores: dict[str, Scores]
     results: dict[str, MethodResult]
-    more_warnings: tuple[str, ...] = ()
+    sampling_warnings: tuple[str, ...] = ()
 
     @property
-    def references(self) -> dict[str, Reference]:
-        """What generators make of the reference input, by method."""
-        results = self.results.items()
-        return {name: one.reference for name, one in results if one.reference is not None}
+    def reference_outputs(self) -> dict[str, ReferenceOutput]:
+        """Outputs of the generators for the reference input, by method."""
+        outputs = {name: result.reference_output for name, result in self.results.items()}
+        return {name: output for name, output in outputs.items() if output is not None}
 
     @property
     def algorithms(self) -> dict[str, AlgorithmResult]:
@@ -244,44 +247,49 @@ class Measured:
         return {name: result.scores for name, result in self.results.items()}
 
     @property
-    def similarities(self) -> dict[str, ScoreEstimate]:
-        """Every SSIM, by what it is of."""
-        views = {f"reference/{name}": found for name, found in self.reference_scores.items()}
+    def ssim_scores(self) -> dict[str, ScoreEstimate]:
+        """SSIM scores of all views, by view and score name."""
+        views = {f"reference/{name}": scores for name, scores in self.reference_scores.items()}
         for result in self.results.values():
             views |= result.statistics.scores
         return {
-            f"{view} {name}": one
+            f"{view} {name}": score
             for view, scores in views.items()
-            for name, one in scores.items()
+            for name, score in scores.items()
             if name.startswith("ssim")
         }
 
     @property
     def checks(self) -> list[Check]:
-        """Of capture, ground truth and methods, in this order."""
-        own = [row for result in self.results.values() for row in result.checks]
-        return [*self.capture.checks, *self.truth.checks, *own]
+        """Checks of the capture, the ground truth and the methods, in this order."""
+        method_checks = [check for result in self.results.values() for check in result.checks]
+        return [*self.capture.checks, *self.truth.checks, *method_checks]
 
     @property
     def warnings(self) -> list[str]:
-        """Of capture, ground truth, methods and sampling, in this order."""
-        own = [text for result in self.results.values() for text in result.warnings]
-        before = [*self.capture.warnings, *self.truth.warnings, *own]
-        above = self._above_the_reference()
-        return [*before, *self._counted_twice(), *above, *self.more_warnings]
-
-    def _counted_twice(self) -> list[str]:
-        """Where the renderer meets splats twice, which makes them too opaque."""
-        share = self.scene.get("splats", {}).get("counted_twice_fraction", 0)
-        if share <= _COUNTED_TWICE:
-            return []
+        """Warnings of capture, ground truth, methods and sampling, in this order."""
+        method_warnings = [text for result in self.results.values() for text in result.warnings]
         return [
-            f"splats: in {share:.1%} of the pixels the renderer counts a splat twice, as it "
-            "rounds; make the shape 'ellipsoidsmesh', and the scene some 100 units large"
+            *self.capture.warnings,
+            *self.truth.warnings,
+            *method_warnings,
+            *self._splat_warnings(),
+            *self._reference_warnings(),
+            *self.sampling_warnings,
         ]
 
-    def _above_the_reference(self) -> list[str]:
-        """Views that score above the reference view by more than noise explains."""
+    def _splat_warnings(self) -> list[str]:
+        """Warn if the renderer counts splats twice, which makes them too opaque."""
+        share = self.scene.get("splats", {}).get("counted_twice_fraction", 0)
+        if share <= _MAX_COUNTED_TWICE:
+            return []
+        return [
+            f"splats: the renderer counts a splat twice in {share:.1%} of the pixels, due to "
+            "rounding; use the shape 'ellipsoidsmesh', and scale the scene to about 100 units"
+        ]
+
+    def _reference_warnings(self) -> list[str]:
+        """Warn of views that score significantly above the reference view."""
         keys = (HEADLINE_TO_SCENE, MAIN.key)
         pairs = [
             (name, view, key, result.statistics.scores[f"{name}/{view}"][key], scores[key])
@@ -292,8 +300,8 @@ class Measured:
         ]
         return [
             f"{name}/{view}: {MAIN.label} to the scene{' on the relic' * (key != MAIN.key)}, "
-            f"{own.value:.4f}, is above the reference's, {best.value:.4f}, by more than noise: the "
-            "reference is no bound here"
-            for name, view, key, own, best in pairs
-            if is_above(own, best, len(pairs))
+            f"{score.value:.4f}, is significantly above the reference's, {reference.value:.4f}; "
+            "the reference is not a bound here"
+            for name, view, key, score, reference in pairs
+            if is_above(score, reference, len(pairs))
         ]

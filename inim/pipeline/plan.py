@@ -1,4 +1,4 @@
-"""What a validation will do, decided before anything heavy is loaded."""
+"""Plan of a validation, made before the renderer is loaded."""
 
 from __future__ import annotations
 
@@ -20,39 +20,37 @@ from inim.regression import BASELINE, RunStatistics, check_comparable, read_stat
 from inim.scene.file import SceneFile, choose_display, read_scene_file
 from inim.settings import PREFIX, Settings
 
-# Running out of memory is a native death, not an exception, so it is planned against: pictures have
-# to fit whole, and what they leave decides how many rays the renderer traces at once. Fewer rays a
-# pass cost time, not samples.
-# The renderer, its kernels and a scene. 0.3 GiB are filled for the relics of `scenes/`; a limit on
-# addresses (`ulimit -v`) counts what is reserved too, and other scenes have larger meshes.
+# An out-of-memory failure is a native crash, not an exception, so memory is planned: all images
+# must fit, and the rest limits the rays per pass. Fewer rays per pass cost time, not samples.
+# Renderer, kernels and scene. The relics of `scenes/` use 0.3 GiB; a limit on addresses
+# (`ulimit -v`) also counts reserved memory, and other scenes have larger meshes.
 _RENDERER_BYTES = 2 * 2**30
-# What a pass yields and its random numbers: 14 to 20 bytes a ray, measured with the amphora and
-# the goblet between passes of 2^16 and 2^22 rays (a path's own state stays in registers); thrice
-# that for longer results and other integrators.
+# Results and random numbers of a pass: 14 to 20 bytes per ray, measured with the amphora and the
+# goblet between passes of 2^16 and 2^22 rays (a path's state stays in registers); times three for
+# longer results and other integrators.
 _RAY_BYTES = 60
-# Larger passes gain nothing on two cores; below the smallest, starting them costs more than they
-# trace.
-_MOST_RAYS = 2**22
-_FEWEST_RAYS = 2**16
+# Larger passes gain no speed on two cores; smaller ones take longer to start than to trace.
+_MAX_RAYS = 2**22
+_MIN_RAYS = 2**16
 
-#: What a run takes beside its pictures where memory is short.
-LEAST_BYTES = _RENDERER_BYTES + _FEWEST_RAYS * _RAY_BYTES
-# Bytes per pixel at the fullest moment. EIA: two float32 halves of the ground truth and their mean,
-# a generator's EIA, its noise and its sources, the scorer's bands; half as much again as a whole
-# validation of an 8K panel takes above its start (`tests/regression/test_8k.py`).
+#: Least memory of a run in addition to its images.
+LEAST_BYTES = _RENDERER_BYTES + _MIN_RAYS * _RAY_BYTES
+# Bytes per pixel at peak. EIA: two float32 halves of the ground truth and their mean, a generator's
+# EIA, its noise and its sources, the scorer's bands; 1.5 times the measured growth of a validation
+# of an 8K panel (`tests/regression/test_8k.py`).
 _EIA_BYTES = 150
 # RGB-D: float64 rays and points of the depth pass, colour sums.
 _CAPTURE_BYTES = 240
-# All layers that there may be: hits on a ray, and for each layer a mean and two halves with copies.
+# Maximum number of layers: hits along a ray, and for each layer a mean and two halves with copies.
 _LAYERS_BYTES = 3200
-# A view: float64 sums, rays of the coverage pass, the scorer's copies; and what each view keeps.
+# View: float64 sums, rays of the coverage pass, the scorer's copies; and the stored view.
 _VIEW_BYTES = 400
-_KEPT_BYTES = 12
+_STORED_VIEW_BYTES = 12
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A request checked against its scene file: what can go wrong without native code has not.
+    """A request with its scene's settings, after all checks that need no native code.
 
     Attributes
     ----------
@@ -60,59 +58,57 @@ class Plan:
     file : SceneFile
     settings : Settings
     display : Display
-        As designed: what generators know.
-    mounted : Display
-        As its array really lies: what the viewer looks at, and the ground truth is made for.
+        Display as designed, which generators use.
+    misaligned_display : Display
+        Display with its misalignment, for ground truth and views.
     viewpoints : tuple of Viewpoint
     methods : tuple of Method
-        Whose EIAs are scored, in the report's order.
+        Methods to score, in the report's order.
     ssim_limits : dict of str to float
-        Least SSIM to the reference, by method.
-    pictures_bytes : int
-        What the run's pictures take at their fullest moment.
+        Smallest SSIM to the reference that passes, by method.
+    images_bytes : int
+        Memory of the run's images at peak.
     rays_in_flight : int
-        That the memory beside them allows the renderer at once.
+        Rays that the renderer may trace at once in the remaining memory.
     baseline : RunStatistics, optional
-        To compare with.
     """
 
     request: Request
     file: SceneFile
     settings: Settings
     display: Display
-    mounted: Display
+    misaligned_display: Display
     viewpoints: tuple[Viewpoint, ...]
     methods: tuple[Method, ...]
     ssim_limits: dict[str, float]
-    pictures_bytes: int
+    images_bytes: int
     rays_in_flight: int
     baseline: RunStatistics | None = None
 
     @property
     def definitions(self) -> dict[str, str]:
-        """Settings and scene parameters that the request overrides, as text for the record."""
+        """Settings and scene parameters that the request overrides, as text."""
         return self.request.recorded_definitions(self.settings, self.file.settings)
 
     @property
     def command(self) -> list[str]:
-        """The command line that repeats the run, after `python -m inim.validate`."""
+        """Arguments of `python -m inim.validate` that repeat the run."""
         return self.request.command(self.settings, self.file.settings)
 
     @property
     def optics(self) -> Optics:
-        """How views of EIAs are reconstructed."""
+        """Optics for reconstructed views."""
         s = self.settings
-        return Optics(
-            self.mounted, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed
-        )
+        display = self.misaligned_display
+        return Optics(display, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed)
 
     def viewing(self, eye: Viewpoint) -> Viewing:
-        """How its view is seen, for metrics of perception."""
+        """Viewing conditions of a viewpoint, for perceptual metrics."""
         return self.optics.viewing(eye, self.settings.luminance_cd_m2)
 
     @property
     def reads_layers(self) -> bool:
-        """Whether a method is given what lies behind the front surface, too."""
+        """True if a method reads the layers behind the front surface."""
         return any(method.reads_layers for method in self.methods)
 
 
@@ -122,18 +118,19 @@ def make_plan(request: Request) -> Plan:
     Raises
     ------
     InimError
-        Of the kind that fits: every error here costs no rendering time.
+        The request or the scene is invalid.
     """
     if request.preview and request.baseline is not None:
-        raise UsageError("--preview: has too few samples for --baseline; leave one of them out")
+        raise UsageError("--preview: has too few samples for --baseline; remove one of them")
     definitions = {**PREVIEW, **request.definitions} if request.preview else request.definitions
     file = read_scene_file(request.scene, definitions, request.allow_folders)
     source = str(request.scene)
     display, settings = choose_display(request.display, definitions, source, file)
     settings = replace(settings, **request.overrides())
-    real = mounted(display, settings.misalign if request.misalign is None else request.misalign)
-    check_lens_model(settings.lens_model, real)
-    all_metrics()  # of which another package's may not be loadable
+    misalignment = settings.misalign if request.misalign is None else request.misalign
+    misaligned_display = mounted(display, misalignment)
+    check_lens_model(settings.lens_model, misaligned_display)
+    all_metrics()  # raises if another package's metric cannot be loaded
     viewpoints = parse_viewpoints(
         request.viewpoints or settings.viewpoints,
         display,
@@ -144,10 +141,12 @@ def make_plan(request: Request) -> Plan:
     methods = parse_methods(algorithm_items(settings.algorithms), request.eias)
     limits = settings.ssim_limits(tuple(m.name for m in methods), source)
     _check_sizes(display, settings, source)
-    memory = _share_memory(display, settings, len(viewpoints), methods)
+    memory = _plan_memory(display, settings, len(viewpoints), methods)
     for method in methods:
         method.check()
-    plan = Plan(request, file, settings, display, real, viewpoints, methods, limits, *memory)
+    plan = Plan(
+        request, file, settings, display, misaligned_display, viewpoints, methods, limits, *memory
+    )
     if request.baseline is not None:
         plan = replace(plan, baseline=read_statistics(request.baseline, BASELINE))
         check_baseline(plan)
@@ -155,29 +154,29 @@ def make_plan(request: Request) -> Plan:
 
 
 def check_baseline(plan: Plan, variant: str | None = None) -> None:
-    """Raise `BaselineError` where the plan's baseline was made under other conditions."""
-    baseline, where = plan.baseline, plan.request.baseline
+    """Raise `BaselineError` if the plan's baseline was made under other conditions."""
+    baseline = plan.baseline
     if baseline is None:
         return
     # The variant is not known before a backend is chosen.
     conditions = conditions_of(plan, variant or baseline.conditions.variant)
-    check_comparable(baseline, conditions, str(where))
+    check_comparable(baseline, conditions, str(plan.request.baseline))
 
 
 def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
-    """Conditions that two runs must share to be compared.
+    """Conditions that two runs must share to be comparable.
 
     Parameters
     ----------
     plan : Plan
     variant : str, optional
-        Of the renderer.
+        Variant of the renderer.
     """
     s, request = plan.settings, plan.request
-    perceptual = any(metric.viewed for metric in all_metrics())
+    is_perceptual = any(metric.viewed for metric in all_metrics())
     return Conditions(
         scene_sha256=plan.file.sha256,
-        # `-D` of the scene's own; those of `inim` are compared by what they lead to.
+        # Only the scene's own parameters: `inim.*` settings are compared by their effects.
         scene_parameters=sorted(
             text for text in definition_words(request.definitions) if not text.startswith(PREFIX)
         ),
@@ -191,21 +190,21 @@ def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
         capture_pixels_per_pitch=s.capture_pixels_per_pitch,
         algorithms=sorted(method.name for method in plan.methods),
         panel_pixels="observed ones only" if request.lazy else None,
-        luminance_cd_m2=s.luminance_cd_m2 if perceptual else None,
+        luminance_cd_m2=s.luminance_cd_m2 if is_perceptual else None,
         variant=variant,
     )
 
 
 def _check_sizes(display: Display, settings: Settings, source: str) -> None:
-    """SSIM needs its window: pictures smaller than it cannot be scored."""
+    """Raise `SceneError` if an image is smaller than the window of SSIM."""
     per_lens = settings.view_pixels_per_lens
-    for what, shape, key in (
+    for name, shape, key in (
         ("the EIA", display.eia_shape, "lens_columns, inim.lens_rows or the panel"),
         ("a view", _view_shape(display, per_lens), "view_pixels_per_lens"),
     ):
         if min(shape) < SSIM_WINDOW:
             raise SceneError(
-                f"{source}: {what} has {shape[1]} x {shape[0]} pixels, fewer than SSIM's window of "
+                f"{source}: {name} has {shape[1]} x {shape[0]} pixels, fewer than SSIM's window of "
                 f"{SSIM_WINDOW}; raise inim.{key}"
             )
 
@@ -214,14 +213,14 @@ def _view_shape(display: Display, pixels_per_lens: int) -> tuple[int, int]:
     return display.lens_rows * pixels_per_lens, display.lens_columns * pixels_per_lens
 
 
-def _share_memory(
+def _plan_memory(
     display: Display, settings: Settings, views: int, methods: Sequence[Method]
 ) -> tuple[int, int]:
-    """Bytes of pictures and rays in flight beside them; refuses pictures that leave no room."""
+    """Bytes of all images and number of rays in flight; raises if the images are too large."""
     from inim.backend import memory_limit_bytes
 
     layers = _LAYERS_BYTES if any(m.reads_layers for m in methods) else 0
-    pictures = {
+    images = {
         "use a display with fewer pixels": (display.eia_shape, _EIA_BYTES),
         "lower inim.capture_pixels_per_pitch": (
             display.capture_shape(settings.capture_pixels_per_pitch),
@@ -229,36 +228,36 @@ def _share_memory(
         ),
         "lower inim.view_pixels_per_lens": (
             _view_shape(display, settings.view_pixels_per_lens),
-            _VIEW_BYTES + views * (3 + len(methods)) * _KEPT_BYTES,
+            _VIEW_BYTES + views * (3 + len(methods)) * _STORED_VIEW_BYTES,
         ),
     }
-    needs = {key: shape[0] * shape[1] * each for key, (shape, each) in pictures.items()}
-    needed, limit = sum(needs.values()), memory_limit_bytes()
-    rays = rays_in_flight(limit, needed)
+    needs = {fix: shape[0] * shape[1] * size for fix, (shape, size) in images.items()}
+    total, limit = sum(needs.values()), memory_limit_bytes()
+    rays = rays_in_flight(limit, total)
     if not rays:
-        way_out = max(needs, key=lambda name: needs[name])
-        rows, columns = pictures[way_out][0]
+        fix = max(needs, key=lambda name: needs[name])
+        rows, columns = images[fix][0]
         raise OutOfMemoryError(
-            f"pictures of {columns} x {rows} pixels bring the run to about "
-            f"{(LEAST_BYTES + needed) / 2**30:.1f} GiB of the {limit / 2**30:.1f} GiB there are; "
-            f"{way_out}"
+            f"images of {columns} x {rows} pixels raise the run's memory to about "
+            f"{(LEAST_BYTES + total) / 2**30:.1f} GiB, above the available "
+            f"{limit / 2**30:.1f} GiB; {fix}"
         )
-    return needed, rays
+    return total, rays
 
 
-def rays_in_flight(limit_bytes: int, pictures_bytes: int) -> int:
-    """Rays that may be traced at once: a power of two, or 0 where not even the fewest fit.
+def rays_in_flight(limit_bytes: int, images_bytes: int) -> int:
+    """Number of rays to trace at once: a power of two, or 0 if memory is too small.
 
     Parameters
     ----------
     limit_bytes : int
-        The memory there is (`inim.backend.memory_limit_bytes`); 0: not known, and not limited.
-    pictures_bytes : int
-        What the run's pictures take at their fullest moment.
+        Available memory (`inim.backend.memory_limit_bytes`); 0: unknown, taken as unlimited.
+    images_bytes : int
+        Memory of the run's images at peak.
     """
     if not limit_bytes:
-        return _MOST_RAYS
-    affordable = (limit_bytes - pictures_bytes - _RENDERER_BYTES) // _RAY_BYTES
-    if affordable < _FEWEST_RAYS:
+        return _MAX_RAYS
+    affordable = (limit_bytes - images_bytes - _RENDERER_BYTES) // _RAY_BYTES
+    if affordable < _MIN_RAYS:
         return 0
-    return int(min(_MOST_RAYS, 2 ** (affordable.bit_length() - 1)))
+    return int(min(_MAX_RAYS, 2 ** (affordable.bit_length() - 1)))

@@ -1,82 +1,100 @@
-"""The pipeline as its diagram: from a scene to a scored report.
+"""Diagram of the pipeline: from a scene to a scored report.
 
-    scene ──► RGB-D ──► each method's EIA ──► its views ──┐
-      │                                                   ├──► scores ──► report
-      ├────► true EIA ──► its views: the reference ─────────┤
-      └────► true views ──────────────────────────────────┘
+    scene ──► RGB-D ──► each method's EIA ──► its views ──────────┐
+      │                                                          ├──► scores ──► report
+      ├────► ground-truth EIA ──► its views: the reference views ─┤
+      └────► ground-truth views ─────────────────────────────────┘
 
-Each line below calls a stage, a plain function in a file of its own. `inim.pipeline.stages.stage`
-looks up its result in the cache, times it and records what was skipped.
+Each line below calls a stage: a plain function in its own file. `inim.pipeline.stages.stage` adds
+the result cache, the timing and the record of skipped steps.
 """
 
 from __future__ import annotations
 
-from inim.pipeline.adaptive_sampling import Measured, measure_until_known
-from inim.pipeline.output.baseline import judge, run_statistics
+from inim.pipeline.adaptive_sampling import Evaluation, sample_until_precise
+from inim.pipeline.output.baseline import collect_statistics, compare_with_baseline
 from inim.pipeline.output.images import Images
-from inim.pipeline.output.report_data import report_of
+from inim.pipeline.output.report_data import make_report
 from inim.pipeline.plan import Plan
-from inim.pipeline.stages.capture import DepthCamera, capture_relic, translucency
-from inim.pipeline.stages.evaluate import (
-    evaluate,
-    heat_maps,
-    noise_floor,
-    reference_scores,
-    truth_statistics,
+from inim.pipeline.stages.capture import DepthCamera, capture_relic, measure_translucency
+from inim.pipeline.stages.ground_truth import (
+    collect_ground_truth,
+    render_ground_truth_eia,
+    render_view,
 )
-from inim.pipeline.stages.ground_truth import collect_truth, pick_up_truth, render_view
-from inim.pipeline.stages.method import Task, generator_times, make_eia, prepare_methods
-from inim.pipeline.stages.reconstruct import observed_pixels, reconstruct_views
-from inim.pipeline.stages.scene import Renderer, Scene, scene_facts
+from inim.pipeline.stages.method import (
+    MethodSetup,
+    generate_eia,
+    generator_times,
+    prepare_methods,
+)
+from inim.pipeline.stages.reconstruct import find_observed_pixels, reconstruct_views
+from inim.pipeline.stages.scene import Renderer, Scene, describe_scene
+from inim.pipeline.stages.scoring import (
+    compute_heat_maps,
+    compute_noise_floor,
+    compute_truth_statistics,
+    score_method,
+    score_reference_views,
+)
 from inim.pipeline.stages.stage import Run
 from inim.report import Report
 
 
 def validate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Report:
-    """Measure with as many samples as the scores need, compare with the baseline, report."""
-    found = measure_until_known(measure, plan, renderer, images, run)
-    times = generator_times(plan.methods, found.capture, run=run) if plan.request.time else {}
-    floor = noise_floor(found.truth, run=run)
-    truth = truth_statistics(found.truth, found.reference_scores, run=run)
-    statistics = run_statistics(found, truth, times)
-    comparison = judge(found.plan, images.folder, statistics, found.references)
-    return report_of(found, floor, times, comparison, images.folder)
+    """Evaluate with enough samples for precise scores, compare with the baseline, and report."""
+    evaluation = sample_until_precise(evaluate, plan, renderer, images, run)
+    capture, truth = evaluation.capture, evaluation.truth
+    times = generator_times(plan.methods, capture, run=run) if plan.request.time else {}
+    noise_floor = compute_noise_floor(truth, run=run)
+    truth_statistics = compute_truth_statistics(truth, evaluation.reference_scores, run=run)
+    statistics = collect_statistics(evaluation, truth_statistics, times)
+    comparison = compare_with_baseline(
+        evaluation.plan, images.folder, statistics, evaluation.reference_outputs
+    )
+    return make_report(evaluation, noise_floor, times, comparison, images.folder)
 
 
-def measure(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Measured:
-    """One round of samples: render the truth, have every method make its EIA, score them."""
+def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evaluation:
+    """Render the ground truth, generate the EIA of every method and score them."""
     s, eyes, optics = plan.settings, plan.viewpoints, plan.optics
     scene = Scene(plan.file, plan.display, s.fit_share, renderer)
-    mask = observed_pixels(eyes, optics, renderer, run=run) if plan.request.lazy else None
+    mask = find_observed_pixels(eyes, optics, renderer, run=run) if plan.request.lazy else None
     camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
-    makers = prepare_methods(plan.methods, Task(camera, s.eia_spp, mask), run=run)
+    generators = prepare_methods(plan.methods, MethodSetup(camera, s.eia_spp, mask), run=run)
 
-    facts = scene_facts(scene, run=run)
-    if "splats" in facts:
-        facts = facts | {"splats": translucency(camera, run=run)}
+    scene_record = describe_scene(scene, run=run)
+    if "splats" in scene_record:
+        scene_record = scene_record | {"splats": measure_translucency(camera, run=run)}
     capture = capture_relic(camera, layers=plan.reads_layers, run=run)
-    eia = pick_up_truth(scene, plan.mounted, s.eia_spp, s.seed, mask, run=run)
+    truth_eia = render_ground_truth_eia(
+        scene, plan.misaligned_display, s.eia_spp, s.seed, mask, run=run
+    )
     sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
-    views = {eye.name: render_view(scene, eye, *sampling, run=run) for eye in eyes}
-    reference_views = reconstruct_views("reference", eia, eyes, optics, renderer, run=run)
+    truth_views = {eye.name: render_view(scene, eye, *sampling, run=run) for eye in eyes}
+    reference_views = reconstruct_views("reference", truth_eia, eyes, optics, renderer, run=run)
     viewing = {eye.name: plan.viewing(eye) for eye in eyes}
-    truth = collect_truth(capture, eia, views, reference_views, viewing, whole=mask is None)
+    truth = collect_ground_truth(
+        capture, truth_eia, truth_views, reference_views, viewing, is_whole=mask is None
+    )
     images.save_capture(capture, plan.display)
     images.save_truth(truth)
-    images.save_heat_maps(
-        "reference", heat_maps(truth, truth.views, truth.reference_views, run=run)
-    )
+    reference_maps = compute_heat_maps(truth, truth.views, truth.reference_views, run=run)
+    images.save_heat_maps("reference", reference_maps)
 
     results = {}
-    for method, maker in zip(plan.methods, makers, strict=True):
-        made = make_eia(method, maker, capture, run=run)
-        images.save(f"eia/{method.name}", made.eia.image)
-        seen = reconstruct_views(method.name, made.eia, eyes, optics, renderer, run=run)
-        images.save_views(method.name, seen)
-        images.save_heat_maps(method.name, heat_maps(truth, truth.reference_views, seen, run=run))
+    for method, generator in zip(plan.methods, generators, strict=True):
+        output = generate_eia(method, generator, capture, run=run)
+        images.save(f"eia/{method.name}", output.eia.image)
+        views = reconstruct_views(method.name, output.eia, eyes, optics, renderer, run=run)
+        images.save_views(method.name, views)
+        heat_maps = compute_heat_maps(truth, truth.reference_views, views, run=run)
+        images.save_heat_maps(method.name, heat_maps)
         limit = plan.ssim_limits.get(method.name)
-        results[method.name] = evaluate(method.name, made, seen, truth, limit, run=run)
+        results[method.name] = score_method(method.name, output, views, truth, limit, run=run)
 
-    best = reference_scores(truth, run=run)
+    reference_scores = score_reference_views(truth, run=run)
     images.finish()
-    return Measured(plan, renderer.backend, run, facts, capture, truth, best, results)
+    return Evaluation(
+        plan, renderer.backend, run, scene_record, capture, truth, reference_scores, results
+    )

@@ -143,7 +143,7 @@ def make_task(
         tuple(algorithms),
         keep_report,
         threads,
-        LEAST_BYTES + unit.plan.pictures_bytes,
+        LEAST_BYTES + unit.plan.images_bytes,
     )
 
 

@@ -150,7 +150,7 @@ def key_of(plan: Plan) -> dict[str, Any]:
         "parameters": plan.file.parameters,
         "settings": settings,
         "display": _nameless(plan.display.given()),
-        "mounted": _nameless(plan.mounted.given()),
+        "mounted": _nameless(plan.misaligned_display.given()),
         "viewpoints": [asdict(viewpoint) for viewpoint in plan.viewpoints],
         "backend": plan.request.backend,
         "time": plan.request.time,

@@ -179,7 +179,7 @@ def _panes(
     design = report.display
     sources: list[tuple[str, str, np.ndarray | TracedScene]] = [
         (name, "film", eia)
-        for name, eia in zip(request.show, _panels(request, report, optics.mounted), strict=True)
+        for name, eia in zip(request.show, _panels(request, report, optics.display), strict=True)
     ]
     if request.scene is not None:
         sources.insert(0, (_SCENE, _SCENE, request.scene))

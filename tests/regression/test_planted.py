@@ -19,18 +19,22 @@ import pytest
 from inim.generators import prepare
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
-from inim.pipeline.adaptive_sampling import Measured
-from inim.pipeline.output.baseline import run_statistics
+from inim.pipeline.adaptive_sampling import Evaluation
+from inim.pipeline.output.baseline import collect_statistics
 from inim.pipeline.output.images import Images
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.pipeline.stages.evaluate import evaluate, reference_scores, truth_statistics
-from inim.pipeline.stages.generate import GeneratedEIA, Reference
+from inim.pipeline.stages.generate import GeneratedEIA, ReferenceOutput
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.reconstruct import reconstruct_views
 from inim.pipeline.stages.scene import Renderer
+from inim.pipeline.stages.scoring import (
+    compute_truth_statistics,
+    score_method,
+    score_reference_views,
+)
 from inim.pipeline.stages.stage import Run
-from inim.pipeline.validate import measure
+from inim.pipeline.validate import evaluate
 from inim.process.observer import Observer
 from inim.regression import RunStatistics, Verdict, compare, fingerprint, reference_input
 
@@ -51,7 +55,7 @@ SMALL = {
 class Finished:
     """A finished run: what can be planted into it, and what it leaves."""
 
-    found: Measured
+    found: Evaluation
     renderer: Renderer
     generate: Callable[[RGBD], np.ndarray]
 
@@ -70,18 +74,20 @@ class Finished:
         made = GeneratedEIA(eia, None, None, self._reference(generate))
         how = (plan.viewpoints, plan.optics, self.renderer)
         views = seen(reconstruct_views("template", eia, *how, run=run))
-        results = {"template": evaluate("template", made, views, truth, run=run)}
-        scores = reference_scores(truth, run=run)
+        results = {"template": score_method("template", made, views, truth, run=run)}
+        scores = score_reference_views(truth, run=run)
         found = dataclasses.replace(
             self.found, truth=truth, reference_scores=scores, results=results
         )
-        return run_statistics(found, truth_statistics(truth, scores, run=run), times or {})
+        return collect_statistics(
+            found, compute_truth_statistics(truth, scores, run=run), times or {}
+        )
 
-    def _reference(self, generate: Callable[[RGBD], np.ndarray]) -> Reference:
+    def _reference(self, generate: Callable[[RGBD], np.ndarray]) -> ReferenceOutput:
         camera, display = self.found.capture.camera, self.found.plan.display
         rgbd = reference_input(display, camera.shape, camera.pixel_mm)
         eia = generate(rgbd)
-        return Reference(lambda: fingerprint(rgbd, eia, display, exact=True), lambda: eia)
+        return ReferenceOutput(lambda: fingerprint(rgbd, eia, display, exact=True), lambda: eia)
 
 
 def run_of(folder: Path, **settings: Any) -> Finished:
@@ -89,7 +95,7 @@ def run_of(folder: Path, **settings: Any) -> Finished:
     definitions = {f"inim.{key}": str(value) for key, value in (SMALL | settings).items()}
     plan = make_plan(Request(SCENE, folder, definitions=definitions))
     renderer = Renderer(plan.request.backend, Observer(), plan.rays_in_flight)
-    found = measure(plan, renderer, Images(folder, {}, Observer()), Run())
+    found = evaluate(plan, renderer, Images(folder, {}, Observer()), Run())
     camera = found.capture.camera
     made = prepare(plan.display, "template", shape=camera.shape, pixel_mm=camera.pixel_mm)
     return Finished(found, renderer, lambda picture: made.generate(picture))

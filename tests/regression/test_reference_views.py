@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from inim.pipeline.validation import validate
+from inim.pipeline.launch import validate
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from inim.pipeline.validation import validate
+from inim.pipeline.launch import validate
 
 pytestmark = pytest.mark.slow
 
@@ -17,7 +17,7 @@ MANY = {f"inim.{kind}_spp": 512 for kind in ("capture", "eia", "reconstruction")
 MANY["inim.view_spp"] = 2048
 
 
-def similarities(data: dict[str, Any]) -> dict[str, float]:
+def ssim_scores(data: dict[str, Any]) -> dict[str, float]:
     found = {
         f"reference/{view}": score["ssim"] for view, score in data["reference"]["views"].items()
     }
@@ -38,10 +38,10 @@ def test_scores_are_known_as_well_as_said(scene, tmp_path, monkeypatch):
         return validate(file, tmp_path / "out", definitions=SMALL | given).data
 
     many = {name.removeprefix("inim."): count for name, count in MANY.items()}
-    best = similarities(run(**many))
+    best = ssim_scores(run(**many))
     for asked in (0.2, 0.1, 0.05):
         data = run(score_error=asked)
-        found = similarities(data)
+        found = ssim_scores(data)
         assert found.keys() == best.keys()
         off = max(abs(found[name] - best[name]) for name in best)
         (row,) = [row for row in data["skipped"] if row["what"] == "samples"]

@@ -27,7 +27,7 @@ from msgspec import structs
 from inim import timing as turns
 from inim.cli import main
 from inim.errors import EXIT_BASELINE, EXIT_CHECK_FAILED, EXIT_PASSED
-from inim.pipeline import validation
+from inim.pipeline import launch
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from tests.conftest import sphere
@@ -408,7 +408,7 @@ def test_workflow_s_commands_plan_runs_that_its_baselines_can_be_compared_with(m
         return True
 
     monkeypatch.chdir(PROJECT)
-    monkeypatch.setattr(validation, "validate_in_worker", plan_only)
+    monkeypatch.setattr(launch, "validate_in_worker", plan_only)
     small = workflow()["jobs"]["regression"]["env"]["SMALL"]
     for step in steps():
         words = shlex.split(step.get("run", "").replace("$SMALL", small))

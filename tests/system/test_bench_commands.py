@@ -148,13 +148,13 @@ def test_samples_are_counted_once_for_each_view_of_a_row():
 
     cold = [
         row("ground-truth EIA", "1.5 million samples traced (not made before)", "40000 samples"),
-        row("true view: a, b", "100 samples traced (not made before)", "20 samples"),
+        row("ground-truth view: a, b", "100 samples traced (not made before)", "20 samples"),
         row("view of template: a", "reconstructed", "nothing"),
     ]
     assert samples_of(cold, cold) == (1_500_200, 1_540_240)
     again = [
-        row("ground-truth EIA", "read from the store", "all of it"),
-        row("true view: a, b", "read from the store", "all of it"),
-        row("true view: c", "90 samples traced (not made before)", "30 samples"),
+        row("ground-truth EIA", "read from the cache", "all of it"),
+        row("ground-truth view: a, b", "read from the cache", "all of it"),
+        row("ground-truth view: c", "90 samples traced (not made before)", "30 samples"),
     ]
     assert samples_of(again, cold) == (90, 1_540_360)

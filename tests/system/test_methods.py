@@ -32,7 +32,7 @@ from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.capture import DepthCamera
 from inim.pipeline.stages.generate import run_generator
-from inim.pipeline.stages.method import Task, parse_eias, parse_methods
+from inim.pipeline.stages.method import MethodSetup, parse_eias, parse_methods
 from inim.pipeline.stages.scene import Scene
 from inim.pipeline.stages.stage import Run as StageRun
 from inim.pipeline.work import setup
@@ -192,11 +192,11 @@ def request(scene: Path, *eias: str, algorithms: str = "none") -> Request:
     )
 
 
-def task_of(plan: Plan, folder: Path) -> Task:
+def task_of(plan: Plan, folder: Path) -> MethodSetup:
     """What methods of a plan are given."""
     _, renderer, _ = setup(plan, folder, Observer())
     scene = Scene(plan.file, plan.display, plan.settings.fit_share, renderer)
-    return Task(DepthCamera(scene, 5, 2, 0), 2)
+    return MethodSetup(DepthCamera(scene, 5, 2, 0), 2)
 
 
 @pytest.mark.parametrize(
@@ -307,7 +307,7 @@ def test_grey_of_16_bits_keeps_them(tmp_path):
         ("template", ("=a.png",), "write --eia NAME=FILE"),
         ("template", ("a/b=a.png",), "--eia name 'a/b': use 1 to 64"),
         ("template", ("..=a.png",), "--eia name '..'"),
-        ("template", ("reference=a.png",), "'reference' is taken"),
+        ("template", ("reference=a.png",), "'reference' is reserved"),
         ("wang2024", ("Template=a.png",), "'Template' is taken"),
         ("wang2024", ("pickup=a.png",), "'pickup' is taken"),
         ("template", ("mine=a.png", "Mine=b.png"), "EIA 'Mine' is given twice"),

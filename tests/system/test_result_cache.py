@@ -114,9 +114,9 @@ def test_sampling_ends_when_scores_are_known(bench):
     taken = report["settings"]["eia_spp"]
     assert taken in (2, 4, 8)
     assert [report["settings"][name] for name in SAMPLES] == [taken, taken, 2 * taken, taken]
-    assert row["done"] == f"{taken} a pixel of the EIA, {2 * taken} of a view"
+    assert row["done"] == f"{taken} per EIA pixel, {2 * taken} per view pixel"
     assert row["skipped"] == f"{16 - taken} and {32 - 2 * taken} more"
-    assert "0.9 was asked for" in row["why"]
+    assert "target 0.9" in row["why"]
     whole = bench.report(**SAMPLES)
     for name, result in whole["algorithms"].items():
         for view, scores in result["views"].items():
@@ -129,7 +129,7 @@ def test_scores_that_stay_unknown_take_all_samples_and_are_warned_of(bench):
     report = bench.report(**SAMPLES, score_error="1e-6")
     assert report["settings"]["eia_spp"] == 16
     (warning,) = [w for w in report["warnings"] if "inim.score_error" in w]
-    assert "1e-06 was asked for" in warning
+    assert "the target of 1e-06" in warning
     whole = bench.report("--no-skip", **SAMPLES)
     assert report["algorithms"]["template"]["views"] == whole["algorithms"]["template"]["views"]
     every = bench.report("--no-skip", **SAMPLES, score_error="0.9")
@@ -153,7 +153,7 @@ def test_another_algorithm_renders_nothing(cached_bench):
 
 def test_another_viewpoint_renders_one_view(cached_bench):
     moved = cached_bench.report(**{"viewpoints": "centre,right"})
-    assert rendered(moved) == {"true view: right"}
+    assert rendered(moved) == {"ground-truth view: right"}
 
 
 def test_another_light_renders_all_and_says_why(cached_bench):

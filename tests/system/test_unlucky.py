@@ -261,7 +261,7 @@ def test_memory_limit_of_the_shell_counts(tmp_path):
         preexec_fn=limited,
     )  # fmt: skip
     assert ended.returncode == EXIT_BACKEND
-    assert_one_line(ended.stderr, ["GiB of the 2.0 GiB there are", "capture_pixels_per_pitch"])
+    assert_one_line(ended.stderr, ["available 2.0 GiB", "capture_pixels_per_pitch"])
     assert list(tmp_path.iterdir()) == [scene]
 
 

@@ -54,10 +54,13 @@ def test_a_file_replaces_all_that_a_scene_says_of_its_display_and_nothing_else(s
 def test_misalignment_is_of_the_display_that_it_was_said_of(scene, mine):
     own = '<default name="inim.misalign" value="rotation_deg=0.5"/>'
     scene.write_text(scene.read_text().replace('"3.0.0">', f'"3.0.0">{own}'))
-    assert make_plan(Request(scene, Path("unused"))).mounted.rotation_deg == 0.5
-    assert make_plan(Request(scene, Path("unused"), display=mine)).mounted.rotation_deg == 1.1
+    assert make_plan(Request(scene, Path("unused"))).misaligned_display.rotation_deg == 0.5
+    assert (
+        make_plan(Request(scene, Path("unused"), display=mine)).misaligned_display.rotation_deg
+        == 1.1
+    )
     again = Request(scene, Path("unused"), display=mine, misalign={"rotation_deg": 0.2})
-    assert make_plan(again).mounted.rotation_deg == pytest.approx(1.3)
+    assert make_plan(again).misaligned_display.rotation_deg == pytest.approx(1.3)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +116,7 @@ def test_tolerances_are_those_of_the_file_s_display(scene, mine, tmp_path):
     )
     units = plan_tolerance(request).units
     assert {unit.plan.display.pitch_mm for unit in units} == {0.9957}
-    assert len({unit.plan.mounted.rotation_deg for unit in units}) > 10
+    assert len({unit.plan.misaligned_display.rotation_deg for unit in units}) > 10
 
 
 def test_a_file_that_a_scene_names_is_not_looked_for(scene):

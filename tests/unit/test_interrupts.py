@@ -83,7 +83,7 @@ def test_ignored_signals_stay_ignored():
 
 def test_library_leaves_handlers_alone():
     code = """
-import inim, inim.pytest_plugin, inim.worker.supervisor, inim.pipeline.validation, inim.program
+import inim, inim.pytest_plugin, inim.worker.supervisor, inim.pipeline.launch, inim.program
 try:
     with delayed_interrupts(): interrupt(); say("published")
 except KeyboardInterrupt: say("raised")

@@ -39,10 +39,10 @@ def test_a_plan_is_refused_only_where_the_smallest_passes_do_not_fit(spare, tmp_
     request = Request(write_scene(tmp_path), tmp_path / "out", algorithms=("template",))
     plenty = make_plan(request)
     assert plenty.rays_in_flight == 2**22
-    least = LEAST_BYTES + plenty.pictures_bytes
+    least = LEAST_BYTES + plenty.images_bytes
     monkeypatch.setattr("inim.backend.memory_limit_bytes", lambda: least + spare)
     if spare < 0:
-        with pytest.raises(OutOfMemoryError, match=r"GiB of the \d.\d GiB there are; use a disp"):
+        with pytest.raises(OutOfMemoryError, match=r"available \d.\d GiB; use a disp"):
             make_plan(request)
     else:
         assert make_plan(request).rays_in_flight == (2**16 if spare == 0 else 2**20)

@@ -15,7 +15,7 @@ import inim
 from inim.cli import main
 from inim.display import DISPLAYS, Display, Viewpoint
 from inim.errors import DisplayError, InimError
-from inim.pipeline import validation
+from inim.pipeline import launch
 from inim.pipeline.plan import Plan, conditions_of, make_plan
 from tests.conftest import scene_text, sphere
 
@@ -49,7 +49,7 @@ def plans(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
         plans.append(make_plan(make_request()))
         raise NotRunError
 
-    monkeypatch.setattr(validation, "validate_in_worker", stop)
+    monkeypatch.setattr(launch, "validate_in_worker", stop)
     return plans
 
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from inim.pipeline.adaptive_sampling import known_within, next_share, with_share
+from inim.pipeline.adaptive_sampling import largest_uncertainty, next_share, scale_samples
 from inim.regression import ScoreEstimate
 from inim.settings import Settings
 
@@ -23,12 +23,12 @@ def score(share: float, power: float = 1.0, size: float = 0.005, error: float = 
 @pytest.mark.parametrize("power", [0.4, 0.7, 1.0])
 @pytest.mark.parametrize("before", [1 / 16, 1 / 4, 1 / 2])
 def test_bias_is_found_whatever_its_power(power, before):
-    known = known_within(score(1.0, power), score(before, power))
+    known = largest_uncertainty(score(1.0, power), score(before, power))
     assert known == pytest.approx(0.005 + 1.96e-5, rel=1e-3)
 
 
 def test_interval_counts_too():
-    known = known_within(score(1.0, error=0.01), score(0.5, error=0.01))
+    known = largest_uncertainty(score(1.0, error=0.01), score(0.5, error=0.01))
     assert known == pytest.approx(0.005 + 0.0196, rel=1e-2)
 
 
@@ -36,26 +36,26 @@ def test_slopes_that_do_not_fall_bind_by_the_change():
     """All similarity lost: the slope is small, and says nothing."""
     lost = {"a": estimate(0.1, 1e-6, 100, -0.001)}
     found = {"a": estimate(0.5, 1e-6, 100, -0.2)}
-    assert known_within(found, lost) >= 0.4
+    assert largest_uncertainty(found, lost) >= 0.4
 
 
 def test_scores_without_noise_are_known():
     sure = {"a": estimate(1.0, 0.0, 1.0, 0.0)}
-    assert known_within(sure, sure) == 0
+    assert largest_uncertainty(sure, sure) == 0
     assert next_share(1 / 16, sure, 0.01) == 1 / 8
 
 
 def test_what_cannot_be_said_is_not_known():
     nothing = {"a": estimate(math.nan, 0.1, 1.0, 0.0)}
-    assert known_within(score(1.0), {}) == math.inf
-    assert known_within({}, {}) == math.inf
-    assert known_within(nothing, nothing) == math.inf
+    assert largest_uncertainty(score(1.0), {}) == math.inf
+    assert largest_uncertainty({}, {}) == math.inf
+    assert largest_uncertainty(nothing, nothing) == math.inf
     assert next_share(1 / 16, {"a": estimate(0.5, math.nan, 1.0, 0.0)}, 0.01) == 1
 
 
 def test_the_least_known_score_counts_and_new_ones_bend_as_the_others():
     scores = score(1.0, 0.5) | {"b": estimate(0.5, 1e-6, 1e6, -0.02)}
-    assert known_within(scores, score(0.5, 0.5)) == pytest.approx(0.04, rel=1e-2)
+    assert largest_uncertainty(scores, score(0.5, 0.5)) == pytest.approx(0.04, rel=1e-2)
 
 
 @pytest.mark.parametrize(("error", "share"), [(0.2, 1 / 8), (0.1, 1 / 8), (0.03, 1 / 2), (1e-4, 1)])
@@ -65,6 +65,6 @@ def test_forecast_doubles_and_ends(error, share):
 
 def test_shares_of_samples_are_even_numbers_and_no_more_than_asked_for():
     settings = Settings(capture_spp=1, eia_spp=7, view_spp=256, reconstruction_spp=64)
-    few = with_share(settings, 1 / 16)
+    few = scale_samples(settings, 1 / 16)
     assert (few.capture_spp, few.eia_spp, few.view_spp, few.reconstruction_spp) == (1, 2, 16, 4)
-    assert with_share(settings, 1) == settings
+    assert scale_samples(settings, 1) == settings

@@ -38,7 +38,9 @@ def counted(**declared: Any) -> tuple[Any, list[int]]:
         return Picture("made", picture.pixels * factor, (factor, (None, "text"), {"a": 0.5}))
 
     function.__module__ = module.__name__
-    return stage("product of {factor}", code=CODE, makes=(Picture,), **declared)(function), calls
+    return stage("product of {factor}", code=CODE, result_types=(Picture,), **declared)(
+        function
+    ), calls
 
 
 def test_equal_arguments_find_the_result_and_a_label_does_not_matter(run):
@@ -60,11 +62,11 @@ def test_without_a_store_every_call_is_made(run):
 
 
 def test_what_follows_from_other_arguments_decides_nothing(run):
-    product, calls = counted(follows=("engine",))
+    product, calls = counted(derived=("engine",))
     picture = Picture("one", np.arange(3.0))
-    assert not product.is_known(picture, 2, run=run)
+    assert not product.is_cached(picture, 2, run=run)
     product(picture, 2, engine=object(), run=run)
-    assert product.is_known(picture, 2, run=run)
+    assert product.is_cached(picture, 2, run=run)
     product(picture, 2, engine=object(), run=run)
     assert calls == [2]
 
@@ -85,7 +87,7 @@ def test_the_report_says_what_was_made_found_and_why(run):
         product(Picture("one", np.arange(3.0)), factor, run=run)
     made, found = run.skipped.rows
     assert (made["what"], made["done"]) == ("product of 2", "made (not made before)")
-    assert (found["done"], found["skipped"]) == ("read from the store", "all of it")
+    assert (found["done"], found["skipped"]) == ("read from the cache", "all of it")
 
 
 def test_words_may_be_made_of_the_samples_traced(run):
@@ -97,7 +99,7 @@ def test_words_may_be_made_of_the_samples_traced(run):
 
     function.__module__ = module.__name__
     traced = stage(
-        "samples", code=CODE, timed="render", describe=lambda n, factor: (f"{n}", "-", f"{factor}")
+        "samples", code=CODE, timer="render", describe=lambda n, factor: (f"{n}", "-", f"{factor}")
     )(function)
     told = Run(run.cache, observer)
     assert traced(3, run=told) == 3

@@ -1,7 +1,8 @@
-"""Baselines: the verdict on a run against an accepted one, and accepting.
+"""Baselines: compare a run with an accepted one, and accept a run.
 
-A finished run's folder holds `regression/candidate.json` and `.npz`. `accept` copies them, with a
-reason and the date, to where baselines are kept; `judge` compares the run under way with one.
+A finished run's folder holds `regression/candidate.json` and `.npz`. `accept` copies them to the
+baseline folder, with a reason and the date. `compare_with_baseline` compares the current run with
+a baseline.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ from inim.documents.report import AlgorithmResult
 from inim.errors import BaselineError, UsageError
 from inim.files.image import write_png
 from inim.metrics import perception_packages
-from inim.pipeline.adaptive_sampling import Measured
+from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.plan import Plan, conditions_of
-from inim.pipeline.stages.evaluate import Statistics
-from inim.pipeline.stages.generate import Reference
+from inim.pipeline.stages.generate import ReferenceOutput
+from inim.pipeline.stages.scoring import Statistics
 from inim.process import machine
 from inim.regression import (
     BASELINE,
@@ -48,51 +49,51 @@ from inim.regression.comparison import changed_pixels, tile_pictures
 from inim.report import Report
 from inim.version import __version__
 
-#: Of a report: the candidate and, where it fails, images of the differences.
+#: Folder of a report for the candidate and, after a failure, images of the differences.
 FOLDER = "regression"
-#: Where baselines are kept, below where the command is typed.
+#: Default folder of baselines, relative to the current folder.
 BASELINES = Path("reports/baselines")
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """A run beside its baseline.
+class BaselineComparison:
+    """Comparison of a run with its baseline.
 
     Attributes
     ----------
     data : Regression, optional
         None without a baseline.
     checks : tuple of Check
-        Rows of the verdict.
     """
 
     data: Regression | None = None
     checks: tuple[Check, ...] = ()
 
 
-def judge(
-    plan: Plan, folder: Path, candidate: RunStatistics, references: Mapping[str, Reference]
-) -> Comparison:
-    """Compare a run with its baseline; images of what changed are written.
+def compare_with_baseline(
+    plan: Plan, folder: Path, candidate: RunStatistics, outputs: Mapping[str, ReferenceOutput]
+) -> BaselineComparison:
+    """Compare a run with its baseline, and write the candidate and images of the differences.
 
     Parameters
     ----------
     plan : Plan
     folder : Path
-        Of the report.
+        Folder of the report.
     candidate : RunStatistics
-        What the run leaves behind.
-    references : mapping of str to Reference
-        What the generators make of the reference input, by method.
+        Statistics of the run.
+    outputs : mapping of str to ReferenceOutput
+        Outputs of the generators for the reference input, by method.
     """
     write_statistics(folder / FOLDER, CANDIDATE, candidate)
-    baseline, where = plan.baseline, str(plan.request.baseline)
+    baseline, path = plan.baseline, str(plan.request.baseline)
     if baseline is None:
-        return Comparison()
-    for name, reference in references.items():
+        return BaselineComparison()
+    for name, output in outputs.items():
         old = baseline.fingerprints.get(name)
-        _keep_changed(folder, name, reference, candidate.fingerprints[name], old, plan.display)
-    verdicts = compare(baseline, candidate, where)
+        new = candidate.fingerprints[name]
+        _write_reference_difference(folder, name, output, old, new, plan.display)
+    verdicts = compare(baseline, candidate, path)
     failed = [v for v in verdicts if v.kind == "picture" and not v.passed]
     pictures = [
         name
@@ -100,30 +101,30 @@ def judge(
         if any(v.name.startswith(f"{name}: ") for v in failed)
         and write_difference(folder, name, baseline, candidate)
     ]
-    data = regression_data(where, baseline, candidate, pictures)
-    return Comparison(data, tuple(one.as_check() for one in verdicts))
+    data = regression_data(path, baseline, candidate, pictures)
+    return BaselineComparison(data, tuple(verdict.as_check() for verdict in verdicts))
 
 
-def _keep_changed(
+def _write_reference_difference(
     folder: Path,
     name: str,
-    reference: Reference,
-    new: Fingerprint,
+    output: ReferenceOutput,
     old: Fingerprint | None,
+    new: Fingerprint,
     display: Display,
 ) -> None:
-    """The changed EIA of the reference input, if it has changed, and where."""
+    """Write a generator's EIA of the reference input and its changed pixels, if any."""
     if old is None or old.eia_sha256 == new.eia_sha256 or old.sample.shape != new.sample.shape:
         return
-    place = folder / FOLDER / "fixed"
-    write_png(place / f"{name}-candidate.png", np.nan_to_num(reference.eia()))
-    write_png(place / f"{name}-difference.png", changed_pixels(old, new, display))
+    target = folder / FOLDER / "fixed"
+    write_png(target / f"{name}-candidate.png", np.nan_to_num(output.eia()))
+    write_png(target / f"{name}-difference.png", changed_pixels(old, new, display))
 
 
 def write_difference(
     folder: Path, name: str, baseline: RunStatistics, candidate: RunStatistics
 ) -> bool:
-    """The candidate's picture beside the baseline's tiles and what changed; whether it could be."""
+    """Write the baseline's tiles, the difference and the candidate; False if shapes differ."""
     old, new = baseline.pictures[name], candidate.pictures.get(name)
     if new is None or (new.shape, new.tile) != (old.shape, old.tile):
         return False
@@ -138,11 +139,11 @@ def write_difference(
 
 
 def regression_data(
-    where: str, baseline: RunStatistics, candidate: RunStatistics, pictures: list[str]
+    path: str, baseline: RunStatistics, candidate: RunStatistics, pictures: list[str]
 ) -> Regression:
-    """Results of a comparison, except its checks."""
+    """Results of a comparison, without its checks."""
     return Regression(
-        baseline=where,
+        baseline=path,
         reason=baseline.reason,
         accepted=baseline.accepted,
         circumstances=changed_circumstances(baseline, candidate),
@@ -152,7 +153,7 @@ def regression_data(
 
 
 def default_baseline(title: str) -> Path:
-    """Where the baseline of a scene is kept: a folder named after its title."""
+    """Default baseline folder of a scene, named after the scene's title."""
     return BASELINES / (re.sub(r"[^\w.+-]+", "-", title).strip("-.") or "scene")
 
 
@@ -162,70 +163,71 @@ def read_run(out: Path) -> tuple[Report, RunStatistics]:
     Raises
     ------
     FileError, BaselineError
-        One of the two is missing or damaged.
+        The report or its statistics are missing or damaged.
     """
     return Report.load(out), read_statistics(out / FOLDER, CANDIDATE)
 
 
 def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
-    """Make the run in `out` the baseline; its folder.
+    """Make a run the baseline and return the baseline's folder.
 
     Parameters
     ----------
     out : Path
-        A report.
+        Folder of the run's report.
     reason : str
-        Why, for whoever reads the history; it may not be empty.
+        Reason for the change, for later readers; must not be empty.
     folder : Path, optional
-        Where to; the baseline that the run was compared with, or `default_baseline`.
+        Folder of the baseline; default: the one that the run was compared with, else
+        `default_baseline`.
 
     Raises
     ------
     UsageError
-        No reason, a preview, or a run that failed on its own: no baseline excuses that.
+        The reason is empty, or the run is a preview or failed a check of its own.
     BaselineError, FileError
-        No report, or one without a candidate.
+        The report or its statistics are missing or damaged.
     """
     if not reason.strip():
-        raise UsageError("--reason is empty; say in a line why this is the new baseline")
+        raise UsageError("--reason is empty; give the reason for the new baseline in one line")
     report, candidate = read_run(out)
     if report.data.preview is not None:
         raise UsageError(
-            f"{out}: is a preview, of too few samples to compare with; make the full report: "
+            f"{out}: is a preview with too few samples for a baseline; make the full report: "
             f"{report.data.preview.full_command}"
         )
-    own = [c for c in report.data.verdict.checks if c.kind is None and not c.passed]
-    if own:
+    failed = [c for c in report.data.verdict.checks if c.kind is None and not c.passed]
+    if failed:
         raise UsageError(
-            f"{out}: failed {len(own)} checks of its own ({own[0].name}); mend that first"
+            f"{out}: failed {len(failed)} checks of its own ({failed[0].name}); fix these first"
         )
-    _check_whole(candidate, out)
+    _check_complete(candidate, out)
     if folder is None:
-        compared = report.data.regression
-        folder = Path(compared.baseline) if compared else default_baseline(report.data.title)
+        regression = report.data.regression
+        folder = Path(regression.baseline) if regression else default_baseline(report.data.title)
     today = datetime.now(timezone.utc).isoformat(timespec="seconds")
     write_statistics(folder, BASELINE, candidate.accept(reason.strip(), today))
     return folder
 
 
-def _check_whole(candidate: RunStatistics, out: Path) -> None:
-    """A baseline with a hole in it would let everything pass, or nothing."""
-    wrong = [
-        f"{what} {name}"
-        for what, scores in candidate.scores.items()
+def _check_complete(candidate: RunStatistics, out: Path) -> None:
+    """Raise `BaselineError` unless all scores and views of a candidate are valid."""
+    invalid = [
+        f"{view} {name}"
+        for view, scores in candidate.scores.items()
         for name, score in scores.items()
         if math.isnan(score.value)
     ]
-    wrong += [n for n, found in candidate.pictures.items() if not np.isfinite(found.mean).all()]
+    invalid += [n for n, tiles in candidate.pictures.items() if not np.isfinite(tiles.mean).all()]
     views = candidate.conditions.viewpoints
     missing = [v for v in views if f"truth/{v}" not in candidate.pictures]
-    if wrong or missing or not views:
-        what = f"{wrong[0]} is not a number" if wrong else f"no view {', '.join(missing)}".strip()
-        raise BaselineError(f"{out}: cannot be a baseline: {what}; make the report anew")
+    if invalid or missing or not views:
+        problem = f"{invalid[0]} is not a number" if invalid else f"no view {', '.join(missing)}"
+        raise BaselineError(f"{out}: cannot be a baseline: {problem.strip()}; make a new report")
 
 
 def verdict_lines(verdicts: list[Verdict]) -> list[str]:
-    """The verdicts as text, failed ones first."""
+    """Format the verdicts as lines of text, failed ones first."""
     return [v.line() for v in sorted(verdicts, key=lambda v: v.passed)]
 
 
@@ -233,34 +235,34 @@ _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
 _SAMPLING = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp", "seed")
 
 
-def run_statistics(
-    found: Measured, truth: Statistics, times: Mapping[str, tuple[float, ...]]
+def collect_statistics(
+    evaluation: Evaluation, truth: Statistics, times: Mapping[str, tuple[float, ...]]
 ) -> RunStatistics:
-    """All that a run leaves behind.
+    """Collect all statistics of a run.
 
     Parameters
     ----------
-    found : Measured
+    evaluation : Evaluation
     truth : Statistics
-        Of the ground truth.
+        Statistics of the ground truth.
     times : mapping of str to tuple of float
         See `inim.regression.log_ratios`.
     """
     pictures: dict[str, TileStatistics] = {}
     scores: dict[str, dict[str, ScoreEstimate]] = {}
-    prints: dict[str, Fingerprint] = {}
-    for one in (truth, *(result.statistics for result in found.results.values())):
-        pictures |= one.pictures
-        scores |= one.scores
-        prints |= one.fingerprints
+    fingerprints: dict[str, Fingerprint] = {}
+    for part in (truth, *(result.statistics for result in evaluation.results.values())):
+        pictures |= part.pictures
+        scores |= part.scores
+        fingerprints |= part.fingerprints
     return RunStatistics(
-        conditions_of(found.plan, found.backend.variant),
-        _circumstances(found.plan, found.backend),
+        conditions_of(evaluation.plan, evaluation.backend.variant),
+        _circumstances(evaluation.plan, evaluation.backend),
         pictures,
         scores,
-        prints,
+        fingerprints,
         dict(times),
-        _reported(found.algorithms),
+        _reported_scores(evaluation.algorithms),
     )
 
 
@@ -279,8 +281,10 @@ def _circumstances(plan: Plan, backend: Backend) -> Circumstances:
     )
 
 
-def _reported(algorithms: Mapping[str, AlgorithmResult]) -> dict[str, dict[str, float | None]]:
-    """Every score of a report, by method and by method and viewpoint."""
+def _reported_scores(
+    algorithms: Mapping[str, AlgorithmResult],
+) -> dict[str, dict[str, float | None]]:
+    """Scores of a report, by ``METHOD`` for EIAs and by ``METHOD/VIEWPOINT`` for views."""
     rows: dict[str, dict[str, float | None]] = {}
     for name, result in algorithms.items():
         rows[name] = {f"eia {key}": _finite(value) for key, value in result.eia.items()}

@@ -29,10 +29,10 @@ from inim.documents.report import (
 from inim.image.rgbd import RGBD
 from inim.inspect.accuracy_limits import accuracy_warnings, lenses_beside_panel
 from inim.metrics.headline import HEADLINE
-from inim.pipeline.adaptive_sampling import Measured
-from inim.pipeline.output.baseline import Comparison
+from inim.pipeline.adaptive_sampling import Evaluation
+from inim.pipeline.output.baseline import BaselineComparison
 from inim.pipeline.plan import Plan
-from inim.pipeline.stages.evaluate import reported_scores
+from inim.pipeline.stages.scoring import reported_scores
 from inim.regression import yardsticks
 from inim.report import Report
 from inim.version import __version__
@@ -40,32 +40,31 @@ from inim.version import __version__
 _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "OpenEXR", "scikit-image")
 
 
-def report_of(
-    found: Measured,
+def make_report(
+    evaluation: Evaluation,
     noise_floor: NoiseFloor,
     times: Mapping[str, tuple[float, ...]],
-    comparison: Comparison,
+    comparison: BaselineComparison,
     folder: Path,
 ) -> Report:
-    """The report, not written yet.
+    """Collect the data of a report; the caller writes it.
 
     Parameters
     ----------
-    found : Measured
+    evaluation : Evaluation
     noise_floor : NoiseFloor
         Scores of the ground truth against itself.
     times : mapping of str to tuple of float
         Log ratios to the reference kernel, by generator.
-    comparison : Comparison
-        With the baseline.
+    comparison : BaselineComparison
     folder : Path
-        Where the images lie.
+        Folder of the images.
     """
-    plan, checks = found.plan, [*found.checks, *comparison.checks]
-    algorithms, observer = found.algorithms, found.run.observer
+    plan, checks = evaluation.plan, [*evaluation.checks, *comparison.checks]
+    algorithms, observer = evaluation.algorithms, evaluation.run.observer
     for name, ratios in times.items():
         algorithms[name] = msgspec.structs.replace(algorithms[name], yardsticks=yardsticks(ratios))
-    reference_views, reference_precision = reported_scores(found.reference_scores)
+    reference_views, reference_precision = reported_scores(evaluation.reference_scores)
     data = ReportDocument(
         title=plan.settings.title or plan.request.scene.stem,
         created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
@@ -79,17 +78,17 @@ def report_of(
                 "sha256": plan.file.sha256,
                 "definitions": plan.definitions,
                 "allow_folders": [str(folder) for folder in plan.request.allow_folders],
-                **found.scene,
+                **evaluation.scene,
             },
             SceneRecord,
         ),
         settings=plan.settings,
         display=DisplayRecord.of(plan.display),
         misalign=plan.settings.misalign,
-        backend=Backend(**backend_data(found.backend)),
+        backend=Backend(**backend_data(evaluation.backend)),
         lens_model=plan.settings.lens_model,
         viewpoints=[EyePosition(name=v.name, position_mm=v.position_mm) for v in plan.viewpoints],
-        rgbd=_captured(found.capture.rgbd),
+        rgbd=_captured(evaluation.capture.rgbd),
         noise_floor=noise_floor,
         scoring=_scoring(),
         reference=ReferenceViews(views=reference_views, precision=reference_precision),
@@ -99,8 +98,8 @@ def report_of(
             "mitsuba_render": observer.render_seconds,
             "total": perf_counter() - observer.started,
         },
-        skipped=[SkippedStep(**row) for row in found.run.skipped.rows],
-        warnings=[*_outside_limits(plan), *found.warnings],
+        skipped=[SkippedStep(**row) for row in evaluation.run.skipped.rows],
+        warnings=[*_display_warnings(plan), *evaluation.warnings],
         verdict=Checks(passed=all(check.passed for check in checks), checks=checks),
         files=folder_files(folder, "report.html", "report.json", "junit.xml", "summary.md"),
         regression=comparison.data,
@@ -111,12 +110,12 @@ def report_of(
 def _preview(plan: Plan) -> Preview | None:
     if not plan.request.preview:
         return None
-    words = replace(plan, request=replace(plan.request, preview=False)).command
-    return Preview(full_command=shlex.join(["inim", "validate", *words]))
+    command = replace(plan, request=replace(plan.request, preview=False)).command
+    return Preview(full_command=shlex.join(["inim", "validate", *command]))
 
 
-def _outside_limits(plan: Plan) -> list[str]:
-    """What of the display lies outside its panel, or the limits that the stress run measured."""
+def _display_warnings(plan: Plan) -> list[str]:
+    """Warn of lenses outside the panel, and of displays beyond the tested accuracy limits."""
     return lenses_beside_panel(plan.display) + accuracy_warnings(
         plan.display,
         plan.settings.lens_model,

@@ -11,7 +11,7 @@ from inim.documents.parts import Check
 from inim.image.noisy_image import replace_nonfinite
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.pipeline.stages.checks import check, nonfinite_checks
-from inim.pipeline.stages.scene import BLACK_FOR_CERTAIN, Scene, samples_traced, seed_of
+from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 
 
@@ -135,14 +135,14 @@ def capture_relic(camera: DepthCamera, *, layers: bool, run: Run) -> Capture:
 
 def _all_samples(samples: int, camera: DepthCamera) -> tuple[str, str, str]:
     whole = 2 * max(1, camera.spp // 2) * camera.shape[0] * camera.shape[1]
-    return samples_traced(samples, whole, BLACK_FOR_CERTAIN)
+    return samples_traced(samples, whole, EMPTY_RAYS)
 
 
 @stage(
     "RGB-D picture",
     code=RENDERING,
-    makes=(RGBD,),
-    timed="capture RGB-D",
+    result_types=(RGBD,),
+    timer="capture RGB-D",
     describe=_all_samples,
 )
 def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, RGBD]:
@@ -162,8 +162,8 @@ def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, RGBD]:
 @stage(
     "layers behind the picture",
     code=RENDERING,
-    makes=(Layers, LayeredRGBD, Layer),
-    timed="capture layers",
+    result_types=(Layers, LayeredRGBD, Layer),
+    timer="capture layers",
     describe=(
         "captured, as many as there are",
         "layers that do not exist",
@@ -243,8 +243,8 @@ _LEAST_COVERAGE = 0.01
 _BINS = 10
 
 
-@stage("translucency of the splats", code=RENDERING, timed="translucency")
-def translucency(camera: DepthCamera) -> dict[str, Any]:
+@stage("translucency of the splats", code=RENDERING, timer="translucency")
+def measure_translucency(camera: DepthCamera) -> dict[str, Any]:
     """What a depth map of the splats cannot hold, as `scene.splats` in report.json."""
     from inim.render.ground_truth import capture_absorption
 

@@ -67,7 +67,7 @@ def missing_viewpoints(name: str, wanted: Sequence[str], views: Collection[str])
     return [check(f"{name}: viewpoints missing", max(1, len(missing)), "<=", 0, detail)]
 
 
-def share_outside(eia: np.ndarray) -> float:
+def out_of_range_share(eia: np.ndarray) -> float:
     """Share of pixels that are below black or brighter than the panel's white."""
     rows = row_bands(*eia.shape[:2])
     outside = (np.count_nonzero(any_colour((eia[r] < 0) | (eia[r] > 1))) for r in rows)

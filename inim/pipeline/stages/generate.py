@@ -1,4 +1,4 @@
-"""A generator's EIA of the captured relic, its noise, and its mark on the reference input."""
+"""A generator's EIA of the captured relic, its noise, and its fingerprint."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from inim.regression import Fingerprint, fingerprint, reference_input
 
 
 @dataclass(frozen=True)
-class Reference:
-    """What a generator makes of the reference input, made when it is asked for.
+class ReferenceOutput:
+    """Output of a generator for the reference input, computed on demand.
 
     Attributes
     ----------
     fingerprint : callable
-        Its `Fingerprint`, found in the cache where that has it.
+        Returns its `Fingerprint`, from the cache if possible.
     eia : callable
-        The EIA, (rows, columns, 3) float32.
+        Returns the EIA, (rows, columns, 3) float32.
     """
 
     fingerprint: Callable[[], Fingerprint]
@@ -47,41 +47,41 @@ class Reference:
 
 @dataclass(frozen=True)
 class GeneratedEIA:
-    """What a method yields.
+    """Output of a method.
 
     Attributes
     ----------
     eia : NoisyImage
-        Its noise is half the difference of the EIAs of two halves of the input's samples. It may
-        hold values that are not finite.
+        Its noise is half the difference of the EIAs of the input's half images. Values may be not
+        finite.
     seconds : float or None
-        What it took; None where nobody measured it.
+        Run time; None if it was not measured.
     hole_fraction : float or None
-        Share of the lensed panel pixels that show nothing; None where it cannot be told.
-    reference : Reference, optional
-        Where it is a generator's whole EIA.
+        Share of the lensed panel pixels that are holes; None if unknown.
+    reference_output : ReferenceOutput, optional
+        Only for a generator that generates whole EIAs.
     """
 
     eia: NoisyImage
     seconds: float | None
     hole_fraction: float | None
-    reference: Reference | None = None
+    reference_output: ReferenceOutput | None = None
 
 
 class GeneratorHandle:
-    """A generator for a display and a size of picture, prepared when it is first needed.
+    """A generator for a display and an input size, prepared on first use.
 
     Parameters
     ----------
     algorithm : str
-        With its options.
+        Name with options.
     display : Display
-        As designed: what generators know.
+        Display as designed.
     shape : (rows, columns)
-        Of the pictures to come.
+        Size of the input.
     pixel_mm : float
     mask : (rows, columns) bool, optional
-        Panel pixels to make; all if None.
+        Panel pixels to generate; all if None.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class GeneratorHandle:
         self.seconds = 0.0
 
     def cache_key(self) -> dict[str, Any]:
-        """What decides what it makes of a picture."""
+        """Return all values that affect the generator's output for an input."""
         return {
             "algorithm": self.algorithm,
             "display as designed": self.display.replace(name=""),
@@ -108,10 +108,10 @@ class GeneratorHandle:
 
     @cached_property
     def generator(self) -> Generator:
-        """The generator; `seconds` says how long preparing it took."""
+        """The generator; preparing it sets `seconds`."""
         started = time.perf_counter()
         with foreign_errors(self.algorithm):
-            made = prepare(
+            generator = prepare(
                 self.display,
                 self.algorithm,
                 shape=self.shape,
@@ -119,93 +119,98 @@ class GeneratorHandle:
                 mask=self.mask,
             )
         self.seconds = time.perf_counter() - started
-        return made
+        return generator
 
     def run(self, rgbd: RGBD) -> tuple[np.ndarray, float, np.ndarray | None]:
-        """See `run_generator`; the EIA is its own array."""
-        made = run_generator(self.algorithm, self.generator, rgbd, self.display, self.mask)
-        # Ours make a new one each time; others may keep one place to write to.
-        return made if self.properties.own else (made[0].copy(), *made[1:])
+        """Run the generator (`run_generator`) and return an EIA that no later run overwrites."""
+        eia, seconds, holes = run_generator(
+            self.algorithm, self.generator, rgbd, self.display, self.mask
+        )
+        # Another package's generator may return the same array each time.
+        return eia if self.properties.own else eia.copy(), seconds, holes
 
-    def again(self, rgbd: RGBD) -> np.ndarray:
-        """The EIA of another picture; what the generator says, it has said."""
+    def rerun(self, rgbd: RGBD) -> np.ndarray:
+        """Generate another EIA without repeating the generator's messages."""
         with redirect_stderr(io.StringIO()):
             return self.run(rgbd)[0]
 
     def reference_input(self) -> RGBD:
-        """The reference input of its size."""
+        """Reference input of this generator's size."""
         return reference_input(self.display, self.shape, self.pixel_mm)
 
 
 @stage(
     "EIA of {generator.algorithm}",
     code=GENERATING,
-    makes=(GeneratedEIA, NoisyImage),
+    result_types=(GeneratedEIA, NoisyImage),
     describe=("generated", "nothing", "the algorithm or its picture is new"),
 )
 def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
-    """The EIA that a generator makes of a scene's capture, and its noise."""
-    whole, halves = capture.input(layers=generator.properties.reads_layers)
-    eia, seconds, empty = generator.run(whole)
+    """Generate the EIA of a capture, and its noise from the half images."""
+    rgbd, halves = capture.input(layers=generator.properties.reads_layers)
+    eia, seconds, empty = generator.run(rgbd)
     holes = hole_fraction(empty, generator.display, generator.mask)
     del empty
-    noise, second = (generator.again(rgbd) for rgbd in halves)
-    # In place: of an 8K panel each of these takes 0.4 GB.
+    noise, second = (generator.rerun(half) for half in halves)
+    # In place: each of these takes 0.4 GB for an 8K panel.
     noise -= second
     noise /= 2
     return GeneratedEIA(NoisyImage.from_image(eia, noise), generator.seconds + seconds, holes)
 
 
-@stage("EIA of {generator.algorithm}, reference input", code=GENERATING, makes=(Fingerprint,))
+@stage(
+    "EIA of {generator.algorithm}, reference input", code=GENERATING, result_types=(Fingerprint,)
+)
 def _fingerprint(generator: GeneratorHandle) -> Fingerprint:
-    """The mark of what a generator makes of the reference input."""
+    """Fingerprint of a generator's output for the reference input."""
     rgbd, exact = generator.reference_input(), generator.properties.portable
-    return fingerprint(rgbd, generator.again(rgbd), generator.display, exact=exact)
+    return fingerprint(rgbd, generator.rerun(rgbd), generator.display, exact=exact)
 
 
 def prepare_generator(
     algorithm: str, camera: DepthCamera, mask: np.ndarray | None, *, run: Run
 ) -> Callable[[Capture], GeneratedEIA]:
-    """What makes the EIA of a capture; the generator is ready, or its EIA is in the cache.
+    """Return a function that generates the EIA of a capture.
 
-    Of other packages' generators nothing tells what has changed: theirs are always made.
+    The generator is prepared unless its EIA is in the cache. EIAs of other packages' generators are
+    never cached, because changes of their code cannot be detected.
     """
     display = camera.scene.display
     generator = GeneratorHandle(algorithm, display, camera.shape, camera.pixel_mm, mask)
-    own = generator.properties.own
-    known = own and generate.is_known(generator, camera, run=run)
-    if not known:
+    is_own = generator.properties.own
+    if not (is_own and generate.is_cached(generator, camera, run=run)):
         _ = generator.generator
 
-    def fingerprint_once() -> Fingerprint:
-        return _fingerprint(generator, run=run) if own else _fingerprint.function(generator)
+    def compute_fingerprint() -> Fingerprint:
+        return _fingerprint(generator, run=run) if is_own else _fingerprint.function(generator)
 
-    def make(capture: Capture) -> GeneratedEIA:
-        made = (
-            generate(generator, capture, run=run) if own else generate.function(generator, capture)
+    def generate_from(capture: Capture) -> GeneratedEIA:
+        if is_own:
+            output = generate(generator, capture, run=run)
+        else:
+            output = generate.function(generator, capture)
+        if mask is not None:  # the fingerprint of a partial EIA is not comparable
+            return output
+        reference = ReferenceOutput(
+            compute_fingerprint, lambda: generator.rerun(generator.reference_input())
         )
-        if mask is not None:  # of an EIA that is made in part, no fingerprint could be compared
-            return made
-        reference = Reference(
-            fingerprint_once, lambda: generator.again(generator.reference_input())
-        )
-        return replace(made, reference=reference)
+        return replace(output, reference_output=reference)
 
-    return make
+    return generate_from
 
 
 def hole_fraction(
     empty: np.ndarray | None, display: Display, mask: np.ndarray | None
 ) -> float | None:
-    """Share of the lensed pixels asked for that show nothing; None where that is not known.
+    """Share of the lensed pixels in the mask that are holes; None if unknown.
 
     Parameters
     ----------
     empty : (rows, columns) bool, or None
-        Panel pixels that show nothing.
+        Panel pixels that are holes.
     display : Display
     mask : (rows, columns) bool, optional
-        Pixels asked for; all if None.
+        Generated pixels; all if None.
     """
     if empty is None:
         return None
@@ -226,22 +231,22 @@ def run_generator(
     Parameters
     ----------
     name : str
-        What to call it in an error.
+        Name of the generator in error messages.
     generator : Generator
     rgbd : RGBD
-        In float32.
+        Linear float32.
     display : Display
     mask : (rows, columns) bool, optional
-        Panel pixels it was prepared for.
+        Panel pixels that the generator was prepared for.
 
     Returns
     -------
     eia : (rows, columns, 3) float32
-        Linear RGB; it may hold values that are not finite.
+        Linear RGB; values may be not finite.
     seconds : float
-        The time that took.
+        Run time.
     empty : (rows, columns) bool, or None
-        Panel pixels that show nothing, of those in the mask; None where the generator does not say.
+        Holes among the panel pixels in the mask; None if the generator does not report them.
 
     Raises
     ------
@@ -250,7 +255,7 @@ def run_generator(
     """
     started = time.perf_counter()
     with foreign_errors(name):
-        # Sources are computed once, where the colours are no more than theirs.
+        # The sources suffice if the colours are copied from them.
         source = generator if isinstance(generator, SourceGenerator) else None
         if source is not None and mask is None and source.shows_sources(rgbd):
             sources = _sources(source, rgbd, display)

@@ -1,4 +1,4 @@
-"""Ground truth: the EIA traced through every lens centre, and the scene from every eye."""
+"""Ground truth: the EIA traced through every lens centre, and the scene from every viewpoint."""
 
 from __future__ import annotations
 
@@ -20,78 +20,80 @@ from inim.pipeline.stages.checks import (
     any_colour,
     check,
     nonfinite_checks,
-    share_outside,
+    out_of_range_share,
 )
-from inim.pipeline.stages.scene import BLACK_FOR_CERTAIN, Scene, samples_traced, seed_of
+from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 
-_NOT_OBSERVED = "no asked-for view has a sample there; "
+_NOT_OBSERVED = "no requested view has a sample there; "
 
 
 def _panel_samples(
-    samples: int, eia_spp: int, mounted: Display, mask: np.ndarray | None, **_: Any
+    samples: int, eia_spp: int, display: Display, mask: np.ndarray | None, **_: Any
 ) -> tuple[str, str, str]:
-    whole = 2 * max(1, eia_spp // 2) * mounted.eia_shape[0] * mounted.eia_shape[1]
-    whole *= len({(place.right, place.width) for place in SUBPIXELS[mounted.subpixels]})
-    why = ("" if mask is None else _NOT_OBSERVED) + BLACK_FOR_CERTAIN
-    return samples_traced(samples, whole, why)
+    full = 2 * max(1, eia_spp // 2) * display.eia_shape[0] * display.eia_shape[1]
+    full *= len({(subpixel.right, subpixel.width) for subpixel in SUBPIXELS[display.subpixels]})
+    reason = ("" if mask is None else _NOT_OBSERVED) + EMPTY_RAYS
+    return samples_traced(samples, full, reason)
 
 
-@stage("{name}", code=RENDERING, makes=(NoisyImage,), describe=_panel_samples)
-def pick_up(
+@stage("{name}", code=RENDERING, result_types=(NoisyImage,), describe=_panel_samples)
+def pick_up_eia(
     scene: Scene,
-    mounted: Display,
+    display: Display,
     eia_spp: int,
     seed: int,
     mask: np.ndarray | None = None,
     name: str = "ground-truth EIA",
 ) -> tuple[NoisyImage, float]:
-    """The EIA traced from the scene through every lens centre (Eq. 1), and the seconds it took.
-
-    Black outside the mask.
+    """Trace the EIA from the scene through every lens centre (Eq. 1); black outside the mask.
 
     Parameters
     ----------
     scene : Scene
-    mounted : Display
-        The one it is made for, `through_pinholes`: for the ground truth as it is mounted, for a
-        method as it is designed.
+    display : Display
+        A display of pinholes: misaligned for the ground truth, as designed for a method.
     eia_spp : int
         Samples per panel pixel, both halves.
     seed : int
-        Of this picture; see `seed_of`.
+        Seed of this image; see `seed_of`.
     mask : (rows, columns) bool, optional
         Panel pixels to trace; all if None.
     name : str
-        In the report.
+        Name in the report.
+
+    Returns
+    -------
+    eia : NoisyImage
+    seconds : float
     """
     from inim.render.ground_truth import pickup
 
-    fitted, started = scene.fitted, perf_counter()
-    eia = pickup(fitted, mounted, spp=eia_spp, seed=seed, mask=mask, **scene.effort)
-    return eia, perf_counter() - started
+    fitted, start = scene.fitted, perf_counter()
+    eia = pickup(fitted, display, spp=eia_spp, seed=seed, mask=mask, **scene.effort)
+    return eia, perf_counter() - start
 
 
-def pick_up_truth(
+def render_ground_truth_eia(
     scene: Scene,
-    mounted: Display,
+    display: Display,
     eia_spp: int,
     seed: int,
     mask: np.ndarray | None,
     *,
     run: Run,
 ) -> NoisyImage:
-    """The ground-truth EIA, finite: of the display as it is mounted, by the run's seed."""
+    """Render the ground-truth EIA of the misaligned display, with nonfinite pixels replaced."""
     name = "ground-truth EIA" if mask is None else "ground-truth EIA, where observed"
-    display, own = mounted.through_pinholes(), seed_of("eia", seed)
+    pinholes, eia_seed = display.through_pinholes(), seed_of("eia", seed)
     with run.observer.timed("ground-truth EIA"):
-        eia, _ = pick_up(scene, display, eia_spp, own, mask, name, run=run)
+        eia, _ = pick_up_eia(scene, pinholes, eia_spp, eia_seed, mask, name, run=run)
         return eia.replace_nonfinite()
 
 
 @stage("panel pixels that meet the scene", code=RENDERING)
 def covered_pixels(scene: Scene) -> np.ndarray:
-    """Panel pixels whose centre ray meets something of the scene, (rows, columns) bool."""
+    """Panel pixels whose centre ray hits the scene, (rows, columns) bool."""
     fitted = scene.fitted
     from inim.render.rays import pickup_rays
     from inim.render.sensors import make_sensor
@@ -112,14 +114,14 @@ def _view_samples(
     down, across = np.broadcast_to(view_pixels_per_lens, 2)
     rows, columns = scene.display.lens_rows, scene.display.lens_columns
     pixels = round(rows * down) * round(columns * across)
-    return samples_traced(samples, 2 * max(1, view_spp // 2) * pixels, BLACK_FOR_CERTAIN)
+    return samples_traced(samples, 2 * max(1, view_spp // 2) * pixels, EMPTY_RAYS)
 
 
 @stage(
-    "true view: {viewpoint.name}",
+    "ground-truth view: {viewpoint.name}",
     code=RENDERING,
-    makes=(NoisyImage,),
-    timed="ground-truth views",
+    result_types=(NoisyImage,),
+    timer="ground-truth views",
     describe=_view_samples,
 )
 def render_view(
@@ -129,7 +131,7 @@ def render_view(
     view_spp: int,
     seed: int,
 ) -> tuple[NoisyImage, np.ndarray]:
-    """The scene itself from an eye, through the window of the array, and the relic's pixels.
+    """Render the scene from a viewpoint through the window of the lens array.
 
     Parameters
     ----------
@@ -140,7 +142,13 @@ def render_view(
     view_spp : int
         Samples per pixel, both halves.
     seed : int
-        Of the run.
+        Seed of the run.
+
+    Returns
+    -------
+    view : NoisyImage
+    relic : (rows, columns) bool
+        Pixels of the relic.
     """
     from inim.render.ground_truth import true_view
 
@@ -157,34 +165,34 @@ def render_view(
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """Everything that methods are compared with.
+    """Ground truth that methods are compared with.
 
     Attributes
     ----------
     display : Display
-        As designed.
+        Display as designed.
     eia : NoisyImage
-        Finite; black where the run observes nothing of it.
-    whole : bool
-        Whether all of it was made.
-    clipped : float
-        Share of its pixels that no panel shows.
+        Finite; black where no view observes it, if the run skips these pixels.
+    is_whole : bool
+        True if the whole EIA was rendered.
+    clipped_share : float
+        Share of the EIA's pixels that the panel cannot show.
     views : dict of str to NoisyImage
-        The scene itself, by viewpoint; finite.
+        Ground-truth views by viewpoint; finite.
     regions : dict of str to (rows, columns) bool
-        The relic's in each view: the same for all methods, as it is known without them.
+        The relic's region in each view, the same for all methods.
     reference_views : dict of str to NoisyImage
         Views of the ground-truth EIA.
     viewing : dict of str to Viewing or None
-        Viewing conditions of each view; None if no metric depends on them.
+        Viewing conditions of each view; None if no metric needs them.
     checks : tuple of Check
     warnings : tuple of str
     """
 
     display: Display
     eia: NoisyImage
-    whole: bool
-    clipped: float
+    is_whole: bool
+    clipped_share: float
     views: dict[str, NoisyImage]
     regions: dict[str, np.ndarray]
     reference_views: dict[str, NoisyImage]
@@ -193,32 +201,33 @@ class GroundTruth:
     warnings: tuple[str, ...] = ()
 
     def conditions(self, view: str) -> tuple[np.ndarray, Viewing | None]:
-        """Conditions under which a view is scored: the relic's region, and how it is viewed."""
+        """Relic region and viewing conditions under which a view is scored."""
         return self.regions[view], self.viewing[view]
 
 
-def collect_truth(
+def collect_ground_truth(
     capture: Capture,
     eia: NoisyImage,
     views: dict[str, tuple[NoisyImage, np.ndarray]],
     reference_views: dict[str, NoisyImage],
     viewing: dict[str, Viewing],
     *,
-    whole: bool,
+    is_whole: bool,
 ) -> GroundTruth:
-    """The ground truth from what was rendered, checked.
+    """Collect the rendered images into a ground truth, and check them.
 
-    A ground truth that shows nothing is a failure to report, not a picture to score.
+    An empty ground truth fails its checks.
     """
     finite_views = {name: view.replace_nonfinite() for name, (view, _) in views.items()}
-    covered = float(capture.rgbd.covered.mean())
+    covered_share = float(capture.rgbd.covered.mean())
     truth = {"truth/eia": eia} | {f"truth/{name}": view for name, view in finite_views.items()}
-    checks = [row for name, one in truth.items() for row in nonfinite_checks(name, one.nonfinite)]
-    checks.append(check("RGB-D: covered share", covered, ">=", 1e-6, "the relic is seen"))
-    images = {name: one.image for name, one in truth.items()}
-    for name, image in images.items():
-        row = check(f"{name}: brightest value", float(image.max()), ">=", BLACK, "not black")
-        checks.append(row)
+    checks = [c for name, image in truth.items() for c in nonfinite_checks(name, image.nonfinite)]
+    checks.append(check("RGB-D: covered share", covered_share, ">=", 1e-6, "the relic is seen"))
+    images = {name: image.image for name, image in truth.items()}
+    checks += [
+        check(f"{name}: brightest value", float(image.max()), ">=", BLACK, "not black")
+        for name, image in images.items()
+    ]
     clipped = {name: float(any_colour(image > 1).mean()) for name, image in images.items()}
     worst = max(clipped, key=lambda name: clipped[name])
     warnings = []
@@ -227,16 +236,16 @@ def collect_truth(
             f"{worst}: {clipped[worst]:.1%} of the pixels are brighter than the panel's white and "
             "clipped; dim the scene's lights"
         )
-    is_viewed = any(metric.viewed for metric in all_metrics())
+    needs_viewing = any(metric.viewed for metric in all_metrics())
     return GroundTruth(
         capture.camera.scene.display,
         eia,
-        whole,
-        share_outside(images["truth/eia"]),
+        is_whole,
+        out_of_range_share(images["truth/eia"]),
         finite_views,
         {name: relic_region(relic) for name, (_, relic) in views.items()},
         reference_views,
-        {name: how if is_viewed else None for name, how in viewing.items()},
+        {name: conditions if needs_viewing else None for name, conditions in viewing.items()},
         tuple(checks),
         tuple(warnings),
     )

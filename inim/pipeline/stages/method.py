@@ -1,10 +1,10 @@
-"""Methods: whatever yields an EIA to be scored.
+"""Methods: sources of EIAs to score.
 
-| type              | EIA                                       | option                         |
-| ----------------- | ----------------------------------------- | ------------------------------ |
-| `GeneratorMethod` | made by a generator from the RGB-D picture | ``--algorithms template``      |
-| `PickupMethod`    | ray traced from the scene                 | ``--algorithms pickup:spp=16`` |
-| `FileMethod`      | read from a file, made by any program     | ``--eia mine=mine.png``        |
+| type              | EIA                                     | option                         |
+| ----------------- | --------------------------------------- | ------------------------------ |
+| `GeneratorMethod` | from a generator and the RGB-D picture  | ``--algorithms template``      |
+| `PickupMethod`    | ray traced from the scene               | ``--algorithms pickup:spp=16`` |
+| `FileMethod`      | from a file of any program              | ``--eia mine=mine.png``        |
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ from inim.generators import (
 from inim.image.noisy_image import NoisyImage
 from inim.pipeline.stages.capture import Capture, DepthCamera
 from inim.pipeline.stages.generate import GeneratedEIA, hole_fraction, prepare_generator
-from inim.pipeline.stages.ground_truth import covered_pixels, pick_up
+from inim.pipeline.stages.ground_truth import covered_pixels, pick_up_eia
 from inim.pipeline.stages.scene import seed_of
 from inim.pipeline.stages.stage import Run
 from inim.regression import is_steady, log_ratios
 from inim.timing import YARDSTICK, Rounds, display_ready, prepare_method, time_methods
 
-#: In place of algorithms, where only finished EIAs are to be scored.
+#: Replaces the algorithms if only finished EIAs are scored.
 _NONE = "none"
-# The reference views lie beside the methods'.
-_TAKEN = ("reference", _NONE)
-# A method's name, with its options, also names files.
+# The reference views are stored next to the methods' views.
+_RESERVED_NAMES = ("reference", _NONE)
+# A method's name, with its options, is also part of file names.
 _LABEL = re.compile(r"[\w+-][\w.+:=-]{0,99}")
-# More samples than this per pixel is a slip of the keyboard.
-_MOST_SAMPLES = 2**20
+# More samples per pixel are a typing error.
+_MAX_SAMPLES = 2**20
 
-#: Makes the EIA of a captured relic.
-Make = Callable[[Capture], GeneratedEIA]
+#: Computes the EIA of a captured relic.
+Generate = Callable[[Capture], GeneratedEIA]
 
 
 @dataclass(frozen=True)
-class Task:
-    """What all methods of a run are given before anything is rendered.
+class MethodSetup:
+    """Inputs of a run's methods that exist before anything is rendered.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Task:
     eia_spp : int
         Samples per panel pixel of the ground truth.
     mask : (rows, columns) bool, optional
-        Panel pixels to make; all if None.
+        Panel pixels to generate; all if None.
     """
 
     camera: DepthCamera
@@ -70,74 +70,74 @@ class Task:
 
 @dataclass(frozen=True)
 class Method:
-    """A source of an EIA to be scored; it can be pickled.
+    """A source of an EIA to score; it can be pickled.
 
     Attributes
     ----------
     name : str
-        In the report and its files: the algorithm as asked for, options and all.
+        Name in the report and its files: the algorithm with its options.
     verb : str
-        Name of its stage, in front of its own.
-    times : bool
-        Whether it is a generator, whose time can be taken.
+        First word of its stage's name.
+    is_timed : bool
+        True for generators, which the run can time.
     """
 
     name: str
 
     verb: ClassVar[str]
-    times: ClassVar[bool] = False
+    is_timed: ClassVar[bool] = False
 
     @property
     def reads_layers(self) -> bool:
-        """Whether its input includes what lies behind the front surface."""
+        """True if the input includes the layers behind the front surface."""
         return False
 
     def check(self) -> None:
-        """Raise an `InimError` for what can be found out without native code.
+        """Raise an `InimError` for mistakes that can be detected without native code.
 
-        Plans are made outside the worker too, where nothing survives a decoder's death.
+        Plans are also made outside the worker, where a crash of a decoder would end the program.
         """
 
-    def prepare(self, task: Task, run: Run) -> Make:
-        """Get ready before anything is rendered: mistakes found here cost no rendering time."""
+    def prepare(self, setup: MethodSetup, run: Run) -> Generate:
+        """Prepare before anything is rendered, so that mistakes cost no rendering time."""
         raise NotImplementedError
 
 
-def prepare_methods(methods: Sequence[Method], task: Task, *, run: Run) -> list[Make]:
-    """Get every method ready; those that cannot work are found out before rendering."""
-    makers = []
+def prepare_methods(methods: Sequence[Method], setup: MethodSetup, *, run: Run) -> list[Generate]:
+    """Prepare every method, and raise before rendering if one of them cannot work."""
+    generators = []
     for method in methods:
         with run.observer.timed(f"{method.verb} {method.name}"):
-            makers.append(method.prepare(task, run))
-    return makers
+            generators.append(method.prepare(setup, run))
+    return generators
 
 
-def make_eia(method: Method, make: Make, capture: Capture, *, run: Run) -> GeneratedEIA:
-    """The EIA of a method; black where it is not finite, which fails a check."""
+def generate_eia(method: Method, generate: Generate, capture: Capture, *, run: Run) -> GeneratedEIA:
+    """Generate the EIA of a method; pixels that are not finite become black and fail a check."""
     with run.observer.timed(f"{method.verb} {method.name}"):
-        made = make(capture)
-    return replace(made, eia=made.eia.replace_nonfinite())
+        output = generate(capture)
+    return replace(output, eia=output.eia.replace_nonfinite())
 
 
 class GeneratorMethod(Method):
-    """A generator's EIA: the project's own or one announced by another package."""
+    """An EIA from a generator of this project or of another package."""
 
     verb = "generate"
-    times = True
+    is_timed = True
 
     @property
     def reads_layers(self) -> bool:
         """See `Method`."""
         return properties(self.name).reads_layers
 
-    def prepare(self, task: Task, run: Run) -> Make:
+    def prepare(self, setup: MethodSetup, run: Run) -> Generate:
         """See `Method`."""
-        return prepare_generator(self.name, task.camera, task.mask, run=run)
+        return prepare_generator(self.name, setup.camera, setup.mask, run=run)
 
 
 @dataclass(frozen=True)
 class FileMethod(Method):
-    """A finished EIA from a file, which is read to its end before anything is rendered.
+    """A finished EIA from a file, which is read completely before anything is rendered.
 
     Attributes
     ----------
@@ -151,58 +151,55 @@ class FileMethod(Method):
         """See `Method`."""
         check_eia_name(self.path)
 
-    def prepare(self, task: Task, run: Run) -> Make:  # noqa: ARG002
+    def prepare(self, setup: MethodSetup, run: Run) -> Generate:  # noqa: ARG002
         """See `Method`."""
-        eia, shown = read_eia(self.path, task.camera.scene.display)
-        empty = None if shown is None else ~shown
-        holes = hole_fraction(empty, task.camera.scene.display, task.mask)
+        display = setup.camera.scene.display
+        eia, nonempty = read_eia(self.path, display)
+        holes = hole_fraction(None if nonempty is None else ~nonempty, display, setup.mask)
         return lambda _: GeneratedEIA(NoisyImage.from_image(eia), None, holes)
 
 
 @dataclass(frozen=True)
 class PickupMethod(Method):
-    """Ray tracing of the scene, for those who have the scene; the ground truth as an algorithm.
+    """Ray tracing of the scene through every lens centre: the ground truth as an algorithm.
 
     Attributes
     ----------
     spp : int
-        Samples per panel pixel; 0: as many as the ground truth.
+        Samples per panel pixel; 0: same as the ground truth.
     """
 
     spp: int = 0
     verb = "trace"
 
-    def prepare(self, task: Task, run: Run) -> Make:
+    def prepare(self, setup: MethodSetup, run: Run) -> Generate:
         """See `Method`."""
-        scene = task.camera.scene
-        display, seed = scene.display.through_pinholes(), seed_of("pickup", task.camera.seed)
+        scene, mask = setup.camera.scene, setup.mask
+        display, seed = scene.display.through_pinholes(), seed_of("pickup", setup.camera.seed)
 
-        def make(_: Capture) -> GeneratedEIA:
-            wanted = self.spp or task.eia_spp
-            eia, seconds = pick_up(
-                scene, display, wanted, seed, task.mask, f"EIA of {self.name}", run=run
-            )
-            empty = ~covered_pixels(scene, run=run)
-            holes = hole_fraction(empty, scene.display, task.mask)
+        def generate(_: Capture) -> GeneratedEIA:
+            spp, name = self.spp or setup.eia_spp, f"EIA of {self.name}"
+            eia, seconds = pick_up_eia(scene, display, spp, seed, mask, name, run=run)
+            holes = hole_fraction(~covered_pixels(scene, run=run), scene.display, mask)
             return GeneratedEIA(NoisyImage.from_image(eia.image, eia.noise), seconds, holes)
 
-        return make
+        return generate
 
 
 def parse_methods(algorithms: Sequence[str], eias: Mapping[str, Path]) -> tuple[Method, ...]:
-    """Methods of a run.
+    """Parse the methods of a run.
 
     Parameters
     ----------
     algorithms : sequence of str
-        Names with options; or "none", where there is a finished EIA.
+        Names with options; or only "none", with at least one finished EIA.
     eias : mapping of str to Path
         Finished EIAs by name.
 
     Raises
     ------
     UsageError
-        None, an unknown or doubled one, or one whose name cannot be that of a file.
+        No method, an unknown or repeated one, or a name that cannot be a file name.
     """
     if [*algorithms] == [_NONE] and eias:
         algorithms = ()
@@ -214,9 +211,9 @@ def parse_methods(algorithms: Sequence[str], eias: Mapping[str, Path]) -> tuple[
     methods = [*map(_parse_algorithm, algorithms), *map(_file_method, eias, eias.values())]
     names: set[str] = set()
     for method in methods:
-        if method.name.lower() in names:  # case apart, two names may be one file
-            what = "EIA" if isinstance(method, FileMethod) else "algorithm"
-            raise UsageError(f"{what} {method.name!r} is given twice; drop one")
+        if method.name.lower() in names:  # file names may ignore case
+            kind = "EIA" if isinstance(method, FileMethod) else "algorithm"
+            raise UsageError(f"{kind} {method.name!r} is given twice; remove one")
         names.add(method.name.lower())
     return tuple(methods)
 
@@ -231,8 +228,8 @@ def _parse_algorithm(text: str) -> Method:
     check_algorithm(text)
     if not _LABEL.fullmatch(label):
         raise UsageError(
-            f"algorithm {label!r} also names files of the report: use up to 100 letters, digits "
-            "or . _ + - in names and values"
+            f"algorithm {label!r}: cannot be part of file names; use up to 100 letters, digits or "
+            ". _ + - in names and values"
         )
     return GeneratorMethod(label)
 
@@ -243,21 +240,21 @@ def _pickup_samples(label: str, options: dict[str, str]) -> int:
     if not options:
         return 0
     text = options["spp"]
-    if not (text.isascii() and text.isdigit() and 2 <= int(text[:9]) <= _MOST_SAMPLES):
+    if not (text.isascii() and text.isdigit() and 2 <= int(text[:9]) <= _MAX_SAMPLES):
         raise UsageError(
-            f"algorithm {label!r}: spp must be a whole number in 2..{_MOST_SAMPLES}, half of it "
-            "for each of two passes"
+            f"algorithm {label!r}: spp must be a whole number in 2..{_MAX_SAMPLES}; it is split "
+            "into two passes"
         )
     return int(text)
 
 
 def parse_eias(items: Iterable[str]) -> dict[str, Path]:
-    """Finished EIAs by name, from ``NAME=FILE`` each.
+    """Parse ``NAME=FILE`` items of finished EIAs into paths by name.
 
     Raises
     ------
     UsageError
-        Without a name or a file, or with a name that another has.
+        The name or the file is missing, or the name is repeated.
     """
     eias: dict[str, Path] = {}
     for item in items:
@@ -265,7 +262,7 @@ def parse_eias(items: Iterable[str]) -> dict[str, Path]:
         if not (name and path):
             raise UsageError(f"--eia {item!r}: write --eia NAME=FILE")
         if name in eias:
-            raise UsageError(f"EIA {name!r} is given twice; drop one")
+            raise UsageError(f"EIA {name!r} is given twice; remove one")
         eias[name] = Path(path)
     return eias
 
@@ -273,16 +270,16 @@ def parse_eias(items: Iterable[str]) -> dict[str, Path]:
 def _file_method(name: str, path: Path) -> Method:
     if not is_file_safe(name):
         raise UsageError(f"--eia name {name!r}: use 1 to 64 letters, digits or . _ + -")
-    taken = (*_TAKEN, PICKUP, *algorithm_names())
-    if name.lower() in (word.lower() for word in taken):
-        raise UsageError(f"--eia name {name!r} is taken; rename it")
+    reserved = (*_RESERVED_NAMES, PICKUP, *algorithm_names())
+    if name.lower() in (word.lower() for word in reserved):
+        raise UsageError(f"--eia name {name!r} is reserved; choose another")
     return FileMethod(name, path)
 
 
 def algorithm_table() -> str:
-    """All algorithms as text, one a line: how to write them with their options, and what they do.
+    """Format a text table of all algorithms with their options and summaries.
 
-    One that cannot be loaded has its error beside its name.
+    An algorithm that cannot be loaded has its error as its summary.
     """
     summary = (PickupMethod.__doc__ or "").partition("\n")[0]
     rows = [(f"{PICKUP}:spp=EIA_SPP", summary)]
@@ -291,38 +288,42 @@ def algorithm_table() -> str:
             rows.append(algorithm_summary(name))
         except InimError as error:
             rows.append((name, " ".join(str(error).split())))
-    width = max(len(written) for written, _ in rows)
-    return "\n".join(f"{written:{width}}  {what}".rstrip() for written, what in reversed(rows))
+    width = max(len(usage) for usage, _ in rows)
+    return "\n".join(f"{usage:{width}}  {text}".rstrip() for usage, text in reversed(rows))
 
 
-# More than the nine that a verdict needs: at this many, one interrupted round in ten does not
-# widen the interval to where 30 % more time could hide in it.
+# A verdict needs nine; with this many, one interrupted round in ten does not widen the interval
+# enough to hide 30 % more time.
 _ROUNDS = 31
-# While other programs work beside this one, ratios scatter tenfold. So many times the rounds make
-# up for twice the scatter that is allowed; what is not steady by then fails, and says so.
-_MOST_TURNS = 5
+# Other programs increase the scatter of the ratios tenfold. This many repetitions compensate twice
+# the allowed scatter; times that are still unsteady fail their check.
+_MAX_REPETITIONS = 5
 
 
 def generator_times(
     methods: Sequence[Method], capture: Capture, *, run: Run
 ) -> dict[str, tuple[float, ...]]:
-    """`inim.regression.log_ratios` of each generator, on the run's display-ready picture.
+    """Log ratios of each generator's times to the reference kernel (`inim.regression.log_ratios`).
 
-    Rounds are added until `inim.regression.is_steady` holds for all, or `_MOST_TURNS` are done.
+    The generators run on the display-ready picture. Rounds are added until
+    `inim.regression.is_steady` holds for all, up to `_MAX_REPETITIONS` times.
     """
-    wanted = [method for method in methods if method.times]
-    times: dict[str, tuple[float, ...]] = {method.name: () for method in wanted}
+    generators = [method for method in methods if method.is_timed]
+    log_times: dict[str, tuple[float, ...]] = {method.name: () for method in generators}
     display = capture.camera.scene.display
     with run.observer.timed("time"):
         rgbd = display_ready(capture.rgbd)
         layered = rgbd if capture.layered is None else display_ready(capture.layered)
-        prepared = [
-            prepare_method(m.name, layered if m.reads_layers else rgbd, display) for m in wanted
+        timed_methods = [
+            prepare_method(m.name, layered if m.reads_layers else rgbd, display) for m in generators
         ]
-        for _ in range(_MOST_TURNS):
-            taken = time_methods(prepared, rgbd, display, Rounds(runs=_ROUNDS))
-            kernel = taken[YARDSTICK].times_s
-            times = {n: times[n] + log_ratios(taken[n].times_s, kernel) for n in times}
-            if all(map(is_steady, times.values())):
+        for _ in range(_MAX_REPETITIONS):
+            timings = time_methods(timed_methods, rgbd, display, Rounds(runs=_ROUNDS))
+            kernel = timings[YARDSTICK].times_s
+            log_times = {
+                name: log_times[name] + log_ratios(timings[name].times_s, kernel)
+                for name in log_times
+            }
+            if all(map(is_steady, log_times.values())):
                 break
-    return times
+    return log_times

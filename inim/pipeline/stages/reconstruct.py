@@ -24,8 +24,8 @@ class Optics:
 
     Attributes
     ----------
-    mounted : Display
-        As its array really lies.
+    display : Display
+        Display with its misalignment.
     lens_model : str
     view_pixels_per_lens : int, or (down, across)
         See `inim.render.rays.eye_rays`.
@@ -35,7 +35,7 @@ class Optics:
         Of the run; the same for all EIAs, so equal EIAs look equal.
     """
 
-    mounted: Display
+    display: Display
     lens_model: str
     view_pixels_per_lens: int | tuple[float, float]
     reconstruction_spp: int
@@ -43,16 +43,16 @@ class Optics:
 
     def cache_key(self) -> dict[str, Any]:
         """By the names of the settings."""
-        given = {f"display {k}": v for k, v in self.mounted.given().items() if k != "name"}
+        given = {f"display {k}": v for k, v in self.display.given().items() if k != "name"}
         package = foreign_identity(self.lens_model)
-        own = {name: value for name, value in vars(self).items() if name != "mounted"}
+        own = {name: value for name, value in vars(self).items() if name != "display"}
         return given | own | {"lens_model's package": package}
 
     def viewing(self, eye: Viewpoint, luminance_cd_m2: float) -> Viewing:
         """How a view is seen from its eye: its pixels lie on the lens array."""
         per_lens = self.view_pixels_per_lens
         across = per_lens if isinstance(per_lens, int) else per_lens[1]
-        return Viewing.of(self.mounted.pitch_mm / across, eye.position_mm, luminance_cd_m2)
+        return Viewing.of(self.display.pitch_mm / across, eye.position_mm, luminance_cd_m2)
 
     @property
     def half_spp(self) -> int:
@@ -101,7 +101,7 @@ class ShownEIA:
             from inim.render.reconstruct import DisplayScene
 
             eia = self.eia if not moved or self.noise is None else self.eia + self.noise
-            self._scenes[key] = DisplayScene(eia, optics.mounted, optics.lens_model)
+            self._scenes[key] = DisplayScene(eia, optics.display, optics.lens_model)
         seen: np.ndarray = self._scenes[key].view(
             viewpoint,
             pixels_per_lens=optics.view_pixels_per_lens,
@@ -109,16 +109,16 @@ class ShownEIA:
             seed=optics.half_seeds[half],
             observer=self.renderer.observer,
         )
-        return np.float32(white_exposure(optics.mounted, optics.lens_model)) * seen
+        return np.float32(white_exposure(optics.display, optics.lens_model)) * seen
 
 
 @stage(
     "view of {name}: {viewpoint.name}",
     code=RENDERING,
-    makes=(NoisyImage,),
-    timed="reconstruct views",
+    result_types=(NoisyImage,),
+    timer="reconstruct views",
     describe=("reconstructed", "nothing", "its EIA or its eye is new"),
-    follows=("name",),
+    derived=("name",),
 )
 def reconstruct(name: str, shown: ShownEIA, viewpoint: Viewpoint) -> NoisyImage:
     """The view of an EIA from one eye, exposed so that the panel's white looks white.
@@ -166,7 +166,7 @@ def reconstruct_views(
     return {eye.name: reconstruct(name, shown, eye, run=run) for eye in viewpoints}
 
 
-def observed_pixels(
+def find_observed_pixels(
     viewpoints: Sequence[Viewpoint], optics: Optics, renderer: Renderer, *, run: Run
 ) -> np.ndarray | None:
     """Panel pixels that the views have samples of, (rows, columns) bool; None: all may be."""
@@ -176,7 +176,7 @@ def observed_pixels(
         why = f"the {model} lens model scatters rays between lenses: any pixel may be observed"
         run.skipped.add("panel pixels", "all", "none", why)
         return None
-    count = optics.mounted.eia_shape[1]
+    count = optics.display.eia_shape[1]
     observed = np.unpackbits(packed, axis=1, count=count).astype(bool)
     done = f"{np.count_nonzero(observed)} of {observed.size} ({observed.mean():.1%})"
     why = "no sample of any asked-for view comes from the others"
@@ -184,7 +184,7 @@ def observed_pixels(
     return observed
 
 
-@stage("observed panel pixels", code=RENDERING, timed="observed pixels")
+@stage("observed panel pixels", code=RENDERING, timer="observed pixels")
 def _observed(
     viewpoints: tuple[Viewpoint, ...], optics: Optics, renderer: Renderer
 ) -> np.ndarray | None:
@@ -193,7 +193,7 @@ def _observed(
     from inim.render import reconstruct as display_scene
 
     found = display_scene.observed_pixels(
-        optics.mounted,
+        optics.display,
         viewpoints,
         optics.lens_model,
         pixels_per_lens=optics.view_pixels_per_lens,

@@ -111,7 +111,7 @@ class Scene:
 
 
 @stage("scene", code=RENDERING)
-def scene_facts(scene: Scene) -> dict[str, Any]:
+def describe_scene(scene: Scene) -> dict[str, Any]:
     """Number of shapes and splats, and the fit, as in report.json."""
     fit = scene.fitted.fit
     of_splats = {"splats": {"count": scene.fitted.splats}} if scene.fitted.shows_splats else {}
@@ -147,7 +147,7 @@ def _millions(samples: int) -> str:
 
 
 #: Why rays are left out.
-BLACK_FOR_CERTAIN = (
+EMPTY_RAYS = (
     "rays that meet no shape's box are black for certain; samples have addresses, so the others "
     "keep every bit"
 )

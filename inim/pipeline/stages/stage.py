@@ -1,9 +1,8 @@
-"""What wraps a stage: result cache, timing, and what the report says was skipped.
+"""Stages: the result cache, the timing and the record of skipped steps around plain functions.
 
-A stage is a plain function from values to values. `stage` declares above it what it is called and
-which code decides its result; the function itself knows nothing of that. What decides a result are
-the stage's arguments: a dataclass by its fields, but for one called `name`, which is a label; a
-handle by its `cache_key`; anything else by its value.
+A stage is a plain function from values to values. The decorator `stage` declares the name of its
+result and the code that affects it. The cache key is built from the arguments: the `cache_key` of a
+handle, the fields of a dataclass except its label `name`, and any other value itself.
 """
 
 from __future__ import annotations
@@ -20,42 +19,38 @@ from inim.backend.choice import versions
 from inim.cache import ResultCache, code_digest
 from inim.process.observer import Observer
 
-_Given = ParamSpec("_Given")
-_Made = TypeVar("_Made")
-# What was done, what was skipped, and why that is safe.
-_Words = tuple[str, str, str]
-#: These words, or what makes them of the samples traced and the arguments.
-Describe = _Words | Callable[..., _Words]
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
+# The work done, the work skipped, and the reason why skipping is safe.
+_Step = tuple[str, str, str]
+#: A step, or a function of the samples traced and the arguments that returns one.
+Describe = _Step | Callable[..., _Step]
 
-_FOUND = (
-    "read from the store",
-    "all of it",
-    "nothing that decides it has changed since it was made",
-)
+_CACHED: _Step = ("read from the cache", "all of it", "its inputs and code are unchanged")
 
 
 @dataclass(frozen=True)
 class Code:
-    """Code that decides a result: edited or in another version it makes other results.
+    """Code that affects a result: a change makes cached results invalid.
 
     Attributes
     ----------
-    places : tuple of str
-        Paths below the package.
+    paths : tuple of str
+        Files and folders of the package.
     packages : tuple of str
-        Whose versions count.
+        Distributions whose versions count.
     plugins : callable, optional
-        What other packages add to it.
+        Returns the identities of other packages' plugins.
     """
 
-    places: tuple[str, ...]
+    paths: tuple[str, ...]
     packages: tuple[str, ...]
     plugins: Callable[[], dict[str, Any]] | None = None
 
     def key(self) -> dict[str, Any]:
         """Digests and versions."""
-        found = {"program": code_digest(*self.places), "packages": versions(self.packages)}
-        return found | ({} if self.plugins is None else {"plugins": self.plugins()})
+        key = {"program": code_digest(*self.paths), "packages": versions(self.packages)}
+        return key | ({} if self.plugins is None else {"plugins": self.plugins()})
 
 
 _VALUES = ("image", "display", "scene")
@@ -71,7 +66,7 @@ RENDERING = Code(
     ("drjit", "mitsuba", "numpy", "OpenEXR", "trimesh"),
 )
 GENERATING = Code(
-    (*RENDERING.places, "generators", "regression/fingerprints.py"),
+    (*RENDERING.paths, "generators", "regression/fingerprints.py"),
     (*RENDERING.packages, "llvmlite", "numba"),
 )
 SCORING = Code(
@@ -82,17 +77,17 @@ SCORING = Code(
 
 
 class SkippedSteps:
-    """What a run did and what it skipped, as `skipped` of report.json."""
+    """Completed and skipped steps of a run, as `skipped` of report.json."""
 
     def __init__(self, rows: Iterable[dict[str, str]] = ()) -> None:
         self.rows = [dict(row) for row in rows]
 
     def add(self, what: str, done: str, skipped: str, why: str) -> None:
-        """Add a row; like ones are one row."""
+        """Add a row; merge rows that differ only in the name after the colon."""
         kind, _, name = what.partition(": ")
         for row in self.rows:
-            alike = (row["done"], row["skipped"], row["why"]) == (done, skipped, why)
-            if name and alike and row["what"].startswith(f"{kind}: "):
+            is_equal = (row["done"], row["skipped"], row["why"]) == (done, skipped, why)
+            if name and is_equal and row["what"].startswith(f"{kind}: "):
                 row["what"] += f", {name}"
                 return
         self.rows.append({"what": what, "done": done, "skipped": skipped, "why": why})
@@ -100,14 +95,14 @@ class SkippedSteps:
 
 @dataclass(frozen=True)
 class Run:
-    """What stages run with.
+    """Services for the stages of a run.
 
     Attributes
     ----------
     cache : ResultCache
     observer : Observer
     skipped : SkippedSteps
-        Of this round of samples.
+        Steps of the current round of samples.
     """
 
     cache: ResultCache = field(default_factory=ResultCache)
@@ -115,115 +110,115 @@ class Run:
     skipped: SkippedSteps = field(default_factory=SkippedSteps)
 
     def for_round(self) -> Run:
-        """The same for a round of samples: times go on adding up, what is skipped is its own."""
+        """Return a run for a round of samples: it shares the timings, but not the skipped steps."""
         return replace(self, skipped=SkippedSteps(self.skipped.rows))
 
 
-class Stage(Generic[_Given, _Made]):
-    """A stage with what wraps it; called with the function's arguments and ``run=``."""
+class Stage(Generic[_Arguments, _Result]):
+    """A stage function with its cache; called with the function's arguments and ``run=``."""
 
     def __init__(
         self,
-        function: Callable[_Given, _Made],
+        function: Callable[_Arguments, _Result],
         name: str,
         code: Code,
-        kinds: tuple[type, ...],
-        timed: str | None,
+        result_types: tuple[type, ...],
+        timer: str | None,
         describe: Describe | None,
-        follows: tuple[str, ...],
+        derived: tuple[str, ...],
     ) -> None:
         functools.update_wrapper(self, function)
         self.function = function
-        # Its own file decides its result, too.
-        own = function.__module__.partition(".")[2].replace(".", "/") + ".py"
-        self._code = replace(code, places=(*code.places, own))
-        self._name, self._kinds = name, kinds
-        self._timed, self._describe, self._follows = timed, describe, follows
+        # The function's own file also affects its result.
+        path = function.__module__.partition(".")[2].replace(".", "/") + ".py"
+        self._code = replace(code, paths=(*code.paths, path))
+        self._name, self._result_types = name, result_types
+        self._timer, self._describe, self._derived = timer, describe, derived
         self._signature = inspect.signature(function)
 
-    def __call__(self, *args: Any, run: Run, **named: Any) -> _Made:
-        """The result: found, or made by the function."""
-        bound = self._bound(*args, **named)
-        call: Callable[..., _Made] = self.function
-        name, before = self._name.format(**bound), run.observer.samples
-        timed: AbstractContextManager[None] = nullcontext()
-        if self._timed is not None:
-            timed = run.observer.timed(self._timed.format(**bound))
-        with timed:
-            made, why = run.cache.find_or_make(
+    def __call__(self, *args: Any, run: Run, **kwargs: Any) -> _Result:
+        """Return the cached result, or call the function and cache its result."""
+        arguments = self._arguments(*args, **kwargs)
+        call: Callable[..., _Result] = self.function
+        name, samples = self._name.format(**arguments), run.observer.samples
+        timer: AbstractContextManager[None] = nullcontext()
+        if self._timer is not None:
+            timer = run.observer.timed(self._timer.format(**arguments))
+        with timer:
+            result, reason = run.cache.find_or_make(
                 name,
-                lambda: self._parts(bound),
-                lambda: call(**bound),
-                self._kinds,
+                lambda: self._key(arguments),
+                lambda: call(**arguments),
+                self._result_types,
                 explain=self._describe is not None,
             )
-        if self._describe is not None and why is None:
-            run.skipped.add(name, *_FOUND)
+        if self._describe is not None and reason is None:
+            run.skipped.add(name, *_CACHED)
         elif self._describe is not None:
-            words = self._describe
-            if callable(words):
-                words = words(run.observer.samples - before, **bound)
-            done, skipped, safe = words
-            run.skipped.add(name, f"{done} ({why})" if why else done, skipped, safe)
-        result: _Made = made
-        return result
+            step = self._describe
+            if callable(step):
+                step = step(run.observer.samples - samples, **arguments)
+            done, skipped, why = step
+            run.skipped.add(name, f"{done} ({reason})" if reason else done, skipped, why)
+        typed_result: _Result = result
+        return typed_result
 
-    def is_known(self, *args: Any, run: Run, **named: Any) -> bool:
-        """Whether a call would find its result; arguments that follow from others are left out."""
-        bound = self._bound(*args, **named, **dict.fromkeys(self._follows))
-        return run.cache.holds(self._name.format(**bound), self._parts(bound))
+    def is_cached(self, *args: Any, run: Run, **kwargs: Any) -> bool:
+        """True if the cache holds the result; derived arguments may be omitted."""
+        arguments = self._arguments(*args, **kwargs, **dict.fromkeys(self._derived))
+        return run.cache.holds(self._name.format(**arguments), self._key(arguments))
 
-    def _bound(self, *args: Any, **named: Any) -> dict[str, Any]:
-        bound = self._signature.bind(*args, **named)
+    def _arguments(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
+        bound = self._signature.bind(*args, **kwargs)
         bound.apply_defaults()
         return dict(bound.arguments)
 
-    def _parts(self, given: dict[str, Any]) -> dict[str, Any]:
-        """All that decides the result, by names that people can read."""
-        parts: dict[str, Any] = {}
-        for name, value in given.items():
-            if name in self._follows:
+    def _key(self, arguments: dict[str, Any]) -> dict[str, Any]:
+        """Cache key, by readable names."""
+        key: dict[str, Any] = {}
+        for name, value in arguments.items():
+            if name in self._derived:
                 continue
             if hasattr(value, "cache_key"):
-                parts |= value.cache_key()
+                key |= value.cache_key()
             elif is_dataclass(value) and not isinstance(value, type):
-                shown = (f.name for f in fields(value) if f.name != "name")
-                parts |= {f"{name} {one}": getattr(value, one) for one in shown}
+                names = (f.name for f in fields(value) if f.name != "name")
+                key |= {f"{name} {field_name}": getattr(value, field_name) for field_name in names}
             else:
-                parts[name] = value
-        return parts | self._code.key()
+                key[name] = value
+        return key | self._code.key()
 
 
 def stage(
     name: str,
     *,
     code: Code,
-    makes: tuple[type, ...] = (),
-    timed: str | None = None,
+    result_types: tuple[type, ...] = (),
+    timer: str | None = None,
     describe: Describe | None = None,
-    follows: tuple[str, ...] = (),
-) -> Callable[[Callable[_Given, _Made]], Stage[_Given, _Made]]:
+    derived: tuple[str, ...] = (),
+) -> Callable[[Callable[_Arguments, _Result]], Stage[_Arguments, _Result]]:
     """Declare a stage.
 
     Parameters
     ----------
     name : str
-        Of its result in the cache and in the report, with arguments in braces:
-        ``"true view: {viewpoint.name}"``.
+        Name of the result in the cache and in the report, with arguments in braces:
+        ``"ground-truth view: {viewpoint.name}"``.
     code : Code
-        That decides its result, besides the function's own file.
-    makes : tuple of type
-        Dataclasses that its result is made of.
-    timed : str, optional
-        Under which name its time is reported; may be that of several stages.
-    describe : three words, or a callable, optional
-        What the report says was done, what was skipped and why that is safe; a callable makes it of
-        the samples traced and the arguments. Without it the report says nothing.
-    follows : tuple of str
-        Arguments that follow from the others and so decide nothing.
+        Code that affects the result, in addition to the function's own file.
+    result_types : tuple of type
+        Dataclasses that the result contains.
+    timer : str, optional
+        Name of its time in the report; several stages may share one.
+    describe : three strings, or a callable, optional
+        Work done, work skipped and the reason, for the report; or a function of the samples traced
+        and the arguments that returns them. Without it the report omits the stage.
+    derived : tuple of str
+        Arguments that follow from the others; they are not part of the cache key.
     """
 
-    def declare(function: Callable[_Given, _Made]) -> Stage[_Given, _Made]:
-        return Stage(function, name, code, makes, timed, describe, follows)
+    def declare(function: Callable[_Arguments, _Result]) -> Stage[_Arguments, _Result]:
+        return Stage(function, name, code, result_types, timer, describe, derived)
 
     return declare

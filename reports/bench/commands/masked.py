@@ -118,11 +118,11 @@ def _masks(plan: Plan, viewpoints: Sequence[Viewpoint]) -> dict[str, np.ndarray]
     s, masks = plan.settings, {}
     for model in _MODELS:
         try:
-            check_lens_model(model, plan.mounted)
+            check_lens_model(model, plan.misaligned_display)
         except DisplayError:  # such a lens cannot be ground
             continue
         found = reconstruct.observed_pixels(
-            plan.mounted,
+            plan.misaligned_display,
             viewpoints,
             model,
             pixels_per_lens=s.view_pixels_per_lens,

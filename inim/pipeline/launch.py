@@ -1,4 +1,4 @@
-"""A validation in a process of its own; imports nothing heavy before that process has begun."""
+"""Entry points of a validation in a worker process, without heavy imports."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ def validate_in_worker(
     Parameters
     ----------
     make_request : callable
-        Makes the request, of this scene, folder and backend; called while the worker loads.
+        Returns the request for this scene, folder and backend; called while the worker loads.
     scene, out : Path
     backend : {"auto", "llvm", "cuda"}
     quiet : bool
-        No result lines on stdout and no progress bar on stderr.
+        Print neither result lines on stdout nor a progress bar on stderr.
     debug : bool
         Let the worker print the traceback of an internal error.
 
     Returns
     -------
     bool
-        Whether every check passed.
+        True if every check passed.
 
     Raises
     ------
     InimError
-        What is wrong with the request or the scene; see `run_in_worker`.
+        The request or the scene is invalid, or the worker failed; see `run_in_worker`.
     """
 
     def plan() -> Plan:
@@ -89,59 +89,55 @@ def validate(
 ) -> Report:
     """Validate a scene in a worker process, as `python -m inim.validate` does.
 
-    What the command takes as text may be text here, too, or Python values. The report's `command`
-    repeats the run.
+    Options accept the command's text or Python values. The report's `command` repeats the run.
 
     Parameters
     ----------
     scene : path
         Mitsuba XML with `inim.*` settings.
     out : path, optional
-        Folder for the report; `<scene>-report` in the current folder otherwise.
+        Folder for the report; default: `<scene>-report` in the current folder.
     definitions : mapping, optional
-        Settings and scene parameters to override, like ``{"inim.pitch_mm": 0.5}``: text or
-        numbers.
+        Settings and scene parameters to override, as text or numbers: ``{"inim.pitch_mm": 0.5}``.
     display : str, path or Display, optional
-        A preset's name; or a display file or a display, whatever the scene says of its own.
-        Reports call a display that is no preset after the nearest one: "nominal, changed".
+        Preset, display file or display; replaces the scene's display.
+        Reports name a display that is not a preset after the nearest one: "nominal, changed".
     algorithms : str, sequence or mapping, optional
-        Text as after ``--algorithms``; names, with options (``"template:samples=2"``) or without;
+        Text as after ``--algorithms``; names with or without options (``"template:samples=2"``);
         or options by name: ``{"template": {"samples": 2}, "wang2024": {}}``.
     viewpoints : str, Viewpoint or sequence, optional
-        Text as after ``--viewpoints``; or named ones (``"left"``), texts and `Viewpoint` objects.
-        The pupil and focus of the objects hold for all.
+        Text as after ``--viewpoints``; or names (``"left"``), texts and `Viewpoint` objects.
+        All `Viewpoint` objects must have the same pupil and focus, which apply to every viewpoint.
     lens_model : str, optional
         One of `inim.lens.lens_models`.
     misalign : str or mapping, optional
-        What the array is off by: ``"rotation_deg=0.5"``, or ``{"rotation_deg": 0.5}``.
+        Misalignment of the lens array: ``"rotation_deg=0.5"``, or ``{"rotation_deg": 0.5}``.
     eias : mapping, optional
-        Finished EIAs to score beside the algorithms: ``{"mine": "mine.png"}``.
+        Finished EIAs to score with the algorithms, by name: ``{"mine": "mine.png"}``.
     backend : {"auto", "llvm", "cuda"}
     baseline : path, optional
-        Folder of a baseline that `inim baseline accept` made, to compare with.
+        Folder of a baseline from `inim baseline accept`, to compare with.
     preview : bool
-        A first look in seconds: one algorithm from one place, by few samples. Its report says so,
-        and is no baseline.
+        Quick preview: one algorithm, one viewpoint, few samples. It cannot become a baseline.
     time : bool
-        Time the generators in yardsticks, too, and compare times where the baseline has them.
+        Time the generators in kernel times, and compare with the baseline's times if it has any.
     lazy : bool
-        Make and render only the panel pixels that the viewpoints observe: the same views and
-        scores of views, and none of the EIA as a whole.
+        Generate and render only the panel pixels that the viewpoints observe: the views and their
+        scores are the same, and whole EIAs are not scored.
     no_skip : bool
-        Do everything, also what changes no result, and use no store (`inim cache`).
+        Run every step, even if it cannot change a result, and ignore the result cache.
     allow_folders : path or sequence of path
-        Folders besides the scene's own where files that it names may lie.
+        Additional folders for files that the scene references.
 
     Returns
     -------
     Report
-        With `passed` False where a check failed; that is a result, not an error.
+        Its `passed` is False if a check failed; a failed check raises no error.
 
     Raises
     ------
     InimError
-        Of the kind that fits, with the line the command would print; a `UsageError` for values of
-        a wrong type.
+        The error that the command would print; a `UsageError` for values of a wrong type.
     """
     from inim.display.misalignment import parse_misalignment
     from inim.display.viewpoint import viewpoint_items

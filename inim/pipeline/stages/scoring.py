@@ -1,0 +1,339 @@
+"""Scores: of a method's EIA and views, of the reference, and of the ground truth against itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from inim import metrics
+from inim.documents.parts import Check, ScorePrecision
+from inim.documents.report import AlgorithmResult, NoiseFloor
+from inim.image.noisy_image import NoisyImage
+from inim.metrics import Viewing
+from inim.metrics.headline import HEADLINE, HEADLINE_WORDS
+from inim.pipeline.stages.checks import (
+    BLACK,
+    CLIPPED_SHARE,
+    check,
+    missing_viewpoints,
+    nonfinite_checks,
+    out_of_range_share,
+)
+from inim.pipeline.stages.generate import GeneratedEIA, ReferenceOutput
+from inim.pipeline.stages.ground_truth import GroundTruth
+from inim.pipeline.stages.stage import SCORING, Run, stage
+from inim.process.threads import Submit, threads
+from inim.regression import (
+    Fingerprint,
+    ScoreEstimate,
+    TileStatistics,
+    eia_tile,
+    score_interval,
+    tile_statistics,
+    view_scores,
+    view_tile,
+)
+
+# Scoring takes about 100 bytes per pixel: 0.4 GB for all images scored at once.
+_PIXELS_AT_ONCE = 2**22
+# Scores by their name in report.json.
+Scores = dict[str, ScoreEstimate]
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Statistics of a method or of the ground truth, for comparisons with later runs.
+
+    Attributes
+    ----------
+    pictures : dict of str to TileStatistics
+    scores : dict of str to dict of str to ScoreEstimate
+        By ``NAME/VIEWPOINT``.
+    fingerprints : dict of str to Fingerprint
+    """
+
+    pictures: dict[str, TileStatistics] = field(default_factory=dict)
+    scores: dict[str, dict[str, ScoreEstimate]] = field(default_factory=dict)
+    fingerprints: dict[str, Fingerprint] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """Scores of a method.
+
+    Attributes
+    ----------
+    scores : AlgorithmResult
+        As in report.json.
+    statistics : Statistics
+    reference_output : ReferenceOutput, optional
+        Output for the reference input; None unless the method is a generator.
+    checks : tuple of Check
+    warnings : tuple of str
+    """
+
+    scores: AlgorithmResult
+    statistics: Statistics = field(default_factory=Statistics)
+    reference_output: ReferenceOutput | None = None
+    checks: tuple[Check, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@stage("scores of a view", code=SCORING, result_types=(ScoreEstimate,))
+def score_view(
+    reference: NoisyImage, test: NoisyImage, region: np.ndarray, viewing: Viewing | None
+) -> Scores:
+    """Score a view, whole and on the relic.
+
+    Parameters
+    ----------
+    reference, test : NoisyImage
+    region : (rows, columns) bool
+        The relic's region; see `inim.metrics.relic_region`.
+    viewing : Viewing, optional
+        Viewing conditions; None if no metric needs them.
+    """
+    return view_scores(reference, test, region, viewing=viewing)
+
+
+@stage("scores of two halves", code=SCORING)
+def _score_halves(
+    image: NoisyImage, region: np.ndarray, viewing: Viewing | None
+) -> dict[str, float]:
+    """Score one half of the samples against the other by every metric."""
+    return metrics.score(image.first, image.second, region, viewing)
+
+
+@stage("scores of an EIA", code=SCORING)
+def _score_eia_pixels(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
+    """Score panel pixels by the metrics that apply to them."""
+    return metrics.eia_scores(reference, test)
+
+
+def score_method(
+    name: str,
+    output: GeneratedEIA,
+    views: Mapping[str, NoisyImage],
+    truth: GroundTruth,
+    limit: float | None = None,
+    *,
+    run: Run,
+) -> MethodResult:
+    """Score a method's EIA against the ground truth, its views against ground truth and reference.
+
+    Parameters
+    ----------
+    name : str
+    output : GeneratedEIA
+    views : mapping of str to NoisyImage
+        By viewpoint.
+    truth : GroundTruth
+    limit : float, optional
+        Smallest headline score that passes.
+    run : Run
+    """
+    eia = output.eia
+    with _scoring_threads(truth, run) as submit:
+        # Submit the longest task first.
+        tiles = submit(_eia_tiles, f"eia/{name}", eia, truth, True, run)
+        eia_scores = submit(_score_eia, truth, run, eia.image)
+        futures = {
+            viewpoint: submit(_score_against_truth, truth, viewpoint, view, run)
+            for viewpoint, view in views.items()
+        }
+        # Not in a thread: another package's generator may not be thread-safe.
+        reference = output.reference_output
+        fingerprints = {} if reference is None else {name: reference.fingerprint()}
+        scores_by_view = {viewpoint: future.result() for viewpoint, future in futures.items()}
+        view_values, precision = reported_scores(scores_by_view)
+        result = AlgorithmResult(
+            eia=eia_scores.result() | {"hole_fraction": output.hole_fraction},
+            views=view_values,
+            precision=precision,
+            seconds=output.seconds,
+        )
+        scores = {f"{name}/{viewpoint}": s for viewpoint, s in scores_by_view.items()}
+        statistics = Statistics(tiles.result(), scores, fingerprints)
+    checks = [
+        *nonfinite_checks(f"eia/{name}", eia.nonfinite),
+        *missing_viewpoints(name, [*truth.views], views),
+        _content_check(name, output),
+        *_criteria(name, limit, scores_by_view),
+    ]
+    warnings = _range_warnings(name, eia.image, truth)
+    return MethodResult(result, statistics, reference, tuple(checks), tuple(warnings))
+
+
+def reported_scores(
+    views: Mapping[str, Scores],
+) -> tuple[dict[str, dict[str, float | None]], dict[str, dict[str, ScorePrecision]]]:
+    """Noise-corrected scores and their precision, by viewpoint, as in report.json."""
+    values: dict[str, dict[str, float | None]] = {}
+    precision = {}
+    for view, scores in views.items():
+        values[view] = {key: score.value for key, score in scores.items()}
+        precision[view] = {
+            key: ScorePrecision(plain=score.plain, interval=score_interval(score))
+            for key, score in scores.items()
+        }
+    return values, precision
+
+
+def _score_against_truth(truth: GroundTruth, viewpoint: str, view: NoisyImage, run: Run) -> Scores:
+    """Score a view against the ground-truth view and against the reference view."""
+    conditions = truth.conditions(viewpoint)
+    to_scene = score_view(truth.views[viewpoint], view, *conditions, run=run)
+    to_reference = score_view(truth.reference_views[viewpoint], view, *conditions, run=run)
+    names = {metric.key: metric.to_reference_key for metric in metrics.all_metrics()}
+    names |= {m.on_relic_key: m.on_relic_to_reference_key for m in metrics.all_metrics()}
+    return to_scene | {names[key]: score for key, score in to_reference.items()}
+
+
+def _score_eia(
+    truth: GroundTruth, run: Run, eia: np.ndarray | None = None
+) -> dict[str, float | None]:
+    """Score an EIA, or the noise floor without one; all None if the run renders only a part."""
+    if not truth.is_whole:
+        return {metric.key: None for metric in metrics.all_metrics() if metric.of_eia}
+    if eia is None:
+        return dict(_score_eia_pixels(truth.eia.first, truth.eia.second, run=run))
+    return dict(_score_eia_pixels(truth.eia.image, eia, run=run))
+
+
+@stage("heat map of a view", code=SCORING)
+def _heat_map(
+    reference: np.ndarray, test: np.ndarray, viewing: Viewing | None, metric_name: str
+) -> np.ndarray:
+    """Compute a metric's heat map, (rows, columns); 1 is the largest value shown."""
+    metric = metrics.find(metric_name)
+    assert metric is not None
+    return metrics.heat_map(metric, reference, test, viewing)
+
+
+def compute_heat_maps(
+    truth: GroundTruth,
+    references: Mapping[str, NoisyImage],
+    views: Mapping[str, NoisyImage],
+    *,
+    run: Run,
+) -> dict[str, np.ndarray]:
+    """Compute the heat maps of views, by metric and viewpoint: ``cvvdp/left``.
+
+    Only metrics with a `heat_map` yield one.
+    """
+    names = [metric.name for metric in metrics.all_metrics() if metric.heat_map is not None]
+    with _scoring_threads(truth, run) as submit:
+        futures = {
+            f"{name}/{eye}": submit(
+                _heat_map, references[eye].image, view.image, truth.viewing[eye], name, run=run
+            )
+            for name in names
+            for eye, view in views.items()
+        }
+        return {name: future.result() for name, future in futures.items()}
+
+
+def score_reference_views(truth: GroundTruth, *, run: Run) -> dict[str, Scores]:
+    """Score the reference views against the ground-truth views, by viewpoint."""
+    with _scoring_threads(truth, run) as submit:
+        futures = {
+            name: submit(
+                score_view, view, truth.reference_views[name], *truth.conditions(name), run=run
+            )
+            for name, view in truth.views.items()
+        }
+        return {name: future.result() for name, future in futures.items()}
+
+
+def compute_noise_floor(truth: GroundTruth, *, run: Run) -> NoiseFloor:
+    """Score one half of the ground truth's samples against the other."""
+    with _scoring_threads(truth, run) as submit:
+        eia_scores = submit(_score_eia, truth, run)
+        futures = {
+            name: submit(_score_halves, view, *truth.conditions(name), run=run)
+            for name, view in truth.views.items()
+        }
+        views: dict[str, dict[str, float | None]] = {
+            name: {**future.result()} for name, future in futures.items()
+        }
+        return NoiseFloor(eia=eia_scores.result(), views=views)
+
+
+def compute_truth_statistics(
+    truth: GroundTruth, reference_scores: Mapping[str, Scores], *, run: Run
+) -> Statistics:
+    """Compute the statistics of the ground truth, including the scores of the reference views."""
+    with _scoring_threads(truth, run) as submit:
+        eia_tiles = submit(_eia_tiles, "truth/eia", truth.eia, truth, False, run)
+        futures = {
+            name: submit(_tiles, view, view_tile(view.shape), False, run=run)
+            for name, view in truth.views.items()
+        }
+        views = {f"truth/{name}": future.result() for name, future in futures.items()}
+        pictures = eia_tiles.result() | views
+    scores = {f"reference/{name}": scores for name, scores in reference_scores.items()}
+    return Statistics(pictures, scores)
+
+
+@contextmanager
+def _scoring_threads(truth: GroundTruth, run: Run) -> Iterator[Submit]:
+    """Threads for scoring a run's images, limited by memory."""
+    largest = max(math.prod(image.shape) for image in (truth.eia, *truth.views.values()))
+    with run.observer.timed("score"), threads(_PIXELS_AT_ONCE // largest) as submit:
+        yield submit
+
+
+def _content_check(name: str, output: GeneratedEIA) -> Check:
+    """Check that the EIA is neither black nor all holes."""
+    if output.hole_fraction is None:
+        return check(
+            f"{name}: brightest value", float(output.eia.image.max()), ">=", BLACK, "not black"
+        )
+    share = 1 - output.hole_fraction
+    return check(f"{name}: share of pixels shown", share, ">=", 1e-6, "not all holes")
+
+
+def _range_warnings(name: str, eia: np.ndarray, truth: GroundTruth) -> list[str]:
+    # The ground truth has its own warning for light that the scene itself clips.
+    share = out_of_range_share(eia)
+    if share - truth.clipped_share <= CLIPPED_SHARE:
+        return []
+    return [
+        f"eia/{name}: {share:.1%} of the pixels are below black or brighter than the panel's "
+        "white, which no panel shows; clip them, or check that they are linear"
+    ]
+
+
+def _criteria(name: str, limit: float | None, scores_by_view: Mapping[str, Scores]) -> list[Check]:
+    """Check each view's headline score against the smallest that passes."""
+    if limit is None:
+        return []
+    return [
+        check(
+            f"{name}/{view}: {HEADLINE_WORDS}",
+            scores[HEADLINE].value,
+            ">=",
+            limit,
+            interval=score_interval(scores[HEADLINE]),
+            criterion=True,
+        )
+        for view, scores in scores_by_view.items()
+    ]
+
+
+@stage("tile statistics", code=SCORING, result_types=(TileStatistics,))
+def _tiles(image: NoisyImage, tile: tuple[int, int], generated: bool) -> TileStatistics:
+    return tile_statistics(image, tile, generated=generated)
+
+
+def _eia_tiles(
+    name: str, eia: NoisyImage, truth: GroundTruth, generated: bool, run: Run
+) -> dict[str, TileStatistics]:
+    """Tile statistics of an EIA; empty if the run renders only a part of it."""
+    display = truth.display
+    tile = eia_tile(display.eia_shape, (display.lens_rows, display.lens_columns))
+    return {name: _tiles(eia, tile, generated, run=run)} if truth.is_whole else {}
