@@ -1,4 +1,4 @@
-"""A request: what a user asks for, as values. Text is parsed by the command line, next to it."""
+"""Requests of a user, as values; `inim.commands` parses their text."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from inim.display.viewpoint import Viewpoint, viewpoints_text
 from inim.errors import UsageError
 from inim.settings import DISPLAY_KEYS, NOT_SET, PREFIX, Settings, value_text
 
-#: Settings of a preview, unless the request has its own: one algorithm from one place, by few
-#: samples, and judged by nothing.
+#: Default settings of a preview: one algorithm, one viewpoint, few samples and no criteria.
 PREVIEW = {
     "inim.algorithms": "template",
     "inim.viewpoints": "centre",
@@ -28,13 +27,13 @@ PREVIEW = {
 
 
 def option_words(options: Mapping[str, Any]) -> list[str]:
-    """Words of a command line, for its record: options with their values.
+    """Format options and their values as arguments of a command line.
 
     Parameters
     ----------
     options : mapping
-        By option (``--display``), a value; a list, of which each item repeats the option; or True
-        for a switch. An option without a value (None, False, empty list) is left out.
+        Values by option (``--display``): a single value; a list, whose items repeat the option; or
+        True for a switch. Options without a value (None, False, empty list) are omitted.
     """
     words: list[str] = []
     for option, value in options.items():
@@ -49,12 +48,12 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Choices:
-    """Choices of a user for a display, its viewer and its EIAs; None: as the scene states.
+    """A user's choices of display, viewpoints and algorithms; None: as in the scene.
 
     Attributes
     ----------
     definitions : dict of str to str
-        Single settings and scene parameters.
+        Settings and scene parameters.
     display : Display, str or Path, optional
         A display, a preset's name, or a file with `inim.*` settings; see
         `inim.scene.file.choose_display`.
@@ -75,88 +74,90 @@ class Choices:
     misalign: Mapping[str, float] | None = None
 
     def overrides(self) -> dict[str, Any]:
-        """Settings that these choices replace, besides the display's, by field of `Settings`."""
-        chosen: dict[str, Any] = {}
+        """Settings to replace, except the display's, by field of `Settings`."""
+        settings: dict[str, Any] = {}
         if self.algorithms is not None:
-            chosen["algorithms"] = ",".join(self.algorithms)
+            settings["algorithms"] = ",".join(self.algorithms)
         if self.viewpoints is not None:
-            chosen["viewpoints"] = viewpoints_text(self.viewpoints)
+            settings["viewpoints"] = viewpoints_text(self.viewpoints)
         if self.lens_model is not None:
-            chosen["lens_model"] = self.lens_model
+            settings["lens_model"] = self.lens_model
         if self.misalign is not None:
-            chosen["misalign"] = misalignment_text(self.misalign)
-        return chosen | self._pupil()
+            settings["misalign"] = misalignment_text(self.misalign)
+        return settings | self._pupil()
 
     def _pupil(self) -> dict[str, float | None]:
-        """Pupil and focus of all eyes, if some are values."""
+        """Pupil and focus of the `Viewpoint` objects, if there are any."""
         eyes = [eye for eye in self.viewpoints or () if isinstance(eye, Viewpoint)]
         if len({(eye.pupil_mm, eye.focus_mm) for eye in eyes}) > 1:
-            raise UsageError("viewpoints: have different pupils or focus; a run has one for all")
+            raise UsageError("viewpoints: have different pupils or focus; use one for all")
         for key in (f"{PREFIX}pupil_mm", f"{PREFIX}focus_mm"):
             if eyes and key in self.definitions:
-                raise UsageError(f"viewpoints: a Viewpoint has its own; take {key} out")
+                raise UsageError(
+                    f"viewpoints: a Viewpoint has its own pupil and focus; remove {key}"
+                )
         return {"pupil_mm": eyes[0].pupil_mm, "focus_mm": eyes[0].focus_mm} if eyes else {}
 
-    def options(self, settings: Settings, stated: Container[str] = ()) -> dict[str, Any]:
-        """Options of the command line that make these choices, for the record.
+    def options(self, settings: Settings, scene_keys: Container[str] = ()) -> dict[str, Any]:
+        """Command-line options that make these choices, for the record.
 
         Parameters
         ----------
         settings : Settings
             Settings of the run.
-        stated : container of str
-            Keys of the settings that the scene states.
+        scene_keys : container of str
+            Keys of the settings in the scene file.
         """
         options = {f"--{name.replace('_', '-')}": v for name, v in self.overrides().items()}
         for name in self._pupil():
             del options[f"--{name.replace('_', '-')}"]
-        own = isinstance(self.display, Display)
+        is_object = isinstance(self.display, Display)
         return {
-            "-D": definition_words(self.recorded_definitions(settings, stated)),
-            "--display": settings.display if own else self.display,
+            "-D": definition_words(self.recorded_definitions(settings, scene_keys)),
+            "--display": settings.display if is_object else self.display,
             **options,
         }
 
     def recorded_definitions(
-        self, settings: Settings, stated: Container[str] = ()
+        self, settings: Settings, scene_keys: Container[str] = ()
     ) -> dict[str, str]:
-        """Definitions with the values that have no option: a `Display`, an eye's pupil."""
+        """Definitions, including values without an option: a `Display`, a `Viewpoint`'s pupil."""
         keys = [*self._pupil(), *(DISPLAY_KEYS if isinstance(self.display, Display) else ())]
         values = {key: getattr(settings, key) for key in keys}
         return {**self.definitions} | {
             f"{PREFIX}{key}": NOT_SET if value is None else value_text(key, value)
             for key, value in values.items()
-            if value != getattr(Settings(), key) or f"{PREFIX}{key}" in stated
+            if value != getattr(Settings(), key) or f"{PREFIX}{key}" in scene_keys
         }
 
 
 def definition_words(definitions: Mapping[str, str]) -> list[str]:
-    """Definitions as after -D."""
+    """Format definitions as values of ``-D``."""
     return [f"{key}={text}" for key, text in definitions.items()]
 
 
 @dataclass(frozen=True)
 class Request(Choices):
-    """A validation of a scene.
+    """Request to validate a scene.
 
     Attributes
     ----------
     scene, out : Path
     eias : dict of str to Path
-        Finished EIAs to score next to the algorithms, by name.
+        Finished EIAs to score with the algorithms, by name.
     backend : {"auto", "llvm", "cuda"}
     baseline : Path, optional
         Folder of the baseline to compare with.
     preview : bool
-        A first look: `PREVIEW` in place of the scene's settings.
+        Use the settings of `PREVIEW`.
     time : bool
-        Time the generators, too.
+        Time the generators.
     lazy : bool
-        Make and render only the panel pixels that the viewpoints observe.
+        Generate and render only the panel pixels that the viewpoints observe.
     no_skip : bool
-        Do everything, also what changes no result; use no store.
+        Run every step, even if it cannot change a result; ignore the result cache.
     allow_folders : tuple of Path
-        Folders besides the scene's own where files that it names may lie.
+        Additional folders for files that the scene references.
     """
 
     scene: Path
@@ -170,8 +171,8 @@ class Request(Choices):
     no_skip: bool = False
     allow_folders: tuple[Path, ...] = ()
 
-    def command(self, settings: Settings, stated: Container[str] = ()) -> list[str]:
-        """The command line that repeats this request, after `python -m inim.validate`.
+    def command(self, settings: Settings, scene_keys: Container[str] = ()) -> list[str]:
+        """Arguments of `python -m inim.validate` that repeat this request.
 
         Parameters are those of `Choices.options`.
         """
@@ -181,7 +182,7 @@ class Request(Choices):
             *option_words(
                 {
                     "-o": self.out,
-                    **self.options(settings, stated),
+                    **self.options(settings, scene_keys),
                     "--allow-folder": self.allow_folders,
                     "--eia": [f"{name}={path}" for name, path in self.eias.items()],
                     "--backend": None if self.backend == "auto" else self.backend,

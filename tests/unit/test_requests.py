@@ -174,7 +174,7 @@ def test_a_plan_is_sent_to_the_worker(scene, plans):
         ),
         (
             {"viewpoints": Viewpoint("a", 0, 0, 400), "definitions": {"inim.pupil_mm": 3}},
-            "take inim.pupil_mm out",
+            "remove inim.pupil_mm",
         ),
         ({"lens_model": 3}, "lens model"),
         ({"misalign": 0.5}, "misalign: 0.5 is a float"),

@@ -1,1 +1,1 @@
-"""What a validation writes: pictures, report data, statistics and baselines."""
+"""Output of a validation: images, report data, statistics and baselines."""

@@ -1,4 +1,4 @@
-"""The image files of a report, written while the run goes on."""
+"""Image files of a report, written while the run continues."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.process.observer import Observer
 
-# Images that wait are held in memory, so large ones are waited for: a quarter of a gigabyte.
+# Images waiting to be written occupy memory: at most a quarter of a gigabyte.
 _WAITING_BYTES = 2**28
-_TIMED = "write pictures"
+_TIMER = "write pictures"
 
 
 class Images:
-    """Writes images in a thread of its own: packing them takes as long as scoring them.
+    """Writes images in a separate thread: compressing them takes as long as scoring them.
 
     Parameters
     ----------
     folder : Path
     attributes : mapping of str to str
-        Of every EXR file.
+        Attributes of every EXR file.
     observer : Observer
     cache : ResultCache, optional
-        Of compressed PNG files.
+        Cache of compressed PNG files.
     """
 
     def __init__(
@@ -51,12 +51,12 @@ class Images:
         self._waiting: list[tuple[Future[None], int]] = []
 
     def save(self, name: str, linear: np.ndarray) -> None:
-        """Write an image, (rows, columns, 3) linear RGB that stays as it is, as PNG and EXR.
+        """Write an image, (rows, columns, 3) linear RGB, as PNG and EXR; do not modify it later.
 
         Raises
         ------
         FileError
-            Where this or an earlier one cannot be written; see `finish` for the last ones.
+            This or an earlier image cannot be written; `finish` raises for the last ones.
         """
 
         def write() -> None:
@@ -66,7 +66,7 @@ class Images:
         self._submit(write, linear.nbytes)
 
     def save_capture(self, capture: Capture, display: Display) -> None:
-        """Write the RGB-D picture, and its colour and depth to look at."""
+        """Write the RGB-D picture, and PNG files of its colour and depth."""
         rgbd = capture.rgbd
 
         def write() -> None:
@@ -76,7 +76,7 @@ class Images:
         self._submit(write, rgbd.color.nbytes)
 
     def save_truth(self, truth: GroundTruth) -> None:
-        """Write the true EIA, the true views, the relic's regions in them, the reference views."""
+        """Write the ground-truth EIA and views, the relic's regions and the reference views."""
         self.save("truth/eia", truth.eia.image)
         for name, view in truth.views.items():
             self.save(f"truth/{name}", view.image)
@@ -93,18 +93,18 @@ class Images:
 
     def save_heat_maps(self, name: str, maps: Mapping[str, np.ndarray]) -> None:
         """Write heat maps of a method's views in colours: ``maps/cvvdp/template/left.png``."""
-        for place, share in maps.items():
-            metric, _, viewpoint = place.partition("/")
+        for key, heat_map in maps.items():
+            metric, _, viewpoint = key.partition("/")
             path = self.folder / "maps" / metric / name / f"{viewpoint}.png"
-            colors = linear_from_srgb(magma(share).astype(np.float32) / 255)
+            colors = linear_from_srgb(magma(heat_map).astype(np.float32) / 255)
             self._submit(partial(write_png, path, colors, self.cache), colors.nbytes)
 
     def _submit(self, write: Callable[[], None], size: int) -> None:
-        """Call what writes a file, which holds so many bytes of memory until then."""
-        with self._observer.timed(_TIMED):
+        """Submit a function that writes a file and occupies `size` bytes until then."""
+        with self._observer.timed(_TIMER):
             while self._waiting and (
                 self._waiting[0][0].done()
-                or sum(held for _, held in self._waiting) > _WAITING_BYTES
+                or sum(waiting for _, waiting in self._waiting) > _WAITING_BYTES
             ):
                 self._waiting.pop(0)[0].result()
         self._waiting.append((self._thread.submit(write), size))
@@ -112,8 +112,8 @@ class Images:
             self.finish()
 
     def finish(self) -> None:
-        """Wait until all is written."""
-        with self._observer.timed(_TIMED):
+        """Wait until all images are written."""
+        with self._observer.timed(_TIMER):
             while self._waiting:
                 self._waiting.pop(0)[0].result()
 
@@ -121,7 +121,7 @@ class Images:
 def write_rgbd_pngs(
     folder: Path, rgbd: RGBD, display: Display, cache: ResultCache | None = None
 ) -> None:
-    """Write colour and depth to look at: the farther within the depth range the darker."""
+    """Write colour, and depth as grey: darker is farther within the depth range."""
     low, high = display.depth_range_mm
     grey = np.where(rgbd.covered, 0.1 + 0.9 * (rgbd.depth_mm - low) / (high - low), 0.0)
     cache = cache or ResultCache()

@@ -1,1 +1,1 @@
-"""The stages of a validation, a file each, and what caches and times them."""
+"""Stages of a validation, one file each, with caching and timing."""

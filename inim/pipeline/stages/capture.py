@@ -1,4 +1,4 @@
-"""What the depth camera sees of a scene: colour and depth, and all layers behind the front."""
+"""Capture of a scene by the depth camera: colour, depth and the layers behind the front."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from inim.pipeline.stages.stage import RENDERING, Run, stage
 
 @dataclass(frozen=True)
 class DepthCamera:
-    """The depth camera before a scene: parallel rays straight back.
+    """A depth camera in front of a scene: parallel rays along the display's axis.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class DepthCamera:
     spp : int
         Samples per pixel, both halves.
     seed : int
-        Of the run.
+        Seed of the run.
     """
 
     scene: Scene
@@ -35,7 +35,7 @@ class DepthCamera:
     seed: int
 
     def cache_key(self) -> dict[str, Any]:
-        """What decides its picture."""
+        """Return all values that affect the capture."""
         return {
             **self.scene.cache_key(),
             "capture_pixels_per_pitch": self.pixels_per_pitch,
@@ -45,54 +45,54 @@ class DepthCamera:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of its picture."""
+        """Rows and columns of the capture."""
         return self.scene.display.capture_shape(self.pixels_per_pitch)
 
     @property
     def pixel_mm(self) -> float:
-        """Side of its pixels."""
+        """Side length of a pixel."""
         return self.scene.display.capture_pixel_mm(self.pixels_per_pitch)
 
 
 @dataclass(frozen=True)
 class Layers:
-    """All layers by two halves of the samples, and what was left out.
+    """All layers as two half images, with the shares left out.
 
     Attributes
     ----------
     halves : (LayeredRGBD, LayeredRGBD)
     covered_shares : tuple of float
-        Shares of the picture that the solids of each number cover, nearest first.
+        Share of the pixels covered by the first solid, by the second, and so on.
     cut_share, hidden_share : float
         See `inim.render.depth_peeling`.
-    most : int
-        As many solids there may be.
+    max_solids : int
+        Largest number of solids along a ray.
     """
 
     halves: tuple[LayeredRGBD, LayeredRGBD]
     covered_shares: tuple[float, ...]
     cut_share: float
     hidden_share: float
-    most: int
+    max_solids: int
 
 
 @dataclass(frozen=True)
 class Capture:
-    """What methods start from.
+    """Input of the methods.
 
     Attributes
     ----------
     camera : DepthCamera
     rgbd : RGBD
     halves : (RGBD, RGBD)
-        By two independent halves of the colour's samples; depth is the same in both.
+        Half images with independent colour samples and the same depth.
     layered : LayeredRGBD, optional
-        With what lies behind the front, where a method reads it.
+        Includes the layers behind the front surface; None if no method reads them.
     layered_halves : (LayeredRGBD, LayeredRGBD) or ()
     covered_shares : tuple of float
         See `Layers`.
     hidden_share : float
-        Share of what lies behind the front that no ray of the display meets, and is left out.
+        Share of the hidden layers that no ray of the display meets; they are left out.
     checks : tuple of Check
     warnings : tuple of str
     """
@@ -108,34 +108,35 @@ class Capture:
     warnings: tuple[str, ...] = ()
 
     def cache_key(self) -> dict[str, Any]:
-        """What decides it."""
+        """Return all values that affect the capture."""
         return self.camera.cache_key()
 
     def input(self, *, layers: bool) -> tuple[RGBD, tuple[RGBD, ...]]:
-        """What a method is given, and its two halves."""
+        """Input for a method, and its half images."""
         if layers and self.layered is not None:
             return self.layered, self.layered_halves
         return self.rgbd, self.halves
 
 
 def capture_relic(camera: DepthCamera, *, layers: bool, run: Run) -> Capture:
-    """Colour and depth, and the layers behind where they are wanted; finite, and checked."""
+    """Capture colour and depth, and optionally the hidden layers; replace nonfinite values."""
     first, second = capture_rgbd(camera, run=run)
-    (one, other), nonfinite = replace_nonfinite(first.color, second.color)
-    halves = replace(first, color=one), replace(second, color=other)
-    color = np.float32(0.5) * (one + other)
+    (first_color, second_color), nonfinite = replace_nonfinite(first.color, second.color)
+    halves = replace(first, color=first_color), replace(second, color=second_color)
+    color = np.float32(0.5) * (first_color + second_color)
     mean = replace(first, color=color.astype(np.float32))
     capture = Capture(camera, mean, halves, checks=tuple(nonfinite_checks("RGB-D", nonfinite)))
     if layers:
-        return _with_layers(capture, capture_layers(camera, run=run), run)
-    what, why = "layers behind the picture", "no algorithm reads them"
-    run.skipped.add(what, "nothing", "peeling the scene", why)
+        return _add_layers(capture, capture_layers(camera, run=run), run)
+    run.skipped.add(
+        "layers behind the picture", "nothing", "peeling the scene", "no algorithm reads them"
+    )
     return capture
 
 
 def _all_samples(samples: int, camera: DepthCamera) -> tuple[str, str, str]:
-    whole = 2 * max(1, camera.spp // 2) * camera.shape[0] * camera.shape[1]
-    return samples_traced(samples, whole, EMPTY_RAYS)
+    total = 2 * max(1, camera.spp // 2) * camera.shape[0] * camera.shape[1]
+    return samples_traced(samples, total, EMPTY_RAYS)
 
 
 @stage(
@@ -146,7 +147,7 @@ def _all_samples(samples: int, camera: DepthCamera) -> tuple[str, str, str]:
     describe=_all_samples,
 )
 def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, RGBD]:
-    """Colour by two halves of the samples, with the same depth and coverage."""
+    """Capture two half images of the colour, with the same depth and coverage."""
     from inim.render.ground_truth import capture_halves
 
     return capture_halves(
@@ -155,7 +156,7 @@ def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, RGBD]:
         pixels_per_pitch=camera.pixels_per_pitch,
         spp=camera.spp,
         seed=seed_of("capture", camera.seed),
-        **camera.scene.effort,
+        **camera.scene.render_options,
     )
 
 
@@ -165,13 +166,13 @@ def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, RGBD]:
     result_types=(Layers, LayeredRGBD, Layer),
     timer="capture layers",
     describe=(
-        "captured, as many as there are",
+        "captured, all that exist",
         "layers that do not exist",
-        "peeling ends where nothing is left",
+        "peeling ends when no surface is left",
     ),
 )
 def capture_layers(camera: DepthCamera) -> Layers:
-    """All solids along the camera's rays, their colours by two halves of the samples."""
+    """Capture all solids along the camera's rays, with two half images of their colours."""
     from inim.render import ground_truth
     from inim.render.depth_peeling import MOST_LAYERS, peel
 
@@ -198,78 +199,80 @@ def capture_layers(camera: DepthCamera) -> Layers:
     return Layers((first, second), shares, peeled.cut_share, peeled.hidden_share, MOST_LAYERS)
 
 
-def _with_layers(capture: Capture, found: Layers, run: Run) -> Capture:
-    """The capture with its layers, their colours finite."""
-    first, second = found.halves
+def _add_layers(capture: Capture, layers: Layers, run: Run) -> Capture:
+    """Return the capture with its layers, nonfinite colours replaced."""
+    first, second = layers.halves
     warnings = []
-    solids = ", ".join(f"{share:.2%}" for share in found.covered_shares)
+    solids = ", ".join(f"{share:.2%}" for share in layers.covered_shares)
     detail = f"solids cover {solids} of the pixels, nearest first; the others are their sides"
     checks = [check("RGB-D: layers", float(len(first.layers)), ">=", 1, detail)]
-    if found.hidden_share:
+    if layers.hidden_share:
         run.skipped.add(
             "layers behind the picture",
-            "those that a ray of the display can meet",
-            f"{found.hidden_share:.2%} of what lies behind the front surface",
-            "no ray of any panel pixel meets it",
+            "layers that a ray of the display can meet",
+            f"{layers.hidden_share:.2%} of the layers behind the front surface",
+            "no ray of any panel pixel meets them",
         )
-    if found.cut_share:
+    if layers.cut_share:
         warnings.append(
-            f"RGB-D: {found.cut_share:.2%} of the covered pixels have more than {found.most} "
-            "solids; what lies behind those is left out"
+            f"RGB-D: {layers.cut_share:.2%} of the covered pixels have more than "
+            f"{layers.max_solids} solids; the solids behind these are left out"
         )
-    (one, other), nonfinite = replace_nonfinite(first.palette, second.palette)
+    palettes, nonfinite = replace_nonfinite(first.palette, second.palette)
     checks += nonfinite_checks("RGB-D layers", nonfinite)
-    halves = _recoloured(first, one), _recoloured(second, other)
+    first, second = _with_palette(first, palettes[0]), _with_palette(second, palettes[1])
     return replace(
         capture,
-        layered=_recoloured(first, np.float32(0.5) * (halves[0].palette + halves[1].palette)),
-        layered_halves=halves,
-        covered_shares=found.covered_shares,
-        hidden_share=found.hidden_share,
+        layered=_with_palette(first, np.float32(0.5) * (first.palette + second.palette)),
+        layered_halves=(first, second),
+        covered_shares=layers.covered_shares,
+        hidden_share=layers.hidden_share,
         checks=(*capture.checks, *checks),
         warnings=(*capture.warnings, *warnings),
     )
 
 
-def _recoloured(rgbd: LayeredRGBD, palette: np.ndarray) -> LayeredRGBD:
-    """The picture with other colours for all its layers, as its `palette` has them."""
-    color, *others = np.split(palette, len(rgbd.layers))
-    deeper = [replace(layer, color=own) for layer, own in zip(rgbd.deeper, others, strict=True)]
+def _with_palette(rgbd: LayeredRGBD, palette: np.ndarray) -> LayeredRGBD:
+    """Return the picture with the colours of all layers replaced by a `palette`."""
+    color, *colors = np.split(palette, len(rgbd.layers))
+    deeper = [replace(layer, color=c) for layer, c in zip(rgbd.deeper, colors, strict=True)]
     return replace(rgbd, color=color, deeper=tuple(deeper))
 
 
-# What takes less than this of the light counts as nothing: it changes no 8-bit picture by much.
-_LEAST_COVERAGE = 0.01
+# A lower coverage hardly changes an 8-bit image and counts as empty.
+_MIN_COVERAGE = 0.01
 _BINS = 10
 
 
 @stage("translucency of the splats", code=RENDERING, timer="translucency")
 def measure_translucency(camera: DepthCamera) -> dict[str, Any]:
-    """What a depth map of the splats cannot hold, as `scene.splats` in report.json."""
+    """Measure the translucency that a depth map cannot represent, for `scene.splats`."""
     from inim.render.ground_truth import capture_absorption
 
     fitted = camera.scene.fitted
-    lost, mm_per_unit = capture_absorption(
+    absorption, mm_per_unit = capture_absorption(
         fitted, camera.scene.display, pixels_per_pitch=camera.pixels_per_pitch
     )
-    coverage = 1 - lost.left.astype(np.float64)
-    touched = coverage >= _LEAST_COVERAGE
-    pixels = max(1, int(np.count_nonzero(touched)))
+    coverage = 1 - absorption.left.astype(np.float64)
+    nonempty = coverage >= _MIN_COVERAGE
+    pixels = max(1, int(np.count_nonzero(nonempty)))
 
-    def share(where: np.ndarray) -> float:
-        return int(np.count_nonzero(where & touched)) / pixels
+    def share(mask: np.ndarray) -> float:
+        return int(np.count_nonzero(mask & nonempty)) / pixels
 
-    counts = np.histogram(coverage[touched], _BINS, (0, 1))[0]
-    dense = touched & np.isfinite(lost.most)
-    spread = np.abs(lost.most[dense] - lost.tenth[dense]).astype(np.float64) * mm_per_unit
+    counts = np.histogram(coverage[nonempty], _BINS, (0, 1))[0]
+    dense = nonempty & np.isfinite(absorption.most)
+    spread = (
+        np.abs(absorption.most[dense] - absorption.tenth[dense]).astype(np.float64) * mm_per_unit
+    )
     return {
         "count": fitted.splats,
-        "touched_fraction": float(touched.mean()),
-        "mean_coverage": float(coverage[touched].mean()) if touched.any() else None,
+        "touched_fraction": float(nonempty.mean()),
+        "mean_coverage": float(coverage[nonempty].mean()) if nonempty.any() else None,
         "coverage_histogram": (counts / pixels).tolist(),
-        "without_depth_fraction": share(~np.isfinite(lost.half)),
-        "never_opaque_fraction": share(~np.isfinite(lost.most)),
+        "without_depth_fraction": share(~np.isfinite(absorption.half)),
+        "never_opaque_fraction": share(~np.isfinite(absorption.most)),
         "depth_spread_mm": float(np.median(spread)) if dense.any() else None,
         "depth_spread_p95_mm": float(np.quantile(spread, 0.95)) if dense.any() else None,
-        "counted_twice_fraction": share(lost.twice),
+        "counted_twice_fraction": share(absorption.twice),
     }

@@ -1,4 +1,4 @@
-"""Checks: rows of the verdict, each a value against a limit."""
+"""Checks of a report: each compares a value with a limit."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from inim.documents.parts import Check, Relation
 from inim.image.noisy_image import row_bands
 
-#: An image whose brightest value is below this shows nothing.
+#: An image whose brightest value is below this is black.
 BLACK = 1e-4
-#: Above this share of clipped pixels, scores say more about exposure than about the algorithm.
+#: Above this share of clipped pixels, scores depend more on exposure than on the algorithm.
 CLIPPED_SHARE = 0.01
 
 
@@ -24,7 +24,7 @@ def check(
     interval: tuple[float, float] | None = None,
     criterion: bool = False,
 ) -> Check:
-    """A row of the verdict. A value that is missing or not finite never passes.
+    """Compare a value with a limit; a value that is missing or not finite fails.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ def check(
     limit : float
     detail : str
     interval : (float, float), optional
-        Of the value, where its noise is known.
+        Interval of the value, if its noise is known.
     criterion : bool
-        True for a check of quality, against a limit that the user set.
+        True if the user set the limit.
     """
     passed = False
     if value is not None and np.isfinite(value):
@@ -54,27 +54,27 @@ def check(
 
 
 def nonfinite_checks(name: str, count: int) -> list[Check]:
-    """A check that fails where pixels were not finite."""
+    """A failed check if pixels are not finite; otherwise empty."""
     return [check(f"{name}: pixels not finite", count, "<=", 0, "taken as black")] if count else []
 
 
-def missing_viewpoints(name: str, wanted: Sequence[str], views: Collection[str]) -> list[Check]:
-    """A check that fails where views are missing."""
-    missing = [view for view in wanted if view not in views]
+def missing_viewpoints(name: str, expected: Sequence[str], views: Collection[str]) -> list[Check]:
+    """A failed check if views are missing; otherwise empty."""
+    missing = [view for view in expected if view not in views]
     if not missing and views:
         return []
-    detail = ", ".join(missing) or "there is none at all"
+    detail = ", ".join(missing) or "no views"
     return [check(f"{name}: viewpoints missing", max(1, len(missing)), "<=", 0, detail)]
 
 
 def out_of_range_share(eia: np.ndarray) -> float:
     """Share of pixels that are below black or brighter than the panel's white."""
     rows = row_bands(*eia.shape[:2])
-    outside = (np.count_nonzero(any_colour((eia[r] < 0) | (eia[r] > 1))) for r in rows)
-    return float(sum(outside) / (eia.shape[0] * eia.shape[1]))
+    counts = (np.count_nonzero(any_colour((eia[r] < 0) | (eia[r] > 1))) for r in rows)
+    return float(sum(counts) / (eia.shape[0] * eia.shape[1]))
 
 
-def any_colour(which: np.ndarray) -> np.ndarray:
-    """As `any(axis=-1)`, which takes six times as long over three."""
-    found: np.ndarray = which[..., 0] | which[..., 1] | which[..., 2]
-    return found
+def any_colour(mask: np.ndarray) -> np.ndarray:
+    """Same as `any(axis=-1)` over three colours, six times as fast."""
+    pixels: np.ndarray = mask[..., 0] | mask[..., 1] | mask[..., 2]
+    return pixels

@@ -70,7 +70,7 @@ def pick_up_eia(
     from inim.render.ground_truth import pickup
 
     fitted, start = scene.fitted, perf_counter()
-    eia = pickup(fitted, display, spp=eia_spp, seed=seed, mask=mask, **scene.effort)
+    eia = pickup(fitted, display, spp=eia_spp, seed=seed, mask=mask, **scene.render_options)
     return eia, perf_counter() - start
 
 
@@ -159,7 +159,7 @@ def render_view(
         pixels_per_lens=view_pixels_per_lens,
         spp=view_spp,
         seed=seed_of("views", seed),
-        **scene.effort,
+        **scene.render_options,
     )
 
 

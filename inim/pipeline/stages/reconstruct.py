@@ -1,4 +1,4 @@
-"""What a viewer sees of an EIA, and which panel pixels that depends on."""
+"""Reconstructed views of an EIA, and the panel pixels that they depend on."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from inim.pipeline.stages.stage import RENDERING, Run, stage
 
 @dataclass(frozen=True)
 class Optics:
-    """How views of EIAs are reconstructed.
+    """Optical settings for reconstructed views.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Optics:
     reconstruction_spp : int
         Samples per view pixel, both halves.
     seed : int
-        Of the run; the same for all EIAs, so equal EIAs look equal.
+        Seed of the run; the same for all EIAs, so that equal EIAs have equal views.
     """
 
     display: Display
@@ -42,14 +42,14 @@ class Optics:
     seed: int
 
     def cache_key(self) -> dict[str, Any]:
-        """By the names of the settings."""
-        given = {f"display {k}": v for k, v in self.display.given().items() if k != "name"}
+        """Return all values that affect a view, by the names of the settings."""
+        display = {f"display {k}": v for k, v in self.display.given().items() if k != "name"}
         package = foreign_identity(self.lens_model)
-        own = {name: value for name, value in vars(self).items() if name != "display"}
-        return given | own | {"lens_model's package": package}
+        others = {name: value for name, value in vars(self).items() if name != "display"}
+        return display | others | {"lens_model's package": package}
 
     def viewing(self, eye: Viewpoint, luminance_cd_m2: float) -> Viewing:
-        """How a view is seen from its eye: its pixels lie on the lens array."""
+        """Viewing conditions of a view; its pixels are on the lens array."""
         per_lens = self.view_pixels_per_lens
         across = per_lens if isinstance(per_lens, int) else per_lens[1]
         return Viewing.of(self.display.pitch_mm / across, eye.position_mm, luminance_cd_m2)
@@ -66,14 +66,14 @@ class Optics:
 
 
 @dataclass(frozen=True)
-class ShownEIA:
-    """An EIA on the display: its scene in the renderer is made once for all viewpoints.
+class DisplayedEIA:
+    """An EIA on the display, loaded into the renderer once for all viewpoints.
 
     Attributes
     ----------
     eia : (rows, columns, 3) float32, linear RGB
     noise : (rows, columns, 3) float32, or None
-        Half of the difference of two halves of the EIA's samples; None where it has no noise.
+        Half the difference of the EIA's half images; None without noise.
     optics : Optics
     renderer : Renderer
     """
@@ -82,34 +82,34 @@ class ShownEIA:
     noise: np.ndarray | None
     optics: Optics
     renderer: Renderer
-    _scenes: dict[str, Any] = field(default_factory=dict)
+    _scenes: dict[bool, Any] = field(default_factory=dict)
 
     @cached_property
     def digest(self) -> str:
-        """Of EIA and noise."""
+        """Digest of the EIA and its noise."""
         return array_digest(self.eia, self.noise)
 
     def cache_key(self) -> dict[str, Any]:
-        """What decides a view of it."""
+        """Return all values that affect a view."""
         return {"EIA": self.digest, **self.optics.cache_key(), **self.renderer.cache_key()}
 
-    def view(self, viewpoint: Viewpoint, half: int, *, moved: bool = False) -> np.ndarray:
-        """The view by a half of the samples, of the EIA or of the EIA moved by its noise."""
-        optics, key = self.optics, "moved" if moved else "eia"
-        if key not in self._scenes:
+    def view(self, viewpoint: Viewpoint, half: int, *, add_noise: bool = False) -> np.ndarray:
+        """Render a half image of the view of the EIA, or of the EIA plus its noise."""
+        optics = self.optics
+        if add_noise not in self._scenes:
             self.renderer.load()
             from inim.render.reconstruct import DisplayScene
 
-            eia = self.eia if not moved or self.noise is None else self.eia + self.noise
-            self._scenes[key] = DisplayScene(eia, optics.display, optics.lens_model)
-        seen: np.ndarray = self._scenes[key].view(
+            eia = self.eia + self.noise if add_noise and self.noise is not None else self.eia
+            self._scenes[add_noise] = DisplayScene(eia, optics.display, optics.lens_model)
+        view: np.ndarray = self._scenes[add_noise].view(
             viewpoint,
             pixels_per_lens=optics.view_pixels_per_lens,
             spp=optics.half_spp,
             seed=optics.half_seeds[half],
             observer=self.renderer.observer,
         )
-        return np.float32(white_exposure(optics.display, optics.lens_model)) * seen
+        return np.float32(white_exposure(optics.display, optics.lens_model)) * view
 
 
 @stage(
@@ -117,27 +117,27 @@ class ShownEIA:
     code=RENDERING,
     result_types=(NoisyImage,),
     timer="reconstruct views",
-    describe=("reconstructed", "nothing", "its EIA or its eye is new"),
+    describe=("reconstructed", "nothing", "its EIA or its viewpoint is new"),
     derived=("name",),
 )
-def reconstruct(name: str, shown: ShownEIA, viewpoint: Viewpoint) -> NoisyImage:
-    """The view of an EIA from one eye, exposed so that the panel's white looks white.
+def reconstruct(name: str, displayed: DisplayedEIA, viewpoint: Viewpoint) -> NoisyImage:
+    """Reconstruct a view of an EIA, exposed so that the panel's white appears white.
 
-    It depends on the EIA and the seed only: equal EIAs have equal views. Two views of half of the
-    samples each make it. A view is linear in its EIA; so what the EIA's
-    noise does to it is a third view, with the first one's random numbers, less the first.
+    The view is the mean of two half images. Equal EIAs with equal seeds have equal views. A view is
+    linear in its EIA, so the EIA's noise changes it by the view of the EIA plus its noise, minus
+    the first half image, both with the same random numbers.
 
     Parameters
     ----------
     name : str
-        Whose EIA it is.
-    shown : ShownEIA
+        Name of the EIA's method.
+    displayed : DisplayedEIA
     viewpoint : Viewpoint
     """
-    first, second = shown.view(viewpoint, 0), shown.view(viewpoint, 1)
-    moved = first if shown.noise is None else shown.view(viewpoint, 0, moved=True)
+    first, second = displayed.view(viewpoint, 0), displayed.view(viewpoint, 1)
+    noisy = first if displayed.noise is None else displayed.view(viewpoint, 0, add_noise=True)
     image = np.float32(0.5) * (first + second)
-    noise = np.float32(0.5) * (first - second) + (moved - first)
+    noise = np.float32(0.5) * (first - second) + (noisy - first)
     return NoisyImage.from_image(image, noise)
 
 
@@ -150,49 +150,38 @@ def reconstruct_views(
     *,
     run: Run,
 ) -> dict[str, NoisyImage]:
-    """The views of an EIA, by viewpoint.
-
-    Parameters
-    ----------
-    name : str
-        Whose EIA it is.
-    eia : NoisyImage
-    viewpoints : sequence of Viewpoint
-    optics : Optics
-    renderer : Renderer
-    run : Run
-    """
-    shown = ShownEIA(eia.image, eia.noise, optics, renderer)
-    return {eye.name: reconstruct(name, shown, eye, run=run) for eye in viewpoints}
+    """Reconstruct the views of an EIA, by viewpoint."""
+    displayed = DisplayedEIA(eia.image, eia.noise, optics, renderer)
+    return {eye.name: reconstruct(name, displayed, eye, run=run) for eye in viewpoints}
 
 
 def find_observed_pixels(
     viewpoints: Sequence[Viewpoint], optics: Optics, renderer: Renderer, *, run: Run
 ) -> np.ndarray | None:
-    """Panel pixels that the views have samples of, (rows, columns) bool; None: all may be."""
-    packed = _observed(tuple(viewpoints), optics, renderer, run=run)
+    """Find the panel pixels that views sample, (rows, columns) bool; None if it may be any."""
+    packed = _packed_observed_pixels(tuple(viewpoints), optics, renderer, run=run)
     if packed is None:
         model = optics.lens_model
-        why = f"the {model} lens model scatters rays between lenses: any pixel may be observed"
-        run.skipped.add("panel pixels", "all", "none", why)
+        reason = f"the {model} lens model scatters rays between lenses: any pixel may be observed"
+        run.skipped.add("panel pixels", "all", "none", reason)
         return None
     count = optics.display.eia_shape[1]
-    observed = np.unpackbits(packed, axis=1, count=count).astype(bool)
-    done = f"{np.count_nonzero(observed)} of {observed.size} ({observed.mean():.1%})"
-    why = "no sample of any asked-for view comes from the others"
-    run.skipped.add("panel pixels", done, "the others, and scores of whole EIAs", why)
-    return observed
+    mask = np.unpackbits(packed, axis=1, count=count).astype(bool)
+    count_text = f"{np.count_nonzero(mask)} of {mask.size} ({mask.mean():.1%})"
+    reason = "no requested view samples the others"
+    run.skipped.add("panel pixels", count_text, "the others, and scores of whole EIAs", reason)
+    return mask
 
 
 @stage("observed panel pixels", code=RENDERING, timer="observed pixels")
-def _observed(
+def _packed_observed_pixels(
     viewpoints: tuple[Viewpoint, ...], optics: Optics, renderer: Renderer
 ) -> np.ndarray | None:
-    """The pixels packed eight to a byte, (rows, columns / 8) uint8."""
+    """Observed pixels packed eight to a byte, (rows, columns / 8) uint8."""
     renderer.load()
     from inim.render import reconstruct as display_scene
 
-    found = display_scene.observed_pixels(
+    mask = display_scene.observed_pixels(
         optics.display,
         viewpoints,
         optics.lens_model,
@@ -201,4 +190,4 @@ def _observed(
         seeds=optics.half_seeds,
         observer=renderer.observer,
     )
-    return None if found is None else np.packbits(found, axis=1)
+    return None if mask is None else np.packbits(mask, axis=1)

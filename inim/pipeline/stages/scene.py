@@ -1,4 +1,4 @@
-"""Handles of a renderer and of a scene: known by their digest, loaded when first used."""
+"""Handles of the renderer and of a scene: identified by a digest, loaded on first use."""
 
 from __future__ import annotations
 
@@ -12,66 +12,66 @@ from inim.pipeline.stages.stage import RENDERING, stage
 from inim.process.observer import Observer
 from inim.scene.file import SceneFile
 
-# Each picture's seed is its own, so that adding a viewpoint changes no other picture. New ones go
-# to the end.
+# Each rendered image has its own seed, so that a new viewpoint changes no other image. Append new
+# names at the end.
 _SEEDED = ("capture", "eia", "views", "pickup", "layers")
 
 
-def seed_of(picture: str, run_seed: int) -> int:
-    """The seed of one of a run's rendered pictures."""
-    return 1000 * (run_seed + 1) + _SEEDED.index(picture)
+def seed_of(image: str, run_seed: int) -> int:
+    """Seed of one of a run's rendered images."""
+    return 1000 * (run_seed + 1) + _SEEDED.index(image)
 
 
 @dataclass(frozen=True)
 class Renderer:
-    """The renderer, not loaded yet.
+    """The renderer, loaded on first use.
 
     Attributes
     ----------
-    wanted : {"auto", "llvm", "cuda"}
+    requested_backend : {"auto", "llvm", "cuda"}
     observer : Observer
-        Hears of rays, seconds and samples.
+        Receives the numbers of rays, seconds and samples.
     rays_in_flight : int, optional
-        That memory allows at once.
+        Rays that may be traced at once in the available memory.
     skip : bool
         Leave out rays that change no result.
     """
 
-    wanted: str
+    requested_backend: str
     observer: Observer
     rays_in_flight: int | None = None
     skip: bool = True
 
     @cached_property
     def backend(self) -> Backend:
-        """What renders, should anything have to be rendered."""
-        return choose_backend(self.wanted)
+        """The backend, chosen without loading it."""
+        return choose_backend(self.requested_backend)
 
     def cache_key(self) -> dict[str, Any]:
-        """What decides a picture of it."""
+        """Return the properties of the backend that affect rendered images."""
         backend = self.backend
         return {"backend": [backend.variant, backend.libllvm_version, backend.device]}
 
     def load(self) -> None:
-        """Load it: a run that finds all its pictures in the cache never does."""
+        """Load the backend; not needed if all images are in the cache."""
         from inim.render import trace, variant
 
-        variant.use(self.wanted)
+        variant.use(self.requested_backend)
         if self.rays_in_flight is not None:
             trace.limit_rays(self.rays_in_flight)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene before a display, not opened yet.
+    """A scene in front of a display, opened on first use.
 
     Attributes
     ----------
     file : SceneFile
     display : Display
-        As designed: the relic is fitted into its depth range.
+        Display as designed; the relic is fitted into its depth range.
     fit_share : float
-        Share of the array that the relic fills.
+        Share of the lens array that the relic fills.
     renderer : Renderer
     """
 
@@ -81,16 +81,16 @@ class Scene:
     renderer: Renderer
 
     def cache_key(self) -> dict[str, Any]:
-        """What decides any picture of it; lenses do not, as it is traced through their centres."""
+        """Return all values that affect rendered images; the display has pinholes for lenses."""
         return self._key
 
     @cached_property
     def _key(self) -> dict[str, Any]:
-        given = self.display.through_pinholes().given()
+        parameters = self.display.through_pinholes().given()
         return {
             "scene": self.file.rendered_sha256,
             "fit_share": self.fit_share,
-            **{f"display {name}": value for name, value in given.items() if name != "name"},
+            **{f"display {name}": value for name, value in parameters.items() if name != "name"},
             **self.renderer.cache_key(),
         }
 
@@ -105,19 +105,19 @@ class Scene:
             return open_scene(self.file, self.display, self.fit_share, observer)
 
     @property
-    def effort(self) -> dict[str, Any]:
-        """How pictures of it are rendered; changes none of them."""
+    def render_options(self) -> dict[str, Any]:
+        """Options of the renderer that change no image."""
         return {"skip": self.renderer.skip, "observer": self.renderer.observer}
 
 
 @stage("scene", code=RENDERING)
 def describe_scene(scene: Scene) -> dict[str, Any]:
-    """Number of shapes and splats, and the fit, as in report.json."""
+    """Describe the scene for report.json: number of shapes and splats, and the fit."""
     fit = scene.fitted.fit
-    of_splats = {"splats": {"count": scene.fitted.splats}} if scene.fitted.shows_splats else {}
+    splats = {"splats": {"count": scene.fitted.splats}} if scene.fitted.shows_splats else {}
     return {
         "shapes": scene.fitted.shapes,
-        **of_splats,
+        **splats,
         "fit": {
             "scale_xy": fit.scale_xy,
             "scale_z": fit.scale_z,
@@ -126,28 +126,28 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
     }
 
 
-def samples_traced(samples: int, whole: int, why: str) -> tuple[str, str, str]:
-    """What the report says of a rendered picture.
+def samples_traced(samples: int, total: int, reason: str) -> tuple[str, str, str]:
+    """Describe the samples of a rendered image for the report.
 
     Parameters
     ----------
     samples : int
-        That were traced.
-    whole : int
-        That tracing every pixel would have taken.
-    why : str
-        The others are not needed.
+        Samples traced.
+    total : int
+        Samples of all pixels.
+    reason : str
+        Reason for leaving out samples.
     """
-    reason = why if samples < whole else "every pixel may show something"
-    return f"{_millions(samples)} samples traced", f"{_millions(whole - samples)} samples", reason
+    reason = reason if samples < total else "every pixel may show something"
+    return f"{_millions(samples)} samples traced", f"{_millions(total - samples)} samples", reason
 
 
 def _millions(samples: int) -> str:
     return f"{samples / 1e6:.3g} million" if samples >= 1e5 else f"{samples}"
 
 
-#: Why rays are left out.
+#: Reason for leaving out rays.
 EMPTY_RAYS = (
-    "rays that meet no shape's box are black for certain; samples have addresses, so the others "
-    "keep every bit"
+    "rays that miss all bounding boxes are black; random numbers belong to pixels, so all other "
+    "samples are unchanged"
 )

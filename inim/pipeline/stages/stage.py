@@ -77,20 +77,20 @@ SCORING = Code(
 
 
 class SkippedSteps:
-    """Completed and skipped steps of a run, as `skipped` of report.json."""
+    """Skipped steps of a run, as in report.json."""
 
     def __init__(self, rows: Iterable[dict[str, str]] = ()) -> None:
         self.rows = [dict(row) for row in rows]
 
-    def add(self, what: str, done: str, skipped: str, why: str) -> None:
+    def add(self, step: str, work: str, skipped: str, reason: str) -> None:
         """Add a row; merge rows that differ only in the name after the colon."""
-        kind, _, name = what.partition(": ")
+        kind, _, name = step.partition(": ")
+        details = {"done": work, "skipped": skipped, "why": reason}
         for row in self.rows:
-            is_equal = (row["done"], row["skipped"], row["why"]) == (done, skipped, why)
-            if name and is_equal and row["what"].startswith(f"{kind}: "):
+            if name and row["what"].startswith(f"{kind}: ") and row.items() >= details.items():
                 row["what"] += f", {name}"
                 return
-        self.rows.append({"what": what, "done": done, "skipped": skipped, "why": why})
+        self.rows.append({"what": step, **details})
 
 
 @dataclass(frozen=True)
@@ -158,8 +158,8 @@ class Stage(Generic[_Arguments, _Result]):
             step = self._describe
             if callable(step):
                 step = step(run.observer.samples - samples, **arguments)
-            done, skipped, why = step
-            run.skipped.add(name, f"{done} ({reason})" if reason else done, skipped, why)
+            work, *rest = step
+            run.skipped.add(name, f"{work} ({reason})" if reason else work, *rest)
         typed_result: _Result = result
         return typed_result
 
