@@ -1,6 +1,6 @@
-"""Pages made of the program itself: settings, commands, algorithms, sweep columns, documents.
+"""Generate reference pages from the program: settings, commands, algorithms, sweep columns, documents.
 
-`python docs/generate.py` writes them into docs/generated, as each build of the site does first.
+`python docs/generate.py` writes them into docs/generated. Every build of the site does this first.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ def write(docs: Path) -> None:
         "sweep-columns.md": columns_as_markdown(),
     }.items():
         path, text = folder / name, text.rstrip() + "\n"
-        if not path.exists() or path.read_text("utf-8") != text:  # else pages are made anew
+        if not path.exists() or path.read_text("utf-8") != text:  # unchanged pages are not rebuilt
             path.write_text(text, "utf-8")
 
 
 def _commands() -> str:
-    """The help of every command, as its parser prints it."""
+    """Help texts of all commands."""
     os.environ["COLUMNS"] = "88"
     parts = []
     for name, module in COMMANDS.items():
@@ -54,23 +54,23 @@ def _commands() -> str:
     return "\n".join(parts)
 
 
-#: A part of several documents with more properties than this has a table of its own.
+#: A shared part with more properties than this has a separate table.
 _MOST_PROPERTIES = 10
 
 
 def _documents() -> str:
-    """A table for each schema: what keys there are, of which type, and what they mean."""
+    """Tables of the keys, types and meanings of each schema."""
     documents = [schema(name) for name in NAMES]
     shared: dict[str, Any] = {}
-    for one in documents:
-        shared |= one.get("$defs", {})
+    for document in documents:
+        shared |= document.get("$defs", {})
     large = [name for name, part in shared.items() if _is_large(part)]
-    sections = [(one["title"], one["description"], one) for one in documents]
+    sections = [(d["title"], d["description"], d) for d in documents]
     sections += [(f"Part: {n}", shared[n].get("description", ""), shared[n]) for n in sorted(large)]
     head = "| key | type | meaning |\n| --- | --- | --- |"
     return "\n".join(
-        f"## {title}\n\n{said}\n\n{head}\n" + "\n".join(_rows(part, shared, "")) + "\n"
-        for title, said, part in sections
+        f"## {title}\n\n{text}\n\n{head}\n" + "\n".join(_rows(part, shared, "")) + "\n"
+        for title, text, part in sections
     )
 
 
@@ -79,18 +79,18 @@ def _is_large(part: Mapping[str, Any]) -> bool:
 
 
 def _rows(part: Mapping[str, Any], shared: Mapping[str, Any], path: str) -> Iterator[str]:
-    """A row for each property of an object; those of objects below it, by their paths."""
-    for key, stated in part.get("properties", {}).items():
-        yield from _row(stated, shared, f"{path}.{key}" if path else key)
-    others = part.get("additionalProperties")
-    if isinstance(others, dict) and others:
-        yield from _row(others, shared, f"{path}.NAME" if path else "NAME")
+    """Rows for the properties of an object and, with their paths, of nested objects."""
+    for key, member in part.get("properties", {}).items():
+        yield from _row(member, shared, f"{path}.{key}" if path else key)
+    values = part.get("additionalProperties")
+    if isinstance(values, dict) and values:
+        yield from _row(values, shared, f"{path}.NAME" if path else "NAME")
 
 
-def _row(stated: Mapping[str, Any], shared: Mapping[str, Any], path: str) -> Iterator[str]:
-    whole = _resolved(stated, shared)
+def _row(part: Mapping[str, Any], shared: Mapping[str, Any], path: str) -> Iterator[str]:
+    whole = _resolve(part, shared)
     meaning = " ".join(str(whole.get("description", "")).split()).replace("|", "\\|")
-    name = _referred(stated)
+    name = _reference_name(part)
     if name and _is_large(shared[name]):
         yield f"| `{path}` | [{name}](#part-{name.lower()}) | {meaning} |"
         return
@@ -98,33 +98,33 @@ def _row(stated: Mapping[str, Any], shared: Mapping[str, Any], path: str) -> Ite
     yield from _rows(whole, shared, path)
     items = whole.get("items")
     if isinstance(items, dict):
-        yield from _rows(_resolved(items, shared), shared, f"{path}[]")
+        yield from _rows(_resolve(items, shared), shared, f"{path}[]")
 
 
-def _referred(stated: Mapping[str, Any]) -> str:
-    """Name of the shared part that is referred to, or nothing."""
-    return str(stated.get("$ref", "")).rpartition("/")[2]
+def _reference_name(part: Mapping[str, Any]) -> str:
+    """Name of the shared part in a reference, or an empty string."""
+    return str(part.get("$ref", "")).rpartition("/")[2]
 
 
-def _resolved(stated: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
-    """A part with what it refers to in it; its own words go first."""
-    if "anyOf" in stated:  # a value or null
-        values = [_resolved(one, shared) for one in stated["anyOf"]]
-        kinds = " or ".join(_type(one, shared) for one in values)
-        return values[0] | {k: v for k, v in stated.items() if k != "anyOf"} | {"kinds": kinds}
-    name = _referred(stated)
-    return (_resolved(shared[name], shared) if name else {}) | dict(stated)
+def _resolve(part: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge a part with the shared part that it refers to; its own texts take precedence."""
+    if "anyOf" in part:  # a value or null
+        values = [_resolve(option, shared) for option in part["anyOf"]]
+        kinds = " or ".join(_type(value, shared) for value in values)
+        return values[0] | {k: v for k, v in part.items() if k != "anyOf"} | {"kinds": kinds}
+    name = _reference_name(part)
+    return (_resolve(shared[name], shared) if name else {}) | dict(part)
 
 
 def _type(whole: Mapping[str, Any], shared: Mapping[str, Any]) -> str:
     if "kinds" in whole:
         return str(whole["kinds"])
     if "enum" in whole:
-        return " or ".join("null" if one is None else f"`{one}`" for one in whole["enum"])
+        return " or ".join("null" if value is None else f"`{value}`" for value in whole["enum"])
     kinds = whole.get("type", "any")
     kinds = [kinds] if isinstance(kinds, str) else kinds
     if kinds == ["array"] and isinstance(whole.get("items"), dict):
-        return f"array of {_type(_resolved(whole['items'], shared), shared)}"
+        return f"array of {_type(_resolve(whole['items'], shared), shared)}"
     return " or ".join(kinds)
 
 
