@@ -1,4 +1,4 @@
-"""Generate reference pages from the program: settings, commands, algorithms, sweep columns, documents.
+"""Generate the reference pages of settings, commands, algorithms, sweep columns and documents.
 
 `python docs/generate.py` writes them into docs/generated. Every build of the site does this first.
 """
