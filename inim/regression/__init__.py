@@ -1,17 +1,17 @@
-"""Regression checks: a run against a baseline, with verdicts as data.
+"""Regression checks: comparison of a run with a baseline, with verdicts as data.
 
-Pure: nothing here renders, prints or writes a report. What is compared, and how:
+This package neither renders nor prints nor writes reports. It compares:
 
-| what                    | kept in the baseline           | verdict                           |
+| compared                | stored in the baseline         | verdict                           |
 | ----------------------- | ------------------------------ | --------------------------------- |
-| rendered pictures, EIAs | tiles' means, power, errors    | Welch's t-test per tile, Sidak    |
+| rendered images, EIAs   | tiles' means, power, errors    | Welch's t-test per tile, Sidak    |
 | scores                  | plain score, error, bias       | t-interval of the change          |
 | noise of ground truth   | tiles' errors                  | median ratio                      |
 | generators' EIAs        | SHA-256, a sample of pixels    | equality, or share that changed   |
-| times                   | ratios to the yardstick        | rank-sum interval of the slowdown |
+| times                   | ratios to the reference kernel | rank-sum interval of the slowdown |
 
-A change fails if it is larger than what noise explains *and* large enough to count; what is
-missing or not finite fails; what was made under other conditions is not compared at all.
+A change fails if noise does not explain it *and* it is large enough to count. A missing or
+nonfinite value fails. Runs under different conditions are not compared.
 """
 
 from inim.regression.comparison import (
@@ -22,9 +22,9 @@ from inim.regression.comparison import (
     compare,
     drift,
     is_steady,
+    kernel_times,
     log_ratios,
     tile_pictures,
-    yardsticks,
 )
 from inim.regression.fingerprints import Fingerprint, fingerprint, reference_input
 from inim.regression.run_statistics import (
@@ -57,6 +57,7 @@ __all__ = [
     "fingerprint",
     "is_above",
     "is_steady",
+    "kernel_times",
     "log_ratios",
     "read_statistics",
     "reference_input",
@@ -66,5 +67,4 @@ __all__ = [
     "view_scores",
     "view_tile",
     "write_statistics",
-    "yardsticks",
 ]

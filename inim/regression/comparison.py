@@ -1,15 +1,14 @@
-"""A run against a baseline: verdicts, or why there can be none, and images of what changed.
+"""Comparison of a run with a baseline: verdicts, or the differing conditions, and images.
 
-Rendered pictures are compared by Welch's t-test in every tile, and by a size below which no change
-counts. Differences are shown in codes: steps of an 8-bit panel, on the sRGB curve, of the tile's
-mean or of the root of its power. Below one code a change could not be shown on a panel at all.
+Rendered images are compared by Welch's t-test in every tile, with a smallest change that counts.
+Changes are given in codes: steps of an 8-bit panel, on the sRGB curve, of the tile's mean or of the
+root of its power. A panel cannot show a change below one code.
 
-Times are compared only as ratios to the yardstick of the same round: other load of the machine
-changes from round to round and affects both. Each round gives ``ln(time / yardstick)``. Two runs
-are compared by the median of all pairwise differences of these, with its distribution-free interval
-(`shift_of`): an interrupted round is one outlier among many and has no weight. Noise may explain a
-slowdown only while it is small itself: an interval that holds both no change and 30 % more time
-fails, as too few rounds do.
+Times are compared as ratios to the reference kernel's time in the same round, because the
+machine's load affects both. Each round yields ``ln(time / kernel time)``. Two runs are compared by
+the median of all pairwise differences of these, with its distribution-free interval (`shift_of`):
+an interrupted round is one outlier among many and has no weight. A time fails if its interval
+contains both no change and 30 % more time, or if there are too few rounds.
 """
 
 from __future__ import annotations
@@ -41,27 +40,27 @@ from inim.regression.verdict import (
     within,
 )
 
-#: One step of an 8-bit panel: a smaller difference of a tile's mean cannot be shown.
+#: One step of an 8-bit panel: a panel cannot show a smaller difference of a tile's mean.
 SMALLEST_CODES = 1.0
-#: Noise of the ground truth may grow by this much in standard error: a tenth of the samples more
-#: or less is 5 %, while half of them lost unnoticed is 41 %.
-MOST_NOISE = 1.25
-# Tests in a tile: three colours and the power.
+#: Largest growth of the ground truth's standard error: 10 % fewer samples increase it by 5 %, half
+#: of the samples by 41 %.
+MAX_NOISE_RATIO = 1.25
+# Tests per tile: three colours and the power.
 _TESTS = 4
 
 
 @dataclass(frozen=True)
 class TileChange:
-    """What changed between two pictures, tile by tile; the last axis is R, G, B, power.
+    """Changes between two images by tile; the last axis is R, G, B, power.
 
     Attributes
     ----------
     codes : (R, C, 4) float64
-        Change in 8-bit codes, candidate less baseline.
+        Change in 8-bit codes, candidate minus baseline.
     limit : (R, C, 4) float64
-        The largest that passes, in the direction of the change.
+        Largest change that passes, in the direction of the change.
     half_width : (R, C, 4) float64
-        Of the change's interval.
+        Half width of the change's interval.
     p_value : (R, C, 4) float64
     """
 
@@ -72,13 +71,13 @@ class TileChange:
 
     @property
     def failed(self) -> np.ndarray:
-        """(R, C) bool; what is not finite has failed."""
+        """Tiles that failed, (R, C) bool; tiles that are not finite fail."""
         failed: np.ndarray = ~(np.abs(self.codes) <= self.limit).all(axis=-1)
         return failed
 
 
 def codes_from_linear(linear: np.ndarray) -> np.ndarray:
-    """8-bit codes of linear values by IEC 61966-2-1, neither rounded nor clipped; odd about 0."""
+    """8-bit codes of linear values (IEC 61966-2-1), neither rounded nor clipped; odd about 0."""
     size = np.abs(np.asarray(linear, np.float64))
     curve = 1.055 * np.power(np.maximum(size, 0.0031308), 1 / 2.4) - 0.055
     codes: np.ndarray = np.copysign(255 * np.where(size <= 0.0031308, 12.92 * size, curve), linear)
@@ -86,36 +85,35 @@ def codes_from_linear(linear: np.ndarray) -> np.ndarray:
 
 
 def tile_change(baseline: TileStatistics, candidate: TileStatistics, level: float) -> TileChange:
-    """Change of every tile, each tested at `level`.
+    """Compute the change of every tile, each tested at `level`.
 
-    The t-test is on linear light, where halves of samples average; its half width and the change
-    are then put on the curve of codes, from the baseline towards the candidate.
+    The t-test uses linear light, in which half images average. Its half width and the change are
+    then converted to codes, from the baseline in the direction of the candidate.
     """
-    old, old_error, old_freedom = _together(baseline)
-    new, new_error, new_freedom = _together(candidate)
-    sides = (old_error, old_freedom, new_error, new_freedom)
-    half = welch_half_width(*sides, level)
-    towards = np.where(new >= old, 1.0, -1.0)
+    old, old_error, old_freedom = _stack_power(baseline)
+    new, new_error, new_freedom = _stack_power(candidate)
+    errors = (old_error, old_freedom, new_error, new_freedom)
+    half = welch_half_width(*errors, level)
+    direction = np.where(new >= old, 1.0, -1.0)
     start = _codes(old)
-    width = np.abs(_codes(old + towards * half) - start)
+    width = np.abs(_codes(old + direction * half) - start)
     limit = np.maximum(SMALLEST_CODES, width)
-    return TileChange(_codes(new) - start, limit, width, welch_p_value(new - old, *sides))
+    return TileChange(_codes(new) - start, limit, width, welch_p_value(new - old, *errors))
 
 
-def _together(found: TileStatistics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values, errors and degrees of freedom (R, C, 4), float64: three colours and the power."""
-    least = found.freedom.min(axis=-1, keepdims=True)
+def _stack_power(tiles: TileStatistics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values, errors and degrees of freedom, (R, C, 4) float64: three colours and the power."""
     parts = (
-        (found.mean, found.power[..., None]),
-        (found.mean_error, found.power_error[..., None]),
-        (found.freedom, least),
+        (tiles.mean, tiles.power[..., None]),
+        (tiles.mean_error, tiles.power_error[..., None]),
+        (tiles.freedom, tiles.freedom.min(axis=-1, keepdims=True)),
     )
     values, errors, freedom = (np.concatenate(p, axis=-1).astype(np.float64) for p in parts)
     return values, errors, freedom
 
 
 def _codes(values: np.ndarray) -> np.ndarray:
-    """Codes of three means and of the root of a power; an unbiased power may be below zero."""
+    """Codes of three means and of the root of a power; an unbiased power may be negative."""
     root = np.copysign(np.sqrt(np.abs(values[..., 3:])), values[..., 3:])
     return codes_from_linear(np.concatenate([values[..., :3], root], axis=-1))
 
@@ -123,14 +121,14 @@ def _codes(values: np.ndarray) -> np.ndarray:
 def compare_pictures(
     baseline: Mapping[str, TileStatistics], candidate: Mapping[str, TileStatistics]
 ) -> list[Verdict]:
-    """One verdict for each of the baseline's pictures, on its worst tile.
+    """Verdicts on the baseline's images, each on its worst tile.
 
     Parameters
     ----------
     baseline, candidate : mapping of str to TileStatistics
-        By the pictures' names. One that the candidate lacks, or has in another size, fails.
+        By image name. An image that the candidate lacks, or has in another size, fails.
     """
-    tests = sum(_TESTS * found.power.size for found in baseline.values())
+    tests = sum(_TESTS * tiles.power.size for tiles in baseline.values())
     level = sidak(FALSE_ALARM_RATE, tests)
     return [_verdict(name, old, candidate.get(name), level) for name, old in baseline.items()]
 
@@ -138,17 +136,20 @@ def compare_pictures(
 def _verdict(name: str, old: TileStatistics, new: TileStatistics | None, level: float) -> Verdict:
     label = f"{name}: tiles against the baseline"
     if new is None or (new.shape, new.tile) != (old.shape, old.tile):
-        found = "is missing" if new is None else f"has {new.shape[1]} x {new.shape[0]} pixels"
-        detail = f"the picture {found}; the baseline has {old.shape[1]} x {old.shape[0]}"
+        state = "is missing" if new is None else f"has {new.shape[1]} x {new.shape[0]} pixels"
+        detail = f"the image {state}; the baseline has {old.shape[1]} x {old.shape[0]}"
         return within(
             label, "picture", math.nan, math.nan, SMALLEST_CODES, unit="codes", detail=detail
         )
     change = tile_change(old, new, level)
     excess = np.nan_to_num(np.abs(change.codes) / change.limit, nan=np.inf, posinf=np.inf)
     worst = np.unravel_index(int(np.argmax(excess)), excess.shape)
-    row, column, which = (int(n) for n in worst)
-    bad = int(np.count_nonzero(change.failed))
-    where = f"worst in {'RGB'[which] if which < 3 else 'contrast'} at " + _place(new, row, column)
+    row, column, channel = (int(n) for n in worst)
+    count = int(np.count_nonzero(change.failed))
+    channel_name = "RGB"[channel] if channel < 3 else "contrast"
+    top, left = row * new.tile[0], column * new.tile[1]
+    bottom = min(top + new.tile[0], new.shape[0]) - 1
+    right = min(left + new.tile[1], new.shape[1]) - 1
     return within(
         label,
         "picture",
@@ -157,44 +158,35 @@ def _verdict(name: str, old: TileStatistics, new: TileStatistics | None, level: 
         SMALLEST_CODES,
         unit="codes",
         p_value=float(change.p_value[worst]),
-        detail=f"{bad} of {new.power.size} tiles changed; {where}",
-    )
-
-
-def _place(found: TileStatistics, row: int, column: int) -> str:
-    top, left = row * found.tile[0], column * found.tile[1]
-    return f"rows {top} to {min(top + found.tile[0], found.shape[0]) - 1}, columns " + (
-        f"{left} to {min(left + found.tile[1], found.shape[1]) - 1}"
+        detail=f"{count} of {new.power.size} tiles changed; worst in {channel_name} at "
+        f"rows {top} to {bottom}, columns {left} to {right}",
     )
 
 
 def compare_noise(
     baseline: Mapping[str, TileStatistics], candidate: Mapping[str, TileStatistics]
 ) -> Verdict:
-    """Whether the ground truth is as sure as it was: noise hides changes, so it may not grow.
+    """Verdict on the noise of the ground truth, which must not grow because it hides changes.
 
-    The median over tiles and colours of the ratio of standard errors; of an unchanged renderer it
-    is the root of the ratio of samples. Its interval is that of a median by order statistics.
+    The value is the median over tiles and colours of the ratio of standard errors; for an unchanged
+    renderer it is the square root of the ratio of samples. The interval uses order statistics.
     """
     ratios = np.sort(
-        np.concatenate([_ratios(old, candidate.get(n)) for n, old in baseline.items()])
+        np.concatenate([_error_ratios(old, candidate.get(n)) for n, old in baseline.items()])
     )
+    if ratios.size:
+        value = float(np.median(ratios))
+        interval, passed = _median_interval(ratios), bool(value <= MAX_NOISE_RATIO)
+        detail = f"median over {ratios.size} tiles and colours of the ratio of standard errors"
+    else:  # no light, or no noise
+        passed = not any((tiles.mean_error > 0).any() for tiles in candidate.values())
+        value = 1.0 if passed else math.inf
+        interval, detail = (value, value), "no tile is noisy in both runs"
     name = "ground truth: noise against the baseline"
-    words = f"median over {ratios.size} tiles and colours of the ratio of standard errors"
-    if ratios.size == 0:
-        # Nothing was noisy, then or now: an unlit or a noiseless scene.
-        quiet = all(_is_quiet(found) for found in candidate.values())
-        value = 1.0 if quiet else math.inf
-        detail = "no tile is noisy in both runs"
-        return Verdict(name, "noise", value, "<=", MOST_NOISE, (value, value), quiet, detail=detail)
-    value = float(np.median(ratios))
-    interval = _median_interval(ratios)
-    return Verdict(
-        name, "noise", value, "<=", MOST_NOISE, interval, bool(value <= MOST_NOISE), detail=words
-    )
+    return Verdict(name, "noise", value, "<=", MAX_NOISE_RATIO, interval, passed, detail=detail)
 
 
-def _ratios(old: TileStatistics, new: TileStatistics | None) -> np.ndarray:
+def _error_ratios(old: TileStatistics, new: TileStatistics | None) -> np.ndarray:
     if new is None or new.mean_error.shape != old.mean_error.shape:
         return np.empty(0)
     noisy = (old.mean_error > 0) & (new.mean_error > 0)
@@ -202,142 +194,136 @@ def _ratios(old: TileStatistics, new: TileStatistics | None) -> np.ndarray:
     return ratios
 
 
-def _is_quiet(found: TileStatistics) -> bool:
-    return not (found.mean_error > 0).any()
-
-
 def _median_interval(ordered: np.ndarray) -> tuple[float, float]:
-    """Source: David and Nagaraja, Order Statistics, 2003, section 7.1."""
+    """Interval of a median. Source: David and Nagaraja, Order Statistics, 2003, section 7.1."""
     from scipy.special import bdtr
 
-    below = bdtr(np.arange(ordered.size), ordered.size, 0.5)
-    k = int(np.searchsorted(below, FALSE_ALARM_RATE / 2))
+    probabilities = bdtr(np.arange(ordered.size), ordered.size, 0.5)
+    k = int(np.searchsorted(probabilities, FALSE_ALARM_RATE / 2))
     return float(ordered[max(0, k - 1)]), float(ordered[min(ordered.size - 1, ordered.size - k)])
 
 
-#: Rendered without any generator: their noise is that of the ground truth.
+#: Prefix of images rendered without a generator: their noise is that of the ground truth.
 TRUTH = "truth/"
-# Changes are shown this many times larger, and those that failed at least this bright.
+# Difference images amplify changes by this factor; failed tiles are at least this bright.
 _GAIN = 8.0
-_LEAST_SHOWN = 0.35
+_MIN_BRIGHTNESS = 0.35
 _BRIGHTER, _DARKER = np.array([1.0, 0.25, 0.05]), np.array([0.05, 0.3, 1.0])
-# Lengths that follow from others may differ in the last bits between machines.
+# Derived lengths may differ in the last bits between machines.
 _SAME_LENGTH = 1e-9
-# A value of conditions longer than this is not printed in an error; nor what rounding leaves.
-_LONGEST_SHOWN, _DIGITS_SHOWN = 60, 9
+# Limits of a condition's text in an error message.
+_MAX_CHARACTERS, _MAX_DIGITS = 60, 9
 _SHA256_DIGITS = 64
-# Values of one condition.
-_MOST_SHOWN = 3
-_FOLLOWS = {"display as derived": "display"}
+# Largest number of values listed for one condition.
+_MAX_VALUES = 3
+# Conditions that follow from others.
+_DERIVED = {"display as derived": "display"}
 _TIME_CONDITIONS = ("processor", "threads")
 _ALWAYS_NEW = ("created",)
 
 
 def differing_conditions(before: Conditions, after: Conditions) -> list[str]:
-    """What the two do not share, one phrase for each condition; empty if they can be compared.
+    """List the conditions that differ, one phrase each; empty if the runs are comparable.
 
-    Such as "display: gap_mm 3.2, baseline 3.3".
+    Example: "display: gap_mm 3.2, baseline 3.3".
     """
     baseline, candidate = msgspec.to_builtins(before), msgspec.to_builtins(after)
     names = [*baseline, *(name for name in candidate if name not in baseline)]
-    changed = [n for n in names if not _same(baseline.get(n), candidate.get(n))]
-    # What follows from others says nothing new.
-    told = [n for n in changed if _FOLLOWS.get(n) not in changed]
-    return [f"{name}{_difference(candidate.get(name), baseline.get(name))}" for name in told]
+    changed = [n for n in names if not _is_same(baseline.get(n), candidate.get(n))]
+    causes = [n for n in changed if _DERIVED.get(n) not in changed]
+    return [f"{name}{_difference(candidate.get(name), baseline.get(name))}" for name in causes]
 
 
 def _difference(new: Any, old: Any) -> str:
-    """The values that differ; of tables, those in them."""
+    """Describe two values that differ; for tables, their differing entries."""
     if not (isinstance(new, Mapping) and isinstance(old, Mapping)):
-        return f" {_shown(new)}, baseline {_shown(old)}"
-    names = [name for name in {**old, **new} if not _same(new.get(name), old.get(name))]
+        return f" {_format_value(new)}, baseline {_format_value(old)}"
+    names = [name for name in {**old, **new} if not _is_same(new.get(name), old.get(name))]
     rows = [f"{name}{_difference(new.get(name), old.get(name))}" for name in names]
-    more = f" and {len(rows) - _MOST_SHOWN} more" if len(rows) > _MOST_SHOWN else ""
-    return f": {', '.join(rows[:_MOST_SHOWN])}{more}"
+    more = f" and {len(rows) - _MAX_VALUES} more" if len(rows) > _MAX_VALUES else ""
+    return f": {', '.join(rows[:_MAX_VALUES])}{more}"
 
 
-def _same(a: Any, b: Any) -> bool:
+def _is_same(a: Any, b: Any) -> bool:
     if isinstance(a, Mapping) and isinstance(b, Mapping):
-        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
+        return a.keys() == b.keys() and all(_is_same(a[key], b[key]) for key in a)
     if isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)):
-        return len(a) == len(b) and all(map(_same, a, b))
+        return len(a) == len(b) and all(map(_is_same, a, b))
     if isinstance(a, float) or isinstance(b, float):
-        numbers = isinstance(a, (int, float)) and isinstance(b, (int, float))
-        return numbers and math.isclose(a, b, rel_tol=_SAME_LENGTH, abs_tol=_SAME_LENGTH)
+        are_numbers = isinstance(a, (int, float)) and isinstance(b, (int, float))
+        return are_numbers and math.isclose(a, b, rel_tol=_SAME_LENGTH, abs_tol=_SAME_LENGTH)
     return type(a) is type(b) and bool(a == b)
 
 
-def _shown(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, str):
-        return f"{value[:12]}…" if len(value) == _SHA256_DIGITS else value[:_LONGEST_SHOWN]
+        return f"{value[:12]}…" if len(value) == _SHA256_DIGITS else value[:_MAX_CHARACTERS]
     if isinstance(value, float):
-        return f"{value:.{_DIGITS_SHOWN}g}"
-    if isinstance(value, (list, tuple)):  # a viewpoint: where, and what is given of its pupil
-        text = f"[{', '.join(_shown(one) for one in value if one is not None)}]"
+        return f"{value:.{_MAX_DIGITS}g}"
+    if isinstance(value, (list, tuple)):  # a viewpoint: position, pupil and focus
+        text = f"[{', '.join(_format_value(item) for item in value if item is not None)}]"
     else:
-        text = "not there" if value is None else json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 1]}…"
+        text = "missing" if value is None else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= _MAX_CHARACTERS else f"{text[: _MAX_CHARACTERS - 1]}…"
 
 
-def check_comparable(baseline: RunStatistics, conditions: Conditions, where: str) -> None:
+def check_comparable(baseline: RunStatistics, conditions: Conditions, path: str) -> None:
     """Raise `BaselineError` unless a run under these conditions can be compared.
 
     Parameters
     ----------
     baseline : RunStatistics
     conditions : Conditions
-        Of the candidate; known before anything is rendered.
-    where : str
-        The baseline's place, for the message.
+        Conditions of the candidate.
+    path : str
+        Path of the baseline, for the message.
     """
-    reasons = differing_conditions(baseline.conditions, conditions)
-    if reasons:
-        more = f" (and {len(reasons) - 3} more)" if len(reasons) > 3 else ""
+    differences = differing_conditions(baseline.conditions, conditions)
+    if differences:
+        more = f" (and {len(differences) - 3} more)" if len(differences) > 3 else ""
         raise BaselineError(
-            f"{where}: made under other conditions: {'; '.join(reasons[:3])}{more}; accept a "
+            f"{path}: has other conditions: {'; '.join(differences[:3])}{more}; accept a "
             "baseline for these with inim baseline accept OUT --reason TEXT"
         )
-    truth = [name for name in baseline.pictures if name.startswith(TRUTH)]
-    if not (truth and baseline.scores):
-        raise BaselineError(f"{where}: holds no picture or no score to compare; accept it anew")
+    if not (_truth_tiles(baseline) and baseline.scores):
+        raise BaselineError(f"{path}: has no image or no score to compare; accept it again")
 
 
-def check_times(baseline: RunStatistics, circumstances: Circumstances, where: str) -> None:
+def check_times(baseline: RunStatistics, circumstances: Circumstances, path: str) -> None:
     """Raise `BaselineError` unless times of a run under these circumstances can be compared.
 
-    A ratio to the yardstick takes out how fast a machine is, not what it is good at: another
-    processor, or another number of threads, has other ratios.
+    Ratios to the reference kernel are independent of a machine's speed, but not of the type of its
+    processor or of the number of threads.
     """
     if not baseline.times:
         raise BaselineError(
-            f"{where}: has no times; accept one of a run with --time, or leave --time out"
+            f"{path}: has no times; accept the baseline of a run with --time, or remove --time"
         )
     for name in _TIME_CONDITIONS:
         old, new = getattr(baseline.circumstances, name), getattr(circumstances, name)
         if old != new:
             raise BaselineError(
-                f"{where}: its times are of {name} {old!r}, not {new!r}; accept a baseline here, "
-                "or leave --time out"
+                f"{path}: has times for {name} {old!r}, not {new!r}; accept a baseline here, or "
+                "remove --time"
             )
 
 
-def compare(baseline: RunStatistics, candidate: RunStatistics, where: str) -> list[Verdict]:
-    """Verdicts on pictures, noise, scores, EIAs of the reference input and, where known, times.
+def compare(baseline: RunStatistics, candidate: RunStatistics, path: str) -> list[Verdict]:
+    """Verdicts on images, noise, scores, EIAs of the reference input, and times if measured.
 
     Parameters
     ----------
     baseline, candidate : RunStatistics
-    where : str
-        The baseline's place, for messages.
+    path : str
+        Path of the baseline, for messages.
 
     Raises
     ------
     BaselineError
-        The two were made under conditions that differ.
+        The conditions of the two runs differ.
     """
-    check_comparable(baseline, candidate.conditions, where)
-    truth_old, truth_new = (_truth(side) for side in (baseline, candidate))
-    noise = compare_noise(truth_old, truth_new)
+    check_comparable(baseline, candidate.conditions, path)
+    noise = compare_noise(_truth_tiles(baseline), _truth_tiles(candidate))
     verdicts = [
         *compare_pictures(baseline.pictures, candidate.pictures),
         noise,
@@ -345,17 +331,17 @@ def compare(baseline: RunStatistics, candidate: RunStatistics, where: str) -> li
         *compare_fingerprints(baseline.fingerprints, candidate.fingerprints),
     ]
     if candidate.times:
-        check_times(baseline, candidate.circumstances, where)
+        check_times(baseline, candidate.circumstances, path)
         verdicts += compare_times(baseline.times, candidate.times)
     return verdicts
 
 
-def _truth(side: RunStatistics) -> dict[str, Any]:
-    return {name: found for name, found in side.pictures.items() if name.startswith(TRUTH)}
+def _truth_tiles(run: RunStatistics) -> dict[str, TileStatistics]:
+    return {name: tiles for name, tiles in run.pictures.items() if name.startswith(TRUTH)}
 
 
 def changed_circumstances(baseline: RunStatistics, candidate: RunStatistics) -> list[Change]:
-    """Other differences, without a verdict: versions, samples, seed, machine."""
+    """Changes without a verdict: versions, samples, seed, machine."""
     before, after = map(msgspec.to_builtins, (baseline.circumstances, candidate.circumstances))
     return [
         Change(name=name, baseline=before.get(name), candidate=after.get(name))
@@ -365,7 +351,7 @@ def changed_circumstances(baseline: RunStatistics, candidate: RunStatistics) -> 
 
 
 def drift(baseline: RunStatistics, candidate: RunStatistics) -> list[Drift]:
-    """Every reported number of both runs, by what was scored and the score's name."""
+    """Changes of all reported scores, by scored object and score name."""
     rows = []
     for what, scores in candidate.reported.items():
         for name, new in scores.items():
@@ -380,76 +366,76 @@ def drift(baseline: RunStatistics, candidate: RunStatistics) -> list[Drift]:
 def tile_pictures(
     baseline: TileStatistics, candidate: TileStatistics
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The baseline's tiles and their change, each (rows, columns, 3) float32, linear RGB.
+    """Images of the baseline's tiles and of their change, (rows, columns, 3) float32, linear RGB.
 
-    Red grew brighter, blue darker; only tiles that failed are in colour, others at a tenth.
+    Red tiles became brighter, blue tiles darker. Tiles that passed are at a tenth of the intensity.
     """
     change = tile_change(baseline, candidate, sidak(FALSE_ALARM_RATE, 4 * baseline.power.size))
     codes = np.nan_to_num(change.codes, nan=255.0)
     largest = np.argmax(np.abs(codes), axis=-1)[..., None]
     signed = np.take_along_axis(codes, largest, axis=-1)[..., 0]
     size = np.minimum(1.0, _GAIN * np.abs(signed) / 255)
-    size = np.where(change.failed, np.maximum(size, _LEAST_SHOWN), 0.1 * size)
+    size = np.where(change.failed, np.maximum(size, _MIN_BRIGHTNESS), 0.1 * size)
     colour = np.where((signed > 0)[..., None], _BRIGHTER, _DARKER) * size[..., None]
-    return _enlarged(np.nan_to_num(baseline.mean), baseline), _enlarged(colour, baseline)
+    return _enlarge(np.nan_to_num(baseline.mean), baseline), _enlarge(colour, baseline)
 
 
-def _enlarged(tiles: np.ndarray, found: TileStatistics) -> np.ndarray:
-    whole = np.repeat(np.repeat(tiles, found.tile[0], axis=0), found.tile[1], axis=1)
-    cut: np.ndarray = whole[: found.shape[0], : found.shape[1]].astype(np.float32)
-    return cut
+def _enlarge(values: np.ndarray, tiles: TileStatistics) -> np.ndarray:
+    image = np.repeat(np.repeat(values, tiles.tile[0], axis=0), tiles.tile[1], axis=1)
+    cropped: np.ndarray = image[: tiles.shape[0], : tiles.shape[1]].astype(np.float32)
+    return cropped
 
 
 def changed_pixels(old: Fingerprint, new: Fingerprint, display: Display) -> np.ndarray:
-    """Where the sampled pixels of the reference input's EIA are: grey if equal, red if changed."""
-    picture = np.zeros((*display.eia_shape, 3), np.float32)
-    flat = picture.reshape(-1, 3)
+    """Image of the sampled pixels of the reference input's EIA: grey if equal, red if changed."""
+    image = np.zeros((*display.eia_shape, 3), np.float32)
+    flat = image.reshape(-1, 3)
     changed = (np.abs(old.sample.astype(np.int16) - new.sample) > 1).any(axis=-1)
-    at = sampled_pixels(display)
-    flat[at] = 0.2
-    flat[at[changed]] = _BRIGHTER
-    return picture
+    indices = sampled_pixels(display)
+    flat[indices] = 0.2
+    flat[indices[changed]] = _BRIGHTER
+    return image
 
 
-#: Fewer rounds say nothing: with nine on each side the interval still has an end at this level.
-LEAST_ROUNDS = 9
-#: A slowdown below this passes: from one process to the next, where code and data come to lie in
-#: memory changes ratios by some per cent, and rounds of one process do not show it.
-MOST_SLOWDOWN = 1.15
-# What no amount of noise may hide.
+#: With nine rounds on each side, the interval is still finite at this level.
+MIN_ROUNDS = 9
+#: A smaller slowdown passes: the memory layout of code and data changes ratios by several per cent
+#: between processes, which the rounds of one process do not show.
+MAX_SLOWDOWN = 1.15
+# A slowdown that noise must never hide.
 _NEVER_HIDDEN = 1.3
 
 
-def log_ratios(times_s: Sequence[float], yardstick_s: Sequence[float]) -> tuple[float, ...]:
-    """Natural logarithms of time over yardstick, round by round, of the rounds both were in."""
-    return tuple(math.log(t / y) for t, y in zip(times_s, yardstick_s, strict=False))
+def log_ratios(times_s: Sequence[float], kernel_s: Sequence[float]) -> tuple[float, ...]:
+    """Natural logarithms of time over the reference kernel's time, of all common rounds."""
+    return tuple(math.log(t / k) for t, k in zip(times_s, kernel_s, strict=False))
 
 
-def yardsticks(ratios: Sequence[float]) -> float:
-    """Median time in yardsticks, from `log_ratios`."""
+def kernel_times(ratios: Sequence[float]) -> float:
+    """Median time in multiples of the reference kernel's time, from `log_ratios`."""
     return math.exp(statistics.median(ratios))
 
 
 def is_steady(ratios: Sequence[float]) -> bool:
-    """Whether a run with these `log_ratios` can be told from one slower by `MOST_SLOWDOWN`.
+    """True if these `log_ratios` suffice to detect a slowdown by `MAX_SLOWDOWN`.
 
-    Two runs that scatter as this one does would have an interval no wider than that to either side.
+    The interval between two runs with this scatter is no wider than that to either side.
     """
-    if len(ratios) < LEAST_ROUNDS:
+    if len(ratios) < MIN_ROUNDS:
         return False
-    return shift_of(ratios, ratios, FALSE_ALARM_RATE).high <= math.log(MOST_SLOWDOWN)
+    return shift_of(ratios, ratios, FALSE_ALARM_RATE).high <= math.log(MAX_SLOWDOWN)
 
 
 def compare_times(
     baseline: Mapping[str, Sequence[float]], candidate: Mapping[str, Sequence[float]]
 ) -> list[Verdict]:
-    """One verdict for each algorithm of the baseline: only slower fails.
+    """Verdicts on the baseline's algorithms; only a slowdown fails.
 
     Parameters
     ----------
     baseline, candidate : mapping of str to sequence of float
-        `log_ratios` by algorithm. One with fewer than `LEAST_ROUNDS` fails, and one that scatters
-        so much that 30 % more time could hide in it.
+        `log_ratios` by algorithm. An algorithm fails if it has fewer than `MIN_ROUNDS`, or if its
+        scatter could hide 30 % more time.
     """
     level = sidak(FALSE_ALARM_RATE, len(baseline))
     return [_time_verdict(n, old, candidate.get(n, ()), level) for n, old in baseline.items()]
@@ -459,24 +445,24 @@ def _time_verdict(name: str, old: Sequence[float], new: Sequence[float], level: 
     label = f"{name}: time against the baseline"
     rounds = min(len(old), len(new))
     shift = shift_of(new, old, level)
-    limit = MOST_SLOWDOWN
-    # Where the interval reaches down to no change, noise explains the shift.
+    limit = MAX_SLOWDOWN
+    # If the interval includes no change, noise explains the shift.
     if shift.low <= 0:
         limit = max(limit, math.exp(max(shift.value, 0.0)) if math.isfinite(shift.value) else 0.0)
     value = math.exp(shift.value)
-    known = rounds >= LEAST_ROUNDS and math.isfinite(value)
-    hidden = shift.low <= 0 and shift.high > math.log(_NEVER_HIDDEN)
-    passed = bool(known and not hidden and value <= limit)
-    detail = f"{_words(new)} yardsticks, baseline {_words(old)}; {rounds} rounds"
-    if rounds < LEAST_ROUNDS:
-        detail += f", {LEAST_ROUNDS} needed"
-    elif hidden:
-        detail += "; they scatter too much to tell: time both on a quiet machine"
+    is_valid = rounds >= MIN_ROUNDS and math.isfinite(value)
+    is_unclear = shift.low <= 0 and shift.high > math.log(_NEVER_HIDDEN)
+    passed = bool(is_valid and not is_unclear and value <= limit)
+    detail = f"{_median_text(new)} kernel times, baseline {_median_text(old)}; {rounds} rounds"
+    if rounds < MIN_ROUNDS:
+        detail += f", {MIN_ROUNDS} needed"
+    elif is_unclear:
+        detail += "; the scatter is too large: time both on an idle machine"
     interval = (math.exp(shift.low), math.exp(min(shift.high, 700.0)))
     return Verdict(
         label, "time", value, "<=", limit, interval, passed, "times", shift.p_value, detail
     )
 
 
-def _words(ratios: Sequence[float]) -> str:
-    return f"{yardsticks(ratios):.3g}" if ratios else "no"
+def _median_text(ratios: Sequence[float]) -> str:
+    return f"{kernel_times(ratios):.3g}" if ratios else "no"

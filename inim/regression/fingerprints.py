@@ -1,10 +1,10 @@
-"""The reference input: an RGB-D that is the same on every machine, and its EIA's fingerprint.
+"""Reference input: an RGB-D picture that is equal on every machine, and its EIA's fingerprint.
 
-Rendering is not reproducible bit for bit across machines, so the EIA of a rendered scene cannot be
-compared by its bytes. That of this picture can: whole numbers and single divisions only, which
-IEEE 754 rounds alike everywhere. It has what generators get wrong: steps in depth, thin things, a
-slope, holes, an empty margin; and no two neighbours share a colour, so a pixel that shows another
-source shows another colour.
+Rendering is not bit-exact across machines, so the EIA of a rendered scene cannot be compared by its
+bytes. The EIA of this picture can: the picture uses only integers and single divisions, which IEEE
+754 rounds identically everywhere. It contains common difficulties of generators: depth steps, thin
+objects, a slope, holes and an empty margin. No two neighbours share a colour, so a pixel with
+another source has another colour.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from inim.image.noisy_image import row_bands
 from inim.image.rgbd import RGBD
 from inim.regression.verdict import FALSE_ALARM_RATE, Verdict, binomial_interval
 
-#: Share of the pixels that may change where an algorithm does not promise exact equality: rays
-#: that graze an edge may fall to either side in another machine's rounding.
-MOST_CHANGED = 1e-3
-# Pixels of an EIA that a baseline keeps, 3 bytes each.
+#: Share of the pixels that may change if an algorithm does not guarantee exact equality: rays that
+#: graze an edge depend on a machine's rounding.
+MAX_CHANGED = 1e-3
+# Pixels of an EIA in a baseline, 3 bytes each.
 _SAMPLES = 8192
 
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """What is kept of the EIA that a generator makes of the reference input.
+    """Digest and sample of a generator's EIA of the reference input.
 
     Attributes
     ----------
     exact : bool
-        Whether equality is promised.
+        True if the algorithm guarantees equality.
     input_sha256, eia_sha256 : str
-        Of the picture, and of the EIA's float32 values.
+        Digests of the picture and of the EIA's float32 values.
     sample : (n, 3) uint8
         Linear values times 255 of pixels spread evenly over the lensed panel.
     """
@@ -49,28 +49,28 @@ class Fingerprint:
     sample: np.ndarray
 
     def as_record(self) -> FingerprintRecord:
-        """For a baseline's JSON; the sample is stored separately."""
+        """Return the JSON record for a baseline, without the sample."""
         return FingerprintRecord(
             exact=self.exact, input_sha256=self.input_sha256, eia_sha256=self.eia_sha256
         )
 
     @classmethod
     def of(cls, record: FingerprintRecord, sample: np.ndarray) -> Fingerprint:
-        """From `as_record` and the sample; raises ValueError for an invalid sample."""
+        """Build from `as_record` and the sample; raises ValueError for an invalid sample."""
         if sample.ndim != 2 or sample.shape[1] != 3 or sample.dtype != np.uint8:
             raise ValueError(f"a sample of pixels is {sample.dtype} of shape {sample.shape}")
         return cls(record.exact, record.input_sha256, record.eia_sha256, sample)
 
 
 def reference_input(display: Display, shape: tuple[int, int], pixel_mm: float) -> RGBD:
-    """The RGB-D for a display: (rows, columns), linear RGB in steps of 1/255.
+    """RGB-D picture of a given shape for a display, linear RGB in steps of 1/255.
 
-    A slope from the far end to the near end of the depth range under a block near the viewer, thin
+    It shows a slope from the far to the near end of the depth range, a block near the viewer, thin
     upright bars, and a grid of holes.
     """
     rows, columns = shape
     r, c = np.arange(rows)[:, None], np.arange(columns)[None, :]
-    # Depth in 64ths of the range, 2..62: inside it, whatever rounds.
+    # Depth in 64ths of the range, 2..62: inside the range under any rounding.
     level = 2 + (40 * c) // columns + 0 * r
     block = (r > rows // 3) & (r < rows // 2) & (c > columns // 4) & (c < (5 * columns) // 8)
     level = np.where(block, 56, level)
@@ -86,7 +86,7 @@ def reference_input(display: Display, shape: tuple[int, int], pixel_mm: float) -
 
 
 def _colours(index: np.ndarray) -> np.ndarray:
-    """Three bytes for each whole number, scattered. Source: Wang's integer hash, 1997."""
+    """Three pseudorandom bytes for each integer. Source: Wang's integer hash, 1997."""
     x = index.astype(np.uint32)
     x = (x ^ np.uint32(61)) ^ (x >> np.uint32(16))
     x = x * np.uint32(9)
@@ -98,7 +98,7 @@ def _colours(index: np.ndarray) -> np.ndarray:
 
 
 def picture_sha256(rgbd: RGBD) -> str:
-    """Of colours, depths and coverage."""
+    """Digest of colours, depths and coverage."""
     digest = hashlib.sha256()
     for array in (rgbd.color, rgbd.depth_mm, rgbd.covered):
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -106,7 +106,7 @@ def picture_sha256(rgbd: RGBD) -> str:
 
 
 def fingerprint(rgbd: RGBD, eia: np.ndarray, display: Display, *, exact: bool) -> Fingerprint:
-    """What to keep of the EIA that a generator made of the reference input.
+    """Compute the fingerprint of a generator's EIA of the reference input.
 
     Parameters
     ----------
@@ -115,12 +115,12 @@ def fingerprint(rgbd: RGBD, eia: np.ndarray, display: Display, *, exact: bool) -
     eia : (rows, columns, 3) float32
     display : Display
     exact : bool
-        Whether the algorithm promises equality.
+        True if the algorithm guarantees equality.
     """
-    picked = sampled_pixels(display)
-    values = np.nan_to_num(eia.reshape(-1, 3)[picked], nan=0.0, posinf=1.0, neginf=0.0)
+    indices = sampled_pixels(display)
+    values = np.nan_to_num(eia.reshape(-1, 3)[indices], nan=0.0, posinf=1.0, neginf=0.0)
     sample = np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
-    # Adding zero turns -0 into 0, which is the same light.
+    # Adding zero turns -0 into 0.
     digest = hashlib.sha256()
     for band in row_bands(*display.eia_shape):
         digest.update((eia[band] + np.float32(0)).tobytes())
@@ -128,49 +128,48 @@ def fingerprint(rgbd: RGBD, eia: np.ndarray, display: Display, *, exact: bool) -
 
 
 def sampled_pixels(display: Display) -> np.ndarray:
-    """Flat indices of the panel pixels that a baseline keeps: evenly over the lensed ones."""
+    """Flat indices of the sampled panel pixels, spread evenly over the lensed ones."""
     lensed = np.flatnonzero(display.lensed)
-    # Steps of a golden section of the whole come to lie evenly (Weyl); without a common divisor
-    # none is visited twice.
+    # Golden-section steps spread evenly (Weyl); without a common divisor they never repeat.
     step = max(1, round(lensed.size * (math.sqrt(5) - 1) / 2))
     while math.gcd(step, lensed.size) != 1:
         step += 1
-    picked: np.ndarray = lensed[(np.arange(min(_SAMPLES, lensed.size)) * step) % lensed.size]
-    return picked
+    indices: np.ndarray = lensed[(np.arange(min(_SAMPLES, lensed.size)) * step) % lensed.size]
+    return indices
 
 
 def compare_fingerprints(
     baseline: Mapping[str, Fingerprint], candidate: Mapping[str, Fingerprint]
 ) -> list[Verdict]:
-    """One verdict for each of the baseline's generators: equality, or the share of changed pixels.
+    """Verdicts on the baseline's generators: equality, or the share of changed pixels.
 
     Parameters
     ----------
     baseline, candidate : mapping of str to Fingerprint
-        By algorithm; both of the same picture. One that the candidate lacks fails.
+        By algorithm, of the same picture. An algorithm that the candidate lacks fails.
     """
     return [_verdict(name, old, candidate.get(name)) for name, old in baseline.items()]
 
 
 def _verdict(name: str, old: Fingerprint, new: Fingerprint | None) -> Verdict:
     label = f"{name}: changed pixels of the reference input"
-    limit = 0.0 if old.exact else MOST_CHANGED
+    limit = 0.0 if old.exact else MAX_CHANGED
     if new is None or new.sample.shape != old.sample.shape:
         return Verdict(
             label, "pixels", math.nan, "<=", limit, (math.nan, math.nan), False,
             detail="the EIA of the reference input is missing or of another size",
         )  # fmt: skip
     if new.eia_sha256 == old.eia_sha256:
-        detail = "equal, value for value"
+        detail = "all values are equal"
         return Verdict(label, "pixels", 0.0, "<=", limit, (0.0, 0.0), True, detail=detail)
     # Averages of several rays may round to either of two codes.
     changed = (np.abs(old.sample.astype(np.int16) - new.sample) > 1).any(axis=-1)
     count, trials = int(np.count_nonzero(changed)), len(changed)
     interval = binomial_interval(count, trials, FALSE_ALARM_RATE)
     passed = not old.exact and count / trials <= limit
-    detail = f"{count} of {trials} pixels looked at"
+    detail = f"{count} of {trials} sampled pixels"
     if old.exact:
-        detail += "; the SHA-256 of the EIA differs, and this algorithm promises equality"
-    # Of an exact path, one changed value anywhere is a change, also outside the sample.
+        detail += "; the SHA-256 of the EIA differs, and this algorithm guarantees equality"
+    # For an exact algorithm, a change outside the sample counts, too.
     value = max(count, 1) / trials if old.exact else count / trials
     return Verdict(label, "pixels", value, "<=", limit, interval, passed, "share", detail=detail)

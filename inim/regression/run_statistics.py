@@ -1,7 +1,7 @@
-"""Run statistics: what later runs are compared with.
+"""Run statistics: data of a run for comparisons with later runs.
 
-Every report has one (`regression/candidate.json` and `.npz`); accepted, with a reason, it is a
-baseline (`baseline.json` and `.npz`). Both are of the schema `inim.baseline/2`.
+Every report has a candidate (`regression/candidate.json` and `.npz`). An accepted candidate is a
+baseline (`baseline.json` and `.npz`). Both follow the schema `inim.baseline/2`.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from inim.regression.fingerprints import Fingerprint
 from inim.regression.scores import ScoreEstimate
 from inim.regression.tiles import TileStatistics
 
-#: Names of the files, without what follows the dot.
+#: Stems of the file names.
 BASELINE, CANDIDATE = "baseline", "candidate"
 
-# More than any picture has tiles, or any file of ours bytes.
-_LARGEST_BYTES = 2**26
-_MOST_ARRAYS = 20_000
+# Limits above any file of this project.
+_MAX_BYTES = 2**26
+_MAX_ARRAYS = 20_000
 _ZIP_ENTRY = b"PK\1\2"
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
@@ -41,23 +41,23 @@ _HEADERS = {
 
 @dataclass(frozen=True)
 class RunStatistics:
-    """Conditions, statistics of pictures, scores and times of a run.
+    """Conditions, image statistics, scores and times of a run.
 
     Attributes
     ----------
     conditions : Conditions
-        They must be equal for a comparison.
+        Must be equal for a comparison.
     circumstances : Circumstances
-        Versions, samples, seed, machine, date. They may differ.
+        Versions, samples, seed, machine, date; may differ.
     pictures : mapping of str to TileStatistics
     scores : mapping of str to mapping of str to ScoreEstimate
     fingerprints : mapping of str to Fingerprint
     times : mapping of str to tuple of float
-        `times.log_ratios` by algorithm; empty where nothing was timed.
+        `log_ratios` by algorithm; empty without timing.
     reported : mapping of str to mapping of str to float or None
-        Scores without a verdict, for their drift.
+        Scores without a verdict, to list their changes.
     reason, accepted : str
-        Why and when it became a baseline; empty in a candidate.
+        Reason and date of acceptance; empty in a candidate.
     """
 
     conditions: Conditions
@@ -71,12 +71,12 @@ class RunStatistics:
     accepted: str = ""
 
     def accept(self, reason: str, accepted: str) -> RunStatistics:
-        """The same as a baseline."""
+        """Return these statistics as a baseline."""
         return replace(self, reason=reason, accepted=accepted)
 
 
 def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list[str]:
-    """Write `stem`.json and `stem`.npz into a folder; their names.
+    """Write `stem`.json and `stem`.npz into a folder, and return their names.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list
     """
     stream = io.BytesIO()
     np.savez_compressed(stream, **_arrays(statistics))  # type: ignore[arg-type]
-    packed = stream.getvalue()
+    data = stream.getvalue()
     document = BaselineDocument(
         reason=statistics.reason,
         accepted=statistics.accepted,
@@ -96,17 +96,17 @@ def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list
             for name, tiles in statistics.pictures.items()
         },
         scores={
-            what: {name: score.as_record() for name, score in scores.items()}
-            for what, scores in statistics.scores.items()
+            scored: {name: score.as_record() for name, score in scores.items()}
+            for scored, scores in statistics.scores.items()
         },
-        fingerprints={name: one.as_record() for name, one in statistics.fingerprints.items()},
+        fingerprints={name: f.as_record() for name, f in statistics.fingerprints.items()},
         times={name: list(ratios) for name, ratios in statistics.times.items()},
-        reported={what: dict(scores) for what, scores in statistics.reported.items()},
-        arrays_sha256=hashlib.sha256(packed).hexdigest(),
+        reported={scored: dict(scores) for scored, scores in statistics.reported.items()},
+        arrays_sha256=hashlib.sha256(data).hexdigest(),
     )
-    # The JSON last: it marks a whole one.
+    # The JSON file is last: its presence means that both are complete.
     names = [f"{stem}.json", f"{stem}.npz"]
-    write_atomically(folder / names[1], lambda p: p.write_bytes(packed))
+    write_atomically(folder / names[1], lambda p: p.write_bytes(data))
     write_document(folder / names[0], document)
     return names
 
@@ -114,63 +114,62 @@ def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list
 def _arrays(statistics: RunStatistics) -> dict[str, np.ndarray]:
     arrays = {
         f"picture|{name}|{key}": array
-        for name, found in statistics.pictures.items()
-        for key, array in found.arrays().items()
+        for name, tiles in statistics.pictures.items()
+        for key, array in tiles.arrays().items()
     }
-    return arrays | {f"sample|{n}": one.sample for n, one in statistics.fingerprints.items()}
+    return arrays | {f"sample|{n}": f.sample for n, f in statistics.fingerprints.items()}
 
 
 def read_statistics(folder: Path, stem: str) -> RunStatistics:
-    """Read what `write_statistics` wrote.
+    """Read the files of `write_statistics`.
 
     Raises
     ------
     BaselineError
-        Missing, damaged, or of another schema, with the way out.
+        The files are missing, damaged, or have another schema.
     """
-    path, way_out = folder / f"{stem}.json", _way_out(stem)
+    path, fix = folder / f"{stem}.json", _fix(stem)
     try:
-        data = read_document(path, way_out, BaselineDocument)
-        packed = read_file(folder / f"{stem}.npz", _LARGEST_BYTES, way_out=way_out)
-        if hashlib.sha256(packed).hexdigest() != data.arrays_sha256:
-            raise ValueError("which is of another run; one that is just being replaced?")
-        return _statistics(data, _arrays_in(packed))
+        document = read_document(path, fix, BaselineDocument)
+        data = read_file(folder / f"{stem}.npz", _MAX_BYTES, way_out=fix)
+        if hashlib.sha256(data).hexdigest() != document.arrays_sha256:
+            raise ValueError("it belongs to another run, or is being replaced")
+        return _statistics(document, _read_arrays(data))
     except FileError as error:
         raise BaselineError(str(error)) from None
     except (KeyError, ValueError) as error:
-        words = " ".join(str(error).split())[:200]
-        raise BaselineError(f"{path}: damaged with its .npz ({words}); {way_out}") from None
+        cause = " ".join(str(error).split())[:200]
+        raise BaselineError(f"{path}: damaged, or its .npz is ({cause}); {fix}") from None
 
 
-def _way_out(stem: str) -> str:
+def _fix(stem: str) -> str:
     if stem == BASELINE:
         return "make one: inim baseline accept OUT --reason TEXT"
-    return "make the report anew with inim validate"
+    return "make a new report with inim validate"
 
 
-def _arrays_in(data: bytes) -> dict[str, np.ndarray]:
-    """The arrays of an .npz; a ValueError where it is none, or unpacks to more than it may."""
-    if data.count(_ZIP_ENTRY) > _MOST_ARRAYS:
-        raise ValueError(f"more than {_MOST_ARRAYS} arrays")
+def _read_arrays(data: bytes) -> dict[str, np.ndarray]:
+    """Read the arrays of an .npz; raises ValueError if it is invalid or too large."""
+    if data.count(_ZIP_ENTRY) > _MAX_ARRAYS:
+        raise ValueError(f"more than {_MAX_ARRAYS} arrays")
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as packed:
-            if sum(one.file_size for one in packed.infolist()) > _LARGEST_BYTES:
-                raise ValueError(f"unpacks to more than {_LARGEST_BYTES} bytes")
-            return {
-                one.filename.removesuffix(".npy"): _array(packed, one) for one in packed.infolist()
-            }
-    except Exception as error:  # of any kind: an array's header is read as Python
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            entries = archive.infolist()
+            if sum(entry.file_size for entry in entries) > _MAX_BYTES:
+                raise ValueError(f"unpacks to more than {_MAX_BYTES} bytes")
+            return {e.filename.removesuffix(".npy"): _read_array(archive, e) for e in entries}
+    except Exception as error:  # of any type: an array's header is read as Python
         raise ValueError(f"no readable arrays: {error}") from None
 
 
-def _array(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
-    """One array of plain numbers, of the size that its header declares."""
-    with packed.open(entry) as file:
+def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
+    """Read an array of plain numbers, of the size that its header declares."""
+    with archive.open(entry) as file:
         version = np.lib.format.read_magic(file)
-        read = _HEADERS.get(version)
-        if read is None:
+        read_header = _HEADERS.get(version)
+        if read_header is None:
             raise ValueError(f"{entry.filename} is of version {version}")
-        shape, _, dtype = read(file)
+        shape, _, dtype = read_header(file)
         if dtype.kind not in "fu" or min(shape, default=1) < 0:
             raise ValueError(f"{entry.filename} holds {dtype} of shape {shape}")
         values = file.read()
@@ -193,8 +192,8 @@ def _statistics(data: BaselineDocument, arrays: Mapping[str, np.ndarray]) -> Run
         circumstances=data.circumstances,
         pictures=pictures,
         scores={
-            what: {name: ScoreEstimate.of(score) for name, score in scores.items()}
-            for what, scores in data.scores.items()
+            scored: {name: ScoreEstimate.of(score) for name, score in scores.items()}
+            for scored, scores in data.scores.items()
         },
         fingerprints={
             name: Fingerprint.of(record, arrays[f"sample|{name}"])

@@ -1,28 +1,29 @@
-"""What is kept of a rendered picture: per tile its means, its power, and how sure they are.
+"""Tile statistics of a rendered image: means, power and their errors.
 
-A picture comes as two independent halves of its samples, `a` and `b`; the picture is their mean.
-Whatever noise there is shows in ``a - b``: nothing about its law or its level is assumed, and a
-single firefly raises a tile's mean and its error alike, so that it never counts as a change.
+An image consists of two independent halves of its samples, `a` and `b`; it is their mean. The
+difference ``a - b`` is pure noise. No assumption about its distribution or level is needed, and a
+single firefly raises both a tile's mean and its error, so that it never counts as a change.
 
-| kept, per tile of n pixels   | estimate                       | why                          |
+| stored, per tile of n pixels | estimate                       | purpose                      |
 | ---------------------------- | ------------------------------ | ---------------------------- |
 | mean, per colour             | ``sum (a + b) / 2n``           | shifts, swaps, gamma, colour |
-| its standard error, squared  | ``deff sum_s d_s^2 / 4n^2``    | both sides' noise counts     |
-| degrees of freedom           | `freedom_of_sum` over ``deff`` | few noisy pixels, few of it  |
+| its standard error, squared  | ``deff sum_s d_s^2 / 4n^2``    | noise of both runs           |
+| degrees of freedom           | `freedom_of_sum` over ``deff`` | few if few pixels are noisy  |
 | power, mean over the colours | ``sum a b / n``                | noise or blur of equal means |
 
-``a b`` has the expectation of the true square whatever the number of samples: halves are
-independent. Pixels of a tile that show the same pixel of the RGB-D picture err alike, as those of
-a generator's EIA do: they differ between the halves by the very same number, and ``d_s`` is the
-sum of ``a - b`` over such a set s; in a rendered picture each pixel is a set of its own. ``deff``,
-the design effect (Kish, Survey Sampling, 1965), covers dependence that does not show in this way,
-such as means over several rays: what the means of a tile's halves differ by over what independent
-sets would, over the whole picture; at least 1.
+The expectation of ``a b`` is the true square for any number of samples, because the halves are
+independent. In a generator's EIA, pixels that show the same pixel of the RGB-D picture have equal
+errors: they differ between the halves by exactly the same number. ``d_s`` is the sum of ``a - b``
+over such a set s; in a rendered image each pixel is its own set. ``deff``, the design effect (Kish,
+Survey Sampling, 1965), covers other dependence, such as averages over several rays: the squared
+differences between the means of tiles' halves, relative to those of independent sets, over the
+whole image; at least 1.
 
 At silhouettes a few samples of the RGB-D picture hit or miss, and both halves may agree by chance:
-a tile in which a few such pixels spread over many looks surer than it is. So in a generator's EIA
-each tile's variance is moderated, that is, averaged with the picture's at `_PRIOR_FREEDOM` degrees
-of freedom (Smyth, Stat. Appl. Genet. Mol. Biol. 3, 2004), which are not counted as its own.
+a tile in which few such pixels are spread over many has too small an error. Therefore each tile's
+variance in a generator's EIA is moderated, that is, averaged with the image's variance at
+`_PRIOR_FREEDOM` degrees of freedom (Smyth, Stat. Appl. Genet. Mol. Biol. 3, 2004). These are not
+added to the tile's own degrees of freedom.
 """
 
 from __future__ import annotations
@@ -37,30 +38,30 @@ import numpy as np
 from inim.image.noisy_image import NoisyImage, row_bands
 from inim.regression.verdict import freedom_of_sum
 
-# Views: small enough to see a shift of half a pixel at an edge, large enough for a standard error.
-_LEAST_TILE_PX = 8
-# Statistics of a picture take 40 bytes a tile: at most 40 KB, before compression.
-_MOST_TILES_ALONG = 32
-# Some 200 bytes each on the way.
+# Views: small enough to detect a shift of half a pixel at an edge, large enough for an error.
+_MIN_TILE_PX = 8
+# Statistics take 40 bytes per tile: at most 40 KB per image, before compression.
+_MAX_TILES_PER_SIDE = 32
+# Intermediate results take about 200 bytes per pixel.
 _PIXELS_AT_ONCE = 2**18
 
 
 @dataclass(frozen=True)
 class TileStatistics:
-    """Statistics of one picture's tiles.
+    """Statistics of an image's tiles.
 
     Attributes
     ----------
     tile : (int, int)
         Rows and columns of a tile in pixels; the last ones may be cut.
     shape : (int, int)
-        Rows and columns of the picture.
+        Rows and columns of the image.
     mean, mean_error : (R, C, 3) float32
         Linear RGB, and its standard error.
     power, power_error : (R, C) float32
         Mean square over pixels and colours, and its standard error.
     freedom : (R, C, 3) float32
-        Degrees of freedom of `mean_error`; the least of the three holds for the power.
+        Degrees of freedom of `mean_error`; the smallest of the three also applies to the power.
     """
 
     tile: tuple[int, int]
@@ -72,7 +73,7 @@ class TileStatistics:
     freedom: np.ndarray
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The arrays by name, as they are stored."""
+        """Arrays to store, by name."""
         return {name: getattr(self, name) for name in self.array_names()}
 
     @classmethod
@@ -84,38 +85,38 @@ class TileStatistics:
     def of(
         cls, tile: tuple[int, int], shape: tuple[int, int], arrays: Mapping[str, np.ndarray]
     ) -> TileStatistics:
-        """From what was stored; raises ValueError where shapes do not fit together."""
+        """Build from stored arrays; raises ValueError for inconsistent shapes."""
         rows, columns = (math.ceil(n / size) for n, size in zip(shape, tile, strict=True))
-        colours = (rows, columns, 3)
-        wanted = {"power": colours[:2], "power_error": colours[:2]}
-        kept = {}
+        with_colours = (rows, columns, 3)
+        shapes = {"power": with_colours[:2], "power_error": with_colours[:2]}
+        values = {}
         for name in cls.array_names():
             array = np.asarray(arrays[name], np.float32)
-            if array.shape != wanted.get(name, colours):
+            if array.shape != shapes.get(name, with_colours):
                 raise ValueError(f"{name} has the shape {array.shape}")
-            kept[name] = array
-        return cls(tile, shape, **kept)
+            values[name] = array
+        return cls(tile, shape, **values)
 
 
 def view_tile(shape: tuple[int, int]) -> tuple[int, int]:
-    """Tile of a view: eight pixels square, larger where that makes more than 32 along a side."""
-    size = max(_LEAST_TILE_PX, *(math.ceil(n / _MOST_TILES_ALONG) for n in shape))
+    """Tile of a view: a square of eight pixels, or larger for at most 32 tiles along a side."""
+    size = max(_MIN_TILE_PX, *(math.ceil(n / _MAX_TILES_PER_SIDE) for n in shape))
     return size, size
 
 
 def eia_tile(shape: tuple[int, int], lens_counts: tuple[int, int]) -> tuple[int, int]:
-    """Tile of an EIA: about a whole number of elemental images, one where they are few.
+    """Tile of an EIA: approximately a whole number of elemental images.
 
     Parameters
     ----------
     shape : (rows, columns)
-        Of the EIA.
+        Shape of the EIA.
     lens_counts : (rows, columns)
     """
-    along = [math.ceil(lenses / _MOST_TILES_ALONG) for lenses in lens_counts]
+    steps = [math.ceil(lenses / _MAX_TILES_PER_SIDE) for lenses in lens_counts]
     rows, columns = (
         max(1, round(n / lenses * step))
-        for n, lenses, step in zip(shape, lens_counts, along, strict=True)
+        for n, lenses, step in zip(shape, lens_counts, steps, strict=True)
     )
     return rows, columns
 
@@ -126,37 +127,37 @@ def tile_statistics(
     *,
     generated: bool = False,
 ) -> TileStatistics:
-    """Statistics of a picture from the two halves of its samples; see the module.
+    """Compute the statistics of an image from the two halves of its samples; see the module.
 
     Parameters
     ----------
     image : NoisyImage
-        Read a band of rows at a time.
+        Read one band of rows at a time.
     tile : (int, int)
         Rows and columns of a tile.
     generated : bool
-        Whether pixels may show the same pixel of another picture, as a generator's EIA does.
+        True for a generator's EIA, whose pixels may show the same pixel of the RGB-D picture.
     """
     rows, columns = image.shape
-    # Whole rows of tiles: what is found of a tile depends on its own pixels only.
+    # Whole rows of tiles, so that a tile's statistics depend on its own pixels only.
     tiles = max(1, _PIXELS_AT_ONCE // (columns * tile[0]))
-    found = [
+    bands = [
         _Sums.of(*image.halves(band), tile, generated=generated)
         for band in row_bands(rows, columns, tiles * tile[0] * columns)
     ]
-    all_tiles = _Sums(*(np.concatenate(each) for each in zip(*found, strict=True)))
-    count = all_tiles.pixels
-    variance = all_tiles.squares / np.square(count)[..., None]
-    effect = _design_effect(np.square(all_tiles.halves / count[..., None]) / 4, variance)
-    power_variance = all_tiles.spread / np.square(count)
-    # No more than there are pixels, however even their noise happened to be.
-    freedom = freedom_of_sum(all_tiles.squares, all_tiles.fourths)
+    sums = _Sums(*(np.concatenate(arrays) for arrays in zip(*bands, strict=True)))
+    count = sums.pixels
+    variance = sums.squares / np.square(count)[..., None]
+    effect = _design_effect(np.square(sums.halves / count[..., None]) / 4, variance)
+    power_variance = sums.spread / np.square(count)
+    # At most the number of pixels, regardless of how uneven their noise is.
+    freedom = freedom_of_sum(sums.squares, sums.fourths)
     freedom = np.maximum(np.minimum(freedom, count[..., None]) / effect, 1.0)
     if generated:
-        variance = _moderated(variance, freedom)
-        power_variance = _moderated(power_variance, freedom.min(axis=-1))
-    mean = all_tiles.mean / count[..., None]
-    power = all_tiles.power / count
+        variance = _moderate(variance, freedom)
+        power_variance = _moderate(power_variance, freedom.min(axis=-1))
+    mean = sums.mean / count[..., None]
+    power = sums.power / count
     return TileStatistics(
         tile,
         (rows, columns),
@@ -174,11 +175,11 @@ class _Sums(NamedTuple):
     Attributes
     ----------
     pixels, power, spread : (R, C) float64
-        How many, `a b`, and squared errors of `a b`.
+        Number of pixels, sum of `a b`, and sum of squared errors of `a b`.
     mean, halves : (R, C, 3) float64
-        Of ``(a + b) / 2`` and ``a - b``.
+        Sums of ``(a + b) / 2`` and ``a - b``.
     squares, fourths : (R, C, 3) float64
-        Powers of ``(a - b) / 2`` summed over each set.
+        Sums over sets of powers of the set's ``(a - b) / 2``.
     """
 
     pixels: np.ndarray
@@ -193,15 +194,14 @@ class _Sums(NamedTuple):
     def of(
         cls, first: np.ndarray, second: np.ndarray, tile: tuple[int, int], *, generated: bool
     ) -> _Sums:
-        """Of the two halves of a band of whole tiles."""
+        """Sum over a band of whole tiles, from its two halves."""
         a, b = first.astype(np.float64), second.astype(np.float64)
         difference = a - b
         count = _sums(np.ones(a.shape[:2]), tile)
-        powers = _Sets(difference, tile, count.shape).powers if generated else _each(tile)
+        powers = _Sets(difference, tile, count.shape).powers if generated else _pixel_powers(tile)
         noise = np.square(difference)
         # var(a b) = 2 x^2 s^2 + s^4 with s^2 from (a - b)^2 / 2 and s^4 from (a - b)^4 / 12,
-        # Gaussian; a pixel's colours come from the same paths, so their errors are added, not their
-        # squares.
+        # Gaussian. A pixel's colours come from the same paths, so errors are added, not squares.
         spread = np.sqrt(np.square((a + b) / 2) * noise + np.square(noise) / 12).mean(axis=-1)
         return cls(
             count,
@@ -214,31 +214,31 @@ class _Sums(NamedTuple):
         )
 
 
-def _each(tile: tuple[int, int]) -> Callable[[np.ndarray, int], np.ndarray]:
-    """As `_Sets.powers` where each pixel is a set of its own."""
+def _pixel_powers(tile: tuple[int, int]) -> Callable[[np.ndarray, int], np.ndarray]:
+    """Same as `_Sets.powers` if each pixel is its own set."""
     return lambda values, power: _sums(values**power, tile)
 
 
 class _Sets:
-    """Pixels of a tile that err alike; see the module.
+    """Sets of a tile's pixels with equal errors; see the module.
 
     Parameters
     ----------
     difference : (rows, columns, 3) float64
-        Of the halves.
+        Difference of the halves.
     tile : (int, int)
     tiles : (int, int)
-        How many there are.
+        Number of tiles along each axis.
     """
 
     def __init__(
         self, difference: np.ndarray, tile: tuple[int, int], tiles: tuple[int, ...]
     ) -> None:
         self._tile, self._tiles = tile, tiles
-        # One number for three colours: equal for equal ones, and for others only by chance.
-        # Term by term: a matrix product's rounding may depend on where in the array a pixel stands.
+        # One number per colour: equal for equal colours, and almost never for others. A matrix
+        # product's rounding could depend on the position in the array, so add term by term.
         red, green, blue = (difference[..., c] for c in range(3))
-        mixed = self._listed(red + 0.754877666 * green + 0.569840291 * blue)
+        mixed = self._by_tile(red + 0.754877666 * green + 0.569840291 * blue)
         self._order = np.argsort(mixed, axis=-1)
         mixed = np.take_along_axis(mixed, self._order, axis=-1)
         begins = np.ones(mixed.shape, bool)
@@ -248,23 +248,23 @@ class _Sets:
         self._tile_starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
 
     def powers(self, values: np.ndarray, power: int) -> np.ndarray:
-        """Per tile, the sum over its sets of a power of the set's sum, (R, C, channels)."""
+        """Sum a power of each set's sum over the sets of each tile, (R, C, channels)."""
         channels = [self._power(values[..., c], power) for c in range(values.shape[-1])]
         return np.stack(channels, axis=-1)
 
     def _power(self, values: np.ndarray, power: int) -> np.ndarray:
-        ordered = np.take_along_axis(self._listed(values), self._order, axis=-1)
+        ordered = np.take_along_axis(self._by_tile(values), self._order, axis=-1)
         sums = np.add.reduceat(ordered.ravel(), self._starts) ** power
         totals: np.ndarray = np.add.reduceat(sums, self._tile_starts)
         return totals.reshape(self._tiles)
 
-    def _listed(self, values: np.ndarray) -> np.ndarray:
-        """Each tile's pixels, (tiles, pixels); zeros, which add nothing, where it is cut."""
-        sides = [
+    def _by_tile(self, values: np.ndarray) -> np.ndarray:
+        """Pixels of each tile, (tiles, pixels); cut tiles are padded with zeros."""
+        padding = [
             (0, n * size - m)
             for n, size, m in zip(self._tiles, self._tile, values.shape, strict=True)
         ]
-        padded = np.pad(values, sides)
+        padded = np.pad(values, padding)
         (rows, columns), (height, width) = self._tiles, self._tile
         blocks = padded.reshape(rows, height, columns, width).swapaxes(1, 2)
         return blocks.reshape(rows * columns, height * width)
@@ -277,8 +277,8 @@ def _sums(values: np.ndarray, tile: tuple[int, int]) -> np.ndarray:
     return values
 
 
-def _moderated(variance: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """Variances averaged with their mean over all noisy tiles; see the module."""
+def _moderate(variance: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """Average variances with their mean over all noisy tiles; see the module."""
     noisy = variance > 0
     if not noisy.any():
         return variance
@@ -288,21 +288,21 @@ def _moderated(variance: np.ndarray, freedom: np.ndarray) -> np.ndarray:
 
 
 def _design_effect(observed: np.ndarray, independent: np.ndarray) -> float:
-    """How many times the variance of tiles' means is that of independent pixels; 1 at least.
+    """Variance of tiles' means relative to that of independent pixels; at least 1.
 
-    The larger of two estimates: the ratio of the sums over all tiles, which the noisiest tiles
-    decide, and the median ratio over that of a squared standard normal, which the many decide.
+    The larger of two estimates: the ratio of the sums over all tiles, dominated by the noisiest
+    tiles, and the median ratio over the median of a squared standard normal.
     """
-    known = independent > 0
-    if not known.any():
+    noisy = independent > 0
+    if not noisy.any():
         return 1.0
-    seen, alone = observed[known], independent[known]
-    many = float(np.median(seen / alone)) / _MEDIAN_CHI_SQUARE_1
-    return max(1.0, float(seen.sum() / alone.sum()), many)
+    observed, independent = observed[noisy], independent[noisy]
+    median = float(np.median(observed / independent)) / _MEDIAN_CHI_SQUARE_1
+    return max(1.0, float(observed.sum() / independent.sum()), median)
 
 
-# At 5, p-values of fresh seeds below 1e-4 are as frequent as they say where a generator repeats
-# pixels most (wang2024 on a jade disc, 24 x 24 lenses, 16 samples); without, three times as much.
+# At 5, p-values of fresh seeds below 1e-4 have the nominal frequency where a generator repeats
+# pixels most (wang2024 on a jade disc, 24 x 24 lenses, 16 samples); without it, three times that.
 _PRIOR_FREEDOM = 5.0
-# Half of all squared standard normal numbers lie below it.
+# Median of a squared standard normal.
 _MEDIAN_CHI_SQUARE_1 = 0.454936

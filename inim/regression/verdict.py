@@ -1,8 +1,8 @@
-"""Verdicts as data, and the statistics they rest on, each with its formula and source.
+"""Verdicts as data, and their statistics, each with its formula and source.
 
-Every test is two-sided and every interval of the family's level: over `m` tests that a run makes
-of one kind, a false alarm anywhere has the probability `FALSE_ALARM_RATE`. Distributions are those
-of `scipy.special`: the same numbers as from `scipy.stats`, which takes two seconds to load.
+Every test is two-sided. Levels are per family: the probability of any false alarm among a run's `m`
+tests of one kind is `FALSE_ALARM_RATE`. `scipy.special` provides the distributions, because
+`scipy.stats` takes two seconds to load.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import numpy as np
 
 from inim.documents.parts import Check, Kind, Relation
 
-#: Chance that one family of tests (all tiles, all scores, all times) of an unchanged program fails
-#: by noise alone: in a daily check, once in three years.
+#: Probability that noise alone fails a family of tests (all tiles, all scores, all times) of an
+#: unchanged program: once in three years in a daily check.
 FALSE_ALARM_RATE = 1e-3
 
 
 def sidak(level: float, tests: int) -> float:
-    """Level of each of `tests` tests for which all together err with probability `level`.
+    """Level of each of `tests` tests for a family of the given `level`.
 
-    ``1 - (1 - level)^(1/m)``; exact for independent tests, cautious for two-sided tests of
+    ``1 - (1 - level)^(1/m)``; exact for independent tests, conservative for two-sided tests of
     correlated normal means.
 
     Source: Sidak, JASA 62, 1967.
@@ -34,10 +34,10 @@ def sidak(level: float, tests: int) -> float:
 
 
 def freedom_of_sum(squares: np.ndarray, fourths: np.ndarray) -> np.ndarray:
-    """Degrees of freedom of a sum of variance estimates that have one degree each.
+    """Degrees of freedom of a sum of variance estimates with one degree each.
 
-    For ``S1 = sum v_i`` and ``S2 = sum v_i^2`` it is ``3 S1^2 / S2 - 2``, at least one: of n alike
-    it is near n, and 1 where a single one is all there is.
+    For ``S1 = sum v_i`` and ``S2 = sum v_i^2`` it is ``3 S1^2 / S2 - 2``, at least one: near n for
+    n equal estimates, and 1 for a single one.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def freedom_of_sum(squares: np.ndarray, fourths: np.ndarray) -> np.ndarray:
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         freedom = 3 * np.square(squares) / fourths - 2
-    # Without any noise the degrees do not matter, but must be a number.
+    # Without noise any finite number will do.
     return np.where(fourths > 0, np.maximum(freedom, 1.0), 1.0)
 
 
@@ -73,12 +73,12 @@ def welch_half_width(
     freedom_b: np.ndarray,
     level: float,
 ) -> np.ndarray:
-    """Half width of the two-sided interval, of probability ``1 - level``, of a difference."""
+    """Half width of a difference's two-sided interval at confidence ``1 - level``."""
     from scipy.special import stdtrit
 
     freedom = welch_freedom(error_a, freedom_a, error_b, freedom_b)
     error = np.hypot(np.asarray(error_a, np.float64), np.asarray(error_b, np.float64))
-    # What is not a number stays so, and fails whatever is made of it.
+    # NaN stays NaN and fails.
     width: np.ndarray = np.where(error == 0, 0.0, -stdtrit(freedom, level / 2) * error)
     return width
 
@@ -90,7 +90,7 @@ def welch_p_value(
     error_b: np.ndarray,
     freedom_b: np.ndarray,
 ) -> np.ndarray:
-    """Two-sided p-value of Welch's t-test; of noiseless means 1 if equal and 0 if not."""
+    """Two-sided p-value of Welch's t-test; for noiseless means 1 if equal, else 0."""
     from scipy.special import stdtr
 
     freedom = welch_freedom(error_a, freedom_a, error_b, freedom_b)
@@ -101,7 +101,7 @@ def welch_p_value(
 
 
 def binomial_interval(count: int, trials: int, level: float) -> tuple[float, float]:
-    """Exact interval of a share of which `count` of `trials` were seen.
+    """Exact interval of a share, observed as `count` of `trials`.
 
     Source: Clopper and Pearson, Biometrika 26, 1934.
     """
@@ -114,16 +114,16 @@ def binomial_interval(count: int, trials: int, level: float) -> tuple[float, flo
 
 @dataclass(frozen=True)
 class Shift:
-    """By how much one sample lies above another.
+    """Shift between two samples.
 
     Attributes
     ----------
     value : float
         Median of all pairwise differences.
     low, high : float
-        Its interval; infinite where the samples are too small for the level.
+        Its interval; infinite if the samples are too small for the level.
     p_value : float
-        Of no shift, two-sided.
+        Two-sided p-value of no shift.
     """
 
     value: float
@@ -133,33 +133,32 @@ class Shift:
 
 
 def shift_of(candidate: Sequence[float], baseline: Sequence[float], level: float) -> Shift:
-    """Shift between two samples without a law of their noise: outliers carry no weight.
+    """Estimate the distribution-free shift between two samples; outliers have no weight.
 
-    The estimate is the median of all differences ``c_i - b_j``; its interval ends at two of them,
-    chosen by the exact law of the rank-sum statistic U.
+    The estimate is the median of all differences ``c_i - b_j``. Its interval ends at two of them,
+    chosen by the exact distribution of the rank-sum statistic U.
 
     Source: Hodges and Lehmann, Ann. Math. Statist. 34, 1963; Mann and Whitney, ibid. 18, 1947.
     """
     differences = np.sort(np.subtract.outer(np.asarray(candidate), np.asarray(baseline)).ravel())
     if differences.size == 0 or not np.isfinite(differences).all():
         return Shift(math.nan, -math.inf, math.inf, math.nan)
-    law = _rank_sum_law(len(candidate), len(baseline))
-    below = np.cumsum(law)
+    cumulative = np.cumsum(_rank_sum_distribution(len(candidate), len(baseline)))
     # The largest k with P(U < k) <= level / 2: the k-th smallest and largest differences bound it.
-    k = int(np.searchsorted(below, level / 2, side="right"))
+    k = int(np.searchsorted(cumulative, level / 2, side="right"))
     low, high = (differences[k - 1], differences[-k]) if k else (-math.inf, math.inf)
     ties = 0.5 * np.count_nonzero(differences == 0)
     u = float(np.count_nonzero(differences > 0) + ties)
     extreme = math.floor(min(u, differences.size - u))
-    p = min(1.0, 2 * float(below[extreme]))
+    p = min(1.0, 2 * float(cumulative[extreme]))
     return Shift(float(np.median(differences)), float(low), float(high), p)
 
 
 @lru_cache(maxsize=16)
-def _rank_sum_law(m: int, n: int) -> np.ndarray:
-    """Probability of each value 0..m n of U where both samples have one law.
+def _rank_sum_distribution(m: int, n: int) -> np.ndarray:
+    """Probability of each value 0..m n of U for two samples of the same distribution.
 
-    Ways to have U = u are the coefficients of the Gaussian binomial, the product over i = 1..m of
+    The numbers of ways to obtain U = u are the coefficients of the Gaussian binomial, the product over i = 1..m of
     ``(1 - q^(n + i)) / (1 - q^i)``.
     """
     ways = np.zeros(m * n + 1)
@@ -168,38 +167,37 @@ def _rank_sum_law(m: int, n: int) -> np.ndarray:
         ways[n + i :] -= ways[: -(n + i)].copy()
         for first in range(i):
             ways[first::i] = np.cumsum(ways[first::i])
-    law: np.ndarray = ways / ways.sum()
-    return law
+    probabilities: np.ndarray = ways / ways.sum()
+    return probabilities
 
 
-#: Between a change and the largest that passes, either way.
+#: Relation of a change to the largest that passes in either direction.
 WITHIN: Relation = "within"
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """One row of a regression report.
+    """A row of a regression report.
 
     Attributes
     ----------
     name : str
-        What was compared; the same in every run.
+        Compared object; the same in every run.
     kind : {"picture", "score", "pixels", "noise", "time"}
     value : float
-        What was found: a change, a share or a ratio, in `unit`.
+        A change, a share or a ratio, in `unit`.
     relation : {"within", "<="}
     limit : float
-        The largest that passes: the smallest change that counts or, where noise is above it, what
-        noise alone may do.
+        Largest value that passes: the smallest change that counts, or the effect of noise if that
+        is larger.
     interval : (float, float)
         Confidence interval of `value`.
     passed : bool
-        False for whatever is missing or not finite.
+        False if a value is missing or not finite.
     unit : str
     p_value : float, optional
-        Of no change at all, before the correction for many tests.
+        P-value of no change, without correction for multiple tests.
     detail : str
-        The rest in words.
     """
 
     name: str
@@ -229,7 +227,7 @@ class Verdict:
         )
 
     def line(self) -> str:
-        """As a line of text."""
+        """Format the verdict as a line of text."""
         word = "passed" if self.passed else "FAILED"
         low, high = self.interval
         unit = f" {self.unit}" if self.unit else ""
@@ -249,24 +247,31 @@ def within(
     smallest: float,
     **more: Any,
 ) -> Verdict:
-    """The verdict on a change that fails only if it counts *and* noise does not explain it.
+    """Verdict on a change, which fails only if it counts *and* noise does not explain it.
 
     Parameters
     ----------
     name, kind : str
     change : float
     half_width : float
-        Of its confidence interval.
+        Half width of the confidence interval.
     smallest : float
-        The smallest change that counts.
+        Smallest change that counts.
     **more
-        Further fields of `Verdict`.
+        Other fields of `Verdict`.
     """
     limit = max(smallest, half_width) if math.isfinite(half_width) else smallest
-    known = math.isfinite(change) and math.isfinite(half_width)
+    is_finite = math.isfinite(change) and math.isfinite(half_width)
     interval = (change - half_width, change + half_width)
     return Verdict(
-        name, kind, change, WITHIN, limit, interval, bool(known and abs(change) <= limit), **more
+        name,
+        kind,
+        change,
+        WITHIN,
+        limit,
+        interval,
+        bool(is_finite and abs(change) <= limit),
+        **more,
     )
 
 

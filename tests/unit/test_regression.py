@@ -18,13 +18,13 @@ from inim.regression import (
     view_tile,
 )
 from inim.regression.comparison import (
-    MOST_SLOWDOWN,
+    MAX_SLOWDOWN,
     codes_from_linear,
     compare_noise,
     compare_pictures,
     compare_times,
     is_steady,
-    yardsticks,
+    kernel_times,
 )
 from inim.regression.fingerprints import (
     compare_fingerprints,
@@ -461,7 +461,7 @@ def test_small_slowdown_passes_however_sure():
     old, new = ({"a": tuple(s + 1e-4 * n for n in range(15))} for s in (0.0, math.log(1.1)))
     verdict = compare_times(old, new)[0]
     assert verdict.passed
-    assert 1 < verdict.interval[0] < verdict.value < MOST_SLOWDOWN == verdict.limit
+    assert 1 < verdict.interval[0] < verdict.value < MAX_SLOWDOWN == verdict.limit
 
 
 def test_scatter_that_a_slowdown_could_hide_in_is_no_measurement():
@@ -471,7 +471,7 @@ def test_scatter_that_a_slowdown_could_hide_in_is_no_measurement():
     for old, new in ((loud, calm), (calm, loud)):
         verdict = compare_times(old, new)[0]
         assert not verdict.passed
-        assert "scatter too much" in verdict.detail
+        assert "scatter is too large" in verdict.detail
     assert is_steady(calm["a"])
     assert not is_steady(loud["a"])
     # Surely faster is faster, however loud.
@@ -491,7 +491,7 @@ def test_more_rounds_make_up_for_scatter():
 
 def test_time_in_yardsticks_is_the_median_of_the_rounds():
     ratios = log_ratios((2.0, 3.0, 80.0, 4.0, 2.5), (1.0, 1.0, 1.0, 1.0, 1.0))
-    assert yardsticks(ratios) == pytest.approx(3.0)
+    assert kernel_times(ratios) == pytest.approx(3.0)
 
 
 def test_too_few_rounds_are_no_measurement():

@@ -33,7 +33,7 @@ from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.output.baseline import BaselineComparison
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.scoring import reported_scores
-from inim.regression import yardsticks
+from inim.regression import kernel_times
 from inim.report import Report
 from inim.version import __version__
 
@@ -63,7 +63,9 @@ def make_report(
     plan, checks = evaluation.plan, [*evaluation.checks, *comparison.checks]
     algorithms, observer = evaluation.algorithms, evaluation.run.observer
     for name, ratios in times.items():
-        algorithms[name] = msgspec.structs.replace(algorithms[name], yardsticks=yardsticks(ratios))
+        algorithms[name] = msgspec.structs.replace(
+            algorithms[name], yardsticks=kernel_times(ratios)
+        )
     reference_views, reference_precision = reported_scores(evaluation.reference_scores)
     data = ReportDocument(
         title=plan.settings.title or plan.request.scene.stem,
