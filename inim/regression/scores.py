@@ -65,9 +65,9 @@ _SCALES = (0.5, 2.0)
 # Side of a block in view pixels.
 _BLOCK_PX = 16
 # Errors of D are correlated over about 2.2 pixels: the mean distance is 1.5 * sqrt(2) *
-# sqrt(2 / pi) = 1.7 within SSIM's window, a Gaussian of 1.5, and 4 / 3 within lenses of 4 pixels. Blocks of side
-# L lose the correlation across their borders, and keep (1 - 2.2 / L)^2 of the variance. FLIP's
-# errors need no larger value.
+# sqrt(2 / pi) = 1.7 within SSIM's window, a Gaussian of 1.5, and 4 / 3 within lenses of 4 pixels.
+# Blocks of side L lose the correlation across their borders, and keep (1 - 2.2 / L)^2 of the
+# variance. FLIP's errors need no larger value.
 _COUPLING = (1 - 2.2 / _BLOCK_PX) ** -2
 # Patterns of signs for a score without a map, two evaluations each: its degrees of freedom.
 _PATTERNS = 8

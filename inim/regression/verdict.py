@@ -158,8 +158,8 @@ def shift_of(candidate: Sequence[float], baseline: Sequence[float], level: float
 def _rank_sum_distribution(m: int, n: int) -> np.ndarray:
     """Probability of each value 0..m n of U for two samples of the same distribution.
 
-    The numbers of ways to obtain U = u are the coefficients of the Gaussian binomial, the product over i = 1..m of
-    ``(1 - q^(n + i)) / (1 - q^i)``.
+    The numbers of ways to obtain U = u are the coefficients of the Gaussian binomial, the product
+    over i = 1..m of ``(1 - q^(n + i)) / (1 - q^i)``.
     """
     ways = np.zeros(m * n + 1)
     ways[0] = 1

@@ -275,7 +275,7 @@ def _change_condition(path: Path, name: str, value: str) -> None:
         (lambda f: (f / "baseline.npz").write_bytes(b"PK junk"), ["damaged"]),
         (lambda f: (f / "baseline.json").write_text("[1"), ["not a JSON document"]),
         (lambda f: _set(f / "baseline.json", schema="inim.baseline/9"), ["inim.baseline/9"]),
-        (lambda f: _set(f / "baseline.json", pictures={}), ["no picture"]),
+        (lambda f: _set(f / "baseline.json", pictures={}), ["no image"]),
         (lambda f: _set(f / "baseline.json", scores={}), ["no score"]),
         (
             lambda f: _change_condition(f / "baseline.json", "variant", "cuda_ad_rgb"),
