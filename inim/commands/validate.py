@@ -189,7 +189,7 @@ def _validated(
 
 
 def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
-    from inim.views.own_picture import PictureRequest, no_warning, run_picture
+    from inim.views.own_picture import PictureRequest, ignore_message, run_picture
 
     if args.scene is not None:
         raise UsageError(f"{args.scene}: a scene and a picture; validate one of them")
@@ -204,9 +204,11 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
     request = PictureRequest(
         picture_of(args), args.rgbd, args.out, args.backend, **choices_of(args)
     )
-    warn = no_warning if args.quiet else print_warning
-    say = no_warning if args.quiet else print
-    return run_picture(request, quiet=args.quiet, debug=args.debug, warn=warn, say=say)
+    on_warning = ignore_message if args.quiet else print_warning
+    on_note = ignore_message if args.quiet else print
+    return run_picture(
+        request, quiet=args.quiet, debug=args.debug, on_warning=on_warning, on_note=on_note
+    )
 
 
 def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,1 +1,1 @@
-"""Films, quilts and validations of a picture without a scene."""
+"""Films, quilts, and validation of a picture without a scene."""

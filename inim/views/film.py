@@ -1,7 +1,7 @@
-"""A film, from a report's folder to one file: all that can go wrong first, then the rendering.
+"""Film of a report's views: an animated GIF or WebP, or an MP4 if its encoder is installed.
 
-An animated GIF or WebP, or an MP4 where its encoder is installed. With the scene in a pane of its
-own, the others are scored against it as people see films: flips and crosstalk jump in time.
+If the scene is one of the panes, the others are scored against it by a video metric, in which
+flips and crosstalk count as jumps in time.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ from inim.worker.supervisor import run_in_worker
 _KINDS = (".gif", ".webp", ".mp4")
 _ENCODER = "imageio_ffmpeg"
 _WEBP_QUALITY = 90
-#: What `show` calls the true EIA, seen through the lenses.
+#: Name of the ground-truth EIA's pane in `show`.
 REFERENCE = "reference"
 _SCENE = "scene"
-# Frames of low displays are magnified to about this, by whole numbers: lenses keep their edges.
-_LEAST_ROWS_PX = 384
+# Smaller frames are magnified to about this size, by whole numbers to keep the lenses' edges.
+_MIN_ROWS_PX = 384
 _SPACE_BETWEEN_PX = 8
 _LABEL_ROWS_PX = 28
-_MOST_FRAMES = 2000
+_MAX_FRAMES = 2000
 
 
 @dataclass(frozen=True)
 class FilmRequest:
-    """What the user asked for.
+    """Request to render a film.
 
     Attributes
     ----------
     folder : str
-        Of the report.
+        Folder of the report.
     out : str
-        The film.
+        Path of the film.
     show : tuple of str
-        Panels side by side: "reference" or names of the report's algorithms.
+        Panes side by side: "reference" or names of the report's algorithms.
     path : str
         See `inim.display.viewpoint.eye_path`.
     lens_model : str
@@ -65,7 +65,7 @@ class FilmRequest:
     allow_flips : bool
         The path may leave the viewing zone.
     scene : TracedScene, optional
-        The report's scene, for a pane of its own; the others are scored against it.
+        The report's scene, as the first pane; the others are scored against it.
     """
 
     folder: str
@@ -82,16 +82,16 @@ class FilmRequest:
 
 
 def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) -> None:
-    """Film in a worker process; `request.out` is there afterwards, whole.
+    """Render a film in a worker process.
 
     Raises
     ------
     InimError
-        Of the kind that fits; mistakes are found out before anything is rendered.
+        Mistakes in the request are detected before anything is rendered.
     """
     run_in_worker(
         "inim.views.film:work",
-        lambda: _checked(request),
+        lambda: _check_request(request),
         hidden_folder(Path(request.out)),
         about=request.out,
         quiet=quiet,
@@ -99,30 +99,30 @@ def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) 
     )
 
 
-def _checked(request: FilmRequest) -> FilmRequest:
-    """The request, once all that can go wrong without rendering is checked."""
+def _check_request(request: FilmRequest) -> FilmRequest:
+    """Return the request after all checks that need no rendering."""
     out = Path(request.out)
     _check_kind(out)
     if out.is_dir():
-        raise FileError(f"{out}: is a folder; name a film with -o")
+        raise FileError(f"{out}: is a folder; give the path of a film with -o")
     for name, value, high in (
-        ("--frames", request.frames, _MOST_FRAMES),
+        ("--frames", request.frames, _MAX_FRAMES),
         ("--rate", request.frames_per_second, 100),
         ("--spp", request.spp, 2**16),
     ):
         if not 1 <= value <= high:
-            raise UsageError(f"{name} {value:g}: must lie in 1..{high}")
+            raise UsageError(f"{name} {value:g}: must be in 1..{high}")
     report = Report.load(request.folder)
-    display, design = _display(request, report)
+    display, design = _displays(request, report)
     eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
-    _panels(request, report, display)
+    _read_eias(request, report, display)
     if request.scene is not None:
         request.scene.file()
     return request
 
 
-def _display(request: FilmRequest, report: Report) -> tuple[Display, Display]:
-    """The report's display as its array lies, and as designed."""
+def _displays(request: FilmRequest, report: Report) -> tuple[Display, Display]:
+    """The report's display with its misalignment, and as designed."""
     design = report.display
     try:
         display = mounted(design, report.data.misalign)
@@ -132,34 +132,34 @@ def _display(request: FilmRequest, report: Report) -> tuple[Display, Display]:
     return display, design
 
 
-def _panels(request: FilmRequest, report: Report, display: Display) -> list[np.ndarray]:
-    """The EIAs to be shown, (rows, columns, 3) float32 linear."""
+def _read_eias(request: FilmRequest, report: Report, display: Display) -> list[np.ndarray]:
+    """Read the EIAs of the panes, (rows, columns, 3) float32 linear."""
     from inim.files.eia_file import read_eia
 
-    places = [report.eia_path(name, "--show", true=REFERENCE) for name in request.show]
-    return [read_eia(place, display)[0] for place in places]
+    paths = [report.eia_path(name, "--show", true=REFERENCE) for name in request.show]
+    return [read_eia(path, display)[0] for path in paths]
 
 
 def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
-    """The worker's side: look from every place, write the film, put it where it belongs."""
+    """Entry point in the worker: render all views, write the film and publish it."""
     observer.stage("start")
     out = Path(request.out)
     film = staging / f"film{out.suffix.lower()}"
     report = Report.load(request.folder)
-    display, design = _display(request, report)
+    display, design = _displays(request, report)
     eyes = eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
-    # A frame is one half of a view.
+    # A frame is a half image of a view.
     optics = Optics(display, request.lens_model, request.pixels_per_lens, 2 * request.spp, seed=0)
     panes = _panes(request, report, optics, eyes, observer)
     names, views = zip(*panes, strict=True)
     observer.stage("write")
-    pictures = [_frame(one, names) for one in zip(*views, strict=True)]
-    write_film(film, pictures, request.frames_per_second)
+    film_frames = [_frame(row, names) for row in zip(*views, strict=True)]
+    write_film(film, film_frames, request.frames_per_second)
     publish_file(film, out)
     if request.scene is not None:
         observer.stage("score")
         luminance = report.data.settings.luminance_cd_m2
-        for line in _scores(panes, optics.viewing(eyes[0], luminance), request):
+        for line in _score_lines(panes, optics.viewing(eyes[0], luminance), request):
             observer.line(line)
     return True
 
@@ -175,11 +175,11 @@ def _panes(
     eyes: Sequence[Viewpoint],
     observer: Observer,
 ) -> list[_Pane]:
-    """What is shown side by side; the scene first."""
+    """Render the panes, the scene first."""
     design = report.display
     sources: list[tuple[str, str, np.ndarray | TracedScene]] = [
         (name, "film", eia)
-        for name, eia in zip(request.show, _panels(request, report, optics.display), strict=True)
+        for name, eia in zip(request.show, _read_eias(request, report, optics.display), strict=True)
     ]
     if request.scene is not None:
         sources.insert(0, (_SCENE, _SCENE, request.scene))
@@ -192,8 +192,8 @@ def _panes(
     ]
 
 
-def _scores(panes: Sequence[_Pane], viewing: Viewing, request: FilmRequest) -> list[str]:
-    """Lines on how much worse each pane looks than the scene, in time."""
+def _score_lines(panes: Sequence[_Pane], viewing: Viewing, request: FilmRequest) -> list[str]:
+    """Score each pane against the scene as a video, one line each."""
     if not cvvdp.is_installed():
         return ["not scored: pip install 'inim[perception]'"]
     (_, scene), *others = panes
@@ -206,12 +206,12 @@ def _scores(panes: Sequence[_Pane], viewing: Viewing, request: FilmRequest) -> l
 
 
 def _frame(views: Sequence[np.ndarray], names: Sequence[str]) -> np.ndarray:
-    """Views side by side under their names, magnified by a whole number, of even size."""
+    """Arrange views side by side under their names, magnified to an even size."""
     rows = views[0].shape[0]
-    times = max(1, math.ceil(_LEAST_ROWS_PX / rows))
+    factor = max(1, math.ceil(_MIN_ROWS_PX / rows))
     large = [
         np.concatenate(
-            [_label(name, times * view.shape[1]), view.repeat(times, 0).repeat(times, 1)]
+            [_label(name, factor * view.shape[1]), view.repeat(factor, 0).repeat(factor, 1)]
         )
         for name, view in zip(names, views, strict=True)
     ]
@@ -234,30 +234,23 @@ def _label(name: str, columns: int) -> np.ndarray:
 
 
 def _check_kind(path: Path) -> None:
-    """Raise unless a film of this name can be written here, found out before frames are made.
-
-    Raises
-    ------
-    UsageError
-        Another kind of file, or MP4 without its encoder.
-    """
+    """Raise `UsageError` for an unknown file type, or for MP4 without its encoder."""
     kind = path.suffix.lower()
     if kind not in _KINDS:
-        raise UsageError(f"{path}: a film is a {', '.join(_KINDS[:-1])} or {_KINDS[-1]}")
+        raise UsageError(f"{path}: unknown film type; use {', '.join(_KINDS[:-1])} or {_KINDS[-1]}")
     if kind == ".mp4" and importlib.util.find_spec(_ENCODER) is None:
         raise UsageError(
-            f"{path}: writing .mp4 needs imageio-ffmpeg; pip install imageio-ffmpeg, or choose "
-            ".webp or .gif"
+            f"{path}: .mp4 needs imageio-ffmpeg; pip install imageio-ffmpeg, or use .webp or .gif"
         )
 
 
 def write_film(path: Path, frames: Sequence[np.ndarray], frames_per_second: float) -> None:
-    """Write frames as a film that runs in a loop (GIF, WebP) or once (MP4).
+    """Write frames as a film that loops (GIF, WebP) or runs once (MP4).
 
     Parameters
     ----------
     path : Path
-        Its ending says the kind, `.gif`, `.webp` or `.mp4`.
+        Ends in `.gif`, `.webp` or `.mp4`.
     frames : sequence of (rows, columns, 3) uint8
         sRGB, all of one size; for MP4 of even rows and columns.
     frames_per_second : float
@@ -265,9 +258,9 @@ def write_film(path: Path, frames: Sequence[np.ndarray], frames_per_second: floa
     Raises
     ------
     UsageError
-        See `_check_kind`.
+        The file type is unknown, or the MP4 encoder is missing.
     FileError
-        It cannot be written.
+        The file cannot be written.
     """
     _check_kind(path)
     try:
@@ -284,9 +277,9 @@ def _write_animation(path: Path, frames: Sequence[np.ndarray], frames_per_second
 
     gif = path.suffix.lower() == ".gif"
     options = {} if gif else {"quality": _WEBP_QUALITY, "method": 4}
-    # GIF counts in hundredths of a second, and players take 1/100 for a slip.
-    least, unit = (20, 10) if gif else (1, 1)
-    duration_ms = max(least, unit * round(1000 / frames_per_second / unit))
+    # GIF counts in hundredths of a second, and players treat 1/100 as a mistake.
+    minimum, unit = (20, 10) if gif else (1, 1)
+    duration_ms = max(minimum, unit * round(1000 / frames_per_second / unit))
     first, *rest = map(Image.fromarray, frames)
     first.save(path, save_all=True, append_images=rest, duration=duration_ms, loop=0, **options)
 

@@ -1,4 +1,4 @@
-"""Views for people to look at, as films and quilts hold them."""
+"""Frames of films and quilts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def frames(
     renderer: Renderer,
     stage: str,
 ) -> Iterator[np.ndarray]:
-    """Views of an EIA through the lenses or of the scene itself, (rows, columns, 3) uint8 sRGB.
+    """Render views of an EIA through the lenses, or of the scene, (rows, columns, 3) uint8 sRGB.
 
     Parameters
     ----------
@@ -35,24 +35,24 @@ def frames(
         An EIA in linear RGB, or the scene.
     eyes : iterable of Viewpoint
     optics : Optics
-        A frame has half of its samples: one of its two halves of an EIA's view.
+        A frame has half of its samples, as a half image of a view.
     design : Display
-        As designed: the scene is fitted into its depth range.
+        Display as designed; the scene is fitted into its depth range.
     renderer : Renderer
     stage : str
-        Name of the stage of each frame, for the progress bar.
+        Stage of each frame in the progress bar.
     """
     if isinstance(source, TracedScene):
         scene = Scene(source.file(), design, source.fit_share, renderer)
     else:
-        shown = DisplayedEIA(source, None, optics, renderer)
+        displayed = DisplayedEIA(source, None, optics, renderer)
     for eye in eyes:
         renderer.observer.stage(stage)
         if isinstance(source, TracedScene):
             sampling = (optics.view_pixels_per_lens, optics.half_spp, 0)
             view = render_view(scene, eye, *sampling, run=Run())[0].image
         else:
-            view = shown.view(eye, half=0)
+            view = displayed.view(eye, half=0)
         yield srgb_codes(view)
 
 
@@ -64,13 +64,13 @@ class TracedScene:
     ----------
     path : Path
     sha256 : str
-        That the report has of it.
+        Digest in the report.
     definitions : dict of str to str
         Settings and scene parameters that the report's run overrode.
     allow_folders : tuple of Path
-        Where files that it names may lie, too.
+        Additional folders for files that the scene references.
     fit_share : float
-        Share of the array that the relic fills.
+        Share of the lens array that the relic fills.
     """
 
     path: Path
@@ -89,7 +89,7 @@ class TracedScene:
         ----------
         report : Report
         path : Path, optional
-            Where it is now, if not where the report says.
+            Current path; default: the path in the report.
         allow_folders : sequence of Path
         """
         scene = report.data.scene
@@ -102,17 +102,17 @@ class TracedScene:
         )
 
     def file(self) -> SceneFile:
-        """The scene file, scanned.
+        """Read and scan the scene file.
 
         Raises
         ------
         InimError
-            It cannot be read, or is no longer what the report was made of.
+            The file cannot be read, or has changed since the report.
         """
         file = read_scene_file(self.path, self.definitions, self.allow_folders)
         if file.sha256 != self.sha256:
             raise FileError(
-                f"{self.path}: is not what the report was made of: another scene, or it or a file "
-                "that it names has changed; validate it anew, or name the scene with --scene"
+                f"{self.path}: differs from the report's scene, or a file that it references has "
+                "changed; validate it again, or give the scene with --scene"
             )
         return file

@@ -1,4 +1,4 @@
-"""Validation of one's own picture: without a scene, what can be scored without ground truth."""
+"""Validation of a user's own picture: scores that need neither a scene nor a ground truth."""
 
 from __future__ import annotations
 
@@ -63,30 +63,30 @@ if TYPE_CHECKING:
     from inim.settings import Settings
 
 
-#: Its EIA shows just what the picture says: all that can be asked for without a ground truth.
+#: Algorithm whose EIA shows exactly the picture's surface: the best result without a ground truth.
 EXACT = "template:samples=4"
 # Rays along each side of a view pixel.
 _RAYS = 4
 _FILES = ("report.json", "report.html", "summary.md", "eia/", "views/")
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
 _NOT_SCORED = (
-    "Views against the scene, and to the reference: there is no scene, only its picture.",
-    "The EIA against the true one, and its noise floor: nobody knows what the camera did not see.",
+    "Views to the scene and to the reference: there is a picture, but no scene.",
+    "The EIA to the ground truth, and its noise floor: hidden surfaces are unknown.",
 )
 
 
 @dataclass(frozen=True)
 class PictureRequest(Choices):
-    """A validation of a picture.
+    """Request to validate a picture.
 
     Attributes
     ----------
     picture : CameraPicture
         Colour and depth to fit to the display.
     rgbd : Path, optional
-        A fitted picture in its place.
+        A fitted picture to use instead.
     out : Path, optional
-        `PICTURE-report` otherwise.
+        Default: `PICTURE-report`.
     backend : {"auto", "llvm", "cuda"}
     """
 
@@ -96,19 +96,19 @@ class PictureRequest(Choices):
     backend: str = "auto"
 
     @property
-    def named(self) -> Path:
-        """The file that it is called after."""
-        named = self.rgbd or self.picture.shown
-        assert named is not None
-        return named
+    def path(self) -> Path:
+        """Path of the picture, after which the report is named."""
+        path = self.rgbd or self.picture.shown
+        assert path is not None
+        return path
 
     @property
     def folder(self) -> Path:
-        """Of the report."""
-        return self.out or default_out(self.named, "report")
+        """Folder of the report."""
+        return self.out or default_out(self.path, "report")
 
     def command(self, settings: Settings) -> list[str]:
-        """The command line that repeats this request, after `inim validate`."""
+        """Arguments of `inim validate` that repeat this request."""
         values = {f.name: (getattr(self.picture, f.name), f.default) for f in fields(self.picture)}
         picture = {
             f"--{name.replace('_', '-')}": value
@@ -122,7 +122,7 @@ class PictureRequest(Choices):
 
 @dataclass(frozen=True)
 class _Plan:
-    """A request, checked: what the worker carries out."""
+    """A checked request, for the worker."""
 
     request: PictureRequest
     display: Display
@@ -133,8 +133,8 @@ class _Plan:
     notes: tuple[str, ...]
 
 
-def no_warning(_: str) -> None:
-    """What takes warnings that nobody wants to hear."""
+def ignore_message(_: str) -> None:
+    """Ignore a message."""
 
 
 def run_picture(
@@ -142,18 +142,25 @@ def run_picture(
     *,
     quiet: bool = True,
     debug: bool = False,
-    warn: Callable[[str], object] = no_warning,
-    say: Callable[[str], object] = no_warning,
+    on_warning: Callable[[str], object] = ignore_message,
+    on_note: Callable[[str], object] = ignore_message,
 ) -> tuple[bool, Path]:
-    """Validate a picture in a worker process; whether every check passed, and the folder.
+    """Validate a picture in a worker process.
 
-    `warn` is told what the report warns of, before anything is rendered; `say`, how a photograph
-    was taken and framed.
+    `on_warning` receives the report's warnings before anything is rendered; `on_note` receives the
+    facts about a photograph and its framing.
+
+    Returns
+    -------
+    passed : bool
+        True if every check passed.
+    folder : Path
+        Folder of the report.
 
     Raises
     ------
     InimError
-        Every mistake in the arguments and pictures is found out before a worker is started.
+        Mistakes in arguments and pictures are detected before the worker starts.
     """
     display, settings = choose_display(request.display, request.definitions, "inim validate")
     settings = replace(settings, **request.overrides())
@@ -170,11 +177,11 @@ def run_picture(
     else:
         pixels_per_pitch = settings.capture_pixels_per_pitch
         rgbd, warnings, notes = request.picture.fitted(display, pixels_per_pitch)
-    _check_picture(rgbd, display, str(request.named))
+    _check_picture(rgbd, display, str(request.path))
     for note in notes:
-        say(note)
+        on_note(note)
     for warning in warnings:
-        warn(warning)
+        on_warning(warning)
     passed = run_in_worker(
         "inim.views.own_picture:work",
         lambda: _Plan(request, display, settings, algorithms, viewpoints, warnings, notes),
@@ -188,73 +195,68 @@ def run_picture(
 
 
 def _fitted_warnings(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...]:
-    """What to know of a fitted picture: of another display's size, or hardly there."""
-    empty = empty_share(rgbd.covered, display, rgbd.pixel_mm)
-    if empty <= MOST:
-        return _made_for_another(rgbd, display, name)
-    return (
-        *_made_for_another(rgbd, display, name),
-        f"{name}: {empty:.1%} of the lens array show nothing: fit it anew with `inim generate "
-        "--rgbd` and --fit cover, --orthographic or --fill-depth",
-    )
-
-
-def _made_for_another(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...]:
-    """A sentence where a fitted picture has not the size of one for this display."""
+    """Warn of a fitted picture of another display's size, or with a large empty area."""
+    warnings = []
     per_pitch = max(1, round(display.pitch_mm / rgbd.pixel_mm))
-    wanted = display.capture_shape(per_pitch)
-    if all(abs(a - b) <= per_pitch for a, b in zip(rgbd.shape, wanted, strict=True)):
-        return ()
-    high, wide = (n * display.capture_pixel_mm(per_pitch) for n in wanted)
-    return (
-        f"{name}: is {rgbd.width_mm:.4g} x {rgbd.height_mm:.4g} mm; a picture for display "
-        f"{display.name} is {wide:.4g} x {high:.4g} mm: name the display it was made for "
-        "with --display",
-    )
+    shape = display.capture_shape(per_pitch)
+    if any(abs(a - b) > per_pitch for a, b in zip(rgbd.shape, shape, strict=True)):
+        height, width = (n * display.capture_pixel_mm(per_pitch) for n in shape)
+        warnings.append(
+            f"{name}: is {rgbd.width_mm:.4g} x {rgbd.height_mm:.4g} mm; a picture for display "
+            f"{display.name} is {width:.4g} x {height:.4g} mm: give the picture's display with "
+            "--display"
+        )
+    empty = empty_share(rgbd.covered, display, rgbd.pixel_mm)
+    if empty > MOST:
+        warnings.append(
+            f"{name}: {empty:.1%} of the lens array is empty: fit the picture again with `inim "
+            "generate --rgbd` and --fit cover, --orthographic or --fill-depth"
+        )
+    return tuple(warnings)
 
 
-def _check_picture(rgbd: RGBD, display: Display, named: str) -> None:
+def _check_picture(rgbd: RGBD, display: Display, name: str) -> None:
     low, high = display.depth_range_mm
     if not rgbd.covered.any():
-        raise FileError(f"{named}: covers nothing; there is nothing to validate with")
-    outside = outside_depth_range(rgbd, display)
-    if outside > MOST_OUTSIDE:
+        raise FileError(f"{name}: is empty; give a picture with covered pixels")
+    outside_share = outside_depth_range(rgbd, display)
+    if outside_share > MOST_OUTSIDE:
         raise FileError(
-            f"{named}: {outside:.0%} of it lie outside the display's depth range, {low:.4g} to "
+            f"{name}: {outside_share:.0%} of it is outside the display's depth range, {low:.4g} to "
             f"{high:.4g} mm; fit it to this display with `inim generate --rgbd`"
         )
     if not np.isfinite(rgbd.palette).all():
-        raise FileError(f"{named}: has colours that are not finite; mend them")
+        raise FileError(f"{name}: has colours that are not finite; replace them")
 
 
 def work(plan: _Plan, staging: Path, observer: Observer) -> bool:
-    """The worker's side: make, look, score, write, publish."""
+    """Entry point in the worker: generate, reconstruct, score, write and publish."""
     request, display, settings = plan.request, plan.display, plan.settings
     observer.stage("start")
     renderer = Renderer(request.backend, observer)
     rgbd = read_rgbd(staging / "rgbd.exr")
-    scored = _scored(plan, rgbd, staging, renderer)
+    results = _evaluate(plan, rgbd, staging, renderer)
     observer.stage("write")
     write_rgbd_pngs(staging, rgbd, display)
     data = PictureDocument(
-        title=request.named.stem,
+        title=request.path.stem,
         created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         inim_version=__version__,
         versions=versions(_VERSIONS),
         command=shlex.join(["inim", "validate", *request.command(settings)]),
         display=DisplayRecord.of(display),
         lens_model=settings.lens_model,
-        picture=_fitted(rgbd, plan.notes),
+        picture=_describe_picture(rgbd, plan.notes),
         warnings=[*plan.warnings],
         backend=Backend(**backend_data(renderer.backend)),
-        **scored,
+        **results,
     )
     write_picture_report(data, staging)
     publish(staging, request.folder)
     return data.verdict.passed
 
 
-def _fitted(rgbd: RGBD, notes: Sequence[str]) -> FittedPicture:
+def _describe_picture(rgbd: RGBD, notes: Sequence[str]) -> FittedPicture:
     depth = rgbd.depth_mm[rgbd.covered]
     return FittedPicture(
         rows=rgbd.shape[0],
@@ -268,125 +270,125 @@ def _fitted(rgbd: RGBD, notes: Sequence[str]) -> FittedPicture:
     )
 
 
-def _scored(plan: _Plan, rgbd: RGBD, folder: Path, renderer: Renderer) -> dict[str, Any]:
-    """Scores, checks and pictures; `not_scored` says what is missing and why."""
+def _evaluate(plan: _Plan, rgbd: RGBD, folder: Path, renderer: Renderer) -> dict[str, Any]:
+    """Generate and score all EIAs, and write the images; returns fields of `PictureDocument`."""
     s, display, viewpoints = plan.settings, plan.display, plan.viewpoints
     names, run = plan.algorithms, Run(observer=renderer.observer)
     optics = Optics(display, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed)
 
-    def views_of(name: str, eia: np.ndarray) -> dict[str, np.ndarray]:
-        seen = reconstruct_views(
+    def reconstruct(name: str, eia: np.ndarray) -> dict[str, np.ndarray]:
+        views = reconstruct_views(
             name, NoisyImage.from_image(eia), viewpoints, optics, renderer, run=run
         )
-        for viewpoint, view in seen.items():
+        for viewpoint, view in views.items():
             write_png(folder / "views" / name / f"{viewpoint}.png", view.image)
-        return {viewpoint: view.image for viewpoint, view in seen.items()}
+        return {viewpoint: view.image for viewpoint, view in views.items()}
 
     eyes = ["reconstruct views"] * len(viewpoints)
-    each = [stage for name in names for stage in (name, *eyes)]
-    run.observer.begin(["exact oracle", "views", *eyes, *each, "write"])
+    stages = [stage for name in names for stage in (name, *eyes)]
+    run.observer.begin(["exact oracle", "views", *eyes, *stages, "write"])
     run.observer.stage("exact oracle")
-    why = why_no_oracle(rgbd, display)
-    # Of algorithms that are no first hits in columns of their own: those of the surface.
+    no_oracle = why_no_oracle(rgbd, display)
+    # Algorithms without an exact column model are compared with the columns of the surface.
     rules = {p.columns if p.exact else "surface" for p in map(properties, names)}
-    exact = {rule: exact_hits(rgbd, display, rule) for rule in rules if why is None}
+    exact = {rule: exact_hits(rgbd, display, rule) for rule in rules if no_oracle is None}
     run.observer.stage("views")
     front = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-    direct = {v.name: warped(front, display, v, s.view_pixels_per_lens) for v in viewpoints}
-    # What the picture covers, seen from each eye: known without any algorithm.
-    regions = {name: metrics.relic_region(met > 0) for name, (_, met) in direct.items()}
-    for viewpoint, (picture, _) in direct.items():
-        write_png(folder / "views" / "picture" / f"{viewpoint}.png", picture)
+    warps = {
+        v.name: warp_to_viewpoint(front, display, v, s.view_pixels_per_lens) for v in viewpoints
+    }
+    # The area that the picture covers in each view does not depend on an algorithm.
+    regions = {name: metrics.relic_region(share > 0) for name, (_, share) in warps.items()}
+    for viewpoint, (view, _) in warps.items():
+        write_png(folder / "views" / "picture" / f"{viewpoint}.png", view)
     exact_eia = generate(front, display, EXACT)
     write_eia(folder / "eia" / "exact.png", exact_eia, None, display.pixel_pitch_mm)
-    best = views_of("exact", exact_eia)
+    exact_views = reconstruct("exact", exact_eia)
     viewing = {v.name: optics.viewing(v, s.luminance_cd_m2) for v in viewpoints}
 
-    def scores(eye: str, reference: np.ndarray, view: np.ndarray) -> dict[str, float | None]:
+    def score(eye: str, reference: np.ndarray, view: np.ndarray) -> dict[str, float | None]:
         return {**metrics.score(reference, view, regions[eye], viewing[eye])}
 
     algorithms, checks = {}, []
     for name in names:
         run.observer.stage(name)
         generator = GeneratorHandle(name, display, rgbd.shape, rgbd.pixel_mm)
-        eia, facts = _made(generator, rgbd, exact, folder)
-        scored = {
+        eia, properties_of_eia = _generate_eia(generator, rgbd, exact, folder)
+        scores = {
             viewpoint: PictureView(
-                to_picture=scores(viewpoint, direct[viewpoint][0], view),
-                to_exact=scores(viewpoint, best[viewpoint], view),
+                to_picture=score(viewpoint, warps[viewpoint][0], view),
+                to_exact=score(viewpoint, exact_views[viewpoint], view),
             )
-            for viewpoint, view in views_of(name, eia).items()
+            for viewpoint, view in reconstruct(name, eia).items()
         }
-        result = algorithms[name] = PictureAlgorithm(**facts, views=scored)
+        result = algorithms[name] = PictureAlgorithm(**properties_of_eia, views=scores)
         checks += _checks(generator, result)
-        run.observer.line(_line(name, result))
+        run.observer.line(_result_line(name, result))
+    oracle_note = [] if no_oracle is None else [f"Wrong sources: {no_oracle}."]
     return {
         "viewpoints": [EyePosition(name=v.name, position_mm=v.position_mm) for v in viewpoints],
         "oracle_pixels": max((len(hits.sources) for hits in exact.values()), default=0),
-        "exact": {name: scores(name, direct[name][0], view) for name, view in best.items()},
-        "met_fraction": {name: float(met.mean()) for name, (_, met) in direct.items()},
+        "exact": {name: score(name, warps[name][0], view) for name, view in exact_views.items()},
+        "met_fraction": {name: float(share.mean()) for name, (_, share) in warps.items()},
         "algorithms": algorithms,
-        "not_scored": [*_NOT_SCORED, *([] if why is None else [f"Wrong sources: {why}."])],
+        "not_scored": [*_NOT_SCORED, *oracle_note],
         "verdict": Checks(passed=all(check.passed for check in checks), checks=checks),
     }
 
 
-def _made(
+def _generate_eia(
     generator: GeneratorHandle, rgbd: RGBD, exact: Mapping[str, ExactHits], folder: Path
 ) -> tuple[np.ndarray, dict[str, Any]]:
-    """A generator's EIA, finite and written, and what can be said of it by itself."""
+    """Generate and write a finite EIA; returns it with its fields of `PictureAlgorithm`."""
     display, algorithm = generator.display, generator.algorithm
     eia, seconds, empty = generator.run(rgbd)
-    wrong, known = None, generator.properties
+    wrong_share = None
     if exact and isinstance(generator.generator, SourceGenerator):
-        hits = exact[known.columns if known.exact else "surface"]
+        hits = exact[generator.properties.columns if generator.properties.exact else "surface"]
         with foreign_errors(algorithm):
-            wrong = hits.wrong_share(generator.generator.sources(rgbd))
-    bad = float((~np.isfinite(eia).all(axis=-1)).mean())
+            wrong_share = hits.wrong_share(generator.generator.sources(rgbd))
+    nonfinite_share = float((~np.isfinite(eia).all(axis=-1)).mean())
     (eia,), _ = replace_nonfinite(eia)
     write_eia(folder / "eia" / f"{algorithm}.png", eia, empty, display.pixel_pitch_mm)
     return eia, {
         "seconds": generator.seconds + seconds,
-        "wrong_source": wrong,
+        "wrong_source": wrong_share,
         "hole_fraction": hole_fraction(empty, display, None),
-        "not_finite": bad,
+        "not_finite": nonfinite_share,
         "brightest": float(eia.max()),
     }
 
 
 def _checks(generator: GeneratorHandle, result: PictureAlgorithm) -> list[Check]:
-    """What must hold of any EIA, and of one that is exact by definition."""
+    """Check an EIA; an exact algorithm must have no wrong sources."""
     name = generator.algorithm
     checks = [
         check(f"{name}: brightest value", result.brightest, ">=", BLACK, "not black"),
         check(f"{name}: values not finite", result.not_finite, "<=", 0.0, "all are numbers"),
     ]
     if generator.properties.exact and result.wrong_source is not None:
-        detail = "the exact first hits, by its definition"
+        detail = "exact first hits by definition"
         checks.append(check(f"{name}: wrong sources", result.wrong_source, "<=", 0.0, detail))
     return checks
 
 
-def _line(name: str, result: PictureAlgorithm) -> str:
+def _result_line(name: str, result: PictureAlgorithm) -> str:
     wrong = "     –" if result.wrong_source is None else f"{result.wrong_source:6.2%}"
-    references = ("to_picture", "to_exact")
-    pairs = [
-        [getattr(v, to)[MAIN.on_relic_key] for v in result.views.values()] for to in references
-    ]
-    ssim = [np.mean(values) for values in pairs]
+    to_picture = np.mean([v.to_picture[MAIN.on_relic_key] for v in result.views.values()])
+    to_exact = np.mean([v.to_exact[MAIN.on_relic_key] for v in result.views.values()])
     return (
-        f"{name:24}  wrong source {wrong}  SSIM on what the picture covers {ssim[0]:.4f} to it, "
-        f"{ssim[1]:.4f} to the exact EIA's view"
+        f"{name:24}  wrong source {wrong}  SSIM on the covered area {to_picture:.4f} to the "
+        f"picture, {to_exact:.4f} to the exact EIA's view"
     )
 
 
-def warped(
+def warp_to_viewpoint(
     rgbd: RGBD, display: Display, eye: Viewpoint, pixels_per_lens: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What an eye sees of a picture through the window of the array.
+    """Render a picture from a viewpoint through the window of the lens array.
 
-    Each ray shows the first of the picture's columns that it meets, as thick as the surface that
-    each pixel shows: what `template` takes the picture for, from another place.
+    Each ray shows the first of the picture's columns that it hits, with the thickness of the
+    visible surface: the surface model of `template`, seen from another viewpoint.
 
     Parameters
     ----------
@@ -394,44 +396,45 @@ def warped(
         Linear float32.
     display : Display
     eye : Viewpoint
-        As a point.
+        Taken as a point.
     pixels_per_lens : int
-        Of the view, along each side.
+        Pixels of the view along each side of a lens.
 
     Returns
     -------
     view : (rows, columns, 3) float32, linear RGB
-        Black where nothing is met.
-    met : (rows, columns) float32
-        Share of each pixel's rays that meet something.
+        Black where all rays miss.
+    share : (rows, columns) float32
+        Share of each pixel's rays that hit the picture.
     """
     rows, columns = (n * pixels_per_lens for n in (display.lens_rows, display.lens_columns))
-    x = _places(columns, display.width_mm)
-    y = -_places(rows, display.height_mm)
+    x = _ray_positions(columns, display.width_mm)
+    y = -_ray_positions(rows, display.height_mm)
     slope_x, slope_y = (eye.x_mm - x) / eye.z_mm, (eye.y_mm - y) / eye.z_mm
-    columns_met = columns_of(rgbd, SURFACE)
-    met_by_rays = (columns_met.fronts(), columns_met.backs(), columns_met.continue_behind)
+    surface = columns_of(rgbd, SURFACE)
+    surface_arrays = (surface.fronts(), surface.backs(), surface.continue_behind)
     view = np.zeros((rows, columns, 3), np.float32)
-    met = np.zeros((rows, columns), np.float32)
+    share = np.zeros((rows, columns), np.float32)
     # In cells from the picture's left and upper border; rows count downwards.
-    across = (x / rgbd.pixel_mm + rgbd.shape[1] / 2, slope_x / rgbd.pixel_mm)
-    down = (rgbd.shape[0] / 2 - y / rgbd.pixel_mm, -slope_y / rgbd.pixel_mm)
-    _see(*met_by_rays, rgbd.color, *across, *down, *display.depth_range_mm, view, met)
-    return view, met
+    horizontal = (x / rgbd.pixel_mm + rgbd.shape[1] / 2, slope_x / rgbd.pixel_mm)
+    vertical = (rgbd.shape[0] / 2 - y / rgbd.pixel_mm, -slope_y / rgbd.pixel_mm)
+    z_range = display.depth_range_mm
+    _trace_view(*surface_arrays, rgbd.color, *horizontal, *vertical, *z_range, view, share)
+    return view, share
 
 
-def _places(pixels: int, size_mm: float) -> np.ndarray:
-    """Centres of a view's rays across the window, mm from its middle."""
+def _ray_positions(pixels: int, size_mm: float) -> np.ndarray:
+    """Positions of a view's rays across the window, mm from its centre."""
     rays = pixels * _RAYS
     centres: np.ndarray = ((np.arange(rays) + 0.5) / rays - 0.5) * size_mm
     return centres
 
 
 @compiled(parallel=True)
-def _see(fronts, backs, continue_behind, color, u0, du, v0, dv, z_min, z_max, view, met):  # type: ignore[no-untyped-def]
-    """Mean colour of what each pixel's rays meet, and how many do."""
+def _trace_view(fronts, backs, continue_behind, color, u0, du, v0, dv, z_min, z_max, view, share):  # type: ignore[no-untyped-def]
+    """Mean colour over the rays of each pixel, and the share of its rays that hit."""
     columns = fronts.shape[2]
-    share = np.float32(1 / (_RAYS * _RAYS))
+    weight = np.float32(1 / (_RAYS * _RAYS))
     for row in prange(view.shape[0]):
         for column in range(view.shape[1]):
             for i in range(row * _RAYS, (row + 1) * _RAYS):
@@ -441,6 +444,6 @@ def _see(fronts, backs, continue_behind, color, u0, du, v0, dv, z_min, z_max, vi
                         u0[j], du[j], 1.0, v0[i], dv[i], 1.0, z_min, z_max,
                     )  # fmt: skip
                     if hit != HOLE:
-                        met[row, column] += share
+                        share[row, column] += weight
                         for c in range(3):
-                            view[row, column, c] += share * color[hit // columns, hit % columns, c]
+                            view[row, column, c] += weight * color[hit // columns, hit % columns, c]

@@ -1,7 +1,7 @@
-"""A quilt, from an EIA or a scene to one file: views from all across the viewing zone.
+"""Quilt of an EIA or a scene: views from positions across the viewing zone in one image.
 
-Each view shows the lens array as a window, undistorted and as large as fits into the tile; what the
-tile has beside it is black.
+Each view shows the lens array as a window, undistorted and as large as fits into the tile; the rest
+of the tile is black.
 """
 
 from __future__ import annotations
@@ -24,32 +24,32 @@ from inim.views.frames import TracedScene, frames
 from inim.worker.output import hidden_folder, publish_file
 from inim.worker.supervisor import run_in_worker
 
-_MOST_VIEWS = 1000
-_MOST_PIXELS = 2**28
-_MOST_SAMPLES = 2**16
+_MAX_VIEWS = 1000
+_MAX_PIXELS = 2**28
+_MAX_SAMPLES = 2**16
 
 
 @dataclass(frozen=True)
 class QuiltRequest:
-    """What the user asked for.
+    """Request to render a quilt.
 
     Attributes
     ----------
     out : Path
         See `inim.files.light_field.quilt_path`.
     source : Path, or TracedScene
-        An EIA to be seen through the lens array, or the scene itself.
-    design, mounted : Display
-        As designed, and as its array really lies.
+        An EIA to show through the lens array, or the scene itself.
+    design, misaligned_display : Display
+        The display as designed, and with its misalignment.
     lens_model : str
     distance_mm : float, optional
-        Of the eyes; see `inim.display.viewpoint.zone_eyes`.
+        Viewing distance; see `inim.display.viewpoint.zone_eyes`.
     columns, rows : int
-        Of views.
+        Number of views along each side.
     width, height : int
-        Of a view, in pixels.
+        Size of a view in pixels.
     aspect : float
-        Width of a view over its height, as seen.
+        Displayed width of a view over its height.
     spp : int
         Samples per pixel of a view.
     """
@@ -57,7 +57,7 @@ class QuiltRequest:
     out: Path
     source: Path | TracedScene
     design: Display
-    mounted: Display
+    misaligned_display: Display
     lens_model: str
     distance_mm: float | None
     columns: int
@@ -69,17 +69,17 @@ class QuiltRequest:
 
     @property
     def path(self) -> Path:
-        """Of the quilt."""
+        """Path of the quilt."""
         return quilt_path(self.out, self.columns, self.rows, self.aspect)
 
     @property
     def eyes(self) -> list[Viewpoint]:
-        """From left to right."""
+        """Viewpoints from left to right."""
         return zone_eyes(self.design, self.columns * self.rows, self.distance_mm)
 
     @property
     def window(self) -> tuple[int, int]:
-        """Rows and columns of a view that the array takes."""
+        """Rows and columns of the lens array within a view."""
         wider = self.design.width_mm / self.design.height_mm / self.aspect
         if wider >= 1:
             return max(1, round(self.height / wider)), self.width
@@ -92,12 +92,12 @@ def make_quilt(request: QuiltRequest, *, quiet: bool = True, debug: bool = False
     Returns
     -------
     Path
-        What was written.
+        Path of the quilt.
 
     Raises
     ------
     InimError
-        Of the kind that fits; mistakes are found out before anything is rendered.
+        Mistakes in the request are detected before anything is rendered.
     """
     run_in_worker(
         "inim.views.quilt:work",
@@ -111,48 +111,53 @@ def make_quilt(request: QuiltRequest, *, quiet: bool = True, debug: bool = False
 
 
 def check_quilt(request: QuiltRequest) -> QuiltRequest:
-    """The request, once all that can go wrong without rendering is checked."""
+    """Return the request after all checks that need no rendering."""
     views = request.columns * request.rows
     pixels = views * request.width * request.height
-    if not 1 <= views <= _MOST_VIEWS:
-        raise UsageError(f"--tiles: {views} views; a quilt has 1 to {_MOST_VIEWS}")
-    if not 1 <= pixels <= _MOST_PIXELS:
-        raise UsageError(f"--view-size: {pixels} pixels in all; a quilt has up to {_MOST_PIXELS}")
+    if not 1 <= views <= _MAX_VIEWS:
+        raise UsageError(f"--tiles: {views} views; a quilt has 1 to {_MAX_VIEWS}")
+    if not 1 <= pixels <= _MAX_PIXELS:
+        raise UsageError(f"--view-size: {pixels} pixels in all; a quilt has up to {_MAX_PIXELS}")
     if not 0.01 <= request.aspect <= 100:
-        raise UsageError(f"--aspect {request.aspect:g}: width over height, such as 0.75")
-    if not 1 <= request.spp <= _MOST_SAMPLES:
-        raise UsageError(f"--spp {request.spp}: must lie in 1..{_MOST_SAMPLES}")
+        raise UsageError(f"--aspect {request.aspect:g}: must be width over height, such as 0.75")
+    if not 1 <= request.spp <= _MAX_SAMPLES:
+        raise UsageError(f"--spp {request.spp}: must be in 1..{_MAX_SAMPLES}")
     if request.path.is_dir():
-        raise FileError(f"{request.path}: is a folder; name a file with --quilt")
+        raise FileError(f"{request.path}: is a folder; give the path of a file with --quilt")
     assert request.eyes
     if isinstance(request.source, TracedScene):
         request.source.file()
     else:
         try:
-            check_lens_model(request.lens_model, request.mounted)
+            check_lens_model(request.lens_model, request.misaligned_display)
         except InimError as error:
             raise FileError(f"{request.source}: {error}") from None
-        read_eia(request.source, request.mounted)
+        read_eia(request.source, request.misaligned_display)
     return request
 
 
 def work(request: QuiltRequest, staging: Path, observer: Observer) -> bool:
-    """The worker's side: look from every place, write the quilt, put it where it belongs."""
+    """Entry point in the worker: render all views, write the quilt and publish it."""
     observer.stage("start")
     rows, columns = request.window
     per_lens = rows / request.design.lens_rows, columns / request.design.lens_columns
-    optics = Optics(request.mounted, request.lens_model, per_lens, 2 * request.spp, seed=0)
+    optics = Optics(
+        request.misaligned_display, request.lens_model, per_lens, 2 * request.spp, seed=0
+    )
     source = request.source
-    shown = read_eia(source, request.mounted)[0] if isinstance(source, Path) else source
+    if isinstance(source, Path):
+        content: np.ndarray | TracedScene = read_eia(source, request.misaligned_display)[0]
+    else:
+        content = source
     observer.begin([*["quilt"] * len(request.eyes), "write"])
     renderer = Renderer("auto", observer)
     top, left = (request.height - rows) // 2, (request.width - columns) // 2
     views = np.zeros((len(request.eyes), request.height, request.width, 3), np.uint8)
-    frame_of_each = frames(shown, request.eyes, optics, request.design, renderer, "quilt")
-    for tile, frame in zip(views, frame_of_each, strict=True):
+    view_frames = frames(content, request.eyes, optics, request.design, renderer, "quilt")
+    for tile, frame in zip(views, view_frames, strict=True):
         tile[top : top + rows, left : left + columns] = frame
     observer.stage("write")
-    made = staging / request.path.name
-    write_quilt(made, views, request.columns, request.rows)
-    publish_file(made, request.path)
+    quilt = staging / request.path.name
+    write_quilt(quilt, views, request.columns, request.rows)
+    publish_file(quilt, request.path)
     return True

@@ -226,7 +226,7 @@ def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
     (folder / "scene.xml").write_text(text.replace("1.2", "1.3"), encoding="utf-8")
     ended = export(folder, *asked)
     assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, ["scene.xml", "is not what the report was made of", "--scene"])
+    assert_one_line(ended.stderr, ["scene.xml", "differs from the report's scene", "--scene"])
     assert export(folder, *asked, "--scene", "kept.xml", "--spp", "2").code == EXIT_PASSED
 
 

@@ -19,7 +19,7 @@ from inim.errors import EXIT_PASSED
 from inim.files.image import read_rgbd
 from inim.generators.oracle import exact_hits
 from inim.image.rgbd import RGBD
-from inim.views.own_picture import _fitted_warnings, _made_for_another, warped
+from inim.views.own_picture import _fitted_warnings, warp_to_viewpoint
 from tests import oracle
 from tests.chromium import browser
 from tests.conftest import small_display
@@ -111,7 +111,7 @@ def test_the_warped_picture_shows_each_square_where_it_is_seen_from_the_eye(fini
     display = the_display()
     rgbd = read_rgbd(finished[0] / "out" / "rgbd.exr")
     for eye in EYES.values():
-        view, met = warped(rgbd, display, Viewpoint("eye", *eye), 8)
+        view, met = warp_to_viewpoint(rgbd, display, Viewpoint("eye", *eye), 8)
         assert np.array_equal(met > 0, view.any(axis=-1))
         for channel, square in enumerate(SQUARES):
             found = place_seen(view, channel, display)
@@ -202,16 +202,16 @@ def test_a_picture_that_is_mostly_clipped_or_empty_says_what_to_type(finished, c
     assert any(clipped in one for one in warnings) and any(empty in one for one in warnings)
     # The fitted picture knows of its emptiness alone.
     rgbd = read_rgbd(folder / "lost" / "rgbd.exr")
-    assert "show nothing" in _fitted_warnings(rgbd, the_display(), "x.exr")[-1]
+    assert "is empty" in _fitted_warnings(rgbd, the_display(), "x.exr")[-1]
 
 
 def test_a_picture_of_the_size_for_another_display_is_warned_of(finished):
     rgbd = read_rgbd(finished[0] / "out" / "rgbd.exr")
     display = the_display()
-    assert _made_for_another(rgbd, display, "x.exr") == ()
+    assert _fitted_warnings(rgbd, display, "x.exr") == ()
     wider = display.replace(lens_columns=2 * display.lens_columns)
-    (said,) = _made_for_another(rgbd, wider, "x.exr")
-    assert "name the display it was made for" in said
+    said = _fitted_warnings(rgbd, wider, "x.exr")[0]
+    assert "give the picture's display" in said
 
 
 def test_a_picture_fitted_to_another_display_is_refused(finished, tmp_path, capsys):

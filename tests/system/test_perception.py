@@ -144,4 +144,4 @@ def test_film_is_scored_against_the_scene_that_it_names(validated, tmp_path):
     other.write_text(scene.read_text() + "<!-- another one -->\n")
     ended = run_here(*map(str, (*words, "--scene", other)), folder=tmp_path)
     assert ended.code == 2
-    assert_one_line(ended.stderr, ["other.xml: is not what the report was made of"])
+    assert_one_line(ended.stderr, ["other.xml: differs from the report's scene"])

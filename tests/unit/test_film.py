@@ -88,7 +88,7 @@ def test_gif_is_never_faster_than_players_believe(tmp_path):
 
 
 def test_other_kinds_of_film_are_refused(tmp_path):
-    with pytest.raises(UsageError, match=r"film\.avi: a film is a \.gif"):
+    with pytest.raises(UsageError, match=r"film\.avi: unknown film type; use \.gif"):
         write_film(tmp_path / "film.avi", frames(), 20)
 
 
