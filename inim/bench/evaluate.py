@@ -89,7 +89,7 @@ class Score:
 
 def all_scores() -> list[Score]:
     """All that there are, in the order of the tables: of the EIA, then of its views."""
-    of_eia = [Score(metric, False) for metric in metrics.all_metrics() if metric.of_eia]
+    of_eia = [Score(metric, False) for metric in metrics.all_metrics() if metric.has_eia_score]
     return of_eia + [Score(metric, True) for metric in metrics.all_metrics()]
 
 
@@ -193,7 +193,7 @@ def _scores(
         if one.of_views
         else of_eia[one.metric.key]
         for one in all_scores()
-        if viewing or not one.metric.viewed
+        if viewing or not one.metric.needs_viewing
     }
 
 

@@ -1,14 +1,14 @@
-"""Scores of one picture against another, on display-referred sRGB.
+"""Scores of an image against a reference, on display-referred sRGB.
 
-A metric is one file with one value, a `Metric`. Other packages announce theirs through the
-entry-point group ``inim.metrics``, under the metric's name::
+A metric is one file with one value, a `Metric`. Other packages register theirs in the entry-point
+group ``inim.metrics``, under the metric's name::
 
     [project.entry-points."inim.metrics"]
     mine = "my_package.score:metric"
 
-Every metric that is installed is computed in every run; ColorVideoVDP where its package is. All
-parameters are pinned: window, data range, viewing conditions. Scores are compared with the same
-scene's reference only, never across scenes.
+Every run computes all installed metrics, including ColorVideoVDP if its package is installed. All
+parameters are fixed: window, data range, viewing conditions. Scores are comparable only for the
+same scene.
 """
 
 from __future__ import annotations
@@ -56,29 +56,28 @@ __all__ = [
     "ssim_map",
 ]
 
-#: Pixels around the relic that its scores count, too: half of SSIM's window.
+#: Margin of the relic's region, in pixels: half of SSIM's window.
 RELIC_MARGIN_PX = SSIM_WINDOW // 2
 _OWN = (_ssim, _psnr, _flip)
 _ENTRY_POINTS = "inim.metrics"
-# Other packages' functions need not bear being called from several threads.
-_ONE_AT_A_TIME = Lock()
-# Beyond a declared range by this share of it, a score is not rounded but wrong.
+# Other packages' functions may not be thread-safe.
+_PLUGIN_LOCK = Lock()
 
 
 def all_metrics() -> tuple[Metric, ...]:
-    """All metrics there are: the project's own, then those other packages announce, by name.
+    """All metrics: the project's own, then those of other packages, by name.
 
     Raises
     ------
     UsageError
-        An announced one cannot be loaded, is no `Metric`, or has another's name.
+        Another package's metric cannot be loaded, is not a `Metric`, or has the wrong name.
     """
     return _all_metrics(tuple(sys.path))
 
 
 @cache
 def _all_metrics(path: tuple[str, ...]) -> tuple[Metric, ...]:  # noqa: ARG001
-    """Those of a search path, looked up once."""
+    """Metrics of a search path, cached."""
     perception = (cvvdp.metric,) if cvvdp.is_installed() else ()
     return (*_OWN, *perception, *_foreign_metrics())
 
@@ -88,29 +87,29 @@ def _foreign_metrics() -> tuple[Metric, ...]:
 
 
 def _foreign(name: str) -> Metric:
-    found = load(_ENTRY_POINTS, name, "metric")
-    if not isinstance(found, Metric):
+    plugin = load(_ENTRY_POINTS, name, "metric")
+    if not isinstance(plugin, Metric):
         raise UsageError(
-            f"metric {name!r} is a {type(found).__name__}; announce an inim.metrics.Metric"
+            f"metric {name!r} is a {type(plugin).__name__}; register an inim.metrics.Metric"
         )
-    if found.name != name:
-        raise UsageError(f"metric {name!r} calls itself {found.name!r}; give both one name")
+    if plugin.name != name:
+        raise UsageError(f"metric {name!r} has the name {plugin.name!r}; use one name for both")
     if name in {metric.name for metric in (*_OWN, cvvdp.metric)}:
-        raise UsageError(f"metric {name!r} is one of inim's own; give the other one another name")
+        raise UsageError(f"metric {name!r} is one of inim's own; rename the other metric")
     return replace(
-        found,
-        function=_attributed(name, found.function, is_map=found.reach is not None),
-        heat_map=found.heat_map and _attributed(name, found.heat_map, is_map=True),
+        plugin,
+        function=_guard(name, plugin.function, is_map=plugin.reach is not None),
+        heat_map=plugin.heat_map and _guard(name, plugin.heat_map, is_map=True),
     )
 
 
-def _attributed(name: str, function: Callable[..., Any], *, is_map: bool) -> Callable[..., Any]:
-    """Return another package's function, with the metric named in its errors."""
+def _guard(name: str, function: Callable[..., Any], *, is_map: bool) -> Callable[..., Any]:
+    """Wrap another package's function with checks and errors that name the metric."""
 
     @wraps(function)
-    def attributed(reference: np.ndarray, test: np.ndarray, *viewing: Viewing) -> np.ndarray:
+    def guarded(reference: np.ndarray, test: np.ndarray, *viewing: Viewing) -> np.ndarray:
         shape = reference.shape[:2]
-        with _ONE_AT_A_TIME, attribute_errors(_ENTRY_POINTS, "metric", name):
+        with _PLUGIN_LOCK, attribute_errors(_ENTRY_POINTS, "metric", name):
             values = np.asarray(function(reference, test, *viewing))
             if values.shape != shape and (is_map or values.shape):
                 raise ValueError(f"the result has the shape {values.shape}, not {shape}")
@@ -118,28 +117,28 @@ def _attributed(name: str, function: Callable[..., Any], *, is_map: bool) -> Cal
                 raise ValueError("the result is NaN")
             return values
 
-    return attributed
+    return guarded
 
 
 def perception_packages() -> tuple[str, ...]:
-    """Distributions whose versions decide what ColorVideoVDP says; none where it is not there."""
+    """Distributions whose versions affect ColorVideoVDP; empty if it is not installed."""
     return cvvdp.PACKAGES if cvvdp.is_installed() else ()
 
 
 def find(score_name: str) -> Metric | None:
-    """The metric of a score, by its own name or any score's: ``psnr``, ``psnr_to_reference_db``."""
+    """Find a metric by its name or by a score's: ``psnr``, ``psnr_to_reference_db``."""
     name = score_name.partition("_")[0]
     return next((metric for metric in all_metrics() if metric.name == name), None)
 
 
 def foreign_identities() -> dict[str, dict[str, str]]:
-    """`inim.plugins.identity` of every metric of another package, for what decides results.
+    """Identities of other packages' metrics (`inim.plugins.identity`), for cache keys.
 
-    Of ColorVideoVDP, where it is installed, the versions.
+    Includes the versions of ColorVideoVDP, if it is installed.
     """
-    found = {m.name: identity(_ENTRY_POINTS, m.name) for m in _foreign_metrics()}
+    identities = {m.name: identity(_ENTRY_POINTS, m.name) for m in _foreign_metrics()}
     packages = perception_packages()
-    return found | ({cvvdp.metric.name: versions(packages)} if packages else {})
+    return identities | ({cvvdp.metric.name: versions(packages)} if packages else {})
 
 
 def score_maps(
@@ -148,29 +147,30 @@ def score_maps(
     keys: Sequence[str] | None = None,
     viewing: Viewing | None = None,
 ) -> dict[str, np.ndarray]:
-    """What scores are made of, by the metrics' keys: maps whose means they are, or they themselves.
+    """Compute the maps whose means are the scores, by `Metric.key`.
 
     Parameters
     ----------
     reference, test : (rows, columns, 3) float32, linear RGB
     keys : sequence of str, optional
-        `Metric.key` of those wanted; all metrics without.
+        `Metric.key` of the metrics to compute; default: all.
     viewing : Viewing, optional
-        Without it, metrics that are `viewed` are left out.
+        Without it, metrics with `needs_viewing` are left out.
 
     Returns
     -------
     dict of str to array
-        (rows, columns); of PSNR, squared errors. () of a metric that has no map.
+        (rows, columns), for PSNR squared errors; or the score itself, with the shape (), for a
+        metric without a map.
 
     Raises
     ------
     UsageError
-        The pictures cannot be compared, or another package's metric failed.
+        The images cannot be compared, or another package's metric failed.
     """
     metrics = {metric.key: metric for metric in all_metrics()}
-    wanted = [metrics[key] for key in (metrics if keys is None else keys)]
-    return maps_of(wanted, reference, test, viewing)
+    selection = [metrics[key] for key in (metrics if keys is None else keys)]
+    return maps_of(selection, reference, test, viewing)
 
 
 def score(
@@ -179,22 +179,22 @@ def score(
     region: np.ndarray | None = None,
     viewing: Viewing | None = None,
 ) -> dict[str, float]:
-    """Every metric's score under its key; with a region, those on the relic too.
+    """Score an image by every metric, by key; with a region, also on the relic.
 
     Parameters
     ----------
     reference, test : (rows, columns, 3) float32, linear RGB
     region : (rows, columns) bool, optional
-        The relic's; see `relic_region`.
+        The relic's region; see `relic_region`.
     viewing : Viewing, optional
-        Without it, metrics that are `viewed` are left out.
+        Without it, metrics with `needs_viewing` are left out.
     """
     maps = score_maps(reference, test, viewing=viewing)
     metrics = [metric for metric in all_metrics() if metric.key in maps]
     scores = {metric.key: metric.score(maps[metric.key]) for metric in metrics}
     if region is not None:
         for metric in metrics:
-            if metric.on_relic and maps[metric.key].ndim:
+            if metric.has_relic_score and maps[metric.key].ndim:
                 scores[metric.on_relic_key] = metric.score(maps[metric.key], region)
     return scores
 
@@ -202,32 +202,31 @@ def score(
 def heat_map(
     metric: Metric, reference: np.ndarray, test: np.ndarray, viewing: Viewing | None
 ) -> np.ndarray:
-    """A metric's `Metric.heat_map` of two pictures, (rows, columns), in shares of `heat_map_to`.
+    """Compute a metric's heat map, (rows, columns), relative to `Metric.heat_map_max`.
 
     Parameters
     ----------
     metric : Metric
     reference, test : (rows, columns, 3) float32, linear RGB
     viewing : Viewing, optional
-        Needed by a metric that is `viewed`.
+        Required if the metric has `needs_viewing`.
     """
     assert metric.heat_map is not None
-    seen = (viewing,) if metric.viewed else ()
-    found = metric.heat_map(srgb_from_linear(reference), srgb_from_linear(test), *seen)
-    share: np.ndarray = np.asarray(found, np.float32) / metric.heat_map_to
-    return share
+    conditions = (viewing,) if metric.needs_viewing else ()
+    values = metric.heat_map(srgb_from_linear(reference), srgb_from_linear(test), *conditions)
+    relative: np.ndarray = np.asarray(values, np.float32) / metric.heat_map_max
+    return relative
 
 
 def relic_region(relic: np.ndarray) -> np.ndarray:
-    """The relic's region in a view: its pixels, and all within `RELIC_MARGIN_PX` of one.
+    """The relic's region in a view: its pixels with a margin of `RELIC_MARGIN_PX`.
 
-    Every pixel into whose SSIM the relic enters, by scikit-image's window; on the ground beyond,
-    pictures of a relic before black are equal.
+    These are all pixels whose SSIM window contains the relic.
 
     Parameters
     ----------
     relic : (rows, columns) bool
-        Where the relic is.
+        Pixels of the relic.
     """
     from scipy.ndimage import maximum_filter
 
@@ -237,16 +236,16 @@ def relic_region(relic: np.ndarray) -> np.ndarray:
 
 
 def eia_scores(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
-    """Scores of panels' pixels, under the keys of the metrics that say something of them.
+    """Score an EIA by the metrics with `has_eia_score`, by key.
 
     Parameters
     ----------
     reference, test : (rows, columns, 3) float32, linear RGB
     """
-    found = {}
+    scores = {}
     for metric in all_metrics():
-        if metric.whole is not None and metric.of_eia:
-            found[metric.key] = metric.whole(reference, test)
-        elif metric.of_eia:
-            found[metric.key] = metric.score(maps_of([metric], reference, test)[metric.key])
-    return found
+        if metric.whole_image_score is not None and metric.has_eia_score:
+            scores[metric.key] = metric.whole_image_score(reference, test)
+        elif metric.has_eia_score:
+            scores[metric.key] = metric.score(maps_of([metric], reference, test)[metric.key])
+    return scores

@@ -1,6 +1,6 @@
-"""What a metric is: a function of two pictures, and all that the rest of the program says of it.
+"""Metrics: functions of two images, with their properties.
 
-`maps_of` computes metrics' maps only where two pictures differ, in bands of rows.
+`maps_of` computes the maps of metrics only where two images differ, in bands of rows.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _UNIT = re.compile(r"[A-Za-z]*")
 
 @dataclass(frozen=True)
 class Viewing:
-    """How a picture is seen, for metrics of perception.
+    """Viewing conditions of an image, for perceptual metrics.
 
     Attributes
     ----------
     pixels_per_degree : float
-        Of the picture, at its middle.
+        At the centre of the image.
     luminance_cd_m2 : float
-        Of its white.
+        Luminance of white.
     """
 
     pixels_per_degree: float
@@ -38,66 +38,65 @@ class Viewing:
 
     @classmethod
     def of(cls, pixel_mm: float, eye_mm: Sequence[float], luminance_cd_m2: float) -> Viewing:
-        """Of a picture with pixels of a size on the lens array, from an eye, display frame."""
+        """Conditions for pixels of a given size on the lens array, from an eye (display frame)."""
         degree = 2 * math.hypot(*eye_mm) * math.tan(math.radians(0.5))
         return cls(degree / pixel_mm, luminance_cd_m2)
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric.
+    """A metric of the difference between two images.
 
     Attributes
     ----------
     name : str
-        Small letters and digits: ``ssim``.
+        Lower-case letters and digits: ``ssim``.
     function : callable
-        Of reference and test, (rows, columns, 3) float32 each, sRGB in 0..1: the score, or a
-        (rows, columns) map whose mean is the score. A map tells noise from change more sharply.
+        Function of reference and test, (rows, columns, 3) float32 sRGB in 0..1. It returns the
+        score, or a (rows, columns) map whose mean is the score. A map gives smaller errors.
     tolerance : float
-        The smallest change that a regression check counts, in the score's unit.
+        Smallest change that a regression check counts, in the score's unit.
     better : {"higher", "lower"}
     range : (float, float)
-        Of scores. An infinite end allows infinite scores.
+        Range of scores. An infinite end allows infinite scores.
     label : str
-        In reports; the name in capitals where it is empty.
+        Label in reports; default: the name in capitals.
     unit : str
-        Of the score, in letters: ``dB``.
+        Unit of the score, in letters: ``dB``.
     digits : int
-        After the point, in reports.
+        Digits after the decimal point in reports.
     reference : str
-        The paper that defines it.
-    of_eia : bool
-        Whether it says something of a panel's pixels, too, which is no picture to a viewer.
-    on_relic : bool
-        Whether the score of the relic's region alone is reported, too. It needs a map.
+        Paper that defines the metric.
+    has_eia_score : bool
+        True if the metric also applies to panel pixels.
+    has_relic_score : bool
+        True if the score restricted to the relic's region is also reported. It needs a map.
     border : int
-        Pixels along each side of a picture whose map's values do not count.
-    of_mean : callable, optional
-        From a map's mean to the score and its derivative, where the score is not the mean itself;
-        derivative 0 where it has none.
-    whole : callable, optional
-        Of reference and test in linear RGB: the score of pictures too large for a map.
+        Width of the border of a map that does not count, in pixels.
+    score_from_mean : callable, optional
+        Returns the score and its derivative for a map's mean, if the score is not the mean; the
+        derivative is 0 if there is none.
+    whole_image_score : callable, optional
+        Returns the score of images too large for a map, from reference and test in linear RGB.
     reach : int, optional
-        Pixels beyond its own on which a map's value depends. If it is given, the function sees
-        only parts of pictures, those in which they differ.
-    where_equal : float
-        A map's value where all that it depends on is equal; needed with `reach`.
+        Distance in pixels over which the map depends on the images. With a reach, the function
+        receives only the parts of the images that differ.
+    equal_value : float
+        Value of a map where the images are equal; needed with `reach`.
     dtype : type
-        Of the map, with `reach`.
-    least_px : int
-        Least side of a picture that the function takes.
+        Type of the map, with `reach`.
+    min_size_px : int
+        Smallest side of an image that the function accepts.
     settings : mapping of str to JSON value
-        What it is pinned to, for whoever computes it again.
-    viewed : bool
-        Whether the function is one of (reference, test, `Viewing`): how the picture is seen. It
-        scores views, then, and no picture that is seen nobody knows how.
-    slow : bool
-        Takes so long that its error is estimated from few evaluations, and is wide.
+        Fixed parameters, to reproduce the score elsewhere.
+    needs_viewing : bool
+        True if the function has a third argument, `Viewing`. Such a metric applies to views only.
+    is_slow : bool
+        True to estimate the error from fewer evaluations, with a wider interval.
     heat_map : callable, optional
-        Of the function's arguments: what is lost where, (rows, columns), shown from 0, black,
-        to `heat_map_to`.
-    heat_map_to : float
+        Returns a (rows, columns) map of visible differences, with the function's arguments.
+    heat_map_max : float
+        Value of the heat map that is shown at full brightness; 0 is black.
     """
 
     name: str
@@ -110,90 +109,90 @@ class Metric:
     unit: str = ""
     digits: int = 4
     reference: str = ""
-    of_eia: bool = False
-    on_relic: bool = False
+    has_eia_score: bool = False
+    has_relic_score: bool = False
     border: int = 0
-    of_mean: Callable[[float], tuple[float, float]] | None = None
-    whole: Callable[[np.ndarray, np.ndarray], float] | None = None
+    score_from_mean: Callable[[float], tuple[float, float]] | None = None
+    whole_image_score: Callable[[np.ndarray, np.ndarray], float] | None = None
     reach: int | None = None
-    where_equal: float = 0.0
+    equal_value: float = 0.0
     dtype: type = np.float32
-    least_px: int = 1
+    min_size_px: int = 1
     settings: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    viewed: bool = False
-    slow: bool = False
+    needs_viewing: bool = False
+    is_slow: bool = False
     heat_map: Callable[..., np.ndarray] | None = None
-    heat_map_to: float = 1.0
+    heat_map_max: float = 1.0
 
     def __post_init__(self) -> None:
-        """Raise `UsageError` unless the declaration makes sense."""
+        """Raise `UsageError` for an invalid declaration."""
         if not self.label:
             object.__setattr__(self, "label", str(self.name).upper())
-        wrong = [said for said, holds in self._claims().items() if not holds]
-        if wrong:
-            raise UsageError(f"metric {self.name!r}: {wrong[0]}")
+        violations = [rule for rule, is_met in self._rules().items() if not is_met]
+        if violations:
+            raise UsageError(f"metric {self.name!r}: {violations[0]}")
 
-    def _claims(self) -> dict[str, bool]:
-        number = isinstance(self.tolerance, (int, float)) and math.isfinite(self.tolerance)
+    def _rules(self) -> dict[str, bool]:
+        is_number = isinstance(self.tolerance, (int, float)) and math.isfinite(self.tolerance)
         return {
-            "its name must be small letters and digits": bool(_NAME.fullmatch(str(self.name))),
-            "its function must be one of (reference, test)": callable(self.function),
-            "its tolerance must be a number above 0": number and self.tolerance > 0,
-            "better is 'higher' or 'lower'": self.better in ("higher", "lower"),
+            "its name must be lower-case letters and digits": bool(_NAME.fullmatch(str(self.name))),
+            "its function must be a function of (reference, test)": callable(self.function),
+            "its tolerance must be a number above 0": is_number and self.tolerance > 0,
+            "better must be 'higher' or 'lower'": self.better in ("higher", "lower"),
             "its range must be (low, high)": len(self.range) == 2 and self.range[0] < self.range[1],
             "its unit must be letters": bool(_UNIT.fullmatch(self.unit)),
-            "a metric that is viewed sees whole pictures: no reach, no EIAs": not self.viewed
-            or (self.reach is None and not self.of_eia),
+            "with needs_viewing, reach and has_eia_score must not be set": not self.needs_viewing
+            or (self.reach is None and not self.has_eia_score),
         }
 
     @property
     def key(self) -> str:
-        """Name of its score in reports and tables, with the unit: ``psnr_db``."""
-        return self._named()
+        """Key of the score in reports and tables, with the unit: ``psnr_db``."""
+        return self._join_key()
 
     @property
     def to_reference_key(self) -> str:
-        """The same of a score against the reference: ``psnr_to_reference_db``."""
-        return self._named("to_reference")
+        """Key of the score to the reference: ``psnr_to_reference_db``."""
+        return self._join_key("to_reference")
 
     @property
     def on_relic_key(self) -> str:
-        """The same of a score of the relic's region alone: ``psnr_on_relic_db``."""
-        return self._named("on_relic")
+        """Key of the score on the relic: ``psnr_on_relic_db``."""
+        return self._join_key("on_relic")
 
     @property
     def on_relic_to_reference_key(self) -> str:
-        """The same against the reference: ``psnr_on_relic_to_reference_db``."""
-        return self._named("on_relic", "to_reference")
+        """Key of the score on the relic to the reference: ``psnr_on_relic_to_reference_db``."""
+        return self._join_key("on_relic", "to_reference")
 
-    def _named(self, *of: str) -> str:
-        return "_".join(filter(None, (self.name, *of, self.unit.lower())))
+    def _join_key(self, *parts: str) -> str:
+        return "_".join(filter(None, (self.name, *parts, self.unit.lower())))
 
-    def counted(self, shape: tuple[int, int], region: np.ndarray | None = None) -> np.ndarray:
-        """The pixels of a map that count, (rows, columns) bool: all but the border, of a region."""
-        counted = np.zeros(shape, bool)
-        counted[self._inner] = True if region is None else region[self._inner]
-        return counted
+    def score_mask(self, shape: tuple[int, int], region: np.ndarray | None = None) -> np.ndarray:
+        """Pixels of a map that count, (rows, columns) bool: a region without the border."""
+        mask = np.zeros(shape, bool)
+        mask[self._interior] = True if region is None else region[self._interior]
+        return mask
 
     @property
-    def _inner(self) -> tuple[slice, slice]:
+    def _interior(self) -> tuple[slice, slice]:
         side = slice(self.border, -self.border or None)
         return side, side
 
-    def score(self, local: np.ndarray, region: np.ndarray | None = None) -> float:
-        """The score from a map, (rows, columns), or from the score itself, ().
+    def score(self, values: np.ndarray, region: np.ndarray | None = None) -> float:
+        """Score from a (rows, columns) map, or from a single value with the shape ().
 
-        With a (rows, columns) bool region, from the pixels that it picks; NaN of no pixel.
+        With a (rows, columns) bool region, only its pixels count; NaN if there are none.
         """
-        if local.ndim:
-            inner = local[self._inner]
-            local = inner if region is None else inner[region[self._inner]]
-        mean = float(local.mean(dtype=np.float64)) if local.size else math.nan
-        return mean if self.of_mean is None else self.of_mean(mean)[0]
+        if values.ndim:
+            interior = values[self._interior]
+            values = interior if region is None else interior[region[self._interior]]
+        mean = float(values.mean(dtype=np.float64)) if values.size else math.nan
+        return mean if self.score_from_mean is None else self.score_from_mean(mean)[0]
 
 
-# Rows and columns of a picture.
-_Part = tuple[slice, slice]
+# Rows and columns of an image.
+_Window = tuple[slice, slice]
 
 
 def maps_of(
@@ -202,102 +201,101 @@ def maps_of(
     test: np.ndarray,
     viewing: Viewing | None = None,
 ) -> dict[str, np.ndarray]:
-    """What the metrics' scores are made of, by their keys.
+    """Compute the maps of metrics, by their keys.
 
-    A relic stands before a black ground that is equal in both pictures. Where all that a filter
-    reaches is equal, a map is as of equal pictures: whatever the weights, both sides of each
-    comparison are the same numbers. So only the rest is filtered, a band of rows at a time.
+    A relic is in front of a black background that is equal in both images. Where everything within
+    the reach of a filter is equal, the map has the value for equal images exactly, because both
+    sides of each comparison are the same numbers. So only the rest is filtered, in bands of rows.
 
     Parameters
     ----------
     metrics : sequence of Metric
     reference, test : (rows, columns, 3) float32, linear RGB
     viewing : Viewing, optional
-        Without it, metrics that are `viewed` are left out.
+        Without it, metrics with `needs_viewing` are left out.
 
     Returns
     -------
     dict of str to array
-        (rows, columns) each; () of a metric that has no map.
+        (rows, columns) each; () for a metric without a map.
 
     Raises
     ------
     UsageError
-        The pictures cannot be compared, or another package's metric failed.
+        The images cannot be compared, or another package's metric failed.
     """
-    check_alike(reference, test)
-    metrics = [metric for metric in metrics if viewing is not None or not metric.viewed]
+    check_images(reference, test)
+    metrics = [metric for metric in metrics if viewing is not None or not metric.needs_viewing]
     rows, columns = shape = reference.shape[:2]
-    partial = [(metric, metric.reach) for metric in metrics if metric.reach is not None]
-    found: dict[str, np.ndarray] = {
-        m.key: np.full(shape, m.where_equal, m.dtype) for m, _ in partial
-    }
-    reach = max((reach for _, reach in partial), default=0)
-    least = max((metric.least_px for metric, _ in partial), default=1)
-    near = _grown(_unlike(reference, test), reach, (rows, columns))
-    for band in row_bands(near[0].stop - near[0].start, near[1].stop - near[1].start):
-        part = slice(near[0].start + band.start, near[0].start + band.stop), near[1]
-        # With what filters reach beyond it, seams do not show.
-        around = _grown(part, reach, (rows, columns), least)
-        inside = _within(part, around)
-        shown = srgb_from_linear(reference[around]), srgb_from_linear(test[around])
-        for metric, _ in partial:
-            found[metric.key][part] = metric.function(*shown)[inside]
+    local = [(metric, metric.reach) for metric in metrics if metric.reach is not None]
+    maps: dict[str, np.ndarray] = {m.key: np.full(shape, m.equal_value, m.dtype) for m, _ in local}
+    reach = max((reach for _, reach in local), default=0)
+    min_size = max((metric.min_size_px for metric, _ in local), default=1)
+    window = _expand(_difference_window(reference, test), reach, (rows, columns))
+    top = window[0].start
+    for band in row_bands(window[0].stop - top, window[1].stop - window[1].start):
+        part = slice(top + band.start, top + band.stop), window[1]
+        # Including the reach of all filters, so that bands join without seams.
+        outer = _expand(part, reach, (rows, columns), min_size)
+        inner = _relative(part, outer)
+        images = srgb_from_linear(reference[outer]), srgb_from_linear(test[outer])
+        for metric, _ in local:
+            maps[metric.key][part] = metric.function(*images)[inner]
     for metric in metrics:
         if metric.reach is None:
-            # Converted anew for each: another package's function may write into them.
-            seen = (viewing,) if metric.viewed else ()
-            value = metric.function(srgb_from_linear(reference), srgb_from_linear(test), *seen)
-            found[metric.key] = np.asarray(value)
-    return {metric.key: found[metric.key] for metric in metrics}
+            # New images for each metric: another package's function may write into them.
+            images = srgb_from_linear(reference), srgb_from_linear(test)
+            conditions = (viewing,) if metric.needs_viewing else ()
+            maps[metric.key] = np.asarray(metric.function(*images, *conditions))
+    return {metric.key: maps[metric.key] for metric in metrics}
 
 
-def _unlike(reference: np.ndarray, test: np.ndarray) -> _Part:
-    """The smallest part of two pictures that has all their differences; empty without any."""
+def _difference_window(reference: np.ndarray, test: np.ndarray) -> _Window:
+    """Smallest window that contains all differences of two images; empty if they are equal."""
     rows, columns = reference.shape[:2]
     in_row, in_column = np.zeros(rows, bool), np.zeros(columns, bool)
     for band in row_bands(rows, columns):
-        unlike = reference[band] != test[band]
-        in_row[band] = unlike.any(axis=(1, 2))
-        in_column |= unlike.any(axis=0).any(axis=-1)
+        differs = reference[band] != test[band]
+        in_row[band] = differs.any(axis=(1, 2))
+        in_column |= differs.any(axis=0).any(axis=-1)
     if not in_row.any():
         return slice(0, 0), slice(0, 0)
-    (top, bottom), (left, right) = (np.flatnonzero(one)[[0, -1]] for one in (in_row, in_column))
+    (top, bottom), (left, right) = (np.flatnonzero(mask)[[0, -1]] for mask in (in_row, in_column))
     return slice(int(top), int(bottom) + 1), slice(int(left), int(right) + 1)
 
 
-def _grown(part: _Part, by: int, shape: tuple[int, int], least: int = 1) -> _Part:
-    """A part with what lies about it in a picture of that shape, no side less than `least`."""
-    if part[0].stop == part[0].start:
-        return part
-    found = []
-    for side, size in zip(part, shape, strict=True):
-        first = max(0, min(side.start - by, size - least))
-        found.append(slice(first, min(size, max(side.stop + by, first + least))))
-    return found[0], found[1]
+def _expand(window: _Window, margin: int, shape: tuple[int, int], min_size: int = 1) -> _Window:
+    """Expand a window by a margin within an image, to at least `min_size` along each side."""
+    if window[0].stop == window[0].start:
+        return window
+    sides = []
+    for side, size in zip(window, shape, strict=True):
+        first = max(0, min(side.start - margin, size - min_size))
+        sides.append(slice(first, min(size, max(side.stop + margin, first + min_size))))
+    return sides[0], sides[1]
 
 
-def _within(part: _Part, whole: _Part) -> _Part:
-    """Where a part of the picture lies in another that holds it."""
+def _relative(window: _Window, outer: _Window) -> _Window:
+    """Position of a window within another that contains it."""
     rows, columns = (
-        slice(inner.start - outer.start, inner.stop - outer.start)
-        for inner, outer in zip(part, whole, strict=True)
+        slice(inner.start - whole.start, inner.stop - whole.start)
+        for inner, whole in zip(window, outer, strict=True)
     )
     return rows, columns
 
 
-def check_alike(reference: np.ndarray, test: np.ndarray) -> None:
-    """Raise `UsageError` unless two pictures have one shape, three colours and finite values."""
+def check_images(reference: np.ndarray, test: np.ndarray) -> None:
+    """Raise `UsageError` unless two images have the same shape, three colours and finite values."""
     if reference.shape != test.shape or reference.ndim != 3 or reference.shape[2] != 3:
         raise UsageError(
-            f"pictures of shape {reference.shape} and {test.shape} cannot be compared; "
+            f"images of shape {reference.shape} and {test.shape} cannot be compared; "
             "both must be (rows, columns, 3)"
         )
     for name, image in (("reference", reference), ("test", test)):
-        bad = 0
+        count = 0
         for band in row_bands(*image.shape[:2]):
-            known = np.isfinite(image[band])
-            if not known.all():  # seldom; takes longer, as it goes by a pixel's three
-                bad += int(np.count_nonzero(~known.all(axis=-1)))
-        if bad:
-            raise UsageError(f"the {name} picture has {bad} pixels that are not finite")
+            finite = np.isfinite(image[band])
+            if not finite.all():  # reducing by pixel takes longer, and is rarely needed
+                count += int(np.count_nonzero(~finite.all(axis=-1)))
+        if count:
+            raise UsageError(f"the {name} image has {count} pixels that are not finite")

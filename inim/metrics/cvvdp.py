@@ -1,8 +1,8 @@
-"""ColorVideoVDP: how much worse a picture looks, in just-objectionable differences (JOD).
+"""ColorVideoVDP: visible difference of an image, in just-objectionable differences (JOD).
 
-10 is no difference; one JOD less, and three of four people prefer the other one. A model of human
-vision, of contrast, colour, masking and, in films, flicker; its score holds for the panel's
-luminance and the distance from which it is seen. The extra `perception` installs it.
+A score of 10 means no difference; at one JOD less, three of four people prefer the other image.
+The metric models human vision: contrast, colour, masking and, for videos, flicker. Its score
+depends on the panel's luminance and on the viewing distance. The extra `perception` installs it.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ import numpy as np
 from inim.errors import UsageError
 from inim.metrics.base import Metric, Viewing
 
-#: Distributions whose versions decide its scores.
+#: Distributions whose versions affect the scores.
 PACKAGES = ("cvvdp", "torch")
 _MODULE = "pycvvdp"
-# Of a dark room and an ordinary panel. A display that reflects light, or glows, hides more.
+# A dark room and an ordinary panel. Reflections and glow would hide more differences.
 _CONTRAST, _AMBIENT_LUX = 1000, 0
-# Shown at most: what a lens array loses is far from what is just seen.
+# Maximum of heat maps: the errors of a lens array are far above the visibility threshold.
 _HEAT_MAP_JOD = 6.0
-# Where its pyramid has bands of frequencies that people see; a pixel finer than half a second of
-# arc is nothing that a display is judged by.
-_MOST_PIXELS_PER_DEGREE = 5000.0
-_OWN = threading.local()
+# Above this, no band of the model's pyramid has visible frequencies; a display never needs pixels
+# below half a second of arc.
+_MAX_PIXELS_PER_DEGREE = 5000.0
+_THREAD = threading.local()
 
 
 def is_installed() -> bool:
-    """Whether the package is there; it is loaded when it is first needed, which takes seconds."""
+    """True if the package is installed; loading it on first use takes seconds."""
     return find_spec(_MODULE) is not None
 
 
 def _model(viewing: Viewing, heat_map: str | None = None) -> Any:
-    """A model, one for each thread: it keeps what it filters with."""
-    if viewing.pixels_per_degree > _MOST_PIXELS_PER_DEGREE:
+    """Model for these conditions, one per thread because models store their filters."""
+    if viewing.pixels_per_degree > _MAX_PIXELS_PER_DEGREE:
         raise UsageError(
-            f"CVVDP: a view of {viewing.pixels_per_degree:.4g} pixels per degree is finer than its "
-            f"model goes, {_MOST_PIXELS_PER_DEGREE:g}; lower inim.view_pixels_per_lens or "
+            f"CVVDP: a view of {viewing.pixels_per_degree:.4g} pixels per degree is above the "
+            f"model's limit of {_MAX_PIXELS_PER_DEGREE:g}; lower inim.view_pixels_per_lens or "
             "inim.viewing_distance_mm"
         )
-    models = _OWN.__dict__.setdefault("models", {})
+    models = _THREAD.__dict__.setdefault("models", {})
     key = viewing, heat_map
     if key not in models:
         torch, pycvvdp = _packages()
@@ -56,7 +56,7 @@ def _model(viewing: Viewing, heat_map: str | None = None) -> Any:
                 source_colorspace="sRGB",
                 E_ambient=_AMBIENT_LUX,
             ),
-            # The resolution plays no part where pixels per degree are given.
+            # The resolution has no effect if pixels per degree are given.
             display_geometry=pycvvdp.vvdp_display_geometry((1, 1), ppd=viewing.pixels_per_degree),
             device=torch.device("cpu"),
             heatmap=heat_map,
@@ -67,34 +67,34 @@ def _model(viewing: Viewing, heat_map: str | None = None) -> Any:
 
 @cache
 def _packages() -> tuple[Any, Any]:
-    # It tells of a compiler for graphics cards that nobody asked for.
+    # Suppress a warning about a missing CUDA compiler, which is not needed.
     logging.getLogger("torch.utils.cpp_extension").setLevel(logging.ERROR)
     try:
         import pycvvdp
         import torch
     except ImportError:
         raise UsageError("ColorVideoVDP is not installed: pip install 'inim[perception]'") from None
-    # Scores do not depend on how many processors there are; views are scored side by side.
+    # One thread per model, because views are scored in parallel.
     torch.set_num_threads(1)
     return torch, pycvvdp
 
 
-def _predicted(model: Any, test: np.ndarray, reference: np.ndarray, **how: Any) -> Any:
-    """What a model says of sRGB, float32 in 0..1 or uint8."""
+def _predict(model: Any, test: np.ndarray, reference: np.ndarray, **options: Any) -> Any:
+    """Apply a model to sRGB images, float32 in 0..1 or uint8."""
     torch, _ = _packages()
     with torch.no_grad():
-        return model.predict(test, reference, **how)
+        return model.predict(test, reference, **options)
 
 
 def _jod(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> float:
-    return float(_predicted(_model(viewing), test, reference, dim_order="HWC")[0])
+    return float(_predict(_model(viewing), test, reference, dim_order="HWC")[0])
 
 
-def _lost(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> np.ndarray:
+def _jod_loss(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> np.ndarray:
     """JOD lost at each pixel, (rows, columns)."""
-    found = _predicted(_model(viewing, "raw"), test, reference, dim_order="HWC")[1]["heatmap"]
-    lost: np.ndarray = 10 * found[0, 0, 0].float().numpy()
-    return lost
+    heat_map = _predict(_model(viewing, "raw"), test, reference, dim_order="HWC")[1]["heatmap"]
+    loss: np.ndarray = 10 * heat_map[0, 0, 0].float().numpy()
+    return loss
 
 
 def film_jod(
@@ -103,7 +103,7 @@ def film_jod(
     viewing: Viewing,
     frames_per_second: float,
 ) -> float:
-    """Score of a film, in which flicker and jumps in time count.
+    """Score of a film, including flicker and jumps in time.
 
     Parameters
     ----------
@@ -117,9 +117,8 @@ def film_jod(
     UsageError
         The package is not installed.
     """
-    frames = {"dim_order": "FHWC", "frames_per_second": frames_per_second}
-    found = _predicted(_model(viewing), np.stack(test), np.stack(reference), **frames)
-    return float(found[0])
+    options = {"dim_order": "FHWC", "frames_per_second": frames_per_second}
+    return float(_predict(_model(viewing), np.stack(test), np.stack(reference), **options)[0])
 
 
 metric = Metric(
@@ -128,11 +127,11 @@ metric = Metric(
     unit="JOD",
     digits=2,
     range=(-np.inf, 10.0),
-    tolerance=0.05,  # some 3 of 100 people change their mind
+    tolerance=0.05,  # about 3 of 100 people change their preference
     reference="Mantiuk, Hanji, Ashraf, Asano and Chapiro, ACM Trans. Graph. 43 (4), 2024",
     settings={"contrast": _CONTRAST, "ambient_lux": _AMBIENT_LUX, "source_colorspace": "sRGB"},
-    viewed=True,
-    slow=True,
-    heat_map=_lost,
-    heat_map_to=_HEAT_MAP_JOD,
+    needs_viewing=True,
+    is_slow=True,
+    heat_map=_jod_loss,
+    heat_map_max=_HEAT_MAP_JOD,
 )

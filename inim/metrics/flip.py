@@ -1,4 +1,4 @@
-"""LDR-FLIP: the difference that an observer sees when flipping between two pictures."""
+"""LDR-FLIP: the difference that an observer sees when flipping between two images."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 
 from inim.metrics.base import Metric, maps_of
 
-# A view at about arm's length on an ordinary monitor (0.7 m, 0.7 m wide, 3840 pixels).
+# Viewing distance of 0.7 m from an ordinary monitor, 0.7 m wide with 3840 pixels.
 _PIXELS_PER_DEGREE = 67.0
-#: How far its filters reach at that, in pixels: three sigma of the blue-yellow contrast
-#: sensitivity, the widest, `sqrt(0.04 / (2 pi^2))` degrees.
+#: Reach of its filters in pixels: three sigma of the widest, the blue-yellow contrast sensitivity,
+#: `sqrt(0.04 / (2 pi^2))` degrees.
 FLIP_REACH = math.ceil(3 * math.sqrt(0.04 / 2) / math.pi * _PIXELS_PER_DEGREE)
 
 
@@ -37,7 +37,7 @@ metric = Metric(
     better="lower",
     tolerance=0.005,  # as SSIM's
     reference="Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström and Fairchild, HPG 2020",
-    on_relic=True,
+    has_relic_score=True,
     reach=FLIP_REACH,
     settings={"ppd": _PIXELS_PER_DEGREE},
 )

@@ -1,7 +1,4 @@
-"""The headline score: the one by which algorithms are ranked, everywhere.
-
-It is `MAIN` on the relic, to the reference.
-"""
+"""Headline score, which ranks the algorithms: `MAIN` on the relic, to the reference."""
 
 from __future__ import annotations
 
@@ -18,9 +15,9 @@ HEADLINE_WORDS = f"{MAIN.label} on the relic, to the reference"
 
 
 def best_algorithm(headlines: Mapping[str, Sequence[float]]) -> str | None:
-    """The algorithm with the best mean headline score; the first of equal ones.
+    """Name of the algorithm with the best mean headline score; the first of equal ones.
 
-    One that lacks any of the scores is never the best while another has them all.
+    Algorithms with fewer scores rank lower.
 
     Parameters
     ----------
@@ -30,7 +27,7 @@ def best_algorithm(headlines: Mapping[str, Sequence[float]]) -> str | None:
     Returns
     -------
     str or None
-        None without any score.
+        None if there are no scores.
     """
 
     def rank(algorithm: str) -> tuple[int, float]:
@@ -42,9 +39,7 @@ def best_algorithm(headlines: Mapping[str, Sequence[float]]) -> str | None:
 
 
 def preferred(metric: Metric, means: Mapping[str, float], best: str) -> str:
-    """The algorithm that a metric finds better than the best by the headline score, or the latter.
-
-    A difference below the metric's tolerance does not count.
+    """Name of the algorithm that a metric ranks first; the headline's best within the tolerance.
 
     Parameters
     ----------
@@ -52,7 +47,7 @@ def preferred(metric: Metric, means: Mapping[str, float], best: str) -> str:
     means : mapping of str to float
         Mean score to the reference, by algorithm.
     best : str
-        By the headline score.
+        Best algorithm by the headline score.
     """
     sign = 1 if metric.better == "higher" else -1
     other = max(means, key=lambda name: sign * means[name], default=best)
@@ -62,9 +57,9 @@ def preferred(metric: Metric, means: Mapping[str, float], best: str) -> str:
 
 
 def passing_limit(headlines: Sequence[float], noise: float) -> float:
-    """A criterion that a run would just pass.
+    """Suggest a criterion that a run just passes.
 
-    The worst view's headline score, less the largest half interval and the smallest change that
+    The worst view's headline score, minus the largest half interval and the smallest change that
     counts, rounded down to a hundredth.
     """
     return max(math.floor(100 * (min(headlines) - noise - MAIN.tolerance)) / 100, 0.0)

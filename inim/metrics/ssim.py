@@ -6,7 +6,7 @@ import numpy as np
 
 from inim.metrics.base import Metric, maps_of
 
-#: Side of the window in pixels, as scikit-image cuts it off at 3.5 sigma; the least picture side.
+#: Side of the window in pixels, cut off at 3.5 sigma by scikit-image; smallest side of an image.
 SSIM_WINDOW = 11
 # Arguments of skimage.metrics.structural_similarity, as Wang et al. 2004 define the score.
 _SETTINGS = {
@@ -22,7 +22,7 @@ def _similarity(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
     from skimage.metrics import structural_similarity
 
     _, local = structural_similarity(reference, test, full=True, **_SETTINGS)
-    # As `mean(axis=-1)`, which takes ten times as long over three.
+    # Same as `mean(axis=-1)` over three colours, ten times as fast.
     mean: np.ndarray = (local[..., 0] + local[..., 1] + local[..., 2]) / 3
     return mean
 
@@ -32,16 +32,15 @@ metric = Metric(
     _similarity,
     better="higher",
     range=(-1.0, 1.0),
-    # Half of the last digit but one that reports quote; where algorithms differ, they differ by
-    # hundredths.
+    # Half of a hundredth; algorithms differ by hundredths.
     tolerance=0.005,
     reference="Wang, Bovik, Sheikh and Simoncelli, IEEE TIP 2004",
-    of_eia=True,
-    on_relic=True,
-    border=SSIM_WINDOW // 2,  # as scikit-image's own mean
+    has_eia_score=True,
+    has_relic_score=True,
+    border=SSIM_WINDOW // 2,  # same as scikit-image's mean
     reach=SSIM_WINDOW // 2,
-    where_equal=1.0,
-    least_px=SSIM_WINDOW,
+    equal_value=1.0,
+    min_size_px=SSIM_WINDOW,
     settings=_SETTINGS,
 )
 
@@ -60,8 +59,8 @@ def ssim_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
 
 
 def ssim(reference: np.ndarray, test: np.ndarray, region: np.ndarray | None = None) -> float:
-    """scikit-image's number: the mean of `ssim_map` without 5 pixels along each side.
+    """Mean of `ssim_map` without a border of 5 pixels, as in scikit-image.
 
-    With a (rows, columns) bool region, over its pixels that are left.
+    With a (rows, columns) bool region, the mean over its pixels inside the border.
     """
     return metric.score(ssim_map(reference, test), region)

@@ -173,7 +173,7 @@ def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
         Variant of the renderer.
     """
     s, request = plan.settings, plan.request
-    is_perceptual = any(metric.viewed for metric in all_metrics())
+    is_perceptual = any(metric.needs_viewing for metric in all_metrics())
     return Conditions(
         scene_sha256=plan.file.sha256,
         # Only the scene's own parameters: `inim.*` settings are compared by their effects.

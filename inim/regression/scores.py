@@ -143,7 +143,7 @@ def view_scores(
     keys : sequence of str, optional
         `inim.metrics.Metric.key` of the metrics to compute; default: all.
     viewing : Viewing, optional
-        Without it, metrics that are `viewed` are left out.
+        Without it, metrics with `needs_viewing` are left out.
     """
     metrics = [m for m in all_metrics() if keys is None or m.key in keys]
     truth, view = _image_and_noise(reference), _image_and_noise(test)
@@ -157,20 +157,20 @@ def view_scores(
     ]
     estimates: dict[str, ScoreEstimate] = {}
     for slow, patterns in ((False, _PATTERNS), (True, _PATTERNS_OF_SLOW)):
-        keys_without_map = [m.key for m in metrics if m not in with_map and m.slow is slow]
+        keys_without_map = [m.key for m in metrics if m not in with_map and m.is_slow is slow]
         values = {key: float(maps[key]) for key in keys_without_map}
         estimates |= _estimate_without_maps(truth, view, values, viewing, patterns)
     scores = {}
     for metric in metrics:
         key = metric.key
         areas: dict[str, np.ndarray | None] = {key: None}
-        if metric.on_relic and region is not None and metric in with_map:
+        if metric.has_relic_score and region is not None and metric in with_map:
             areas[metric.on_relic_key] = region
         for name, area in areas.items():
             mean = estimates.get(key) or _estimate_mean(
                 maps[key],
                 [step_maps[key] for step_maps in steps],
-                metric.counted(maps[key].shape, area),
+                metric.score_mask(maps[key].shape, area),
             )
             scores[name] = _score_from_mean(metric, mean)
     return scores
@@ -195,17 +195,17 @@ def _odd_responses(maps: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _estimate_mean(
-    plain_map: np.ndarray, maps: Sequence[np.ndarray], counted: np.ndarray
+    plain_map: np.ndarray, maps: Sequence[np.ndarray], mask: np.ndarray
 ) -> ScoreEstimate:
-    """Estimate a mean over the counted pixels, from the image's map and the maps at `_STEPS`."""
-    size = np.count_nonzero(counted)
+    """Estimate a mean over a mask, from the image's map and the maps at `_STEPS`."""
+    size = np.count_nonzero(mask)
     if not size:
         return ScoreEstimate(math.nan, math.nan, 1.0, math.nan, math.nan)
     (error, freedom), (value_error, value_freedom) = (
-        _error_of_sum(np.where(counted, odd, 0.0)) for odd in _odd_responses(maps)
+        _error_of_sum(np.where(mask, odd, 0.0)) for odd in _odd_responses(maps)
     )
     plain, plus, minus = (
-        float(values[counted].mean(dtype=np.float64)) for values in (plain_map, *maps[:2])
+        float(values[mask].mean(dtype=np.float64)) for values in (plain_map, *maps[:2])
     )
     bias = (plus + minus - 2 * plain) / (2 * _STEP**2)
     return ScoreEstimate(plain, error / size, freedom, bias, value_error / size, value_freedom)
@@ -260,9 +260,9 @@ def _estimate_whole(plain: float, samples: np.ndarray) -> ScoreEstimate:
 
 def _score_from_mean(metric: Metric, mean: ScoreEstimate) -> ScoreEstimate:
     """Convert a map's mean to the metric's score, errors and bias to first order."""
-    if metric.of_mean is None:
+    if metric.score_from_mean is None:
         return mean
-    plain, slope = metric.of_mean(mean.plain)
+    plain, slope = metric.score_from_mean(mean.plain)
     if not slope:
         return ScoreEstimate(plain, 0.0, 1.0, 0.0, 0.0)
     return replace(

@@ -227,7 +227,7 @@ def best_displays(results: Sequence[Result]) -> str:
     several = len(names_of(results, "settings")) > 1
     others = [metric for metric in all_metrics() if metric.key != MAIN.key]
     columns = [(HEADLINE_TO_SCENE, MAIN.digits), (REFERENCES[0], MAIN.digits)]
-    columns += [(m.on_relic_key if m.on_relic else m.key, m.digits) for m in others]
+    columns += [(m.on_relic_key if m.has_relic_score else m.key, m.digits) for m in others]
     rows = []
     for scene in names_of(results, "scene"):
         found = _ranking([c for c in results if c.scene == scene and not c.failed])

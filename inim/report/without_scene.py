@@ -80,7 +80,7 @@ def _columns() -> list[tuple[str, str]]:
     found = []
     for on_relic in (True, False):
         for metric in all_metrics():
-            if metric.on_relic or not on_relic:
+            if metric.has_relic_score or not on_relic:
                 label = " ".join(filter(None, (metric.label, metric.unit)))
                 own = (f"{label}, covered", metric.on_relic_key)
                 found.append(own if on_relic else (label, metric.key))

@@ -101,8 +101,8 @@ def metric_scores(scores: Mapping[str, Any], kind: ScoreKind = "scene") -> list[
     """
     found = []
     for metric in all_metrics():
-        if (kind.startswith("relic") and not metric.on_relic) or (
-            kind == "eia" and not metric.of_eia
+        if (kind.startswith("relic") and not metric.has_relic_score) or (
+            kind == "eia" and not metric.has_eia_score
         ):
             continue
         keys = {
@@ -216,7 +216,9 @@ def disagreements(report: ReportDocument) -> list[str]:
     """Sentences on metrics that prefer another algorithm than the headline score does."""
     best, sentences = report.best_algorithm, []
     for metric in all_metrics():
-        key = metric.on_relic_to_reference_key if metric.on_relic else metric.to_reference_key
+        key = (
+            metric.on_relic_to_reference_key if metric.has_relic_score else metric.to_reference_key
+        )
         if best is None or key == HEADLINE:
             continue
         means = {

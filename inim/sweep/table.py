@@ -38,14 +38,16 @@ REFERENCES = ("reference", "noise_floor")
 def view_columns() -> dict[str, Metric]:
     """Columns of a view's scores against the scene, with their metrics, in the table's order."""
     metrics = all_metrics()
-    on_relic = {metric.on_relic_key: metric for metric in metrics if metric.on_relic}
+    on_relic = {metric.on_relic_key: metric for metric in metrics if metric.has_relic_score}
     return {metric.key: metric for metric in metrics} | on_relic
 
 
 def to_reference_columns() -> dict[str, Metric]:
     """Columns of a view's scores against the reference view, likewise."""
     metrics = all_metrics()
-    on_relic = {metric.on_relic_to_reference_key: metric for metric in metrics if metric.on_relic}
+    on_relic = {
+        metric.on_relic_to_reference_key: metric for metric in metrics if metric.has_relic_score
+    }
     return {metric.to_reference_key: metric for metric in metrics} | on_relic
 
 
@@ -56,7 +58,7 @@ def prefixed_view_columns(prefix: str) -> dict[str, Metric]:
 
 def eia_columns(start: str = "eia") -> dict[str, Metric]:
     """Columns of an EIA's scores, likewise."""
-    return {f"{start}_{metric.key}": metric for metric in all_metrics() if metric.of_eia}
+    return {f"{start}_{metric.key}": metric for metric in all_metrics() if metric.has_eia_score}
 
 
 def unit_document(

@@ -104,7 +104,7 @@ def test_psnr_is_the_same_in_any_bands(band, monkeypatch):
 def test_pixels_that_are_not_finite_are_counted_over_all_bands(band):
     first, second = pictures()
     second[3, 4, 1] = second[39, 36] = np.nan
-    with pytest.raises(UsageError, match="the test picture has 2 pixels"):
+    with pytest.raises(UsageError, match="the test image has 2 pixels"):
         metrics.psnr_db(first, second)
 
 

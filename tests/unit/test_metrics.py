@@ -34,7 +34,7 @@ def two(rng: np.random.Generator, rows: int = 60, columns: int = 48) -> tuple[np
 def test_score_of_another_package_stands_beside_the_own_ones(announce):
     a, b = two(np.random.default_rng(1))
     before = metrics.score(a, b)
-    announce(mae=lower("mae", absolute), maemap=lower("maemap", absolute_map, on_relic=True))
+    announce(mae=lower("mae", absolute), maemap=lower("maemap", absolute_map, has_relic_score=True))
     found = metrics.score(a, b)
     assert [*found] == ["ssim", "psnr_db", "flip", "mae", "maemap"]
     assert {key: found[key] for key in before} == before
@@ -129,7 +129,7 @@ def test_own_names_are_taken(announce):
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"name": "my_score"}, "small letters and digits"),
+        ({"name": "my_score"}, "lower-case letters and digits"),
         ({"function": 3}, "its function"),
         ({"tolerance": 0.0}, "its tolerance"),
         ({"tolerance": math.nan}, "its tolerance"),
@@ -144,7 +144,7 @@ def test_declaration_that_makes_no_sense_is_refused(wrong, words):
 
 
 def test_eia_has_scores_of_those_metrics_that_say_something_of_it(announce):
-    announce(mae=lower("mae", absolute, of_eia=True), other=lower("other", absolute))
+    announce(mae=lower("mae", absolute, has_eia_score=True), other=lower("other", absolute))
     a, b = two(np.random.default_rng(7))
     found = metrics.eia_scores(a, b)
     mae = absolute(srgb_from_linear(a), srgb_from_linear(b))

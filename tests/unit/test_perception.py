@@ -52,7 +52,7 @@ def test_only_a_picture_that_is_seen_is_scored(announce):
         asked.append(viewing)
         return viewing.pixels_per_degree * viewing.luminance_cd_m2
 
-    announce(seen=Metric("seen", score, viewed=True, tolerance=1, range=(0, np.inf)))
+    announce(seen=Metric("seen", score, needs_viewing=True, tolerance=1, range=(0, np.inf)))
     a, b, _ = pictures(1)
     assert "seen" not in metrics.score(a, b)
     assert "seen" not in metrics.eia_scores(a, b)
@@ -68,7 +68,9 @@ def test_the_error_of_a_slow_metric_is_estimated_from_few_evaluations(announce, 
         calls.append(viewing)
         return float(np.abs(reference - test).mean())
 
-    announce(seen=Metric("seen", score, viewed=True, slow=slow, better="lower", tolerance=1))
+    announce(
+        seen=Metric("seen", score, needs_viewing=True, is_slow=slow, better="lower", tolerance=1)
+    )
     a, b, noise = pictures(2)
     noise = 0.02 * (noise - 0.5)
     found = view_scores(NoisyImage.from_image(a), NoisyImage.from_image(b, noise), viewing=SEEN)[
@@ -84,7 +86,13 @@ def test_a_heat_map_is_told_how_it_is_seen_and_scaled(announce):
         return viewing.pixels_per_degree * np.abs(reference - test).mean(axis=-1)
 
     metric = Metric(
-        "seen", lost, viewed=True, tolerance=1, range=(0, 99), heat_map=lost, heat_map_to=3.0
+        "seen",
+        lost,
+        needs_viewing=True,
+        tolerance=1,
+        range=(0, 99),
+        heat_map=lost,
+        heat_map_max=3.0,
     )
     a, b, _ = pictures(3)
     wanted = 10 * np.abs(srgb_from_linear(a) - srgb_from_linear(b)).mean(axis=-1)
@@ -112,8 +120,8 @@ def test_more_pixels_in_a_degree_than_the_model_has_bands_for_is_told():
 
 
 def test_a_viewed_metric_of_eias_is_refused():
-    with pytest.raises(UsageError, match="sees whole pictures"):
-        Metric("seen", lambda *_: 1.0, viewed=True, of_eia=True, tolerance=1)
+    with pytest.raises(UsageError, match="with needs_viewing"):
+        Metric("seen", lambda *_: 1.0, needs_viewing=True, has_eia_score=True, tolerance=1)
 
 
 def results(**psnr_db: float) -> ReportDocument:

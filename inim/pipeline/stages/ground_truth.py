@@ -236,7 +236,7 @@ def collect_ground_truth(
             f"{worst}: {clipped[worst]:.1%} of the pixels are brighter than the panel's white and "
             "clipped; dim the scene's lights"
         )
-    needs_viewing = any(metric.viewed for metric in all_metrics())
+    needs_viewing = any(metric.needs_viewing for metric in all_metrics())
     return GroundTruth(
         capture.camera.scene.display,
         eia,

@@ -198,7 +198,7 @@ def _score_eia(
 ) -> dict[str, float | None]:
     """Score an EIA, or the noise floor without one; all None if the run renders only a part."""
     if not truth.is_whole:
-        return {metric.key: None for metric in metrics.all_metrics() if metric.of_eia}
+        return {metric.key: None for metric in metrics.all_metrics() if metric.has_eia_score}
     if eia is None:
         return dict(_score_eia_pixels(truth.eia.first, truth.eia.second, run=run))
     return dict(_score_eia_pixels(truth.eia.image, eia, run=run))

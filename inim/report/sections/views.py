@@ -72,7 +72,7 @@ def views(data: ReportDocument, images: Images) -> str:
     names = data.viewpoint_names
     below = [
         f" {metric.label}'s map shows what is lost where, from black for nothing to pale yellow "
-        f"for {metric.heat_map_to:g} {metric.unit} or more."
+        f"for {metric.heat_map_max:g} {metric.unit} or more."
         for metric in all_metrics()
         if names and images.read("maps", metric.name, "reference", f"{names[0]}.png") is not None
     ]
