@@ -110,8 +110,8 @@ def test_whatever_a_function_does_wrong_is_one_line(announce, function, words):
 @pytest.mark.parametrize(
     ("found", "words"),
     [
-        (absolute, "is a function; announce an inim.metrics.Metric"),
-        (lower("other", absolute), "calls itself 'other'"),
+        (absolute, "is a function; register an inim.metrics.Metric"),
+        (lower("other", absolute), "has the name 'other'"),
     ],
 )
 def test_what_is_announced_must_be_a_metric_of_that_name(announce, found, words):
