@@ -1,11 +1,11 @@
-"""Times that can be compared: methods in turn, warm, in multiples of a reference kernel.
+"""Comparable run times: methods in alternation, warm, in multiples of a reference kernel's time.
 
-What else a machine does (other programs, clock rates, heat) changes from second to second. Run in
-turn, round after round, all methods and the reference kernel suffer it alike, and their ratios
-stay. A ratio's unit is the yardstick: one run of `inim.render.reference_kernel`.
+The state of a machine (other programs, clock rate, heat) changes from second to second. All methods
+and the reference kernel alternate in every round, so it affects them equally, and their ratios stay
+constant. A kernel time is one run of `inim.render.reference_kernel`.
 
-Generators are timed on the display-ready picture, 8-bit sRGB with alpha as a player has it, and
-write their EIA into place. A method of another package is timed like any other.
+Generators run on the display-ready picture, 8-bit sRGB with alpha as in a media player, and write
+into an existing EIA. Generators of other packages are timed in the same way.
 """
 
 from __future__ import annotations
@@ -33,27 +33,27 @@ from inim.generators.base import check_array
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD, LayeredRGBD
 
-#: The reference kernel's name among the timings.
-YARDSTICK = "yardstick"
+#: Name of the reference kernel among the timings.
+REFERENCE_KERNEL = "reference kernel"
 
 
 @dataclass(frozen=True)
 class TimedMethod:
-    """A prepared algorithm with the picture it reads and the place it writes to.
+    """A prepared algorithm with its input and output.
 
     Attributes
     ----------
     name : str
-        With its options, as on the command line.
+        Name with options.
     generator : Generator
     rgbd : RGBD
         Display-ready.
     out : (rows, columns, 4) uint8
-        The EIA, after a run.
+        The EIA after a run.
     prepare_s : float
-        Seconds that preparing took, once per display and picture size.
+        Time to prepare, once per display and picture size.
     is_own : bool
-        Whether the generator is the project's, not another package's.
+        True if the generator belongs to this project, not to another package.
     """
 
     name: str
@@ -64,19 +64,19 @@ class TimedMethod:
     is_own: bool = True
 
     def run(self) -> None:
-        """Generate once: what is timed.
+        """Generate an EIA once; this call is timed.
 
         Raises
         ------
         UsageError
-            In place of anything that another package's generator raises.
+            Replaces any error of another package's generator.
         """
         if self.is_own:
             self.generator.generate(self.rgbd, self.out)
             return
         with foreign_errors(self.name):
             eia = self.generator.generate(self.rgbd, self.out)
-            if eia is not self.out:  # it wrote elsewhere: the EIA still has to get to its place
+            if eia is not self.out:
                 check_array(eia, self.out.shape, str(self.out.dtype))
                 self.out[...] = eia
 
@@ -89,11 +89,11 @@ def prepare_method(
     Parameters
     ----------
     name : str
-        With its options.
+        Name with options.
     rgbd : RGBD
     display : Display
     mask : (rows, columns) bool, optional
-        Panel pixels to make; all if None.
+        Panel pixels to generate; all if None.
 
     Raises
     ------
@@ -102,35 +102,35 @@ def prepare_method(
     """
     start = time.perf_counter()
     with foreign_errors(name):
-        made = prepare(display, name, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
-    taken = time.perf_counter() - start
-    out = np.zeros((*display.eia_shape, 4), np.uint8)  # written once: its pages are there
-    return TimedMethod(name, made, rgbd, out, taken, is_own(parse_algorithm(name)[0]))
+        generator = prepare(display, name, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
+    prepare_s = time.perf_counter() - start
+    out = np.zeros((*display.eia_shape, 4), np.uint8)
+    return TimedMethod(name, generator, rgbd, out, prepare_s, is_own(parse_algorithm(name)[0]))
 
 
 def time_methods(
     methods: Sequence[TimedMethod], rgbd: RGBD, display: Display, rounds: Rounds
 ) -> dict[str, Timing]:
-    """Times of all methods and of the reference kernel (`YARDSTICK`), by name, taken in turn.
+    """Time all methods and the reference kernel (`REFERENCE_KERNEL`), by name.
 
     Parameters
     ----------
     methods : sequence of TimedMethod
     rgbd : RGBD
-        Display-ready: what the reference kernel gathers from.
+        Display-ready input of the reference kernel.
     display : Display
     rounds : Rounds
     """
     from inim.render.reference_kernel import ReferenceKernel
 
-    calls = {YARDSTICK: ReferenceKernel(rgbd.color, display, rgbd.pixel_mm).run}
+    calls = {REFERENCE_KERNEL: ReferenceKernel(rgbd.color, display, rgbd.pixel_mm).run}
     calls |= {method.name: method.run for method in methods}
     with threads(rounds.threads):
-        return in_turn(calls, rounds)
+        return time_calls(calls, rounds)
 
 
 def display_ready(rgbd: RGBD) -> RGBD:
-    """A linear picture as a player has it: 8-bit sRGB with alpha, clear where nothing is."""
+    """Convert a linear picture to 8-bit sRGB with alpha, transparent where it is empty."""
     rgba = _rgba(rgbd.color, rgbd.covered)
     if not isinstance(rgbd, LayeredRGBD):
         return RGBD(rgba, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
@@ -147,36 +147,36 @@ def _rgba(color: np.ndarray, covered: np.ndarray) -> np.ndarray:
 
 
 def linear_picture(rgba: np.ndarray) -> np.ndarray:
-    """A display-ready EIA as a dark panel shows it: linear RGB, float32."""
+    """Convert a display-ready EIA to linear RGB, float32, on a dark panel."""
     linear = linear_from_srgb(rgba[..., :3].astype(np.float32) / 255)
     return np.where(rgba[..., 3:] > 0, linear, np.float32(0))
 
 
-# A run above this many seconds is slow: nine of them would cost more than they tell.
+# A run above this many seconds is slow; nine of them would take too long.
 _SLOW_S = 2.0
 _RUNS_WHEN_SLOW = 3
-# Above this, one more run would only try the reader's patience.
+# A run above this many seconds is not repeated.
 _VERY_SLOW_S = 10.0
-# The thread pools of Dr.Jit and numba wait busily after their work, and the next in turn has fewer
-# cores: 14 ms became 22 ms with pauses of 3 ms, still 18 ms with 10 ms. So let them fall asleep.
+# The thread pools of Dr.Jit and numba spin after their work, and the next call has fewer cores:
+# 14 ms became 22 ms with pauses of 3 ms, and 18 ms with 10 ms. So wait until they sleep.
 _SETTLE_S = 0.03
-# Just woken, a pool's threads often share a core until the system balances its load, some
-# milliseconds later: 1 ms became 5 ms. So each gets uncounted runs first, the same time for all.
+# After waking up, a pool's threads often share a core for several milliseconds until the system
+# balances the load: 1 ms became 5 ms. So each call gets untimed runs first, equally long for all.
 _LEAD_IN_S = 0.02
-# A longer run is past that by itself.
+# Longer runs need no lead-in.
 _LEAD_IN_BELOW_S = 0.2
 
 
 @dataclass(frozen=True)
 class Rounds:
-    """How often to run, and on how many threads.
+    """Numbers of runs and threads.
 
     Attributes
     ----------
     runs, warmups : int
-        Timed rounds, and untimed ones before them; at least one of each.
+        Timed rounds, and untimed rounds before them; at least one of each.
     threads : int, optional
-        All there are if None.
+        All available threads if None.
 
     Raises
     ------
@@ -191,21 +191,21 @@ class Rounds:
     def __post_init__(self) -> None:
         for name in ("runs", "warmups"):
             if getattr(self, name) < 1:
-                raise UsageError(f"--{name} {getattr(self, name)}: at least 1")
+                raise UsageError(f"--{name} {getattr(self, name)}: must be at least 1")
 
 
 @dataclass(frozen=True)
 class Timing:
-    """The runs of one call, seconds.
+    """Run times of a call, seconds.
 
     Attributes
     ----------
     cold_s : float
-        The first call, with all compiling and loading.
+        First call, including compilation and loading.
     times_s : tuple of float
-        The warm runs, in order.
+        Warm runs, in order.
     slow : bool
-        Whether it had fewer runs than the others because it is slow.
+        True if the number of runs was reduced.
     """
 
     cold_s: float
@@ -214,7 +214,7 @@ class Timing:
 
     @property
     def median_s(self) -> float:
-        """Middle of the warm runs."""
+        """Median of the warm runs."""
         return statistics.median(self.times_s)
 
     @property
@@ -224,14 +224,14 @@ class Timing:
 
     @property
     def spread(self) -> float:
-        """Half of the distance between the quartiles, as a share of the median."""
+        """Half of the interquartile range, relative to the median."""
         if len(self.times_s) < 2:
             return 0.0
         low, _, high = statistics.quantiles(self.times_s, n=4, method="inclusive")
         return (high - low) / 2 / self.median_s
 
     def as_data(self) -> dict[str, Any]:
-        """Under the names of bench.json, milliseconds."""
+        """Return the fields of bench.json, in milliseconds."""
         return {
             "cold_s": self.cold_s,
             "median_ms": 1e3 * self.median_s,
@@ -242,71 +242,70 @@ class Timing:
         }
 
 
-def in_turn(
+def time_calls(
     calls: Mapping[str, Callable[[], Any]],
     rounds: Rounds,
     clock: Callable[[], float] = time.perf_counter,
     pause: Callable[[float], None] = time.sleep,
 ) -> dict[str, Timing]:
-    """Time each call, all in turn in every round: a cold start, warm-ups, then the timed runs.
+    """Time all calls in alternation: a cold start, warm-ups, then the timed runs.
 
     Parameters
     ----------
     calls : mapping of str to callable
-        In the order in which they take turns.
     rounds : Rounds
-        A call that takes more than two seconds has its first warm-up counted and at most three
-        runs; one of more than ten seconds, one.
+        If a call takes more than two seconds, its first warm-up counts, and it has at most three
+        runs; above ten seconds, one.
     clock, pause : callable
-        Stand-ins for tests.
+        Replaced in tests.
     """
 
-    def timed(name: str, lead_in: bool = False) -> float:
+    def time_once(name: str, lead_in: bool = False) -> float:
         pause(_SETTLE_S)
-        woken = clock()
+        lead_start = clock()
         while lead_in:
             calls[name]()
-            lead_in = clock() - woken < _LEAD_IN_S
+            lead_in = clock() - lead_start < _LEAD_IN_S
         start = clock()
         calls[name]()
         return clock() - start
 
-    collecting = gc.isenabled()
-    gc.disable()  # a collection would land on whoever happens to be at work
+    was_enabled = gc.isenabled()
+    gc.disable()  # a garbage collection would slow down an arbitrary call
     try:
-        cold = {name: timed(name) for name in calls}
-        warm = {name: timed(name) for name in calls}
+        cold = {name: time_once(name) for name in calls}
+        warm = {name: time_once(name) for name in calls}
         slow = {name for name in calls if warm[name] > _SLOW_S}
         for _ in range(rounds.warmups - 1):
             for name in (name for name in calls if name not in slow):
-                timed(name)
+                time_once(name)
         times = {name: [warm[name]] if name in slow else [] for name in calls}
         for _ in range(rounds.runs):
             for name in calls:
-                if len(times[name]) < _most_runs(warm[name], rounds.runs):
-                    times[name].append(timed(name, lead_in=warm[name] < _LEAD_IN_BELOW_S))
+                if len(times[name]) < _max_runs(warm[name], rounds.runs):
+                    times[name].append(time_once(name, lead_in=warm[name] < _LEAD_IN_BELOW_S))
     finally:
-        if collecting:
+        if was_enabled:
             gc.enable()
     return {name: Timing(cold[name], tuple(times[name]), name in slow) for name in calls}
 
 
-def _most_runs(seconds: float, runs: int) -> int:
+def _max_runs(seconds: float, runs: int) -> int:
     if seconds > _VERY_SLOW_S:
         return 1
     return min(runs, _RUNS_WHEN_SLOW) if seconds > _SLOW_S else runs
 
 
 def ratios(timing: Timing, unit: Timing) -> dict[str, float]:
-    """A time in multiples of another: median over median, minimum over minimum."""
+    """Ratios of two timings, of their medians and of their minima."""
     return {
         "ratio": timing.median_s / unit.median_s,
         "ratio_min": timing.min_s / unit.min_s,
     }
 
 
-def most_threads() -> int:
-    """Threads this process may use at once."""
+def max_threads() -> int:
+    """Number of threads that this process may use."""
     import numba
 
     return int(numba.config.NUMBA_NUM_THREADS)
@@ -314,25 +313,25 @@ def most_threads() -> int:
 
 @contextmanager
 def threads(count: int | None) -> Iterator[int]:
-    """Generators and the reference kernel on the same number of threads; all there are if None.
+    """Run generators and the reference kernel on a number of threads; all threads if None.
 
     Raises
     ------
     UsageError
-        More than there are.
+        The number exceeds the available threads.
     """
     import numba
 
     from inim.render.reference_kernel import drjit_threads
 
-    most = most_threads()
-    wanted = most if count is None else count
-    if not 1 <= wanted <= most:
-        raise UsageError(f"--threads {wanted}: this machine has 1 to {most}")
+    limit = max_threads()
+    count = limit if count is None else count
+    if not 1 <= count <= limit:
+        raise UsageError(f"--threads {count}: this machine has 1 to {limit}")
     before = numba.get_num_threads()
-    numba.set_num_threads(wanted)
+    numba.set_num_threads(count)
     try:
-        with drjit_threads(wanted):
-            yield wanted
+        with drjit_threads(count):
+            yield count
     finally:
         numba.set_num_threads(before)

@@ -7,7 +7,7 @@ one's own, these functions are public:
 
 * `bench_scene`: render a scene, time methods on it, evaluate their EIAs;
 * `prepare_method`, `time_methods`, `method_data`: methods on any display-ready picture;
-* `in_turn`, `ratios`: any other calls;
+* `time_calls`, `ratios`: any other calls;
 * `make_reference`, `evaluate`, `noise_floor`: errors of the EIAs that were timed;
 * `record`, and `inim.report.bench.write_bench`: what else a bench.json says, and its forms.
 """
@@ -23,21 +23,21 @@ from inim.bench.evaluate import (
 )
 from inim.bench.job import load_average, record
 from inim.timing import (
-    YARDSTICK,
+    REFERENCE_KERNEL,
     Rounds,
     TimedMethod,
     Timing,
     display_ready,
-    in_turn,
     linear_picture,
     prepare_method,
     ratios,
     threads,
+    time_calls,
     time_methods,
 )
 
 __all__ = [
-    "YARDSTICK",
+    "REFERENCE_KERNEL",
     "Rounds",
     "TimedMethod",
     "Timing",
@@ -45,7 +45,6 @@ __all__ = [
     "bench_scene",
     "display_ready",
     "evaluate",
-    "in_turn",
     "linear_picture",
     "load_average",
     "make_reference",
@@ -56,5 +55,6 @@ __all__ = [
     "ratios",
     "record",
     "threads",
+    "time_calls",
     "time_methods",
 ]

@@ -44,7 +44,7 @@ from inim.pipeline.stages.reconstruct import reconstruct_views
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
 from inim.timing import (
-    YARDSTICK,
+    REFERENCE_KERNEL,
     Rounds,
     TimedMethod,
     Timing,
@@ -343,7 +343,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Rend
         display=DisplayRecord.of(plan.display),
         viewpoints=[viewpoint.name for viewpoint in plan.viewpoints],
         picture=BenchPicture(rows=rows, columns=columns, pixel_mm=inputs.rgbd.pixel_mm),
-        yardstick=TimingRecord(**times[YARDSTICK].as_data()),
+        yardstick=TimingRecord(**times[REFERENCE_KERNEL].as_data()),
         algorithms=mark_fronts(algorithms),
         noise_floor=inputs.noise_floor,
         scores=[score.described() for score in all_scores()],
@@ -421,5 +421,5 @@ def method_data(
         "prepare_s": method.prepare_s,
         **timing.as_data(),
         "mpx_per_s": pixels / 1e6 / timing.median_s,
-        **ratios(timing, times[YARDSTICK]),
+        **ratios(timing, times[REFERENCE_KERNEL]),
     }

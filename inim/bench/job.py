@@ -22,7 +22,7 @@ from inim.pipeline.request import Request, option_words
 from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
 from inim.report.bench import write_bench
-from inim.timing import Rounds, most_threads
+from inim.timing import Rounds, max_threads
 from inim.version import __version__
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import run_in_worker
@@ -91,7 +91,7 @@ def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False)
 
 def _plan(request: BenchRequest) -> Plan:
     """The request's plan; raises the `InimError` that fits where it cannot be carried out."""
-    most, threads = most_threads(), request.rounds.threads
+    most, threads = max_threads(), request.rounds.threads
     if threads is not None and not 1 <= threads <= most:
         raise UsageError(f"--threads {threads}: this machine has 1 to {most}")
     plan = request.plan()
@@ -155,7 +155,7 @@ def record(
         versions=versions(_VERSIONS),
         command=shlex.join(command),
         backend=Backend(**backend_data(backend)),
-        threads=rounds.threads or most_threads(),
+        threads=rounds.threads or max_threads(),
         threading_layer=os.environ.get("NUMBA_THREADING_LAYER", "default"),
         rounds=BenchRounds(runs=rounds.runs, warmups=rounds.warmups),
         warnings=warn_of_load(load),

@@ -4,7 +4,7 @@ import pytest
 
 from inim.bench.evaluate import mark_fronts, pareto
 from inim.errors import UsageError
-from inim.timing import Rounds, Timing, in_turn, ratios
+from inim.timing import Rounds, Timing, ratios, time_calls
 from tests.unit.test_bench_report import algorithm
 
 
@@ -22,7 +22,7 @@ class Bench:
         self.now += self.seconds[name]
 
     def run(self, rounds):
-        return in_turn(self.calls(), rounds, clock=lambda: self.now, pause=lambda _: None)
+        return time_calls(self.calls(), rounds, clock=lambda: self.now, pause=lambda _: None)
 
 
 def test_all_take_turns_in_every_round():
@@ -68,7 +68,7 @@ def test_garbage_is_collected_again_afterwards_even_after_an_error():
 
     assert gc.isenabled()
     with pytest.raises(RuntimeError):
-        in_turn({"a": fails}, Rounds(), pause=lambda _: None)
+        time_calls({"a": fails}, Rounds(), pause=lambda _: None)
     assert gc.isenabled()
 
 

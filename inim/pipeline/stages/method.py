@@ -35,7 +35,7 @@ from inim.pipeline.stages.ground_truth import covered_pixels, pick_up_eia
 from inim.pipeline.stages.scene import seed_of
 from inim.pipeline.stages.stage import Run
 from inim.regression import is_steady, log_ratios
-from inim.timing import YARDSTICK, Rounds, display_ready, prepare_method, time_methods
+from inim.timing import REFERENCE_KERNEL, Rounds, display_ready, prepare_method, time_methods
 
 #: Replaces the algorithms if only finished EIAs are scored.
 _NONE = "none"
@@ -319,7 +319,7 @@ def generator_times(
         ]
         for _ in range(_MAX_REPETITIONS):
             timings = time_methods(timed_methods, rgbd, display, Rounds(runs=_ROUNDS))
-            kernel = timings[YARDSTICK].times_s
+            kernel = timings[REFERENCE_KERNEL].times_s
             log_times = {
                 name: log_times[name] + log_ratios(timings[name].times_s, kernel)
                 for name in log_times

@@ -7,7 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from inim.bench import YARDSTICK, Rounds, display_ready, in_turn, prepare_method, ratios, threads
+from inim.bench import (
+    REFERENCE_KERNEL,
+    Rounds,
+    display_ready,
+    prepare_method,
+    ratios,
+    threads,
+    time_calls,
+)
 from inim.display import Display, Viewpoint
 from inim.errors import DisplayError
 from inim.generators import prepare
@@ -59,11 +67,11 @@ def bench_masked(
     }
     ready = display_ready(rgbd)
     calls: dict[str, Callable[[], Any]] = {
-        YARDSTICK: ReferenceKernel(ready.color, plan.display, rgbd.pixel_mm).run
+        REFERENCE_KERNEL: ReferenceKernel(ready.color, plan.display, rgbd.pixel_mm).run
     }
     calls |= {f"{form}: {name}": make for (form, name), make in makes.items()}
     with threads(rounds.threads):
-        times = in_turn(calls, rounds)
+        times = time_calls(calls, rounds)
     rows = []
     for (form, name), make in makes.items():
         mask = masks[name]
@@ -73,7 +81,7 @@ def bench_masked(
             "form": form,
             "name": name,
             **timing.as_data(),
-            **ratios(timing, times[YARDSTICK]),
+            **ratios(timing, times[REFERENCE_KERNEL]),
             "share": of_whole["ratio"],
             "share_min": of_whole["ratio_min"],
             "observed_share": 1.0 if mask is None else float(mask.mean()),
@@ -88,7 +96,7 @@ def bench_masked(
     return {
         "algorithm": _ALGORITHM,
         "viewpoints": [v.name for v in viewpoints],
-        "yardstick": times[YARDSTICK].as_data(),
+        "yardstick": times[REFERENCE_KERNEL].as_data(),
         "algorithms": rows,
     }
 

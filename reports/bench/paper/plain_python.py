@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from inim.bench import Rounds, TimedMethod, Timing, in_turn, prepare_method
+from inim.bench import Rounds, TimedMethod, Timing, prepare_method, time_calls
 from inim.display import Display
 from inim.errors import WorkerError
 from reports.bench.study import picture_of
@@ -70,7 +70,7 @@ def _measure(request: Mapping[str, Any]) -> dict[str, Any]:
     rgbd = picture_of(display, request["pixels_per_pitch"])
     methods = [prepare_method(name, rgbd, display) for name in request["names"]]
     rounds = Rounds(request["runs"], request["warmups"])
-    times = in_turn({method.name: method.run for method in methods}, rounds)
+    times = time_calls({method.name: method.run for method in methods}, rounds)
     return {name: vars(timing) for name, timing in times.items()}
 
 

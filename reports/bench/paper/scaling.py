@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inim.bench import YARDSTICK, Rounds, method_data, prepare_method, time_methods
+from inim.bench import REFERENCE_KERNEL, Rounds, method_data, prepare_method, time_methods
 from inim.display import Display
 from inim.errors import WorkerError
 from reports.bench.study import picture_of, square_display
@@ -71,7 +71,7 @@ def _point(display: Display, pixels_per_pitch: int, rounds: Rounds) -> dict[str,
         "pixels_per_pitch": pixels_per_pitch,
         "display_pixels": display.eia_shape[0] * display.eia_shape[1],
         "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
-        "yardstick": times[YARDSTICK].as_data(),
+        "yardstick": times[REFERENCE_KERNEL].as_data(),
         **method_data(method, times, display),
     }
 

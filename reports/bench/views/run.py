@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.bench import Rounds, Timing, in_turn, ratios, threads
+from inim.bench import Rounds, Timing, ratios, threads, time_calls
 from inim.display.viewpoint import parse_viewpoints
 from inim.lens import FULL
 from inim.report.bench import Part, Table, milliseconds, times
@@ -80,11 +80,11 @@ def bench_views(
     renders |= {model: renderer(model) for model in _MODELS}
     listener.stage("views: time")
     with threads(rounds.threads):
-        timings = in_turn(_calls(renders), rounds)
+        timings = time_calls(_calls(renders), rounds)
         # Apart, against `thick`: while the mesh is there, the renderer compiles its lights and
         # materials into every scene's kernel.
         renders[FULL] = renderer(FULL)
-        apart = in_turn(_calls({name: renders[name] for name in ("thick", FULL)}), rounds)
+        apart = time_calls(_calls({name: renders[name] for name in ("thick", FULL)}), rounds)
     noise = {name: _noise(render) * spp**0.5 for name, render in renders.items()}
     noise[FULL] *= (full_spp / spp) ** 0.5
     models = [_times(timings[name], spp, spp) | {"name": name} for name in timings]
