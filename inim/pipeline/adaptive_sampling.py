@@ -116,14 +116,7 @@ def stage_names(plan: Plan) -> list[str]:
 
 
 def scale_samples(settings: Settings, share: float) -> Settings:
-    """Return settings with a share of the samples, each count even for the two halves.
-
-    Parameters
-    ----------
-    settings : Settings
-    share : float
-        1 keeps the settings unchanged.
-    """
+    """Return settings with a share of the samples, each count even for the two halves."""
     counts = {name: getattr(settings, name) for name in _COUNTS}
     scaled = {n: min(c, 2 * max(1, math.ceil(share * c / 2))) for n, c in counts.items()}
     return replace(settings, **scaled)
@@ -132,17 +125,9 @@ def scale_samples(settings: Settings, share: float) -> Settings:
 def largest_uncertainty(
     scores: Mapping[str, ScoreEstimate], previous: Mapping[str, ScoreEstimate]
 ) -> float:
-    """Largest uncertainty of a round's scores; see the module.
+    """Largest uncertainty of a round's scores, given those of the previous round; see the module.
 
-    Parameters
-    ----------
-    scores, previous : mapping of str to ScoreEstimate
-        Scores of this round and of the one before it, which may lack some.
-
-    Returns
-    -------
-    float
-        Infinite for a first round and if a value is not a number.
+    It is infinite for a first round and if a value is not a number. `previous` may lack scores.
     """
     bends = {}
     for name in scores.keys() & previous.keys():
@@ -166,17 +151,8 @@ def largest_uncertainty(
 def next_share(share: float, scores: Mapping[str, ScoreEstimate], error: float) -> float:
     """Share of the samples at which the uncertainty of all scores is forecast to be `error`.
 
-    Parameters
-    ----------
-    share : float
-        Share of the samples behind `scores`.
-    scores : mapping of str to ScoreEstimate
-    error : float
-
-    Returns
-    -------
-    float
-        `share` doubled at least once, which keeps the samples evenly spread; 1 at most.
+    It is the `share` behind `scores`, doubled at least once to keep the samples evenly spread, and
+    1 at most.
     """
     needed = max((_needed_share(share, score, error) for score in scores.values()), default=1.0)
     share *= 2
@@ -205,24 +181,10 @@ _MAX_COUNTED_TWICE = 0.02
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Results of one round of samples.
+    """Results of one round of samples, with its settings and skipped steps.
 
-    Attributes
-    ----------
-    plan : Plan
-        Includes the round's sample counts.
-    backend : Backend
-    run : Run
-        Includes the round's skipped steps.
-    scene : dict
-        Scene record of the report: number of shapes, fit.
-    capture : Capture
-    truth : GroundTruth
-    reference_scores : dict of str to dict of str to ScoreEstimate
-        By viewpoint, then by score name.
-    results : dict of str to MethodResult
-        By method.
-    sampling_warnings : tuple of str
+    `scene` is the scene record of the report, `reference_scores` are by viewpoint and score name,
+    and `results` by method.
     """
 
     plan: Plan

@@ -113,13 +113,7 @@ class Plan:
 
 
 def make_plan(request: Request) -> Plan:
-    """Read the scene's settings and check them against each other.
-
-    Raises
-    ------
-    InimError
-        The request or the scene is invalid.
-    """
+    """Read the scene's settings and check them with the request; raises `InimError`."""
     if request.preview and request.baseline is not None:
         raise UsageError("--preview: has too few samples for --baseline; remove one of them")
     definitions = {**PREVIEW, **request.definitions} if request.preview else request.definitions
@@ -164,14 +158,7 @@ def check_baseline(plan: Plan, variant: str | None = None) -> None:
 
 
 def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
-    """Conditions that two runs must share to be comparable.
-
-    Parameters
-    ----------
-    plan : Plan
-    variant : str, optional
-        Variant of the renderer.
-    """
+    """Conditions that two runs must share to be comparable; `variant` is the renderer's."""
     s, request = plan.settings, plan.request
     is_perceptual = any(metric.needs_viewing for metric in all_metrics())
     return Conditions(
@@ -248,12 +235,8 @@ def _plan_memory(
 def rays_in_flight(limit_bytes: int, images_bytes: int) -> int:
     """Number of rays to trace at once: a power of two, or 0 if memory is too small.
 
-    Parameters
-    ----------
-    limit_bytes : int
-        Available memory (`inim.backend.memory_limit_bytes`); 0: unknown, taken as unlimited.
-    images_bytes : int
-        Memory of the run's images at peak.
+    The memory limit (`inim.backend.memory_limit_bytes`) is 0 if unknown, and then taken as
+    unlimited.
     """
     if not limit_bytes:
         return _MAX_RAYS

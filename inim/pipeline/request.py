@@ -29,11 +29,8 @@ PREVIEW = {
 def option_words(options: Mapping[str, Any]) -> list[str]:
     """Format options and their values as arguments of a command line.
 
-    Parameters
-    ----------
-    options : mapping
-        Values by option (``--display``): a single value; a list, whose items repeat the option; or
-        True for a switch. Options without a value (None, False, empty list) are omitted.
+    A list repeats its option, True is a switch, and options without a value (None, False, empty
+    list) are omitted.
     """
     words: list[str] = []
     for option, value in options.items():
@@ -101,12 +98,7 @@ class Choices:
     def options(self, settings: Settings, scene_keys: Container[str] = ()) -> dict[str, Any]:
         """Command-line options that make these choices, for the record.
 
-        Parameters
-        ----------
-        settings : Settings
-            Settings of the run.
-        scene_keys : container of str
-            Keys of the settings in the scene file.
+        `scene_keys` are the keys of the settings in the scene file.
         """
         options = {f"--{name.replace('_', '-')}": v for name, v in self.overrides().items()}
         for name in self._pupil():
@@ -172,10 +164,7 @@ class Request(Choices):
     allow_folders: tuple[Path, ...] = ()
 
     def command(self, settings: Settings, scene_keys: Container[str] = ()) -> list[str]:
-        """Arguments of `python -m inim.validate` that repeat this request.
-
-        Parameters are those of `Choices.options`.
-        """
+        """Arguments of `python -m inim.validate` that repeat this request; see `options`."""
         flags = ("preview", "time", "lazy", "no_skip")
         return [
             str(self.scene),

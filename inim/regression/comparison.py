@@ -121,12 +121,9 @@ def _codes(values: np.ndarray) -> np.ndarray:
 def compare_pictures(
     baseline: Mapping[str, TileStatistics], candidate: Mapping[str, TileStatistics]
 ) -> list[Verdict]:
-    """Verdicts on the baseline's images, each on its worst tile.
+    """Verdicts on the baseline's images by name, each on its worst tile.
 
-    Parameters
-    ----------
-    baseline, candidate : mapping of str to TileStatistics
-        By image name. An image that the candidate lacks, or has in another size, fails.
+    An image that the candidate lacks, or has in another size, fails.
     """
     tests = sum(_TESTS * tiles.power.size for tiles in baseline.values())
     level = sidak(FALSE_ALARM_RATE, tests)
@@ -270,13 +267,7 @@ def _format_value(value: Any) -> str:
 def check_comparable(baseline: RunStatistics, conditions: Conditions, path: str) -> None:
     """Raise `BaselineError` unless a run under these conditions can be compared.
 
-    Parameters
-    ----------
-    baseline : RunStatistics
-    conditions : Conditions
-        Conditions of the candidate.
-    path : str
-        Path of the baseline, for the message.
+    `path` is the baseline's, for the message.
     """
     differences = differing_conditions(baseline.conditions, conditions)
     if differences:
@@ -311,16 +302,7 @@ def check_times(baseline: RunStatistics, circumstances: Circumstances, path: str
 def compare(baseline: RunStatistics, candidate: RunStatistics, path: str) -> list[Verdict]:
     """Verdicts on images, noise, scores, EIAs of the reference input, and times if measured.
 
-    Parameters
-    ----------
-    baseline, candidate : RunStatistics
-    path : str
-        Path of the baseline, for messages.
-
-    Raises
-    ------
-    BaselineError
-        The conditions of the two runs differ.
+    `path` is the baseline's, for messages. Raises `BaselineError` if the runs' conditions differ.
     """
     check_comparable(baseline, candidate.conditions, path)
     noise = compare_noise(_truth_tiles(baseline), _truth_tiles(candidate))
@@ -429,13 +411,10 @@ def is_steady(ratios: Sequence[float]) -> bool:
 def compare_times(
     baseline: Mapping[str, Sequence[float]], candidate: Mapping[str, Sequence[float]]
 ) -> list[Verdict]:
-    """Verdicts on the baseline's algorithms; only a slowdown fails.
+    """Verdicts on the baseline's algorithms by their `log_ratios`; only a slowdown fails.
 
-    Parameters
-    ----------
-    baseline, candidate : mapping of str to sequence of float
-        `log_ratios` by algorithm. An algorithm fails if it has fewer than `MIN_ROUNDS`, or if its
-        scatter could hide 30 % more time.
+    An algorithm also fails if it has fewer than `MIN_ROUNDS`, or if its scatter could hide 30 %
+    more time.
     """
     level = sidak(FALSE_ALARM_RATE, len(baseline))
     return [_time_verdict(n, old, candidate.get(n, ()), level) for n, old in baseline.items()]

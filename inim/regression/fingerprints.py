@@ -143,10 +143,7 @@ def compare_fingerprints(
 ) -> list[Verdict]:
     """Verdicts on the baseline's generators: equality, or the share of changed pixels.
 
-    Parameters
-    ----------
-    baseline, candidate : mapping of str to Fingerprint
-        By algorithm, of the same picture. An algorithm that the candidate lacks fails.
+    An algorithm that the candidate lacks fails.
     """
     return [_verdict(name, old, candidate.get(name)) for name, old in baseline.items()]
 

@@ -76,13 +76,7 @@ class RunStatistics:
 
 
 def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list[str]:
-    """Write `stem`.json and `stem`.npz into a folder, and return their names.
-
-    Raises
-    ------
-    FileError
-        The folder cannot be written.
-    """
+    """Write `stem`.json and `stem`.npz into a folder, and return their names."""
     stream = io.BytesIO()
     np.savez_compressed(stream, **_arrays(statistics))  # type: ignore[arg-type]
     data = stream.getvalue()
@@ -123,10 +117,7 @@ def _arrays(statistics: RunStatistics) -> dict[str, np.ndarray]:
 def read_statistics(folder: Path, stem: str) -> RunStatistics:
     """Read the files of `write_statistics`.
 
-    Raises
-    ------
-    BaselineError
-        The files are missing, damaged, or have another schema.
+    Raises `BaselineError` if the files are missing, damaged, or have another schema.
     """
     path, fix = folder / f"{stem}.json", _fix(stem)
     try:

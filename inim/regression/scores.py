@@ -299,13 +299,9 @@ def compare_scores(
 ) -> list[Verdict]:
     """Verdicts on the baseline's scores; a score that rises is as suspicious as one that falls.
 
-    Parameters
-    ----------
-    baseline, candidate : mapping of str to mapping of str to ScoreEstimate
-        By scored object ("template/left"), then by score name ("ssim_to_reference"). A score that
-        the candidate lacks fails.
-    noise_ratio : float
-        Ratio of the candidate's standard errors to the baseline's.
+    Scores are by scored object ("template/left"), then by score name ("ssim_to_reference"); one
+    that the candidate lacks fails. `noise_ratio` is the ratio of the candidate's standard errors to
+    the baseline's.
     """
     tests = sum(len(scores) for scores in baseline.values())
     level = sidak(FALSE_ALARM_RATE, tests)

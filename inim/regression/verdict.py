@@ -114,16 +114,10 @@ def binomial_interval(count: int, trials: int, level: float) -> tuple[float, flo
 
 @dataclass(frozen=True)
 class Shift:
-    """Shift between two samples.
+    """Shift between two samples: the median of all pairwise differences, with its interval.
 
-    Attributes
-    ----------
-    value : float
-        Median of all pairwise differences.
-    low, high : float
-        Its interval; infinite if the samples are too small for the level.
-    p_value : float
-        Two-sided p-value of no shift.
+    The interval is infinite if the samples are too small for the level; `p_value` is that of no
+    shift.
     """
 
     value: float
@@ -249,16 +243,8 @@ def within(
 ) -> Verdict:
     """Verdict on a change, which fails only if it counts *and* noise does not explain it.
 
-    Parameters
-    ----------
-    name, kind : str
-    change : float
-    half_width : float
-        Half width of the confidence interval.
-    smallest : float
-        Smallest change that counts.
-    **more
-        Other fields of `Verdict`.
+    `half_width` is that of the confidence interval, `smallest` the smallest change that counts, and
+    `more` other fields of `Verdict`.
     """
     limit = max(smallest, half_width) if math.isfinite(half_width) else smallest
     is_finite = math.isfinite(change) and math.isfinite(half_width)

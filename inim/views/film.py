@@ -82,13 +82,7 @@ class FilmRequest:
 
 
 def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) -> None:
-    """Render a film in a worker process.
-
-    Raises
-    ------
-    InimError
-        Mistakes in the request are detected before anything is rendered.
-    """
+    """Render a film in a worker process, after checking the request; raises `InimError`."""
     run_in_worker(
         "inim.views.film:work",
         lambda: _check_request(request),

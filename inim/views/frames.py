@@ -83,15 +83,7 @@ class TracedScene:
     def of(
         cls, report: Report, path: Path | None = None, allow_folders: Sequence[Path] = ()
     ) -> TracedScene:
-        """The scene of a report, with the run's definitions.
-
-        Parameters
-        ----------
-        report : Report
-        path : Path, optional
-            Current path; default: the path in the report.
-        allow_folders : sequence of Path
-        """
+        """The scene of a report with the run's definitions; `path` is its new path if it moved."""
         scene = report.data.scene
         return cls(
             path or Path(scene.path),
@@ -102,13 +94,7 @@ class TracedScene:
         )
 
     def file(self) -> SceneFile:
-        """Read and scan the scene file.
-
-        Raises
-        ------
-        InimError
-            The file cannot be read, or has changed since the report.
-        """
+        """Read and scan the scene file; raises `InimError` if it is missing or has changed."""
         file = read_scene_file(self.path, self.definitions, self.allow_folders)
         if file.sha256 != self.sha256:
             raise FileError(

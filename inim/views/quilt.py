@@ -87,18 +87,7 @@ class QuiltRequest:
 
 
 def make_quilt(request: QuiltRequest, *, quiet: bool = True, debug: bool = False) -> Path:
-    """Render a quilt in a worker process.
-
-    Returns
-    -------
-    Path
-        Path of the quilt.
-
-    Raises
-    ------
-    InimError
-        Mistakes in the request are detected before anything is rendered.
-    """
+    """Render a quilt in a worker process, after checking the request, and return its path."""
     run_in_worker(
         "inim.views.quilt:work",
         lambda: check_quilt(request),

@@ -57,14 +57,7 @@ BASELINES = Path("reports/baselines")
 
 @dataclass(frozen=True)
 class BaselineComparison:
-    """Comparison of a run with its baseline.
-
-    Attributes
-    ----------
-    data : Regression, optional
-        None without a baseline.
-    checks : tuple of Check
-    """
+    """Comparison of a run with its baseline; `data` is None without a baseline."""
 
     data: Regression | None = None
     checks: tuple[Check, ...] = ()
@@ -75,15 +68,8 @@ def compare_with_baseline(
 ) -> BaselineComparison:
     """Compare a run with its baseline, and write the candidate and images of the differences.
 
-    Parameters
-    ----------
-    plan : Plan
-    folder : Path
-        Folder of the report.
-    candidate : RunStatistics
-        Statistics of the run.
-    outputs : mapping of str to ReferenceOutput
-        Outputs of the generators for the reference input, by method.
+    `folder` is the report's; `outputs` are the generators' outputs for the reference input, by
+    method.
     """
     write_statistics(folder / FOLDER, CANDIDATE, candidate)
     baseline, path = plan.baseline, str(plan.request.baseline)
@@ -158,13 +144,7 @@ def default_baseline(title: str) -> Path:
 
 
 def read_run(out: Path) -> tuple[Report, RunStatistics]:
-    """Read a report and its statistics.
-
-    Raises
-    ------
-    FileError, BaselineError
-        The report or its statistics are missing or damaged.
-    """
+    """Read a report and its statistics; raises `FileError` or `BaselineError`."""
     return Report.load(out), read_statistics(out / FOLDER, CANDIDATE)
 
 
@@ -238,16 +218,7 @@ _SAMPLING = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp", "seed")
 def collect_statistics(
     evaluation: Evaluation, truth: Statistics, times: Mapping[str, tuple[float, ...]]
 ) -> RunStatistics:
-    """Collect all statistics of a run.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-    truth : Statistics
-        Statistics of the ground truth.
-    times : mapping of str to tuple of float
-        See `inim.regression.log_ratios`.
-    """
+    """Collect all statistics of a run; `times` are `inim.regression.log_ratios` by generator."""
     pictures: dict[str, TileStatistics] = {}
     scores: dict[str, dict[str, ScoreEstimate]] = {}
     fingerprints: dict[str, Fingerprint] = {}

@@ -27,14 +27,7 @@ _TIMER = "write pictures"
 class Images:
     """Writes images in a separate thread: compressing them takes as long as scoring them.
 
-    Parameters
-    ----------
-    folder : Path
-    attributes : mapping of str to str
-        Attributes of every EXR file.
-    observer : Observer
-    cache : ResultCache, optional
-        Cache of compressed PNG files.
+    `attributes` go into every EXR file; the cache holds compressed PNG files.
     """
 
     def __init__(
@@ -53,10 +46,7 @@ class Images:
     def save(self, name: str, linear: np.ndarray) -> None:
         """Write an image, (rows, columns, 3) linear RGB, as PNG and EXR; do not modify it later.
 
-        Raises
-        ------
-        FileError
-            This or an earlier image cannot be written; `finish` raises for the last ones.
+        Raises `FileError` if this or an earlier image cannot be written.
         """
 
         def write() -> None:

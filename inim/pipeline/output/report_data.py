@@ -47,18 +47,9 @@ def make_report(
     comparison: BaselineComparison,
     folder: Path,
 ) -> Report:
-    """Collect the data of a report; the caller writes it.
+    """Collect the data of a report, whose images are in `folder`; the caller writes it.
 
-    Parameters
-    ----------
-    evaluation : Evaluation
-    noise_floor : NoiseFloor
-        Scores of the ground truth against itself.
-    times : mapping of str to tuple of float
-        Log ratios to the reference kernel, by generator.
-    comparison : BaselineComparison
-    folder : Path
-        Folder of the images.
+    `times` are log ratios to the reference kernel, by generator.
     """
     plan, checks = evaluation.plan, [*evaluation.checks, *comparison.checks]
     algorithms, observer = evaluation.algorithms, evaluation.run.observer

@@ -56,17 +56,10 @@ class DepthCamera:
 
 @dataclass(frozen=True)
 class Layers:
-    """All layers as two half images, with the shares left out.
+    """All layers as two half images, with the shares left out (`inim.render.depth_peeling`).
 
-    Attributes
-    ----------
-    halves : (LayeredRGBD, LayeredRGBD)
-    covered_shares : tuple of float
-        Share of the pixels covered by the first solid, by the second, and so on.
-    cut_share, hidden_share : float
-        See `inim.render.depth_peeling`.
-    max_solids : int
-        Largest number of solids along a ray.
+    `covered_shares` are the shares of the pixels covered by the first solid, by the second, and so
+    on.
     """
 
     halves: tuple[LayeredRGBD, LayeredRGBD]

@@ -26,17 +26,8 @@ def check(
 ) -> Check:
     """Compare a value with a limit; a value that is missing or not finite fails.
 
-    Parameters
-    ----------
-    name : str
-    value : float or None
-    relation : {">=", "<="}
-    limit : float
-    detail : str
-    interval : (float, float), optional
-        Interval of the value, if its noise is known.
-    criterion : bool
-        True if the user set the limit.
+    The interval is that of the value, if its noise is known. A criterion is a limit that the user
+    set.
     """
     passed = False
     if value is not None and np.isfinite(value):

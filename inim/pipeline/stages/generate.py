@@ -33,12 +33,7 @@ from inim.regression import Fingerprint, fingerprint, reference_input
 class ReferenceOutput:
     """Output of a generator for the reference input, computed on demand.
 
-    Attributes
-    ----------
-    fingerprint : callable
-        Returns its `Fingerprint`, from the cache if possible.
-    eia : callable
-        Returns the EIA, (rows, columns, 3) float32.
+    `eia` returns (rows, columns, 3) float32; the fingerprint is cached.
     """
 
     fingerprint: Callable[[], Fingerprint]

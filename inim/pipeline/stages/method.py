@@ -54,13 +54,8 @@ Generate = Callable[[Capture], GeneratedEIA]
 class MethodSetup:
     """Inputs of a run's methods that exist before anything is rendered.
 
-    Attributes
-    ----------
-    camera : DepthCamera
-    eia_spp : int
-        Samples per panel pixel of the ground truth.
-    mask : (rows, columns) bool, optional
-        Panel pixels to generate; all if None.
+    `eia_spp` are the samples per panel pixel of the ground truth; `mask`, (rows, columns) bool,
+    selects the panel pixels to generate, all if None.
     """
 
     camera: DepthCamera
@@ -137,12 +132,7 @@ class GeneratorMethod(Method):
 
 @dataclass(frozen=True)
 class FileMethod(Method):
-    """A finished EIA from a file, which is read completely before anything is rendered.
-
-    Attributes
-    ----------
-    path : Path
-    """
+    """A finished EIA from a file, which is read completely before anything is rendered."""
 
     path: Path
     verb = "read"
@@ -187,14 +177,9 @@ class PickupMethod(Method):
 
 
 def parse_methods(algorithms: Sequence[str], eias: Mapping[str, Path]) -> tuple[Method, ...]:
-    """Parse the methods of a run.
+    """Parse the methods of a run: algorithms with options, and finished EIAs by name.
 
-    Parameters
-    ----------
-    algorithms : sequence of str
-        Names with options; or only "none", with at least one finished EIA.
-    eias : mapping of str to Path
-        Finished EIAs by name.
+    With finished EIAs, the only algorithm may be "none".
 
     Raises
     ------
@@ -249,13 +234,7 @@ def _pickup_samples(label: str, options: dict[str, str]) -> int:
 
 
 def parse_eias(items: Iterable[str]) -> dict[str, Path]:
-    """Parse ``NAME=FILE`` items of finished EIAs into paths by name.
-
-    Raises
-    ------
-    UsageError
-        The name or the file is missing, or the name is repeated.
-    """
+    """Parse ``NAME=FILE`` items of finished EIAs into paths by name; raises `UsageError`."""
     eias: dict[str, Path] = {}
     for item in items:
         name, _, path = (part.strip() for part in item.partition("="))

@@ -126,13 +126,6 @@ def reconstruct(name: str, displayed: DisplayedEIA, viewpoint: Viewpoint) -> Noi
     The view is the mean of two half images. Equal EIAs with equal seeds have equal views. A view is
     linear in its EIA, so the EIA's noise changes it by the view of the EIA plus its noise, minus
     the first half image, both with the same random numbers.
-
-    Parameters
-    ----------
-    name : str
-        Name of the EIA's method.
-    displayed : DisplayedEIA
-    viewpoint : Viewpoint
     """
     first, second = displayed.view(viewpoint, 0), displayed.view(viewpoint, 1)
     noisy = first if displayed.noise is None else displayed.view(viewpoint, 0, add_noise=True)

@@ -127,17 +127,7 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
 
 
 def samples_traced(samples: int, total: int, reason: str) -> tuple[str, str, str]:
-    """Describe the samples of a rendered image for the report.
-
-    Parameters
-    ----------
-    samples : int
-        Samples traced.
-    total : int
-        Samples of all pixels.
-    reason : str
-        Reason for leaving out samples.
-    """
+    """Describe the samples of a rendered image for the report, out of `total` for all pixels."""
     reason = reason if samples < total else "every pixel may show something"
     return f"{_millions(samples)} samples traced", f"{_millions(total - samples)} samples", reason
 

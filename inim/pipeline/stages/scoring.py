@@ -48,12 +48,7 @@ Scores = dict[str, ScoreEstimate]
 class Statistics:
     """Statistics of a method or of the ground truth, for comparisons with later runs.
 
-    Attributes
-    ----------
-    pictures : dict of str to TileStatistics
-    scores : dict of str to dict of str to ScoreEstimate
-        By ``NAME/VIEWPOINT``.
-    fingerprints : dict of str to Fingerprint
+    `scores` are by ``NAME/VIEWPOINT``, then by score name.
     """
 
     pictures: dict[str, TileStatistics] = field(default_factory=dict)
@@ -63,17 +58,9 @@ class Statistics:
 
 @dataclass(frozen=True)
 class MethodResult:
-    """Scores of a method.
+    """Scores of a method, as in report.json, with its statistics, checks and warnings.
 
-    Attributes
-    ----------
-    scores : AlgorithmResult
-        As in report.json.
-    statistics : Statistics
-    reference_output : ReferenceOutput, optional
-        Output for the reference input; None unless the method is a generator.
-    checks : tuple of Check
-    warnings : tuple of str
+    `reference_output` is None unless the method is a generator.
     """
 
     scores: AlgorithmResult
@@ -87,15 +74,9 @@ class MethodResult:
 def score_view(
     reference: NoisyImage, test: NoisyImage, region: np.ndarray, viewing: Viewing | None
 ) -> Scores:
-    """Score a view, whole and on the relic.
+    """Score a view, whole and on the relic; the region is (rows, columns) bool.
 
-    Parameters
-    ----------
-    reference, test : NoisyImage
-    region : (rows, columns) bool
-        The relic's region; see `inim.metrics.relic_region`.
-    viewing : Viewing, optional
-        Viewing conditions; None if no metric needs them.
+    `viewing` is None if no metric needs viewing conditions.
     """
     return view_scores(reference, test, region, viewing=viewing)
 
@@ -125,16 +106,7 @@ def score_method(
 ) -> MethodResult:
     """Score a method's EIA against the ground truth, its views against ground truth and reference.
 
-    Parameters
-    ----------
-    name : str
-    output : GeneratedEIA
-    views : mapping of str to NoisyImage
-        By viewpoint.
-    truth : GroundTruth
-    limit : float, optional
-        Smallest headline score that passes.
-    run : Run
+    Views are given by viewpoint; `limit` is the smallest headline score that passes.
     """
     eia = output.eia
     with _scoring_threads(truth, run) as submit:
