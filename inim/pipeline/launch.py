@@ -30,16 +30,9 @@ def validate_in_worker(
 ) -> bool:
     """Validate in a worker process; the report is in `out` afterwards.
 
-    Parameters
-    ----------
-    make_request : callable
-        Returns the request for this scene, folder and backend; called while the worker loads.
-    scene, out : Path
-    backend : {"auto", "llvm", "cuda"}
-    quiet : bool
-        Print neither result lines on stdout nor a progress bar on stderr.
-    debug : bool
-        Let the worker print the traceback of an internal error.
+    `make_request` returns the request for this scene, folder and backend; it is called while the
+    worker loads. `quiet` suppresses result lines and the progress bar, and `debug` prints the
+    traceback of an internal error.
 
     Returns
     -------

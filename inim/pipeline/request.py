@@ -130,27 +130,7 @@ def definition_words(definitions: Mapping[str, str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Request(Choices):
-    """Request to validate a scene.
-
-    Attributes
-    ----------
-    scene, out : Path
-    eias : dict of str to Path
-        Finished EIAs to score with the algorithms, by name.
-    backend : {"auto", "llvm", "cuda"}
-    baseline : Path, optional
-        Folder of the baseline to compare with.
-    preview : bool
-        Use the settings of `PREVIEW`.
-    time : bool
-        Time the generators.
-    lazy : bool
-        Generate and render only the panel pixels that the viewpoints observe.
-    no_skip : bool
-        Run every step, even if it cannot change a result; ignore the result cache.
-    allow_folders : tuple of Path
-        Additional folders for files that the scene references.
-    """
+    """Request to validate a scene; its attributes are the parameters of `inim.validate`."""
 
     scene: Path
     out: Path

@@ -108,14 +108,7 @@ def picture_sha256(rgbd: RGBD) -> str:
 def fingerprint(rgbd: RGBD, eia: np.ndarray, display: Display, *, exact: bool) -> Fingerprint:
     """Compute the fingerprint of a generator's EIA of the reference input.
 
-    Parameters
-    ----------
-    rgbd : RGBD
-        `reference_input`.
-    eia : (rows, columns, 3) float32
-    display : Display
-    exact : bool
-        True if the algorithm guarantees equality.
+    The EIA is (rows, columns, 3) float32; `exact` is True if the algorithm guarantees equality.
     """
     indices = sampled_pixels(display)
     values = np.nan_to_num(eia.reshape(-1, 3)[indices], nan=0.0, posinf=1.0, neginf=0.0)

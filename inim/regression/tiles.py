@@ -129,14 +129,8 @@ def tile_statistics(
 ) -> TileStatistics:
     """Compute the statistics of an image from the two halves of its samples; see the module.
 
-    Parameters
-    ----------
-    image : NoisyImage
-        Read one band of rows at a time.
-    tile : (int, int)
-        Rows and columns of a tile.
-    generated : bool
-        True for a generator's EIA, whose pixels may show the same pixel of the RGB-D picture.
+    `tile` are the rows and columns of a tile; `generated` is True for a generator's EIA, whose
+    pixels may show the same pixel of the RGB-D picture.
     """
     rows, columns = image.shape
     # Whole rows of tiles, so that a tile's statistics depend on its own pixels only.
@@ -220,16 +214,7 @@ def _pixel_powers(tile: tuple[int, int]) -> Callable[[np.ndarray, int], np.ndarr
 
 
 class _Sets:
-    """Sets of a tile's pixels with equal errors; see the module.
-
-    Parameters
-    ----------
-    difference : (rows, columns, 3) float64
-        Difference of the halves.
-    tile : (int, int)
-    tiles : (int, int)
-        Number of tiles along each axis.
-    """
+    """Sets of a tile's pixels with equal differences of the halves; see the module."""
 
     def __init__(
         self, difference: np.ndarray, tile: tuple[int, int], tiles: tuple[int, ...]

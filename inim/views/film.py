@@ -239,15 +239,9 @@ def _check_kind(path: Path) -> None:
 
 
 def write_film(path: Path, frames: Sequence[np.ndarray], frames_per_second: float) -> None:
-    """Write frames as a film that loops (GIF, WebP) or runs once (MP4).
+    """Write frames, (rows, columns, 3) uint8 sRGB, as a film that loops (GIF, WebP) or not (MP4).
 
-    Parameters
-    ----------
-    path : Path
-        Ends in `.gif`, `.webp` or `.mp4`.
-    frames : sequence of (rows, columns, 3) uint8
-        sRGB, all of one size; for MP4 of even rows and columns.
-    frames_per_second : float
+    The suffix of the path is the type. Frames of an MP4 have even numbers of rows and columns.
 
     Raises
     ------

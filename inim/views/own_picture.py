@@ -145,22 +145,11 @@ def run_picture(
     on_warning: Callable[[str], object] = ignore_message,
     on_note: Callable[[str], object] = ignore_message,
 ) -> tuple[bool, Path]:
-    """Validate a picture in a worker process.
+    """Validate a picture in a worker process; returns whether it passed, and the report's folder.
 
     `on_warning` receives the report's warnings before anything is rendered; `on_note` receives the
-    facts about a photograph and its framing.
-
-    Returns
-    -------
-    passed : bool
-        True if every check passed.
-    folder : Path
-        Folder of the report.
-
-    Raises
-    ------
-    InimError
-        Mistakes in arguments and pictures are detected before the worker starts.
+    facts about a photograph and its framing. Raises `InimError` before the worker starts if
+    arguments or pictures are invalid.
     """
     display, settings = choose_display(request.display, request.definitions, "inim validate")
     settings = replace(settings, **request.overrides())

@@ -151,15 +151,8 @@ def read_run(out: Path) -> tuple[Report, RunStatistics]:
 def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
     """Make a run the baseline and return the baseline's folder.
 
-    Parameters
-    ----------
-    out : Path
-        Folder of the run's report.
-    reason : str
-        Reason for the change, for later readers; must not be empty.
-    folder : Path, optional
-        Folder of the baseline; default: the one that the run was compared with, else
-        `default_baseline`.
+    The default `folder` is that of the baseline that the run was compared with, else
+    `default_baseline`.
 
     Raises
     ------

@@ -19,14 +19,7 @@ from inim.pipeline.stages.stage import RENDERING, Run, stage
 class DepthCamera:
     """A depth camera in front of a scene: parallel rays along the display's axis.
 
-    Attributes
-    ----------
-    scene : Scene
-    pixels_per_pitch : float
-    spp : int
-        Samples per pixel, both halves.
-    seed : int
-        Seed of the run.
+    `spp` are the samples per pixel, both halves; `seed` is the run's.
     """
 
     scene: Scene

@@ -64,19 +64,10 @@ class GeneratedEIA:
 
 
 class GeneratorHandle:
-    """A generator for a display and an input size, prepared on first use.
+    """A generator for a display as designed and an input size, prepared on first use.
 
-    Parameters
-    ----------
-    algorithm : str
-        Name with options.
-    display : Display
-        Display as designed.
-    shape : (rows, columns)
-        Size of the input.
-    pixel_mm : float
-    mask : (rows, columns) bool, optional
-        Panel pixels to generate; all if None.
+    `shape` and `pixel_mm` are those of the input; `mask`, (rows, columns) bool, selects the panel
+    pixels to generate, all if None.
     """
 
     def __init__(
@@ -199,13 +190,7 @@ def hole_fraction(
 ) -> float | None:
     """Share of the lensed pixels in the mask that are holes; None if unknown.
 
-    Parameters
-    ----------
-    empty : (rows, columns) bool, or None
-        Panel pixels that are holes.
-    display : Display
-    mask : (rows, columns) bool, optional
-        Generated pixels; all if None.
+    `empty` and `mask` are (rows, columns) bool; without a mask, all lensed pixels count.
     """
     if empty is None:
         return None

@@ -69,13 +69,8 @@ class Optics:
 class DisplayedEIA:
     """An EIA on the display, loaded into the renderer once for all viewpoints.
 
-    Attributes
-    ----------
-    eia : (rows, columns, 3) float32, linear RGB
-    noise : (rows, columns, 3) float32, or None
-        Half the difference of the EIA's half images; None without noise.
-    optics : Optics
-    renderer : Renderer
+    `eia` and its noise, half the difference of its half images, are (rows, columns, 3) float32,
+    linear RGB. The noise may be None.
     """
 
     eia: np.ndarray

@@ -26,15 +26,8 @@ def seed_of(image: str, run_seed: int) -> int:
 class Renderer:
     """The renderer, loaded on first use.
 
-    Attributes
-    ----------
-    requested_backend : {"auto", "llvm", "cuda"}
-    observer : Observer
-        Receives the numbers of rays, seconds and samples.
-    rays_in_flight : int, optional
-        Rays that may be traced at once in the available memory.
-    skip : bool
-        Leave out rays that change no result.
+    With `skip`, it leaves out rays that change no result. `rays_in_flight` is the number of rays
+    that may be traced at once in the available memory.
     """
 
     requested_backend: str
@@ -63,16 +56,9 @@ class Renderer:
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene in front of a display, opened on first use.
+    """A scene in front of a display as designed, opened on first use.
 
-    Attributes
-    ----------
-    file : SceneFile
-    display : Display
-        Display as designed; the relic is fitted into its depth range.
-    fit_share : float
-        Share of the lens array that the relic fills.
-    renderer : Renderer
+    The relic is fitted into the display's depth range and fills `fit_share` of the lens array.
     """
 
     file: SceneFile

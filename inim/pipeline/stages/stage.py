@@ -95,15 +95,7 @@ class SkippedSteps:
 
 @dataclass(frozen=True)
 class Run:
-    """Services for the stages of a run.
-
-    Attributes
-    ----------
-    cache : ResultCache
-    observer : Observer
-    skipped : SkippedSteps
-        Steps of the current round of samples.
-    """
+    """Services for the stages of a run; `skipped` lists the steps of one round of samples."""
 
     cache: ResultCache = field(default_factory=ResultCache)
     observer: Observer = field(default_factory=Observer)
