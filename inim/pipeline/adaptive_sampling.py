@@ -1,4 +1,4 @@
-"""Adaptive sampling: a run uses only as many samples as its scores need.
+"""Adaptive sampling: a run uses only the samples that its scores need.
 
 Noise scatters a score and biases it, because noisy images are less similar. A run with a target
 error (`inim.score_error`) proceeds in rounds. The first round renders one viewpoint with a
@@ -54,7 +54,7 @@ def sample_until_precise(
     images: Images,
     run: Run,
 ) -> Evaluation:
-    """Evaluate with as many samples as the target error needs; with all samples without one."""
+    """Evaluate with the samples that the target error needs; with all samples without one."""
     settings, error = plan.settings, plan.settings.score_error if renderer.skip else 0.0
     observer = run.observer
     if not error:

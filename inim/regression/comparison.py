@@ -335,13 +335,13 @@ def changed_circumstances(baseline: RunStatistics, candidate: RunStatistics) -> 
 def drift(baseline: RunStatistics, candidate: RunStatistics) -> list[Drift]:
     """Changes of all reported scores, by scored object and score name."""
     rows = []
-    for what, scores in candidate.reported.items():
+    for scored, scores in candidate.reported.items():
         for name, new in scores.items():
-            old = baseline.reported.get(what, {}).get(name)
+            old = baseline.reported.get(scored, {}).get(name)
             change = None if old is None or new is None else float(new) - float(old)
             if change is not None and not math.isfinite(change):
                 change = None
-            rows.append(Drift(what=what, score=name, baseline=old, candidate=new, change=change))
+            rows.append(Drift(what=scored, score=name, baseline=old, candidate=new, change=change))
     return rows
 
 

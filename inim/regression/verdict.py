@@ -221,7 +221,7 @@ class Verdict:
         )
 
     def line(self) -> str:
-        """Format the verdict as a line of text."""
+        """Format the verdict as text."""
         word = "passed" if self.passed else "FAILED"
         low, high = self.interval
         unit = f" {self.unit}" if self.unit else ""

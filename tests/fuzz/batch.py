@@ -159,7 +159,7 @@ def _baseline(place: str) -> Read:
     """A plan with the baseline, and the verdict of a run on it."""
 
     def read(path: Path) -> None:
-        from inim.pipeline.output.baseline import judge
+        from inim.pipeline.output.baseline import compare_with_baseline
         from inim.pipeline.plan import make_plan
         from inim.pipeline.request import Request
         from inim.regression import CANDIDATE, read_statistics
@@ -171,7 +171,7 @@ def _baseline(place: str) -> Read:
             request = Request(folder / "scene.xml", out, baseline=folder / "base", definitions=tiny)
             plan = make_plan(request)
             candidate = read_statistics(folder / "OUT/regression", CANDIDATE)
-            comparison = judge(plan, out, candidate, {})
+            comparison = compare_with_baseline(plan, out, candidate, {})
             msgspec.json.encode([comparison.data, *comparison.checks])
 
     return read

@@ -157,7 +157,7 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
     Raises
     ------
     UsageError
-        The reason is empty, or the run is a preview or failed a check of its own.
+        The reason is empty, or the run is a preview or failed a check without a baseline.
     BaselineError, FileError
         The report or its statistics are missing or damaged.
     """
@@ -172,7 +172,8 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
     failed = [c for c in report.data.verdict.checks if c.kind is None and not c.passed]
     if failed:
         raise UsageError(
-            f"{out}: failed {len(failed)} checks of its own ({failed[0].name}); fix these first"
+            f"{out}: failed {len(failed)} checks without a baseline ({failed[0].name}); fix "
+            "these first"
         )
     _check_complete(candidate, out)
     if folder is None:

@@ -26,7 +26,7 @@ def check(
 ) -> Check:
     """Compare a value with a limit; a value that is missing or not finite fails.
 
-    The interval is that of the value, if its noise is known. A criterion is a limit that the user
+    The interval is that of the value, if available. A criterion is a limit that the user
     set.
     """
     passed = False
