@@ -40,7 +40,7 @@ from inim.metrics import Viewing
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import DepthCamera, capture_relic
 from inim.pipeline.stages.ground_truth import render_ground_truth_eia
-from inim.pipeline.stages.reconstruct import reconstruct_views
+from inim.pipeline.stages.reconstruction import reconstruct_views
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
 from inim.timing import (

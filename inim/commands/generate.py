@@ -236,7 +236,7 @@ def _generated(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """A picture's EIA, linear RGB, and where it shows nothing, if the algorithm says."""
     from inim.generators import foreign_errors, prepare
-    from inim.pipeline.stages.generate import run_generator
+    from inim.pipeline.stages.generation import run_generator
 
     with foreign_errors(algorithm):
         generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)

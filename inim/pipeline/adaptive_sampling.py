@@ -29,7 +29,7 @@ from inim.documents.report import AlgorithmResult
 from inim.metrics.headline import HEADLINE_TO_SCENE, MAIN
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import Capture
-from inim.pipeline.stages.generate import ReferenceOutput
+from inim.pipeline.stages.generation import ReferenceOutput
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.scoring import MethodResult, Scores

@@ -15,7 +15,7 @@ from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW, Viewing, all_metrics
 from inim.pipeline.request import PREVIEW, Request, definition_words
 from inim.pipeline.stages.method import Method, parse_methods
-from inim.pipeline.stages.reconstruct import Optics
+from inim.pipeline.stages.reconstruction import Optics
 from inim.regression import BASELINE, RunStatistics, check_comparable, read_statistics
 from inim.scene.file import SceneFile, choose_display, read_scene_file
 from inim.settings import PREFIX, Settings

@@ -28,7 +28,7 @@ from inim.pipeline.stages.method import (
     generator_times,
     prepare_methods,
 )
-from inim.pipeline.stages.reconstruct import find_observed_pixels, reconstruct_views
+from inim.pipeline.stages.reconstruction import find_observed_pixels, reconstruct_views
 from inim.pipeline.stages.scene import Renderer, Scene, describe_scene
 from inim.pipeline.stages.scoring import (
     compute_heat_maps,

@@ -21,7 +21,7 @@ from inim.display.viewpoint import Viewpoint, eye_path
 from inim.errors import FileError, InimError, UsageError
 from inim.lens import check_lens_model
 from inim.metrics import Viewing, cvvdp
-from inim.pipeline.stages.reconstruct import Optics
+from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
 from inim.report import Report

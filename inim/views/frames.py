@@ -12,7 +12,7 @@ from inim.display import Display, Viewpoint
 from inim.errors import FileError
 from inim.image.color import srgb_codes
 from inim.pipeline.stages.ground_truth import render_view
-from inim.pipeline.stages.reconstruct import DisplayedEIA, Optics
+from inim.pipeline.stages.reconstruction import DisplayedEIA, Optics
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
 from inim.report import Report

@@ -47,9 +47,9 @@ from inim.metrics.headline import MAIN
 from inim.pipeline.output.images import write_rgbd_pngs
 from inim.pipeline.request import Choices, option_words
 from inim.pipeline.stages.checks import BLACK, check
-from inim.pipeline.stages.generate import GeneratorHandle, hole_fraction
+from inim.pipeline.stages.generation import GeneratorHandle, hole_fraction
 from inim.pipeline.stages.method import parse_methods
-from inim.pipeline.stages.reconstruct import Optics, reconstruct_views
+from inim.pipeline.stages.reconstruction import Optics, reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer

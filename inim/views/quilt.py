@@ -17,7 +17,7 @@ from inim.errors import FileError, InimError, UsageError
 from inim.files.eia_file import read_eia
 from inim.files.light_field import quilt_path, write_quilt
 from inim.lens import check_lens_model
-from inim.pipeline.stages.reconstruct import Optics
+from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
 from inim.views.frames import TracedScene, frames

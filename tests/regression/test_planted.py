@@ -24,9 +24,9 @@ from inim.pipeline.output.baseline import collect_statistics
 from inim.pipeline.output.images import Images
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.pipeline.stages.generate import GeneratedEIA, ReferenceOutput
+from inim.pipeline.stages.generation import GeneratedEIA, ReferenceOutput
 from inim.pipeline.stages.ground_truth import GroundTruth
-from inim.pipeline.stages.reconstruct import reconstruct_views
+from inim.pipeline.stages.reconstruction import reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.scoring import (
     compute_truth_statistics,

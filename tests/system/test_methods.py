@@ -31,7 +31,7 @@ from inim.image.color import linear_from_srgb
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.capture import DepthCamera
-from inim.pipeline.stages.generate import run_generator
+from inim.pipeline.stages.generation import run_generator
 from inim.pipeline.stages.method import MethodSetup, parse_eias, parse_methods
 from inim.pipeline.stages.scene import Scene
 from inim.pipeline.stages.stage import Run as StageRun

@@ -17,7 +17,7 @@ from inim.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
 from inim.pipeline import validate as validating
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.pipeline.stages import generate as generating
+from inim.pipeline.stages import generation as generating
 from inim.pipeline.stages.checks import check, missing_viewpoints
 from inim.pipeline.work import run as run_plan
 from inim.process.observer import Observer

@@ -27,7 +27,7 @@ from inim.generators.raycast.polyphase import shares_directions
 from inim.generators.registry import properties
 from inim.image.color import srgb_from_linear
 from inim.image.rgbd import RGBD
-from inim.pipeline.stages.generate import run_generator
+from inim.pipeline.stages.generation import run_generator
 from inim.scene.two_spheres import two_spheres, two_spheres_eia
 from inim.stress.pictures import noise, solids_of
 from tests import oracle

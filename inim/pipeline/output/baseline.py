@@ -28,7 +28,7 @@ from inim.files.image import write_png
 from inim.metrics import perception_packages
 from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.plan import Plan, conditions_of
-from inim.pipeline.stages.generate import ReferenceOutput
+from inim.pipeline.stages.generation import ReferenceOutput
 from inim.pipeline.stages.scoring import Statistics
 from inim.process import machine
 from inim.regression import (

@@ -30,7 +30,7 @@ from inim.generators import (
 )
 from inim.image.noisy_image import NoisyImage
 from inim.pipeline.stages.capture import Capture, DepthCamera
-from inim.pipeline.stages.generate import GeneratedEIA, hole_fraction, prepare_generator
+from inim.pipeline.stages.generation import GeneratedEIA, hole_fraction, prepare_generator
 from inim.pipeline.stages.ground_truth import covered_pixels, pick_up_eia
 from inim.pipeline.stages.scene import seed_of
 from inim.pipeline.stages.stage import Run

@@ -23,7 +23,7 @@ from inim.pipeline.stages.checks import (
     nonfinite_checks,
     out_of_range_share,
 )
-from inim.pipeline.stages.generate import GeneratedEIA, ReferenceOutput
+from inim.pipeline.stages.generation import GeneratedEIA, ReferenceOutput
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.stage import SCORING, Run, stage
 from inim.process.threads import Submit, threads

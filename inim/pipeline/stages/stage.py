@@ -60,7 +60,7 @@ RENDERING = Code(
         "lens",
         "files",
         "pipeline/stages/scene.py",
-        "pipeline/stages/generate.py",
+        "pipeline/stages/generation.py",
         *_VALUES,
     ),
     ("drjit", "mitsuba", "numpy", "OpenEXR", "trimesh"),

@@ -22,7 +22,7 @@ from inim.generators import prepare
 from inim.image.rgbd import RGBD
 from inim.lens import check_lens_model
 from inim.pipeline.plan import Plan
-from inim.pipeline.stages.generate import run_generator
+from inim.pipeline.stages.generation import run_generator
 
 _ALGORITHM = "template"
 # `full` scatters rays between the lenses: all of the EIA may be observed.
