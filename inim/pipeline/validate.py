@@ -61,7 +61,8 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
     scene = Scene(plan.file, plan.display, s.fit_share, renderer)
     mask = find_observed_pixels(eyes, optics, renderer, run=run) if plan.request.lazy else None
     camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
-    generators = prepare_methods(plan.methods, MethodSetup(camera, s.eia_spp, mask), run=run)
+    setup = MethodSetup(camera, s.eia_spp, mask)
+    prepared_methods = prepare_methods(plan.methods, setup, run=run)
 
     scene_record = describe_scene(scene, run=run)
     if "splats" in scene_record:
@@ -83,8 +84,8 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
     images.save_heat_maps("reference", reference_maps)
 
     results = {}
-    for method, generator in zip(plan.methods, generators, strict=True):
-        output = generate_eia(method, generator, capture, run=run)
+    for method, prepared_method in zip(plan.methods, prepared_methods, strict=True):
+        output = generate_eia(method, prepared_method, capture, run=run)
         images.save(f"eia/{method.name}", output.eia.image)
         views = reconstruct_views(method.name, output.eia, eyes, optics, renderer, run=run)
         images.save_views(method.name, views)

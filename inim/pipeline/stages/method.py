@@ -46,8 +46,8 @@ _LABEL = re.compile(r"[\w+-][\w.+:=-]{0,99}")
 # More samples per pixel are a typing error.
 _MAX_SAMPLES = 2**20
 
-#: Computes the EIA of a captured relic.
-Generate = Callable[[Capture], GeneratedEIA]
+#: A method ready to compute the EIA of a capture.
+PreparedMethod = Callable[[Capture], GeneratedEIA]
 
 
 @dataclass(frozen=True)
@@ -93,24 +93,28 @@ class Method:
         Plans are also made outside the worker, where a crash of a decoder would end the program.
         """
 
-    def prepare(self, setup: MethodSetup, run: Run) -> Generate:
+    def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """Prepare before anything is rendered, so that mistakes cost no rendering time."""
         raise NotImplementedError
 
 
-def prepare_methods(methods: Sequence[Method], setup: MethodSetup, *, run: Run) -> list[Generate]:
+def prepare_methods(
+    methods: Sequence[Method], setup: MethodSetup, *, run: Run
+) -> list[PreparedMethod]:
     """Prepare every method, and raise before rendering if one of them cannot work."""
-    generators = []
+    prepared_methods = []
     for method in methods:
         with run.observer.timed(f"{method.verb} {method.name}"):
-            generators.append(method.prepare(setup, run))
-    return generators
+            prepared_methods.append(method.prepare(setup, run))
+    return prepared_methods
 
 
-def generate_eia(method: Method, generate: Generate, capture: Capture, *, run: Run) -> GeneratedEIA:
+def generate_eia(
+    method: Method, prepared_method: PreparedMethod, capture: Capture, *, run: Run
+) -> GeneratedEIA:
     """Generate the EIA of a method; pixels that are not finite become black and fail a check."""
     with run.observer.timed(f"{method.verb} {method.name}"):
-        output = generate(capture)
+        output = prepared_method(capture)
     return replace(output, eia=output.eia.replace_nonfinite())
 
 
@@ -125,7 +129,7 @@ class GeneratorMethod(Method):
         """See `Method`."""
         return properties(self.name).reads_layers
 
-    def prepare(self, setup: MethodSetup, run: Run) -> Generate:
+    def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
         return prepare_generator(self.name, setup.camera, setup.mask, run=run)
 
@@ -141,7 +145,7 @@ class FileMethod(Method):
         """See `Method`."""
         check_eia_name(self.path)
 
-    def prepare(self, setup: MethodSetup, run: Run) -> Generate:  # noqa: ARG002
+    def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:  # noqa: ARG002
         """See `Method`."""
         display = setup.camera.scene.display
         eia, nonempty = read_eia(self.path, display)
@@ -162,7 +166,7 @@ class PickupMethod(Method):
     spp: int = 0
     verb = "trace"
 
-    def prepare(self, setup: MethodSetup, run: Run) -> Generate:
+    def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
         scene, mask = setup.camera.scene, setup.mask
         display, seed = scene.display.through_pinholes(), seed_of("pickup", setup.camera.seed)
