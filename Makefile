@@ -1,21 +1,21 @@
-# make demo      set up, validate the example scene and say where its report lies
-# make test      set up and run the checks that take seconds
-# make test-all  the same with the slow tests, and with the lens designers' program they compare with
-# make test-perception  run the tests of ColorVideoVDP, in an environment of its own (some 6 GB)
+# make demo      set up, validate the example scene and print the path of its report
+# make test      set up and run the fast tests
+# make test-all  also run the slow tests and the comparison with a lens design program
+# make test-perception  run the tests of ColorVideoVDP in a separate environment (about 6 GB)
 # make docs      build the site: build/docs/index.html
-# make test-docs run every command and code block of the documents, in the order printed
-# make clean     remove all that this file makes
+# make test-docs run every command and code block of the documentation, in order
+# make clean     remove everything that this file creates
 #
-# Everything lives in .venv. The files .venv/.* mark what is done, so a second run starts at once.
+# Everything is installed in .venv. The files .venv/.* mark finished steps, so a second run starts at once.
 
 PYTHON3 ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
-# As root in a container there is nobody else whose packages pip could disturb.
+# A container's root user has no other packages that pip could disturb.
 export PIP_ROOT_USER_ACTION := ignore
 
-# A file's tests share their fixtures. In the files' order, the long ones do not come last.
+# The tests of a file share fixtures. With the files' order kept, the longest are not last.
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := test
@@ -37,9 +37,9 @@ test-perception: $(VENV)-perception/.installed
 checks: $(VENV)/.installed-test
 	@echo "ruff, mypy, lint-imports"
 	@$(BIN)/ruff check --quiet .
-	@$(BIN)/ruff format --check --quiet . || { echo "to format: $(BIN)/ruff format ."; exit 1; }
+	@$(BIN)/ruff format --check --quiet . || { echo "to format, run: $(BIN)/ruff format ."; exit 1; }
 	@$(BIN)/mypy --no-error-summary
-	@said=$$($(BIN)/lint-imports 2>&1) || { printf '%s\n' "$$said"; exit 1; }
+	@output=$$($(BIN)/lint-imports 2>&1) || { printf '%s\n' "$$output"; exit 1; }
 
 docs: $(VENV)/.installed-docs
 	@$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --jobs auto docs build/docs
@@ -53,27 +53,27 @@ clean:
 	find inim tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.installed: $(VENV)/.made pyproject.toml
-	@echo "installing inim and what it needs into $(VENV) (some 700 MB on disk, a minute or two)"
+	@echo "installing inim and its dependencies into $(VENV) (about 700 MB, one or two minutes)"
 	@$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 
 $(VENV)/.installed-test: $(VENV)/.made pyproject.toml
-	@echo "installing inim and its test tools into $(VENV) (some 500 MB, a few minutes)"
+	@echo "installing inim and its test tools into $(VENV) (about 500 MB, a few minutes)"
 	@$(BIN)/python -m pip install --quiet --editable '.[test]'
 	@touch $@ $(VENV)/.installed $(VENV)/.installed-docs
 
 $(VENV)/.installed-docs: $(VENV)/.made pyproject.toml
-	@echo "installing inim and what builds its site into $(VENV) (some 100 MB, a minute or two)"
+	@echo "installing inim and the tools for its site into $(VENV) (about 100 MB, one or two minutes)"
 	@$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $@
 
 $(VENV)/.installed-oracle: $(VENV)/.installed-test
-	@echo "installing optiland into $(VENV) (some 700 MB, a few minutes)"
+	@echo "installing optiland into $(VENV) (about 700 MB, a few minutes)"
 	@$(BIN)/python -m pip install --quiet --editable '.[oracle]'
 	@touch $@
 
 $(VENV)-perception/.installed: pyproject.toml
-	@echo "installing inim, its test tools and ColorVideoVDP into $(VENV)-perception (some 6 GB)"
+	@echo "installing inim, its test tools and ColorVideoVDP into $(VENV)-perception (about 6 GB)"
 	@$(PYTHON3) -m venv --clear $(VENV)-perception
 	@$(VENV)-perception/bin/python -m pip install --quiet --editable '.[perception,test]'
 	@touch $@
